@@ -12,12 +12,14 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray
+from optipromp.core.arrays import BoolArray, FloatArray
+from optipromp.core.geometry import distances
 from optipromp.core.geometry.shapes import Box, Cylinder
+from optipromp.core.planning.task import posed
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject, ToolSpec
-from optipromp.laboratory.generate.checks import OverlapError, equipped, free
+from optipromp.laboratory.generate.checks import OverlapError
 
 Furniture = Literal["bookshelf", "box", "cage", "table-pick", "under-table"]
 FURNITURE: tuple[Furniture, ...] = get_args(Furniture)
@@ -67,7 +69,7 @@ def sample(family: Furniture, name: str, rng: np.random.Generator) -> Scene:
         objects=tuple(objects),
         goal=JointGoal(np.zeros(7)),
     )
-    robot = equipped(scene)
+    robot, _ = posed(scene)
     goal = _reaching(scene, robot, places, rng)
     start = _near_home(scene, robot, rng)
     if rng.random() < 0.5:
@@ -79,7 +81,7 @@ def sample(family: Furniture, name: str, rng: np.random.Generator) -> Scene:
 
 def _near_home(scene: Scene, robot: Robot, rng: np.random.Generator) -> FloatArray:
     q = robot.home + rng.uniform(-NEAR_HOME, NEAR_HOME, (POSES, robot.n_joints))
-    found = np.flatnonzero(free(scene, robot, np.clip(q, robot.lower, robot.upper), CLEARANCE))
+    found = np.flatnonzero(_free(scene, robot, np.clip(q, robot.lower, robot.upper)))
     if not len(found):
         raise OverlapError("no free start near home")
     return np.asarray(np.clip(q[found[0]], robot.lower, robot.upper))
@@ -99,9 +101,20 @@ def _reaching(
             continue
         q = np.array(found[int(rng.integers(len(found)))])
         q[-1] = rng.uniform(robot.lower[-1], robot.upper[-1])
-        if free(scene, robot, q[None], CLEARANCE)[0]:
+        if _free(scene, robot, q[None])[0]:
             return q
     raise OverlapError("no free goal among the furniture")
+
+
+def _free(scene: Scene, robot: Robot, q: FloatArray) -> BoolArray:
+    """(m,) whether ``q`` (m, n) keep :data:`CLEARANCE` from the furniture, and touch not the arm.
+
+    The planner's own check (:mod:`optipromp.core.planning.collision`) knows no clearance.
+    """
+    away, _ = distances(scene.obstacles("static"), robot.sphere_centers(q).reshape(-1, 3))
+    room = (away.min(axis=1).reshape(len(q), -1) - robot.spheres.radius).min(axis=1)
+    apart = robot.self_gaps(q).min(axis=1, initial=0.0)
+    return np.asarray((room >= CLEARANCE) & (apart >= 0.0))
 
 
 def _box(name: str, size: tuple[float, float, float], *position: float) -> SceneObject:

@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import optipromp
 from optipromp.core.errors import InvalidRequestError
 from optipromp.laboratory.experiments import runs, study
-from optipromp.laboratory.experiments.runs import COLUMNS, Row, row_from_text
+from optipromp.laboratory.experiments.runs import COLUMNS, Row, row_from_text, source_version
 from optipromp.laboratory.experiments.statistics import summary, wilson
 from optipromp.laboratory.experiments.study import RowFile, Study, rows_of, run_study
 from optipromp.laboratory.experiments.study_output import study_figure, write_results
@@ -161,6 +162,20 @@ def test_rows_of_another_study_are_not_mixed(change, named, tmp_path: Path) -> N
         RowFile(tmp_path / str(k), held)
         with pytest.raises(InvalidRequestError, match=f"holds rows with {named}"):
             RowFile(tmp_path / str(k), asked)
+
+
+def test_the_version_of_rows_follows_the_code_of_the_core(tmp_path: Path, monkeypatch) -> None:
+    """The digest is of the whole library but what only shows: the command line and the looks."""
+    package = tmp_path / "optipromp"
+    for name in ("core", "laboratory", "cli", "looks"):
+        (package / name).mkdir(parents=True)
+        (package / name / "code.py").write_text("")
+    monkeypatch.setattr(optipromp, "__file__", str(package / "__init__.py"))
+    whole = source_version.__wrapped__()
+    for name, same in (("cli", True), ("looks", True), ("laboratory", False), ("core", False)):
+        (package / name / "code.py").write_text("changed")
+        assert (source_version.__wrapped__() == whole) is same
+        (package / name / "code.py").write_text("")
 
 
 def test_rows_of_other_code_are_not_mixed(tmp_path: Path, monkeypatch) -> None:

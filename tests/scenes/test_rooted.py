@@ -5,10 +5,11 @@ import pytest
 from tests.scenes.conftest import made
 
 from optipromp.core.geometry import Sphere
+from optipromp.core.planning.task import posed
 from optipromp.core.robots.tools import Cup, FrankaHand
 from optipromp.core.scenes import Approach, Scene, SceneObject, Stem
 from optipromp.laboratory.generate import generate
-from optipromp.laboratory.generate.checks import _rooted_in_tool, equipped, unsolvable
+from optipromp.laboratory.generate.checks import _rooted_in_tool, unsolvable
 
 ROOTED = "stem rooted where the tool must end"
 CUP = Cup(radius=0.03, height=0.05, length=0.10, depth=0.02)  # rim 0.02 over the target's centre
@@ -125,5 +126,5 @@ def test_scenes_with_a_root_in_the_tool_are_drawn_again_and_counted() -> None:
     assert sum(report.reasons.get(ROOTED, 0) for _, report in found.values()) > 0
     for sampled, report in found.values():
         assert report.redraws == sum(report.reasons.values())
-        tool = equipped(sampled).tool
+        tool = posed(sampled)[0].tool
         assert not any(_rooted_in_tool(sampled, obj, tool) for obj in sampled.pushables)

@@ -1,4 +1,4 @@
-"""``optipromp list``: what is built in; ``--set key=value``: a planner's settings from text."""
+"""``optipromp list``: robots, scenes, planners; ``--set key=value``: settings from text."""
 
 import dataclasses
 import inspect
@@ -56,7 +56,7 @@ def _told(found: dict[str, tuple[Any, str]]) -> dict[str, dict[str, Any]]:
 
 
 def _summary(kind: Any) -> str:
-    """The first sentence of what a planner says of itself."""
+    """The first paragraph of a planner's docstring, on one line."""
     first = inspect.cleandoc(kind.__doc__ or "").partition("\n\n")[0]
     return " ".join(first.split()).rstrip(".")
 
@@ -66,11 +66,12 @@ def asked(
 ) -> dict[str, Any]:
     """Planner, strategy and options of a plan, from texts.
 
-    promp, i-promp and opti-promp read the settings of a plan; another planner its own, and time,
-    effort and risk of the plan. ``stated`` are settings that have an option of their own.
+    promp, i-promp and opti-promp take the settings of a plan. Another planner takes its own
+    settings, and time, effort and risk of the plan. ``stated`` are settings that have their own
+    command-line option.
 
     Raises:
-        InvalidRequestError: see :func:`settings`; no such planner.
+        InvalidRequestError: see :func:`settings`; an unknown planner.
     """
     from optipromp.core.planning import PlanOptions
     from optipromp.core.planning.planner import factory, make, settings_of
@@ -91,12 +92,12 @@ def asked(
 def settings(pairs: Sequence[str], **given: Any) -> Any:
     """:class:`optipromp.core.planning.PlanOptions` of ``key=value`` texts; values are read as YAML.
 
-    A setting of the paper's planners is ``paper.key``. ``given`` are settings that have an option
-    of their own; None stands for none.
+    A setting of the paper's planners is ``paper.key``. ``given`` are settings that have their own
+    command-line option; None: not stated.
 
     Raises:
-        InvalidRequestError: no such key, a text that is no pair, a value that may not be; the
-            message names the keys there are.
+        InvalidRequestError: an unknown key (the message lists the known ones), a text that is no
+            pair, a value that is not allowed.
     """
     from optipromp.core.planning import PlanOptions
 
@@ -132,7 +133,7 @@ def _values(pairs: Sequence[str], names: list[str], nested: bool) -> dict[str, A
 
 
 def documented(options: Any) -> dict[str, tuple[Any, str]]:
-    """Settings that can be written as text: name, default and what a docstring says of it."""
+    """Default and documentation of the settings that can be written as text, by name."""
     if not dataclasses.is_dataclass(options):
         return {}
     said: dict[str, str] = {}

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from optipromp.core.robots.model import Robot
     from optipromp.core.scenes.scene import Scene
 
-LISTED = 20  # chosen: of a list in text; a robot on a base has hundreds of pairs of links
+LISTED = 20  # items of a list in text, a choice: a robot on a base has hundreds of pairs of links
 _SCENE_KEYS = frozenset({"objects", "robot", "target", "goal", "approach", "start"})
 _PLAN_KEYS = frozenset({"planner", "status", "metrics", "terms"})
 
@@ -37,7 +37,7 @@ class Kind(StrEnum):
 
 
 def kind_of(item: str) -> Kind:
-    """Tell the kind by built-in name, by file name, and for YAML, JSON and NPZ by a look inside.
+    """The kind of an item by its built-in name, its file name, or its content (YAML, JSON, NPZ).
 
     Raises:
         InvalidRequestError: no such file or built-in name, or a file that is none of the kinds.
@@ -77,7 +77,7 @@ def kind_of(item: str) -> Kind:
 
 
 def scene_or_plan(item: str, taker: str) -> "Scene | Plan":
-    """The scene or plan that an item is; ``taker`` is the command that takes it.
+    """The scene or plan of an item; ``taker`` is the name of the command.
 
     Raises:
         InvalidRequestError: it is neither, or damaged.
@@ -100,7 +100,7 @@ def _inside(path: Path) -> Kind:
     try:
         content = read_document(path, InvalidSceneError, "a scene")
     except InvalidSceneError:
-        return Kind.SCENE  # its loader says what is wrong, and where
+        return Kind.SCENE  # whose loader says what is wrong, and at which line
     if not isinstance(content, dict):
         return Kind.SCENE
     if content.keys() >= _PLAN_KEYS:
@@ -201,7 +201,7 @@ def _scene(item: str) -> dict[str, Any]:
 
 
 def _robot(robot: "Robot", arm: "Arm") -> dict[str, Any]:
-    """What is said of a robot; lengths in metres."""
+    """The summary of a robot; lengths in metres."""
     import numpy as np
 
     from optipromp.core.robots.dynamics import warn_of_gravity
@@ -232,7 +232,7 @@ def _robot(robot: "Robot", arm: "Arm") -> dict[str, Any]:
 
 
 def _tool_axis(robot: "Robot") -> str:
-    """How the axis that a tool is mounted along stands to the last joint's."""
+    """The angle between the axis of a mounted tool and that of the last joint, in words."""
     import numpy as np
 
     axis, last = robot.kinematics.axis[-1], robot.joint_names[int(robot.kinematics.dof[-1])]

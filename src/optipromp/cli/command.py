@@ -17,7 +17,7 @@ from optipromp.core.files import json_text
 from optipromp.core.shown import printable
 
 Shown = Iterable[Any]
-"""What people read: lines, and what rich can print. A generator runs only where they read it."""
+"""Lines and rich's renderables, for people; a generator does not run under ``--json``."""
 
 OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 _OUTCOMES = frozenset(
@@ -38,10 +38,10 @@ _AS_JSON = inspect.Parameter("as_json", _KEYWORD, default=False, annotation=Anno
 
 @dataclass(frozen=True)
 class Report:
-    """What a command answers.
+    """The answer of a command.
 
     Attributes:
-        document: what ``--json`` prints.
+        document: printed under ``--json``.
         shown: lines and tables for people.
         code: the exit code.
     """
@@ -61,7 +61,7 @@ class Report:
 
 
 def exit_code(code: Code) -> int:
-    """0 for success, 1 where the input was right and no plan came of it, 2 for wrong input."""
+    """0 for success, 1 for right input without a valid plan, 2 for wrong input."""
     if code is Code.SUCCESS:
         return OK
     return FAILED if code in _OUTCOMES else WRONG_INPUT
@@ -71,7 +71,7 @@ def print_json(document: object) -> None:
     """Print one JSON document on standard output; NaN and infinities become null."""
     text = json_text(document)
     if (sys.stdout.encoding or "utf-8").lower() != "utf-8":
-        text = json.dumps(json.loads(text), indent=2) + "\n"  # in ASCII, which all encodings hold
+        text = json.dumps(json.loads(text), indent=2) + "\n"  # in ASCII
     sys.stdout.write(text)
 
 
@@ -83,13 +83,13 @@ def command(
     """Turn a function that returns a :class:`Report` into a command for Typer.
 
     A parameter whose annotation is a dataclass stands for a group of options: one for each field.
-    The command gets the option ``--json``, before what the function takes by keyword only.
+    The option ``--json`` comes before the function's keyword-only parameters.
 
     A typed error becomes one line on standard error and its exit code; under ``--json`` standard
     output still gets one document.
 
     Args:
-        failure: makes that document of the error and the arguments.
+        failure: makes the document of an error from the error and the arguments.
         reports: False for a command that serves until it is stopped, without ``--json``.
     """
 

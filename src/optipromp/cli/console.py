@@ -1,4 +1,4 @@
-"""What the commands share: options, where they print, how they wait."""
+"""Shared by the commands: options, consoles, tables, and the display of progress."""
 
 import sys
 import threading
@@ -35,12 +35,12 @@ Recorded = Annotated[
 
 
 def stdout() -> "Console":
-    """A console for the answer. Text is printed as it is, also where it looks like markup."""
+    """The console of answers, on standard output; text that looks like markup stays as it is."""
     return _console(sys.stdout, soft_wrap=not sys.stdout.isatty())
 
 
 def stderr() -> "Console":
-    """The same for everything that is not the answer."""
+    """The console of everything but answers, on standard error."""
     return _console(sys.stderr, soft_wrap=True)
 
 
@@ -51,7 +51,7 @@ def _console(file: TextIO, *, soft_wrap: bool) -> "Console":
 
 
 def headline(*parts: tuple[str, str] | str) -> "Text":
-    """A line of words, and of words with their style."""
+    """A line of parts: words, or words with their style."""
     from rich.text import Text
 
     return Text.assemble(*parts)
@@ -64,7 +64,7 @@ def grid(
     title: str | None = None,
     padding: tuple[int, ...] = (0, 1),
 ) -> "Table":
-    """An empty table with columns of words, then columns of figures."""
+    """An empty table: columns of words (``left``), then columns of figures (``right``)."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
@@ -79,7 +79,7 @@ def grid(
 
 @contextmanager
 def waiting(message: str) -> Iterator[Callable[[str], None]]:
-    """Show a spinner on standard error after two seconds of waiting, on a terminal only.
+    """Show a spinner on standard error after two seconds, on a terminal only.
 
     Yields a function that changes its message.
     """
@@ -102,9 +102,9 @@ def waiting(message: str) -> Iterator[Callable[[str], None]]:
 
 @contextmanager
 def progress_bar(lines: int) -> Iterator[Callable[[int, int, str], None]]:
-    """A bar on a terminal; elsewhere at most so many lines (and the first) on standard error.
+    """Show progress on standard error: a bar on a terminal, elsewhere about ``lines`` lines.
 
-    Yields a function of how many are done, of how many, and words that say so.
+    Yields a function of the number done, the number of all, and a line of words.
     """
     if not sys.stderr.isatty():
 
@@ -125,7 +125,7 @@ def progress_bar(lines: int) -> Iterator[Callable[[int, int, str], None]]:
 
 
 def say_if_compiling() -> None:
-    """Compile the kernels before the first plan, and say so, when Numba's cache lacks them."""
+    """Compile the kernels now, and say so, where Numba's cache lacks them."""
     from optipromp.core.compiled import in_cache
     from optipromp.core.optimization.kernels import add_stiffness
 

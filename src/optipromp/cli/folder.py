@@ -26,7 +26,7 @@ _SUFFIXES = (".yaml", ".yml", ".json")
 
 @dataclass(frozen=True)
 class Entry:
-    """A scene file, where its plan goes, and what came of it."""
+    """A scene file, the folder of its plan, and the plan or the error."""
 
     file: Path
     out: Path | None
@@ -34,11 +34,11 @@ class Entry:
 
     @property
     def status(self) -> Code:
-        """The plan's, or the error's."""
+        """The status of the plan, or the code of the error."""
         return self.result.code if isinstance(self.result, OptiPrompError) else self.result.status
 
     def to_dict(self, request: Request) -> dict[str, Any]:
-        """The plan's document with the names of its files; an error's has the same keys."""
+        """The plan's document with the paths of its files; an error's has the same keys."""
         if isinstance(self.result, OptiPrompError):
             told = failed_plan(self.result, {"scene": self.file.stem, **vars(request)})
         else:
@@ -47,7 +47,7 @@ class Entry:
 
 
 def scene_files(folder: Path) -> list[Path]:
-    """The scene files in ``folder``, by name; robot files and plans beside them are passed over.
+    """The scene files in ``folder``, by name; robot files and plans are passed over.
 
     Raises:
         InvalidRequestError: there is none, or the folder cannot be read.
@@ -78,7 +78,7 @@ def outputs(files: Sequence[Path], folder: Path) -> list[Path]:
 def plan_folder(
     folder: Path, request: Request, output: Output, workers: int | None, named: "Named"
 ) -> Report:
-    """Plan every scene in ``folder``, with the robot that was named, and write each plan."""
+    """Plan every scene in ``folder``, with the robot that is named, and write each plan."""
     from optipromp.core.planning import plan_many
     from optipromp.core.scenes.io import load_scene
 
@@ -119,7 +119,7 @@ def _shown(entries: Sequence[Entry], succeeded: int, seconds: float, out: Path |
 
 
 def table(entries: Sequence[Entry]) -> "Table":
-    """One line a scene: what came of it, and the figures that matter most."""
+    """The status and the main figures of each scene."""
     out = grid(("scene", "status"), ("time, ms", "room, mm", "off, mm", "motion, s"))
     for entry in entries:
         cells = ["", "", "", ""]

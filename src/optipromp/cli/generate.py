@@ -101,7 +101,7 @@ def generate(
 
 
 def _to_allow(folders: list[str], robot: str | None) -> Shown:
-    """What to export so that the scenes may read their robot; on one line, to be copied."""
+    """The environment variables that let the scenes read their robot, as lines to be copied."""
     from rich.text import Text
 
     because = {
@@ -117,9 +117,9 @@ def _to_allow(folders: list[str], robot: str | None) -> Shown:
 
 
 def _judge_start(scene: "Scene") -> None:
-    """Refuse a scene whose start touches what it must not, by the judge of plans.
+    """Refuse a scene whose start is in collision, by the judge of plans.
 
-    A start that the arm cannot hold against gravity is warned of.
+    A start that the arm cannot hold against gravity gives a warning.
     """
     from optipromp.core import judging
     from optipromp.core.planning.task import posed
@@ -134,7 +134,7 @@ def _judge_start(scene: "Scene") -> None:
 
 
 def _unread(named: Named, out: Path) -> list[str]:
-    """The folders of the robot's files in which scenes in ``out`` may not read."""
+    """The folders of the robot's files that scenes in ``out`` may not read."""
     if named.name is None or not Path(named.name).suffix:
         return []
     from optipromp.core.robots.library import files_of
@@ -149,7 +149,7 @@ def _unread(named: Named, out: Path) -> list[str]:
 
 
 def _seen(scene: "Scene", seed: int, noise: str, out: Path) -> dict[str, Any]:
-    """Write the scene as a detector sees it; where to, and what it misses."""
+    """Write the scene as detected; returns its path and the ids of the fruits not seen."""
     from optipromp.core.scenes.io import save_scene
     from optipromp.laboratory.generate import NOISES, noisy
 

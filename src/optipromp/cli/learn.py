@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from optipromp.ros.recordings import Recording
 
 LARGEST_RESIDUAL = 0.05
-"""[rad or m] A demonstration further than this from its bases is warned of. Issue 11 asks for it;
-0.05 rad moves the tool of an arm that reaches 1 m by the 50 mm of the cup's radius."""
+"""[rad or m] A larger residual of a demonstration gives a warning: 0.05 rad moves the tool of an
+arm that reaches 1 m by 50 mm, the radius of the cup."""
 
 NAMELESS = (
     "has no joint names, so 'plan' refuses it; 'learn --robot ROBOT' names columns that are in the "
@@ -36,12 +36,10 @@ def learn(
     ],
     out: Annotated[Path, typer.Option(metavar="FILE", help="Where the primitive goes (.npz).")],
     topic: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Of a bag's joint states (/joint_states)."),
+        str | None, typer.Option(metavar="NAME", help="Of a bag's joint states (/joint_states).")
     ] = None,
     em: Annotated[
-        bool,
-        typer.Option("--em", help="Expectation-maximisation: for uneven recordings."),
+        bool, typer.Option("--em", help="Expectation-maximisation: for uneven recordings.")
     ] = False,
     bases: Annotated[
         int | None,
@@ -115,7 +113,7 @@ def learn(
 def read_any(
     path: Path, joints: Sequence[str] | None = None, topic: str | None = None
 ) -> tuple["Demonstrations", "Recording | None"]:
-    """Demonstrations of a file or folder; of a bag also where it was cut."""
+    """Demonstrations of a file or folder; of a bag also its cuts."""
     from optipromp.core.files import is_bag
     from optipromp.core.promp import load_demonstrations
 
@@ -132,7 +130,7 @@ def read_any(
 def _read(
     path: Path, named: Named, topic: str | None
 ) -> tuple["Demonstrations", "Recording | None"]:
-    """The demonstrations, in the robot's order where one is given; of a bag also its cuts."""
+    """The demonstrations, in the joint order of a robot that is named; of a bag also its cuts."""
     from optipromp.core.promp import Demonstrations
     from optipromp.core.promp.checks import unnamed
 
@@ -163,7 +161,7 @@ def _read(
 def _basis(
     recorded: "Demonstrations", bases: int | None, width: float, say: Any
 ) -> tuple["Basis", dict[int, float]]:
-    """The basis asked for; else the cross-validated one, with the residual of each count tried."""
+    """The basis of ``bases``, or the cross-validated one with the residual of each count tried."""
     from optipromp.core.promp import Basis, held_out_residuals
 
     if bases is not None:
@@ -198,7 +196,7 @@ def _summary(joints: tuple[str, ...], rest: list[Any]) -> dict[str, Any]:
 
 
 def _far(recorded: "Demonstrations", rest: list[Any]) -> str:
-    """Which demonstration the bases are furthest from, where that is too far; else nothing."""
+    """The warning of the demonstration with the largest residual; empty where that is small."""
     import numpy as np
 
     largest = [float(np.abs(part).max()) for part in rest]
@@ -216,7 +214,7 @@ def _far(recorded: "Demonstrations", rest: list[Any]) -> str:
 
 
 def _cuts(recording: dict[str, Any]) -> Iterator[str]:
-    """How many demonstrations a bag holds, where each begins and ends, and what was left out."""
+    """Lines about the motions in a bag: begin and end of each, and whether it was left out."""
     cuts = recording["cuts"]
     found = [cut for cut in cuts if cut["demonstration"]]
     yield (

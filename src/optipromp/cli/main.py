@@ -89,7 +89,7 @@ def _terminate(number: int, frame: FrameType | None) -> NoReturn:
 
 
 def _send_again(lost: "sys.UnraisableHookArgs") -> None:
-    """Send a signal again whose exception was lost: a callback from C (LLVM's) passes none on."""
+    """Send a signal again whose exception was lost: callbacks from C (LLVM's) raise none."""
     number = {SystemExit: signal.SIGTERM, KeyboardInterrupt: signal.SIGINT}.get(lost.exc_type)
     if number is None:
         sys.__unraisablehook__(lost)
@@ -98,7 +98,7 @@ def _send_again(lost: "sys.UnraisableHookArgs") -> None:
 
 
 def _ready_streams() -> None:
-    """Letters that a stream cannot encode become ``?``; a stream that is closed takes all."""
+    """Make the standard streams accept all text: ``?`` for unknown letters; if closed, drop it."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:

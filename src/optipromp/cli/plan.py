@@ -83,10 +83,7 @@ PlanFolder = Annotated[
         "scenes, in a folder each.",
     ),
 ]
-Rate = Annotated[
-    float,
-    typer.Option(metavar="HZ", help="Of the rows in trajectory.csv and .npz."),
-]
+Rate = Annotated[float, typer.Option(metavar="HZ", help="Of the rows in trajectory.csv and .npz.")]
 Figures = Annotated[
     bool | None,
     typer.Option(
@@ -99,7 +96,7 @@ Figures = Annotated[
 
 @dataclass(frozen=True)
 class Request:
-    """How to plan: the arguments of :func:`optipromp.plan` that its variants share."""
+    """The arguments of :func:`optipromp.plan` that all its variants take."""
 
     planner: Any  # a name, or a planner
     strategy: Strategy
@@ -122,10 +119,10 @@ class Wanted:
     timeout: Timeout = None
 
     def request(self) -> Request:
-        """What they ask for; demonstrations that were learnt are read.
+        """The request of these options; a learnt primitive is read from its file.
 
         Raises:
-            InvalidRequestError: a setting that there is not, or a value that may not be.
+            InvalidRequestError: an unknown setting, or a value that is not allowed.
         """
         from optipromp.cli.catalogue import asked
 
@@ -147,14 +144,14 @@ class Variant:
 
 @dataclass(frozen=True)
 class Output:
-    """The options of what is written."""
+    """The options of the files that are written."""
 
     out: PlanFolder = None
     rate: Rate = 1000.0
     figures: Figures = None
 
     def check(self) -> None:
-        """Refuse a folder that cannot be written into, and a rate that is none."""
+        """Refuse a folder that cannot be written into, and a rate that is not above 0."""
         if self.out is not None:
             from optipromp.core.files import check_folder
 
@@ -163,13 +160,13 @@ class Output:
             raise InvalidRequestError(f"--rate is {self.rate:g}: must be above 0 [Hz]")
 
     def write(self, result: "Plan", folder: Path, *, figures: bool = False) -> tuple[str, ...]:
-        """Write the plan and the figures asked for; returns the names of the files.
+        """Write the plan and its figures; returns the names of the files.
 
-        ``figures``: whether there are figures where the user says nothing of them.
+        ``figures``: whether figures are drawn where the user does not say.
         """
         from optipromp.core.output import write_plan
 
-        written = write_plan(result, folder, rate=self.rate)  # before what may take long, or fail
+        written = write_plan(result, folder, rate=self.rate)  # before the figures, which may fail
         if not (figures if self.figures is None else self.figures):
             return written
         from optipromp.core.files import write_atomically
@@ -182,7 +179,7 @@ class Output:
 
 
 def failed_plan(error: OptiPrompError, request: Mapping[str, Any]) -> dict[str, Any]:
-    """The document of a plan that could not be tried: a plan's keys, with the error's code."""
+    """The document of a plan that raised an error: a plan's keys, with the error's code."""
     from optipromp.core.planning.planner import label
 
     planner = label(request["planner"])
@@ -266,7 +263,7 @@ def plan_one(scene: "Scene", request: Request, output: Output, variant: Variant)
 
 
 def shown(plan: "Plan", written: tuple[str, ...], out: Path | None) -> Shown:
-    """What the plan is, whether it holds, and the figures it is judged by."""
+    """The plan's name, its status, and the figures by which it is judged."""
     from rich.table import Table
 
     from optipromp.looks.viewer.words import plan_rows, seconds

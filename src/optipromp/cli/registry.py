@@ -1,8 +1,8 @@
 """Commands that installed packages add, by the entry-point group ``optipromp.commands``.
 
 The name of an entry point is the command's; its value is a function decorated with
-:func:`optipromp.cli.command.command`. Packages are looked through only for the list of commands,
-and for a name that is none of ours.
+:func:`optipromp.cli.command.command`. Packages are searched only for the list of commands, and for
+a name that is not built in.
 """
 
 import sys
@@ -22,7 +22,7 @@ GROUP = "optipromp.commands"
 
 
 class Commands(TyperGroup):
-    """Our commands, then those that packages add; of two with one name ours, else the first."""
+    """The built-in commands, then those of packages; of two with one name, the first."""
 
     @cached_property
     def _points(self) -> dict[str, "EntryPoint"]:
@@ -39,7 +39,7 @@ class Commands(TyperGroup):
         return super().list_commands(ctx)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """The command of that name; a package's that cannot be loaded is warned of."""
+        """The command of a name; a package's command that cannot be loaded gives a warning."""
         if cmd_name not in self.commands and cmd_name in self._points:
             point = self._points[cmd_name]
             try:
@@ -52,7 +52,7 @@ class Commands(TyperGroup):
 
 
 def _named() -> bool:
-    """Whether a package on the path names the group; to be sure of none takes 2 ms, not 15."""
+    """Whether a package on the path names the group; 2 ms, where ``entry_points`` takes 15."""
     files = (file for place in sys.path for file in Path(place).glob("*-info/entry_points.txt"))
     return any(GROUP in file.read_text("utf-8", "replace") for file in files)
 
@@ -60,7 +60,7 @@ def _named() -> bool:
 def _loaded(point: "EntryPoint") -> Any:
     """The command of an entry point, as Typer makes it."""
     function = point.load()
-    if not hasattr(function, "__signature__"):  # which only the decorator gives it
+    if not hasattr(function, "__signature__"):  # set by the decorator
         raise TypeError(f"{point.value} is not decorated with optipromp.cli.command.command")
     alone = typer.Typer(add_completion=False, rich_markup_mode="rich")
     alone.command(point.name)(function)

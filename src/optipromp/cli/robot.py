@@ -15,16 +15,17 @@ InPlace = Annotated[
     typer.Option(metavar="ROBOT", help="In place of the scene's: built-in name or file."),
 ]
 Whose = Annotated[
-    str | None,
-    typer.Option(metavar="ROBOT", help="Whose scenes: built-in name or file (panda)."),
+    str | None, typer.Option(metavar="ROBOT", help="Whose scenes: built-in name or file (panda).")
 ]
 
 
 @dataclass(frozen=True)
 class Named:
-    """What a command was told of a robot; ``name`` is None where it was not named.
+    """The robot that a command's options name.
 
-    ``choice`` is of the robot's file; relative paths start at the working directory.
+    Attributes:
+        name: of the robot, or path; None: not named.
+        choice: of the arm in its file; relative paths start at the working directory.
     """
 
     name: str | None
@@ -36,7 +37,7 @@ class Named:
         return self.name is not None or self.choice != NOTHING
 
     def of(self, scene: "Scene") -> "Scene":
-        """The scene with this robot; with its own robot, chosen from so, where none was named."""
+        """The scene with this robot; where none is named, with its own robot by this choice."""
         if not self:
             return scene
         if self.name is None:
@@ -48,7 +49,7 @@ class Named:
 
 @dataclass(frozen=True)
 class ArmOptions:
-    """The options that tell the arm in a robot's file."""
+    """The options that choose the arm in a robot's file."""
 
     tip: Annotated[
         str | None, typer.Option(metavar="LINK", help="Of the robot: the flange link.")
@@ -65,7 +66,7 @@ class ArmOptions:
     ] = None
 
     def of(self, robot: str | None) -> Named:
-        """The robot of that name, if any, with what these options choose."""
+        """The robot of that name, if any, with the choice of these options."""
         from optipromp.core.robots.library import Choice
 
         choice = Choice(

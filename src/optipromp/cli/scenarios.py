@@ -80,7 +80,7 @@ BEGIN, END = "<!-- scenarios: begin -->", "<!-- scenarios: end -->"
 SHORT = {
     "success": "success", "HARM_PREDICTED": "harm", "INVALID_PLAN": "invalid", "TIMEOUT": "timeout",
 }  # fmt: skip
-"""Statuses as the table has room for them; the lines below it say more."""
+"""Statuses in the width of the table; the lines below it say more."""
 
 
 def table_one(rows: Sequence["ScenarioRow"]) -> "Table":
@@ -107,9 +107,9 @@ def reductions(rows: Sequence["ScenarioRow"]) -> "Table":
 
 
 def figures(rows: Sequence["ScenarioRow"]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Header and lines of Table I: the paper's and ours, with what the paper verifies of each.
+    """Header and lines of Table I: the paper's figures, ours, and whether these pass its tests.
 
-    The column ``joints`` has M_c over joint origins. In brackets: where our tool passes along x_g.
+    The column ``joints`` has M_c over joint origins. In brackets: our tool's offset along x_g.
     """
     ids, lines = ("n1", "n2"), list[tuple[str, ...]]()
     for row in rows:
@@ -133,7 +133,7 @@ def figures(rows: Sequence["ScenarioRow"]) -> tuple[tuple[str, ...], list[tuple[
 
 
 def factors(rows: Sequence["ScenarioRow"]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Header and lines of how far each stage's cost falls, beside the paper."""
+    """Header and lines of the factors by which each stage's cost falls, beside the paper's."""
     lines = list[tuple[str, ...]]()
     for row in rows:
         for item in row.reductions if row.case.strategy == "sequential" else ():
@@ -148,7 +148,7 @@ def factors(rows: Sequence["ScenarioRow"]) -> tuple[tuple[str, ...], list[tuple[
 
 
 def markdown(rows: Sequence["ScenarioRow"]) -> str:
-    """Both tables for the documentation, and what each case is."""
+    """Both tables for the documentation, with a description of each case."""
     header, lines = figures(rows)
     told = [
         (*line, row.case.title if row.case.published is None else f"{row.case.title}: {_end(row)}")
@@ -158,7 +158,7 @@ def markdown(rows: Sequence["ScenarioRow"]) -> str:
 
 
 def _end(row: "ScenarioRow") -> str:
-    """How a run ends, in words: of a success, what is pushed is left out."""
+    """The end of a run in words; of a success, without the note on pushed fruits."""
     return row.plan.message.partition("; note: ")[0].partition(" (")[0]
 
 
@@ -168,7 +168,7 @@ def _table(header: Sequence[str], lines: Sequence[Sequence[str]]) -> list[str]:
 
 
 def renew(page: Path, text: str) -> None:
-    """Write the tables; into a page that has both marks, between them only.
+    """Write the tables to ``page``; where the page has both marks, only between them.
 
     Raises:
         InvalidRequestError: the page cannot be read or written.
@@ -189,12 +189,12 @@ def _pair(paper: float | None, ours: float | None, holds: bool | None) -> str:
 
 
 def _across(way: tuple[float, float] | None) -> str:
-    """Where the tool passes along x_g, of which M_p says nothing."""
+    """The tool's offset along x_g in millimetres, which M_p does not include."""
     return "" if way is None else f" ({round(1e3 * way[0]):+d})"
 
 
 def _mark(holds: bool | None) -> str:
-    """Whether a threshold of the paper holds; nothing where there is none."""
+    """A mark of whether a test of the paper holds; empty where there is none."""
     return "" if holds is None else "+" if holds else "!"
 
 

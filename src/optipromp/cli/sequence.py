@@ -17,7 +17,7 @@ ORDER = "sequence.json"
 
 
 def plan_targets(scene: Scene, targets: str, request: Request, output: Output) -> Report:
-    """Plan the picks of ``targets`` (ids, separated by commas), and write each."""
+    """Plan the picks of ``targets`` (ids, separated by commas), and write each plan."""
     from optipromp.core.planning.sequence import plan_sequence
 
     ids = [part.strip() for part in targets.split(",") if part.strip()]

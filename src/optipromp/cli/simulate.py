@@ -9,24 +9,18 @@ import typer
 
 from optipromp.cli.check import scene_or_plan
 from optipromp.cli.command import FAILED, OK, Report, command
-from optipromp.cli.console import (
-    ChosenStrategy,
-    Seed,
-    Strategy,
-    say_if_compiling,
-    waiting,
-)
+from optipromp.cli.console import ChosenStrategy, Seed, Strategy, say_if_compiling, waiting
 from optipromp.cli.robot import ArmOptions, InPlace, Named
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.files import is_folder
 
 if TYPE_CHECKING:
     from optipromp.core.planning import Plan
-    from optipromp.laboratory.simulation import Outcome, Run
+    from optipromp.laboratory.simulation import Run
 
 
 def failed_run(error: OptiPrompError, arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """The document of a run that could not be tried."""
+    """The document of a run that raised an error."""
     return {
         "scene": arguments["scene_or_plan"],
         "success": False,
@@ -96,7 +90,7 @@ def simulate(
     from optipromp.laboratory.simulation.engine import engine
     from optipromp.laboratory.simulation.files import run_document
 
-    engine()  # fail before planning where it is missing
+    engine()  # where MuJoCo is missing, refuse before planning
     folder = _folder(scene_or_plan) if out is None else out
     if not 0.05 <= slow <= 50.0:
         raise InvalidRequestError(f"--slow is {slow:g}; it must be between 0.05 and 50")
@@ -153,17 +147,16 @@ def _leave(run: "Run", folder: Path, video: bool, gif: bool, slow: float) -> tup
 
 
 def _shown(run: "Run", plan: "Plan") -> list[str]:
-    outcome = run.outcome
-    verdict = "picked" if run.success else f"failed: {outcome.cause}"
+    verdict = "picked" if run.success else f"failed: {run.outcome.cause}"
     return [
         f"{run.scene.name}  {plan.planner} (plan: {plan.status})  {verdict}",
-        outcome.message,
-        *(f"  {name:<26}{words}" for name, words in _rows(run, outcome)),
+        run.outcome.message,
+        *(f"  {name:<26}{words}" for name, words in _rows(run)),
     ]
 
 
-def _rows(run: "Run", outcome: "Outcome") -> list[tuple[str, str]]:
-    rows = []
+def _rows(run: "Run") -> list[tuple[str, str]]:
+    rows, outcome = [], run.outcome
     if outcome.picked is not None:
         at = "" if outcome.swallowed_at is None else f" since {outcome.swallowed_at:.2f} s"
         rows.append(("target taken in", ("yes" if outcome.picked else "no") + at))
@@ -182,8 +175,8 @@ def _rows(run: "Run", outcome: "Outcome") -> list[tuple[str, str]]:
         ("cluster", outcome.avoid_contacts + outcome.tool_avoid_contacts),
     ):
         for c in contacts:
-            words_ = f"{c.peak_force:.2f} N for {c.duration:.2f} s from {c.first:.2f} s"
-            rows.append((f"{c.link} on {c.other}", f"{words_} ({what})"))
+            spell = f"{c.peak_force:.2f} N for {c.duration:.2f} s from {c.first:.2f} s"
+            rows.append((f"{c.link} on {c.other}", f"{spell} ({what})"))
     rows.append(("tracking error", f"{1e3 * outcome.tracking_error:.2f} mm"))
     speed = f"{run.real_time_factor:.1f} times as fast as it was"
     rows.append(("motion", f"{outcome.duration:.2f} s, simulated {speed}"))

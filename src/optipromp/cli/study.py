@@ -1,4 +1,4 @@
-"""``optipromp study``: planners against one another over random scenes, judged by physics."""
+"""``optipromp study``: planners compared on random scenes in the physics simulation."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from optipromp.laboratory.experiments.runs import Row
-    from optipromp.laboratory.experiments.statistics import Calibration, Cell
+    from optipromp.laboratory.experiments.statistics import Cell, Reliability
 
 
 Compared = Annotated[
@@ -57,8 +57,7 @@ def study(
         ),
     ] = "",
     only_valid: Annotated[
-        bool,
-        typer.Option("--only-valid", help="Do not execute plans that the judge refuses."),
+        bool, typer.Option("--only-valid", help="Do not execute plans that the judge refuses.")
     ] = False,
     vary: Annotated[
         bool,
@@ -118,7 +117,7 @@ def study(
 
 
 def _report(rows: list["Row"], out: Path) -> Report:
-    """Write the results beside the rows, and tell them."""
+    """Write the results beside the rows, and report them."""
     from optipromp.laboratory.experiments.statistics import calibration, summary
     from optipromp.laboratory.experiments.study_output import write_results
 
@@ -129,7 +128,7 @@ def _report(rows: list["Row"], out: Path) -> Report:
     return Report(document, _shown(cells, calibration(rows), last))
 
 
-def _shown(cells: Sequence["Cell"], found: "Calibration | None", last: str) -> Shown:
+def _shown(cells: Sequence["Cell"], found: "Reliability | None", last: str) -> Shown:
     yield table(cells)
     yield causes(cells)
     if found is not None:
@@ -161,7 +160,7 @@ def table(cells: Sequence["Cell"]) -> "Table":
     """Rates, contacts, forces and median times of every preset and planner."""
     figures = ["n", "%", "95 %", "plans", "broken", "executed", "static", "torn", "unripe", "plan"]
     figures.append("run")
-    if max(len(cell.preset) for cell in cells) > 15:  # names of variations: 80 columns are not wide
+    if max(len(cell.preset) for cell in cells) > 15:  # variations: their names take the width
         figures = figures[:5]
     out = grid(("preset", "planner"), figures, title=TITLE, padding=(0, 0))
     for cell, first in _sections(out, cells):
@@ -188,8 +187,8 @@ def causes(cells: Sequence["Cell"]) -> "Table":
     return out
 
 
-def reliability(found: "Calibration") -> "Table":
-    """Predicted probabilities against outcomes: how often runs of each bin failed."""
+def reliability(found: "Reliability") -> "Table":
+    """Predicted probabilities against outcomes: the rate of failure in each bin."""
     title = (
         f"not clean, predicted and counted [%]; AUC {found.auc:.2f}; of {found.successes} plans "
         f"that promise success {found.failed} failed"

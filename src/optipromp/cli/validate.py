@@ -76,12 +76,17 @@ def validate(
             found = judge(loaded, curve, risk=risk)
     document = describe(found, curve, loaded, risk)
     if out is not None:
-        leave(out, document, curve, robot, found)
+        from optipromp.core.files import json_text, write_atomically
+        from optipromp.looks.viewer.figures import limits_figure, png
+
+        figure = limits_figure(curve, robot, found.judgement.violations, loaded.name)
+        write_atomically(out / "limits.png", png(figure))
+        write_atomically(out / "verdict.json", json_text(document).encode("utf-8"))
     return Report(document, _shown(found, loaded, curve), exit_code(found.status))
 
 
 def read(path: Path, robot: "Robot") -> "Trajectory":
-    """A trajectory from any file that the command takes."""
+    """The trajectory in a file or bag."""
     from optipromp.core.files import is_bag
     from optipromp.core.trajectory_files import read_trajectory
 
@@ -109,18 +114,6 @@ def describe(found: "Verdict", curve: "Trajectory", scene: "Scene", risk: float)
     }))  # fmt: skip
 
 
-def leave(
-    out: Path, document: dict[str, Any], curve: "Trajectory", robot: "Robot", found: "Verdict"
-) -> None:
-    """Write the verdict and the picture."""
-    from optipromp.core.files import json_text, write_atomically
-    from optipromp.looks.viewer.figures import limits_figure, png
-
-    figure = limits_figure(curve, robot, found.judgement.violations, str(document["scene"]))
-    write_atomically(out / "limits.png", png(figure))
-    write_atomically(out / "verdict.json", json_text(document).encode("utf-8"))
-
-
 def _shown(found: "Verdict", scene: "Scene", curve: "Trajectory") -> Shown:
     m = found.judgement.metrics
     colour = "green" if found.status is Code.SUCCESS else "red"
@@ -138,7 +131,7 @@ def _shown(found: "Verdict", scene: "Scene", curve: "Trajectory") -> Shown:
         yield table
     yield found.message
     if found.prediction is not None and found.status is not Code.HARM_PREDICTED:
-        yield f"{found.prediction}"  # else it is in the message
+        yield f"{found.prediction}"  # harm is in the message already
     off = f"{m.goal_error:.4f}" if m.goal_axis_error is None else f"{1e3 * m.goal_error:.2f} mm"
     yield (
         f"limits in use: velocity {m.velocity_ratio:.0%}, acceleration {m.acceleration_ratio:.0%}, "

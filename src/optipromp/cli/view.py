@@ -27,8 +27,7 @@ def view(
         int, typer.Option(min=0, max=65535, help="Of the page; 0: any that is free.")
     ] = 8080,
     host: Annotated[
-        str,
-        typer.Option(help="Address to listen at; 0.0.0.0 lets other machines in."),
+        str, typer.Option(help="Address to listen at; 0.0.0.0 lets other machines in.")
     ] = "localhost",
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")

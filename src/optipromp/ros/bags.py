@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection
     from rosbags.typesys.store import Typestore
 
-_METADATA_VERSION: Literal[8] = 8  # of the metadata: that of ROS 2 Iron and later
+_METADATA_VERSION: Literal[8] = 8  # that of ROS 2 Iron and later
 
 
 class Recorded(NamedTuple):
@@ -78,8 +78,8 @@ def read_bag(
 ) -> Iterator[Recorded]:
     """The messages of a bag, in the order in which they were recorded.
 
-    A message is read by the definition that the bag has of it, else by ours. A topic of a type that
-    is none of ours is skipped with a warning.
+    A message is read by the definition of its type in the bag, else by the built-in one. A topic
+    whose type is not built in is skipped with a warning.
 
     Args:
         path: an MCAP file, a rosbag2 folder, or the SQLite file in it.
@@ -87,8 +87,8 @@ def read_bag(
         types: of messages to read (``sensor_msgs/msg/JointState``); None: all.
 
     Raises:
-        InvalidRequestError: no bag, a damaged one, a topic that it does not have (the message lists
-            those that it has).
+        InvalidRequestError: no bag, a damaged bag, or a topic that it lacks (the message lists its
+            topics).
     """
     typestore()
     from rosbags.rosbag2 import Reader
@@ -105,7 +105,7 @@ def read_bag(
                 yield Recorded(connection.topic, item, stamp)
     except OptiPrompError:
         raise
-    except Exception as error:  # damaged files make its readers fail in every way there is
+    except Exception as error:  # damaged files raise errors of any kind
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         raise InvalidRequestError(f"{path} is not a readable bag ({reason})") from None
 
@@ -142,7 +142,7 @@ def _chosen(
 
 
 def _types_of(connection: Connection) -> Typestore:
-    """The types by the definition in the bag; ours where it has none, or the same."""
+    """The types by the definition in the bag; the built-in ones where it has none or the same."""
     from rosbags.interfaces import MessageDefinitionFormat
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 

@@ -14,7 +14,7 @@ from optipromp.ros.shapes import quaternion, vector
 from optipromp.ros.types import Message
 
 TOOL = "tool"
-"""Name of the frame at the tool point whose z axis is the tool axis, out of its mouth."""
+"""Name of the frame at the tool point whose z axis is the tool axis."""
 
 
 def read_goal(
@@ -22,18 +22,18 @@ def read_goal(
 ) -> JointGoal | PoseGoal | None:
     """The goal of ``goal_constraints``; None where there are none.
 
-    Joint constraints give a configuration. One position and one orientation constraint give a pose
-    of the frame ``tool``, or of the robot's last link (its flange); the planner keeps the tool
-    point and the tool axis of that pose, and is free to turn about the axis. Tolerances are the
-    planner's own.
+    Joint constraints state a configuration. One position and one orientation constraint state a
+    pose of the frame ``tool``, or of the robot's last link (its flange). The goal is the tool point
+    and the tool axis of that pose; the turn about the axis is free. The tolerances of the
+    constraints are ignored.
 
     Args:
         constraints: ``moveit_msgs/Constraints``, one at most.
         world: with the robot and its frames.
-        prefix: what ROS puts before the robot's joint and link names.
+        prefix: of joint and link names in ROS.
 
     Raises:
-        InvalidRequestError: naming the field, the value and what would be right.
+        InvalidRequestError: a wrong value; the message names the field and valid values.
     """
     robot = world.robot
     if not constraints:

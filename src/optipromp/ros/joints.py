@@ -1,4 +1,4 @@
-"""Joints of a robot among the names of a message."""
+"""The joints of a robot in messages, by name."""
 
 from collections.abc import Sequence
 
@@ -11,8 +11,8 @@ from optipromp.core.trajectory_files import columns
 from optipromp.ros.types import Message, message
 
 AT_REST = 0.01
-"""[rad/s or m/s] A joint that is slower stands still: what an encoder shows at rest is noise. A
-choice; the arm's controller evens out a step of this size."""
+"""[rad/s or m/s] A slower joint is at rest: encoders are noisy. A choice; the arm's controller
+smooths a step of this size."""
 
 
 def joint_positions(state: Message, joints: Sequence[str], what: str) -> FloatArray:
@@ -35,7 +35,7 @@ def joint_positions(state: Message, joints: Sequence[str], what: str) -> FloatAr
 def joint_motion(state: Message, joints: Sequence[str], what: str) -> State:
     """Positions and velocities of ``joints`` in a ``sensor_msgs/JointState``.
 
-    Where all velocities are below :data:`AT_REST`, or none are given, the joints are at rest.
+    Where all velocities are below :data:`AT_REST`, or the message has none, the joints are at rest.
 
     Raises:
         InvalidRequestError: as :func:`joint_positions`; velocities for some of the names only.

@@ -1,4 +1,4 @@
-"""What is known of a scene as its messages come in; ``moveit_msgs/PlanningScene`` as a scene."""
+"""A scene that messages change; the scene of a ``moveit_msgs/PlanningScene``."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -24,13 +24,13 @@ def read_planning_scene(item: Message, like: Scene | None = None, prefix: str = 
     """The scene of a ``moveit_msgs/PlanningScene``.
 
     Args:
-        item: a whole scene; or a difference, to the objects of ``like``.
-        like: gives robot, tool and options, and what else the message lacks (start, approach,
-            goal). None: the robot is ``robot_model_name`` with its own tool.
-        prefix: what ROS puts before the robot's joint and link names.
+        item: a whole scene; or a difference, which changes the objects of ``like``.
+        like: the robot, tool and options, and what the message lacks (start, approach, goal). None:
+            the robot is ``robot_model_name`` with its own tool.
+        prefix: of joint and link names in ROS.
 
     Raises:
-        InvalidSceneError: naming the object, the field, the value and what would be right.
+        InvalidSceneError: a wrong value; the message names object, field and valid values.
         InvalidRequestError: joints that are not the robot's.
         InvalidRobotError: the robot cannot be loaded.
     """
@@ -43,10 +43,10 @@ def read_planning_scene(item: Message, like: Scene | None = None, prefix: str = 
 
 
 def frames_of(robot: Robot, prefix: str = "", base: Pose | None = None) -> dict[str, Pose]:
-    """Frames that messages may be stated in, by name: poses in the base frame.
+    """The frames of messages by name: their poses in the base frame.
 
-    The base frame is the robot's first link after the ``prefix``, and an empty name. ``world`` is
-    the frame in which the base has the pose ``base`` (None: that of the base).
+    The base frame has the name of the robot's first link after the ``prefix``, and the empty name.
+    ``world`` is the frame in which the base has the pose ``base`` (None: the base frame).
     """
     world = Pose() if base is None else base.inverse()
     return {"": Pose(), prefix + robot.link_names[0]: Pose(), WORLD: world}
@@ -54,13 +54,13 @@ def frames_of(robot: Robot, prefix: str = "", base: Pose | None = None) -> dict[
 
 @dataclass(frozen=True, eq=False)
 class LiveScene:
-    """What is known of a scene as messages come in; every message gives a new one.
+    """A scene as the messages so far state it; every message gives a new one.
 
     Attributes:
         stated: fields of the :class:`optipromp.core.scenes.Scene`, except its objects.
         robot: with its tool.
-        frames: poses in the base frame, by name: those that messages may be stated in.
-        held: what each message added, by its id, in the order in which they came.
+        frames: the frames of messages by name: their poses in the base frame.
+        held: the objects of each message by its id, oldest first.
     """
 
     stated: Mapping[str, Any]
@@ -70,7 +70,7 @@ class LiveScene:
 
     @classmethod
     def of(cls, scene: Scene, prefix: str = "") -> "LiveScene":
-        """The world of a scene; ``prefix`` is what ROS puts before joint and link names."""
+        """The world of a scene; ``prefix`` is that of joint and link names in ROS."""
         robot = posed(scene)[0]
         held = {object_id(o): Held(Pose(o.position, o.orientation), (o,)) for o in scene.objects}
         return cls(vars(scene), robot, frames_of(robot, prefix, scene.base), held)
@@ -84,7 +84,7 @@ class LiveScene:
         """The scene.
 
         Args:
-            goal: in place of the target, which then is an object to avoid.
+            goal: in place of the target, which then becomes an object to avoid.
 
         Raises:
             InvalidSceneError: no target and no goal, two targets, an id that two roles have.
@@ -105,7 +105,7 @@ class LiveScene:
         """The world after a ``PlanningScene``, a ``CollisionObject`` or a ``JointState``.
 
         Raises:
-            InvalidSceneError: what cannot be used, by object and field.
+            InvalidSceneError: a wrong value; the message names object and field.
             InvalidRequestError: joints that are not the robot's; another type of message.
         """
         match item.__msgtype__.rpartition("/")[2]:
@@ -167,7 +167,7 @@ def in_base(header: Message, frames: Mapping[str, Pose]) -> Pose:
     """The pose in the base frame of the frame that a header names.
 
     Raises:
-        InvalidRequestError: another frame; the message lists those that there are.
+        InvalidRequestError: an unknown frame; the message lists the known ones.
     """
     if header.frame_id in frames:
         return frames[header.frame_id]
@@ -177,7 +177,7 @@ def in_base(header: Message, frames: Mapping[str, Pose]) -> Pose:
 
 
 def _refuse_unread(item: Message) -> None:
-    """Refuse a planning scene that holds obstacles in a form that is not read."""
+    """Refuse a planning scene with obstacles in a form that is not supported."""
     attached = item.robot_state.attached_collision_objects
     if attached:
         raise InvalidSceneError(

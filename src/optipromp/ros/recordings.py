@@ -1,4 +1,4 @@
-"""Demonstrations from a bag: joint states, cut into motions where the arm stands still."""
+"""Demonstrations from a bag: joint states, cut into motions where the arm is still."""
 
 import os
 import warnings
@@ -24,7 +24,7 @@ USUAL_TOPIC = "/joint_states"
 
 @dataclass(frozen=True)
 class CutParameters(Checked):
-    """When the arm stands still, and what a demonstration is."""
+    """The definitions of a still phase and of a demonstration."""
 
     speed: float = parameter(
         0.03, "rad/s or m/s", "choice",
@@ -59,8 +59,8 @@ class Cut:
         start: [s] since the recording's first message.
         end: [s].
         motion: largest range of a joint [rad or m].
-        demonstration: whether it is one; False: it is too small.
-        whole: whether the arm stood still before it and after it.
+        demonstration: whether it is a demonstration; False: it is too small.
+        whole: whether the arm was still before it and after it.
     """
 
     start: float
@@ -72,7 +72,7 @@ class Cut:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Demonstrations of a bag, and where they were cut.
+    """The demonstrations of a bag, and the cuts between them.
 
     Attributes:
         demonstrations: in the order of the bag; times start at 0 [s], evenly spaced.
@@ -101,18 +101,18 @@ def load_recording(
 ) -> Recording:
     """Demonstrations from the ``sensor_msgs/JointState`` messages of a bag.
 
-    Joints are matched by name in every message. Messages without these joints (a gripper's) are
-    left out. Times are those of the messages' headers, or of the bag where a header has none.
+    Joints are matched by name; messages without these joints (a gripper's) are left out. Times are
+    those of the messages' headers, or of the bag where a header has none.
 
     Args:
         path: as for :func:`optipromp.ros.read_bag`.
-        joints: of the robot, in its order (a common prefix in the messages is no matter); None:
-            those of most messages, in the order of the first.
+        joints: of the robot, in its order (a common prefix in the messages is ignored); None:
+            those of most messages, in the order of the first such message.
         topic: to read; None: the only one with joint states, or ``/joint_states``.
-        parameters: what a still phase and a demonstration are.
+        parameters: definitions of a still phase and of a demonstration.
 
     Raises:
-        InvalidRequestError: no bag, no such topic, joints that are not there.
+        InvalidRequestError: no bag, no such topic, missing joints.
         InvalidDemonstrationError: no joint states, or no motion among them.
     """
     limits = parameters or CutParameters()
@@ -181,7 +181,7 @@ def _series(
 
 
 def _stamp(item: Recorded) -> int:
-    """When the joints stood there [ns]."""
+    """The time of the joint state [ns]."""
     stamp = item.message.header.stamp
     return stamp.sec * 10**9 + stamp.nanosec or item.stamp
 
@@ -204,7 +204,7 @@ def _pieces(
 def _motions(
     times: FloatArray, positions: FloatArray, limits: CutParameters
 ) -> Iterable[tuple[int, int, bool]]:
-    """First row and row after the last of each motion, and whether stillness encloses it."""
+    """First row and last row + 1 of each motion, and whether the arm is still before and after."""
     step = float(times[1] - times[0])
     count = min(2 * max(1, round(0.5 * limits.window / step)) + 1, len(times) - 1 | 1)
     slope = savgol_filter(positions, count, 1, deriv=1, delta=step, axis=0)
@@ -219,7 +219,7 @@ def _motions(
 
 
 def _runs(flags: BoolArray) -> Iterable[tuple[int, int]]:
-    """First row and row after the last of each stretch of true ones."""
+    """First row and last row + 1 of each run of true flags."""
     edges = np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8))
     return zip(
         np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True

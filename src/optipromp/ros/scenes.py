@@ -1,10 +1,10 @@
 """Scenes as ``moveit_msgs/PlanningScene`` and ``moveit_msgs/CollisionObject``, and back.
 
-The convention, which ``docs/ros.md`` shows: the id of an object begins with its role
-(``target/ripe``, ``pushable/n1``, ``avoid/n2``; anything else is static). The points of a stem are
-the subframes ``stem_0`` (at the fruit) to the root. The subframe ``approach`` of the target holds
-the approach: its z axis is the direction, its y axis the lateral. What MoveIt has no field for
-stands as JSON in ``type.db``, where ``type.key`` is ``optipromp``.
+The convention (see ``docs/ros.md``): the id of an object begins with its role (``target/ripe``,
+``pushable/n1``, ``avoid/n2``; any other object is static). The points of a stem are the origins of
+the subframes ``stem_0`` (at the fruit) to the root. The subframe ``approach`` of the target states
+the approach: its z axis is the direction, its y axis the lateral. Quantities that MoveIt has no
+field for are JSON in ``type.db``, where ``type.key`` is ``optipromp``.
 """
 
 import json
@@ -34,7 +34,7 @@ COLORS: Mapping[Role, tuple[float, float, float]] = {
 
 
 def object_id(item: SceneObject) -> str:
-    """The id of an object in messages: its role, a slash, and its own id; a static one's own."""
+    """The id of an object in messages: its role, a slash and its id; of a static one, its id."""
     plain = item.role == "static" and item.id.partition("/")[0] not in ROLES
     return item.id if plain else f"{item.role}/{item.id}"
 
@@ -54,7 +54,7 @@ def collision_object(
 
     Args:
         item: any object; a mesh is written with its vertices, not with its file.
-        frame: name of the robot's base frame, in which positions stand.
+        frame: name of the robot's base frame, in which positions are stated.
         approach: of the scene, for its target.
     """
     here = Pose(item.position, item.orientation)
@@ -89,12 +89,12 @@ def collision_object(
 def read_collision_object(item: Message) -> tuple[SceneObject, ...]:
     """The objects that a ``moveit_msgs/CollisionObject`` adds.
 
-    One object, except where a static object or one to avoid has several shapes: each of them is
-    then an object ``id[0]``, ``id[1]``, ... As in MoveIt, the pose of an object's only shape stands
-    for the object's own where that is left out.
+    A message adds one object, but a static object or one to avoid may have several shapes: each
+    shape is then an object ``id[0]``, ``id[1]``, ... As in MoveIt, where the pose of the object is
+    left out, the pose of its only shape takes its place.
 
     Raises:
-        InvalidSceneError: naming the object, the field and what would be right.
+        InvalidSceneError: a wrong value; the message names object, field and valid values.
     """
     return read_held(item).items
 
@@ -106,7 +106,7 @@ class Held:
     Attributes:
         pose: of the message's object.
         items: an object for each of its shapes.
-        approach: to it, where the message tells one.
+        approach: to the object, where the message states one.
     """
 
     pose: Pose
@@ -114,13 +114,13 @@ class Held:
     approach: Approach | None = None
 
     def transformed(self, pose: Pose) -> "Held":
-        """The same, stated in the frame in which its present frame has the ``pose``."""
+        """The same objects in another frame, in which their present frame has the ``pose``."""
         items = tuple(item.transformed(pose) for item in self.items)
         approach = self.approach and self.approach.transformed(pose)
         return Held(pose @ self.pose, items, approach)
 
     def at(self, pose: Pose) -> "Held":
-        """The same at another pose, stems with it; the approach stays."""
+        """The objects and their stems moved to another pose; the approach stays."""
         return replace(self.transformed(pose @ self.pose.inverse()), approach=self.approach)
 
 
@@ -196,7 +196,7 @@ _FURTHER: Mapping[str, Callable[[Any], Any]] = {
     "physical": lambda given: {str(name): float(number) for name, number in given.items()},
     "camera_distance": float,
 }
-"""What ``type.db`` may hold, and what makes it of JSON."""
+"""The quantities in ``type.db``, each with the function that makes it from JSON."""
 
 
 def _no_number(name: str) -> None:
@@ -204,7 +204,7 @@ def _no_number(name: str) -> None:
 
 
 def _further(item: Message) -> dict[str, Any]:
-    """What ``type.db`` says; nothing where ``type.key`` is another's."""
+    """The quantities in ``type.db``; none where ``type.key`` is not :data:`KEY`."""
     if item.type.key != KEY:
         return {}
     try:
@@ -221,11 +221,11 @@ def _further(item: Message) -> dict[str, Any]:
 def planning_scene(scene: Scene, prefix: str = "") -> Message:
     """A ``moveit_msgs/PlanningScene`` of a scene: its objects with colours, and its start.
 
-    The tool, a goal that is no object, and options have no place in it.
+    The message cannot hold the tool, options, or a goal without a target.
 
     Args:
         scene: any scene.
-        prefix: what ROS puts before the robot's joint and link names (``fr3_``).
+        prefix: of joint and link names in ROS (``fr3_``).
 
     Raises:
         InvalidRobotError: the scene's robot cannot be loaded.

@@ -1,6 +1,6 @@
-"""Planning requests of MoveIt and their answers; the node of ROS 2 without ROS.
+"""Planning requests of MoveIt and their answers: the node of ROS 2, but for ROS.
 
-:class:`optipromp.ros.LiveScene` keeps what the topics say of the scene. :func:`answer` plans in it.
+:class:`optipromp.ros.LiveScene` holds the scene as the topics state it; :func:`answer` plans in it.
 """
 
 import math
@@ -12,7 +12,6 @@ from optipromp.core.planning import Plan, PlanOptions, plan
 from optipromp.core.planning.planner import factory
 from optipromp.core.promp.model import ProMP
 from optipromp.core.robots.library import load_arm
-from optipromp.core.trajectory import State
 from optipromp.ros.goals import read_goal
 from optipromp.ros.joints import joint_motion, robot_state
 from optipromp.ros.live import LiveScene
@@ -36,19 +35,18 @@ MOVEIT: dict[Code, str] = {
     Code.TIMEOUT: "TIMED_OUT",
     Code.EXECUTION_FAILED: "CONTROL_FAILED",
 }
-"""MoveIt's name of each code; codes that are not here are a FAILURE."""
+"""MoveIt's name of each code; any other code is a FAILURE."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlanAnswer:
-    """What a request gives.
+    """The answer to a request.
 
     Attributes:
-        response: ``moveit_msgs/MotionPlanResponse``; without a trajectory where the plan is no
-            success.
+        response: ``moveit_msgs/MotionPlanResponse``, with a trajectory only of a success.
         trajectory: ``trajectory_msgs/JointTrajectory`` for a controller; None: no success.
-        display: ``moveit_msgs/DisplayTrajectory``; also of a plan that failed, to be looked at.
-            None: nothing was planned.
+        display: ``moveit_msgs/DisplayTrajectory``, also of a plan that failed; None: the request
+            was refused.
         plan: None: the request was refused.
     """
 
@@ -67,30 +65,33 @@ def answer(
     rate: float | None = None,
     prefix: str = "",
 ) -> PlanAnswer:
-    """Plan what a ``moveit_msgs/MotionPlanRequest`` asks for.
+    """Plan the motion of a ``moveit_msgs/MotionPlanRequest``.
 
-    Read are ``start_state`` (where it names joints; with velocities the plan begins in that
-    motion), ``goal_constraints`` (none: the target of the world), ``planner_id`` (empty:
-    opti-promp), ``allowed_planning_time`` and the scaling factors of velocity and acceleration (0:
-    1). A ``group_name`` must be one of this arm, where an SRDF tells its groups. Workspace, number
-    of attempts and pipeline are not read. Path and trajectory constraints, reference trajectories
-    and a Cartesian speed are refused.
+    Read are ``start_state`` (where it names joints; with velocities the plan begins in motion),
+    ``goal_constraints`` (none: the target of the world), ``planner_id`` (empty: opti-promp),
+    ``allowed_planning_time``, and the scaling factors of velocity and acceleration (0: 1). A
+    ``group_name`` must be one of this arm, where an SRDF states its groups. Workspace, number of
+    attempts and pipeline are ignored. Path and trajectory constraints, reference trajectories and a
+    Cartesian speed are refused.
 
     Args:
-        world: what is known of the scene.
-        request: of the message's type.
-        options: of the plan; the request's time replaces its timeout.
+        world: the scene so far.
+        request: the message.
+        options: of the plan; the request's planning time replaces its timeout.
         demonstrations: as for :func:`optipromp.plan`.
-        rate: of the points of the answer [Hz]; None: the plan's own rows.
-        prefix: what ROS puts before the robot's joint and link names.
+        rate: of the points of the answer [Hz]; None: the rows of the plan.
+        prefix: of joint and link names in ROS.
 
     Returns:
-        The answer. A request that cannot be used gives one too, with code and message.
+        The answer; to a request that cannot be used, the code and the message of the error.
     """
     try:
         _refuse_unread(request)
         _refuse_another_arm(request.group_name, world)
-        state, slowing = _start(request, world), _slowing(request)
+        joints, state = request.start_state.joint_state, None
+        if joints.name:
+            state = joint_motion(joints, world.joints, "start_state.joint_state")
+        slowing = _slowing(request)
         options = options or PlanOptions()
         if request.allowed_planning_time > 0.0:
             options = replace(options, timeout=float(request.allowed_planning_time))
@@ -102,8 +103,10 @@ def answer(
                     "motion that runs cannot be slowed at once"
                 )
         scene = world.scene(read_goal(request.goal_constraints, world, prefix))
+        planner = request.planner_id or "opti-promp"
+        factory(planner, "planner_id")  # refuses an unknown name
         made = plan(
-            scene, planner=_planner(request.planner_id), demonstrations=demonstrations,
+            scene, planner=planner, demonstrations=demonstrations,
             options=options, start_state=state if state is not None and state.moving else None,
         )  # fmt: skip
     except OptiPrompError as error:
@@ -122,7 +125,7 @@ def answer(
 
 
 def _refuse_another_arm(group: str, world: LiveScene) -> None:
-    """Refuse a group of other joints than the arm's, or none of the SRDF that chose the arm."""
+    """Refuse a group whose joints are not the arm's, or that the arm's SRDF does not have."""
     scene = world.scene()
     _, arm = load_arm(scene.robot, scene.base_dir, scene.choice)
     if not group or not arm.groups or set(arm.groups.get(group, ())) == set(arm.joints):
@@ -132,12 +135,6 @@ def _refuse_another_arm(group: str, world: LiveScene) -> None:
         f"group_name is {group!r}: this node plans for {', '.join(mine) or arm.why} "
         f"({arm.joints[0]} to {arm.joints[-1]}); leave it empty, or ask the node of that arm"
     )
-
-
-def _start(request: Message, world: LiveScene) -> State | None:
-    """The state that the request begins in; None where it names no joints."""
-    state = request.start_state.joint_state
-    return joint_motion(state, world.joints, "start_state.joint_state") if state.name else None
 
 
 def _response(request: Message, code: Code, words: str, **fields: Message) -> Message:
@@ -151,13 +148,8 @@ def _response(request: Message, code: Code, words: str, **fields: Message) -> Me
     return message(RESPONSE, group_name=request.group_name, error_code=error, **fields)
 
 
-def _planner(name: str) -> str:
-    factory(name or "opti-promp", "planner_id")  # refuses a name that is none
-    return name or "opti-promp"
-
-
 def _slowing(request: Message) -> float:
-    """How many times longer the motion lasts for the scaling factors of the request."""
+    """The factor by which the scaling factors of the request slow the motion."""
     factors = []
     for field in ("max_velocity_scaling_factor", "max_acceleration_scaling_factor"):
         value = float(getattr(request, field)) or 1.0
@@ -168,7 +160,7 @@ def _slowing(request: Message) -> float:
 
 
 def _refuse_unread(request: Message) -> None:
-    """Refuse what the planner does not keep."""
+    """Refuse constraints that the planner does not keep."""
     path = request.path_constraints
     kinds = ("joint", "position", "orientation", "visibility")
     asked = [

@@ -29,7 +29,7 @@ Placed = tuple[Shape, Pose]
 _BOX, _SPHERE, _CYLINDER = 1, 2, 3  # types of shape_msgs/SolidPrimitive
 _SIZES = {_BOX: 3, _SPHERE: 1, _CYLINDER: 2}
 _REFUSED = {4: "a cone", 5: "a prism"}
-_SAME = 1e-6  # [m] or 1: two spheres and a cylinder this near to a capsule are one
+_SAME = 1e-6  # [m] two spheres and a cylinder that differ from a capsule by less are a capsule
 
 
 def pose_message(pose: Pose) -> Message:
@@ -62,16 +62,16 @@ def read_pose(item: Message) -> Pose:
     """The pose of a ``geometry_msgs/Pose``.
 
     Raises:
-        InvalidSceneError: a value that is not finite, no unit quaternion.
+        InvalidSceneError: a value that is not finite, a quaternion that is not of length 1.
     """
     return Pose(vector(item.position), quaternion(item.orientation))
 
 
 def geometry(shape: Shape) -> dict[str, Any]:
-    """The fields of a ``CollisionObject`` that hold a shape in the object's own frame.
+    """The fields of a ``CollisionObject`` that state a shape in the object's frame.
 
-    A capsule becomes a cylinder and two spheres, a point cloud one sphere for each point; a
-    shape that has no such primitive, as an ellipsoid or a cone, becomes its mesh.
+    A capsule becomes a cylinder and two spheres, a point cloud one sphere for each point. A shape
+    without a primitive of MoveIt (an ellipsoid, a cone) becomes its mesh.
     """
     here = np.zeros(3)
     solids: list[tuple[int, Sequence[float], FloatArray]]
@@ -103,10 +103,10 @@ def geometry(shape: Shape) -> dict[str, Any]:
 
 
 def read_geometry(item: Message) -> list[Placed]:
-    """The shapes of a ``CollisionObject`` in its frame, united where :func:`geometry` parted them.
+    """The shapes of a ``CollisionObject`` in its frame; the inverse of :func:`geometry`.
 
     Raises:
-        InvalidSceneError: no shape, a cone or prism, more poses than shapes, sizes that are wrong.
+        InvalidSceneError: no shape, a cone or prism, more poses than shapes, wrong sizes.
     """
     solids = _placed(item.primitives, item.primitive_poses, "primitive")
     parts: list[Placed] = [(_solid(solid, k), where) for k, (solid, where) in enumerate(solids)]
@@ -124,7 +124,7 @@ def read_geometry(item: Message) -> list[Placed]:
 def _placed(
     shapes: Sequence[Message], poses: Sequence[Message], what: str
 ) -> list[tuple[Message, Pose]]:
-    """Each shape with its pose; without one it stands at the object's."""
+    """Each shape with its pose in the object's frame; a missing pose is the identity."""
     if len(poses) > len(shapes):
         raise InvalidSceneError(
             f"{len(poses)} {what}_poses for {len(shapes)} shapes: must be one for each"
@@ -153,7 +153,7 @@ def _solid(item: Message, index: int) -> Shape:
 
 
 def _capsule(parts: Sequence[Placed]) -> Placed | None:
-    """The capsule that a cylinder and two spheres make; None where they make none."""
+    """The capsule of a cylinder and two spheres; None where the parts are not a capsule."""
     if [type(shape) for shape, _ in parts] != [Cylinder, Sphere, Sphere]:
         return None
     (rod, where), *balls = parts
@@ -166,7 +166,7 @@ def _capsule(parts: Sequence[Placed]) -> Placed | None:
 
 
 def _cloud(parts: Sequence[Placed]) -> Placed | None:
-    """The point cloud of several spheres of one radius; None where they are none."""
+    """The point cloud of several spheres of one radius; None where the parts are not such."""
     radii = {shape.radius for shape, _ in parts if isinstance(shape, Sphere)}
     if len(parts) < 2 or len(radii) != 1 or not all(isinstance(p[0], Sphere) for p in parts):
         return None
@@ -193,7 +193,7 @@ def _read_mesh(item: Message) -> MeshShape:
 
 
 def _half_space(plane: Message) -> Pose:
-    """At a point of the plane, the z axis along its normal (a, b, c)."""
+    """The frame of a half-space: at a point of the plane, z along its normal (a, b, c)."""
     normal, distance = np.array(plane.coef[:3], dtype=np.float64), float(plane.coef[3])
     length = math.hypot(*normal)
     if not (math.isfinite(length) and length > 0.0):

@@ -31,12 +31,12 @@ def joint_trajectory(
 ) -> Message:
     """A ``trajectory_msgs/JointTrajectory``: a point with all derivatives for each row.
 
-    Its time stamp is zero: a controller starts it when it comes.
+    Its time stamp is zero: a controller starts the trajectory on arrival.
 
     Args:
         trajectory: any.
         rate: of the points [Hz]; None: the rows as they are.
-        prefix: what ROS puts before the robot's joint names (``fr3_``).
+        prefix: of joint names in ROS (``fr3_``).
 
     Raises:
         InvalidRequestError: a rate that is not positive.
@@ -100,11 +100,11 @@ def read_trajectories(item: Message, joints: Sequence[str] | None = None) -> tup
 
     Args:
         item: the message.
-        joints: of the robot, in its order; further ones of the message are left out, and a common
-            prefix is no matter. None: all, as the message names them.
+        joints: of the robot, in its order; other joints of the message are left out, a common
+            prefix is ignored. None: all joints of the message.
 
     Raises:
-        InvalidRequestError: naming the point, the field and what would be right.
+        InvalidRequestError: a wrong value; the message names point, field and valid values.
     """
     match item.__msgtype__.rpartition("/")[2]:
         case "JointTrajectory":
@@ -163,7 +163,8 @@ def _read(item: Message, joints: Sequence[str] | None) -> Trajectory:
     names = tuple(item.joint_names if joints is None else joints)
     if len(points) < 2:
         raise InvalidRequestError(f"{what} has {len(points)} points: must have 2 at least")
-    times = np.array([_seconds(point.time_from_start) for point in points])
+    stamps = [point.time_from_start for point in points]
+    times = np.array([stamp.sec + stamp.nanosec / NANO for stamp in stamps], dtype=np.float64)
     counts = {what: {len(getattr(point, what)) for point in points} for what in CURVE[1:]}
     wanted = len(item.joint_names)
     for field, sizes in counts.items():
@@ -186,7 +187,3 @@ def _read(item: Message, joints: Sequence[str] | None) -> Trajectory:
 def _duration(time: float) -> Message:
     whole, part = divmod(round(time * NANO), NANO)
     return message("builtin_interfaces/msg/Duration", sec=whole, nanosec=part)
-
-
-def _seconds(item: Message) -> float:
-    return float(item.sec + item.nanosec / NANO)

@@ -21,7 +21,7 @@ Message = Any
 """A message: the fields of its type as attributes, the type's name as ``__msgtype__``."""
 
 _HEADING = "MSG: "
-_NUMPY = {"byte": "uint8", "octet": "uint8", "char": "uint8"}  # other names are NumPy's own
+_NUMPY = {"byte": "uint8", "octet": "uint8", "char": "uint8"}  # other names are NumPy's
 
 
 @functools.cache
@@ -52,7 +52,7 @@ def message(name: str, /, **fields: Any) -> Message:
     type.
 
     Raises:
-        InvalidRequestError: the type has no such field, or there is no such type.
+        InvalidRequestError: an unknown type, or a field that the type lacks.
     """
     store = typestore()
     if name not in store.fielddefs:
@@ -91,7 +91,7 @@ def from_bytes(data: bytes | memoryview, name: str) -> Message:
 
 
 def _value(kind: Any, given: Any) -> Any:
-    """``given`` as a field of this kind holds it; where it is None, zero or empty."""
+    """``given`` as the value of a field of this kind; None: zero or empty."""
     from rosbags.interfaces import Nodetype
 
     form, what = kind

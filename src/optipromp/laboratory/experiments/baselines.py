@@ -1,4 +1,4 @@
-"""The planners of a study: ours, and those it is measured against."""
+"""The planners of a study, and one planner's answer to a scene."""
 
 import math
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ STUDY_PLANNERS = (
 
 
 def study_planners() -> tuple[str, ...]:
-    """The names that a study may compare: ours in the order of its tables, then all others."""
+    """All registered names: those of :data:`STUDY_PLANNERS` in that order, then all others."""
     known = planner_names()
     ours = tuple(name for name in STUDY_PLANNERS if name in known)
     return ours + tuple(name for name in known if name not in ours)
@@ -30,15 +30,15 @@ class Answer:
     """A planner's answer to a scene.
 
     Attributes:
-        planner: which one.
-        status: ``success`` only where the independent check found nothing wrong.
-        message: why, in words.
-        trajectory: what is executed; None where the planner has none.
-        seconds: wall time of planning.
-        harm: predicted of its push; None where no model knows it.
-        guard: until when the tool's mouth is closed [s]; 0: never.
-        failure: predicted probability that the pick is not clean; None where no model tells one.
-        tilt: of the approach that the planner chose, off the scene's [degrees].
+        planner: its name.
+        status: ``success`` only where the judge found no violation.
+        message: the status in words.
+        trajectory: to execute; None where the planner has none.
+        seconds: wall time of planning [s].
+        harm: predicted harm of the push; None where no push model applies.
+        guard: time until which the tool's mouth is closed [s]; 0: it is open.
+        failure: predicted probability that the pick is not clean; None where it is not predicted.
+        tilt: angle between the planner's approach and the scene's [degrees].
     """
 
     planner: str
@@ -53,11 +53,11 @@ class Answer:
 
 
 def attempt(scene: Scene, planner: str, *, seed: int = 0, risk: float = PlanOptions.risk) -> Answer:
-    """Plan a scene with any planner that is registered.
+    """Plan a scene with a registered planner.
 
     Args:
-        scene: as the planner sees it.
-        planner: its name, one of :func:`study_planners`.
+        scene: as detected.
+        planner: one of :func:`study_planners`.
         seed: of everything random.
         risk: share of promised successes that may be broken, see :class:`PlanOptions`.
 
@@ -79,7 +79,7 @@ def attempt(scene: Scene, planner: str, *, seed: int = 0, risk: float = PlanOpti
 
 
 def pushed(made: Plan) -> float:
-    """When the last push of an i-promp plan is done [s]; 0 where it pushes nothing."""
+    """The time at which the last push of an i-promp plan is done [s]; 0 without a push."""
     if len(made.via) < 3:  # camera, pushes, goal
         return 0.0
     points, _ = made.robot.tool_pose(made.trajectory.positions)

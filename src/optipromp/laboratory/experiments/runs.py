@@ -1,4 +1,4 @@
-"""One run of a study: a generated scene, as a planner sees it, and what its plan does in it."""
+"""One run of a study: a scene is generated, detected, planned in, and the plan is executed."""
 
 import functools
 import hashlib
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from pydantic import TypeAdapter
 
+import optipromp
 from optipromp.core.errors import Code, OptiPrompError
 from optipromp.core.planning import PlanOptions
 from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice
@@ -33,10 +34,9 @@ if TYPE_CHECKING:
     from optipromp.laboratory.simulation import Run
 
 NO_PLAN = "no_plan"
-"""Cause of a run that was not executed because there was nothing to execute."""
+"""Cause of a run that was not executed because there was no plan to execute."""
 ERROR = "error"
-"""Cause of a run that broke off; its message says how."""
-
+"""Cause of a run that raised an error; its message is the error's."""
 
 Key = tuple[str, int, str, str]
 
@@ -47,33 +47,33 @@ class Row:
 
     Attributes:
         preset: of the scene.
-        seed: of the scene, of its detection noise, of the planner and of the physics.
+        seed: of the scene, the detection noise, the planner and the physics.
         planner: see :func:`optipromp.laboratory.experiments.baselines.study_planners`.
         noise_position: standard deviation of detected positions [m].
         noise_angle: standard deviation of detected stem directions [degrees].
         noise: name of a noise, one of :data:`optipromp.laboratory.generate.NOISES`; empty for none.
-        pushables: how many stand in the scene.
-        redraws: impossible scenes sampled before this one.
-        plan_status: code of the plan, which knows what was detected only.
-        success: what the physics says.
-        cause: why not, the first of the ``causes``; empty for a success.
-        message: in words.
-        picked: the target is in the tool.
-        swallowed: ids of other objects that are, separated by spaces.
-        unripe_force: largest force on anything that was not to be picked [N]; None: not executed.
+        pushables: number of pushables in the scene.
+        redraws: number of impossible scenes sampled before this one.
+        plan_status: code of the plan in the scene as detected.
+        success: whether the simulated run succeeded.
+        cause: of a failure, the first of ``causes``; empty for a success.
+        message: the outcome in words.
+        picked: whether the target is in the tool at the end.
+        swallowed: ids of other objects in the tool at the end, separated by spaces.
+        unripe_force: largest force on any object but the target [N]; None: not executed.
         target_force: largest force on the target [N].
         static_force: largest force of arm or tool on static objects [N].
         torn: ids of fruits that came off, separated by spaces.
         stem_force: largest force of arm or tool on a stem [N].
         duration: of the executed motion [s].
-        predicted_harm: of the plan's push, by the model; None where none knows it.
-        predicted_failure: the probability that the pick is not clean, by the model; likewise.
-        tilt: of the approach that the planner chose, off the scene's [degrees].
+        predicted_harm: of the plan's push; None where no push model applies.
+        predicted_failure: predicted probability that the pick is not clean; None likewise.
+        tilt: angle between the planner's approach and the scene's [degrees].
         plan_time: wall time of planning [s].
         simulation_time: wall time of the execution [s].
         version: of the library, with a digest of its source.
         variation: of the physics in which the plan was executed; empty for none.
-        causes: all that went wrong in the execution, separated by spaces.
+        causes: all causes of failure, separated by spaces.
     """
 
     preset: str
@@ -107,7 +107,7 @@ class Row:
 
     @property
     def key(self) -> Key:
-        """Preset, seed, planner and variation: no study holds two such rows."""
+        """Preset, seed, planner and variation, by which a row is unique in its study."""
         return self.preset, self.seed, self.planner, self.variation
 
 
@@ -133,11 +133,11 @@ def _reader() -> TypeAdapter[Row]:
 
 @functools.lru_cache(maxsize=1)
 def source_version() -> str:
-    """The library's version and a digest of its source: rows of other code are told apart."""
-    root = Path(__file__).resolve().parents[1]
+    """The library's version and a digest of its source, by which rows of other code differ."""
+    root = Path(optipromp.__file__).resolve().parent
     digest = hashlib.sha256()
     for path in sorted(root.rglob("*.py")):
-        if path.relative_to(root).parts[0] in ("cli", "looks", "page", "reports", "viewer"):
+        if path.relative_to(root).parts[0] in ("cli", "looks"):
             continue  # they change no row
         digest.update(path.relative_to(root).as_posix().encode())
         digest.update(path.read_bytes())
@@ -160,17 +160,17 @@ def run_scene(
     vary: bool = False,
     risk: float = PlanOptions.risk,
 ) -> list[Row]:
-    """Run every planner on one scene.
+    """Run every planner on one scene; all see the same errors of detection.
 
     Args:
         preset: of the scene.
         seed: of scene, noise, planners and physics.
-        planners: in the order they run; all see the same errors of detection.
+        planners: names, in the order in which they run.
         noise: of the detector, or its name in :data:`NOISES`.
         version: written into the rows.
         only_valid: plans that the judge refuses are not executed, and count as failures.
-        robot: whose scene it is: name or path.
-        choice: of the robot's file.
+        robot: name or path of the scene's robot.
+        choice: of the arm in the robot's file.
         vary: every plan is executed under all of :data:`VARIATIONS`.
         risk: share of promised successes that may be broken.
     """
@@ -191,7 +191,7 @@ def run_scene(
                 values = _executed(made, scene, seed, only_valid, change)
             except OptiPrompError as error:
                 values = {"plan_status": str(error.code), "cause": ERROR, "message": error.message}
-            except Exception as error:  # a study tells of a broken run, and goes on
+            except Exception as error:  # the row tells of it, and the study goes on
                 words = f"{type(error).__name__}: {error}"
                 values = {"plan_status": ERROR, "cause": ERROR, "message": words}
             rows.append(row(planner=planner, variation=name, **values))
@@ -201,10 +201,10 @@ def run_scene(
 def again(row: Row, robot: str = PANDA, risk: float = PlanOptions.risk) -> "Run | None":
     """A run made once more, for its picture; None where its plan is not executed.
 
-    ``robot``: whose scene it is, a name or path. ``risk``: of the study.
+    ``robot`` is the name or path of the scene's robot, ``risk`` that of the study.
 
     Raises:
-        OptiPrompError: what broke the run off.
+        OptiPrompError: the error of the run.
     """
     scene, seen = scenes_of(row, robot)
     made = attempt(seen, row.planner, seed=row.seed, risk=risk)
@@ -214,9 +214,10 @@ def again(row: Row, robot: str = PANDA, risk: float = PlanOptions.risk) -> "Run 
 
 
 def scenes_of(row: Row, robot: str = PANDA) -> tuple[Scene, Scene]:
-    """The scene of a run, and the same as its planner perceived it.
+    """The true scene of a run, and the scene as detected.
 
-    The robot is one that a study's file names: see :class:`optipromp.core.robots.library.Choice`.
+    The robot's name is from a study's file, so it is untrusted; see
+    :class:`optipromp.core.robots.library.Choice`.
     """
     scene = generate(cast(Preset, row.preset), row.seed, robot, UNTRUSTED)
     noise = NOISES[row.noise] if row.noise else Noise(row.noise_position, row.noise_angle)
@@ -226,7 +227,7 @@ def scenes_of(row: Row, robot: str = PANDA) -> tuple[Scene, Scene]:
 def _executed(
     made: Answer, scene: Scene, seed: int, only_valid: bool, change: Variation | None
 ) -> dict[str, Any]:
-    """What became of a plan in the true scene, as values of a row."""
+    """The values of a row for a plan that is executed in the true scene."""
     values: dict[str, Any] = {
         "plan_status": str(made.status), "plan_time": made.seconds, "predicted_harm": made.harm,
         "predicted_failure": made.failure, "tilt": made.tilt,
@@ -257,7 +258,7 @@ def _executed(
 
 
 def _executed_in(made: Answer, scene: Scene, seed: int, change: Variation | None) -> "Run":
-    """An answer executed in the true scene, or in a variation of it."""
+    """The run of an answer in the true scene, or in a variation of it."""
     from optipromp.laboratory.simulation import SimulationParameters, simulate
 
     assert made.trajectory is not None
@@ -269,7 +270,7 @@ def _executed_in(made: Answer, scene: Scene, seed: int, change: Variation | None
 
 
 def warm_up(preset: Preset, planners: Iterable[str], robot: str | Path, choice: Choice) -> None:
-    """Load and compile what plans need, so that no row's time holds it."""
+    """Load and compile the planners' code, so that no row's time includes it."""
     scene = generate(preset, 0, robot, choice)
     for planner in planners:
         with suppress(OptiPrompError):

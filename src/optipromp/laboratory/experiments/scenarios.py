@@ -1,4 +1,4 @@
-"""The paper's four scenarios, its published figures and ours."""
+"""The paper's four scenarios: its published figures, and the plans of this library."""
 
 import functools
 import math
@@ -15,7 +15,7 @@ from optipromp.core.geometry import Box, Sphere
 from optipromp.core.planning import Plan, PlanOptions, Strategy, plan
 from optipromp.core.planning.options import PaperOptions
 from optipromp.core.scenes.io import load_scene
-from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.core.scenes.scene import SceneObject
 
 if TYPE_CHECKING:
     from optipromp.core.promp.model import ProMP
@@ -23,13 +23,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Published:
-    """What the paper reports of a scenario.
+    """The figures that the paper reports of a scenario.
 
     Attributes:
         M_c: smallest distance from a body point to the core of an obstacle [m].
-        M_c_above: what the paper asks of it: the clusters' radius, the table-top's half depth [m].
+        M_c_above: lower bound of M_c that the paper verifies: the clusters' radius, or the
+            table-top's half depth [m].
         M_p: offset at each pushable, by its id [m]; its sign must be opposite to the stem's.
-        reductions: by term.
+        reductions: of the cost, by term.
     """
 
     M_c: float
@@ -39,7 +40,7 @@ class Published:
 
 
 class PaperReduction(NamedTuple):
-    """The ``factor`` that the paper's cost falls by, and the ``iterations`` that takes."""
+    """The ``factor`` by which the paper's cost falls in ``iterations``."""
 
     factor: float
     iterations: int
@@ -52,13 +53,13 @@ class Case:
     Attributes:
         key: short name, also of the run's folder.
         scene: built-in scene.
-        title: what the run shows.
+        title: in words.
         planner: see :func:`optipromp.core.planning.plan`.
         strategy: of opti-promp.
-        expected: how the run must end; None where either end is right.
-        published: the paper's figures, where it gives some.
+        expected: code of the plan; None where any code is right.
+        published: the paper's figures, where there are some.
         options: settings that differ from the default.
-        start: (n,) in place of the scene's own.
+        start: (n,) in place of the scene's.
     """
 
     key: str
@@ -74,19 +75,20 @@ class Case:
 
 @dataclass(frozen=True)
 class Reduction:
-    """How far one term's cost fell.
+    """The factors by which the cost of a term falls.
+
+    A factor is infinite where the cost falls to 0, and NaN where it was 0 before.
 
     Attributes:
         term: name of the term.
-        stage: the stage that optimises it.
+        stage: name of the stage that optimises the term.
         paper: the paper's factor.
-        paper_iterations: and its iterations.
-        same: our factor after as many iterations (or fewer, where the stage ended earlier).
-        final: our factor at the end of the stage; infinite where nothing is left, NaN where there
-            was nothing to lower.
-        iterations: our iterations.
+        paper_iterations: the paper's number of iterations.
+        same: our factor after as many iterations (or fewer, where the stage ends earlier).
+        final: our factor at the end of the stage.
+        iterations: our number of iterations.
         kept: our factor in the final plan, after the stages that follow.
-        valid: whether the judge finds nothing in that plan; a factor of another says nothing.
+        valid: whether the judge finds no violation in that plan; factors of others mean nothing.
     """
 
     term: str
@@ -102,19 +104,19 @@ class Reduction:
 
 @dataclass(frozen=True)
 class ScenarioRow:
-    """A case and the plan it led to."""
+    """A case and its plan."""
 
     case: Case
     plan: Plan
 
     @property
     def as_expected(self) -> bool:
-        """Whether the run ended as it must."""
+        """Whether the plan's code is the expected one."""
         return self.case.expected is None or self.plan.status is self.case.expected
 
     @functools.cached_property
     def M_c_joints(self) -> float:
-        """M_c over joint origins and tool point, as the paper's must be [m]; infinite if none."""
+        """M_c over joint origins and tool point, as the paper's is [m]; infinite if no obstacle."""
         q = self.plan.trajectory.positions
         origins, _ = self.plan.robot.segment_frames(q)
         tips, _ = self.plan.robot.tool_pose(q)
@@ -125,7 +127,7 @@ class ScenarioRow:
 
     @property
     def thresholds(self) -> dict[str, bool]:
-        """What the paper verifies of its Table I, of ours: by figure, whether it holds."""
+        """Whether our figures pass the paper's tests of its Table I, by figure."""
         published, metrics = self.case.published, self.plan.metrics
         if published is None:
             return {}
@@ -140,7 +142,7 @@ class ScenarioRow:
 
     @property
     def reductions(self) -> tuple[Reduction, ...]:
-        """Cost reductions beside the paper's; empty where it gives none."""
+        """Our cost reductions beside the paper's; empty where the paper gives none."""
         if self.case.published is None:
             return ()
         rows = []
@@ -223,26 +225,24 @@ def run_scenarios(
 
     Args:
         seed: of every plan.
-        demonstrations: what the Panda's primitive (scenarios III and IV) is learnt from.
-        progress: called with a word on what is being done.
+        demonstrations: of the Panda's primitive in scenarios III and IV.
+        progress: called with a line about the case that begins.
     """
     rows = []
     for case in CASES:
         if progress is not None:
             progress(f"scenario {case.key}: {case.title}")
+        scene = load_scene(case.scene)
+        if case.start is not None:
+            scene = replace(scene, start=np.array(case.start))
         panda = case.planner == "opti-promp"
         made = plan(
-            _scene(case), planner=case.planner, strategy=case.strategy, seed=seed,
+            scene, planner=case.planner, strategy=case.strategy, seed=seed,
             demonstrations=demonstrations if panda else None,
             options=PlanOptions(**case.options), progress=progress,
         )  # fmt: skip
         rows.append(ScenarioRow(case, made))
     return tuple(rows)
-
-
-def _scene(case: Case) -> Scene:
-    scene = load_scene(case.scene)
-    return scene if case.start is None else replace(scene, start=np.array(case.start))
 
 
 def core_distances(item: SceneObject, points: FloatArray) -> FloatArray:

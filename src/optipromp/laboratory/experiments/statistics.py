@@ -1,4 +1,4 @@
-"""What the rows of a study say: rates with intervals, causes, times, forces, calibration."""
+"""Statistics of a study's rows: rates with intervals, causes, times, forces, calibration."""
 
 import itertools
 import math
@@ -13,15 +13,13 @@ import numpy as np
 from optipromp.core.errors import Code
 from optipromp.laboratory.experiments.runs import Row
 
-Z95 = 1.959963984540054
 STATIC_FORCE = 0.5  # [N] a harder touch of a static object counts as contact, as in the simulation
-
 EDGES = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 1.0)  # of the bins of predicted probability
 
 
 def wilson(successes: int, runs: int) -> tuple[float, float]:
     """Wilson's score interval of a rate, 95 % (Wilson 1927); (0, 1) where there are no runs."""
-    z = Z95
+    z = 1.959963984540054  # 97.5 % quantile of the standard normal distribution
     if runs == 0:
         return 0.0, 1.0
     rate = successes / runs
@@ -39,23 +37,23 @@ class Cell:
 
     Attributes:
         preset: of the scenes, or the variation of the physics.
-        planner: that was run.
-        runs: how many.
-        plans: runs whose plan promised a success.
-        kept: of these, runs that succeeded, by the physics: promised and picked.
-        rate: share of all runs that are promised and picked: what a robot that heeds the status
-            picks. ``low`` and ``high`` are the ends of its 95 % interval.
+        planner: its name.
+        runs: number of runs.
+        plans: number of runs whose plan promised a success.
+        kept: number of these runs that succeeded in the simulation: promised and picked.
+        rate: ``kept`` over ``runs``: the rate of a robot that executes no refused plan. ``low`` and
+            ``high`` are the ends of its 95 % interval.
         broken_rate: share of the promises that are broken, with ``broken_low`` and ``broken_high``.
-        successes: runs that succeed where every plan is executed, although it may be refused.
-        causes: of failure, most frequent first; a run may have several.
-        static_contacts: runs in which arm or tool pressed a static object.
-        torn: runs in which a fruit came off.
-        unripe_force: median over executed runs of the largest force on what was not to be picked
-            [N]; None where nothing was executed.
-        unripe_force_90: its 90 % quantile [N].
+        successes: number of runs that succeeded where every plan is executed, also a refused one.
+        causes: number of failures by cause, most frequent first; a run may have several causes.
+        static_contacts: number of runs in which arm or tool pressed a static object.
+        torn: number of runs in which a fruit came off.
+        unripe_force: largest force on any object but the target, median over executed runs [N];
+            None where no run was executed.
+        unripe_force_90: 90 % quantile of that force [N].
         plan_time: median wall time of planning [s].
-        simulation_time: median wall time of execution [s], over executed runs.
-        redraws: impossible scenes sampled before the scenes of these runs.
+        simulation_time: median wall time of execution over executed runs [s].
+        redraws: number of impossible scenes sampled before the scenes of these runs.
     """
 
     preset: str
@@ -81,12 +79,12 @@ class Cell:
 
     @property
     def broken(self) -> int:
-        """Promises that were broken."""
+        """Number of broken promises."""
         return self.plans - self.kept
 
     @property
     def failed_by(self) -> str:
-        """The causes in words, with how often each was; a dash where nothing failed."""
+        """The number of failures and the cause, for each cause; a dash where no run failed."""
         words = (f"{count} {cause.replace('_', ' ')}" for cause, count in self.causes.items())
         return ", ".join(words) or "–"
 
@@ -96,9 +94,9 @@ class Cell:
 
 
 def summary(rows: Iterable[Row]) -> tuple[Cell, ...]:
-    """One cell for each preset and planner, in the order they first appear.
+    """One cell for each preset and planner, in the order in which they first appear.
 
-    In a study of variations a cell is of a variation, over all presets.
+    In a study of variations, one cell for each variation (over all presets) and planner.
     """
     groups: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
@@ -149,10 +147,10 @@ class Bin:
 
     Attributes:
         low, high: the interval [low, high).
-        runs: how many.
+        runs: number of runs.
         predicted: mean of their predicted probabilities.
-        failures: of them, by the physics.
-        rate: of failure, with its 95 % interval (``rate_low``, ``rate_high``).
+        failures: number of runs that failed in the simulation.
+        rate: ``failures`` over ``runs``, with its 95 % interval (``rate_low``, ``rate_high``).
     """
 
     low: float
@@ -166,15 +164,15 @@ class Bin:
 
 
 @dataclass(frozen=True)
-class Calibration:
+class Reliability:
     """Predicted probabilities of failure against outcomes.
 
     Attributes:
         bins: the reliability table; bins without runs are left out.
-        auc: probability that a failed run was predicted to fail more likely than one that succeeded
-            (0.5: the prediction says nothing); NaN where all ended alike.
-        successes: plans whose status was ``success``.
-        failed: of them, those that failed in the simulation.
+        auc: probability that a failed run had a larger prediction than a run that succeeded (0.5:
+            the prediction is worth nothing); NaN where all runs ended alike.
+        successes: number of plans whose status was ``success``.
+        failed: number of these that failed in the simulation.
     """
 
     bins: tuple[Bin, ...]
@@ -183,8 +181,8 @@ class Calibration:
     failed: int
 
 
-def calibration(rows: Iterable[Row]) -> Calibration | None:
-    """The calibration of executed runs whose failure was predicted; None where there are none."""
+def calibration(rows: Iterable[Row]) -> Reliability | None:
+    """The reliability of the predictions of executed runs; None where there are none."""
     known = [row for row in rows if row.predicted_failure is not None and row.picked is not None]
     if not known:
         return None
@@ -198,7 +196,7 @@ def calibration(rows: Iterable[Row]) -> Calibration | None:
             mean, rate = float(told[inside].mean()), failures / runs
             bins.append(Bin(low, high, runs, mean, failures, rate, *wilson(failures, runs)))
     good = [row for row in known if row.plan_status == Code.SUCCESS]
-    return Calibration(
+    return Reliability(
         tuple(bins), auc(told[failed], told[~failed]), len(good),
         sum(not row.success for row in good),
     )  # fmt: skip

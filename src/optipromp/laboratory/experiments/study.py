@@ -1,12 +1,13 @@
-"""A study: presets × planners × seeds over the cores, resumable, one row a run.
+"""A study: presets × planners × seeds on all cores, resumable, one row a run.
 
-Rows are appended to ``rows.csv`` as they come, each whole, by one process; a study begun again in
-the same folder runs what is missing. ``study.json`` holds what the rows have in common.
+One process appends each row, whole, to ``rows.csv``; a study that begins again in the same folder
+runs what is missing. ``study.json`` holds the settings that all rows share.
 """
 
 import csv
 import functools
 import io
+import itertools
 import json
 import os
 from collections import Counter
@@ -42,26 +43,25 @@ ROWS, SETTINGS, LOCK = "rows.csv", "study.json", ".lock"
 
 @dataclass(frozen=True)
 class Study:
-    """What is run.
+    """The runs of a study.
 
     Args:
         presets: of the scenes.
-        planners: that are compared.
-        seeds: first, and one beyond the last.
+        planners: to compare.
+        seeds: first seed, and the last plus one.
         noise_position: standard deviation of detected positions [m].
         noise_angle: standard deviation of detected stem directions [degrees].
         only_valid: plans that the judge refuses are not executed, and count as failures.
-        robot: whose scenes: name or path.
-        choice: of the robot's file.
+        robot: name or path of the robot of the scenes.
+        choice: of the arm in the robot's file.
         vary: every plan is executed under all of :data:`VARIATIONS`.
-        noise: name of one of :data:`optipromp.laboratory.generate.NOISES`, in place of the
-            deviations.
+        noise: name in :data:`optipromp.laboratory.generate.NOISES`, in place of the deviations.
         risk: share of promised successes that may be broken.
 
     Raises:
-        InvalidRequestError: an unknown preset or planner, none, one twice, an empty or negative
-            range of seeds, an unknown noise, one that is negative or not finite, a name and a
-            deviation together, or a risk that is not between 0 and 1.
+        InvalidRequestError: no preset or planner, an unknown one, or one named twice; an empty or
+            negative range of seeds; an unknown noise; a deviation that is negative or not finite,
+            or is stated beside a noise; a risk that is not between 0 and 1.
     """
 
     presets: tuple[Preset, ...] = PRESETS
@@ -85,7 +85,7 @@ class Study:
                 raise InvalidRequestError(f"no {name}: valid are {', '.join(valid)}")
             for item in given:
                 if name == "planner":
-                    factory(item)  # refuses a name that is none
+                    factory(item)  # refuses an unknown name
                 elif item not in valid:
                     raise InvalidRequestError(f"{name} is {item!r}: {suggest(item, valid)}")
             if len(set(given)) < len(given):
@@ -100,7 +100,7 @@ class Study:
             raise InvalidRequestError(f"noise is {self.noise!r}: {suggest(self.noise, NOISES)}")
         if Noise(self.noise_position, self.noise_angle) != Noise() and self.noise:
             raise InvalidRequestError(f"noise {self.noise} and a deviation: state one of them")
-        PlanOptions(risk=self.risk)  # refuses what is no risk
+        PlanOptions(risk=self.risk)  # refuses an invalid risk
 
     def scenes(self) -> Iterator[tuple[Preset, int]]:
         """Preset and seed of every scene, seeds outermost: a study cut short is a smaller one."""
@@ -118,7 +118,7 @@ class Study:
         return scenes * len(self.planners) * len(self.variations)
 
     def common(self) -> dict[str, Any]:
-        """What all rows of one folder share."""
+        """The settings that all rows of one folder share, by name."""
         return {
             "noise_position": self.noise_position,
             "noise_angle": self.noise_angle,
@@ -159,7 +159,7 @@ class RowFile:
                 f"{self.path} is there and {path.name} beside it cannot be read ({error}): choose "
                 "another folder"
             ) from None
-        for name in dict.fromkeys((*wanted, *found)):  # what is left out has its default
+        for name in dict.fromkeys((*wanted, *found)):  # a default may be left out of either
             value = wanted.get(name)
             if found.get(name) != value:
                 raise InvalidRequestError(
@@ -177,7 +177,7 @@ class RowFile:
         return _parsed(whole, self.path)
 
     def append(self, row: Row) -> None:
-        """Add a row, whole, and have it on disk."""
+        """Append a row to the file, and wait until it is on disk."""
         line = io.StringIO()
         values = {name: getattr(row, name) for name in COLUMNS}
         values["message"] = " ".join(row.message.split())  # one line a row
@@ -196,7 +196,7 @@ class RowFile:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """Keep other processes out of a folder, where the system has locks of files."""
+    """Keep other processes out of a folder, where the system can lock files."""
     try:
         with path.open("ab") as file:
             if find_spec("fcntl") is not None:
@@ -211,7 +211,7 @@ def _locked(path: Path) -> Iterator[None]:
 
 
 def rows_of(folder: Path) -> list[Row]:
-    """The whole rows in a study's folder, in the order they came; none where there is no file.
+    """The whole rows in a study's folder, oldest first; empty where there is no file.
 
     Raises:
         InvalidRequestError: the file cannot be read, holds a run twice or something that is no row.
@@ -239,7 +239,7 @@ def _parsed(content: bytes, path: Path) -> list[Row]:
 
 
 def settings_of(folder: Path) -> tuple[dict[str, Any], str | None]:
-    """What the rows of a study have in common, and whose scenes they are.
+    """The settings that the rows of a study share, and the robot of its scenes.
 
     The robot is None where its file was read with choices.
 
@@ -262,15 +262,16 @@ def run_study(
     workers: int | None = None,
     progress: Callable[[int, int, Row | None], None] | None = None,
 ) -> list[Row]:
-    """Run what the folder does not hold yet.
+    """Run the runs of a study that its folder does not hold yet.
 
     Ctrl-C lets the scenes under way finish, keeps their rows and raises ``KeyboardInterrupt``.
 
     Args:
         study: what to run.
-        folder: where rows are, and go.
-        workers: processes; None: one a core.
-        progress: called with runs done, runs in all, and the newest row (None at the beginning).
+        folder: holds the rows of earlier calls, and gets the new ones.
+        workers: number of processes; None: one a core.
+        progress: called with the number of runs done, of all runs, and the newest row (None at
+            the beginning).
 
     Returns:
         The study's rows, those of earlier calls too, in the study's order.
@@ -281,7 +282,8 @@ def run_study(
     """
     if workers is not None and workers < 1:
         raise InvalidRequestError(f"workers is {workers}; it must be at least 1")
-    _need_simulation()
+    if find_spec("mujoco") is None:
+        raise InvalidRequestError("a study needs MuJoCo: pip install 'optipromp[sim]'")
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     with _locked(folder / LOCK):
@@ -294,27 +296,22 @@ def _run(
     workers: int,
     progress: Callable[[int, int, Row | None], None] | None,
 ) -> list[Row]:
-    """The rows of a study in its open file."""
+    """Run what is missing in the open file of a study; returns the study's rows in its order."""
     done = {row.key for row in file.rows}
-    tasks = []
-    for preset, seed in study.scenes():
-        missing = tuple(
-            p for p in study.planners
-            if any((preset, seed, p, variation) not in done for variation in study.variations)
-        )  # fmt: skip
-        if missing:
-            tasks.append((preset, seed, missing))
-    wanted = {
+    keys = [
         (*scene, planner, variation)
         for scene in study.scenes() for planner in study.planners for variation in study.variations
-    }  # fmt: skip
-    finished, total = len(wanted & done), len(study)
+    ]  # fmt: skip
+    missing = dict.fromkeys(key[:3] for key in keys if key not in done)
+    finished, total = sum(key in done for key in keys), len(keys)
     if progress is not None:
         progress(finished, total, None)
 
-    def keep(rows: Sequence[Row]) -> None:
+    def hear(index: int, result: Sequence[Row] | BrokenProcessPool) -> None:
         nonlocal finished
-        for row in rows:
+        if isinstance(result, BrokenProcessPool):
+            raise InvalidRequestError(f"{result}; begin the study again to go on")
+        for row in result:
             if row.key in done:
                 continue
             file.append(row)
@@ -326,23 +323,13 @@ def _run(
     robot = study.robot, study.choice
     noise = study.noise or Noise(study.noise_position, study.noise_angle)
     common = (noise, source_version(), study.only_valid, *robot, study.vary, study.risk)
-
-    def hear(index: int, result: Sequence[Row] | BrokenProcessPool) -> None:
-        if isinstance(result, BrokenProcessPool):
-            raise InvalidRequestError(f"{result}; begin the study again to go on")
-        keep(result)
-
+    by_scene = itertools.groupby(missing, key=lambda key: key[:2])
     run_each(
-        run_scene, [(*task, *common) for task in tasks], hear, workers=workers,
+        run_scene,
+        [(*scene, tuple(key[2] for key in group), *common) for scene, group in by_scene],
+        hear,
+        workers=workers,
         prepare=functools.partial(warm_up, study.presets[0], study.planners, *robot),
-    )  # fmt: skip
+    )
     held = {row.key: row for row in file.rows}
-    return [
-        held[(*scene, planner, variation)]
-        for scene in study.scenes() for planner in study.planners for variation in study.variations
-    ]  # fmt: skip
-
-
-def _need_simulation() -> None:
-    if find_spec("mujoco") is None:
-        raise InvalidRequestError("a study needs MuJoCo: pip install 'optipromp[sim]'")
+    return [held[key] for key in keys]

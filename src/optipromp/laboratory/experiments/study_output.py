@@ -1,4 +1,4 @@
-"""What a study leaves beside its rows: a summary and a figure."""
+"""The files of a study beside its rows: ``summary.json`` and ``study.png``."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -52,7 +52,7 @@ def write_results(rows: Sequence[Row], cells: Sequence[Cell], folder: Path) -> t
 
 
 def study_figure(cells: Sequence[Cell]) -> "Figure":
-    """Success by preset and planner with 95 % intervals; beside it the causes of failure."""
+    """Success rates by preset and planner with 95 % intervals, and the causes of failure."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11.0, 4.6), layout="constrained")
@@ -60,6 +60,8 @@ def study_figure(cells: Sequence[Cell]) -> "Figure":
     many = len({cell.preset for cell in cells}) > 9  # variations: their names are long
     (_varied if many else _rates)(rates, cells)
     _causes(causes, cells)
+    for axes in (rates, causes):
+        axes.spines[["top", "right"]].set_visible(False)
     return figure
 
 
@@ -86,11 +88,10 @@ def _rates(axes: "Axes", cells: Sequence[Cell]) -> None:
     axes.set_ylabel(RATE)
     axes.set_title(TITLE, fontsize=10)
     axes.legend(frameon=False, fontsize=8, ncols=len(planners), **_BELOW)
-    axes.spines[["top", "right"]].set_visible(False)
 
 
 def _varied(axes: "Axes", cells: Sequence[Cell]) -> None:
-    """A line for each variation of the physics, a square with its interval for each planner."""
+    """A line for each variation of the physics, with a rate and its interval for each planner."""
     names = list(dict.fromkeys(cell.preset for cell in cells))
     planners = list(dict.fromkeys(cell.planner for cell in cells))
     for i, planner in enumerate(planners):
@@ -111,7 +112,6 @@ def _varied(axes: "Axes", cells: Sequence[Cell]) -> None:
     axes.set_xlabel(f"{RATE}; {'–'.join(map(str, sorted({c.runs for c in cells})))} scenes each")
     axes.set_title(TITLE, fontsize=10)
     axes.legend(frameon=False, fontsize=8, ncols=len(planners), **_BELOW)
-    axes.spines[["top", "right"]].set_visible(False)
 
 
 def _causes(axes: "Axes", cells: Sequence[Cell]) -> None:
@@ -131,4 +131,3 @@ def _causes(axes: "Axes", cells: Sequence[Cell]) -> None:
     axes.invert_yaxis()
     axes.set_xlabel("of all runs [%]")
     axes.set_title("Why runs failed: all causes", fontsize=10)
-    axes.spines[["top", "right"]].set_visible(False)

@@ -1,7 +1,7 @@
 """Physical variations under which the same plans are executed (``optipromp study --vary``).
 
-A variation changes what the simulation is told, never what the planner is told. Ranges are those in
-which a push model's guesses may be wrong; sources stand in
+A variation changes the simulated world or its parameters; the planner is told of neither. The
+ranges are those in which the guesses of the push models may be wrong; their sources stand in
 :mod:`optipromp.laboratory.simulation.parameters`.
 """
 
@@ -17,12 +17,12 @@ from optipromp.laboratory.simulation.parameters import SimulationParameters
 
 Variation = Callable[[Scene, np.random.Generator], tuple[Scene, SimulationParameters]]
 
-LOWER = 0.010  # [m] of every fruit below where it was seen
-OFF = 0.005  # [m] of the tool beside where it should be
+LOWER = 0.010  # [m] from the detected height of every fruit down to the true one: a choice
+OFF = 0.005  # [m] lateral error of the tool's position: a choice
 
 
 def _stiffness(p: SimulationParameters, factor: float) -> SimulationParameters:
-    """Every stem so many times as stiff, also one whose stiffness follows from its lean."""
+    """The stiffness of every stem times ``factor``, also where it follows from the stem's lean."""
     stem = replace(
         p.stem, youngs_modulus=factor * p.stem.youngs_modulus, grown_turn=p.stem.grown_turn / factor
     )
@@ -63,7 +63,7 @@ def _wider(scene: Scene, factor: float) -> Scene:
 
 
 def _moved(scene: Scene, by: np.ndarray, roots: bool) -> Scene:
-    """The fruits elsewhere, with the roots of their stems or without."""
+    """The fruits shifted ``by`` (3,) [m]; with ``roots``, the roots of their stems too."""
 
     def change(item: SceneObject) -> SceneObject:
         assert item.stem is not None
@@ -82,7 +82,7 @@ def _beside(scene: Scene, rng: np.random.Generator) -> Scene:
 
 
 def _drawn(scene: Scene, rng: np.random.Generator) -> tuple[Scene, SimulationParameters]:
-    """All of it at once, each number drawn from the range of its own rows."""
+    """All parameters at once, each sampled from the range of its rows in the table."""
     p = _stiffness(SimulationParameters(), float(3.0 ** rng.uniform(-1.0, 1.0)))
     p = _friction(p, float(rng.uniform(0.2, 0.8)))
     p = _density(p, float(rng.uniform(0.5, 1.5)))
@@ -117,4 +117,4 @@ VARIATIONS: dict[str, Variation] = {
     "fruits turn freely": _physics(lambda p: replace(p, stem=replace(p.stem, calyx="free"))),
     "all drawn at random": _drawn,
 }
-"""Of the second line on, one thing is other than assumed; of the last, everything."""
+"""By name. The first is the simulation's default, each next changes one thing, the last many."""

@@ -1,4 +1,4 @@
-"""Random clusters of fruits on stems before a ripe one, their neighbours and a gutter."""
+"""Random clusters: a ripe fruit, unripe fruits on stems before it, neighbours and a gutter."""
 
 import itertools
 from dataclasses import replace
@@ -16,37 +16,38 @@ GUTTER_SIDES: tuple[GutterSide, ...] = get_args(GutterSide)
 BELOW_BUNCH = (1.42, 1.10, -1.26, -2.42, -1.69, 1.02, 0.8)
 """Panda with the tool upright at (0.45, 0, 0.50), as in scenarios 3 and 4 [rad]."""
 
+# choices; a number between two ends is sampled uniformly; lengths in [m]
 TARGET_LOW, TARGET_HIGH = (0.40, -0.06, 0.85), (0.50, 0.06, 0.93)
-START = (0.45, 0.0, 0.50)  # [m] of the tool point
-LOWEST = 0.60  # [m] of the tool on its approach: below the lowest pushable
+START = (0.45, 0.0, 0.50)  # tool point
+LOWEST = 0.60  # height of the tool on its approach: below the lowest pushable
 GRIPPER_RADIUS = (0.02, 0.03)
 FRUIT_RADII = (0.015, 0.020)
-NECK = 0.10  # [m] length of the cup's neck
-MOUTH_CLEARANCE = 0.004  # [m] between the target and the cup's outer wall, at the least
-BEFORE = (0.03, 0.15)  # [m] of a pushable before the target, centre to centre
+NECK = 0.10  # length of the cup's neck
+MOUTH_CLEARANCE = 0.004  # between the target and the cup's outer wall, at least
+BEFORE = (0.03, 0.15)  # of a pushable before the target, centre to centre
 STEM_LENGTH = (0.10, 0.30)
-INCLINATION = np.deg2rad(25.0)
-PLUMB = np.deg2rad(2.0)
+INCLINATION = np.deg2rad(25.0)  # [rad] of a stem from plumb, at most
+PLUMB = np.deg2rad(2.0)  # [rad] of a limp stem from plumb, at most
 
-TIGHT_GAP = (0.0, 0.012)  # [m] between a fruit and another one, surface to surface
-TIGHT_HEIGHT = (-0.012, 0.012)  # [m] of a fruit above the target
+TIGHT_GAP = (0.0, 0.012)  # between two fruits, surface to surface
+TIGHT_HEIGHT = (-0.012, 0.012)  # of a fruit above the target
 
 ELONGATION = (1.2, 1.4)  # length of a long fruit over its width; picked strawberries: about 1.3
 
-NEIGHBOUR_DISTANCE = (0.12, 0.25)  # [m] to a side, centre to centre
+NEIGHBOUR_DISTANCE = (0.12, 0.25)  # to a side, centre to centre
 NEIGHBOUR_RADIUS = (0.05, 0.10)
-NEIGHBOUR_HEIGHT = (-0.12, 0.06)  # [m] above the target
-NEIGHBOUR_SHIFT = 0.05  # [m] along the other lateral direction
+NEIGHBOUR_HEIGHT = (-0.12, 0.06)  # above the target
+NEIGHBOUR_SHIFT = 0.05  # along the other lateral direction, at most
 
-GUTTER_DISTANCE = (0.03, 0.08)  # [m] from the target's centre to the gutter's surface
+GUTTER_DISTANCE = (0.03, 0.08)  # from the target's centre to the gutter's surface
 GUTTER_LENGTH = 1.0
 GUTTER_WIDTH = (0.08, 0.20)
 GUTTER_HEIGHT = (0.06, 0.16)
-GUTTER_BOTTOM = (-0.08, 0.02)  # [m] of a gutter beside the target, above the target
+GUTTER_BOTTOM = (-0.08, 0.02)  # of a gutter beside the target, above the target
 
 
 def way() -> FloatArray:
-    """Points (P, 3) of the tool from its start to the far ends of where targets hang [m]."""
+    """Tool points (P, 3) from the start to the far ends of the box of targets [m]."""
     ends = itertools.product(*zip(TARGET_LOW[:2], TARGET_HIGH[:2], strict=True))
     lines = [[(x, y, LOWEST), (x, y, TARGET_HIGH[2])] for x, y in ends]
     return np.array([START, *itertools.chain(*lines)])
@@ -56,10 +57,10 @@ def sample(
     name: str, count: int, sides: bool, gutter: GutterSide | None, rng: np.random.Generator,
     inclination: float = INCLINATION,
 ) -> Scene:  # fmt: skip
-    """One sample of ``count`` pushables, possible or not.
+    """One sample of ``count`` pushables and a target, possible or not.
 
-    With ``sides`` there is a neighbouring cluster on either side, with ``gutter`` a gutter on that
-    side. Stems lean by up to ``inclination`` [rad].
+    ``sides`` adds a neighbouring cluster on either side, ``gutter`` a gutter on the named side.
+    Stems lean by up to ``inclination`` [rad].
     """
     gripper = float(rng.uniform(*GRIPPER_RADIUS))
     target = rng.uniform(TARGET_LOW, TARGET_HIGH)
@@ -74,7 +75,7 @@ def sample(
         objects += [_neighbour("left", target, 1.0, rng), _neighbour("right", target, -1.0, rng)]
     largest = min(FRUIT_RADII[1], gripper - MOUTH_CLEARANCE)
     radius = float(rng.uniform(FRUIT_RADII[0], largest))
-    # what hangs under a gutter that is nearer than the shortest stem hangs on the gutter
+    # under a gutter that is nearer than its stem is long, the target hangs on the gutter
     ripe = SceneObject(
         "ripe", "target", Sphere(radius), target, stem=_stem(target, rng, roof, inclination)
     )
@@ -113,7 +114,7 @@ def tight(name: str, count: int, rng: np.random.Generator) -> Scene:
 
 
 def elongated(scene: Scene, rng: np.random.Generator) -> Scene:
-    """The scene with its fruits made longer, each along its stem, which begins at its end."""
+    """The scene with each fruit made longer along its stem, which begins at the upper end."""
     return replace(
         scene,
         objects=tuple(item if item.stem is None else _longer(item, rng) for item in scene.objects),
@@ -150,7 +151,7 @@ def _stem(
     position: FloatArray, rng: np.random.Generator, roof: float | None = None,
     inclination: float = INCLINATION,
 ) -> Stem:  # fmt: skip
-    """A straight stem, ended where it meets a ``roof`` [m]."""
+    """A straight stem from ``position`` (3,), which ends below the height of a ``roof`` [m]."""
     length = float(rng.uniform(*STEM_LENGTH))
     line = upward(rng, inclination)
     if roof is not None:
@@ -167,12 +168,12 @@ def _neighbour(name: str, target: FloatArray, side: float, rng: np.random.Genera
 
 
 def _gutter(target: FloatArray, side: GutterSide, rng: np.random.Generator) -> SceneObject:
-    """A box whose surface is as far from the target's centre as sampled."""
+    """A box whose surface is :data:`GUTTER_DISTANCE` from the target's centre."""
     distance = float(rng.uniform(*GUTTER_DISTANCE))
     width, height = float(rng.uniform(*GUTTER_WIDTH)), float(rng.uniform(*GUTTER_HEIGHT))
     bottom, share = float(rng.uniform(*GUTTER_BOTTOM)), float(rng.uniform(-0.5, 0.5))
     along = float(rng.uniform(-0.2, 0.2))
-    across = int(rng.integers(2))  # the axis a gutter above runs across
+    across = int(rng.integers(2))  # axis of the width of a gutter above
     if side == "above":
         offset = np.array([0.0, 0.0, distance + 0.5 * height])
         offset[across], offset[1 - across] = share * width, along

@@ -1,27 +1,28 @@
 """Whether a sampled scene is possible: no two objects overlap, and an arm could reach the target.
 
-For the latter no planner is asked. Only the goal is judged, and only against static objects and the
-arm itself. A scene is not sampled again because the motion is hard, or because the arm must brush a
+No motion is planned. Only goal configurations are checked, and only against static objects and the
+arm itself: a scene is not sampled again because its motion is hard, or because the arm must brush a
 neighbour.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
-from optipromp.core.arrays import BoolArray, FloatArray
+from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry import distances, pack
 from optipromp.core.geometry.shapes import Capsule, Cone, Ellipsoid, Sphere
+from optipromp.core.planning.collision import free
+from optipromp.core.planning.task import resolve
 from optipromp.core.robots import ik
 from optipromp.core.robots.cup_cover import NECK_RADIUS
-from optipromp.core.robots.model import Robot
 from optipromp.core.robots.roll import level, rolled, rolls
 from optipromp.core.robots.tool_protocol import Tool
-from optipromp.core.robots.tools import WALL, make_tool, with_tool
+from optipromp.core.robots.tools import WALL
 from optipromp.core.scenes.scene import Scene, SceneObject
 
-SAMPLE = 0.004  # [m] between checks along a stem
-STARTS = 200  # of the inverse kinematics
-
-
+SAMPLE = 0.004  # [m] between the points of a segment that are checked: a choice
+STARTS = 200  # of the inverse kinematics: a choice
 ROUND = Sphere | Capsule | Ellipsoid | Cone
 
 
@@ -30,21 +31,21 @@ class OverlapError(Exception):
 
 
 def interpenetration(scene: Scene) -> str | None:
-    """What kinds of objects interpenetrate; None where the scene is possible.
+    """The kinds of the first two objects found to overlap, in words; None where none do.
 
-    The check covers round fruits against one another and against neighbours and
-    static objects, stems against all of these but their own fruits, and neighbours against static
-    objects.
+    Checked are: round fruits against one another, neighbours and static objects; stems against the
+    same (but for their own fruits) and against stems; neighbours against one another and static
+    objects. A shelf is not checked: its sampler keeps the footprints apart.
     """
     fruits = [item for item in scene.objects if item.role in ("target", "pushable")]
     hanging = [item for item in fruits if isinstance(item.shape, ROUND)]
     cores = [_core(item) for item in hanging]
     for i, (core, radius) in enumerate(cores):
-        for beside, keep in cores[i + 1 :]:
-            if segments(core, beside) < radius + keep:
+        for other_core, other_radius in cores[i + 1 :]:
+            if segments(core, other_core) < radius + other_radius:
                 return "fruit in fruit"
     if not hanging:
-        return None  # a shelf: its sampler has kept the footprints apart
+        return None
     for objects, word in ((scene.static, "static"), (scene.avoid, "neighbour")):
         if not objects:
             continue
@@ -79,13 +80,14 @@ def interpenetration(scene: Scene) -> str | None:
                     return "stem in stem"
     for i, one in enumerate(scene.avoid):
         for other in scene.avoid[i + 1 :]:
-            if _apart(one, other) < 0.0:
+            apart = float(np.linalg.norm(one.position - other.position))
+            if apart - one.radius - other.radius < 0.0:
                 return "neighbour in neighbour"
     return None
 
 
 def _shared(one: SceneObject, other: SceneObject) -> bool:
-    """Whether two stems are of one truss: they may touch where they begin."""
+    """Whether two stems grow from one root: they may touch there."""
     roots = [
         item.id if item.stem is None or item.stem.parent is None else item.stem.parent
         for item in (one, other)
@@ -101,11 +103,8 @@ def _core(item: SceneObject) -> tuple[FloatArray, float]:
     return np.array([item.position - end, item.position + end]), radius
 
 
-def _apart(one: SceneObject, other: SceneObject) -> float:
-    return float(np.linalg.norm(one.position - other.position)) - one.radius - other.radius
-
-
 def _samples(points: FloatArray) -> FloatArray:
+    """Points (k, 3) on a segment (2, 3), at most :data:`SAMPLE` apart."""
     length = float(np.linalg.norm(points[1] - points[0]))
     share = np.linspace(0.0, 1.0, max(2, int(np.ceil(length / SAMPLE)) + 1))
     return np.asarray(points[0] + share[:, None] * (points[1] - points[0]))
@@ -138,16 +137,12 @@ def segments(one: FloatArray, other: FloatArray) -> float:
     return float(np.linalg.norm(r + s * d1 - t * d2))
 
 
-def equipped(scene: Scene) -> Robot:
-    """The scene's robot with the scene's tool."""
-    robot, tool = scene.load_robot(), scene.tool
-    if tool is None:
-        return robot
-    return with_tool(robot, make_tool(tool.kind, tool.parameters))
-
-
 def unsolvable(scene: Scene) -> str | None:
-    """The reason why no arm motion can end at the target; None where one may."""
+    """The reason why no arm motion can end at the target; None where one may.
+
+    Of the goal configurations, one must be free among the static objects alone
+    (:func:`optipromp.core.planning.collision.free`).
+    """
     target = scene.target
     if target is None:
         return None
@@ -156,36 +151,33 @@ def unsolvable(scene: Scene) -> str | None:
         inside, _ = distances(static, target.position[None])
         if float(inside.min()) < 0.0:
             return "target inside a static object"
-    robot = equipped(scene)
+    task = resolve(replace(scene, objects=(replace(target, stem=None), *scene.static)))
+    robot = task.robot
     if any(_rooted_in_tool(scene, item, robot.tool) for item in scene.pushables):
         return "stem rooted where the tool must end"
     goals = ik.solve(robot, target.position, scene.frame[2], starts=STARTS, distinct=0.05).joints
     if not len(goals):
         return "target out of reach"
-    if (
-        robot.tool is not None and robot.tool.fingers and rolls(robot)
-    ):  # fingers on either side of the target
-        turned = level(robot, goals, scene.frame[0])
+    if robot.tool is not None and robot.tool.fingers and rolls(robot):
+        turned = level(robot, goals, scene.frame[0])  # a finger on either side of the target
     else:
         turned = rolled(robot, goals)
-    if not free(scene, robot, turned).any():
-        return "goal always in collision"
-    return None
+    return None if len(free(task, turned, 1)) else "goal always in collision"
 
 
 def _rooted_in_tool(scene: Scene, item: SceneObject, tool: Tool | None) -> bool:
-    """Whether a cup must go through a stem's root, which does not yield; false of fingers.
+    """Whether a cup must go through a stem's root, which does not yield; False for fingers.
 
-    It is so where the root is in the cup or its neck at the goal, or in the volume that the cup
-    sweeps on every path: once the target's lowest point is in the mouth the cup can only rise, and
-    the target leaves it little room to the side. There, a wall of at most :data:`WALL` does not
-    count.
+    The root is then in the cup or its neck at the goal, or in the volume that the cup sweeps on
+    every path: once the target's lowest point is in the mouth, the cup can only rise, and the
+    target leaves the cup little room to the side. In that volume a wall of at most :data:`WALL`
+    does not count.
     """
     target = scene.target
     if item.stem is None or tool is None or tool.fingers or target is None:
         return False
     if item.stem.parent is not None:
-        return False  # it yields
+        return False  # it grows from another stem, which yields
     up = scene.frame[2]
     off = item.stem.points[-1] - target.position
     height = float(off @ up)
@@ -202,16 +194,3 @@ def _rooted_in_tool(scene: Scene, item: SceneObject, tool: Tool | None) -> bool:
         if np.hypot(max(aside - radius, 0.0), beyond) < item.stem.radius:
             return True
     return False
-
-
-def free(scene: Scene, robot: Robot, q: FloatArray, clearance: float = 0.0) -> BoolArray:
-    """(m,) whether ``q`` (m, n) keep ``clearance`` [m] from static objects, and from themselves."""
-    centers, radius = robot.sphere_centers(q), robot.spheres.radius
-    out = np.ones(len(q), dtype=bool)
-    static = scene.obstacles("static")
-    if len(static.kind):
-        away, _ = distances(static, centers.reshape(-1, 3))
-        nearest = away.min(axis=1).reshape(len(q), -1) - radius
-        out &= nearest.min(axis=1) >= clearance
-    out &= robot.self_gaps(q).min(axis=1, initial=0.0) >= 0.0
-    return out

@@ -1,8 +1,8 @@
 """Random scenes: sampled, checked, and sampled again until one is possible.
 
-The number of pushables is sampled once and kept while the rest is sampled again. Otherwise crowded
-scenes, which are hard to place, would be rare. The side of the gutter is kept too, but sampled anew
-after :data:`PATIENCE` samples.
+The number of pushables is sampled once and stays while the rest is sampled again: otherwise crowded
+scenes, which are hard to place, would be rare. The side of the gutter stays for :data:`PATIENCE`
+samples.
 """
 
 import zlib
@@ -29,20 +29,20 @@ Preset = Literal[
 PRESETS: tuple[Preset, ...] = get_args(Preset)
 PANDA = "panda"
 PATIENCE = 1000  # samples before the side of the gutter is sampled again
-MOST_REDRAWS = 50_000
+MOST_REDRAWS = 50_000  # samples before it is an error: far more than any preset needs
 
 Sampler = Callable[[np.random.Generator], Scene]
 
 
 @dataclass(frozen=True)
 class GenerationReport:
-    """How a scene came about.
+    """The impossible samples before a scene.
 
     Attributes:
-        preset: what was asked for.
+        preset: of the scene.
         seed: of the scene.
-        redraws: number of impossible scenes sampled before.
-        reasons: why they were impossible, and how often.
+        redraws: number of impossible samples.
+        reasons: number of impossible samples by reason.
     """
 
     preset: Preset
@@ -78,11 +78,12 @@ def generate_with_report(
       ``cluster``.
     - ``limp``: as ``cluster``, but the stems hang plumb, to 2 degrees. Nothing then implies that a
       stem is stiffer than green tissue (:data:`optipromp.core.pushing.parameters.PUSH`).
-    - ``elongated``: as ``cluster``, but the fruits are 1.2 to 1.4 times as long as wide: capsules
-      along their stems, which begin at the upper end.
-    - ``truss``: the target and 2 to 4 pushables on one truss of 0.12 to 0.28; any is at its end.
-    - ``field``: as ``cluster``, ``tight`` or ``truss``, of all shapes, with physical numbers drawn
-      (:mod:`optipromp.laboratory.generate.plants`) that a study does not tell the planner.
+    - ``elongated``: as ``cluster``, but the fruits are capsules along their stems, 1.2 to 1.4 times
+      as long as wide; each stem begins at the upper end.
+    - ``truss``: the target and 2 to 4 pushables on one truss of 0.12 to 0.28; any of the fruits
+      may be at its end.
+    - ``field``: as ``cluster``, ``tight`` or ``truss``, of all shapes, with sampled physical
+      parameters (:mod:`optipromp.laboratory.generate.plants`) that a study hides from the planner.
     - ``shelf``: a can behind 2 to 6 upright cans and boxes on a shelf; horizontal approach with
       the Franka hand.
 
@@ -93,10 +94,10 @@ def generate_with_report(
     Args:
         preset: one of :data:`PRESETS`.
         seed: not negative; the same seed gives the same scene.
-        robot: name or path. Any but the built-in Panda has its base placed so that it reaches the
-            scene (:mod:`optipromp.laboratory.generate.placing`): the sampled world is the same,
-            stated in the frame of that base.
-        choice: of the robot's file.
+        robot: name or path. The base of any but the built-in Panda is placed so that the robot
+            reaches the scene (:mod:`optipromp.laboratory.generate.placing`). The sampled world is
+            the same, in the frame of that base.
+        choice: of the arm in the robot's file.
 
     Raises:
         InvalidRequestError: an unknown preset or a negative seed; another robot than the Panda for

@@ -1,4 +1,4 @@
-"""A scene as detected: positions and stem directions with errors, and fruits that are not seen."""
+"""A scene as detected: positions and stem directions have errors, some fruits are not seen."""
 
 import math
 from dataclasses import dataclass, fields, replace
@@ -13,8 +13,8 @@ from optipromp.core.scenes.scene import PoseGoal, Scene, SceneObject
 from optipromp.core.scenes.trusses import rooted
 from optipromp.laboratory.generate.plants import untold
 
-LOOK = 0.30  # [m] of the eye before the target on the approach, chosen: where scenes name no camera
-RAYS, STEPS = 48, 60  # from the eye to a fruit; points on each
+LOOK = 0.30  # [m] of the eye before the target where a scene has no camera: a choice
+RAYS, STEPS = 48, 60  # rays from the eye to a fruit, points on each ray: choices
 
 
 @dataclass(frozen=True)
@@ -24,10 +24,11 @@ class Noise:
     Args:
         position: standard deviation of each coordinate of a position [m].
         angle: standard deviation of a stem's tilt about each of two axes across it [degrees].
-        lower: how far below the truth all that hangs is seen [m]; negative: above it. The
-            covariance that a detected object carries does not tell of it.
+        lower: error of the height at which hanging objects are seen [m]; positive: below the
+            truth. The covariance of a detected object does not include it.
         missed: probability that a pushable in full view is not seen.
-        hidden: that of one which other objects hide from the eye; between, by the share hidden.
+        hidden: probability that a pushable that others wholly hide is not seen. For a partly
+            hidden one the probability is interpolated by the hidden share.
 
     Raises:
         InvalidRequestError: a number that is not finite, a standard deviation that is negative, a
@@ -65,12 +66,12 @@ those that are wholly hidden is a guess."""
 
 
 def perceived(scene: Scene, rng: np.random.Generator, noise: Noise) -> Scene:
-    """The scene as detected: target, pushables and neighbours where they seem to be.
+    """The scene as detected: target, pushables and neighbours at their measured positions.
 
     Static objects (a gutter, a shelf) are known exactly. An object that has no stem and is no ball
-    stands upright on a known board: its error is horizontal. Each detected object carries the
+    stands upright on a known board: its error is horizontal. Each detected object has the
     covariance of its position. A pushable that is not seen is not in the scene; the target always
-    is.
+    is seen.
 
     Args:
         scene: the truth.
@@ -92,7 +93,7 @@ def perceived(scene: Scene, rng: np.random.Generator, noise: Noise) -> Scene:
 def noisy(scene: Scene, seed: int, noise: Noise) -> Scene:
     """The scene as a study and ``optipromp generate --noise`` perceive it for a seed.
 
-    Nobody tells the planner the physical numbers of fruits.
+    The physical parameters of fruits are left out: no detector measures them.
     """
     return perceived(untold(scene), np.random.default_rng([seed, 1]), noise)
 
@@ -103,7 +104,7 @@ def _blind(scene: Scene, item: SceneObject, eye: FloatArray, noise: Noise) -> fl
 
 
 def _eye(scene: Scene) -> FloatArray:
-    """Where the scene is seen from (3,): its camera, or before its target on the approach."""
+    """The position of the eye (3,) [m]: the camera, or on the approach before the target."""
     if scene.camera is not None:
         return scene.camera.position
     if scene.target is not None:

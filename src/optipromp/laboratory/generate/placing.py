@@ -1,7 +1,7 @@
-"""Where a robot stands before a generated scene, and where its motions start.
+"""The place of a robot's base before a generated scene, and the start of its motions.
 
-The presets are stated for the built-in Panda. The base of another robot is moved about them until
-its tool can go from the start to the far ends of the targets' box, with room to spare.
+The presets are stated for the built-in Panda. The base of another robot is placed where its tool
+can best move from the start to the far ends of the box of targets.
 """
 
 import functools
@@ -22,26 +22,27 @@ from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene, ToolSpec
 from optipromp.laboratory.generate import bunches
 
-PLACES_APART = 0.1  # [m] chosen: between places tried for the base
-NEAREST, BEYOND = 0.2, 0.3  # [m] chosen: from the base's axis to the way; arm's length and tool
-YAWS = (0.0, 0.5 * np.pi, -0.5 * np.pi, np.pi)  # [rad] tried, the first that is best
-IK_STARTS, BRANCHES = 24, 4  # of inverse kinematics; solutions followed at each place
-MARGIN, ROOM, SPEED_RATIO = (
-    0.3,
-    0.05,
-    0.2,
-)  # [rad or m], [m], [m/rad] chosen: as good as one another
-LOW = bunches.BEFORE[1] + bunches.FRUIT_RADII[1]  # [m] of the lowest pushable below the target
-BESIDE = 0.1  # [m] from the tool's axis, chosen: where pushables hang, and are pushed to
-NECKS = 0.005  # [m] steps in the length of a cup's neck
-MISS = 1e-4  # [m] an error of inverse kinematics above it is a miss
+PLACES_APART = 0.1  # [m] between the places that are tried for the base: a choice
+NEAREST = 0.2  # [m] from the base's axis to the middle of the way, at least: a choice
+BEYOND = 0.3  # [m] beyond the sum of the links up to which places are tried: a choice
+YAWS = (0.0, 0.5 * np.pi, -0.5 * np.pi, np.pi)  # [rad] of the base; the first of equals is taken
+IK_STARTS, BRANCHES = 24, 4  # of inverse kinematics; solutions followed at each place: choices
+# choices that weigh alike: to a joint limit [rad or m], between links [m], tool speed [m/rad]
+MARGIN, ROOM, SPEED_RATIO = 0.3, 0.05, 0.2
+LOW = bunches.BEFORE[1] + bunches.FRUIT_RADII[1]  # [m] from the target down to the lowest pushable
+BESIDE = 0.1  # [m] from the tool's axis: pushables hang, and are pushed, within it: a choice
+NECKS = 0.005  # [m] step of the length of a cup's neck: a choice
+MISS = 1e-4  # [m] largest error of inverse kinematics on the way
 
 
 @dataclass(frozen=True, eq=False)
 class Standpoint:
-    """``pose``: of the preset's base in the robot's base frame; ``start`` (n,) of its motions.
+    """A place of a robot's base.
 
-    ``low`` [m]: how far the links but the last stay below the tool point, beside the tool.
+    Attributes:
+        pose: of the preset's base in the robot's base frame.
+        start: (n,) configuration in which the motions start.
+        low: height of the tool point over the links beside the tool, see :func:`lowest` [m].
     """
 
     pose: Pose
@@ -50,7 +51,7 @@ class Standpoint:
 
 
 def at_robot(scene: Scene, robot: str | Path, choice: Choice) -> Scene:
-    """``scene``, which is stated for the Panda, before another robot; see :func:`place`."""
+    """The ``scene`` of the Panda in the base frame of another robot; see :func:`place`."""
     path = Path(robot).absolute() if Path(robot).suffix else robot
     placed, length = _with_cup(load_arm(path, choice=choice)[0])
     assert scene.tool is not None  # every generated scene has one
@@ -63,8 +64,8 @@ def at_robot(scene: Scene, robot: str | Path, choice: Choice) -> Scene:
 def _with_cup(arm: Robot) -> tuple[Standpoint, float]:
     """The placement of an arm, and the length of the cup's neck that it needs [m].
 
-    The neck is so long that the cup stands before the links at the flange, a gripper's fingers for
-    one, and that the other links stay below the lowest pushable.
+    With such a neck the cup is before all links at the flange (a gripper's fingers, for instance),
+    and the other links stay below the lowest pushable.
     """
     at_flange, spheres = arm.spheres.distal, arm.spheres
     before = (spheres.center - arm.flange_translation) @ arm.tool_axis + spheres.radius
@@ -83,16 +84,16 @@ def _placed(arm: Robot, length: float) -> Standpoint:
 
 
 def place(robot: Robot, way: FloatArray, axis: FloatArray) -> Standpoint:
-    """The place from which a robot's tool can go along ``way``.
+    """The best place from which a robot's tool can move along ``way``.
 
-    Places on a grid of :data:`PLACES_APART` about the base, and the branches of inverse kinematics
-    there, are ranked by :func:`spare`; where the robot would touch itself at the start, it does not
-    stand.
+    Candidates are the places on a grid of :data:`PLACES_APART`, each with several branches of
+    inverse kinematics. They are ranked by :func:`spare`; a candidate that collides with itself at
+    the start is left out.
 
     Args:
         robot: with its tool.
-        way: points (P, 3) of the tool in the frame of the preset's base [m], from its start.
-        axis: (3,) of the tool, all along.
+        way: tool points (P, 3) from the start, in the frame of the preset's base [m].
+        axis: (3,) tool axis at all of them.
 
     Raises:
         InvalidRequestError: the robot can follow the way from no place.
@@ -120,9 +121,10 @@ def place(robot: Robot, way: FloatArray, axis: FloatArray) -> Standpoint:
 
 
 def lowest(robot: Robot, q: FloatArray) -> float:
-    """How far links but the last and the tool stay below the tool point, :data:`BESIDE` its axis.
+    """Least height of the tool point over any link beside the tool, in configurations (m, n) [m].
 
-    Least of configurations (m, n) [m].
+    These are the links before the last one, within :data:`BESIDE` of the tool axis. The height is
+    along that axis.
     """
     points, axes = robot.tool_pose(q)
     off = (robot.sphere_centers(q) - points[:, None])[:, ~robot.spheres.distal]
@@ -133,7 +135,7 @@ def lowest(robot: Robot, q: FloatArray) -> float:
 
 
 def _unwound(robot: Robot, q: FloatArray) -> FloatArray:
-    """``q`` (n,) with its turning joints within half a turn of home, where the limits allow it."""
+    """``q`` (n,) with revolute joints within half a turn of home, where the limits allow it."""
     turns = 2.0 * np.pi * np.round((q - robot.home) / (2.0 * np.pi))
     turns[robot.kinematics.dof[robot.kinematics.kind == PRISMATIC]] = 0.0
     near = q - turns
@@ -141,10 +143,11 @@ def _unwound(robot: Robot, q: FloatArray) -> FloatArray:
 
 
 def spare(robot: Robot, q: FloatArray) -> float:
-    """The least room of configurations (m, n), of four kinds.
+    """The least of four margins of configurations (m, n).
 
-    To the limits, between links, to singularities, and of the arm below the tool: each over what is
-    as good of it, :data:`MARGIN`, ROOM, SPEED_RATIO and LOW.
+    They are the distance to a joint limit over :data:`MARGIN`, the gap between links over ``ROOM``,
+    the least singular value of the tool's Jacobian over ``SPEED_RATIO``, and :func:`lowest` over
+    ``LOW``.
     """
     margin = float(np.minimum(q - robot.lower, robot.upper - q).min())
     jp, ja = robot.tool_jacobian(q)

@@ -1,4 +1,4 @@
-"""Random plants as they grow: fruits that share a truss, of other shapes, of drawn stiffness."""
+"""Random plants: fruits on one truss, of several shapes, of sampled physical parameters."""
 
 from dataclasses import replace
 
@@ -11,29 +11,30 @@ from optipromp.core.scenes.scene import Scene, SceneObject, Stem
 from optipromp.core.scenes.trusses import rooted
 from optipromp.laboratory.generate import bunches
 
+# choices; a number between two ends is sampled uniformly (the modulus: its logarithm)
 TRUSS_LENGTH = (0.12, 0.28)  # [m] of a truss from its root to the fruit at its end
-NODE = (0.35, 0.9)  # share of that length at which a side branch begins
+NODE = (0.35, 0.9)  # share of the truss, from the root, at which a side branch begins
 BRANCH_LENGTH = (0.04, 0.10)  # [m] of a side branch, from the truss to its fruit's centre
 BRANCH_LEAN = np.deg2rad(35.0)  # largest, of a side branch from plumb
 
 ELLIPSOID_LENGTH = (1.05, 1.35)  # length of an ellipsoid over its width
-CONE_LENGTH = (1.15, 1.45)  # the same of a cone
+CONE_LENGTH = (1.15, 1.45)  # length of a cone over its width
 TIP = (0.35, 0.7)  # radius of a cone's tip over that of its shoulder
 CROOKED = np.deg2rad(10.0)  # largest angle between a fruit and its stem
 
 MODULUS = (20e6, 150e6)  # [Pa] of green stems
 THICKNESS = (0.002, 0.003), (0.003, 0.005)  # [m] of a stem, and of one that carries others
-TURN = (0.3, 0.8)  # [rad] by which a stem springs back without what hangs on it
+TURN = (0.3, 0.8)  # [rad] that a stem turns when its load is taken off
 DENSITY = (850.0, 1000.0)  # [kg/m³] of fruits
 FRICTION = (0.2, 0.6)
-ABSCISSION = (4.0, 8.0)  # [N]
+ABSCISSION = (4.0, 8.0)  # [N] pull that tears a fruit off
 
 
 def truss(name: str, count: int, rng: np.random.Generator) -> Scene:
     """One sample of ``count`` pushables and a target on one truss.
 
-    The truss ends in a fruit, and the others hang on branches from its axis. Which fruit is ripe is
-    drawn too.
+    The truss ends in a fruit; the other fruits hang on branches from its axis. The ripe fruit is
+    sampled too.
     """
     scene = bunches.sample(name, 0, False, None, rng)
     ripe = scene.objects[0]
@@ -48,18 +49,19 @@ def truss(name: str, count: int, rng: np.random.Generator) -> Scene:
     names = [f"n{k}" for k in range(1, count + 1)]
     names.insert(chosen, ripe.id)
     fruits = []
-    for k, (own, end, root) in enumerate(zip(names, ends, roots, strict=True)):
+    for k, (id_, end, root) in enumerate(zip(names, ends, roots, strict=True)):
         radius = ripe.radius if k == chosen else float(rng.uniform(*bunches.FRUIT_RADII))
         points = np.array([end, root]) + ripe.position - ends[chosen]
         stem = Stem(points, parent=None if k == 0 else names[0])
         role = ripe.role if k == chosen else "pushable"
-        fruits.append(SceneObject(own, role, Sphere(radius), points[0], stem=stem))
+        fruits.append(SceneObject(id_, role, Sphere(radius), points[0], stem=stem))
     return replace(scene, objects=tuple(fruits))
 
 
 def field(name: str, kind: str, count: int, rng: np.random.Generator) -> Scene:
-    """One sample of a ``kind`` (cluster, tight or truss) whose fruits have shapes, and whose stems
-    and fruits have physical numbers of their own.
+    """One sample of a ``kind`` (cluster, tight or truss) with fruits of several shapes.
+
+    Each fruit and each stem has its own physical parameters.
     """
     match kind:
         case "cluster":
@@ -88,7 +90,7 @@ def field(name: str, kind: str, count: int, rng: np.random.Generator) -> Scene:
 
 
 def untold(scene: Scene) -> Scene:
-    """The scene without the physical numbers of its fruits, which no camera sees."""
+    """The scene without the physical parameters of its fruits, which no camera sees."""
     if not any(item.physical for item in scene.objects):
         return scene
     fruits = ("target", "pushable")
@@ -101,7 +103,7 @@ def untold(scene: Scene) -> Scene:
 
 
 def _stiffness(stem: Stem, mass: float, carries: bool, rng: np.random.Generator) -> float:
-    """EI [N m²] of green tissue, and so much that ``mass`` [kg] turns it no more than it grew."""
+    """EI [N m²] of green tissue, at least that at which ``mass`` [kg] turns the stem by TURN."""
     thickness = float(rng.uniform(*THICKNESS[carries]))
     tissue = float(np.exp(rng.uniform(*np.log(MODULUS)))) * np.pi / 64.0 * thickness**4
     level = float(np.linalg.norm((stem.root - stem.points[0])[:2]))
@@ -109,7 +111,7 @@ def _stiffness(stem: Stem, mass: float, carries: bool, rng: np.random.Generator)
 
 
 def _shaped(item: SceneObject, rng: np.random.Generator) -> SceneObject:
-    """The fruit as a ball, capsule, ellipsoid or cone as wide, hung by its upper end."""
+    """The fruit as a ball, capsule, ellipsoid or cone of the same width, hung by its upper end."""
     assert item.stem is not None
     wide, shape = item.radius, item.shape
     half = wide
@@ -129,8 +131,8 @@ def _shaped(item: SceneObject, rng: np.random.Generator) -> SceneObject:
 
 
 def _cone(wide: float, rng: np.random.Generator) -> tuple[Shape, float]:
-    """A cone as wide at its shoulder, and half of its length [m]."""
+    """A cone of radius ``wide`` [m] at its shoulder, and half of its length [m]."""
     tip = wide * float(rng.uniform(*TIP))
     length = 2.0 * wide * float(rng.uniform(*CONE_LENGTH))
-    # the shape's origin is midway between its balls' centres, which its ends are not
+    # the shape's origin is midway between the centres of its balls, not between its ends
     return Cone(wide, tip, length - wide - tip), 0.5 * (length - wide - tip) + wide

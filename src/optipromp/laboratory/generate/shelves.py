@@ -1,4 +1,4 @@
-"""A can behind other packs on a shelf: upright, without stems, approached on the level."""
+"""A can behind other packs on a shelf: upright, without stems, approached horizontally."""
 
 from dataclasses import dataclass
 
@@ -12,22 +12,23 @@ from optipromp.laboratory.generate.checks import OverlapError
 BEFORE_SHELF = (-0.4001, -1.3608, 0.5859, -2.9529, 2.3117, 2.8412, -0.9618)
 """Panda with the hand level at (0.34, 0, 0.50), fingers side by side [rad]."""
 
-PACK_LOW, PACK_HIGH = (0.64, -0.04), (0.72, 0.04)  # [m] x and y
-BOARD = (0.42, 0.48)  # [m] height of the board's upper side
-DEPTH = 0.12, 0.18  # [m] of the target behind the front edge
+# choices; a number between two ends is sampled uniformly; lengths in [m]
+PACK_LOW, PACK_HIGH = (0.64, -0.04), (0.72, 0.04)  # x and y of the target
+BOARD = (0.42, 0.48)  # height of the board's upper side
+DEPTH = 0.12, 0.18  # of the target behind the front edge
 # The tool point of a hand is 0.21 m before the wrist (link 6 of a Panda, 53 mm in radius), and a
-# level hand at the middle of a can stands 55 to 75 mm over the board: deeper in, the wrist would
-# stand among the packs with a centimetre over the board. Deeper shelves have not been tried.
-BEHIND = (0.06, 0.15)  # [m] of the back wall behind the target's axis
-WIDTH = (0.40, 0.70)
-SHIFT = 0.05  # [m] of the shelf's middle from the target
-HEADROOM = (0.28, 0.40)  # [m] from board to ceiling
-THICK = 0.02  # [m] boards and walls
-ASIDE = 0.10  # [m] packs stand this far beside the target's line at most
+# level hand at the middle of a can is 55 to 75 mm over the board: deeper in, the wrist would be
+# among the packs with a centimetre over the board.
+BEHIND = (0.06, 0.15)  # of the back wall behind the target's axis
+WIDTH = (0.40, 0.70)  # of the shelf
+SHIFT = 0.05  # of the shelf's middle to the side of the target, at most
+HEADROOM = (0.28, 0.40)  # from board to ceiling
+THICK = 0.02  # of boards and walls
+ASIDE = 0.10  # of a pack to the side of the target, at most
 TARGET_RADIUS, TARGET_HEIGHT = (0.022, 0.030), (0.11, 0.15)
 CAN_RADIUS, PACK_EDGE, PACK_HEIGHT = (0.025, 0.033), (0.04, 0.07), (0.09, 0.16)
-PLACES_TRIED = 200  # places tried for a pack before the shelf is sampled again
-GAP = 1e-3  # [m] between packs, and from packs to walls
+PLACES_TRIED = 200  # for a pack before the shelf is sampled again
+GAP = 1e-3  # between packs, and from packs to walls
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,14 +54,14 @@ class Footprint:
         return np.asarray(self.center + (signs * self.half) @ self.axes)
 
     def extent(self) -> FloatArray:
-        """(2,) half edges of the box along world axes that holds it [m]."""
+        """(2,) half edges of its bounding box along the world's axes [m]."""
         if self.half is None:
             return np.full(2, self.radius)
         return np.asarray(np.abs(self.axes).T @ self.half)
 
 
 def apart(one: Footprint, other: Footprint) -> bool:
-    """Whether two footprints leave a gap."""
+    """Whether two footprints are more than :data:`GAP` apart."""
     if one.half is None and other.half is None:
         return float(np.linalg.norm(one.center - other.center)) > one.radius + other.radius + GAP
     if one.half is None:
@@ -81,7 +82,7 @@ def sample(name: str, count: int, rng: np.random.Generator) -> Scene:
     """One sample of ``count`` packs before a can.
 
     Raises:
-        OverlapError: no place was left for a pack.
+        OverlapError: no place was found for a pack.
     """
     board = float(rng.uniform(*BOARD))
     at = rng.uniform(PACK_LOW, PACK_HIGH)
@@ -125,7 +126,11 @@ def _place(
     high: FloatArray,
     rng: np.random.Generator,
 ) -> Footprint:
-    """A can or box (evens) before the target and within the shelf, where nothing stands yet."""
+    """A can or a box, with even odds, before the target, within the shelf and apart from ``taken``.
+
+    Raises:
+        OverlapError: none of :data:`PLACES_TRIED` places is free.
+    """
     can = bool(rng.integers(2))
     radius, yaw = float(rng.uniform(*CAN_RADIUS)), float(rng.uniform(0.0, np.pi))
     half = 0.5 * rng.uniform(*PACK_EDGE, 2)

@@ -1,4 +1,4 @@
-"""``obstacles`` and ``chomp``: every pushable is an obstacle, and nothing drifts past anything."""
+"""``obstacles`` and ``chomp``: planners that avoid every pushable and push none."""
 
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -17,17 +17,17 @@ from optipromp.laboratory.planners.straight import gently
 
 
 @dataclass(frozen=True)
-class Obstacles(OptiProMP):
-    """opti-promp, that is Gauss-Newton, to which every pushable is an obstacle like a neighbour.
+class Avoiding(OptiProMP):
+    """opti-promp with every pushable in the role of an object to avoid.
 
-    The whole robot keeps away by cost.
+    The obstacle cost keeps the whole robot, tool included, away from it.
     """
 
     name: ClassVar[str] = "obstacles"
 
     @property
     def approaches(self) -> bool:
-        """None: other approaches are chosen by pushes, of which nothing is known here."""
+        """False: approaches are compared by their push prediction, and nothing is pushed here."""
         return False
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
@@ -38,11 +38,15 @@ class Obstacles(OptiProMP):
         return gently(task, made.trajectory.positions) if isinstance(made, Planned) else made
 
 
+Obstacles = Avoiding  # its name in the entry point
+
+
 @dataclass(frozen=True)
 class Chomp:
-    """Covariant gradient descent, as the paper and CHOMP have it, from what ``promp`` gives.
+    """CHOMP: covariant gradient descent from the trajectory of the planner ``promp``.
 
-    It lowers F_s and F_d over all body spheres, and ½∫‖ξ̈‖² dt; start and goal configuration stay.
+    The objective is F_s + F_d over all body spheres + ``smoothness`` · ½∫‖ξ̈‖² dt. The start and
+    the goal configuration stay.
 
     Attributes:
         epsilon: ε, the safety distance of the obstacle cost [m].
@@ -64,7 +68,7 @@ class Chomp:
         return gently(task, found.q)
 
     def problem(self, task: Task, waypoints: int) -> Problem:
-        """F_s, F_d over all body spheres, and smoothness; ends are fixed."""
+        """The objective over ``waypoints`` waypoints; the first and the last are fixed."""
         costs = [
             *(ObstacleCost(name, 1.0, self.epsilon, "sum") for name in ("static", "avoid")),
             ObstacleCost("tool avoid", 1.0, self.epsilon, "sum"),

@@ -24,7 +24,7 @@ class Paper(Optimised):
     Attributes:
         strategy: ``sequential``: the paper's two stages; ``joint``: one solve.
         constraints: ``paper``: a plan is a success only if constraint 1 holds at every waypoint of
-            the paper's window. ``push-model``: success is what it is of other planners.
+            the paper's window. ``push-model``: success is decided as for other planners.
         paper: settings that the paper leaves open; see :class:`PaperOptions`.
     """
 

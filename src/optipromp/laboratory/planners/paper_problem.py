@@ -31,21 +31,16 @@ from optipromp.core.trajectory import Trajectory
 class ConstraintRows(Cost):
     """Constraints 1 to 3 as rows ``lower ≤ axis·fk(ξ_t) ≤ upper``, each at one waypoint.
 
-    As a term: the one-sided quadratic penalty ½ Σ weight·(what is missing)².
+    The cost is the quadratic penalty ½ Σ weight·v², where v is the violation of a row [m].
 
     Attributes:
-        at: (m,) the waypoint t of each row.
+        at: (m,) waypoint t of each row.
         axes: (m, 3) unit vectors.
         lower, upper: (m,) bounds [m].
     """
 
     def __init__(
-        self,
-        weight: float,
-        at: IntArray,
-        axes: FloatArray,
-        lower: FloatArray,
-        upper: FloatArray,
+        self, weight: float, at: IntArray, axes: FloatArray, lower: FloatArray, upper: FloatArray
     ) -> None:
         super().__init__("rows", weight)
         self.at = np.asarray(at, dtype=np.int64)
@@ -73,11 +68,11 @@ class Posed:
         task: scene and robot.
         options: see :class:`PlanOptions`.
         strategy: ``joint`` or ``sequential``.
-        waypoints: their number, and the first at or after t_1.
-        drift: direction and place of each pushable to pass.
-        offsets: (N,) what constraint 1 asks for at each of these [m].
+        waypoints: number of waypoints, and the first at or after t_1.
+        drift: place of each pushable to pass, and the direction to its free side.
+        offsets: (N,) lateral offset that constraint 1 asks for at each pushable [m].
         initial: (T, n) the conditioned ProMP.
-        points: (T, 3) its tool points.
+        points: (T, 3) tool points of ``initial`` [m].
     """
 
     task: Task
@@ -90,10 +85,10 @@ class Posed:
     points: FloatArray
 
     def rows(self, weight: float = 0.0, every: int = 1, most: int | None = None) -> ConstraintRows:
-        """Constraints 1 to 3 at ``most`` waypoints (None: all); 3 at every so many of these.
+        """Constraints 1 and 2 at ``most`` waypoints (None: all), 3 at each ``every``-th of them.
 
-        A waypoint counts as in the window of a pushable where its initial height is, within the
-        tolerance of constraint 3. The goal is at the last one.
+        A waypoint is in the window of a pushable where its initial height along z_g is, within the
+        tolerance of constraint 3. The last waypoint, the goal, has no rows.
         """
         frame, paper = self.task.scene.frame, self.options.paper
         apart = 1 if most is None else math.ceil(self.waypoints.count / most)
@@ -115,17 +110,17 @@ class Posed:
         return ConstraintRows(weight, at, axes, lower, upper)
 
     def functionals(self) -> list[Cost]:
-        """F_s, F_d, F_p and F_v with their weights, in the strategy's own forms."""
+        """F_s, F_d, F_p and F_v with their weights, in the forms of the strategy."""
         paper, sequential = self.options.paper, self.strategy == "sequential"
         return functionals(self.task, paper, self.waypoints.first, sequential)
 
     def timed(self, q: FloatArray) -> Trajectory:
-        """Waypoints (T, n) as a trajectory, slow on the approach where there are neighbours."""
+        """Waypoints ``q`` (T, n) as a trajectory, slow on the approach where neighbours hang."""
         slow = self.waypoints.first if self.task.neighbours else None
         return timed(self.task, self.options, q, slow)
 
     def problem(self, terms: Sequence[Cost], constraints: Sequence[Cost], ends: bool) -> Problem:
-        """Terms and constraints over the waypoints; ``ends``: whether the last one is fixed too."""
+        """The problem over the waypoints; the first is fixed, with ``ends`` also the last."""
         task, options = self.task, self.options
         cutoff = max(options.paper.epsilon, options.static_clearance, options.avoid_clearance)
         return Problem(
@@ -135,7 +130,9 @@ class Posed:
 
 
 def drift_offsets(task: Task, options: PlanOptions) -> FloatArray:
-    """What constraint 1 asks for at each neighbour (N,): of the options, or of the scene [m].
+    """The lateral offset (N,) that constraint 1 asks for at each neighbour [m].
+
+    It is that of the options, else of the scene, else R_gripper.
 
     Raises:
         InvalidRequestError: an offset of an id that no pushable of the scene has.
@@ -156,9 +153,9 @@ def drift_offsets(task: Task, options: PlanOptions) -> FloatArray:
 def posed_problems(
     task: Task, promp: ProMP, options: PlanOptions, strategy: Strategy, goals: FloatArray
 ) -> Iterator[list[Posed]]:
-    """The problem for every choice of sides, for one goal configuration after the other.
+    """For each goal configuration of ``goals`` (m, n): the problems of all choices of sides.
 
-    The configuration whose motion takes fewest waypoints comes first.
+    The configuration whose motion takes the fewest waypoints comes first.
     """
     positions, offsets = [obj.position for obj in task.neighbours], drift_offsets(task, options)
     branches: list[tuple[FloatArray, FloatArray]] = []
@@ -170,7 +167,7 @@ def posed_problems(
         if branch is None:
             branches.append((goal[None], np.zeros(1)))
             continue
-        variances = deviations.astype(np.float64) ** 2  # a deviation may be a whole number
+        variances = deviations.astype(np.float64) ** 2  # a deviation may be an integer
         variances[1:-1] += [detection_variance(obj) for obj in task.neighbours]
         branches.append((branch, variances / PRIMITIVE.lever_arm**2))
     branches.sort(key=lambda branch: spaced(task, options, branch[0]).count)
@@ -188,9 +185,10 @@ def posed_problems(
 
 
 def spaced(task: Task, options: PlanOptions, values: FloatArray) -> Waypoints:
-    """Waypoints such that no joint moves much over the wanted step, before t_1 and after alike.
+    """Waypoints between which no joint moves much more than the wanted step.
 
-    ``values`` (m, n) are the configurations the motion is led through after the start.
+    The step holds before t_1 and after it. ``values`` (m, n) are the configurations that the motion
+    is led through after the start.
     """
     reach = values[0] - task.start
     if len(values) == 1:

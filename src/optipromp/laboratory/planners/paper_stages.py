@@ -8,8 +8,9 @@ Minimise :math:`\alpha_1F_s+\alpha_2F_d+\alpha_3F_p+\alpha_4F_v` from a conditio
 3. the tool within a tolerance of its initial points along x_g and z_g; y_g is free;
 4. joint limits.
 
-Constraints 1 to 3 are rows, each linear in one tool point (:class:`ConstraintRows`). Both
-strategies build them alike (:func:`pose`). ``joint`` solves for everything at once (Gauss-Newton,
+Constraints 1 to 3 are rows, each linear in one tool point
+(:class:`optipromp.laboratory.planners.paper_problem.ConstraintRows`), the same for both
+strategies. ``joint`` solves for everything at once (Gauss-Newton,
 the rows as penalties). ``sequential`` runs one stage for the push (SciPy's trust-constr, the rows
 as constraints) and one for collision and velocity (L-BFGS-B): the push first between side clusters
 (scenario III), the collision first beside static objects (scenario IV).
@@ -52,8 +53,9 @@ from optipromp.laboratory.planners.paper_problem import Posed, posed_problems
 class Solved:
     """A posed problem, the trajectory that solves it, and its judgement.
 
-    ``objective`` is Σ α·F with the quadratic F_p; valid plans are compared by it, but first by what
-    is ``narrow``, their lack of the margin from static objects [m].
+    Attributes:
+        narrow: what the trajectory lacks of the margin from static objects [m].
+        objective: Σ α·F with the quadratic F_p; compares valid plans of the same ``narrow``.
     """
 
     posed: Posed
@@ -65,7 +67,7 @@ class Solved:
 
     @property
     def valid(self) -> bool:
-        """Whether nothing was found against it."""
+        """Whether the judge found no violation."""
         return not self.judgement.violations
 
     @property
@@ -82,14 +84,13 @@ def solve(
     goals: FloatArray,
     budget: Budget,
 ) -> Planned:
-    """Plan as the paper does, to one goal configuration after the other until a plan is valid.
+    """Plan as the paper does, to each of the ``goals`` (m, n) in turn until a plan is valid.
 
-    Of the choices of sides, where stems leave some, the valid plan of least objective is kept. The
-    sequential strategy goes through all of them with the smallest trust radius, then with the next.
-    Where the smallest radius gives no valid plan, further goal configurations are found
+    Each initial trajectory is ``promp``, conditioned on its goal. Stems leave choices of the side
+    on which a pushable is passed: the valid plan of least objective is the answer. The sequential
+    strategy tries all choices with the smallest trust radius, then with the next. Where the
+    smallest radius gives no valid plan, further goal configurations are tried
     (:func:`optipromp.core.planning.goals.further`).
-
-    The initial trajectories are those of ``promp``, to the goal configurations ``goals`` (m, n).
     """
     began = clock()
     radii = options.paper.trust_radii
@@ -144,7 +145,7 @@ def solve(
 
 
 def _judged(posed: Posed, q: FloatArray, stages: Sequence[Stage]) -> Solved:
-    """Judge ``q`` (T, n); with ``constraints: paper`` also by constraints 1 and 2."""
+    """Judge waypoints ``q`` (T, n); with ``constraints: paper`` also by constraints 1 and 2."""
     task, options = posed.task, posed.options
     trajectory = posed.timed(q)
     judgement = judged(task, trajectory, stem_side=True)
@@ -174,9 +175,9 @@ def _judged(posed: Posed, q: FloatArray, stages: Sequence[Stage]) -> Solved:
 
 
 def drift_shortfalls(posed: Posed, q: FloatArray) -> dict[str, float]:
-    """By pushable: lack [m] of constraint 1 at the worst waypoint of its window.
+    """What constraint 1 lacks at the worst waypoint of each pushable's window [m], by its id.
 
-    Tool points come from the judge's own kinematics. Not positive where the constraint holds.
+    The lack is at most 0 where the constraint holds. Tool points come from the judge's kinematics.
     """
     _, _, points, _ = judging.swept(posed.task.scene, posed.task.robot, q)
     up, drift = posed.task.scene.frame[2], posed.drift
@@ -187,7 +188,7 @@ def drift_shortfalls(posed: Posed, q: FloatArray) -> dict[str, float]:
         off = points[posed.waypoints.first :] - center
         height = off @ up
         within = (height >= low) & (height <= high)
-        within[np.argmin(np.abs(height))] = True  # a leap over the window is a passage too
+        within[np.argmin(np.abs(height))] = True  # also where two waypoints leap over the window
         out[name] = float(offset) - float((off[within] @ direction).min())
     return out
 
@@ -203,26 +204,21 @@ def _joint(posed: Posed, budget: Budget) -> Solved:
         constraints.append(GoalCost(SOLVE.must, task.goal.position, task.goal.axis))
     terms = [*posed.functionals(), SmoothnessCost(options.smoothness), *options.costs]
     problem = posed.problem(terms, constraints, ends=isinstance(task.goal, JointGoal))
-    result = gauss_newton.solve(problem, posed.initial, _schedule(options), budget)
+    usual = schedule(options)
+    if options.iterations is None:
+        usual = replace(usual, iterations=PAPER.joint_iterations)
+    result = gauss_newton.solve(problem, posed.initial, usual, budget)
     seconds = clock() - began
     names = tuple(term.name for term in terms)
     stage = Stage("joint", "gauss-newton", names, result.history, seconds, result.message)
     return _judged(posed, result.q, [stage])
 
 
-def _schedule(options: PlanOptions) -> gauss_newton.GaussNewtonOptions:
-    """That of the default planner with more iterations, or the ``options`` iterations."""
-    usual = schedule(options)
-    if options.iterations is not None:
-        return usual
-    return replace(usual, iterations=PAPER.joint_iterations)
-
-
 def _staged(posed: Posed, radius: float, budget: Budget) -> Solved:
-    """Push and collision, one after the other, the push from trust ``radius`` [rad].
+    """The push stage and the collision stage in turn; ``radius`` [rad] is the push's first trust.
 
-    With ``constraints: paper``, a collision stage after the push holds constraints 1 to 3 as
-    penalties. Without, as in the authors' planner, it may undo a part of the drift.
+    With ``constraints: paper``, a collision stage after the push keeps constraints 1 to 3 as
+    penalties. Otherwise the collision stage may undo a part of the drift, as the authors' does.
     """
     options, q = posed.options, posed.initial
     stages: list[Stage] = []
@@ -247,14 +243,15 @@ def _staged(posed: Posed, radius: float, budget: Budget) -> Solved:
 
 
 class Spline:
-    """Trajectories q + Bc about one trajectory (T, n): what the sequential strategy varies.
+    """Trajectories q + Bc about a trajectory q (T, n): the variable of the sequential strategy.
 
-    B are cubic B-splines over the waypoints, times ``PAPER.unit``, without the two that move an
-    end: start and goal stay, the change is smooth, and, since the splines are a partition of unity,
-    bounds on c keep every waypoint inside the joint limits, or draw one in that is outside.
+    B (T, k) are cubic B-splines over the waypoints, times ``PAPER.unit``, without the two that move
+    an end. So start and goal stay, and the change is smooth. The splines are a partition of unity:
+    bounds on the control points c (k, n) keep every waypoint within the joint limits, or bring a
+    waypoint back that is outside.
 
-    Links that are not neighbours keep apart, and what is ``held`` stays, as penalties beside the
-    stage's own objective, which is 1 at the beginning.
+    The objective is that of the stage's functionals over its first value. Self-collision and the
+    costs ``held`` are penalties beside it.
     """
 
     def __init__(
@@ -270,10 +267,7 @@ class Spline:
         moved = (self.basis > 0.0)[:, :, None]
         low = np.where(moved, (robot.lower - q)[:, None, :], -np.inf).max(axis=0)
         high = np.where(moved, (robot.upper - q)[:, None, :], np.inf).min(axis=0)
-        low, high = (
-            np.minimum(low, high),
-            np.maximum(low, high),
-        )  # where a change leaves both limits
+        low, high = np.minimum(low, high), np.maximum(low, high)  # both limits may be exceeded
         self.bounds = optimize.Bounds(low.ravel() / PAPER.unit, high.ravel() / PAPER.unit)
         terms = [term for term in posed.functionals() if term.name in names]
         apart = SelfCost(PAPER.apart, posed.options.self_clearance)
@@ -292,13 +286,13 @@ class Spline:
         return np.asarray(self.q + self.basis @ c.reshape(self.shape))
 
     def objective(self, c: FloatArray) -> tuple[float, FloatArray]:
-        """What the stage minimises, and its gradient."""
+        """The objective of control points ``c`` (flat), and its gradient."""
         value = self.problem.evaluate(self.at(c), self.size)
         gradient = self.basis.T @ self.problem.gradient()
         return value.merit / self.size, gradient.ravel() / self.size
 
     def record(self, c: FloatArray) -> None:
-        """Note the terms after an iteration."""
+        """Record the costs at control points ``c`` after an iteration."""
         self.history.append(self.problem.evaluate(self.at(c)).costs)
 
     def stage(self, name: str, solver: str, message: str, radius: float | None = None) -> Stage:
@@ -311,9 +305,9 @@ class Spline:
 def _collision(
     posed: Posed, q: FloatArray, limit: int, budget: Budget, hold: bool
 ) -> tuple[FloatArray, Stage]:
-    """α1 F_s + α2 F_d + α4 F_v by L-BFGS-B, from ``q`` (T, n).
+    """Minimise α1 F_s + α2 F_d + α4 F_v by L-BFGS-B, from ``q`` (T, n).
 
-    That the tool keeps off objects to avoid is a wish beside them.
+    A weak penalty keeps the tool off objects to avoid; with ``hold``, one keeps constraints 1 to 3.
     """
     tool = np.array(posed.task.body.distal)
     held: list[Cost] = [ClearanceCost("tool avoid", "dynamic", PAPER.wish, 0.0, tool)]
@@ -335,12 +329,9 @@ def _collision(
 def _push(
     posed: Posed, q: FloatArray, radius: float, limit: int, budget: Budget
 ) -> tuple[FloatArray, Stage]:
-    """F_p by trust-constr under constraints 1 to 4, from ``q`` (T, n)."""
-    spline, rows, robot = (
-        Spline(posed, q, ("push",)),
-        posed.rows(every=PAPER.every, most=PAPER.most),
-        posed.task.robot,
-    )
+    """Minimise F_p by trust-constr under constraints 1 to 4, from ``q`` (T, n)."""
+    spline, robot = Spline(posed, q, ("push",)), posed.task.robot
+    rows = posed.rows(every=PAPER.every, most=PAPER.most)
 
     def values(c: FloatArray) -> FloatArray:
         points, _ = robot.tool_pose(spline.at(c))

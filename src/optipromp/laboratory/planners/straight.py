@@ -1,4 +1,4 @@
-"""``straight``: to the camera point, then straight along the approach; no fruit is considered."""
+"""``straight``: to the camera point, then straight along the approach; fruits are ignored."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -15,19 +15,19 @@ from optipromp.core.robots import ik
 from optipromp.core.robots.roll import level
 from optipromp.core.scenes.scene import JointGoal
 
-SPEED = 0.1  # [m/s] of the tool after the camera point, as of the other planners
-STEP = 0.04  # [rad or m] no joint moves more between the waypoints of ``straight``
-LINE_STEP = 0.005  # [m] between followed tool points
-FOLLOWED = 1e-5  # [m] largest error of a followed tool point
+SPEED = 0.1  # [m/s] of the tool after the camera point, as in the other planners
+STEP = 0.04  # [rad or m] largest motion of a joint between two waypoints: a choice
+LINE_STEP = 0.005  # [m] between two tool points of a line: a choice
+FOLLOWED = 1e-5  # [m] largest error of inverse kinematics on a line that counts as followed
 
 
 @dataclass(frozen=True)
 class Straight:
-    """The tool to the camera point, a stop, and straight along the approach to the target.
+    """The tool moves to the camera point, stops, and moves straight along the approach.
 
-    Both parts follow a line of the tool point by inverse kinematics from the start, each with the
-    timing of least jerk. Where the arm cannot follow the first line, it moves in joint space to
-    the branch that reaches the target. No obstacle is considered.
+    Each part is a line of the tool point, followed by inverse kinematics from the start with the
+    timing of least jerk. Where the arm cannot follow the first line, it moves in joint space to a
+    branch of inverse kinematics that reaches the target. Obstacles are ignored.
     """
 
     name: ClassVar[str] = "straight"
@@ -44,7 +44,7 @@ class Straight:
 
 
 def gently(task: Task, q: FloatArray) -> Planned:
-    """Waypoints (T, n), no faster from the camera point on than the other planners are there."""
+    """The plan through waypoints ``q`` (T, n), from the camera point on no faster than SPEED."""
     first = None
     if task.neighbours and not isinstance(task.goal, JointGoal):
         points, _ = task.robot.tool_pose(q)
@@ -53,7 +53,11 @@ def gently(task: Task, q: FloatArray) -> Planned:
 
 
 def _parts(task: Task) -> tuple[FloatArray, FloatArray] | None:
-    """Waypoints (m, n) from start to camera point, and from there to the target."""
+    """Waypoints (m, n) from start to camera point, and on to the target; None where unreachable.
+
+    Raises:
+        InvalidRequestError: the goal is a configuration.
+    """
     if isinstance(task.goal, JointGoal):
         raise InvalidRequestError("straight needs a target to approach; the scene's goal is joints")
     robot, goal, axis = task.robot, task.goal.position, task.goal.axis
@@ -78,7 +82,7 @@ def _parts(task: Task) -> tuple[FloatArray, FloatArray] | None:
 def _line(
     begin: FloatArray, end: FloatArray, first: FloatArray, last: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Tool points (m, 3) and axes (m, 3) on a line, without its beginning."""
+    """Tool points (m, 3) and axes (m, 3) from ``begin`` to ``end``, ``begin`` left out."""
     count = max(2, int(np.ceil(np.linalg.norm(end - begin) / LINE_STEP)))
     share = np.linspace(0.0, 1.0, count + 1)[1:, None]
     axes = first + share * (last - first)

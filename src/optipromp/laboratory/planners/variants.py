@@ -7,22 +7,25 @@ from optipromp.core.pushing.rules import DriftRule
 
 
 @dataclass(frozen=True)
-class Drift(OptiProMP):
-    """The arm follows the tool path that the paper's drift rule gives.
+class Drifting(OptiProMP):
+    """The arm follows the tool path of the paper's drift rule, without a push prediction.
 
-    It passes each neighbour by R_gripper and a clearance along ±y_g, on the side away from the
-    stem.
+    The tool passes each neighbour along ±y_g at R_gripper and a clearance, on the side away from
+    the neighbour's stem.
     """
 
     prediction: bool = False
     rule: DriftRule = "paper"
 
 
+Drift = Drifting  # its name in the entry point
+
+
 @dataclass(frozen=True)
 class Guarded(IProMP):
-    """i-promp whose mouth is closed until the last push is done.
+    """i-promp with a tool whose mouth is closed until the last push is done.
 
-    Its closed rim is led under each neighbour. An open mouth swallows what it is led onto.
+    The path leads the rim under each neighbour; an open mouth would swallow the neighbour.
     """
 
     guard: bool = True

@@ -17,8 +17,9 @@ from optipromp.laboratory.simulation.parameters import SimulationParameters
 from optipromp.laboratory.simulation.solids import add_shape
 
 GUARD = "tool:guard"
-FLAT, EVEN = 1e-6, 1e-9  # shares of a moment: files round so, and MuJoCo must not see it
-LEAST_MASS, LEAST_INERTIA = 0.05, 1e-5  # of a link without spheres [kg], [kg m²]
+FLAT = 1e-6  # share of a moment by which files round it above the sum of the others
+EVEN = 1e-9  # share of a moment that is added so that MuJoCo sees no such excess
+LEAST_MASS, LEAST_INERTIA = 0.05, 1e-5  # of a link without spheres [kg], [kg m²]: choices
 ARM_COLOUR = (0.78, 0.79, 0.80, 1.0)
 BASE_COLOUR = (0.55, 0.57, 0.60, 1.0)
 COLOURS: dict[Part, tuple[float, float, float, float]] = {  # of the solids of a tool
@@ -29,21 +30,21 @@ COLOURS: dict[Part, tuple[float, float, float, float]] = {  # of the solids of a
 
 @dataclass(frozen=True, eq=False)
 class Drives:
-    """How independent joints drive the S moving segments: angle = multiplier q[dof] + offset."""
+    """The values of the S moving segments: ``multiplier`` · q[``dof``] + ``offset``."""
 
     dof: IntArray  # (S,)
     multiplier: FloatArray  # (S,)
     offset: FloatArray  # (S,)
-    torque: FloatArray  # (S,) limit, may be infinite
-    first: IntArray  # (n,) the first segment that each joint drives
+    torque: FloatArray  # (S,) limit [N m or N], may be infinite
+    first: IntArray  # (n,) first segment that each joint drives
 
     def segments(self, q: FloatArray, *, rates: bool = False) -> FloatArray:
-        """Segment values (..., S) of joint values (..., n); of rates without the offset."""
+        """Segment values (..., S) of joint values (..., n); ``rates`` get no offset."""
         values: FloatArray = q[..., self.dof] * self.multiplier
         return values if rates else values + self.offset
 
     def joints(self, values: FloatArray, *, rates: bool = False) -> FloatArray:
-        """Joint values (..., n) of segment values (..., S)."""
+        """Joint values (..., n) of segment values (..., S); ``rates`` have no offset."""
         shifted = values if rates else values - self.offset
         out: FloatArray = (shifted / self.multiplier)[..., self.first]
         return out
@@ -63,7 +64,7 @@ def drives(robot: Robot) -> Drives:
 
 
 def link_entities(robot: Robot) -> tuple[Entity, ...]:
-    """One entity a link, in the order of ``robot.link_names``."""
+    """The entity of each link, in the order of ``robot.link_names``."""
     last = robot.n_segments - 1
     out = []
     for index, name in enumerate(robot.link_names):
@@ -133,10 +134,10 @@ def _add_spheres(
 
 
 def _set_inertia(body: Any, robot: Robot, segment: int, density: float) -> None:
-    """The inertia that the robot states; else that of its mass, in balls where the spheres are.
+    """Set the inertia that the robot states, else that of balls at the places of its spheres.
 
-    So it is too where no body can have what is stated. Where no mass is stated either it is by
-    density.
+    The balls are taken too where no body can have the stated inertia. Their mass is the stated one,
+    else their volume times the ``density`` [kg/m³].
     """
     spheres = robot.spheres
     mine = spheres.segment == segment
@@ -162,9 +163,10 @@ def _set_inertia(body: Any, robot: Robot, segment: int, density: float) -> None:
 
 
 def _stated(robot: Robot, segment: int) -> FloatArray | None:
-    """The inertia (3, 3) that a robot states of a segment; None of none, or one that no body has.
+    """The stated inertia (3, 3) of a segment; None where there is none, or one that no body has.
 
-    No moment of a body is over the sum of the others. Where it is by rounding, all are raised.
+    No principal moment of a body exceeds the sum of the other two. Where one does by rounding, all
+    three are raised.
     """
     assert robot.dynamics is not None
     inertia = robot.dynamics.inertia[segment]
@@ -192,7 +194,7 @@ def _explicit(body: Any, mass: float, middle: FloatArray, inertia: FloatArray) -
 def _add_tool(
     spec: Any, body: Any, robot: Robot, parameters: SimulationParameters, entity: int
 ) -> None:
-    """The tool as a body of its own on the flange, made of its solids."""
+    """Add the tool: a body on the flange, made of the tool's solids."""
     tool, given = robot.tool, parameters.robot
     assert tool is not None
     held = body.add_body(

@@ -21,12 +21,12 @@ class SimulatedArm(Follower):
     """An arm in the simulation of a scene; fruits hang, swing and tear as in ``simulate``.
 
     Args:
-        scene: to move in; the arm begins at its start.
+        scene: in which the arm moves, from the scene's start.
         robot: with its tool; None: the scene's.
         parameters: of the physics.
-        guard: when to refuse and when to stop.
+        guard: when to refuse a motion and when to stop.
         seed: of everything random.
-        real_time: whether a second takes a second; else the simulation runs as fast as it can.
+        real_time: whether a simulated second takes a second; else it takes as long as it needs.
 
     Raises:
         InvalidRequestError: MuJoCo is not installed.
@@ -93,10 +93,9 @@ class SimulatedArm(Follower):
         """Stand still for ``control.hold``, then judge all that happened so far."""
         self._asked = State(self._asked.q)
         moved = self.time
+        control = self._world.parameters.control
         with quiet(self._execution.mujoco):
-            for _ in range(
-                round(self._world.parameters.control.hold * self._world.parameters.control.rate)
-            ):
+            for _ in range(round(control.hold * control.rate)):
                 if not self._tick():
                     break
         return judge(self._world, self._execution.rollout(moved), self._execution.log)

@@ -1,4 +1,4 @@
-"""The camera of a film: it looks past the arm and keeps tool and fruits in the picture."""
+"""The camera of a film: tool and fruits fill the picture, from the side that hides them least."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,23 +12,24 @@ from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.execute import Run
 from optipromp.laboratory.simulation.world import World
 
-AROUND = (150.0, 210.0, 125.0, 235.0, 100.0, 260.0, 60.0, 300.0, 30.0, 330.0)  # [deg] tried in turn
-FILLED = 1.25  # times what is to be seen, in the picture
-CAPTION = 0.12  # of the height, left free for the caption
-NARROWEST = 0.40  # [m] of height in the picture
-CALM = 0.6  # [s] standard deviation over which the camera's motion is smoothed
-FALLEN = 0.2  # [m] below its first place a fruit is no longer looked at
-LOOKS = 12  # moments at which a view is tried
+# choices for the eye
+AROUND = (150.0, 210.0, 125.0, 235.0, 100.0, 260.0, 60.0, 300.0, 30.0, 330.0)  # [deg], in turn
+FILLED = 1.25  # height of the picture over that of tool and fruits
+CAPTION = 0.12  # share of the height that is left free for the caption
+NARROWEST = 0.40  # [m] height of the picture, at least
+CALM = 0.6  # [s] standard deviation of the filter that smooths the camera's motion
+FALLEN = 0.2  # [m] a fruit that has fallen by more is no longer kept in the picture
+LOOKS = 12  # moments at which an azimuth is tried
 
 
 @dataclass(frozen=True)
 class View:
-    """Where to look from.
+    """The place of the camera.
 
     Attributes:
-        azimuth: of the camera's gaze about the vertical [deg]; None: the first of several around
-            the fruits from which they and the tool are seen best.
-        elevation: below the horizon negative [deg].
+        azimuth: of the camera's gaze about the vertical [deg]; None: that of several around the
+            fruits at which tool and fruits are hidden least.
+        elevation: of the camera's gaze, negative downwards [deg].
         distance: from the middle of the picture [m]; None: so that fruits and tool fill it.
         width, height: [pixel].
     """
@@ -42,7 +43,7 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """The camera over time: a row for each moment asked for.
+    """The camera over time, at N moments.
 
     Attributes:
         azimuth, elevation: [deg].
@@ -65,11 +66,10 @@ class Shot:
 
 
 def shot(world: World, model: Any, run: Run, times: FloatArray, view: View) -> Shot:
-    """The camera of a run at ``times`` (N,) [s].
+    """The camera of a run at ``times`` (N,) [s]; its motion is smooth.
 
-    The tool from flange to tip, targets and pushables with their stems' lower ends, all where they
-    are then, fill the picture; the motion of the camera is smooth. It does not follow a fruit that
-    falls.
+    The picture holds the tool from flange to tip, and targets and pushables with the lower ends of
+    their stems. A fruit that falls is not followed.
     """
     rows = np.maximum(np.searchsorted(run.rollout.times, times + 1e-9) - 1, 0)
     seen = _seen(world, run, rows)
@@ -105,7 +105,7 @@ def axes(azimuth: float, elevation: float) -> FloatArray:
 
 
 def _seen(world: World, run: Run, rows: IntArray) -> FloatArray:
-    """Points (N, k, 3) that the picture is to hold at rows (N,) of the rollout."""
+    """Points (N, k, 3) that must be in the picture at ``rows`` (N,) of the rollout [m]."""
     robot, rollout = world.robot, run.rollout
     origins, rotations = robot.segment_frames(rollout.q[rows])
     flange = origins[:, -1] + rotations[:, -1] @ robot.flange_translation

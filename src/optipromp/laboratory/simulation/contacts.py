@@ -1,4 +1,4 @@
-"""Contacts of a run: the entities, the forces and the times."""
+"""Contacts of a run: forces and times of each pair of entities."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from optipromp.laboratory.simulation.world import World
 _PAIR = np.dtype(
     [
         ("peak", np.float64),
-        ("recent", np.float64),  # largest force since it was last set to 0
+        ("recent", np.float64),  # largest force since :meth:`ContactLog.take_recent`
         ("time", np.float64),
         ("hard", np.float64),
         ("first", np.float64),
@@ -22,42 +22,33 @@ _PAIR = np.dtype(
 
 
 class ContactLog:
-    """Peak force, time in touch and first touch of every pair of entities, step by step.
+    """Forces and times of contact of every pair of E entities, counted step by step.
 
-    The force of an instant is the length of the sum of the pair's contact forces [N].
+    The force of an instant is the length of the sum of the pair's contact forces [N]. All arrays
+    are symmetric.
+
+    Args:
+        world: of the entities.
+        threshold: of the spells in ``hard`` [N].
+
+    Attributes:
+        peak: (E, E) largest force [N].
+        time: (E, E) time in touch [s].
+        hard: (E, E) longest spell above the threshold [s].
+        first: (E, E) time of the first touch [s]; NaN where there was none.
     """
 
     def __init__(self, world: World, threshold: float) -> None:
         count = len(world.entities)
         self._owners, self._timestep = world.geom_entity, float(world.model.opt.timestep)
         self._threshold = threshold
-        self._pairs = np.zeros((count, count), _PAIR)
-        self._pairs["first"] = np.nan
+        self._pairs = pairs = np.zeros((count, count), _PAIR)
+        pairs["first"] = np.nan
+        self.peak: FloatArray = pairs["peak"]
+        self.time: FloatArray = pairs["time"]
+        self.hard: FloatArray = pairs["hard"]
+        self.first: FloatArray = pairs["first"]
         self._steps = 0
-
-    @property
-    def peak(self) -> FloatArray:
-        """(E, E) largest force, symmetric as everything here."""
-        return self._of_pairs("peak")
-
-    @property
-    def time(self) -> FloatArray:
-        """(E, E) time in touch [s]."""
-        return self._of_pairs("time")
-
-    @property
-    def hard(self) -> FloatArray:
-        """(E, E) longest spell above the threshold [s]."""
-        return self._of_pairs("hard")
-
-    @property
-    def first(self) -> FloatArray:
-        """(E, E) when the pair first touched [s]; NaN where it never did."""
-        return self._of_pairs("first")
-
-    def _of_pairs(self, name: str) -> FloatArray:
-        values: FloatArray = self._pairs[name]
-        return values
 
     def add(self, data: Any) -> None:
         """Count the contacts of ``data`` at the next step."""
@@ -70,7 +61,7 @@ class ContactLog:
             )  # fmt: skip
 
     def take_recent(self) -> FloatArray:
-        """(E, E) largest force since this was last asked."""
-        recent = self._of_pairs("recent").copy()
+        """(E, E) largest force since the last call [N]."""
+        recent: FloatArray = self._pairs["recent"].copy()
         self._pairs["recent"] = 0.0
         return recent

@@ -1,4 +1,4 @@
-"""A world as it is shown: the looks of robot and scene over the bodies that collide."""
+"""A world for pictures: the looks of robot and scene over the bodies that collide."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -16,12 +16,12 @@ GLOW = 0.35  # share of its colour that the floor shows in the shade
 
 
 def dressed(world: World) -> Any:
-    """The world's model with parts of its own group that touch nothing and weigh nothing.
+    """The world's model with visible parts that touch nothing and weigh nothing.
 
-    Bodies, joints and their order are the world's: states of one are states of the other. What a
-    part stands for (body spheres, the tool's solids, fruits and objects) is hidden; stems, and the
-    fruits of real neighbouring clusters, show the bodies that collide. The world's ``spec``
-    changes: build the world anew for anything else.
+    Bodies, joints and their order are the world's, so states of one model are states of the other.
+    The geoms that a part covers (body spheres, the tool's solids, fruits and objects) are hidden;
+    stems, and the fruits of real neighbouring clusters, are shown as they collide. The world's
+    ``spec`` changes: build another world for any other use.
     """
     spec, robot, scene = world.spec, world.robot, world.scene
     names = {body.name for body in spec.bodies}
@@ -75,7 +75,7 @@ def _add(spec: Any, body: Any, parts: Iterable[Part]) -> None:
 
 
 def _light(model: Any) -> None:
-    """Soft light."""
+    """Light the model softly."""
     model.vis.headlight.ambient[:] = 0.35
     model.vis.headlight.diffuse[:] = 0.30
     model.vis.headlight.specular[:] = 0.15

@@ -9,12 +9,12 @@ EntityKind = Literal["link", "tool", "fruit", "thing", "stem", "static", "avoid"
 
 @dataclass(frozen=True)
 class Entity:
-    """What contacts are counted for: a robot link, the tool, a fruit, its stem, an object.
+    """A robot link, the tool, a fruit, a stem or an object: its contacts are counted together.
 
     Attributes:
-        kind: of it.
-        name: of the link, or the object's id (a stem has its fruit's).
-        distal: of a link: the last one or the tool, which are not in B_d.
+        kind: of the entity.
+        name: of the link, or the object's id (a stem's is its fruit's).
+        distal: whether it is the last link or the tool, which are not in B_d.
     """
 
     kind: EntityKind

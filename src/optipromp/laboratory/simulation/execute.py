@@ -13,13 +13,13 @@ from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.simulation.outcome import Outcome, judge
 from optipromp.laboratory.simulation.parameters import SimulationParameters
-from optipromp.laboratory.simulation.rollout import Rollout, run
+from optipromp.laboratory.simulation.rollout import Execution, Rollout
 from optipromp.laboratory.simulation.world import build
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A plan, executed.
+    """An executed plan.
 
     Attributes:
         scene: in which the plan was executed.
@@ -63,8 +63,8 @@ def simulate(
 
     Args:
         plan_or_trajectory: what to execute, whatever its status.
-        scene: the true scene; None: the scene of the plan. Give another scene to see the effect of
-            detection errors.
+        scene: the true scene; None: the scene of the plan. Another scene than the plan's shows the
+            effect of detection errors.
         robot: with its tool; None: that of the plan, or of the scene of a bare trajectory.
         parameters: physical numbers, controller, thresholds.
         seed: of everything random. The same input and seed give the same run to the last bit.
@@ -97,6 +97,6 @@ def simulate(
         )
     world = build(scene, robot, parameters, seed)
     motion = trajectory.slowed(1.0 / parameters.control.speed)
-    rollout, log = run(world, motion, record_rate)
+    rollout, log = Execution(world, motion, record_rate).run()
     outcome = judge(world, rollout, log)
     return Run(scene, robot, parameters, seed, rollout, outcome, time.perf_counter() - began)

@@ -1,20 +1,20 @@
 """The simulation's world as a MuJoCo file (MJCF) that needs nothing of this library.
 
-What the library's own runs do in Python is stated in the file where MJCF can state it:
+MJCF states two things that the library's runs do in Python:
 
-- Joint controllers: a position servo for each joint, of the stiffness and damping that the computed
-  torque has at the start, and gravity compensation of arm and tool, as real arms have it.
-- Stems are in balance in the scene's pose. The runs apply the torques that hold them; in the file
-  each joint's spring is at rest where it gives that torque.
+- Joint controllers: a position servo for each joint, with the stiffness and damping of the computed
+  torque at the start, and gravity compensation of arm and tool, as real arms have it.
+- Stems in balance in the scene's pose. The runs apply the torques that hold them; in the file, each
+  joint's spring has the rest pose at which it gives that torque.
 
-What it lacks: stems do not tear, and the servos do not follow a motion without lag.
+In the file stems do not tear, and the servos follow a motion with a lag.
 """
 
 from typing import Any
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray
+from optipromp.core.arrays import FloatArray, frame_along
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.rotations import product, to_quaternion
 from optipromp.core.scenes.scene import Scene
@@ -25,7 +25,7 @@ from optipromp.laboratory.simulation.world import Fruit, World, build
 __all__ = ["START", "TOOL_POINT", "mjcf"]
 
 START = "start"
-"""Name of the keyframe with the robot at the start and the fruits as the scene has them."""
+"""Name of the keyframe with the robot at the start and the fruits in the scene's pose."""
 
 TOOL_POINT = "tool_point"
 """Name of the site at the tool point, whose z axis is the tool axis."""
@@ -60,7 +60,8 @@ def mjcf(
     world = build(scene, robot, parameters, seed)
     spec, q = world.spec, robot.check_configuration(start)
     joints = _name_joints(spec, world)
-    _compensate_gravity(spec, robot)
+    for body in ["tool"] * (robot.tool is not None) + [f"segment:{s}" for s in range(len(joints))]:
+        spec.body(body).gravcomp = 1.0
     _add_actuators(spec, world, joints, q)
     bends = {name: bend for fruit in world.fruits for name, bend in _relax(spec, fruit)}
     _add_marks(spec, scene, robot)
@@ -70,7 +71,7 @@ def mjcf(
 
 
 def _name_joints(spec: Any, world: World) -> list[str]:
-    """Name the driven joints as the robot does, and tie those that follow them; the S names."""
+    """Name the driven joints as the robot does, and couple the others to them; the S names."""
     mujoco, drives = engine(), world.drives
     names = [f"joint:{s}" for s in range(world.robot.n_segments)]
     for joint, first in enumerate(drives.first):
@@ -90,14 +91,8 @@ def _name_joints(spec: Any, world: World) -> list[str]:
     return names
 
 
-def _compensate_gravity(spec: Any, robot: Robot) -> None:
-    bodies = [f"segment:{s}" for s in range(robot.n_segments)]
-    for name in [*bodies, "tool"] if robot.tool is not None else bodies:
-        spec.body(name).gravcomp = 1.0
-
-
 def _add_actuators(spec: Any, world: World, joints: list[str], q: FloatArray) -> None:
-    """A position servo a joint: kp = ω² M_jj, kv = 2 ζ ω M_jj with the inertia M at ``q``."""
+    """Add a position servo to each joint: kp = ω² M_jj, kv = 2ζω M_jj, inertia M at ``q`` (n,)."""
     mujoco, data, control = engine(), world.data(q), world.parameters.control
     count = world.model.nv
     inertia = np.empty((count, count))
@@ -124,8 +119,8 @@ def _relax(spec: Any, fruit: Fruit) -> list[tuple[str, FloatArray]]:
     """Turn the rest pose of a stem so that its springs carry it; joints and their bends (4,).
 
     The spring of a ball joint of stiffness k, bent by the rotation vector r, gives the torque -k r.
-    To give what holds the stem in the scene's pose, it is bent there by -torque / k: the frame at
-    rest is turned back by as much.
+    The torque τ that holds the stem in the scene's pose needs the bend -τ / k there, so the rest
+    frame is turned back by that bend.
     """
     if fruit.weld < 0:
         return []
@@ -135,7 +130,7 @@ def _relax(spec: Any, fruit: Fruit) -> list[tuple[str, FloatArray]]:
         bend = _quaternion(-torque / joint.stiffness[0])
         spec.body(f"stem:{built.key}:{k}").quat = bend * [1.0, -1.0, -1.0, -1.0]
         out.append((joint.name, bend))
-    weld = spec.equality(f"weld:{built.key}")  # where the stem's end is in its last piece
+    weld = spec.equality(f"weld:{built.key}")  # states the stem's end in its last piece
     weld.data[3:10] = [*(built.nodes[-1] - built.nodes[-2]), *spec.body(f"fruit:{built.key}").quat]
     return out
 
@@ -147,15 +142,12 @@ def _quaternion(turn: FloatArray) -> FloatArray:
 
 
 def _add_marks(spec: Any, scene: Scene, robot: Robot) -> None:
-    """The tool point as a site, and the scene's camera."""
+    """Add the tool point as a site, and the scene's camera."""
     last = spec.body(f"segment:{robot.n_segments - 1}")
-    axis = robot.tool_axis
-    across = np.cross(np.eye(3)[int(np.argmin(np.abs(axis)))], axis)
-    across /= np.linalg.norm(across)
-    frame = np.column_stack([across, np.cross(axis, across), axis])
     last.add_site(
-        name=TOOL_POINT, pos=robot.tool_point, quat=to_quaternion(frame), size=[0.003, 0.0, 0.0]
-    )
+        name=TOOL_POINT, pos=robot.tool_point, quat=to_quaternion(frame_along(robot.tool_axis)),
+        size=[0.003, 0.0, 0.0],
+    )  # fmt: skip
     if scene.camera is not None:
         spec.worldbody.add_camera(
             name="camera", pos=scene.camera.position,

@@ -15,7 +15,7 @@ from optipromp.laboratory.simulation.execute import Run
 
 
 def run_document(run: Run) -> dict[str, Any]:
-    """The JSON document of a run: its outcome, and what it was made with."""
+    """The JSON document of a run: its outcome, seed, version and times."""
     from optipromp import __version__
 
     return {
@@ -40,7 +40,7 @@ def write_run(
         InvalidRequestError: the folder cannot be written.
     """
     scene = None
-    with suppress(OptiPrompError):  # a mesh made in memory: the run is still worth writing
+    with suppress(OptiPrompError):  # a mesh that has no file
         scene = scene_to_dict(run.scene, base_dir=folder)
     stream = io.BytesIO()
     np.savez_compressed(stream, **run.rollout.arrays())  # type: ignore[arg-type]

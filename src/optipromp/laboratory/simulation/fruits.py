@@ -23,32 +23,26 @@ RIPE = (0.80, 0.08, 0.10, 1.0)
 UNRIPE = (0.55, 0.72, 0.30, 1.0)
 STEM_COLOUR = (0.30, 0.50, 0.18, 1.0)
 CAN_GAP = 1e-3  # [m] by which the capsule in a can is shorter than the can
-UNSEEN = (0.0, 0.0, 0.0, 0.0)
+UNSEEN = (0.0, 0.0, 0.0, 0.0)  # colour
 WELD_TIME = 0.004  # [s] time constant of the joint between stem and fruit
-WELD_LEVER = 0.02  # [m] weighs its angles against its positions
-WELD_IMPEDANCE = [
-    0.9999,
-    0.9999,
-    0.001,
-    0.5,
-    2.0,
-]  # stiff: at once it carries all but 1e-4 of a load
+WELD_LEVER = 0.02  # [m] weighs angles against positions in that joint
+WELD_IMPEDANCE = [0.9999, 0.9999, 0.001, 0.5, 2.0]  # stiff: carries all but 1e-4 of a load at once
 
 
 @dataclass(frozen=True, eq=False)
 class BuiltFruit:
-    """A fruit as it was built; what is needed to find it in the model and to hold it up.
+    """A fruit as built: the names of its bodies, and the torques that hold its stem up.
 
     Attributes:
         id: of the scene's object.
-        key: of its bodies' names.
+        key: in the names of its bodies.
         mass: [kg].
-        nodes: (N+1, 3) of the stem, root first; empty without one.
-        grown: (N, 3) torque at each joint that carries stem and fruit in the scene's pose [N m].
-        bare: (N, 3) the same without the fruit.
-        carried_by: (K, 3) the torques at the joints of other stems that carry the fruit, by the ids
-            of their fruits [N m].
-        abscission: pull that tears it off [N].
+        nodes: (N+1, 3) joints and end of the stem, root first [m]; empty without a stem.
+        grown: (N, 3) torques at the joints that carry stem and fruit in the scene's pose [N m].
+        bare: (N, 3) torques at the joints that carry the stem alone [N m].
+        carried_by: torques (K, 3) at the joints of other stems that carry the fruit, by the ids of
+            the fruits of those stems [N m].
+        abscission: pull that tears the fruit off [N].
         shown: whether it is one of the scene's objects (not part of a neighbouring cluster).
     """
 
@@ -64,7 +58,7 @@ class BuiltFruit:
 
     @property
     def has_stem(self) -> bool:
-        """Whether it hangs."""
+        """Whether the fruit hangs on a stem."""
         return len(self.nodes) > 0
 
 
@@ -81,10 +75,18 @@ def add_fruit(
     truss: Truss | None = None,
     bow: FloatArray | None = None,
 ) -> BuiltFruit:
-    """Add a target or pushable: free, and where it has a stem, welded to the end of it.
+    """Add a target or pushable: a free body, welded to the end of its stem where it has one.
 
-    ``up`` (3,) is opposite to gravity. ``truss`` is what its stem shares with others. ``bow`` (3,)
-    is how far the middle of its stem lies off the straight line [m], see :func:`bows`.
+    Args:
+        spec: the model.
+        obj: the target or pushable.
+        parameters: of the physics.
+        entity, stem_entity: user data of the geoms of fruit and stem.
+        up: (3,) unit, opposite to gravity.
+        key: in the names of the bodies; None: the object's id.
+        kind: None for an object of the scene.
+        truss: loads that its stem shares with others.
+        bow: (3,) from the straight line to the middle of its stem [m], see :func:`bows`.
     """
     mujoco = engine()
     key = obj.id if key is None else key
@@ -124,10 +126,10 @@ def add_fruit(
 def _held(
     chain: StemChain, mass: float, center: FloatArray, gravity: FloatArray, truss: Truss | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Torques (N, 3) at the joints that hold a chain as it is [N m]: without its fruit, with it."""
+    """Torques (N, 3) at the joints that hold a chain in place, without and with its fruit [N m]."""
     nodes = chain.nodes
     bare = sum(
-        (holding(nodes, middle[None], chain.masses[[k]], gravity, k)  # joint k carries pieces k, …
+        (holding(nodes, middle[None], chain.masses[[k]], gravity, k)  # joints 0 to k carry piece k
          for k, middle in enumerate(chain.middles)),
         np.zeros((len(nodes) - 1, 3)),
     )  # fmt: skip
@@ -138,11 +140,11 @@ def _held(
 
 
 def bows(objects: Sequence[SceneObject], stem: StemParameters, seed: int) -> dict[str, FloatArray]:
-    """How far the middle of each straight stem lies off its line (3,), across it, by fruit [m].
+    """Vector (3,) from the line of each straight stem to its middle, across the line, by fruit [m].
 
-    A perfectly straight stem that is pressed along its line is a strut; no stem grows so. Size and
-    direction are drawn for each. A stem of more than two points has the form that its scene gives,
-    and one that others grow from stays where they grow.
+    A perfectly straight stem pressed along its line is a strut, and no stem grows so. Length and
+    direction are sampled for each stem. A stem of more than two points keeps the form of its scene,
+    and a stem that others grow from stays straight.
     """
     carrying = {item.stem.parent for item in objects if item.stem is not None}
     out = {}
@@ -195,13 +197,13 @@ def _add_body(
 
 @dataclass(frozen=True, eq=False)
 class Truss:
-    """What a stem shares with others.
+    """A stem's connections to others.
 
     Attributes:
-        grows_from: name of the body it grows from, and that body's joint (3,) [m]; None where its
-            root is held.
-        carries: (N, 3) torques at its joints that carry the stems and fruits that hang on it, None
-            where none do.
+        grows_from: name of the body that the stem grows from, and that body's joint (3,) [m]; None
+            where its root is fixed.
+        carries: (N, 3) torques at its joints that carry the stems and fruits that hang on it [N m];
+            None where none do.
         carried_by: see :class:`BuiltFruit`.
     """
 
@@ -213,7 +215,7 @@ class Truss:
 def trusses_of(
     objects: Sequence[SceneObject], parameters: SimulationParameters, up: FloatArray
 ) -> dict[str, Truss]:
-    """What the stems share that grow from others or carry others, by their fruits' ids."""
+    """The trusses of the stems that grow from others or carry others, by their fruits' ids."""
     hanging = [item for item in objects if item.stem is not None]
     if all(item.stem is None or item.stem.parent is None for item in hanging):
         return {}
@@ -245,7 +247,7 @@ def _mass(obj: SceneObject, parameters: SimulationParameters) -> float:
 
 
 def chain_of(obj: SceneObject, stem: Stem, parameters: SimulationParameters) -> StemChain:
-    """The chain that stands for a stem; the piece that it grows from is not looked for."""
+    """The chain of a stem; its ``link`` is left at 0."""
     nodes, p = _nodes(obj, stem, parameters), parameters.stem
     pieces = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
     masses = p.density * np.pi / 4.0 * p.diameter**2 * pieces
@@ -272,9 +274,9 @@ def _nodes(obj: SceneObject, stem: Stem, parameters: SimulationParameters) -> Fl
 
 
 def _bends(pieces: FloatArray) -> FloatArray:
-    """Length of stem (N,) that each joint stands for: half of the pieces beside it.
+    """Length of stem (N,) that bends at each joint [m]: half of the ``pieces`` (N,) beside it.
 
-    Scaled so that the tip of a straight chain yields to a force as the beam does, S³ / 3EI.
+    Scaled so that the tip of a straight chain deflects under a force as a beam's, by S³ / 3EI.
     """
     bends: FloatArray = np.concatenate([[0.5 * pieces[0]], 0.5 * (pieces[:-1] + pieces[1:])])
     to_tip = np.cumsum(pieces[::-1])[::-1]
@@ -285,10 +287,11 @@ def _bends(pieces: FloatArray) -> FloatArray:
 def _stiffness(
     obj: SceneObject, nodes: FloatArray, grown: FloatArray, stem: StemParameters, *, carries: bool
 ) -> float:
-    r"""EI of a stem [N m²]: the object's own, or the modulus's, or what its pose implies.
+    r"""EI of a stem [N m²]: the object's, else the larger of the modulus's and the pose's.
 
     A stem that holds moments :math:`M_i` at joints that stand for lengths :math:`l_i` turns by
-    :math:`\sum_i |M_i| l_i / EI` when they go; that is kept to ``stem.grown_turn``.
+    :math:`\sum_i |M_i| l_i / EI` when they go. The pose implies an EI at which the stem turns by
+    ``stem.grown_turn``.
     """
     if "stem_stiffness" in obj.physical:
         return float(obj.physical["stem_stiffness"])
@@ -302,7 +305,7 @@ def _add_chain(
     spec: Any, stem: Stem, chain: StemChain, stiffness: float, parameters: SimulationParameters,
     key: str, entity: int, grows_from: tuple[str, FloatArray] | None,
 ) -> None:  # fmt: skip
-    """Capsules with elastic ball joints: EI over the length that each joint stands for."""
+    """Add capsules with ball joints, of stiffness EI over the length that bends at the joint."""
     mujoco = engine()
     p, nodes, masses = parameters.stem, chain.nodes, chain.masses
     bends = _bends(np.linalg.norm(np.diff(nodes, axis=0), axis=1))

@@ -1,4 +1,4 @@
-"""Kernels of what is looked at after every step of the physics."""
+"""Kernels that run after every step of the physics."""
 
 import math
 
@@ -9,7 +9,7 @@ from optipromp.core.compiled import kernel
 
 @kernel
 def is_sound(warnings, positions, velocities):
-    """Whether there is no warning, and every number is one."""
+    """Whether there is no warning, and every position and velocity is finite."""
     for count in warnings:
         if count > 0:
             return False
@@ -22,7 +22,7 @@ def is_sound(warnings, positions, velocities):
 
 @kernel
 def note_pulls(pulls, limits, largest):
-    """Raise ``largest`` to ``pulls``, all (W,), in place; whether one is above its limit."""
+    """Raise ``largest`` to ``pulls`` in place; whether one is above its limit. All are (W,)."""
     beyond = False
     for w in range(len(pulls)):
         if pulls[w] > largest[w]:
@@ -36,9 +36,10 @@ def note_pulls(pulls, limits, largest):
 def contact_forces(geoms, addresses, frames, forces, owners):
     """Pairs of owners that touch (K, 2), the smaller first, and the force between them (K,) [N].
 
-    ``geoms`` (C, 2), ``addresses`` (C,) in ``forces``, -1 where there is none, ``frames`` (C, 9),
-    ``owners`` (G,) of the geoms, below 0 where nobody's contacts are counted. The force is the
-    length of the sum of the pair's contact forces.
+    The force is the length of the sum of the pair's contact forces. Of C contacts, ``geoms`` (C, 2)
+    are the two geoms, ``addresses`` (C,) the first row in ``forces`` (-1: no force) and ``frames``
+    (C, 9) the frames. ``owners`` (G,) are the entities of the geoms; contacts of those below 0 are
+    not counted.
     """
     pairs = np.empty((len(addresses), 2), np.int64)
     sums = np.zeros((len(addresses), 3))
@@ -71,9 +72,9 @@ def contact_forces(geoms, addresses, frames, forces, owners):
 
 @kernel
 def log_contacts(geoms, addresses, frames, forces, owners, log, step, now, timestep, threshold):
-    """Count the contacts at time ``now``, after step number ``step``, in ``log``, in place.
+    """Add the contacts at time ``now`` [s], after step number ``step``, to ``log`` in place.
 
-    The first five are those of :func:`contact_forces`, ``log`` (E, E) is a ContactLog's.
+    The first five arguments are those of :func:`contact_forces`; ``log`` (E, E) is a ContactLog's.
     """
     pairs, strengths = contact_forces(geoms, addresses, frames, forces, owners)
     for k in range(len(strengths)):

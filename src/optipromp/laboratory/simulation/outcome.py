@@ -12,11 +12,11 @@ from optipromp.laboratory.simulation.contacts import ContactLog
 from optipromp.laboratory.simulation.rollout import Rollout
 from optipromp.laboratory.simulation.world import World
 
-BARE = 0.02  # [m] from the tool point of an arm without a tool at which an object counts as picked
+BARE = 0.02  # [m] without a tool, an object this near the tool point counts as picked: a choice
 
 
 class Cause(StrEnum):
-    """The causes of failed runs, those first that count most."""
+    """The causes of failed runs, the gravest first."""
 
     UNSTABLE = "unstable"  # a NaN, or a warning of MuJoCo
     STATIC_CONTACT = "static_contact"  # arm or tool pressed a static object
@@ -54,12 +54,12 @@ class Outcome:
     """The judgement of a run.
 
     Attributes:
-        success: the tool holds the target alone (in a cup's mouth, or between fingers) and nothing
-            was harmed; for a tool that holds nothing, only that nothing was harmed.
-        cause: a :class:`Cause` where it failed, of several the first; else None.
+        success: whether the tool holds the target alone (in a cup's mouth, or between fingers) and
+            nothing was harmed; for a tool that cannot hold, whether nothing was harmed.
+        cause: the first of ``causes``; None for a success.
         message: the causes in words.
-        picked: the target's centre is inside the tool at the end and stays there; None for a scene
-            without a target, and for a tool that holds nothing.
+        picked: whether the target's centre is in the tool and stays there at the end; None for a
+            scene without a target, and for a tool that cannot hold.
         swallowed_others: other fruits whose centre is inside the tool at the end.
         entered: other fruits whose centre was inside the tool at any time.
         peak_force: largest force on each target and pushable, by id [N].
@@ -73,19 +73,21 @@ class Outcome:
         arm_fruit_contacts: of B_d with targets and pushables.
         target_displacement: distance by which the target had moved when its centre entered the
             tool; the largest one where it never entered [m].
-        swallowed_at: when the target's centre entered the tool for the last time [s], or None.
-        displacement: largest distance of each target and pushable from its first place, by id [m].
+        swallowed_at: time at which the target's centre entered the tool last [s], or None.
+        displacement: largest distance of each target and pushable from its first position, by id
+            [m].
         tracking_error: largest distance of the tool point from the reference [m].
         joint_error: largest distance of a joint from the reference [rad or m].
         limit_use: largest share of a limit: ``position`` (of the range), ``velocity``,
             ``acceleration``, ``jerk`` (of the reference) and ``torque``.
         overlapping: pairs of fruits, stems and objects that overlap in the scene, and so could not
             touch.
-        parted: how far fruits that overlapped in the scene were moved apart before, by id [m].
+        parted: distance by which fruits that overlapped in the scene were moved apart before the
+            run, by id [m].
         duration: of the motion, without the hold at the end [s].
-        warnings: of MuJoCo, or the place of a NaN.
-        target: id of the target, None for a scene without.
-        causes: all that apply, in the order of :class:`Cause`.
+        warnings: of MuJoCo, or of a value that is not finite.
+        target: id of the target; None for a scene without one.
+        causes: all causes of the failure, in the order of :class:`Cause`.
     """
 
     success: bool
@@ -132,12 +134,12 @@ class Outcome:
 
 
 def inside_tool(world: World, rollout: Rollout, centers: FloatArray) -> BoolArray:
-    """Whether the tool holds an object with these centres; without a tool, near the tool point.
+    """Whether the tool holds an object, or, without a tool, the object is near the tool point.
 
     Args:
-        world: whose tool it is.
-        rollout: where the tool was.
-        centers: (R, 3) of a fruit or object, with the rollout's records.
+        world: with the tool.
+        rollout: R records of the arm.
+        centers: (R, 3) positions of the object's centre at these records [m].
 
     Returns:
         (R,).
@@ -153,7 +155,7 @@ def inside_tool(world: World, rollout: Rollout, centers: FloatArray) -> BoolArra
 
 
 def inside_words(world: World) -> str:
-    """Where a picked object is, in words."""
+    """The place of a picked object, in words."""
     tool = world.robot.tool
     if tool is None:
         return "at the tool point"
@@ -246,7 +248,7 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
 
 
 def _failures(outcome: Outcome, world: World) -> Iterator[tuple[Cause, str]]:
-    """Everything that went wrong, in the order of :class:`Cause`."""
+    """The causes of failure and each in words, in the order of :class:`Cause`."""
     limits = world.parameters.thresholds
     if outcome.warnings:
         yield Cause.UNSTABLE, "the simulation broke down: " + "; ".join(outcome.warnings)
@@ -279,7 +281,7 @@ def _failures(outcome: Outcome, world: World) -> Iterator[tuple[Cause, str]]:
 
 
 def _contacts(world: World, log: ContactLog) -> Iterator[tuple[Contact, bool, str]]:
-    """Touches of robot links with anything else: contact, whether the link is distal, what kind."""
+    """Contacts of robot links: the contact, whether the link is distal, the other's kind."""
     entities = world.entities
     for a, link in enumerate(entities):
         if link.kind not in ("link", "tool"):

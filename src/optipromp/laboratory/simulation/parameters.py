@@ -1,7 +1,7 @@
-"""Every physical number of the simulation: its unit, its default and where it comes from.
+"""Every physical parameter of the simulation, with its default, unit, kind and source.
 
-The groups have the form of :mod:`optipromp.core.parameters`; :func:`catalogue` lists them. Numbers
-that the push models have too are taken from there.
+The groups have the form of :mod:`optipromp.core.parameters`; :func:`catalogue` lists them.
+Parameters that the push models have too are taken from there.
 """
 
 import math
@@ -215,7 +215,7 @@ class Thresholds(Checked):
 
 @dataclass(frozen=True)
 class SimulationParameters:
-    """All numbers of the simulation."""
+    """All parameters of the simulation."""
 
     fruit: FruitParameters = field(default_factory=FruitParameters)
     stem: StemParameters = field(default_factory=StemParameters)

@@ -18,8 +18,8 @@ from optipromp.laboratory.simulation.world import build
 __all__ = ["View", "animation", "film", "frames", "moments", "png"]
 
 SMALL = 640, 360  # [pixel] of an animation
-VIVID = 45  # between the strongest and the weakest of a pixel's red, green and blue
-VIVID_WEIGHT = 40  # times that a vivid pixel counts
+VIVID = 45  # of 255, least spread of a vivid pixel's red, green and blue
+VIVID_WEIGHT = 40  # times that a vivid pixel is repeated in the choice of the palette, at most
 LINGER = 1.5  # [s] that the last picture of a film stays, with the outcome
 DARK, PALE, GOOD, BAD = (18, 22, 26), (240, 243, 245), (120, 214, 130), (255, 138, 122)
 
@@ -34,12 +34,12 @@ def frames(
     caption: bool = False,
     fine: bool = True,
 ) -> Iterator[Picture]:
-    """Pictures of a run at ``times`` [s], each the record before it.
+    """Pictures of a run at ``times``, each of the last record until then.
 
     Args:
         run: to be shown.
         times: (N,) [s].
-        view: where to look from.
+        view: place of the camera.
         caption: whether time, largest force so far and, from the motion's end, the outcome are
             written at the lower edge.
         fine: whether edges are smoothed, which takes twice as long without a graphics card.
@@ -122,7 +122,7 @@ def animation(
 
 
 def _palette(pictures: Sequence[Picture]) -> Picture:
-    """Pixels (k, 1, 3) to choose colours from: vivid ones, of small fruits, count half."""
+    """Pixels (k, 1, 3) to choose colours from; vivid ones (small fruits) are repeated."""
     pixels = np.concatenate([picture[::2, ::2].reshape(-1, 3) for picture in pictures[::-6]])
     vivid = pixels[np.ptp(pixels, axis=1) > VIVID]
     times = len(pixels) // max(len(vivid), 1)
@@ -167,7 +167,7 @@ def _captioned(picture: Picture, run: Run, index: int) -> Picture:
 
 
 def _force_words(run: Run, index: int) -> str:
-    """The largest force so far on what is not to be picked, and on what it was."""
+    """The largest force so far on any object but the target, and that object, in words."""
     rollout = run.rollout
     others = [k for k, name in enumerate(rollout.fruit_ids) if name != run.outcome.target]
     if not others:

@@ -1,6 +1,7 @@
-"""Execution: a trajectory, a joint controller, MuJoCo; and the records."""
+"""The execution of a trajectory: the joint controller, the steps of MuJoCo, and the records."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Self
 
@@ -25,20 +26,21 @@ class Rollout:
     Attributes:
         times: (R,) [s].
         q, velocity, torque: (R, n) of the independent joints.
-        reference: (R, n) positions that the controller follows.
+        reference: (R, n) reference positions of the controller.
         tool_point: (R, 3) [m], ``tool_axis`` (R, 3).
         fruit_ids: F ids; ``fruit_positions`` (R, F, 3) [m].
         attached: (R, F) whether each still hangs on its stem; False without a stem.
         fruit_force: (R, F) largest force of one other object on each since the last record [N].
-        stem_force: (R, F) the same of arm or tool on its stem [N].
+        stem_force: (R, F) largest force of arm or tool on its stem since the last record [N].
         states: (R, nq) MuJoCo's generalised positions, for pictures.
-        contacts: (C, 9) of what touches at each record, objects that stand still left out: record,
-            indices of two entities, point (3,) [m], force of the first on the second (3,) [N].
-        motion: when the trajectory ends and the hold begins [s].
+        contacts: (C, 9) contact points at each record, those with static and avoid objects left
+            out: record, indices of two entities, point (3,) [m], force of the first entity on the
+            second (3,) [N].
+        motion: time at which the trajectory ends and the hold begins [s].
         warnings: of MuJoCo, or the place of a NaN; not empty means a failed run.
         limit_use: largest share of each limit.
         tension: largest pull along each stem, by id [N].
-        torn_at: when each torn fruit came off, by id [s].
+        torn_at: time at which each torn fruit came off, by id [s].
         tracking_error: largest distance of the tool point from the reference [m].
         joint_error: largest distance of a joint from the reference [rad or m].
     """
@@ -77,20 +79,13 @@ class Rollout:
         return arrays
 
 
-def run(world: World, motion: Trajectory, record_rate: float) -> tuple[Rollout, ContactLog]:
-    """Execute ``motion`` and stand still at its end for ``control.hold``.
-
-    The controller is computed torque, :math:`τ = M(q)(q̈_r + ω^2 e + 2ζω ė) + b(q, q̇)`, held between
-    its ticks and cut at the torque limits. It knows the arm's masses, but neither its friction nor
-    its contacts.
-
-    A NaN or a warning of MuJoCo ends the run.
-    """
-    return Execution(world, motion, record_rate).run()
-
-
 class Execution:
-    """One run: built, then run; ``data`` may be touched in between."""
+    """One run of ``motion`` in ``world``, with ``record_rate`` records a second [Hz].
+
+    The controller is computed torque, :math:`τ = M(q)(q̈_r + ω^2 e + 2ζω ė) + b(q, q̇)`, constant
+    between its ticks and cut at the torque limits. It knows the arm's masses, but neither its
+    friction nor its contacts. ``data`` may be changed before the run.
+    """
 
     def __init__(self, world: World, motion: Trajectory, record_rate: float) -> None:
         self.world, self.motion = world, motion
@@ -109,7 +104,8 @@ class Execution:
         self.torque, self.most_asked, self.worst_error = np.zeros((3, n))
         self.records: list[tuple[Any, ...]] = []
         self.contacts: list[FloatArray] = []
-        self.steps, self.warnings = 0, ()  # type: int, tuple[str, ...]
+        self.steps = 0
+        self.warnings: tuple[str, ...] = ()
         shown, entities = world.shown, world.entities
         self.fruit_entities = np.array([f.entity for f in shown], dtype=np.int64)
         self.stem_entities = np.array([f.stem_entity for f in shown], dtype=np.int64)
@@ -118,7 +114,10 @@ class Execution:
         self.robot_entities = [i for i, e in enumerate(entities) if e.kind in ("link", "tool")]
 
     def run(self) -> tuple[Rollout, ContactLog]:
-        """Execute the motion and the hold."""
+        """Execute the motion, and stand still at its end for ``control.hold``.
+
+        A NaN or a warning of MuJoCo ends the run.
+        """
         p = self.world.parameters
         moving = max(round(self.motion.duration / self.step), 1)
         before = round(p.engine.settle / self.step)
@@ -140,9 +139,10 @@ class Execution:
     def advance(
         self, q: FloatArray, rate: FloatArray, acceleration: FloatArray, after: FloatArray
     ) -> bool:
-        """One step of the engine: the controller is asked for the first three (S,) by segment.
+        """One step of the engine; False after a NaN or a warning.
 
-        ``after`` (S,) is where the segments should be then. False after a NaN or a warning.
+        The reference of the controller is ``q``, ``rate`` and ``acceleration`` (S,) of the
+        segments; ``after`` (S,) is the reference position at the end of the step.
         """
         self.mujoco.mj_step1(self.model, self.data)
         if self.steps % self.tick == 0:
@@ -151,7 +151,9 @@ class Execution:
         if not is_sound(self.at.warnings, self.at.positions, self.at.velocities):
             self.warnings = self._warnings()
             return False
-        self._observe(after)
+        np.maximum(self.worst_error, np.abs(after - self.at.q), out=self.worst_error)
+        self.log.add(self.data)
+        self.stems.tear(self.data)
         self.steps += 1
         if self.guarded and self.steps * self.step >= self.world.parameters.robot.guard_until:
             self.guarded, lid = False, self.model.geom(GUARD)
@@ -171,11 +173,6 @@ class Execution:
         np.maximum(self.most_asked, np.abs(asked), out=self.most_asked)
         at.applied[:] = self.torque
 
-    def _observe(self, q: FloatArray) -> None:
-        np.maximum(self.worst_error, np.abs(q - self.at.q), out=self.worst_error)
-        self.log.add(self.data)
-        self.stems.tear(self.data)
-
     def _warnings(self) -> tuple[str, ...]:
         data = self.data
         found = [
@@ -188,7 +185,7 @@ class Execution:
         return tuple(found)
 
     def record(self, q: FloatArray) -> None:
-        """Keep the state of now; ``q`` (S,) is where the segments should be."""
+        """Record the present state; ``q`` (S,) is the reference position of the segments."""
         data = self.data
         forces = self.log.take_recent()
         on_stems = forces[self.stem_entities][:, self.robot_entities].max(axis=1)
@@ -203,7 +200,7 @@ class Execution:
         self.contacts.append(self._touching(len(self.records) - 1))
 
     def _touching(self, record: int) -> FloatArray:
-        """Rows of ``Rollout.contacts`` of now."""
+        """The present contacts as rows of ``Rollout.contacts``."""
         found, force = self.data.contact, self.data.efc_force
         at = np.asarray(found.efc_address)
         owners = self.world.geom_entity[np.asarray(found.geom)].reshape(-1, 2)
@@ -260,7 +257,7 @@ def used(robot: Robot, trajectory: Trajectory) -> dict[str, float]:
 
 
 class _Views(NamedTuple):
-    """What is read and written every step, where MuJoCo keeps it; ``q`` and on are the robot's."""
+    """Views of MuJoCo's data that every step reads or writes; from ``q`` on, the robot's alone."""
 
     warnings: IntArray
     positions: FloatArray
@@ -278,14 +275,11 @@ class _Views(NamedTuple):
         )  # fmt: skip
 
 
-class quiet:  # noqa: N801
-    """Keeps MuJoCo from writing its warnings to a file; they are read from the data instead."""
-
-    def __init__(self, mujoco: Any) -> None:
-        self.mujoco = mujoco
-
-    def __enter__(self) -> None:
-        self.mujoco.set_mju_user_warning(lambda _: None)
-
-    def __exit__(self, *_: object) -> None:
-        self.mujoco.set_mju_user_warning(None)
+@contextmanager
+def quiet(mujoco: Any) -> Iterator[None]:
+    """Keep MuJoCo from writing its warnings to a file; they are read from the data instead."""
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(None)

@@ -21,11 +21,11 @@ from optipromp.core.geometry.shapes import (
 )
 from optipromp.core.robots.tool_protocol import quaternion
 
-GEOMS = {  # of MuJoCo, by the kinds of shapes; their sizes are the same
+GEOMS = {  # MuJoCo's geoms of the same sizes, by the kinds of shapes
     SPHERE: "mjGEOM_SPHERE", BOX: "mjGEOM_BOX", CYLINDER: "mjGEOM_CYLINDER",
     CAPSULE: "mjGEOM_CAPSULE", ELLIPSOID: "mjGEOM_ELLIPSOID",
 }  # fmt: skip
-MOST_PARTS = 3000  # geoms of one mesh or point cloud
+MOST_PARTS = 3000  # geoms of one mesh or point cloud: a choice
 
 
 def add_shape(
@@ -34,9 +34,12 @@ def add_shape(
 ) -> list[Any]:  # fmt: skip
     """Add ``shape`` to ``body`` at a pose in the body's frame; returns the geoms.
 
-    ``properties`` are set on every geom. A shape without a geom of its own becomes its mesh: its
-    hull where that is nearly convex, else boxes that fill it at the resolution of its distance
-    grid. A point cloud becomes balls.
+    A shape that MuJoCo lacks becomes its mesh: the convex hull where that is nearly the same, else
+    boxes that fill it at the resolution of its distance grid. A point cloud becomes balls.
+    ``properties`` are set on every geom.
+
+    Raises:
+        InvalidSceneError: a mesh that takes no box, or too many.
     """
     import mujoco
 
@@ -44,11 +47,8 @@ def add_shape(
     pose = {"pos": position, "quat": quaternion(rotation)}
 
     def add(kind: Any, size: list[float], **further: Any) -> Any:
-        return body.add_geom(
-            type=kind,
-            size=size,
-            **{"name": name, **pose, **properties, **further},
-        )
+        values = {"name": name, **pose, **properties, **further}
+        return body.add_geom(type=kind, size=size, **values)
 
     kind, (a, b, c), *_ = shape.measure
     if kind == HALF_SPACE:
@@ -97,7 +97,7 @@ def _filling(shape: MeshShape) -> list[tuple[FloatArray, FloatArray]]:
 
 
 def _thinned(shape: PointCloudShape) -> tuple[FloatArray, float]:
-    """At most :data:`MOST_PARTS` points that stand for all, and the radius that covers them."""
+    """At most :data:`MOST_PARTS` points of a cloud, and the radius at which they cover all [m]."""
     points, pitch = shape.points, shape.radius / 2.0
     radius = shape.radius
     while len(points) > MOST_PARTS:

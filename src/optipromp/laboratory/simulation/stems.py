@@ -1,4 +1,4 @@
-"""Stems that hold their fruits until these are pulled too hard."""
+"""Stems that hold their fruits up to a pull at which they tear."""
 
 from typing import Any
 
@@ -13,10 +13,10 @@ _SIGN = -1.0  # of a pull up the stem in the rows of MuJoCo's weld
 
 
 class StemWatch:
-    """The stems that hold, how hard each was pulled, and those that broke.
+    """The stems that hold a fruit, the largest pull along each, and the fruits that came off.
 
     Attributes:
-        torn: when each torn fruit came off, by key [s].
+        torn: time at which each torn fruit came off, by key [s].
     """
 
     def __init__(self, world: World) -> None:
@@ -55,7 +55,7 @@ class StemWatch:
         pulls = _SIGN * (forces @ up).ravel()
         torn = note_pulls(pulls, self._abscission, self._tension)
         gone = pulls > self._abscission
-        for mine in self._trusses:  # each gives way at its weakest place
+        for mine in self._trusses:  # a truss comes off whole where none of its fruits does
             if not (gone & mine).any() and float(pulls[mine].sum()) > self._truss_force:
                 gone, torn = gone | mine, True
         if torn:

@@ -1,4 +1,4 @@
-"""What the stems of a truss carry for others in the simulation."""
+"""The chains of stems, and the torques at the joints of a truss that carry what hangs on it."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Self
@@ -10,13 +10,15 @@ from optipromp.core.scenes.objects import SceneObject
 
 
 class StemChain(NamedTuple):
-    """A stem as it is built.
+    """A stem as a chain of N pieces.
 
     Attributes:
-        nodes: (N+1, 3) joints, root first [m].
-        masses: (N,) of its pieces; ``fruit`` of its fruit [kg].
+        nodes: (N+1, 3) joints and the end at the fruit, root first [m].
+        masses: (N,) of the pieces [kg].
+        fruit: mass of the fruit [kg].
         center: (3,) of the fruit [m].
-        parent: id of the object whose stem it grows from, and ``link`` the piece of that stem.
+        parent: id of the object whose stem it grows from; None: it is rooted in the world.
+        link: piece of that stem from which it grows.
     """
 
     nodes: FloatArray
@@ -42,7 +44,7 @@ class StemChain(NamedTuple):
 def holding(
     nodes: FloatArray, points: FloatArray, masses: FloatArray, gravity: FloatArray, last: int
 ) -> FloatArray:
-    """Torques (N, 3) at the joints up to the ``last`` that carry masses at points beyond it."""
+    """Torques (N, 3) at the joints up to ``last`` that carry ``masses`` at ``points`` [N m]."""
     beyond = points[None] - nodes[: last + 1, None]
     out = np.zeros((len(nodes) - 1, 3))
     out[: last + 1] = -np.cross(beyond, (masses[:, None] * gravity)[None]).sum(axis=1)
@@ -52,15 +54,15 @@ def holding(
 def carried(
     chains: Mapping[str, StemChain], gravity: FloatArray
 ) -> tuple[dict[str, FloatArray], dict[str, dict[str, FloatArray]]]:
-    """Torques at the joints of stems that carry what hangs on others.
+    """Torques (N, 3) at the joints of the stems that carry others [N m].
 
     Args:
-        chains: of all stems, by their fruits' ids.
+        chains: of all stems, by the ids of their fruits.
         gravity: (3,) [m/s²].
 
     Returns:
-        By id of the carrying stem's fruit: (N, 3) for all stems that it carries, without their
-        fruits [N m]. By id of a fruit: those that carry it, by the id of the carrying stem's.
+        The torques that carry the stems which grow from a stem, by the id of that stem's fruit. The
+        torques that carry each fruit, by its id and by the id of the carrying stem's fruit.
     """
     stems: dict[str, FloatArray] = {}
     fruits: dict[str, dict[str, FloatArray]] = {}
@@ -78,7 +80,7 @@ def carried(
 
 
 def tops(objects: Sequence[SceneObject]) -> dict[str, str]:
-    """By id of each fruit on a truss: the id of the object whose stem holds all of that truss."""
+    """The id of the object whose stem holds the whole truss, by id of each fruit on a truss."""
     above = {
         item.id: item.stem.parent
         for item in objects

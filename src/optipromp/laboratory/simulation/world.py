@@ -25,15 +25,15 @@ STATIC_COLOUR = (0.62, 0.60, 0.57, 1.0)
 AVOID_COLOUR = (0.35, 0.60, 0.30, 0.35)
 FLOOR = "floor"
 """Name of the plane on which fallen fruits come to rest."""
-FLOOR_DEPTH = 0.5  # [m] of it below the base and every object: what hangs or stands is never on it
+FLOOR_DEPTH = 0.5  # [m] of the floor below the base and every object, so that none touches it
 SKY = (0.95, 0.97, 0.98), (0.72, 0.80, 0.84)
-PICTURE = 1280, 960  # largest off-screen picture
-CLUSTER_FRUIT_RADIUS = 0.015  # [m] of a real neighbouring cluster
+PICTURE = 1280, 960  # [pixel] largest off-screen picture
+CLUSTER_FRUIT_RADIUS = 0.015  # [m] of a real neighbouring cluster: a small strawberry
 
 
 @dataclass(frozen=True, eq=False)
 class Fruit:
-    """Where a target or pushable is in the model.
+    """The places of a target or pushable in the model.
 
     Attributes:
         id, role: of the scene's object.
@@ -62,17 +62,17 @@ class Fruit:
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """A compiled model, and who is who in it.
+    """A compiled model, and what its parts stand for.
 
     Attributes:
         model: the ``MjModel``.
-        scene, robot, parameters: what it was made from.
+        scene, robot, parameters: of which it was built.
         drives: of the robot's segments; their qpos and qvel are the first S.
-        entities: what contacts are counted for.
+        entities: of which contacts are counted.
         geom_entity: (ngeom,) index into ``entities``.
         fruits: targets and pushables, then the fruits of real neighbouring clusters.
-        overlapping: pairs of labels that overlap in the scene and so do not collide.
-        parted: how far fruits that overlapped were moved, by id [m].
+        overlapping: pairs of labels of entities that overlap in the scene and so do not collide.
+        parted: distance by which fruits that overlapped were moved apart, by id [m].
         spec: the ``MjSpec`` that the model was compiled from.
     """
 
@@ -94,7 +94,7 @@ class World:
         return tuple(fruit for fruit in self.fruits if fruit.built.shown)
 
     def data(self, q: FloatArray) -> Any:
-        """Fresh data with the robot at ``q`` (n,), at rest, stems carrying their fruits."""
+        """New ``MjData``: the robot at rest at ``q`` (n,), the stems carrying their fruits."""
         mujoco = engine()
         data = mujoco.MjData(self.model)
         data.qpos[: self.robot.n_segments] = self.drives.segments(q)
@@ -109,10 +109,9 @@ def build(
 ) -> World:
     """Build the world of ``scene`` with ``robot`` (with its tool) in it.
 
-    Hanging fruits that overlap in the scene are pushed apart first, and ``World.parted`` tells how
-    far. Others that overlap (a fruit and the stem of another, in the paper's own scenes) would
-    burst apart at the first step; such a pair does not collide, and ``World.overlapping`` names it.
-    The robot collides with everything.
+    Hanging fruits that overlap in the scene are moved apart first (``World.parted``). Other pairs
+    that overlap (a fruit and the stem of another, in the paper's scenes) would burst apart at the
+    first step, so they do not collide (``World.overlapping``). The robot collides with everything.
 
     Args:
         scene: robot and objects.
@@ -138,9 +137,9 @@ def build(
 
 
 def apart(scene: Scene) -> tuple[Scene, dict[str, float]]:
-    """The scene with hanging fruits out of one another, and how far each was moved, by id [m].
+    """The scene with overlapping fruits moved apart, and the distance of each move, by id [m].
 
-    The roots of the stems stay.
+    Only hanging fruits are moved; the roots of their stems stay.
     """
     hanging = [
         item for item in scene.objects
@@ -263,7 +262,7 @@ class _Draft:
         )  # fmt: skip
 
     def _cluster(self, obj: SceneObject, rng: np.random.Generator) -> None:
-        """Fruits within the shape's ball, each on a vertical stem."""
+        """A neighbouring cluster as fruits within the shape's ball, each on a vertical stem."""
         p = self.parameters.thing
         entity = self._entity("avoid", obj.id)
         count = int(p.cluster_fruits)
@@ -278,13 +277,8 @@ class _Draft:
             )
             center = obj.position + reach * direction
             root = center + (p.cluster_stem + reach * (1.0 - z)) * self.scene.up
-            fruit = SceneObject(
-                obj.id,
-                "pushable",
-                Sphere(CLUSTER_FRUIT_RADIUS),
-                center,
-                stem=Stem(np.array([center, root])),
-            )
+            stem, ball = Stem(np.array([center, root])), Sphere(CLUSTER_FRUIT_RADIUS)
+            fruit = SceneObject(obj.id, "pushable", ball, center, stem=stem)
             built = add_fruit(
                 self.spec, fruit, self.parameters, entity, entity, self.scene.up,
                 key=f"{obj.id}:{k}", kind="avoid",
@@ -299,7 +293,7 @@ class _Draft:
             raise InvalidRequestError(f"MuJoCo cannot build the scene: {told}") from error
 
     def overlapping(self, model: Any) -> list[tuple[int, int]]:
-        """Pairs of entities that penetrate in the scene's pose, the robot left out."""
+        """Pairs of entities that overlap in the scene's pose, the robot left out."""
         mujoco = engine()
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
@@ -309,7 +303,7 @@ class _Draft:
             a, b = sorted((int(who[g1]), int(who[g2])))
             if distance < 0.0 and self.entities[a].kind not in ("link", "tool"):
                 standing = {self.entities[a].kind, self.entities[b].kind} == {"thing", "static"}
-                if a != b and not (standing and distance > -1e-3):  # it stands on it
+                if a != b and not (standing and distance > -1e-3):  # [m] an object on a board
                     out.add((a, b))
         return sorted(out)
 
@@ -320,9 +314,8 @@ class _Draft:
 
     def _bodies(self, entity: int) -> list[str]:
         kind, name = self.entities[entity].kind, self.entities[entity].name
-        if kind in ("static", "avoid") and (
-            kind == "static" or self.parameters.thing.avoid_as == "soft"
-        ):
+        soft = self.parameters.thing.avoid_as == "soft"
+        if kind == "static" or (kind == "avoid" and soft):
             return [f"{kind}:{name}"]
         out = []
         for _, built, whole, stem in self.fruits:

@@ -1,4 +1,4 @@
-"""What robots and scenes look like, as coloured surfaces: for pages, files, films and pictures."""
+"""The looks of robots and scenes as coloured surfaces: for pages, files, films and pictures."""
 
 from optipromp.looks.appearance.arm import arm_parts as arm_parts
 from optipromp.looks.appearance.part import Part as Part

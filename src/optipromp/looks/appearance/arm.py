@@ -20,11 +20,11 @@ from optipromp.looks.appearance.part import Part, hex_colour
 
 LINK, BASE, DRUM = "#e3e6e9", "#8c9199", "#474d55"
 TOOL_COLOURS = {"mouth": "#a9d8ec", "neck": "#3b434c", "palm": "#dfe2e5", "finger": "#3b434c"}
-GLASS = 0.28  # opacity of a cup: the fruit in it is to be seen
-FINE = 0.003  # [m] cells in which the corners of a fine mesh become one: a pixel of a film
-FEW = 4000  # triangles of a link up to which a mesh is kept as it is
+GLASS = 0.28  # opacity of a cup, so that the fruit in it is visible
+FINE = 0.003  # [m] edge of the cells in which corners of a fine mesh are merged: a pixel of a film
+FEW = 4000  # triangles of a link up to which its mesh stays as it is
 MANY = 16000  # triangles of a link, at most: an arm's page stays below 3 MB
-ELBOW = 0.6  # share of the longer body along a joint's axis
+ELBOW = 0.6  # overlap along a joint's axis over the longer body, above which it is an elbow
 _UNIT_BALL = np.unique(sphere(np.zeros(3), 1.0, 24).reshape(-1, 3).round(9), axis=0)
 _MODELS = "cmeel.prefix/share/example-robot-data/robots/panda_description/meshes/visual"
 Solids = dict[str, list[FloatArray]]  # triangles (m, 3, 3) by colour, in the frame of a segment
@@ -32,12 +32,12 @@ Solids = dict[str, list[FloatArray]]  # triangles (m, 3, 3) by colour, in the fr
 
 @lru_cache(maxsize=16)
 def arm_parts(robot: Robot) -> tuple[Part, ...]:
-    """What a robot and its tool look like, in the frames of its segments.
+    """The looks of a robot and its tool, in the frames of its segments.
 
-    A link shows the meshes and shapes that its URDF names as visual, or as collision geometry
-    where it has no visual; the built-in Panda those of the package example-robot-data, where that
-    is installed. A link without such, or with a mesh that cannot be read, shows the convex hull of
-    its body spheres, and a dark drum at each revolute joint between two such links.
+    A link shows the visual geometry of its URDF, or the collision geometry where it has no visual.
+    The built-in Panda shows the meshes of the package example-robot-data where that is installed. A
+    link without geometry, or with a mesh that cannot be read, shows the convex hull of its body
+    spheres; a revolute joint between two such links shows a dark drum.
     """
     parts: list[Part] = []
     shown: set[str] = set()
@@ -60,7 +60,7 @@ def arm_parts(robot: Robot) -> tuple[Part, ...]:
 
 
 def _given(robot: Robot) -> list[tuple[str, int, Solids]]:
-    """Link, segment and surfaces of the links whose geometry can be read whole."""
+    """Link, segment and surfaces of each link whose whole geometry can be read."""
     out = []
     for link in robot.geometry:
         for shapes in filter(None, (link.looks, link.shapes)):
@@ -107,7 +107,7 @@ def _mesh(path: Path) -> list[tuple[str | None, FloatArray]]:
 
 
 def _panda(robot: Robot) -> list[tuple[str, int, Solids]]:
-    """As :func:`_given`: the maker's meshes of the built-in Panda, where they are installed."""
+    """As :func:`_given`, of the maker's meshes of the built-in Panda where they are installed."""
     folder = _models()
     if robot.name != "panda" or robot.geometry or folder is None:
         return []
@@ -122,7 +122,7 @@ def _panda(robot: Robot) -> list[tuple[str, int, Solids]]:
 
 
 def _models() -> Path | None:
-    """The folder of the Panda's meshes; None where they, or what reads them, is not installed."""
+    """The folder of the Panda's meshes; None where they, or their readers, are not installed."""
     try:
         folder = Path(str(distribution("example-robot-data").locate_file(_MODELS)))
     except PackageNotFoundError:
@@ -132,7 +132,7 @@ def _models() -> Path | None:
 
 
 def _parts(name: str, segment: int, solids: Solids) -> list[Part]:
-    """One part a colour; the mesh made coarser until it has few enough triangles."""
+    """One part for each colour; meshes are made coarser until they have few enough triangles."""
     meshes = {colour: np.concatenate(each) for colour, each in solids.items()}
     cell = FINE
     while sum(map(len, meshes.values())) > (FEW if cell == FINE else MANY):
@@ -154,8 +154,8 @@ def _hull(centers: FloatArray, radii: FloatArray) -> FloatArray:
 def _drum(robot: Robot, s: int) -> list[Part]:
     """A dark cylinder about joint ``s`` where the bodies on its two sides overlap.
 
-    Bodies that lie end to end along the axis get a ring about them; bodies that lie side by side
-    along most of it, as at an elbow, a pin through both.
+    It is a ring about bodies that lie end to end along the axis, and a pin through bodies that lie
+    side by side along most of it, as at an elbow.
     """
     kin, cover = robot.kinematics, robot.spheres
     axis = kin.axis[s]

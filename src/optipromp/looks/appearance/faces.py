@@ -5,9 +5,9 @@ import numpy as np
 from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.geometry.shapes import Shape
 
-_LARGEST_FACE = 0.04  # [m] big flat faces are cut so that a painter may sort them by depth
-_CREASE = 0.77  # cosine of 40 degrees: a sharper edge is shaded as one; a choice
-_DIGITS = 7  # of metres: corners nearer than that are one
+_LARGEST_FACE = 0.04  # [m] larger flat faces are cut, so that a painter can sort them by depth
+_CREASE = 0.77  # cosine of 40 degrees, a choice: a sharper edge is shaded as an edge
+_DIGITS = 7  # decimals of a corner [m] by which corners are the same
 
 
 def shape_faces(
@@ -19,17 +19,17 @@ def shape_faces(
         shape: the shape in its local frame.
         position: (3,) [m].
         rotation: (3, 3), world from local.
-        cut: flat faces are no larger [m], unless an edge has too many of them.
+        cut: largest edge of a flat face [m], unless an edge takes too many faces.
     """
     return np.asarray(shape.surface(cut) @ np.asarray(rotation).T + np.asarray(position))
 
 
 def triangles(faces: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Vertices (V, 3) and rows of them (M, 3) of faces (F, 4, 3), or of triangles (M, 3, 3).
+    """Vertices (V, 3) and triangles (M, 3) of faces (F, 4, 3), or of triangles (M, 3, 3).
 
-    Corners at one place are one vertex where the surface is round, so that a viewer that averages
-    normals shades it smoothly, and several vertices at an edge of more than :data:`_CREASE`.
-    Triangles of no area go.
+    Corners at one place are one vertex where the surface is smooth, so that a viewer that averages
+    normals shades it smoothly; they are several vertices at an edge sharper than :data:`_CREASE`.
+    Triangles of no area are left out.
     """
     corners = faces
     if faces.shape[1] == 4:
@@ -59,19 +59,19 @@ def triangles(faces: FloatArray) -> tuple[FloatArray, IntArray]:
 
 
 def coarser(corners: FloatArray, cell: float) -> FloatArray:
-    """Triangles (M, 3, 3) with corners moved to the mean of their cell of a grid; fewer of them."""
+    """Fewer triangles (M, 3, 3): all corners in a cell of a grid move to their mean."""
     points = corners.reshape(-1, 3)
     _, cells = _alike(np.floor(points / cell))
     count = np.bincount(cells)
     mean = np.stack([np.bincount(cells, column) for column in points.T], axis=1) / count[:, None]
     a, b, c = (index := cells.reshape(-1, 3)).T
-    kept = np.sort(index[(a != b) & (b != c) & (c != a)], axis=1)
-    first, _ = _alike(kept)
-    return np.asarray(mean[index[(a != b) & (b != c) & (c != a)][np.sort(first)]])
+    whole = index[(a != b) & (b != c) & (c != a)]
+    first, _ = _alike(np.sort(whole, axis=1))
+    return np.asarray(mean[whole[np.sort(first)]])
 
 
 def _alike(rows: FloatArray | IntArray) -> tuple[IntArray, IntArray]:
-    """The first of each kind of row (k, d), and the kind (k,) of each, faster than np.unique's."""
+    """The first of each kind of ``rows`` (k, d), and the kind of each (k,); a faster np.unique."""
     order = np.lexsort(rows.T)
     new = np.ones(len(rows), dtype=np.bool_)
     new[1:] = (np.diff(rows[order], axis=0) != 0).any(axis=1)

@@ -17,13 +17,13 @@ class Part:
     """A surface that moves as one.
 
     Attributes:
-        name: unique among the parts of a robot, or of a scene; in files ``/`` opens a part of one.
-        segment: the moving segment of the robot that carries it; -1: the base, or the world.
+        name: unique among the parts of a robot, or of a scene; in files ``/`` separates a group.
+        segment: of the robot, which carries the part; -1: the base, or the world.
         vertices: (v, 3) in the frame of that segment [m]; of a scene, in the robot's base frame.
         faces: (f, 3) rows of vertices, anticlockwise seen from outside.
         colour: sRGB, each 0 to 255.
         opacity: 0 to 1.
-        owner: id of the scene's object that it belongs to; empty where there is none.
+        owner: id of the scene's object; empty where the part is of none.
     """
 
     name: str
@@ -51,11 +51,11 @@ class Part:
 
 
 def rgb(colour: str) -> Colour:
-    """``#rrggbb`` as numbers."""
+    """The numbers of ``#rrggbb``."""
     red, green, blue = bytes.fromhex(colour.removeprefix("#"))
     return red, green, blue
 
 
 def hex_colour(colour: Iterable[int]) -> str:
-    """Numbers, of which the first three count, as ``#rrggbb``."""
+    """``#rrggbb`` of the first three numbers."""
     return "#" + bytes(int(value) for value in colour)[:3].hex()

@@ -1,7 +1,7 @@
 """The looks of a scene: fruits with a calyx, stems, objects, and the row that the fruits hang from.
 
-The row (gutter, hangers, posts, floor) is decoration: nothing plans around it, so it is only drawn
-where the scene itself has nothing that the stems could hang from.
+The row (gutter, hangers, posts, floor) is decoration that no plan considers, so it is drawn only
+where the scene has no object that the stems could hang from.
 """
 
 import numpy as np
@@ -14,23 +14,23 @@ from optipromp.looks.appearance.faces import shape_faces
 from optipromp.looks.appearance.part import Part
 
 ROLES = {"target": "#d11a2a", "avoid": "#7f9a5c", "static": "#b39b7c"}
-UNRIPE = ("#a9c46a", "#c6cf86", "#8fb554", "#d3d7a0")  # of fruits on stems, in turn
+UNRIPE = ("#a9c46a", "#c6cf86", "#8fb554", "#d3d7a0")  # pushables on stems, in turn
 PUSHABLES = ("#6aa832", "#00897b", "#b8960c", "#2f5d1e", "#9a6b3c", "#5f7f8c")  # others, in turn
 LEAF, STEM, TRUSS = "#3f8a2e", "#4c8030", "#6f8a4a"
 GUTTER, POST, FLOOR = "#f2f3ef", "#a7adb3", "#e9ece5"
-SEE_THROUGH = 0.3  # opacity of what is to be avoided
+SEE_THROUGH = 0.3  # opacity of objects to avoid
 SEPALS = 7
-LARGE = 0.04  # [m] radius of a ball that shows its corners
+LARGE = 0.04  # [m] radius of a ball above which it needs more faces
 TROUGH = 0.16, 0.07, 0.55  # [m] of the gutter: width, height, length beyond the last stem
-OVER = 0.006  # [m] between the highest root and the gutter
-HANGS = 0.08  # [m] between a root and what a stem hangs from, at most
-REACHES = 0.15  # [m] of a hanger beside it, at most
+OVER = 0.006  # [m] from the highest root up to the gutter
+HANGS = 0.08  # [m] from a root to the object that its stem hangs from, at most
+REACHES = 0.15  # [m] length of a hanger to such an object, at most
 GROUND = 1.6  # [m] half the floor's side
-FLOOR_DEPTH = 0.01  # [m] of the floor
+FLOOR_DEPTH = 0.01  # [m] thickness of the floor
 
 
 def scene_parts(scene: Scene) -> tuple[Part, ...]:
-    """What a scene looks like, in the base frame of its robot: objects, stems, then the scenery."""
+    """The looks of a scene in the base frame of its robot: objects, stems, then the scenery."""
     parts: list[Part] = []
     for item in scene.objects:
         parts += [part.placed(item.position, item.rotation) for part in object_parts(scene, item)]
@@ -185,7 +185,7 @@ def _gutter(row: FloatArray, roots: FloatArray, ground: float) -> list[Part]:
 
 
 def _table(row: FloatArray, item: SceneObject, roots: FloatArray, ground: float) -> list[Part]:
-    """Two legs under an object that stems hang from, and hangers to it."""
+    """Two legs under an object that stems hang from, and hangers from the roots to it."""
     local = _corners(item) @ item.rotation.T + item.position
     low, high = (local @ row).min(axis=0), (local @ row).max(axis=0)
     middle = 0.5 * (low[0] + high[0])
@@ -199,13 +199,13 @@ def _table(row: FloatArray, item: SceneObject, roots: FloatArray, ground: float)
         if 0.001 < box_distance(item, root) < REACHES
     ]
     parts = [Part.of("legs", np.concatenate(legs), POST)]
-    if hangers:  # some root does not touch it
+    if hangers:
         parts.append(Part.of("hangers", np.concatenate(hangers), TRUSS))
     return parts
 
 
 def _ground(scene: Scene) -> float | None:
-    """Height of the floor: under the base, or under the lowest object; None where there is one."""
+    """Height of the floor at the base or the lowest object [m]; None where the scene has one."""
     if any(np.isinf(item.radius) for item in scene.objects):
         return None
     up = np.asarray(scene.up)

@@ -1,4 +1,4 @@
-"""Changes to a scene: what can be taken hold of, and the scene after it was moved."""
+"""Changes to a scene: the grips by which objects are dragged, and the scene after a move."""
 
 import inspect
 from dataclasses import dataclass, replace
@@ -17,12 +17,13 @@ FRUITS = "all fruits"
 
 @dataclass(frozen=True)
 class Grip:
-    """What is dragged at once.
+    """Objects, or parts of them, that are dragged together.
 
     Attributes:
         name: shown to the user; unique in the scene.
         ids: of the objects.
-        part: ``object`` (its stem's root stays), ``root`` of its stem, or ``whole``, stem and all.
+        part: ``object`` (the root of its stem stays), ``root`` (of its stem), or ``whole`` (the
+            object and its stem).
     """
 
     name: str
@@ -31,7 +32,7 @@ class Grip:
 
 
 def grips(scene: Scene) -> dict[str, Grip]:
-    """Everything that can be dragged in a scene, by name; the target comes first."""
+    """All grips of a scene by name; the target comes first."""
     first = sorted(scene.objects, key=lambda item: item.role != "target")
     found = [Grip(item.id, (item.id,)) for item in first]
     hanging = tuple(item.id for item in first if item.stem is not None)
@@ -42,7 +43,7 @@ def grips(scene: Scene) -> dict[str, Grip]:
 
 
 def place(scene: Scene, grip: Grip) -> FloatArray:
-    """Where a grip is (3,) [m]: the object, the root, or the middle of several objects."""
+    """The position (3,) of a grip [m]: the object's, the root's, or the mean of several."""
     items = [item for item in scene.objects if item.id in grip.ids]
     points = [item.stem.root if grip.part == "root" and item.stem else item.position
               for item in items]  # fmt: skip
@@ -108,17 +109,17 @@ def with_sigma(scene: Scene, value: float) -> Scene:
 
 
 def complaint(found: Plan | OptiPrompError) -> str:
-    """What the command line says of a failure; empty for a success."""
+    """A failure in the words of the command line; empty for a success."""
     if isinstance(found, OptiPrompError):
         return f"error {found.code}: {' '.join(found.message.split())}"
     return "" if found.success else f"{found.status}: {found.message}"
 
 
 def culprit(scene: Scene, found: Plan | OptiPrompError, dragged: Grip | None) -> FloatArray:
-    """Where (3,) [m] the cause of a failure is.
+    """The position (3,) of the cause of a failure [m].
 
-    It is at the object that the plan touches, or the first one that the message names; else at
-    what was dragged last, the target, or the end of the tool's way.
+    It is that of the object that the plan touches, or of the first object that the message names;
+    else of the grip that was dragged last, the target, or the last tool point.
     """
     by_id = {item.id: item for item in scene.objects}
     words = [] if isinstance(found, OptiPrompError) else [c.other for c in found.contacts]

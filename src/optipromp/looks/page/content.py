@@ -1,4 +1,4 @@
-"""What the page shows of a plan: bundle, candidate paths, clearances, pushed objects, charts."""
+"""The content of the page about a plan: bundle, candidates, clearances, pushed objects, charts."""
 
 import warnings
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, IntArray, lengths
+from optipromp.core.arrays import BoolArray, FloatArray, IntArray, lengths
 from optipromp.core.budget import Budget, clock
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.geometry import distances
@@ -20,16 +20,17 @@ from optipromp.core.promp.points import JointPoint, TaskPoint
 from optipromp.core.pushing.model import Combined, PushModel
 from optipromp.core.pushing.searching import search
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.scene import PoseGoal, Scene
+from optipromp.core.scenes.scene import PoseGoal, Role, Scene
 from optipromp.looks.appearance.part import rgb
 from optipromp.looks.viewer.drawn import FOLLOWED, GREEN, OPTIMISED, RED, Moment, Placed, placed
 
-SAMPLES, ROWS = 24, 60  # of the bundle; choices for the eye
-CANDIDATES = 40  # shown at most
-SEARCHING = 1.0  # [s] that the search is repeated for, at most
+# choices for the eye
+SAMPLES, ROWS = 24, 60  # trajectories of the bundle, waypoints of each
+CANDIDATES = 40  # tool paths, at most
+SEARCHING = 1.0  # [s] of the repeated search, at most
 KEYS = 16  # moments at which the push is predicted
-WIDE = 2.0  # standard deviations that a tube or band shows
-RED_AT, GREEN_AT = 0.0, 0.05  # [m] of clearance
+WIDE = 2.0  # standard deviations within a tube
+RED_AT, GREEN_AT = 0.0, 0.05  # [m] clearance
 CHART_ROWS = 120  # times of a chart
 JOINT_COLOURS = (
     OPTIMISED, "#d1661a", GREEN, RED, "#7d55a8", "#8a5a44", "#c05a9c", "#6f757d",
@@ -50,9 +51,9 @@ class Bundle:
 
 
 def bundle(promp: ProMP, robot: Robot, middle: FloatArray | None = None) -> Bundle:
-    """The tool's paths of a primitive; about ``middle`` (T, n) instead of its mean, if given.
+    """The tool paths of a primitive, about its mean or about waypoints ``middle`` (T, n).
 
-    The radius is of the direction in which the tool's point spreads most.
+    The radius is along the direction of the largest spread of the tool point.
     """
     q = promp.sample(np.random.default_rng(0), SAMPLES, ROWS)
     tool = robot.tool_pose(q)[0]
@@ -71,8 +72,8 @@ def bundle(promp: ProMP, robot: Robot, middle: FloatArray | None = None) -> Bund
 def initial_bundle(plan: Plan, demonstrations: Any = None) -> Bundle | None:
     """The conditioned primitive of a plan; None where nothing moves or it cannot be conditioned.
 
-    It is conditioned on the start, the goal and the points of the tool that the plan's own was:
-    its via points, or stations on its tool path.
+    As in the plan, it is conditioned on the start, the goal, and tool points: the via points, or
+    stations on the tool path.
     """
     q = plan.initial.positions
     if (q == q[0]).all():
@@ -90,7 +91,7 @@ def initial_bundle(plan: Plan, demonstrations: Any = None) -> Bundle | None:
     ]
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a point that is missed a little is no news here
+            warnings.simplefilter("ignore")  # of points that are missed a little
             given = condition(learnt(plan.task, demonstrations), points, plan.robot.tool_map)
     except OptiPrompError:
         return None
@@ -98,9 +99,9 @@ def initial_bundle(plan: Plan, demonstrations: Any = None) -> Bundle | None:
 
 
 def candidates(plan: Plan) -> list[tuple[FloatArray, float]]:
-    """Tool paths (P, 3) that the search of a plan tries, with their harm; the worst first.
+    """Tool paths (P, 3) that the search of a plan tries, each with its harm; the worst first.
 
-    The search is repeated with the plan's seed. Empty where no push model applies.
+    The search is repeated with the plan's seed. The list is empty where no push model applies.
     """
     task, model = plan.task, plan.push_model
     if model is None or not isinstance(task.goal, PoseGoal):
@@ -116,7 +117,7 @@ def candidates(plan: Plan) -> list[tuple[FloatArray, float]]:
 
 
 class _Watched(Combined):
-    """A push model that keeps the paths it is asked about, each with its last harm."""
+    """A push model that records the paths whose harm is asked, each with its last harm."""
 
     def __init__(self, model: PushModel) -> None:
         super().__init__(model)
@@ -131,7 +132,7 @@ class _Watched(Combined):
 
 
 def between(value: FloatArray, worst: float, best: float) -> IntArray:
-    """Colours (..., 3) from red (worst) over yellow to green (best), 0 to 255."""
+    """Colours (..., 3), 0 to 255: red at ``worst``, over yellow, to green at ``best``."""
     share = np.clip((np.asarray(value) - worst) / (best - worst), 0.0, 1.0)
     marks = np.array([rgb(RED), (240, 196, 60), rgb(GREEN)])
     mixed = [np.interp(share, [0.0, 0.5, 1.0], column) for column in marks.T]
@@ -143,8 +144,9 @@ class Clearances:
     """Distances of the body spheres along a motion.
 
     Attributes:
-        nearest: (T, S) of each sphere to what it must not touch [m]; infinite where nothing is.
-        series: smallest distance (T,) by pair of words [m].
+        nearest: (T, S) distance of each sphere to the objects it must not touch [m]; infinite
+            where there are none.
+        series: smallest distance (T,) [m], by a name such as "arm to avoid".
     """
 
     nearest: FloatArray
@@ -156,11 +158,12 @@ def clearances(scene: Scene, robot: Robot, q: FloatArray) -> Clearances:
     centers, radius = robot.sphere_centers(q), np.asarray(robot.spheres.radius)
     distal = np.asarray(robot.spheres.distal, dtype=bool)
     nearest, series = np.full(centers.shape[:2], np.inf), {}
-    for words, role, mine in (
+    pairs: tuple[tuple[str, Role, BoolArray], ...] = (
         ("static", "static", np.ones_like(distal)), ("arm to avoid", "avoid", ~distal),
         ("tool to avoid", "avoid", distal), ("arm to pushable", "pushable", ~distal),
-    ):  # fmt: skip
-        rows = scene.rows(role)  # type: ignore[arg-type]
+    )  # fmt: skip
+    for words, role, mine in pairs:
+        rows = scene.rows(role)
         if not len(rows) or not mine.any():
             continue
         points = centers[:, mine].reshape(-1, 3)
@@ -174,7 +177,7 @@ def clearances(scene: Scene, robot: Robot, q: FloatArray) -> Clearances:
 
 @dataclass(frozen=True, eq=False)
 class PushedPlaces:
-    """Where the objects are predicted to be: ``places`` at each of the ``times`` [s]."""
+    """The predicted ``places`` of the objects at each of the ``times`` [s]."""
 
     times: FloatArray
     places: tuple[tuple[Placed, ...], ...]
@@ -196,7 +199,7 @@ def pushed(plan: Plan) -> PushedPlaces:
 
 
 def passing(plan: Plan) -> list[tuple[str, FloatArray, FloatArray]]:
-    """Id of each pushable that the tool passes, its place (3,), and where the tool passes (3,)."""
+    """Id and position (3,) of each pushable that the tool passes, and the tool point there (3,)."""
     tool = plan.robot.tool_pose(plan.trajectory.positions[plan.first :])[0]
     up, out = plan.scene.frame[2], []
     for item in plan.scene.pushables:

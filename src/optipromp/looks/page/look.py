@@ -1,4 +1,4 @@
-"""Where the camera of a window stands at first."""
+"""The first place of a window's camera."""
 
 from typing import Any
 
@@ -7,11 +7,13 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.scenes.scene import Scene
 
-UPWARDS = 0.7  # cosine; an approach steeper than that is looked at from beyond the target
-DISTANCE, FARTHER, PAIR = 0.95, 1.15, 0.7  # [m] of the camera; on a narrow screen; more for a pair
-LOOK_AHEAD, LOOK_ASIDE, LOOK_BELOW = 0.10, 0.08, 0.40  # [m] from the target to what is looked at
-CAMERA_LOWEST = 0.15  # [m] of the camera above the base: not under the floor
-NARROW = 640  # [pixel] width of a screen on which the panel is below
+# choices for the eye
+UPWARDS = 0.7  # cosine to the vertical of an approach above which the camera is beyond the target
+DISTANCE, FARTHER = 0.95, 1.15  # [m] of the camera from its focus; on a narrow screen
+PAIR = 0.7  # [m] more distance for two scenes side by side
+LOOK_AHEAD, LOOK_ASIDE, LOOK_BELOW = 0.10, 0.08, 0.40  # [m] from the target to the focus
+CAMERA_LOWEST = 0.15  # [m] height of the camera over the base, at least
+NARROW = 640  # [pixel] width of a screen below which the panel is under the picture
 
 
 def look(camera: Any, scene: Scene, beside: FloatArray | None = None) -> None:
@@ -19,8 +21,8 @@ def look(camera: Any, scene: Scene, beside: FloatArray | None = None) -> None:
 
     Args:
         camera: of a client of viser.
-        scene: whose target is looked at; without one, the middle of its objects.
-        beside: (3,) from it to the same scene once more, if that is shown too [m].
+        scene: with the target; without one, the camera points at the mean of its objects.
+        beside: (3,) offset of the same scene, where it is shown a second time [m].
     """
     up, (_, y, z) = scene.up, scene.frame
     middle = np.zeros(3)
@@ -31,10 +33,10 @@ def look(camera: Any, scene: Scene, beside: FloatArray | None = None) -> None:
     steep = z @ up > UPWARDS
     away = 0.8 * out + 0.5 * y - 0.12 * up if steep else -0.7 * z + 0.5 * y + 0.6 * up
     away = away / np.linalg.norm(away)
-    if camera.image_width < NARROW:  # the panel covers the lower half there
+    if camera.image_width < NARROW:  # the panel covers the lower half
         focus, distance = middle - LOOK_BELOW * up, FARTHER
     else:
-        focus = middle - LOOK_AHEAD * z - LOOK_ASIDE * np.cross(away, up)  # and the right here
+        focus = middle - LOOK_AHEAD * z - LOOK_ASIDE * np.cross(away, up)  # it covers the right
         distance = DISTANCE
     if beside is not None:
         focus, distance = focus + 0.35 * beside, distance + PAIR

@@ -25,13 +25,13 @@ SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1": 1.0, "2": 2.0}
 TIME_STEP = 0.02  # [s] of a single step
 NOTHING = "nothing"
 _PLAYING, _PAUSED = "pause", "play"
-_NUMBERS = {  # options shown: name -> (label, factor to the unit shown, least, most, step)
+_NUMBERS = {  # number fields of options: (label, factor to its unit, least, most, step)
     "static_clearance": ("to static [mm]", 1e3, 0.0, 60.0, 1.0),
     "avoid_clearance": ("to avoid [mm]", 1e3, 0.0, 60.0, 1.0),
     "corridor": ("corridor [mm]", 1e3, 0.0, 20.0, 0.5),
     "max_step": ("largest step [rad]", 1.0, 0.005, 0.2, 0.005),
 }
-CHART_EVERY = 0.1  # [s] between two marks of the time in the charts, while it runs
+CHART_EVERY = 0.1  # [s] between two moves of the charts' needles while the clock runs
 
 
 class Panel:
@@ -69,7 +69,7 @@ class Panel:
         )
 
     def on(self, control: Any, kind: str, act: Callable[[Any], None]) -> None:
-        """Post a job with the new value when the user changes a control."""
+        """Post ``act`` with the new value when the user changes a control."""
 
         async def changed(event: Any) -> None:
             if event.client is not None:
@@ -193,7 +193,7 @@ class Panel:
         self.tell(f"wrote {folder}")
 
     def tell(self, text: str) -> None:
-        """Say what was saved."""
+        """Show a line below the buttons that save."""
         self.saved.content = text
 
     # -- layers and charts ----------------------------------------------------------------------
@@ -221,7 +221,7 @@ class Panel:
         self.plots = Plots(self.gui)
 
     def _refresh(self) -> None:
-        """After a plan: the table, the charts, the controls that the scene decides."""
+        """Update table, charts, and the controls of the scene after a plan."""
         window, plan = self.window, self.window.plan
         assert plan is not None and window.near is not None  # noqa: PT018
         self.table.content = table(plan)
@@ -238,7 +238,7 @@ class Panel:
         self.plots.show(charts(plan, window.near, window.chart_times), window.now)
 
     def _mark(self) -> None:
-        """After a change of the time: slider and charts."""
+        """Update slider and charts after a change of the time."""
         window = self.window
         if window.plan is not None:
             end = round(window.duration, 3)
@@ -254,10 +254,10 @@ class Panel:
 
 
 def plain_name(text: str) -> str:
-    """A name to save under: one part of a path, within the page's folder.
+    """The name of a file within the page's folder.
 
     Raises:
-        InvalidRequestError: it is empty, no name, too long for a file or leads elsewhere.
+        InvalidRequestError: the text is empty, too long, or a path.
     """
     name = text.strip()
     if not is_name(name) or name != file_name(name).strip("."):

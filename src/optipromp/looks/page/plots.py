@@ -25,7 +25,7 @@ class Plots:
         self.marked = -np.inf
 
     def show(self, wanted: Sequence[Chart], now: float) -> None:
-        """Show charts; those of the same curves as before get new values only."""
+        """Show charts; where their curves are the same as before, only the values are sent."""
         if [_shape(chart) for chart in wanted] == [_shape(chart) for chart, _ in self.charts]:
             self.charts = [(c, node) for c, (_, node) in zip(wanted, self.charts, strict=True)]
             for chart, node in self.charts:
@@ -38,7 +38,7 @@ class Plots:
         self.marked = now
 
     def mark(self, now: float, least: float) -> None:
-        """Move the needles to a time [s], if it is ``least`` away from where they are."""
+        """Move the needles to the time ``now`` [s], if they are more than ``least`` [s] away."""
         if abs(now - self.marked) > least:
             self.marked = now
             for chart, node in self.charts:

@@ -12,10 +12,10 @@ from optipromp.core.promp.demonstrations import Demonstration, save_demonstratio
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
 
-MISSED = 1e-3  # [m] from the handle to the tool beyond which a pose counts as out of reach
-SHORTEST = 1e-3  # [s] between two samples
-LONGEST_PAUSE = 0.2  # [s] that a pause of the hand takes at most in the demonstration
-FEWEST_SAMPLES = 5  # samples of a demonstration
+MISSED = 1e-3  # [m] from the handle to the tool; a pose that misses by more is out of reach
+SHORTEST = 1e-3  # [s] between two samples, at least
+LONGEST_PAUSE = 0.2  # [s] between two samples, at most: longer pauses of the hand are shortened
+FEWEST_SAMPLES = 5  # of a demonstration
 
 
 @dataclass
@@ -24,10 +24,10 @@ class Recorder:
 
     Attributes:
         robot: whose joints are recorded.
-        q: (n,) where the arm is.
+        q: (n,) present configuration.
         times, rows: of the demonstration under way: [s] and (n,) each.
         kept: accepted demonstrations.
-        last: when the last sample was taken [s].
+        last: time of the last sample [s].
     """
 
     robot: Robot
@@ -42,7 +42,7 @@ class Recorder:
         self.q, self.times, self.rows = np.array(q), [], []
 
     def drag(self, point: FloatArray, now: float) -> bool:
-        """Follow the handle to ``point`` (3,) [m] at a time [s]; False where it is out of reach.
+        """Follow the handle to ``point`` (3,) [m] at the time ``now`` [s]; False if out of reach.
 
         The tool keeps its direction. Out of reach, the arm stays where it is.
         """
@@ -60,7 +60,7 @@ class Recorder:
         return True
 
     def accept(self) -> int:
-        """Keep the demonstration under way; returns how many there are now.
+        """Keep the demonstration under way; returns the number of demonstrations.
 
         Raises:
             InvalidRequestError: it has too few samples.
@@ -75,7 +75,7 @@ class Recorder:
 
     @property
     def demonstrations(self) -> Demonstrations:
-        """What was accepted.
+        """The accepted demonstrations.
 
         Raises:
             InvalidDemonstrationError: nothing was.
@@ -83,7 +83,7 @@ class Recorder:
         return Demonstrations(tuple(self.kept), self.robot.joint_names)
 
     def learn(self) -> ProMP:
-        """A primitive of what was accepted."""
+        """A primitive learnt from the accepted demonstrations."""
         return fit(self.demonstrations, Basis())
 
     def save(self, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Executed plans: the arm, the objects and the contacts as they were, one or two side by side."""
+"""Replays of executed plans: arm, objects and contacts, one plan or two side by side."""
 
 import functools
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from optipromp.core.scenes.scene import Scene
 from optipromp.looks.page.stage import PlanNodes
 
 ROLLOUTS_APART = 1.3  # [m] between two rollouts side by side
-LEAST_FORCE = 0.02  # [N] least force of a contact that is drawn
+LEAST_FORCE = 0.02  # [N] a contact with less force is not drawn
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class Replay:
 
     @property
     def duration(self) -> float:
-        """Of the records [s]."""
+        """Time of the last record [s]."""
         return float(self.arrays["times"][-1])
 
     @functools.cached_property
@@ -55,7 +55,7 @@ class Replay:
         return world, world.data(self.robot.home)
 
     def show(self, stage: PlanNodes, now: float) -> str:
-        """Put everything where it was at a time [s]; returns the forces then, in words."""
+        """Show arm, objects and contacts at the time ``now`` [s]; returns the forces in words."""
         from optipromp.laboratory.simulation.engine import engine
 
         arrays, (world, data) = self.arrays, self._world
@@ -73,7 +73,7 @@ class Replay:
         return self._words(felt)
 
     def _stem(self, fruit: Any) -> FloatArray | None:
-        """The stem of a fruit (k, 3), root first, where the bodies of its pieces are now."""
+        """The present points (k, 3) of a fruit's stem, root first [m]; None without a stem."""
         world, data = self._world
         if fruit.stem_entity < 0:
             return None

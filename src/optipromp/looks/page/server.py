@@ -1,4 +1,4 @@
-"""The page's server: one window's state for each browser window, on this machine only."""
+"""The page's server, with a state for each browser window."""
 
 import asyncio
 import io
@@ -19,9 +19,9 @@ class Page:
 
     Args:
         source: that each window opens with.
-        host: address that is listened at.
-        port: 0: any that is free.
-        out: folder that windows save into.
+        host: address of the server.
+        port: of the server; 0: any free one.
+        out: folder into which windows save.
 
     Raises:
         InvalidRequestError: viser is not installed; the port is taken.
@@ -38,8 +38,8 @@ class Page:
         self.server.on_client_connect(self._enter)
         self.server.on_client_disconnect(self._leave)
 
-    # viser awaits these two, in the order of events; others it gives to threads, in any order, and
-    # a window that had left before it entered stayed for ever
+    # Coroutines, since viser awaits these in the order of events. It gives functions to threads in
+    # any order: a window that leaves before it enters would stay for ever.
 
     async def _enter(self, client: Any) -> None:
         window = Window(client, self.source, self.out)
@@ -68,10 +68,10 @@ class Page:
 
 
 def usable(host: str, port: int) -> int:
-    """The port, or any free one for 0.
+    """The port, or a free one for 0.
 
     Raises:
-        InvalidRequestError: it cannot be listened at.
+        InvalidRequestError: the port is taken or not allowed.
     """
     try:
         family, *_ = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]

@@ -1,4 +1,4 @@
-"""What the page opens: a scene, a plan, or executed plans."""
+"""The source that the page opens: a scene, a plan, or executed plans."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +15,7 @@ from optipromp.looks.page.replay import Replay, load_replay
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """What the page opens: a scene, its plan, and executed plans of the scene."""
+    """A scene, its plan, and executed plans of the scene."""
 
     scene: Scene
     plan: Plan | None = None
@@ -23,14 +23,14 @@ class Source:
 
 
 def open_source(item: str, beside: str | None = None) -> Source:
-    """The content of a scene file or name, or of a folder of a plan or of a rollout.
+    """The source in a scene file, a built-in scene, or a folder of a plan or a rollout.
 
     Args:
-        item: what is opened.
+        item: name or path.
         beside: a second folder of a rollout, replayed beside the first.
 
     Raises:
-        InvalidRequestError: it is none of these, or damaged.
+        InvalidRequestError: the item is none of these, or damaged.
         InvalidSceneError: a scene that cannot be used.
     """
     folder = Path(item)

@@ -11,7 +11,7 @@ from optipromp.core.planning import Plan
 from optipromp.core.robots.model import Robot
 from optipromp.looks.appearance.part import rgb
 from optipromp.looks.page.content import GREEN_AT, RED_AT, Bundle, Clearances, between
-from optipromp.looks.viewer.drawn import PRIMITIVE, RED, Placed, motions
+from optipromp.looks.viewer.drawn import PRIMITIVE, RED, STILL, Placed, motions
 from optipromp.looks.viewer.nodes import FLAT, Nodes, tube
 
 _WIDTH = {"conditioned ProMP": 4.0, "followed path": 3.0, "optimised": 5.0}  # [pixel]
@@ -56,7 +56,7 @@ class PlanNodes(Nodes):
             self._balls().batched_positions = self.robot.sphere_centers(q).astype(np.float32)
 
     def place(self, items: Iterable[Placed]) -> None:
-        """Put objects where they are at a moment."""
+        """Move objects to their places of a moment."""
         for item in items:
             self.put(item.item, item.position, item.rotation, item.stem)
 
@@ -70,7 +70,7 @@ class PlanNodes(Nodes):
         self._refresh()
 
     def mute(self, muted: bool) -> None:
-        """Hide all layers of a plan, or show again those that are not hidden."""
+        """Hide all layers of a plan, or show those that are on again."""
         self._muted = muted
         self._refresh()
 
@@ -87,12 +87,12 @@ class PlanNodes(Nodes):
         self._shown[key] = make(name, *args, visible=visible, **options)
 
     def drop(self, layer: str) -> None:
-        """Remove what a layer holds."""
+        """Remove the nodes of a layer."""
         for key in [key for key in self._shown if key.partition("|")[0] == layer]:
             self._shown.pop(key).remove()
 
     def trajectories(self, plan: Plan) -> None:
-        """The tool's lines of the plan's trajectories."""
+        """Show the tool path of each trajectory of the plan."""
         found = {motion.name: motion for motion in motions(plan)}
         for name in _WIDTH.keys() - found.keys():
             if (old := self._shown.pop(f"trajectories|{name}", None)) is not None:
@@ -106,7 +106,7 @@ class PlanNodes(Nodes):
             )  # fmt: skip
 
     def bundle(self, found: Bundle | None, layer: str = "initial bundle") -> None:
-        """A primitive's tube of two standard deviations, and samples of it."""
+        """Show a primitive's tube of two standard deviations, and its samples."""
         self.drop(layer)
         if found is None:
             return
@@ -119,7 +119,7 @@ class PlanNodes(Nodes):
                   thickness_units="screen")  # fmt: skip
 
     def candidates(self, found: Sequence[tuple[FloatArray, float]], threshold: float) -> None:
-        """Candidate tool paths, red where the predicted harm is above the threshold."""
+        """Show candidate tool paths; red where the predicted harm is above the threshold."""
         self.drop("candidate paths")
         if not found:
             return
@@ -134,24 +134,24 @@ class PlanNodes(Nodes):
                   thickness=2.0, thickness_units="screen")  # fmt: skip
 
     def sides(self, found: Sequence[tuple[str, FloatArray, FloatArray]]) -> None:
-        """Arrows from each pushable to where the tool passes."""
+        """Show an arrow from each pushable to the tool point that passes it."""
         self.drop("passing sides")
         if found:
             points = np.array([[begin, end] for _, begin, end in found], dtype=np.float32)
             self._add("passing sides|all", self.api.add_arrows, points, _SIDE, **_ARROW)
 
     def via(self, points: Sequence[tuple[str, FloatArray, str]]) -> None:
-        """The points of the tool that a primitive was conditioned on."""
+        """Show the tool points that a primitive was conditioned on."""
         self.drop("conditioned on")
         for name, point, colour in points:
             self._add(f"conditioned on|{name}", self.api.add_icosphere, radius=0.006,
                       color=rgb(colour), position=point)  # fmt: skip
 
     def ghosts(self, items: Iterable[Placed]) -> None:
-        """Small balls where pushed objects are predicted to be at the end."""
+        """Show labels at the predicted last places of pushed objects."""
         self.drop("pushed objects")
         for item in items:
-            if item.shift > 1e-3:
+            if item.shift > STILL:
                 self._add(f"pushed objects|{item.item.id}", self.api.add_label, item.label,
                           position=item.position, font_screen_scale=0.8)  # fmt: skip
 
@@ -175,16 +175,15 @@ class PlanNodes(Nodes):
         return self._shown["body spheres"]
 
     def forces(self, points: FloatArray, forces: FloatArray) -> None:
-        """Contact forces (k, 3) [N] as arrows that end at points (k, 3) [m]."""
+        """Show contact forces (k, 3) [N] as arrows that end at points (k, 3) [m]."""
         self.drop("forces")
         if len(points):
             arrows = np.stack([points - _FORCE * forces, points], axis=1).astype(np.float32)
             self._add("forces|all", self.api.add_arrows, arrows, rgb(RED), **_ARROW)
 
     def say(self, text: str, at: FloatArray | None) -> None:
-        """A label at a point (3,) [m] of the scene; empty: none."""
+        """Show a label at a point (3,) of the scene [m]; without text or point, none."""
         self.drop("message")
         if text and at is not None:
             words = "\n".join(textwrap.wrap(text, 36)[:7])
-            self._add("message|text", self.api.add_label, words, position=at,
-                      anchor="bottom-right")  # fmt: skip
+            self._add("message|text", self.api.add_label, words, position=at, anchor="bottom-right")

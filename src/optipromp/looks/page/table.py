@@ -1,4 +1,4 @@
-"""The table of a plan's metrics and constraints, as HTML; what is violated is red."""
+"""The table of a plan's metrics and violations as HTML; violated rows are red."""
 
 import html
 
@@ -20,7 +20,7 @@ _ROW = '<tr style="{}"><td style="padding-right:1em;white-space:nowrap">{}</td><
 
 
 def table(plan: Plan) -> str:
-    """Metrics of a plan, in the words of the command line, and what it violates."""
+    """The metrics of a plan in the words of the command line, and its violations."""
     found = violations(plan)
     kinds, subjects = {v.kind for v in found}, {v.subject for v in found}
     touched = {contact.role for contact in plan.contacts}
@@ -44,5 +44,5 @@ def table(plan: Plan) -> str:
 
 
 def violations(plan: Plan) -> tuple[Violation, ...]:
-    """What the judge finds wrong with a plan."""
+    """The violations that the judge finds in a plan."""
     return verdict_of(plan).judgement.violations

@@ -33,7 +33,7 @@ class RecordTab:
             panel.on(gui.add_button(label), label, _ignoring(act))
 
     def start(self) -> None:
-        """Put the handle at the tool, the arm at the scene's start."""
+        """Move the arm to the scene's start, and show the handle at the tool."""
         window = self.window
         robot, state = posed(window.scene)
         window.replay(())
@@ -75,7 +75,7 @@ class RecordTab:
         self._tell(f"discarded; {len(recorder.kept)} demonstrations")
 
     def save(self) -> None:
-        """Write the accepted ones into the page's folder."""
+        """Write the accepted demonstrations into the page's folder."""
         name = self.panel.named()
         check_folder(self.window.out)
         path = self.window.out / f"{name}-demonstrations.npz"
@@ -83,7 +83,7 @@ class RecordTab:
         self._tell(f"wrote {path}, for 'optipromp learn'")
 
     def learn(self) -> None:
-        """Learn a primitive, show its band and plan with it."""
+        """Learn a primitive, show its tube and plan with it."""
         recorder, window = self._recorder(), self.window
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
@@ -119,13 +119,13 @@ class ReplayTab:
         self.window.clocked.append(self.follow)
 
     def show(self) -> None:
-        """Replay what is chosen; none: the plan."""
+        """Replay the chosen runs; with none, show the plan."""
         known = {replay.name: replay for replay in self.window.replays}
         names = dict.fromkeys(str(c.value) for c in (self.choice, self.second))
         self.window.replay([known[name] for name in names if name in known])
 
     def follow(self) -> None:
-        """Show what is replayed and the forces of the moment."""
+        """Show the names of the replayed runs and the present forces."""
         names = ("none", *(replay.name for replay in self.window.replays))
         now = [replay.name for replay, _ in self.window.replayed]
         for control, name in zip((self.choice, self.second), [*now, "none", "none"], strict=False):

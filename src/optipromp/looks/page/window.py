@@ -22,19 +22,19 @@ from optipromp.looks.page.stage import PlanNodes
 from optipromp.looks.page.worker import Worker
 from optipromp.looks.viewer.drawn import conditioned_on, moment
 
-HASTE = 0.08  # [s] that a plan may take while something is dragged; of 150 ms to the screen
+HASTE = 0.08  # [s] of a plan during a drag, at most; of 0.15 s until the screen shows it
 _planning = threading.Lock()  # windows plan one after another: two at once gain nothing
 
 
 class Window:
-    """The state of one window and what can be done to it.
+    """The state of one window and its actions.
 
-    Every action is a job of the window's own thread (:attr:`worker`); the controls post them.
+    Every action is a job of the window's thread (:attr:`worker`), posted by the controls.
 
     Args:
-        client: of viser; None of its nodes is seen by another client.
+        client: of viser; no other client sees its nodes.
         source: shown first; where it has no plan, one is made.
-        out: folder that the page saves into.
+        out: folder into which the page saves.
     """
 
     def __init__(self, client: Any, source: Source, out: Path) -> None:
@@ -53,8 +53,8 @@ class Window:
         self._pushed: content.PushedPlaces | None = None
         self._gizmo: Any = None
         self.dragging: Callable[[FloatArray, str], None] | None = None
-        self.since = 0.0  # of the drag that is answered next
-        # what the controls show; the panel sets them
+        self.since = 0.0  # [s] when the drag that is answered next was received
+        # callbacks of the panel
         self.say: Callable[[str, bool], None] = lambda text, bad: None
         self.told: list[Callable[[], None]] = []  # after a plan and all that belongs to it
         self.clocked: list[Callable[[], None]] = []  # after a change of the time
@@ -63,7 +63,7 @@ class Window:
         self.forces = ""  # of the replay, in words
 
     def post(self, kind: str, job: Callable[[], None]) -> None:
-        """Have a job done in the window's thread."""
+        """Queue a job of the window's thread."""
         self.worker.post(kind, job)
 
     def start(self) -> None:
@@ -73,7 +73,7 @@ class Window:
             self.replay(self.replays[:2])
 
     def open(self, scene: Scene, plan: Plan | None = None) -> None:
-        """Show another scene; a plan of it as it is, or a new one."""
+        """Show another scene with its ``plan``, or with a new one."""
         self.original = self.scene = scene
         self.now = 0.0
         self.select("")
@@ -90,7 +90,7 @@ class Window:
     # -- planning -------------------------------------------------------------------------------
 
     def replan(self, *, live: bool = False, since: float | None = None) -> None:
-        """Plan the scene as it stands; ``live``: in haste, without what surrounds a plan."""
+        """Plan the present scene; ``live``: in haste, without :meth:`details`."""
         self.replay(())
         began = time.perf_counter()
         options = self.options
@@ -111,7 +111,7 @@ class Window:
             self.post("details", self.details)
 
     def refuse(self, error: OptiPrompError) -> None:
-        """Say what is wrong with the scene or the request, at the thing that causes it."""
+        """Show an error of the scene or the request, at its cause in the scene."""
         words = arrange.complaint(error)
         with self.client.atomic():
             self.stage.say(words, arrange.culprit(self.scene, error, self.selected))
@@ -135,7 +135,7 @@ class Window:
             self.say(words + (f"  \n{wrong}" if wrong else ""), bool(wrong))
 
     def details(self) -> None:
-        """Show what surrounds a plan: bundle, candidates, predictions, clearances."""
+        """Show the bundle, candidates, predicted pushes and clearances of the plan."""
         plan = self.plan
         if plan is None:
             return
@@ -159,13 +159,13 @@ class Window:
 
     @property
     def duration(self) -> float:
-        """Of what the clock runs through: a plan, or executed plans [s]."""
+        """Duration of the plan, or of the replayed plans [s]."""
         if self.replayed:
             return max(replay.duration for replay, _ in self.replayed)
         return 0.0 if self.plan is None else self.plan.trajectory.duration
 
     def go(self, now: float) -> None:
-        """Show the arm and the objects at a time [s]."""
+        """Show the arm and the objects at the time ``now`` [s]."""
         self.now = float(np.clip(now, 0.0, self.duration))
         if self.replayed:
             told = [f"**{r.name}**  \n{r.show(stage, self.now)}" for r, stage in self.replayed]
@@ -183,7 +183,7 @@ class Window:
             self.stage.colour(int(np.abs(self.chart_times - self.now).argmin()))
 
     def play(self, running: bool) -> None:
-        """Let the clock run, from the beginning where it is at the end; or stop it."""
+        """Start the clock, at the end again from the beginning; or stop it."""
         if running and self.now >= self.duration:
             self.go(0.0)
         self.worker.running = running
@@ -208,7 +208,7 @@ class Window:
         self.replay(self.replays[-1:])
 
     def replay(self, chosen: Sequence[Replay]) -> None:
-        """Replay executed plans, side by side where there are two; none: back to the plan."""
+        """Replay executed plans, two side by side; with none, show the plan again."""
         if not chosen and not self.replayed:
             return
         for _, stage in self.replayed:
@@ -238,7 +238,7 @@ class Window:
     # -- moving things --------------------------------------------------------------------------
 
     def select(self, name: str) -> None:
-        """Take hold of one of :func:`optipromp.looks.page.arrange.grips`; empty: let go."""
+        """Show the handle of one of :func:`optipromp.looks.page.arrange.grips`; empty: of none."""
         found = arrange.grips(self.scene)
         self.selected = found.get(name)
         self.release()
@@ -248,7 +248,7 @@ class Window:
             clocked()
 
     def hold(self, at: FloatArray, dragged: Callable[[FloatArray, str], None]) -> None:
-        """Show a handle at a point (3,); ``dragged`` gets its place and ``update`` or ``end``."""
+        """Show a handle at a point (3,); ``dragged`` gets its place, and ``update`` or ``end``."""
         self.dragging = dragged
         self._gizmo = self.client.scene.add_transform_controls(
             f"{self.stage.root}/handle", scale=0.12, disable_rotations=True, depth_test=False,
@@ -270,7 +270,7 @@ class Window:
             self._gizmo = None
 
     def dragged(self, at: FloatArray, phase: str, since: float) -> None:
-        """The handle is at a point (3,); called from viser's thread."""
+        """Post the move of the handle to a point (3,); called from viser's thread."""
         act = self.dragging
         if act is None:
             return
@@ -290,13 +290,13 @@ class Window:
         self.replan(live=phase == "update", since=self.since)
 
     def reset(self) -> None:
-        """The scene as it was opened."""
+        """Restore the scene as it was opened."""
         self.scene = self.original
         self.select("")
         self.replan()
 
     def change(self, scene: Scene) -> None:
-        """Another arrangement of the scene."""
+        """Plan in a changed scene."""
         self.scene = scene
         self.replan()
 

@@ -1,4 +1,4 @@
-"""One thread a window: jobs in order, of each kind only the newest."""
+"""The thread of a window: jobs in order, of each kind only the newest."""
 
 import sys
 import threading
@@ -15,7 +15,7 @@ class Worker:
 
     Args:
         tick: called with the seconds since the last call, while :attr:`running` and nothing waits.
-        failed: called with what a job raised, which is also printed on standard error.
+        failed: called with the error of a job, which is also printed on standard error.
     """
 
     def __init__(self, tick: Callable[[float], None], failed: Callable[[Exception], None]) -> None:
@@ -28,7 +28,7 @@ class Worker:
         self._thread.start()
 
     def post(self, kind: str, job: Job) -> None:
-        """Have a job done soon, in place of a waiting one of its kind."""
+        """Queue a job, in place of a waiting one of its kind."""
         with self._ready:
             self._jobs.pop(kind, None)
             self._jobs[kind] = job
@@ -40,12 +40,12 @@ class Worker:
             self._jobs.pop(kind, None)
 
     def wait(self, seconds: float = 60.0) -> bool:
-        """Wait until nothing is left to do; False where time runs out before."""
+        """Wait until no job is left; False where the time runs out first."""
         with self._ready:
             return self._ready.wait_for(lambda: not (self._jobs or self._busy), seconds)
 
     def stop(self) -> None:
-        """End the thread after the job it is at."""
+        """End the thread after its present job."""
         with self._ready:
             self._alive = False
             self._jobs.clear()

@@ -36,7 +36,7 @@ figure { margin: 10px 0 18px; break-inside: avoid; } figcaption { font-size: 13p
 
 
 def page(title: str, sections: Iterable[str]) -> bytes:
-    """The file: nothing in it is fetched from elsewhere."""
+    """The HTML file, which fetches nothing."""
     head = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
@@ -46,7 +46,7 @@ def page(title: str, sections: Iterable[str]) -> bytes:
 
 
 def section(title: str, *content: str, screen: bool = False) -> str:
-    """A heading and what stands below it; ``screen``: it is left out on paper."""
+    """A heading and its content; with ``screen``, left out on paper."""
     kind = ' class="screen"' if screen else ""
     return f"<section{kind}><h2>{escape(title)}</h2>{''.join(content)}</section>"
 
@@ -62,7 +62,7 @@ def table(rows: Iterable[Sequence[str]], head: Sequence[str] = ()) -> str:
 
 
 def picture(content: bytes, caption: str) -> str:
-    """A PNG in the file itself."""
+    """A PNG, embedded in the file."""
     return (
         f'<figure><img alt="{escape(caption)}" src="{_data("image/png", content)}">'
         f"<figcaption>{escape(caption)}</figcaption></figure>"
@@ -70,7 +70,7 @@ def picture(content: bytes, caption: str) -> str:
 
 
 def film(content: bytes, caption: str) -> str:
-    """An MP4 in the file itself; not on paper."""
+    """An MP4, embedded in the file; left out on paper."""
     return (
         f'<figure class="screen"><video controls loop muted src="{_data("video/mp4", content)}">'
         f"</video><figcaption>{escape(caption)}</figcaption></figure>"
@@ -82,9 +82,7 @@ def made_with(command: str, recorded: Mapping[str, str]) -> str:
     versions = [(name, _version(name)) for name in PACKAGES]
     rows = [*recorded.items(), *((name, found) for name, found in versions if found)]
     rows += [("Python", platform.python_version()), ("system", platform.platform(terse=True))]
-    return section(
-        "Made with", f"<p><code>{escape(command)}</code></p>", table(rows),
-    )  # fmt: skip
+    return section("Made with", f"<p><code>{escape(command)}</code></p>", table(rows))
 
 
 def _version(name: str) -> str:

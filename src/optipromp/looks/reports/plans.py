@@ -34,8 +34,8 @@ OURS = "—"
 def plan_report(folder: Path | str) -> bytes:
     """One HTML file, at most 5 MB, about the plan in a folder that ``optipromp plan`` left.
 
-    Where ``optipromp simulate`` has left its outcome and film beside it, these are in it too.
-    Without viser the 3-D view is left out.
+    The report includes the outcome and film that ``optipromp simulate`` left in the folder. Without
+    viser the 3-D view is left out.
 
     Raises:
         InvalidRequestError, InvalidSceneError: the folder holds no plan that can be read.
@@ -52,8 +52,10 @@ def plan_report(folder: Path | str) -> bytes:
         + paragraph(f"{plan.status} in {total}", f"status {kind}")
         + paragraph(plan.message)
     )
-    figures = [("The arm, and the cluster along two axes", reach_figure(plan))]
-    figures.append(("Joints over time", joint_figure(plan)))
+    figures = [
+        ("The arm, and the cluster along two axes", reach_figure(plan)),
+        ("Joints over time", joint_figure(plan)),
+    ]
     if changed_terms(plan):
         figures.append(("Costs over the iterations", cost_figure(plan)))
     parts = [
@@ -87,7 +89,7 @@ def _view(plan: Plan) -> str:
 
 
 def _beside_paper(plan: Plan) -> list[str]:
-    """What the paper reports of the same scene, beside the plan's own figures."""
+    """The section of the paper's figures of the same scene beside the plan's."""
     cases = [case for case in CASES if case.scene == plan.scene.name and case.published]
     alike = [case for case in cases if case.strategy == plan.strategy]
     case = next(iter(alike or cases), None)

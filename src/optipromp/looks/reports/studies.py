@@ -9,7 +9,7 @@ import numpy as np
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
 from optipromp.core.planning import PlanOptions
 from optipromp.laboratory.experiments.runs import ERROR, NO_PLAN, Row, again
-from optipromp.laboratory.experiments.statistics import Calibration, Cell, calibration, summary
+from optipromp.laboratory.experiments.statistics import Cell, Reliability, calibration, summary
 from optipromp.laboratory.experiments.study import ROWS, rows_of, settings_of
 from optipromp.laboratory.experiments.study_output import study_figure
 from optipromp.laboratory.generate import PANDA
@@ -19,8 +19,8 @@ from optipromp.looks.viewer.figures import png
 from optipromp.looks.viewer.notebook import DPI
 
 SIZE = 640, 360  # [pixel] of a worst case's picture
-WORST = 6  # cases that are shown
-SLIGHT = 0.2  # [N] below which no force is a moment to show
+WORST = 6  # failed runs that are shown
+SLIGHT = 0.2  # [N] largest force of a run whose end is shown instead of the moment of that force
 
 
 def study_report(
@@ -28,16 +28,16 @@ def study_report(
 ) -> bytes:
     """One HTML file about the study in a folder that ``optipromp study`` left.
 
-    The worst runs are made again for their pictures; where nothing can be drawn off screen there
-    are none.
+    The worst runs are made again for their pictures; there are no pictures where nothing can be
+    drawn off screen.
 
     Args:
         folder: of the rows.
-        worst: how many failed runs are shown.
-        progress: called with words on what is being done.
+        worst: number of failed runs that are shown.
+        progress: called with a line about the run that is drawn.
 
     Raises:
-        InvalidRequestError: the folder holds no rows, or its settings a risk that is none.
+        InvalidRequestError: the folder holds no rows, or an invalid risk in its settings.
     """
     folder = Path(folder)
     rows = rows_of(folder)
@@ -85,7 +85,7 @@ def _rates(cells: Sequence[Cell]) -> list[tuple[str, ...]]:
     ]  # fmt: skip
 
 
-def _prediction(found: Calibration | None) -> list[str]:
+def _prediction(found: Reliability | None) -> list[str]:
     if found is None:
         return []
     words = (
@@ -104,7 +104,7 @@ def _prediction(found: Calibration | None) -> list[str]:
 
 
 def worst_of(rows: Sequence[Row], count: int) -> list[Row]:
-    """Failed runs: those whose plan promised success first, then by force; causes in turn."""
+    """The worst failed runs: broken promises first, then by force; the causes take turns."""
     failed = [row for row in rows if not row.success and row.cause != NO_PLAN]
     failed.sort(key=lambda r: (r.plan_status != Code.SUCCESS, -(r.unripe_force or 0.0)))
     seen: dict[str, int] = {}
@@ -145,9 +145,9 @@ def _picture(run: Run) -> bytes:
 
 
 def worst_moment(run: Run) -> float:
-    """When what went wrong is seen [s]: a tear, else the largest force on a fruit or stem.
+    """The moment of a failed run to show [s]: the first tear, else the largest force.
 
-    The end, where there was none to speak of.
+    The force is that on a fruit or stem. Where it is below :data:`SLIGHT`, the moment is the end.
     """
     rollout = run.rollout
     if rollout.torn_at:

@@ -1,4 +1,4 @@
-"""The content of a plan's pictures: trajectories by name, one moment, and the objects then."""
+"""The content of a plan's pictures: its trajectories, and its objects at one moment."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 PRIMITIVE, FOLLOWED, OPTIMISED = "#f0a33a", "#a0449c", "#1f5fb4"
 RED, GREEN = "#c8322b", "#2f8f4e"  # wrong, right
 COLOURS = ROLES | {"avoid": "#93a1b0"}
-SAME = 1e-9  # [rad or m] below which two trajectories coincide
-STILL = 1e-3  # [m] that an object has to move to count as pushed
+SAME = 1e-9  # [rad or m] largest difference of trajectories that coincide
+STILL = 1e-3  # [m] an object that moves by less does not count as pushed
 BENDS = 12  # pieces of a bent stem
 
 
 @dataclass(frozen=True)
 class Motion:
-    """A trajectory of a plan under its name; its line lies under the thinner ones."""
+    """A trajectory of a plan, with the colour and width of its line."""
 
     name: str
     trajectory: Trajectory
@@ -37,7 +37,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Moment:
-    """A waypoint of the plan's trajectory, when that is [s], and what happens there."""
+    """A waypoint of the plan's trajectory, its time [s], and the event there in words."""
 
     waypoint: int
     time: float
@@ -49,13 +49,13 @@ class Moment:
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """An object of the scene where it is at a moment.
+    """An object of the scene at its place of a moment.
 
     Attributes:
         item: as perceived.
         position, rotation: (3,) [m] and (3, 3) at the moment.
-        stem: (k, 3) fruit first; None where there is none.
-        colour: its own, where it is to be told apart.
+        stem: (k, 3) points, fruit first [m]; None without a stem.
+        colour: of its label; pushables have different ones.
     """
 
     item: SceneObject
@@ -66,17 +66,17 @@ class Placed:
 
     @property
     def shift(self) -> float:
-        """How far it has been pushed [m]."""
+        """Distance by which the object has been pushed [m]."""
         return float(np.linalg.norm(self.position - self.item.position))
 
     @property
     def label(self) -> str:
-        """Its id, and how far it has been pushed."""
+        """The object's id, and its shift where it has been pushed."""
         return self.item.id + (f", {1e3 * self.shift:.0f} mm" if self.shift > STILL else "")
 
 
 def motions(plan: "Plan") -> tuple[Motion, ...]:
-    """The plan's trajectories as they came about; of those that coincide, the first."""
+    """The plan's trajectories in the order of planning; of those that coincide, the first."""
     found: list[Motion] = []
     for name, trajectory, colour, width in (
         ("conditioned ProMP", plan.initial, PRIMITIVE, 4.6),
@@ -92,7 +92,7 @@ def motions(plan: "Plan") -> tuple[Motion, ...]:
 
 
 def moment(plan: "Plan") -> Moment:
-    """The moment at which the tool passes the last fruit in the way; without any, the end."""
+    """The moment at which the tool passes the last hanging neighbour; without any, the end."""
     q, hanging = plan.trajectory.positions, [t for t in plan.task.neighbours if t.stem]
     if _still(plan):
         return Moment(0, 0.0, "the arm stays at its start")
@@ -105,7 +105,7 @@ def moment(plan: "Plan") -> Moment:
 
 
 def placed(plan: "Plan", now: Moment) -> tuple[Placed, ...]:
-    """The scene's objects; those that are pushed where they are predicted to be at a moment."""
+    """The scene's objects at a moment, pushed ones at their predicted places."""
     moved = {} if _still(plan) else _moved(plan, now)
     out, pushables = [], 0
     for item in plan.scene.objects:
@@ -121,17 +121,17 @@ def placed(plan: "Plan", now: Moment) -> tuple[Placed, ...]:
 
 
 def tool_path(plan: "Plan") -> FloatArray:
-    """The tool path (P, 3) that was chosen and followed; empty where none was."""
+    """The tool path (P, 3) that was chosen and followed [m]; empty where none was."""
     if np.array_equal(plan.initial.positions, plan.followed.positions):
         return np.zeros((0, 3))
     return np.asarray(plan.robot.tool_pose(plan.followed.positions[plan.first :])[0])
 
 
 def conditioned_on(plan: "Plan") -> tuple[tuple[str, FloatArray, str], ...]:
-    """Name, tool point (3,) and colour of what the primitive was conditioned on.
+    """Name, tool point (3,) and colour of each point that the primitive was conditioned on.
 
-    In the colours of the paper's figure 3: the start yellow, the camera cyan, fruits green, the
-    target red; a fruit's pushed pose, as in its figure 5, light green.
+    The colours are those of the paper's figure 3: the start yellow, the camera cyan, fruits green,
+    the target red. A fruit's pushed pose is light green, as in figure 5.
     """
     if not plan.via:
         return ()
@@ -145,7 +145,7 @@ def conditioned_on(plan: "Plan") -> tuple[tuple[str, FloatArray, str], ...]:
 
 
 def spread(wanted: Sequence[float], gap: float) -> FloatArray:
-    """Heights near the ``wanted`` ones (k,), in the same order, at least ``gap`` apart."""
+    """Heights (k,) in the order of the ``wanted`` ones, near these and at least ``gap`` apart."""
     order = np.argsort(wanted, kind="stable")
     steps = gap * np.arange(len(order))
     out = np.empty(len(order))

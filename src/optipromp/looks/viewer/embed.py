@@ -20,13 +20,13 @@ from optipromp.looks.viewer.serving import listening
 if TYPE_CHECKING:
     from optipromp.core.planning import Plan
 
-FRAME_RATE = 12.0  # [Hz] of the recorded motion; between its frames nothing moves
-FRAMES = 240  # at most, of a long motion
-REST = 1.0  # [s] at the end, before it begins anew
+FRAME_RATE = 12.0  # [Hz] of the recorded motion
+FRAMES = 240  # of a motion, at most
+REST = 1.0  # [s] of rest before the motion repeats
 VIEWS = (-0.6, 0.15), (0.6, 0.15), (-1.4, 0.2), (1.4, 0.2), (np.pi - 0.9, 0.4), (np.pi + 0.9, 0.4)
-"""Places of the camera: turn from away from the robot [rad], height in shares of the distance."""
-SHARES = np.linspace(0.05, 0.95, 40)  # of the way to an object at which others are looked for
-UNMOVED = 1e-4  # [m] by which an object moves to be sent again
+"""Places of the camera: turn from the direction away from the robot [rad], height over distance."""
+SHARES = np.linspace(0.05, 0.95, 40)  # of the line to an object: points checked for others
+UNMOVED = 1e-4  # [m] an object that moves by less is not sent again
 
 
 def scene_page(scene: Scene, robot: Robot | None = None, q: FloatArray | None = None) -> str:
@@ -42,7 +42,7 @@ def scene_page(scene: Scene, robot: Robot | None = None, q: FloatArray | None = 
 
 
 def plan_page(plan: "Plan") -> str:
-    """The HTML of a plan: the arm moves along it, fruits move as predicted, lines of the tool.
+    """The HTML of a plan: the moving arm, fruits that move as predicted, lines of the tool point.
 
     Raises:
         InvalidRequestError: viser is not installed.
@@ -68,7 +68,7 @@ def plan_page(plan: "Plan") -> str:
 
 @contextmanager
 def _recording(scene: Scene, robot: Robot) -> Iterator[tuple[Nodes, Any]]:
-    """Nodes that no one is connected to, and a record of what they would tell a window."""
+    """Nodes without a client, and a record of the messages that a client would get."""
     server = listening("127.0.0.1", 0)
     try:
         server.scene.set_up_direction("+z")
@@ -82,7 +82,7 @@ def _recording(scene: Scene, robot: Robot) -> Iterator[tuple[Nodes, Any]]:
 
 
 def _look(camera: Any, scene: Scene, robot: Robot) -> None:
-    """From where the fewest fruits are hidden, beyond the row if that is such a place."""
+    """Place the camera where the fewest fruits are hidden; of equals, beyond the row."""
     focus = robot.tool_pose(robot.home)[0]
     if len(scene.objects):
         focus = scene.positions.mean(axis=0)
@@ -99,7 +99,7 @@ def _look(camera: Any, scene: Scene, robot: Robot) -> None:
 
 
 def _hidden(scene: Scene, eye: FloatArray) -> int:
-    """How often a static object stands between an eye (3,) and a target or pushable."""
+    """Number of pairs of a static object and a target or pushable that it hides from an eye."""
     seen = [item.position for item in scene.objects if item.role in ("target", "pushable")]
     return sum(
         any(box_distance(item, eye + share * (point - eye)) == 0.0 for share in SHARES)

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from optipromp.core.trajectory import Trajectory
 
 LIMIT, RECORDED = "#7a7f87", "#3d434b"
-LEAST = 0.05  # [rad or m] shown above and below the middle of a joint's motion
-CHANGED = 0.01  # share of its largest value by which a cost has to change to be drawn
+LEAST = 0.05  # [rad or m] shown above and below the middle of a joint's motion, at least
+CHANGED = 0.01  # change of a cost over its largest value above which the cost is drawn
 _NAMES = {
     "static": "$F_s$, static obstacles",
     "avoid": "$F_d$, objects to avoid",
@@ -65,7 +65,7 @@ def changed_terms(plan: "Plan") -> Mapping[str, "Term"]:
 
 
 def cost_figure(plan: "Plan") -> "Figure":
-    """Each cost that changed: of the conditioned ProMP, the followed path, over the iterations."""
+    """Each cost that changed: at the conditioned ProMP, the followed path and each iteration."""
     from matplotlib.figure import Figure
 
     terms = changed_terms(plan)
@@ -84,7 +84,7 @@ def cost_figure(plan: "Plan") -> "Figure":
 
 
 def joint_figure(plan: "Plan") -> "Figure":
-    """Joint positions in each trajectory, at the plan's duration, with limits that are near."""
+    """Joint positions of each trajectory over time, with the limits that are near."""
     robot = plan.robot
     figure, panels = _joint_panels(robot.n_joints)
     for joint, (panel, name) in enumerate(zip(panels, robot.joint_names, strict=True)):
@@ -101,7 +101,7 @@ def joint_figure(plan: "Plan") -> "Figure":
                 panel.axhline(limit, color=LIMIT, lw=1.0, ls=(0, (4, 3)), label="limit")
                 low, high = min(low, limit - 0.1 * room), max(high, limit + 0.1 * room)
         panel.set_ylim(low, high)
-        unit = "m" if _prismatic(plan, joint) else "rad"
+        unit = "m" if (robot.kinematics.kind[robot.kinematics.dof == joint] == 1).any() else "rad"
         panel.set_title(
             f"{name} [{unit}], limits {limits[0]:.2f} to {limits[1]:.2f}".replace("$", r"\$"),
             fontsize=9, loc="left",
@@ -135,9 +135,9 @@ def trajectory_figure(trajectory: "Trajectory") -> "Figure":
 def limits_figure(
     trajectory: "Trajectory", robot: "Robot", violations: "Sequence[Violation]", name: str
 ) -> "Figure":
-    """Share of each joint's limits of velocity, acceleration and jerk over time, and what is wrong.
+    """Each joint's velocity, acceleration and jerk over their limits, over time, and violations.
 
-    Violations that have a time are vertical lines in the panel of their kind, or in all panels.
+    A violation that has a time is a vertical line in the panel of its kind, else in all panels.
     """
     from matplotlib import colormaps
     from matplotlib.figure import Figure
@@ -224,16 +224,12 @@ def _joint_panels(joints: int) -> tuple["Figure", "NDArray[np.object_]"]:
     return figure, panels[:joints]
 
 
-def _prismatic(plan: "Plan", joint: int) -> bool:
-    kinematics = plan.robot.kinematics
-    return bool(np.any(kinematics.kind[kinematics.dof == joint] == 1))
-
-
 def _draw_cost(panel: "Axes", name: str, term: "Term", drawn: set[str]) -> None:
-    """The value of each trajectory that is drawn, and of each iteration of the stage of the cost.
+    """Draw a cost at each of the ``drawn`` trajectories, and at each iteration of its stage.
 
-    What other stages change before and after lies apart from the iterations. The joint stage is the
-    only one: what does not begin at the followed path is of another scene, without packs.
+    Changes by other stages, before and after, lie apart from the iterations. The joint stage has no
+    others: where its iterations do not begin at the followed path, they are of a scene without
+    packs, and are not drawn.
     """
     alone = term.stage == "joint"
     optimised = len(term.history) > 1 and not (

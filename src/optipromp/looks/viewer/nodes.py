@@ -1,4 +1,4 @@
-"""A robot and its scene as nodes of viser, sent again only where they change."""
+"""A robot and its scene as nodes of viser; a node is sent again only where it changes."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -23,8 +23,8 @@ class Nodes:
     Args:
         api: the scene of a server, or of one of its clients.
         root: name of the first node.
-        offset: (3,) of everything in the world [m].
-        shadows: whether things cast shadows.
+        offset: (3,) of all nodes in the world [m].
+        shadows: whether nodes cast shadows.
     """
 
     def __init__(self, api: Any, root: str = "a", offset: Sequence[float] = (0.0, 0.0, 0.0),
@@ -35,8 +35,8 @@ class Nodes:
         self.robot: Robot | None = None
         self._segments: list[Any] = []
         self._meshes: dict[str, tuple[Part, Any]] = {}
-        self._items: dict[str, SceneObject] = {}  # whose looks are drawn
-        self._stands: dict[str, SceneObject] = {}  # that stand where they are perceived
+        self._items: dict[str, SceneObject] = {}  # objects whose looks are drawn
+        self._stands: dict[str, SceneObject] = {}  # objects at their perceived places
         self.on_click: Callable[[str], None] | None = None
 
     def clear(self) -> None:
@@ -47,10 +47,10 @@ class Nodes:
         self.scene = self.robot = None
 
     def show(self, scene: Scene, robot: Robot, *, haste: bool = False) -> None:
-        """Show a scene as perceived, with its robot; what has not changed is not sent again.
+        """Show a scene as perceived, with its robot.
 
-        In ``haste`` known objects are only moved: neither their looks nor the row that they hang
-        from are drawn anew.
+        In ``haste`` known objects are only moved: their looks, and the row that they hang from, are
+        not drawn again.
         """
         if self.scene is None:
             self.api.configure_default_lights(cast_shadow=self.shadows)
@@ -94,9 +94,13 @@ class Nodes:
             self._added(where, part)
 
     def _mesh(self, part: Part) -> Any:
-        """The node of a part of the scene, sent anew where it looks different."""
+        """The node of a part of the scene, sent again where its looks differ."""
         old, node = self._meshes.get(part.name, (None, None))
-        if old is None or not _alike(old, part):
+        if (
+            old is None
+            or (old.colour, old.opacity) != (part.colour, part.opacity)
+            or not np.array_equal(old.vertices, part.vertices)
+        ):
             node = self._added(f"{self.root}/things", part)
             if part.owner and self.on_click is not None:
                 told = self.on_click
@@ -123,7 +127,7 @@ class Nodes:
         self, item: SceneObject, position: FloatArray, rotation: FloatArray,
         stem: FloatArray | None,
     ) -> None:  # fmt: skip
-        """Put an object at a place (3,) with a rotation (3, 3) and its stem along (k, 3)."""
+        """Move an object to ``position`` (3,) and ``rotation`` (3, 3), its stem along (k, 3)."""
         self._stands.pop(item.id, None)
         turn = Rotation.from_matrix(rotation).as_quat(scalar_first=True)
         for part, node in list(self._meshes.values()):
@@ -142,13 +146,8 @@ class Nodes:
         )  # fmt: skip
 
 
-def _alike(one: Part, other: Part) -> bool:
-    looks = (one.colour, one.opacity) == (other.colour, other.opacity)
-    return looks and np.array_equal(one.vertices, other.vertices)
-
-
 def tube(points: FloatArray, radius: FloatArray, around: int = 14) -> tuple[FloatArray, IntArray]:
-    """Corners (V, 3) and triangles (F, 3) of a tube of a radius (T,) along points (T, 3)."""
+    """Corners (V, 3) and triangles (F, 3) of a tube of radii (T,) along points (T, 3)."""
     tangent = np.gradient(points, axis=0)
     tangent /= np.maximum(lengths(tangent), 1e-12)[:, None]
     side = np.empty_like(points)

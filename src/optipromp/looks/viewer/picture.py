@@ -21,7 +21,7 @@ _TOWARDS_LIGHT = np.array([-0.35, 0.75, 0.56])  # in the camera's right, up, bac
 
 @dataclass(frozen=True)
 class Camera:
-    """Looks along ``forward``, ``up`` upwards; from ``distance`` [m], or with parallel rays."""
+    """A camera that looks along ``forward``, from ``distance`` [m] or (None) with parallel rays."""
 
     target: FloatArray  # (3,) [m] the point in the middle of the picture
     forward: FloatArray  # (3,)
@@ -59,7 +59,7 @@ class Camera:
 
 @dataclass
 class Picture:
-    """Collects what is to be seen; :meth:`draw` paints it, far objects first."""
+    """Collects shaded faces; :meth:`draw` paints them, the farthest first."""
 
     camera: Camera
     _corners: list[FloatArray] = field(default_factory=list)
@@ -69,9 +69,9 @@ class Picture:
     def add(
         self, faces: FloatArray, colour: str, alpha: float = 1.0, *, framed: bool = True
     ) -> None:
-        """Add faces (F, 4, 3); those that turn their back to the camera are left out.
+        """Add faces (F, 4, 3); those that face away from the camera are left out.
 
-        The picture's frame holds everything but what is added with ``framed=False``.
+        The picture's frame holds all faces but those added with ``framed=False``.
         """
         from matplotlib.colors import to_rgba
 

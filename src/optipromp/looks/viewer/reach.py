@@ -1,4 +1,4 @@
-"""The picture of a reach: the arm, the tool's paths, and what is pushed, at one moment."""
+"""The picture of a reach at one moment: the arm, the tool paths, and the pushed objects."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from optipromp.core.robots.model import Robot
 
 ARM = "#86a5d4"
-_LINK_RADIUS = 0.042  # [m] the arm is drawn slender, so that what is behind it shows
-_NEAR = 0.35  # [m] about the target: what the close views are to show
+_LINK_RADIUS = 0.042  # [m] of a drawn link: slender, so that objects behind it show
+_NEAR = 0.35  # [m] from the target, within which objects and paths must be in the close views
 _TALL, _WIDE = 1.5, 0.56  # height of a close view over its width, side by side and stacked
 _PANEL = {True: 3.7, False: 4.7}  # [inch] width of a close view, side by side and stacked
 _TEXT = 8.5  # [points]
@@ -34,8 +34,8 @@ _DOTS = 0.015  # [m] between the dots of the chosen tool path
 def reach_figure(plan: "Plan") -> "Figure":
     """Three views of one moment of a plan: the whole arm, and the cluster along x_g and y_g.
 
-    The lines are the paths of the tool point, one a trajectory. Objects that are pushed stand where
-    they are predicted to be at that moment; dashed is where they were.
+    The lines are the paths of the tool point, one for each trajectory. Pushed objects are at their
+    predicted places of that moment; dashed outlines are their first places.
     """
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -74,7 +74,7 @@ def reach_figure(plan: "Plan") -> "Figure":
 
 
 def _close_views(plan: "Plan") -> list[tuple[Camera, str]]:
-    """Along x_g and along y_g, and what they show; the second with what is upright in the world."""
+    """The cameras along x_g and y_g and their captions; the second is upright in the world."""
     x_g, y_g, z_g = plan.scene.frame
     focus = _focus(plan)
     front = (Camera(focus, -x_g, z_g), "seen along $x_g$: $y_g$ to the right, $z_g$ up")
@@ -86,7 +86,7 @@ def _close_views(plan: "Plan") -> list[tuple[Camera, str]]:
 
 
 def title(plan: "Plan", now: Moment | None = None) -> str:
-    """What was planned and what came of it; then the moment, and what is predicted of the push."""
+    """Scene, planner and status; with a moment also the moment and the push prediction."""
     strategy = f", {plan.strategy}" if plan.strategy else ""
     lines = [f"{plan.scene.name}, {plan.planner}{strategy}: {plan.status}"]
     if now is not None:
@@ -122,7 +122,7 @@ def _close(camera: Camera, plan: "Plan", objects: Sequence[Placed], now: Moment)
     picture = Picture(camera)
     for item in objects:
         before = float(camera.axes[2] @ (item.position - camera.target)) > 0.03
-        static = 0.15 if before else 1.0  # what stands before the target is cut away
+        static = 0.15 if before else 1.0  # static objects before the target are faint
         _add_object(picture, item, {"avoid": 0.25, "static": static}.get(item.item.role, 1.0))
     for at, alpha in {-1: 0.14, now.waypoint - len(plan.trajectory.positions): 0.34}.items():
         picture.add(tool_faces(plan.robot, plan.trajectory.positions[at]), OPTIMISED, alpha)
@@ -159,7 +159,7 @@ def _add_object(picture: Picture, placed: Placed, alpha: float) -> None:
 
 
 def _bones(robot: "Robot", q: FloatArray) -> FloatArray:
-    """From the base through the joints to the flange (k, 3)."""
+    """Points (k, 3) from the base through the joints to the flange [m]."""
     origins, rotations = robot.segment_frames(q)
     corners = [np.zeros(3)]
     for corner in (*origins, origins[-1] + rotations[-1] @ robot.flange_translation):
@@ -178,14 +178,14 @@ def _add_arm(picture: Picture, robot: "Robot", q: FloatArray) -> None:
 
 
 def _focus(plan: "Plan") -> FloatArray:
-    """What the picture is about: the target, or where the tool ends."""
+    """The point (3,) in the middle of the picture: the target, or the last tool point [m]."""
     if plan.scene.target is not None:
         return np.asarray(plan.scene.target.position, dtype=float)
     return np.asarray(plan.robot.tool_pose(plan.trajectory.positions[-1])[0])
 
 
 def _hidden(view: Camera, plan: "Plan", focus: FloatArray) -> float:
-    """How far static objects stand before the focus, seen from the camera [m]."""
+    """Sum of the distances of static objects before the focus, along the view [m]."""
     nearer = [
         float(view.axes[2] @ (item.position - focus))
         for item in plan.scene.static
@@ -195,7 +195,7 @@ def _hidden(view: Camera, plan: "Plan", focus: FloatArray) -> float:
 
 
 def _frame(camera: Camera, plan: "Plan", objects: Sequence[Placed]) -> FloatArray:
-    """Two corners (2, 2) of what a close view is to show: the fruits, and the tool among them."""
+    """Two corners (2, 2) of a close view that holds the fruits, and the tool among them [m]."""
     seen = [tool_faces(plan.robot, plan.trajectory.positions[-1]).reshape(-1, 3)]
     for item in objects:
         if item.item.role in ("target", "pushable") and (
@@ -222,7 +222,7 @@ def _floor(axes: "Axes", camera: Camera, reach: float) -> None:
 
 
 def _overlay(axes: "Axes", camera: Camera, plan: "Plan", thin: float = 1.0) -> None:
-    """The tool's path in each trajectory, the chosen one, and what the primitive passes."""
+    """Draw the tool path of each trajectory, the chosen one, and the conditioned points."""
 
     def flat(points: FloatArray) -> tuple[Any, Any]:
         x, y, _ = camera.project(points).T
@@ -247,7 +247,7 @@ def _overlay(axes: "Axes", camera: Camera, plan: "Plan", thin: float = 1.0) -> N
 
 
 def _outlines(axes: "Axes", camera: Camera, objects: Sequence[Placed]) -> None:
-    """Dashed, where what is pushed was before."""
+    """Draw dashed outlines of pushed objects at their first places."""
     from matplotlib.patches import Polygon
 
     for placed in objects:
@@ -265,7 +265,7 @@ def _outlines(axes: "Axes", camera: Camera, objects: Sequence[Placed]) -> None:
 
 
 def _labels(axes: "Axes", camera: Camera, objects: Sequence[Placed], inches: float) -> None:
-    """Names in two columns at the edges, apart from one another, each with a line to its object."""
+    """Write names in two columns at the edges, spread apart, each with a line to its object."""
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
     middle, per_point = 0.5 * (left + right), (right - left) / (72.0 * inches)
     columns: dict[bool, list[tuple[Placed, FloatArray]]] = {False: [], True: []}

@@ -1,4 +1,4 @@
-"""viser's server, made to hear nobody but pages that it served itself."""
+"""viser's server, made to accept connections only from pages that it served itself."""
 
 import asyncio
 import http
@@ -18,20 +18,20 @@ from optipromp.core.shown import printable
 NEEDED = "a 3-D view needs viser: pip install 'optipromp[view]'"
 HERE = frozenset({"localhost", "127.0.0.1", "::1"})
 ALONE = {"X-Frame-Options": "DENY", "Content-Security-Policy": "frame-ancestors 'none'"}
-"""Headers by which no other page shows this one in a frame, over which it could lead the mouse."""
-WORDS = 200  # letters of what is said of a connection that broke off
+"""Headers that keep other pages from showing this one in a frame, and so from stealing clicks."""
+WORDS = 200  # letters of the line about a broken connection, at most
 SILENT = logging.getLogger(f"{__name__}.websockets")
 SILENT.setLevel(logging.CRITICAL + 1)  # it would write a traceback of every malformed request
 
 
 def listening(host: str, port: int) -> Any:
-    """A silent viser server, without its tunnel: any window could publish the page by it.
+    """A silent viser server, without the tunnel by which any window could publish the page.
 
-    A website that this machine's browser has open can connect to any port of the machine, and
-    viser lets it. So a request is refused whose ``Origin`` is not the page's own address, and, at
-    an address of this machine, one to another name (a name that was made to mean this machine).
-    No other page may show this one in a frame. A message that is none ends its connection, with a
-    line on standard error.
+    A website that is open in this machine's browser can connect to any port of the machine, and
+    viser accepts it. So a request is refused if its ``Origin`` is not the page's address. At an
+    address of this machine, a request to any other host name is refused too (DNS rebinding). No
+    other page may show this one in a frame. A malformed message ends its connection, with a line on
+    standard error.
 
     Raises:
         InvalidRequestError: viser is not installed.
@@ -75,7 +75,7 @@ Handler = Callable[[Any], Awaitable[None]]
 
 
 def _tolerant(handler: Handler) -> Handler:
-    """A handler of connections that ends one in a line where it would in a traceback."""
+    """A handler of connections that ends a broken one with a line instead of a traceback."""
 
     def tell(error: BaseException | None) -> None:
         words = printable(f"{type(error).__name__}: {error}")[:WORDS]

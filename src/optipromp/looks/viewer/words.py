@@ -8,7 +8,7 @@ if TYPE_CHECKING:
 
 
 def plan_rows(plan: "Plan") -> list[tuple[str, str]]:
-    """What the plan is judged by: names and figures."""
+    """The figures by which a plan is judged: name and value."""
     m = plan.metrics
     rows = [
         ("target", f"{_mm(m.goal_error)} off, {_degrees(m.goal_axis_error)} off axis"),
@@ -58,5 +58,5 @@ def _degrees(value: float | None) -> str:
 
 
 def seconds(value: float) -> str:
-    """A time in words."""
+    """A time with its unit."""
     return f"{1e3 * value:.0f} ms" if value < 1.0 else f"{value:.1f} s"
