@@ -19,7 +19,7 @@ from optipromp.core.robots.library import load_robot
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.tools import Cup, with_tool
 
-OUT = Path(__file__).resolve().parents[1] / "src" / "optipromp" / "promp" / "data"
+OUT = Path(__file__).resolve().parents[1] / "src" / "optipromp" / "core" / "promp" / "data"
 SEED = 20261121
 COUNT = 40
 SAMPLES = 60

@@ -39,10 +39,13 @@ def catalogue() -> Report:
             others = {name: item for name, item in found.items() if item != known.get(name)}
             lines += _lines(f"settings of {planner}, beside those of the same name above:", others)
     document = {
-        "robots": robots, "tools": list(TOOLS), "scenes": scenes, "planners": list(kinds),
+        "robots": robots,
+        "tools": list(TOOLS),
+        "scenes": scenes,
+        "planners": list(kinds),
         "settings": _told(known),
         "planner_settings": {name: _told(found) for name, found in own.items()},
-    }  # fmt: skip
+    }
     return Report(document, lines)
 
 

@@ -74,7 +74,7 @@ def export(
         ("--mjcf", mjcf, ".xml", _mjcf),
         ("--mcap", mcap, ".mcap", lambda content, path: _mcap(content, path, rate, prefix)),
         ("--robot", robot, ".robot", _robot),
-    ]  # fmt: skip
+    ]
     chosen = [(name, path, end, write) for name, path, end, write in wanted if path is not None]
     if not chosen:
         names = ", ".join(f"{name} FILE{end}" for name, _, end, _ in wanted)
@@ -130,8 +130,10 @@ def _mcap(content: _Content, path: Path, rate: float, prefix: str) -> None:
     if content.trajectory is not None:
         points = ros.joint_trajectory(content.trajectory, rate, prefix)
         shown = ros.display_trajectory([content.trajectory], content.robot.name, prefix=prefix)
-        items += [ros.Recorded("/joint_trajectory", points),
-                  ros.Recorded("/display_planned_path", shown)]  # fmt: skip
+        items += [
+            ros.Recorded("/joint_trajectory", points),
+            ros.Recorded("/display_planned_path", shown),
+        ]
     ros.write_bag(path, items)
 
 

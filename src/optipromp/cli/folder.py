@@ -104,9 +104,12 @@ def plan_folder(
     entries = [Entry(*item) for item in zip(files, homes, results, strict=True)]
     succeeded = sum(entry.status is Code.SUCCESS for entry in entries)
     document = {
-        "folder": str(folder), "succeeded": succeeded, "of": len(entries), "seconds": seconds,
+        "folder": str(folder),
+        "succeeded": succeeded,
+        "of": len(entries),
+        "seconds": seconds,
         "scenes": [entry.to_dict(request) for entry in entries],
-    }  # fmt: skip
+    }
     code = max((exit_code(entry.status) for entry in entries), default=OK)
     return Report(document, _shown(entries, succeeded, seconds, out), code)
 

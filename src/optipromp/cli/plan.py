@@ -127,8 +127,10 @@ class Wanted:
         from optipromp.cli.catalogue import asked
 
         stated = {
-            "duration": self.duration, "timeout": self.timeout, "constraints": self.constraints
-        }  # fmt: skip
+            "duration": self.duration,
+            "timeout": self.timeout,
+            "constraints": self.constraints,
+        }
         found = asked(self.planner, self.strategy, self.setting or [], stated)
         return Request(demonstrations=read_primitive(self.demonstrations), seed=self.seed, **found)
 
@@ -272,9 +274,11 @@ def shown(plan: "Plan", written: tuple[str, ...], out: Path | None) -> Shown:
     colour = "green" if plan.success else "red"
     total = plan.time.get("total", math.nan)
     yield headline(
-        (plan.scene.name, "bold"), f"  {plan.planner}{strategy}  ",
-        (plan.status, f"bold {colour}"), f" in {seconds(total)}",
-    )  # fmt: skip
+        (plan.scene.name, "bold"),
+        f"  {plan.planner}{strategy}  ",
+        (plan.status, f"bold {colour}"),
+        f" in {seconds(total)}",
+    )
     if plan.message:
         yield plan.message
     table = Table(box=None, show_header=False, padding=(0, 2))

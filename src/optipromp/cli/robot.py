@@ -70,7 +70,9 @@ class ArmOptions:
         from optipromp.core.robots.library import Choice
 
         choice = Choice(
-            self.tip, self.base, self.srdf and self.srdf.absolute(),
+            self.tip,
+            self.base,
+            self.srdf and self.srdf.absolute(),
             package_dirs=tuple(folder.absolute() for folder in self.package_dir or ()),
-        )  # fmt: skip
+        )
         return Named(robot, choice)

@@ -78,8 +78,11 @@ def _shown(rows: Sequence["ScenarioRow"], out: Path | None) -> Shown:
 
 BEGIN, END = "<!-- scenarios: begin -->", "<!-- scenarios: end -->"
 SHORT = {
-    "success": "success", "HARM_PREDICTED": "harm", "INVALID_PLAN": "invalid", "TIMEOUT": "timeout",
-}  # fmt: skip
+    "success": "success",
+    "HARM_PREDICTED": "harm",
+    "INVALID_PLAN": "invalid",
+    "TIMEOUT": "timeout",
+}
 """Statuses in the width of the table; the lines below it say more."""
 
 

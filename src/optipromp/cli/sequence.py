@@ -32,8 +32,11 @@ def plan_targets(scene: Scene, targets: str, request: Request, output: Output) -
             told["out"] = str(out / home)
         write_atomically(out / ORDER, json_text(document).encode("utf-8"))
         written = [f"wrote {', '.join([*homes, ORDER])} to {out}"]
-    lines = [*(f"{left.id} stays: {left.message}" for left in found.left),
-             f"{len(found.picks)} of {len(ids)} planned", *written]  # fmt: skip
+    lines = [
+        *(f"{left.id} stays: {left.message}" for left in found.left),
+        f"{len(found.picks)} of {len(ids)} planned",
+        *written,
+    ]
     return Report(document, _shown(found, lines), OK if found.success else FAILED)
 
 

@@ -197,10 +197,13 @@ def reliability(found: "Reliability") -> "Table":
     out = grid((), head, title=title, padding=(0, 0))
     for item in found.bins:
         out.add_row(
-            f"{100 * item.low:g}–{100 * item.high:g}", str(item.runs),
-            f"{100 * item.predicted:.1f}", str(item.failures),
-            f"{100 * item.rate:.1f}", f"{100 * item.rate_low:.0f}–{100 * item.rate_high:.0f}",
-        )  # fmt: skip
+            f"{100 * item.low:g}–{100 * item.high:g}",
+            str(item.runs),
+            f"{100 * item.predicted:.1f}",
+            str(item.failures),
+            f"{100 * item.rate:.1f}",
+            f"{100 * item.rate_low:.0f}–{100 * item.rate_high:.0f}",
+        )
     return out
 
 

@@ -211,9 +211,11 @@ def _plan(found: _PlanFile, scene: Scene, rows: Mapping[str, Any], file: Path) -
             f"{judged.message}"
         )
     return replace(
-        stated, prediction=judged.prediction, metrics=judged.judgement.metrics,
+        stated,
+        prediction=judged.prediction,
+        metrics=judged.judgement.metrics,
         contacts=judged.judgement.contacts,
-    )  # fmt: skip
+    )
 
 
 def _start(rows: Mapping[str, Any], robot: Robot) -> State | None:
@@ -255,10 +257,12 @@ def _alike(one: Robot, other: Robot) -> bool:
     return (one.name, type(one.tool)) == (other.name, type(other.tool)) and all(
         np.array_equal(a, b)
         for a, b in (
-            (one.tool_point, other.tool_point), (one.tool_axis, other.tool_axis),
-            (one.spheres.center, other.spheres.center), (one.spheres.radius, other.spheres.radius),
+            (one.tool_point, other.tool_point),
+            (one.tool_axis, other.tool_axis),
+            (one.spheres.center, other.spheres.center),
+            (one.spheres.radius, other.spheres.radius),
         )
-    )  # fmt: skip
+    )
 
 
 def _state(start: State) -> FloatArray:

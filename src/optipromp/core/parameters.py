@@ -67,6 +67,9 @@ def catalogue(parameters: Any) -> Iterator[Parameter]:
         for item in fields(branch):
             meta = item.metadata
             yield Parameter(
-                f"{group.name}.{item.name}", getattr(branch, item.name),
-                meta["unit"], meta["kind"], meta["source"],
-            )  # fmt: skip
+                f"{group.name}.{item.name}",
+                getattr(branch, item.name),
+                meta["unit"],
+                meta["kind"],
+                meta["source"],
+            )

@@ -31,10 +31,11 @@ def printable(text: str) -> str:
         return text
     joiners = "\u200c\u200d"  # which some scripts need
     return "".join(
-        letter if letter.isprintable() or letter in joiners or letter == "\u00a0"
+        letter
+        if letter.isprintable() or letter in joiners or letter == "\u00a0"
         else letter.encode("unicode_escape").decode()
         for letter in text
-    )  # fmt: skip
+    )
 
 
 class Shown:

@@ -216,9 +216,12 @@ class Trajectory(Shown):
     def slowed(self, factor: float) -> "Trajectory":
         """The same path in ``factor`` times the time."""
         return Trajectory(
-            self.times * factor, self.positions, self.velocities / factor,
-            self.accelerations / (factor * factor), self.joint_names,
-        )  # fmt: skip
+            self.times * factor,
+            self.positions,
+            self.velocities / factor,
+            self.accelerations / (factor * factor),
+            self.joint_names,
+        )
 
 
 def _times(values: FloatArray) -> FloatArray:

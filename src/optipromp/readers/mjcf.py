@@ -109,8 +109,11 @@ class _Reader:
                 )
         return UrdfModel(
             self.model.names[: self.model.names.index(b"\0")].decode() or self.path.stem,
-            self.path, self.names[0], MappingProxyType(self.links), MappingProxyType(self.joints),
-        )  # fmt: skip
+            self.path,
+            self.names[0],
+            MappingProxyType(self.links),
+            MappingProxyType(self.joints),
+        )
 
     def _check_length(self, what: str, values: FloatArray) -> None:
         if not np.abs(values).max() <= LENGTH_LIMIT:
@@ -229,9 +232,11 @@ class _Reader:
         mass = float(model.body_mass[body])
         xx, yy, zz = (float(v) for v in model.body_inertia[body])
         inertial = UrdfInertial(
-            mass, _vector(model.body_ipos[body]), _rpy(_matrix(model.body_iquat[body])),
+            mass,
+            _vector(model.body_ipos[body]),
+            _rpy(_matrix(model.body_iquat[body])),
             (xx, 0.0, 0.0, yy, 0.0, zz),
-        )  # fmt: skip
+        )
         return UrdfLink(
             self.names[body], tuple(solid[True]), tuple(solid[False]), inertial if mass else None
         )

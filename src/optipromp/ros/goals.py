@@ -44,8 +44,10 @@ def read_goal(
         )
     (goal,) = constraints
     joints, places, turns = (
-        goal.joint_constraints, goal.position_constraints, goal.orientation_constraints,
-    )  # fmt: skip
+        goal.joint_constraints,
+        goal.position_constraints,
+        goal.orientation_constraints,
+    )
     if goal.visibility_constraints:
         raise InvalidRequestError("goal_constraints[0].visibility_constraints: must be empty")
     if joints and not places and not turns:

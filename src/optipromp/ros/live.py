@@ -37,8 +37,11 @@ def read_planning_scene(item: Message, like: Scene | None = None, prefix: str = 
     if like is not None:
         return LiveScene.of(like, prefix).heard(item).scene()
     robot = load_arm(item.robot_model_name, choice=UNTRUSTED)[0]
-    stated = {"name": item.name or "planning scene", "robot": item.robot_model_name,
-              "choice": UNTRUSTED}  # fmt: skip
+    stated = {
+        "name": item.name or "planning scene",
+        "robot": item.robot_model_name,
+        "choice": UNTRUSTED,
+    }
     return LiveScene(stated, robot, frames_of(robot, prefix)).heard(item).scene()
 
 

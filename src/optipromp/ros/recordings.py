@@ -27,10 +27,12 @@ class CutParameters(Checked):
     """The definitions of a still phase and of a demonstration."""
 
     speed: float = parameter(
-        0.03, "rad/s or m/s", "choice",
+        0.03,
+        "rad/s or m/s",
+        "choice",
         "below it, in every joint, the arm is still; noise of 1e-3 rad at 100 Hz gives the slope "
         "over ``window`` a standard deviation of 0.004 rad/s",
-    )  # fmt: skip
+    )
     window: float = parameter(
         0.2, "s", "choice", "over which the slope of the positions is fitted (least squares)"
     )
@@ -38,10 +40,12 @@ class CutParameters(Checked):
         0.4, "s", "choice", "least duration of a still phase; a reversal is shorter"
     )
     motion: float = parameter(
-        0.05, "rad or m", "choice",
+        0.05,
+        "rad or m",
+        "choice",
         "least range of a joint in a demonstration; it moves the tool of an arm that reaches 1 m "
         "by 50 mm",
-    )  # fmt: skip
+    )
     margin: float = parameter(
         0.1, "s", "choice", "of the still phases that a demonstration keeps at each end"
     )

@@ -242,11 +242,12 @@ def planning_scene(scene: Scene, prefix: str = "") -> Message:
             id=object_id(item),
             color=message(
                 "std_msgs/msg/ColorRGBA",
-                **dict(zip("rgb", COLORS[item.role], strict=True)), a=1.0,
+                **dict(zip("rgb", COLORS[item.role], strict=True)),
+                a=1.0,
             ),
         )
         for item in scene.objects
-    ]  # fmt: skip
+    ]
     return message(
         "moveit_msgs/msg/PlanningScene",
         name=scene.name,

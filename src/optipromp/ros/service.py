@@ -106,9 +106,12 @@ def answer(
         planner = request.planner_id or "opti-promp"
         factory(planner, "planner_id")  # refuses an unknown name
         made = plan(
-            scene, planner=planner, demonstrations=demonstrations,
-            options=options, start_state=state if state is not None and state.moving else None,
-        )  # fmt: skip
+            scene,
+            planner=planner,
+            demonstrations=demonstrations,
+            options=options,
+            start_state=state if state is not None and state.moving else None,
+        )
     except OptiPrompError as error:
         return PlanAnswer(_response(request, error.code, error.message))
     motion = made.trajectory.slowed(slowing)

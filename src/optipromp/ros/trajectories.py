@@ -19,8 +19,10 @@ from optipromp.ros.types import Message, message
 
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 TRAJECTORIES = (
-    JOINT_TRAJECTORY, "moveit_msgs/msg/RobotTrajectory", "moveit_msgs/msg/DisplayTrajectory",
-)  # fmt: skip
+    JOINT_TRAJECTORY,
+    "moveit_msgs/msg/RobotTrajectory",
+    "moveit_msgs/msg/DisplayTrajectory",
+)
 """Types of messages that hold trajectories, the plainest first."""
 
 NANO = 10**9  # [ns] in a second

@@ -157,9 +157,12 @@ class ExecutorContract(ABC):
         arm = self.executor()
         curve = self.curve(arm)
         moved = Trajectory(
-            curve.times, curve.positions + 0.2, curve.velocities, curve.accelerations,
+            curve.times,
+            curve.positions + 0.2,
+            curve.velocities,
+            curve.accelerations,
             curve.joint_names,
-        )  # fmt: skip
+        )
         self._refused(arm, moved)
 
     def test_a_curve_that_begins_or_ends_in_motion_is_refused(self) -> None:

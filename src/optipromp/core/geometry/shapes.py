@@ -375,8 +375,9 @@ def _normals(around: int) -> FloatArray:
     """Unit vectors (N, 3): ``around`` about z at each of half as many heights, and the poles."""
     polar, turn = np.meshgrid(
         np.linspace(0.0, np.pi, around // 2 + 1)[1:-1],
-        np.linspace(0.0, 2.0 * np.pi, around, endpoint=False), indexing="ij",
-    )  # fmt: skip
+        np.linspace(0.0, 2.0 * np.pi, around, endpoint=False),
+        indexing="ij",
+    )
     flat = np.sin(polar)
     rings = np.stack([flat * np.cos(turn), flat * np.sin(turn), np.cos(polar)], axis=-1)
     return np.concatenate([rings.reshape(-1, 3), [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]])

@@ -32,13 +32,15 @@ def coefficients(trajectory: Trajectory) -> FloatArray:
     d = q[1:] - q[:-1]
     return np.stack(
         [
-            q[:-1], v, 0.5 * a,
+            q[:-1],
+            v,
+            0.5 * a,
             10.0 * d - 6.0 * v - 4.0 * w - 1.5 * a + 0.5 * b,
             -15.0 * d + 8.0 * v + 7.0 * w + 1.5 * a - b,
             6.0 * d - 3.0 * (v + w) - 0.5 * (a - b),
         ],
         axis=2,
-    )  # fmt: skip
+    )
 
 
 def extremes(trajectory: Trajectory) -> Extremes:

@@ -39,10 +39,12 @@ class JudgeParameters(Checked):
     """Thresholds of the judge's notes, which make no trajectory invalid."""
 
     static_margin: float = parameter(
-        5e-3, "m", "measured",
+        5e-3,
+        "m",
+        "measured",
         "clearance from static objects that a controller needs: in the simulation the tool is up "
         "to 1 mm off its path in free motion; the rest is for an arm that is known to some mm",
-    )  # fmt: skip
+    )
 
 
 JUDGE = JudgeParameters()
@@ -342,8 +344,10 @@ def _ends(robot: Robot, trajectory: Trajectory, start: State | None) -> list[Vio
             out.append(Violation("start", text, "", 0.0, off, "rad or m"))
     for row, verb, state in ((0, "begins", begin), (-1, "ends", end)):
         speed = trajectory.velocities[row], state.velocity
-        gain = (np.where(np.isfinite(robot.jerk), x, 0.0) for x in
-                (trajectory.accelerations[row], state.acceleration))  # fmt: skip
+        gain = (
+            np.where(np.isfinite(robot.jerk), x, 0.0)
+            for x in (trajectory.accelerations[row], state.acceleration)
+        )
         for kind, (is_, asked) in (("velocity", speed), ("acceleration", gain)):
             joint = int(np.argmax(np.abs(is_ - asked)))
             amount = float(abs(is_[joint] - asked[joint]))

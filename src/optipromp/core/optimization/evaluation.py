@@ -153,8 +153,11 @@ class Evaluation:
             self.robot.kinematics,
             self.body.segment[: self.tool + 2],
             self.points[:, : self.tool + 2],
-            self.force, self.origins, self.axes, out,
-        )  # fmt: skip
+            self.force,
+            self.origins,
+            self.axes,
+            out,
+        )
         return out
 
 

@@ -128,8 +128,11 @@ def add_stiffness(kin, segment, points, stiffness, origins, axes, band, first, o
             x, y, z, moves = points[t, b, 0], points[t, b, 1], points[t, b, 2], 1.0
             if b == n_points - 1:
                 x, y, z, moves = (
-                    x - points[t, b - 1, 0], y - points[t, b - 1, 1], z - points[t, b - 1, 2], 0.0,
-                )  # fmt: skip
+                    x - points[t, b - 1, 0],
+                    y - points[t, b - 1, 1],
+                    z - points[t, b - 1, 2],
+                    0.0,
+                )
             jacobian[0, 0] = jacobian[1, 1] = jacobian[2, 2] = moves
             jacobian[0, 4], jacobian[1, 5], jacobian[2, 3] = z, x, y
             jacobian[0, 5], jacobian[1, 3], jacobian[2, 4] = -y, -z, -x

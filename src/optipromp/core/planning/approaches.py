@@ -44,9 +44,10 @@ def others(task: Task) -> Iterator[Task]:
         shares, reach = (APPROACH.inner,), 0.0
     ways = [
         (rotation(np.cross(z_g, flat), float(share * cone)) @ z_g, np.zeros(3))
-        for share in shares if cone > 0.0
+        for share in shares
+        if cone > 0.0
         for flat in flats
-    ]  # fmt: skip
+    ]
     ways += [(z_g, reach * flat) for flat in flats if reach > 0.0]
     left, best = APPROACH.tried, list[tuple[float, int, Task]]()
     for k, (way, shift) in enumerate(ways):

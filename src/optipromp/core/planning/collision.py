@@ -123,9 +123,11 @@ def blocked(body, q):
     for g in range(body.groups.shape[0]):
         first, second = body.groups[g, 0], body.groups[g, 1]
         if not closer(
-            p, spheres + 2 + first, spheres + 2 + second,
+            p,
+            spheres + 2 + first,
+            spheres + 2 + second,
             body.link_bound[first] + body.link_bound[second],
-        ):  # fmt: skip
+        ):
             continue
         for k in range(body.groups[g, 2], body.groups[g, 3]):
             i, j = body.pairs[k, 0], body.pairs[k, 1]

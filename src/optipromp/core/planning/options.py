@@ -138,8 +138,9 @@ class PaperOptions:
         need(self.epsilon > 0, "epsilon", "positive [m]")
         need(
             len(self.push_weights) == 3 and min(self.push_weights) >= 0,
-            "push_weights", "three weights, none negative",
-        )  # fmt: skip
+            "push_weights",
+            "three weights, none negative",
+        )
         offsets = () if self.drift_offset is None else _numbers(self.drift_offset)
         need(all(offset >= 0 for offset in offsets), "drift_offset", "not negative [m]")
         need(self.corridor >= 0, "corridor", "not negative [m]")
@@ -150,8 +151,9 @@ class PaperOptions:
         radii = self.trust_radii
         need(
             len(radii) > 0 and min(radii) > 0 and list(radii) == sorted(radii),
-            "trust_radii", "positive, from small to large [rad]",
-        )  # fmt: skip
+            "trust_radii",
+            "positive, from small to large [rad]",
+        )
 
 
 @dataclass(frozen=True)

@@ -59,10 +59,12 @@ class GoalParameters(Checked):
     starts: int = parameter(24, "1", "measured", "of inverse kinematics, at first; decisions.md")
     more_starts: int = parameter(48, "1", "choice", "where fewer than ``spare`` solutions are free")
     spread_starts: int = parameter(
-        96, "1", "measured",
+        96,
+        "1",
+        "measured",
         "where a planner finds no valid plan: with 24, half of all seeds miss the branches of the "
         "elbow's roll between side clusters; with 96, none of 20",
-    )  # fmt: skip
+    )
     many_starts: int = parameter(320, "1", "choice", "where no solution is free")
     enough: int = parameter(6, "1", "choice", "free configurations to choose among")
     spare: int = parameter(
@@ -89,9 +91,11 @@ class PickParameters(Checked):
     """How many paths are followed, and how they are compared (``planning/pick.py``)."""
 
     invalid: float = parameter(
-        2.5, "1", "choice",
+        2.5,
+        "1",
+        "choice",
         "harm added where the trajectory is not valid; less than the harm of a swallowed fruit",
-    )  # fmt: skip
+    )
     goals: int = parameter(3, "1", "choice", "goal configurations that a path is followed to")
     tries: int = parameter(
         6, "1", "choice", "paths that are followed while no valid trajectory keeps the margin"
@@ -155,9 +159,11 @@ class PaperParameters(Checked):
     """The planner of the paper (``laboratory/planners/paper_stages.py``)."""
 
     stiffness: float = parameter(
-        1e5, "1/m^2", "measured",
+        1e5,
+        "1/m^2",
+        "measured",
         "of constraints 1 to 3; at 1e4 scenario III lacks 0.5 mm of constraint 1",
-    )  # fmt: skip
+    )
     joint_iterations: tuple[int, int] = parameter(
         (20, 40), "1", "measured", "in the stages of the joint strategy; decisions.md"
     )
@@ -168,9 +174,11 @@ class PaperParameters(Checked):
         1e4, "1/m^2", "choice", "of the tool among objects to avoid, in a collision stage"
     )
     hold: float = parameter(
-        1e6, "1/m^2", "measured",
+        1e6,
+        "1/m^2",
+        "measured",
         "of constraints 1 to 3 in a collision stage after the push; at 1e4, 1 lacks 0.2 mm",
-    )  # fmt: skip
+    )
     margin: float = parameter(
         1e-3, "m", "choice", "added to constraint 1, because penalties and barriers yield"
     )
@@ -181,9 +189,11 @@ class PaperParameters(Checked):
         4, "1", "choice", "constraint 3 is set at every fourth waypoint; the spline is smooth"
     )
     most: int = parameter(
-        400, "1", "measured",
+        400,
+        "1",
+        "measured",
         "waypoints with constraints; with 2,000, the QR in a step of trust-constr takes 1.5 s",
-    )  # fmt: skip
+    )
     push_iterations: tuple[int, int] = parameter(
         (10, 15), "1", "published", "of scenarios III (push first) and IV (push last)"
     )
@@ -208,10 +218,12 @@ class UnderwayParameters(Checked):
         0.03, "m", "choice", "largest motion of the target with which a running path is kept"
     )
     risk: float = parameter(
-        0.1, "1", "measured",
+        0.1,
+        "1",
+        "measured",
         "share of broken promises with which a push goes on, among fruits that did not move: a "
         "harm that is predicted again on the way varies by 0.1 to 0.5",
-    )  # fmt: skip
+    )
     same: float = parameter(1e-3, "m", "choice", "largest motion of a fruit that did not move")
     rows: int = parameter(100, "1", "choice", "samples of the rest of a running path")
     fewest: int = parameter(4, "1", "choice", "least number of waypoints of the rest of a motion")
@@ -241,9 +253,11 @@ class TreeParameters(Checked):
     ways: int = parameter(3, "1", "choice", "number of which the shortest is taken")
     rounds: int = parameter(4, "1", "choice", "of ``ways`` ways, while no optimised one is valid")
     deep: float = parameter(
-        0.05, "m", "measured",
+        0.05,
+        "m",
+        "measured",
         "depth in an obstacle: of 163 deeper primitives 18 could be bent, of 86 others 72",
-    )  # fmt: skip
+    )
     ramp: float = parameter(
         0.2, "1", "choice", "share of a way's time for either ramp of its speed"
     )
@@ -265,9 +279,11 @@ class ApproachParameters(Checked):
     )
     candidates: int = parameter(5, "1", "choice", "first paths of a push model that are tried")
     promising: float = parameter(
-        0.4, "1", "measured",
+        0.4,
+        "1",
+        "measured",
         "share of the harm's threshold, below which an approach is planned at once",
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True)
@@ -276,9 +292,11 @@ class TimingParameters(Checked):
 
     least_dt: float = parameter(1e-3, "s", "choice", "of a trajectory that hardly moves")
     ramps: tuple[float, ...] = parameter(
-        (0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.0), "1", "choice",
+        (0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.0),
+        "1",
+        "choice",
         "tried ratios of the time of a motion's ramp to the time of its cruise",
-    )  # fmt: skip
+    )
     refinements: int = parameter(
         5, "1", "measured", "of the intervals; they make free reaches 15 % shorter, 20 no more"
     )

@@ -32,7 +32,7 @@ from optipromp.core.planning.result import Harmful, Planned, Stage
 from optipromp.core.planning.task import Task, pushed_aside
 from optipromp.core.planning.timing import slowly, timed
 from optipromp.core.planning.underway import rest, straight
-from optipromp.core.planning.verdict import Led, harm_of, judged, led, prediction
+from optipromp.core.planning.verdict import PushMotion, harm_of, judged, led, prediction
 from optipromp.core.promp.model import ProMP
 from optipromp.core.pushing.model import Prediction, PushModel
 from optipromp.core.pushing.parameters import PUSH
@@ -211,7 +211,7 @@ class Followed:
     """
 
     attempt: Attempt
-    push: tuple[PushModel, Led] | None
+    push: tuple[PushModel, PushMotion] | None
     harm: float
     score: float
 

@@ -299,10 +299,12 @@ def _terms(task: Task, paper: PaperOptions, outcome: Planned) -> dict[str, Term]
     for name in ("static", "avoid", "push", "velocity"):
         stage = next((s for s in outcome.stages if name in s.terms), None)
         out[name] = Term(
-            first.get(name, 0.0), second.get(name, 0.0), last.get(name, 0.0),
+            first.get(name, 0.0),
+            second.get(name, 0.0),
+            last.get(name, 0.0),
             () if stage is None else tuple(item.get(name, 0.0) for item in stage.history),
             "" if stage is None else stage.name,
-        )  # fmt: skip
+        )
     return out
 
 

@@ -120,8 +120,9 @@ def aimed(scene: Scene, target: str, picked: Sequence[str] = ()) -> Scene:
     roles[target] = "target"
     objects = (
         replace(item, role=roles.get(item.id, item.role))
-        for item in scene.objects if item.id not in picked
-    )  # fmt: skip
+        for item in scene.objects
+        if item.id not in picked
+    )
     return replace(scene, name=f"{scene.name}-{target}", objects=rooted(objects), goal=None)
 
 

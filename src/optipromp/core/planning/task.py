@@ -317,7 +317,8 @@ def wrist(task: Task, goal: FloatArray) -> list[FloatArray]:
         mine = near & (link == one)
         flat = local[mine][:, [2, 1]]
         (u0, v0), (u1, v1) = (
-            (flat - radius[mine, None]).min(axis=0), (flat + radius[mine, None]).max(axis=0)
-        )  # fmt: skip
+            (flat - radius[mine, None]).min(axis=0),
+            (flat + radius[mine, None]).max(axis=0),
+        )
         out.append(np.array([[u0, v0], [u1, v0], [u1, v1], [u0, v1]]))
     return out

@@ -83,9 +83,11 @@ def underway(task: Task, previous: Plan | None, at: float | None) -> Task:
     if previous is None or at is None:
         return task
     task = replace(
-        task, running=running(previous, at), kept=remaining(task, previous, at),
+        task,
+        running=running(previous, at),
+        kept=remaining(task, previous, at),
         same=same(task, previous),
-    )  # fmt: skip
+    )
     return replace(task, pushed=pushed(task, previous, at))
 
 

@@ -74,9 +74,12 @@ class Verdict:
 
 
 def judge(
-    scene: Scene | str | Path, trajectory: Trajectory | str | Path, *, robot: Robot | None = None,
+    scene: Scene | str | Path,
+    trajectory: Trajectory | str | Path,
+    *,
+    robot: Robot | None = None,
     risk: float = PlanOptions.risk,
-) -> Verdict:  # fmt: skip
+) -> Verdict:
     """Judge a trajectory of any origin in a scene.
 
     It must begin at the scene's start, if the scene states one, and begin and end at rest.
@@ -141,7 +144,7 @@ def predicted(task: Task, trajectory: Trajectory) -> Prediction | None:
     return None if model is None else prediction(model, led(task, model, trajectory))
 
 
-class Led(NamedTuple):
+class PushMotion(NamedTuple):
     """The motion of the tool whose push a model predicts.
 
     Attributes:
@@ -154,7 +157,7 @@ class Led(NamedTuple):
     struck: Overlap | None
 
 
-def led(task: Task, model: PushModel, trajectory: Trajectory) -> Led:
+def led(task: Task, model: PushModel, trajectory: Trajectory) -> PushMotion:
     """The motion of a trajectory's tool that the model predicts.
 
     The motion before the approach is left out where it surely touches nothing. There the arm is
@@ -167,7 +170,7 @@ def led(task: Task, model: PushModel, trajectory: Trajectory) -> Led:
         if not (task.begun and judging.struck(task.scene, task.robot, q[:1])):  # begun among fruits
             struck = judging.struck(task.scene, task.robot, q[: first + 1])
         first = 0
-    return Led(*spaced(points[first:], axes[first:]), struck)
+    return PushMotion(*spaced(points[first:], axes[first:]), struck)
 
 
 def _approach(heights: FloatArray) -> int:
@@ -181,14 +184,14 @@ def _approach(heights: FloatArray) -> int:
     return min(int(last), len(heights) - 2)
 
 
-def harm_of(model: PushModel, motion: Led) -> float:
+def harm_of(model: PushModel, motion: PushMotion) -> float:
     """The harm of a motion; where the arm strikes something before the approach, 2 thresholds."""
     if motion.struck is not None:
         return 2.0 * model.threshold
     return model.harm(motion.points, motion.axes, model.states)
 
 
-def prediction(model: PushModel, motion: Led, harm: float | None = None) -> Prediction:
+def prediction(model: PushModel, motion: PushMotion, harm: float | None = None) -> Prediction:
     """The prediction of a motion; ``harm``: its harm, where that is known."""
     if motion.struck is None:
         return model.predict(motion.points, motion.axes, harm)

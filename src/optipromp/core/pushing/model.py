@@ -137,9 +137,10 @@ class Combined(_Guided):
         names = [name for one in found for name in one.ids]
         rows = list({name: row for row, name in enumerate(names)}.values())
         return Moved(
-            tuple(names[row] for row in rows), np.concatenate([m.positions for m in found])[rows],
+            tuple(names[row] for row in rows),
+            np.concatenate([m.positions for m in found])[rows],
             np.concatenate([m.turns for m in found])[rows],
-        )  # fmt: skip
+        )
 
 
 class Continued(_Guided):

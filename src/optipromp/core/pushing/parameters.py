@@ -18,10 +18,12 @@ class BeamParameters(Checked):
         50e6, "Pa", "guess", "of green stems and peduncles, reported between 10 and 100 MPa"
     )
     stiffness_spread: float = parameter(
-        2.0, "1", "reported",
+        2.0,
+        "1",
+        "reported",
         "standard deviation of an unknown stiffness, as a factor; 10-100 MPa are two of them; "
         "with 2 as many of 48 runs succeed as with 1",
-    )  # fmt: skip
+    )
     diameter: float = parameter(
         0.0025, "m", "reported", "of the elastic beam; strawberry peduncles are 2-3 mm thick"
     )
@@ -32,11 +34,13 @@ class BeamParameters(Checked):
         0.5, "rad", "guess", "turn from root to tip by which a stem springs back without its fruit"
     )
     bow_least: float = parameter(
-        0.01, "1", "guess",
+        0.01,
+        "1",
+        "guess",
         "least bow, middle off its line over length; drawn evenly up to the largest. 1,704 "
         "strawberries are off their stems by 4, 9 and 15 degrees (quartiles, StrawDI): arcs "
         "of a bow of 2, 4 and 7 %",
-    )  # fmt: skip
+    )
     bow_most: float = parameter(0.05, "1", "guess", "largest bow; as above")
     parting_sweeps: int = parameter(20, "1", "choice", "over the pairs of overlapping fruits")
     parting_gap: float = parameter(1e-5, "m", "choice", "between fruits after parting")
@@ -48,9 +52,11 @@ class BeamParameters(Checked):
         100.0, "1", "choice", "stiffness of a fruit over that of its stem: nearly rigid"
     )
     loaded: tuple[float, ...] = parameter(
-        (5 / 12, 0.75, 1.0), "1", "choice",
+        (5 / 12, 0.75, 1.0),
+        "1",
+        "choice",
         "shares of the length whose deflection is known; the last: the fruit",
-    )  # fmt: skip
+    )
     elements: int = parameter(24, "1", "choice", "of the grid on which contacts are looked up")
     finer: int = parameter(
         2, "1", "choice", "factor on the elements to solve the beam: fruits turn it sharply"
@@ -66,10 +72,12 @@ class SwingParameters(Checked):
         0.15, "1", "guess", "of the cup on fruits; in the simulation tool 0.35, fruits 0.4"
     )
     skin_friction: float = parameter(
-        0.3, "1", "measured",
+        0.3,
+        "1",
+        "measured",
         "of fruits on fruits and stems; with it and the next 227 of 240 runs succeed, without "
         "222; in the simulation 0.4",
-    )  # fmt: skip
+    )
     stem_friction: float = parameter(
         0.3, "1", "measured", "of the cup on stems, across its axis; in the simulation 0.35"
     )
@@ -119,10 +127,12 @@ class HarmParameters(Checked):
     )
     inside_time: float = parameter(0.03, "s", "choice", "longest of another fruit inside the cup")
     pinched_time: float = parameter(
-        0.2, "s", "measured",
+        0.2,
+        "s",
+        "measured",
         "longest of a pinched fruit; in 400 runs crushed or torn fruits were pinched for "
         "0.4-0.8 s, 97 % of the others for less than 0.1 s",
-    )  # fmt: skip
+    )
     lasting: float = parameter(0.2, "s", "choice", "time in which a lasting force does not fall")
     swallowed: float = parameter(
         5.0, "1", "choice", "harm of a swallowed neighbour or a missed target"
@@ -149,19 +159,23 @@ class HangingParameters(Checked):
     model_speed: float = parameter(0.07, "m/s", "choice", "of the tool in the model")
     speed: float = parameter(0.1, "m/s", "choice", "largest of the tool on its path")
     states: int = parameter(
-        24, "1", "measured",
+        24,
+        "1",
+        "measured",
         "of exactly known fruits: an outcome may depend on a millimetre. In 400 runs harm "
         "tells failures from successes with an AUC of 0.84; with 9 of the search and others "
         "0.77",
-    )  # fmt: skip
+    )
     screened_known: int = parameter(
         3, "1", "measured", "the same in the search; with 9 as many plans succeed, later"
     )
     detected_states: int = parameter(
-        32, "1", "measured",
+        32,
+        "1",
+        "measured",
         "of detected fruits: in 397 runs an AUC of 0.79; with the 7 of the search and 18 "
         "others of their spread 0.71",
-    )  # fmt: skip
+    )
     screened_states: int = parameter(
         7, "1", "measured", "the same in the search: 1,003 of 1,100 runs succeed, 1,006 with all"
     )
@@ -184,11 +198,13 @@ class HangingParameters(Checked):
         0.005, "m", "choice", "depth below the target from which a path is on the approach line"
     )
     lower: float = parameter(
-        1.0, "1", "measured",
+        1.0,
+        "1",
+        "measured",
         "standard deviations by which a detected fruit may hang lower: the tool is aside of "
         "it, and on the approach line, as much earlier; with it 74 % of 185 scenes with "
         "errors are promised and picked, 68 % without, 73 % with 2",
-    )  # fmt: skip
+    )
     apart: float = parameter(45.0, "deg", "choice", "between the first candidates' directions")
     turned: float = parameter(
         1.0, "rad", "choice", "standard deviation of a candidate's directions"
@@ -269,9 +285,11 @@ class StandingParameters(Checked):
     spread_aside: float = parameter(0.06, "m", "choice", "standard deviation of a corner along v")
     samples: int = parameter(30, "1", "choice", "states besides the perceived one")
     unsure: float = parameter(
-        0.006, "m", "measured",
+        0.006,
+        "m",
+        "measured",
         "least standard deviation of a position; a quarter of pushed packs: 13 mm",
-    )  # fmt: skip
+    )
     slippery_least: float = parameter(
         0.4, "1", "choice", "least friction of a state over the expected one"
     )
@@ -279,10 +297,12 @@ class StandingParameters(Checked):
         1.4, "1", "choice", "largest friction of a state over the expected one"
     )
     good: float = parameter(
-        1.6, "1", "measured",
+        1.6,
+        "1",
+        "measured",
         "harm of a path that is good enough; with half the candidates and 3 runs for 5 as "
         "many of 30 shelves stay below 8 as with 1.2, in a third of the time",
-    )  # fmt: skip
+    )
     tilt: float = parameter(
         5.0, "deg", "choice", "largest, of the approach from the level and of a can from upright"
     )
@@ -320,9 +340,11 @@ class RuleParameters(Checked):
         0.5, "gripper radii", "choice", "a fruit nearer to the approach line gives no direction"
     )
     release: float = parameter(
-        0.5, "fruit radii", "choice",
+        0.5,
+        "fruit radii",
+        "choice",
         "past a pushable's centre, from where on the rim may come back",
-    )  # fmt: skip
+    )
     under: float = parameter(
         0.006, "m", "choice", "of a slightly tilted rim below a fruit that it crosses beneath"
     )

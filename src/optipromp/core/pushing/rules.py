@@ -229,9 +229,12 @@ def drift_choices(
 
 
 def rule_paths(
-    scene: Scene, objects: Sequence[SceneObject], robot: Robot, camera: FloatArray,
+    scene: Scene,
+    objects: Sequence[SceneObject],
+    robot: Robot,
+    camera: FloatArray,
     rule: DriftRule = "shortest",
-) -> list[FloatArray]:  # fmt: skip
+) -> list[FloatArray]:
     """Corners (k, 3) of the paths from ``camera`` (3,) past neighbours, by choice of sides [m]."""
     assert scene.target is not None
     assert scene.aim is not None

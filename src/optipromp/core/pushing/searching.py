@@ -23,9 +23,12 @@ Judged = tuple[float, FloatArray, ToolPath]
 
 
 def search(
-    model: PushModel, axes: AxesAt, rng: np.random.Generator, budget: Budget | None = None,
+    model: PushModel,
+    axes: AxesAt,
+    rng: np.random.Generator,
+    budget: Budget | None = None,
     serves: Callable[[float], bool] = lambda _: False,
-) -> Iterator[tuple[ToolPath, float]]:  # fmt: skip
+) -> Iterator[tuple[ToolPath, float]]:
     """Search tool paths of little harm.
 
     A good path is yielded at once, the best path so far at the end of a run. After a good path the

@@ -168,10 +168,12 @@ class SceneObject:
             spread = pose.rotation @ spread @ pose.rotation.T
             spread = 0.5 * (spread + spread.T)
         return replace(
-            self, position=pose @ self.position,
+            self,
+            position=pose @ self.position,
             orientation=product(pose.orientation, self.orientation),
-            stem=None if self.stem is None else self.stem.transformed(pose), covariance=spread,
-        )  # fmt: skip
+            stem=None if self.stem is None else self.stem.transformed(pose),
+            covariance=spread,
+        )
 
     @property
     def radius(self) -> float:

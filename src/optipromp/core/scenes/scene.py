@@ -106,9 +106,12 @@ class Approach:
         """The same approach in another frame, in which its present frame has the ``pose``."""
         turn = pose.rotation
         return replace(
-            self, direction=turn @ self.direction, lateral=turn @ self.lateral,
-            shift=turn @ self.shift, lead=None if self.lead is None else turn @ self.lead,
-        )  # fmt: skip
+            self,
+            direction=turn @ self.direction,
+            lateral=turn @ self.lateral,
+            shift=turn @ self.shift,
+            lead=None if self.lead is None else turn @ self.lead,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,12 +316,13 @@ class Scene(Shown):
         """
         goal = self.goal
         return replace(
-            self, objects=tuple(item.transformed(pose) for item in self.objects),
+            self,
+            objects=tuple(item.transformed(pose) for item in self.objects),
             approach=self.approach.transformed(pose),
             goal=goal.transformed(pose) if isinstance(goal, PoseGoal) else goal,
             base=self.base @ pose.inverse(),
             camera=None if self.camera is None else pose @ self.camera,
-        )  # fmt: skip
+        )
 
     @property
     def frame(self) -> FloatArray:

@@ -229,9 +229,12 @@ def _executed(
 ) -> dict[str, Any]:
     """The values of a row for a plan that is executed in the true scene."""
     values: dict[str, Any] = {
-        "plan_status": str(made.status), "plan_time": made.seconds, "predicted_harm": made.harm,
-        "predicted_failure": made.failure, "tilt": made.tilt,
-    }  # fmt: skip
+        "plan_status": str(made.status),
+        "plan_time": made.seconds,
+        "predicted_harm": made.harm,
+        "predicted_failure": made.failure,
+        "tilt": made.tilt,
+    }
     refused = only_valid and made.status != Code.SUCCESS
     if made.trajectory is None or refused:
         return {**values, "cause": NO_PLAN, "message": made.message}

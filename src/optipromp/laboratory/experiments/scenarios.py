@@ -177,13 +177,17 @@ class ScenarioRow:
 
 
 _III = Published(
-    M_c=0.157, M_c_above=0.1, M_p={"n1": -0.01, "n2": 0.001968},
+    M_c=0.157,
+    M_c_above=0.1,
+    M_p={"n1": -0.01, "n2": 0.001968},
     reductions={"push": PaperReduction(15.5, 10), "avoid": PaperReduction(9.5, 15)},
-)  # fmt: skip
+)
 _IV = Published(
-    M_c=0.0352, M_c_above=0.03, M_p={"n1": -0.0084, "n2": 0.03379},
+    M_c=0.0352,
+    M_c_above=0.03,
+    M_p={"n1": -0.0084, "n2": 0.03379},
     reductions={"static": PaperReduction(4.2, 3), "push": PaperReduction(2.2, 15)},
-)  # fmt: skip
+)
 _PLAIN = {"paper": PaperOptions(camera_point=False)}
 _CAMERA = {"paper": PaperOptions(camera_point=True)}
 _FAILS, _HARMS, _SUCCEEDS = Code.INVALID_PLAN, Code.HARM_PREDICTED, Code.SUCCESS

@@ -197,9 +197,11 @@ def calibration(rows: Iterable[Row]) -> Reliability | None:
             bins.append(Bin(low, high, runs, mean, failures, rate, *wilson(failures, runs)))
     good = [row for row in known if row.plan_status == Code.SUCCESS]
     return Reliability(
-        tuple(bins), auc(told[failed], told[~failed]), len(good),
+        tuple(bins),
+        auc(told[failed], told[~failed]),
+        len(good),
         sum(not row.success for row in good),
-    )  # fmt: skip
+    )
 
 
 def auc(above: Sequence[float] | np.ndarray, below: Sequence[float] | np.ndarray) -> float:

@@ -300,8 +300,10 @@ def _run(
     done = {row.key for row in file.rows}
     keys = [
         (*scene, planner, variation)
-        for scene in study.scenes() for planner in study.planners for variation in study.variations
-    ]  # fmt: skip
+        for scene in study.scenes()
+        for planner in study.planners
+        for variation in study.variations
+    ]
     missing = dict.fromkeys(key[:3] for key in keys if key not in done)
     finished, total = sum(key in done for key in keys), len(keys)
     if progress is not None:

@@ -31,9 +31,11 @@ def _stiffness(p: SimulationParameters, factor: float) -> SimulationParameters:
 
 def _friction(p: SimulationParameters, value: float) -> SimulationParameters:
     return replace(
-        p, fruit=replace(p.fruit, friction=value), stem=replace(p.stem, friction=value),
+        p,
+        fruit=replace(p.fruit, friction=value),
+        stem=replace(p.stem, friction=value),
         robot=replace(p.robot, tool_friction=value),
-    )  # fmt: skip
+    )
 
 
 def _density(p: SimulationParameters, factor: float) -> SimulationParameters:
@@ -42,9 +44,10 @@ def _density(p: SimulationParameters, factor: float) -> SimulationParameters:
 
 def _damping(p: SimulationParameters, factor: float) -> SimulationParameters:
     stem = replace(
-        p.stem, damping_time=factor * p.stem.damping_time,
+        p.stem,
+        damping_time=factor * p.stem.damping_time,
         swing_damping=factor * p.stem.swing_damping,
-    )  # fmt: skip
+    )
     return replace(p, stem=stem)
 
 

@@ -148,9 +148,11 @@ def _longer(item: SceneObject, rng: np.random.Generator) -> SceneObject:
 
 
 def _stem(
-    position: FloatArray, rng: np.random.Generator, roof: float | None = None,
+    position: FloatArray,
+    rng: np.random.Generator,
+    roof: float | None = None,
     inclination: float = INCLINATION,
-) -> Stem:  # fmt: skip
+) -> Stem:
     """A straight stem from ``position`` (3,), which ends below the height of a ``roof`` [m]."""
     length = float(rng.uniform(*STEM_LENGTH))
     line = upward(rng, inclination)

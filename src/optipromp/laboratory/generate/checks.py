@@ -188,8 +188,10 @@ def _rooted_in_tool(scene: Scene, item: SceneObject, tool: Tool | None) -> bool:
     sure = outer - max(inner - target.radius, 0.0)
     rise = tool.depth + target.radius
     for radius, low, high in (
-        (outer, base, rim), (NECK_RADIUS, flange, base), (sure, base - rise, rim)
-    ):  # fmt: skip
+        (outer, base, rim),
+        (NECK_RADIUS, flange, base),
+        (sure, base - rise, rim),
+    ):
         beyond = max(low - height, height - high, 0.0)
         if np.hypot(max(aside - radius, 0.0), beyond) < item.stem.radius:
             return True

@@ -84,9 +84,10 @@ def perceived(scene: Scene, rng: np.random.Generator, noise: Noise) -> Scene:
     if noise.missed or noise.hidden:
         eye, chances = _eye(scene), rng.random(len(seen))
         seen = [
-            new for old, new, chance in zip(scene.objects, seen, chances, strict=True)
+            new
+            for old, new, chance in zip(scene.objects, seen, chances, strict=True)
             if old.role != "pushable" or chance >= _blind(scene, old, eye, noise)
-        ]  # fmt: skip
+        ]
     return replace(scene, objects=rooted(seen))
 
 

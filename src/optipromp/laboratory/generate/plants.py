@@ -81,10 +81,11 @@ def field(name: str, kind: str, count: int, rng: np.random.Generator) -> Scene:
         assert item.stem is not None
         held = sum(mass) if carries else mass[k]
         physical = {
-            "density": density[k], "friction": float(rng.uniform(*FRICTION)),
+            "density": density[k],
+            "friction": float(rng.uniform(*FRICTION)),
             "abscission_force": float(rng.uniform(*ABSCISSION)),
             "stem_stiffness": _stiffness(item.stem, held, carries, rng),
-        }  # fmt: skip
+        }
         drawn.append(replace(item, physical=physical))
     return replace(scene, objects=rooted(drawn))
 

@@ -38,9 +38,6 @@ class Avoiding(OptiProMP):
         return gently(task, made.trajectory.positions) if isinstance(made, Planned) else made
 
 
-Obstacles = Avoiding  # its name in the entry point
-
-
 @dataclass(frozen=True)
 class Chomp:
     """CHOMP: covariant gradient descent from the trajectory of the planner ``promp``.

@@ -199,9 +199,10 @@ def spaced(task: Task, options: PlanOptions, values: FloatArray) -> Waypoints:
     moved = float(np.abs(np.diff(values, axis=0)).max(axis=1).sum())
     before = max(reach_count(reach, options.max_step), WAYPOINT.fewest_reach)
     after = max(
-        1.6 * moved / (WAYPOINT.share * options.max_step), WAYPOINT.fewest_approach,
+        1.6 * moved / (WAYPOINT.share * options.max_step),
+        WAYPOINT.fewest_approach,
         path / WAYPOINT.tool_step,
-    )  # fmt: skip
+    )
     count = options.waypoints or within_limits(10 * np.ceil((before + after) / 10))
     phase = min(max(0.2, before / (before + after)), 0.75)
     return Waypoints.at_phase(count, options.paper.camera_phase or phase)

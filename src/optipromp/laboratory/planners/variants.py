@@ -18,9 +18,6 @@ class Drifting(OptiProMP):
     rule: DriftRule = "paper"
 
 
-Drift = Drifting  # its name in the entry point
-
-
 @dataclass(frozen=True)
 class Guarded(IProMP):
     """i-promp with a tool whose mouth is closed until the last push is done.

@@ -23,9 +23,11 @@ LEAST_MASS, LEAST_INERTIA = 0.05, 1e-5  # of a link without spheres [kg], [kg mÂ
 ARM_COLOUR = (0.78, 0.79, 0.80, 1.0)
 BASE_COLOUR = (0.55, 0.57, 0.60, 1.0)
 COLOURS: dict[Part, tuple[float, float, float, float]] = {  # of the solids of a tool
-    "mouth": (0.15, 0.55, 0.75, 0.55), "neck": (0.25, 0.30, 0.35, 1.0),
-    "palm": (0.90, 0.90, 0.91, 1.0), "finger": (0.30, 0.32, 0.35, 1.0),
-}  # fmt: skip
+    "mouth": (0.15, 0.55, 0.75, 0.55),
+    "neck": (0.25, 0.30, 0.35, 1.0),
+    "palm": (0.90, 0.90, 0.91, 1.0),
+    "finger": (0.30, 0.32, 0.35, 1.0),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,9 +60,12 @@ def drives(robot: Robot) -> Drives:
         torque = robot.dynamics.effort
     first = [int(np.flatnonzero(kin.dof == j)[0]) for j in range(robot.n_joints)]
     return Drives(
-        frozen(kin.dof, np.int64), frozen(kin.multiplier), frozen(kin.offset), frozen(torque),
+        frozen(kin.dof, np.int64),
+        frozen(kin.multiplier),
+        frozen(kin.offset),
+        frozen(torque),
         frozen(first, np.int64),
-    )  # fmt: skip
+    )
 
 
 def link_entities(robot: Robot) -> tuple[Entity, ...]:
@@ -126,11 +131,14 @@ def _add_spheres(
     for b in np.flatnonzero((spheres.segment == segment) & (spheres.link != tool)):
         link = int(spheres.link[b])
         body.add_geom(
-            name=f"body:{b}", type=mujoco.mjtGeom.mjGEOM_SPHERE,
-            size=[spheres.radius[b], 0.0, 0.0], pos=spheres.center[b],
-            rgba=BASE_COLOUR if segment < 0 else ARM_COLOUR, **layers("link"),
+            name=f"body:{b}",
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[spheres.radius[b], 0.0, 0.0],
+            pos=spheres.center[b],
+            rgba=BASE_COLOUR if segment < 0 else ARM_COLOUR,
+            **layers("link"),
             **_surface(parameters, parameters.robot.tool_friction, first + link),
-        )  # fmt: skip
+        )
 
 
 def _set_inertia(body: Any, robot: Robot, segment: int, density: float) -> None:
@@ -210,8 +218,11 @@ def _add_tool(
         )  # fmt: skip
     if given.guard_until > 0.0:
         held.add_geom(
-            name=GUARD, type=engine().mjtGeom.mjGEOM_CYLINDER,
-            size=[tool.mouth[1], 0.5 * WALL, 0.0], quat=quaternion(tool.rotation),
+            name=GUARD,
+            type=engine().mjtGeom.mjGEOM_CYLINDER,
+            size=[tool.mouth[1], 0.5 * WALL, 0.0],
+            quat=quaternion(tool.rotation),
             pos=tool.point + (tool.depth + 0.5 * WALL) * tool.rotation[:, 2],
-            rgba=COLOURS["neck"], **surface,
-        )  # fmt: skip
+            rgba=COLOURS["neck"],
+            **surface,
+        )

@@ -124,8 +124,11 @@ def _best(world: World, model: Any, run: Run, view: View) -> float:
     data = mujoco.MjData(model)
     rollout = run.rollout
     rows = np.linspace(0, len(rollout.times) - 1, LOOKS).astype(int)
-    focus = rollout.fruit_positions[0].reshape(-1, 3).mean(axis=0) if world.shown else (
-        rollout.tool_point[-1])  # fmt: skip
+    focus = (
+        rollout.fruit_positions[0].reshape(-1, 3).mean(axis=0)
+        if world.shown
+        else (rollout.tool_point[-1])
+    )
     heading = float(np.rad2deg(np.arctan2(focus[1], focus[0])))
     groups = np.zeros(6, dtype=np.uint8)
     groups[SHOWN] = 1

@@ -42,8 +42,10 @@ def dressed(world: World) -> Any:
     _add(spec, base, scenery(scene))
     for geom in spec.geoms:
         if geom.group != SHOWN:
-            covered = any(geom.name == name or geom.name.startswith(name + ":" * (name[-1] != ":"))
-                          for name in hidden)  # fmt: skip
+            covered = any(
+                geom.name == name or geom.name.startswith(name + ":" * (name[-1] != ":"))
+                for name in hidden
+            )
             geom.group = HIDDEN if covered else SHOWN
     model = spec.compile()
     _light(model)
@@ -60,14 +62,18 @@ def _add(spec: Any, body: Any, parts: Iterable[Part]) -> None:
         specular, shininess = GLOSS.get(kind, MATT)
         rgba = [*(value / 255.0 for value in part.colour), part.opacity]
         spec.add_material(
-            name=name, rgba=rgba, specular=specular, shininess=shininess,
+            name=name,
+            rgba=rgba,
+            specular=specular,
+            shininess=shininess,
             emission=GLOW if kind == "floor" else 0.0,
-        )  # fmt: skip
+        )
         spec.add_mesh(
-            name=name, uservert=part.vertices.ravel().tolist(),
+            name=name,
+            uservert=part.vertices.ravel().tolist(),
             userface=part.faces.ravel().astype(np.int32).tolist(),
             inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
-        )  # fmt: skip
+        )
         body.add_geom(
             name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, material=name, mass=0.0,
             contype=0, conaffinity=0, group=SHOWN,

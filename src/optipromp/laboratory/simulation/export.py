@@ -83,10 +83,13 @@ def _name_joints(spec: Any, world: World) -> list[str]:
             ratio = drives.multiplier[s] / drives.multiplier[leader]
             shift = drives.offset[s] - ratio * drives.offset[leader]
             tie = spec.add_equality(
-                name=f"{names[s]} follows {names[leader]}", type=mujoco.mjtEq.mjEQ_JOINT,
-                objtype=mujoco.mjtObj.mjOBJ_JOINT, name1=names[s], name2=names[leader],
+                name=f"{names[s]} follows {names[leader]}",
+                type=mujoco.mjtEq.mjEQ_JOINT,
+                objtype=mujoco.mjtObj.mjOBJ_JOINT,
+                name1=names[s],
+                name2=names[leader],
                 active=True,
-            )  # fmt: skip
+            )
             tie.data[:2] = [shift, ratio]
     return names
 
@@ -145,14 +148,17 @@ def _add_marks(spec: Any, scene: Scene, robot: Robot) -> None:
     """Add the tool point as a site, and the scene's camera."""
     last = spec.body(f"segment:{robot.n_segments - 1}")
     last.add_site(
-        name=TOOL_POINT, pos=robot.tool_point, quat=to_quaternion(frame_along(robot.tool_axis)),
+        name=TOOL_POINT,
+        pos=robot.tool_point,
+        quat=to_quaternion(frame_along(robot.tool_axis)),
         size=[0.003, 0.0, 0.0],
-    )  # fmt: skip
+    )
     if scene.camera is not None:
         spec.worldbody.add_camera(
-            name="camera", pos=scene.camera.position,
+            name="camera",
+            pos=scene.camera.position,
             quat=product(scene.camera.orientation, _FACING),
-        )  # fmt: skip
+        )
 
 
 def _add_start(spec: Any, world: World, q: FloatArray, bends: dict[str, FloatArray]) -> None:

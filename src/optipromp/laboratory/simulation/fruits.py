@@ -100,9 +100,12 @@ def add_fruit(
     chain = straight if bow is None else straight.bowed(bow)
     bare, grown = _held(chain, mass, obj.position, gravity, truss)
     stiffness = _stiffness(
-        obj, straight.nodes, _held(straight, mass, obj.position, gravity, truss)[1],
-        parameters.stem, carries=truss is not None and truss.carries is not None,
-    )  # fmt: skip
+        obj,
+        straight.nodes,
+        _held(straight, mass, obj.position, gravity, truss)[1],
+        parameters.stem,
+        carries=truss is not None and truss.carries is not None,
+    )
     nodes = chain.nodes
     grows_from = None if truss is None else truss.grows_from
     _add_chain(spec, obj.stem, chain, stiffness, parameters, key, stem_entity, grows_from)

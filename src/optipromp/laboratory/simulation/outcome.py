@@ -289,9 +289,12 @@ def _contacts(world: World, log: ContactLog) -> Iterator[tuple[Contact, bool, st
         for b, other in enumerate(entities):
             if log.peak[a, b] > 0.0:
                 contact = Contact(
-                    link.name, other.name, float(log.peak[a, b]), float(log.time[a, b]),
+                    link.name,
+                    other.name,
+                    float(log.peak[a, b]),
+                    float(log.time[a, b]),
                     float(log.first[a, b]),
-                )  # fmt: skip
+                )
                 yield contact, link.distal, other.kind
 
 

@@ -20,10 +20,12 @@ class FruitParameters(Checked):
     """Fruits: objects with role target or pushable."""
 
     density: float = parameter(
-        PUSH.beam.fruit_density, "kg/m^3", "reported",
+        PUSH.beam.fruit_density,
+        "kg/m^3",
+        "reported",
         "strawberries float barely; density reported as 0.9-1.0 g/cm^3. A sphere of radius 15 mm "
         "weighs 13 g, one of 20 mm 32 g: the 10-30 g of commercial fruit",
-    )  # fmt: skip
+    )
     friction: float = parameter(
         0.4, "1", "guess", "fruit skin on plastics is reported between 0.2 and 0.6"
     )
@@ -38,37 +40,49 @@ class StemParameters(Checked):
     """Stems: peduncles as chains of capsules with elastic ball joints."""
 
     diameter: float = parameter(
-        PUSH.beam.diameter, "m", "reported",
+        PUSH.beam.diameter,
+        "m",
+        "reported",
         "strawberry peduncles are 2-3 mm thick; of the elastic beam (what collides has the scene's "
         "stem radius)",
-    )  # fmt: skip
+    )
     truss_diameter: float = parameter(
-        PUSH.beam.truss_diameter, "m", "reported",
+        PUSH.beam.truss_diameter,
+        "m",
+        "reported",
         "the same of a stem that others grow from; strawberry inflorescence axes are 3-5 mm thick",
-    )  # fmt: skip
+    )
     youngs_modulus: float = parameter(
-        PUSH.beam.youngs_modulus, "Pa", "guess",
+        PUSH.beam.youngs_modulus,
+        "Pa",
+        "guess",
         "green herbaceous stems and peduncles are reported between some 10 and some 100 MPa",
-    )  # fmt: skip
+    )
     density: float = parameter(1000.0, "kg/m^3", "guess", "turgid green tissue: mostly water")
     grown_turn: float = parameter(
-        PUSH.beam.grown_turn, "rad", "guess",
+        PUSH.beam.grown_turn,
+        "rad",
+        "guess",
         "how far a stem turns, root to tip, once nothing hangs on it. A stem that its scene shows "
         "off the vertical holds its fruit there; where the modulus alone would need more turn than "
         "this to have grown in, the stem is taken to be as stiff as this turn implies",
-    )  # fmt: skip
+    )
     damping_time: float = parameter(
-        0.06, "s", "guess",
+        0.06,
+        "s",
+        "guess",
         "joint damping over joint stiffness (Kelvin-Voigt): swings die within about a second",
-    )  # fmt: skip
+    )
     swing_damping: float = parameter(
         2e-4, "N m s/rad", "guess", "of the joint at the root: leaves and neighbours brake a swing"
     )
     bow_least: float = parameter(
-        PUSH.beam.bow_least, "1", "guess",
+        PUSH.beam.bow_least,
+        "1",
+        "guess",
         "least bow of a straight stem, middle off its line over length; drawn evenly between this "
         "and the next",
-    )  # fmt: skip
+    )
     bow_most: float = parameter(PUSH.beam.bow_most, "1", "guess", "largest bow of a straight stem")
     segment_length: float = parameter(
         0.025, "m", "choice", "wanted length of one capsule of the chain"
@@ -76,16 +90,20 @@ class StemParameters(Checked):
     least_segments: int = parameter(3, "1", "choice", "of the shortest stem")
     most_segments: int = parameter(10, "1", "choice", "of the longest stem")
     armature: float = parameter(
-        2e-6, "kg m^2", "choice",
+        2e-6,
+        "kg m^2",
+        "choice",
         "inertia added to each joint so that a step of a millisecond resolves it; the fruit on "
         "50 mm of stem has 20 times as much",
-    )  # fmt: skip
+    )
     friction: float = parameter(0.3, "1", "guess", "green stem on plastics")
     abscission_force: float = parameter(
-        5.0, "N", "reported",
+        5.0,
+        "N",
+        "reported",
         "pull along the stem that tears the fruit off; harvesting papers report a few newtons, "
         "less for ripe fruit and for pulls across the stem",
-    )  # fmt: skip
+    )
 
     calyx: Literal["rigid", "free"] = parameter(
         "rigid",
@@ -94,9 +112,11 @@ class StemParameters(Checked):
         "whether the fruit turns with the end of its stem, or freely about it",
     )
     truss_force: float = parameter(
-        15.0, "N", "guess",
+        15.0,
+        "N",
+        "guess",
         "sum of the pulls of all fruits of a truss that tears it off: three times that of a fruit",
-    )  # fmt: skip
+    )
 
     def bending_stiffness(self, diameter: float) -> float:
         """EI of a round beam, E π d⁴ / 64 [N m²]."""
@@ -118,10 +138,12 @@ class ThingParameters(Checked):
     )
     contact_time: float = parameter(0.004, "s", "choice", "time constant of hard contacts")
     avoid_as: Literal["soft", "fruits"] = parameter(
-        "soft", "", "choice",
+        "soft",
+        "",
+        "choice",
         "a neighbouring cluster is a solid that yields (soft) or a real cluster of fruits on stems "
         "within the scene's shape (fruits)",
-    )  # fmt: skip
+    )
     cluster_stiffness: float = parameter(
         200.0, "1/s^2", "guess", "of a soft cluster, per mass of what presses it"
     )
@@ -207,10 +229,12 @@ class Thresholds(Checked):
         0.02, "m", "choice", "of the tool point; beyond it the arm was stopped by something"
     )
     rest_time: float = parameter(
-        0.3, "s", "choice",
+        0.3,
+        "s",
+        "choice",
         "how long, up to the end, the target must have been in the tool without a break; it may "
         "still swing on its stem there",
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True)

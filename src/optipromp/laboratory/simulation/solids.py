@@ -22,9 +22,12 @@ from optipromp.core.geometry.shapes import (
 from optipromp.core.robots.tool_protocol import quaternion
 
 GEOMS = {  # MuJoCo's geoms of the same sizes, by the kinds of shapes
-    SPHERE: "mjGEOM_SPHERE", BOX: "mjGEOM_BOX", CYLINDER: "mjGEOM_CYLINDER",
-    CAPSULE: "mjGEOM_CAPSULE", ELLIPSOID: "mjGEOM_ELLIPSOID",
-}  # fmt: skip
+    SPHERE: "mjGEOM_SPHERE",
+    BOX: "mjGEOM_BOX",
+    CYLINDER: "mjGEOM_CYLINDER",
+    CAPSULE: "mjGEOM_CAPSULE",
+    ELLIPSOID: "mjGEOM_ELLIPSOID",
+}
 MOST_PARTS = 3000  # geoms of one mesh or point cloud: a choice
 
 

@@ -142,9 +142,10 @@ def apart(scene: Scene) -> tuple[Scene, dict[str, float]]:
     Only hanging fruits are moved; the roots of their stems stay.
     """
     hanging = [
-        item for item in scene.objects
+        item
+        for item in scene.objects
         if item.stem is not None and item.role in ("target", "pushable")
-    ]  # fmt: skip
+    ]
     by = {item.id: shift for item, shift in zip(hanging, shifts(hanging), strict=True)}
     far = {name: float(np.linalg.norm(shift)) for name, shift in by.items()}
     far = {name: size for name, size in far.items() if size > 0.0}

@@ -199,8 +199,10 @@ def _tool(robot: Robot) -> list[Part]:
     solids: dict[str, list[FloatArray]] = {}
     if isinstance(tool, FrankaHand) and folder is not None:
         placed = [("hand", np.zeros(3), 1.0)]
-        placed += [("finger", np.array([0.0, y, FINGERS]), np.sign(y))
-                   for y in (tool.gripper_radius, -tool.gripper_radius)]  # fmt: skip
+        placed += [
+            ("finger", np.array([0.0, y, FINGERS]), np.sign(y))
+            for y in (tool.gripper_radius, -tool.gripper_radius)
+        ]
         for name, at, sign in placed:
             for colour, corners in _mesh(folder / f"{name}.dae"):
                 turned = corners * [sign, sign, 1.0] + at
@@ -215,11 +217,14 @@ def _tool(robot: Robot) -> list[Part]:
                 solids.setdefault(solid.part, []).append(faces)
         parts = [
             Part.of(
-                f"tool/{name}", np.concatenate(faces), TOOL_COLOURS[name], segment=last,
+                f"tool/{name}",
+                np.concatenate(faces),
+                TOOL_COLOURS[name],
+                segment=last,
                 opacity=GLASS if name == "mouth" else 1.0,
             )
             for name, faces in solids.items()
-        ]  # fmt: skip
+        ]
     return [part.placed(robot.flange_translation, robot.flange_rotation) for part in parts]
 
 

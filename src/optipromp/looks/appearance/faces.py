@@ -46,8 +46,9 @@ def triangles(faces: FloatArray) -> tuple[FloatArray, IntArray]:
     order = np.argsort(at, kind="stable")  # corners by place; each meets all others of its place
     one = np.repeat(order, count[at[order]])
     start = np.repeat((np.cumsum(count) - count)[at[order]], count[at[order]])
-    step = np.arange(len(one)) - np.repeat(np.cumsum(count[at[order]]) - count[at[order]],
-                                           count[at[order]])  # fmt: skip
+    step = np.arange(len(one)) - np.repeat(
+        np.cumsum(count[at[order]]) - count[at[order]], count[at[order]]
+    )
     other = order[start + step]
     alike = np.einsum("ci,ci->c", unit[one], unit[other]) > _CREASE
     mean = np.zeros_like(unit)

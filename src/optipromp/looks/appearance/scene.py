@@ -85,8 +85,10 @@ def calyx(radius: float, top: float) -> FloatArray:
     left, right = ridge + side + drop, ridge - side + drop
     top_side = np.concatenate([_strip(right, ridge), _strip(ridge, left)])
     leaf = np.concatenate([top_side, top_side[:, ::-1] - [0.0, 0.0, 0.02 * radius]])
-    out = [revolve(np.array([[0.0, 0.0], [0.16, 0.0], [0.12, 0.14], [0.0, 0.16]]) * radius, 10)
-           + [0.0, 0.0, 0.98 * radius]]  # fmt: skip
+    out = [
+        revolve(np.array([[0.0, 0.0], [0.16, 0.0], [0.12, 0.14], [0.0, 0.16]]) * radius, 10)
+        + [0.0, 0.0, 0.98 * radius]
+    ]
     for k in range(SEPALS):
         c, s = np.cos(2.0 * np.pi * k / SEPALS), np.sin(2.0 * np.pi * k / SEPALS)
         out.append(leaf @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]).T)
@@ -119,10 +121,12 @@ def scenery(scene: Scene) -> tuple[Part, ...]:
     if not len(scene.objects):
         return ()
     hanging = [
-        item.stem.root for item in scene.objects
-        if item.stem is not None and item.stem.parent is None
+        item.stem.root
+        for item in scene.objects
+        if item.stem is not None
+        and item.stem.parent is None
         and (item.stem.root - item.position) @ scene.up > 0.0
-    ]  # fmt: skip
+    ]
     roots = np.reshape(hanging, (-1, 3))
     holding = next(
         (i for i in scene.static if any(box_distance(i, r) < HANGS for r in roots)), None
@@ -156,11 +160,13 @@ def _gutter(row: FloatArray, roots: FloatArray, ground: float) -> list[Part]:
     middle, ends = 0.5 * (low[0] + high[0]), (low[1] - beyond, high[1] + beyond)
     wall = 0.006
     plates = [
-        ((-half, 0.0), (half, wall)), ((-half, wall), (wall - half, height)),
-        ((half - wall, wall), (half, height)), ((-half - 0.012, height - wall), (-half, height)),
+        ((-half, 0.0), (half, wall)),
+        ((-half, wall), (wall - half, height)),
+        ((half - wall, wall), (half, height)),
+        ((-half - 0.012, height - wall), (-half, height)),
         ((half, height - wall), (half + 0.012, height)),
         ((wall - half, 0.5 * height), (half - wall, 0.75 * height)),
-    ]  # fmt: skip
+    ]
     solids = [
         _solid(
             row,

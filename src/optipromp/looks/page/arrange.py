@@ -45,8 +45,9 @@ def grips(scene: Scene) -> dict[str, Grip]:
 def place(scene: Scene, grip: Grip) -> FloatArray:
     """The position (3,) of a grip [m]: the object's, the root's, or the mean of several."""
     items = [item for item in scene.objects if item.id in grip.ids]
-    points = [item.stem.root if grip.part == "root" and item.stem else item.position
-              for item in items]  # fmt: skip
+    points = [
+        item.stem.root if grip.part == "root" and item.stem else item.position for item in items
+    ]
     return np.asarray(np.mean(points, axis=0))
 
 
@@ -94,8 +95,9 @@ def with_radius(scene: Scene, radius: float) -> Scene:
 
 def sigma(scene: Scene) -> float:
     """Largest standard deviation of a coordinate of a fruit's detected position [m]."""
-    variances = [np.trace(item.covariance) / 3.0 for item in scene.objects
-                 if item.covariance is not None]  # fmt: skip
+    variances = [
+        np.trace(item.covariance) / 3.0 for item in scene.objects if item.covariance is not None
+    ]
     return float(np.sqrt(max(variances, default=0.0)))
 
 
@@ -103,8 +105,10 @@ def with_sigma(scene: Scene, value: float) -> Scene:
     """The scene whose target and pushables were detected with this standard deviation [m]."""
     objects = (
         replace(item, covariance=None, sigma=value or None)
-        if item.role in ("target", "pushable") else item for item in scene.objects
-    )  # fmt: skip
+        if item.role in ("target", "pushable")
+        else item
+        for item in scene.objects
+    )
     return replace(scene, objects=tuple(objects))
 
 

@@ -36,9 +36,11 @@ JOINT_COLOURS = (
     OPTIMISED, "#d1661a", GREEN, RED, "#7d55a8", "#8a5a44", "#c05a9c", "#6f757d",
 )  # fmt: skip
 ROLE_COLOURS = {
-    "static": "#7a5c2e", "arm to avoid": GREEN, "tool to avoid": OPTIMISED,
+    "static": "#7a5c2e",
+    "arm to avoid": GREEN,
+    "tool to avoid": OPTIMISED,
     "arm to pushable": FOLLOWED,
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,9 +161,11 @@ def clearances(scene: Scene, robot: Robot, q: FloatArray) -> Clearances:
     distal = np.asarray(robot.spheres.distal, dtype=bool)
     nearest, series = np.full(centers.shape[:2], np.inf), {}
     pairs: tuple[tuple[str, Role, BoolArray], ...] = (
-        ("static", "static", np.ones_like(distal)), ("arm to avoid", "avoid", ~distal),
-        ("tool to avoid", "avoid", distal), ("arm to pushable", "pushable", ~distal),
-    )  # fmt: skip
+        ("static", "static", np.ones_like(distal)),
+        ("arm to avoid", "avoid", ~distal),
+        ("tool to avoid", "avoid", distal),
+        ("arm to pushable", "pushable", ~distal),
+    )
     for words, role, mine in pairs:
         rows = scene.rows(role)
         if not len(rows) or not mine.any():
@@ -238,8 +242,10 @@ def charts(plan: Plan, near: Clearances, times: FloatArray) -> list[Chart]:
         if len(stage.history) > 1:
             values = {t: np.array([h.get(t, 0.0) for h in stage.history]) for t in stage.terms}
             shown = [t for t in sorted(values, key=lambda t: -values[t].max()) if values[t].max()]
-            lines = [(t, np.log10(np.maximum(values[t], 1e-12)), JOINT_COLOURS[i])
-                     for i, t in enumerate(shown[: len(JOINT_COLOURS)])]  # fmt: skip
+            lines = [
+                (t, np.log10(np.maximum(values[t], 1e-12)), JOINT_COLOURS[i])
+                for i, t in enumerate(shown[: len(JOINT_COLOURS)])
+            ]
             iterations = np.arange(len(stage.history), dtype=float)
             out.append(Chart(f"costs, {stage.name} [log10, by iteration]", iterations,
                              tuple(lines), timed=False))  # fmt: skip

@@ -46,9 +46,11 @@ class Panel:
         self._clock()
         self.tabs = self.gui.add_tab_group()
         for label, build in (
-            ("Plan", self._planning), ("Move", self._moving), ("Show", self._layers),
+            ("Plan", self._planning),
+            ("Move", self._moving),
+            ("Show", self._layers),
             ("Plots", self._charts),
-        ):  # fmt: skip
+        ):
             with self.tabs.add_tab(label):
                 build()
         with self.tabs.add_tab("Record"):
@@ -116,11 +118,15 @@ class Panel:
         strategy = gui.add_dropdown("strategy", STRATEGIES, initial_value=now["strategy"])
         self.on(strategy, "strategy", lambda v: self._set(strategy=v))
         self.radius = gui.add_slider("gripper radius [mm]", 20.0, 80.0, 1.0, 50.0)
-        self.on(self.radius, "radius", lambda v: window.change(
-            arrange.with_radius(window.scene, 1e-3 * v)))  # fmt: skip
+        self.on(
+            self.radius,
+            "radius",
+            lambda v: window.change(arrange.with_radius(window.scene, 1e-3 * v)),
+        )
         self.sigma = gui.add_slider("detection σ [mm]", 0.0, 15.0, 0.5, 0.0)
-        self.on(self.sigma, "sigma", lambda v: window.change(
-            arrange.with_sigma(window.scene, 1e-3 * v)))  # fmt: skip
+        self.on(
+            self.sigma, "sigma", lambda v: window.change(arrange.with_sigma(window.scene, 1e-3 * v))
+        )
         with gui.add_folder("options", expand_by_default=False):
             predict = gui.add_checkbox("search in the push model", True)
             self.on(predict, "prediction", lambda v: self._option(prediction=v))

@@ -47,8 +47,10 @@ class Plots:
 
     def _add(self, chart: Chart, now: float) -> Any:
         needle = [("now", None, _NEEDLE)] if chart.timed else []
-        series = [{"label": name, "stroke": colour, "width": 1.5, "points": {"show": False}}
-                  for name, _, colour in (*chart.curves, *needle)]  # fmt: skip
+        series = [
+            {"label": name, "stroke": colour, "width": 1.5, "points": {"show": False}}
+            for name, _, colour in (*chart.curves, *needle)
+        ]
         return self.gui.add_uplot(
             columns(chart, now), ({}, *series), title=chart.title, height=CHART_HEIGHT,
             scales={"x": {"time": False}}, legend={"show": len(chart.curves) > 1},
@@ -64,8 +66,10 @@ def columns(chart: Chart, now: float) -> tuple[FloatArray, ...]:
     if not chart.timed:
         return chart.x, *(values for _, values, _ in chart.curves)
     at = int(np.searchsorted(chart.x, now))
-    found = [np.insert(values, at, [np.interp(now, chart.x, values)] * 3)
-             for _, values, _ in chart.curves]  # fmt: skip
+    found = [
+        np.insert(values, at, [np.interp(now, chart.x, values)] * 3)
+        for _, values, _ in chart.curves
+    ]
     needle = np.full(len(chart.x) + 3, min(c.min() for c in found))
     needle[at + 1] = max(c.max() for c in found)
     return np.insert(chart.x, at, [now] * 3), *found, needle

@@ -35,9 +35,10 @@ def open_source(item: str, beside: str | None = None) -> Source:
     """
     folder = Path(item)
     replays = tuple(
-        load_replay(Path(name)) for name in (item, beside)
+        load_replay(Path(name))
+        for name in (item, beside)
         if name is not None and is_there(Path(name) / "rollout.npz")
-    )  # fmt: skip
+    )
     if beside is not None and len(replays) < 2:
         raise InvalidRequestError(f"{item} and {beside} are not both folders of a rollout")
     if is_folder(folder) and item not in scene_names():

@@ -101,9 +101,12 @@ class PlanNodes(Nodes):
             q = motion.trajectory.positions
             rows = np.unique(np.linspace(0, len(q) - 1, _LINE_POINTS).round().astype(int))
             self._shown[f"trajectories|{name}"] = self.line(
-                f"trajectories/{name}", plan.robot.tool_pose(q[rows])[0], motion.colour,
-                _WIDTH[name], visible=self.visible("trajectories"),
-            )  # fmt: skip
+                f"trajectories/{name}",
+                plan.robot.tool_pose(q[rows])[0],
+                motion.colour,
+                _WIDTH[name],
+                visible=self.visible("trajectories"),
+            )
 
     def bundle(self, found: Bundle | None, layer: str = "initial bundle") -> None:
         """Show a primitive's tube of two standard deviations, and its samples."""

@@ -9,13 +9,15 @@ from optipromp.looks.viewer.drawn import RED
 from optipromp.looks.viewer.words import plan_rows
 
 _WRONG = {  # rows of the table by the kinds of violation that concern them
-    "target": {"goal", "axis"}, "duration": {"velocity", "acceleration", "jerk", "motion"},
+    "target": {"goal", "axis"},
+    "duration": {"velocity", "acceleration", "jerk", "motion"},
     "joint limits": {"limit"},
-}  # fmt: skip
+}
 _TOUCHED = {
-    "clearance, static": "static", "clearance, arm to avoid": "avoid",
+    "clearance, static": "static",
+    "clearance, arm to avoid": "avoid",
     "clearance, arm to itself": "the robot itself",
-}  # fmt: skip
+}
 _ROW = '<tr style="{}"><td style="padding-right:1em;white-space:nowrap">{}</td><td>{}</td></tr>'
 
 
@@ -32,10 +34,13 @@ def table(plan: Plan) -> str:
         return about or bool(_WRONG.get(label, set()) & kinds) or _TOUCHED.get(label) in touched
 
     rows = "".join(
-        _ROW.format(f"color:{RED};font-weight:600" if wrong(label) else "", html.escape(label),
-                    html.escape(words))
+        _ROW.format(
+            f"color:{RED};font-weight:600" if wrong(label) else "",
+            html.escape(label),
+            html.escape(words),
+        )
         for label, words in plan_rows(plan)
-    )  # fmt: skip
+    )
     items = "".join(f"<li>{html.escape(violation.message)}</li>" for violation in found)
     return (
         f'<div style="padding:0 1em;font-size:0.85em"><table style="vertical-align:top">{rows}'

@@ -26,10 +26,13 @@ class RecordTab:
         self.recorder: Recorder | None = None
         self.told = gui.add_markdown(_TELL)
         for label, act in (
-            ("start recording", self.start), ("accept", self.accept), ("discard", self.discard),
-            ("save demonstrations", self.save), ("learn and show the band", self.learn),
+            ("start recording", self.start),
+            ("accept", self.accept),
+            ("discard", self.discard),
+            ("save demonstrations", self.save),
+            ("learn and show the band", self.learn),
             ("forget what was learnt", self.forget),
-        ):  # fmt: skip
+        ):
             panel.on(gui.add_button(label), label, _ignoring(act))
 
     def start(self) -> None:

@@ -228,8 +228,10 @@ class Window:
                     stage.show(replay.scene, replay.robot)
                     stage.say(replay.message, None)
                 self.replayed = tuple(zip(chosen, stages, strict=True))
-                self.say("  \n".join(f"{r.name}: {r.message}" for r in chosen),
-                         not all(r.success for r in chosen))  # fmt: skip
+                self.say(
+                    "  \n".join(f"{r.name}: {r.message}" for r in chosen),
+                    not all(r.success for r in chosen),
+                )
                 self.go(0.0)
         elif self.plan is not None:
             self.stage.show(self.plan.scene, self.plan.robot)
@@ -251,9 +253,12 @@ class Window:
         """Show a handle at a point (3,); ``dragged`` gets its place, and ``update`` or ``end``."""
         self.dragging = dragged
         self._gizmo = self.client.scene.add_transform_controls(
-            f"{self.stage.root}/handle", scale=0.12, disable_rotations=True, depth_test=False,
+            f"{self.stage.root}/handle",
+            scale=0.12,
+            disable_rotations=True,
+            depth_test=False,
             position=at,
-        )  # fmt: skip
+        )
 
         async def moved(event: Any) -> None:  # in order: viser awaits it
             since, at = time.perf_counter(), np.array(event.target.position)

@@ -115,9 +115,12 @@ def worst_of(rows: Sequence[Row], count: int) -> list[Row]:
 
 
 def _worst(
-    rows: Sequence[Row], count: int, progress: Callable[[str], None] | None, robot: str | None,
+    rows: Sequence[Row],
+    count: int,
+    progress: Callable[[str], None] | None,
+    robot: str | None,
     risk: float,
-) -> list[str]:  # fmt: skip
+) -> list[str]:
     shown = []
     for row in worst_of(rows, count):
         name = f"{row.preset}, seed {row.seed}, {row.planner}"

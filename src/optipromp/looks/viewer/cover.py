@@ -41,9 +41,12 @@ def cover_figure(robot: Robot) -> "Figure":
         low = (centers[:, view] - radius[:, None]).min(axis=0)
         high = (centers[:, view] + radius[:, None]).max(axis=0)
         axes.set(
-            aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]),
-            xlabel=f"{'xyz'[view[0]]} [m]", ylabel=f"{'xyz'[view[1]]} [m]",
-        )  # fmt: skip
+            aspect="equal",
+            xlim=(low[0], high[0]),
+            ylim=(low[1], high[1]),
+            xlabel=f"{'xyz'[view[0]]} [m]",
+            ylabel=f"{'xyz'[view[1]]} [m]",
+        )
     count, most = len(radius), max(robot.excess.values(), default=0.0)
     reach = f", at most {1000.0 * most:.0f} mm beyond the links" if robot.excess else ""
     figure.suptitle(f"{robot.name}: {count} body spheres{reach}")

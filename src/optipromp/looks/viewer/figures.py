@@ -104,13 +104,17 @@ def joint_figure(plan: "Plan") -> "Figure":
         unit = "m" if (robot.kinematics.kind[robot.kinematics.dof == joint] == 1).any() else "rad"
         panel.set_title(
             f"{name} [{unit}], limits {limits[0]:.2f} to {limits[1]:.2f}".replace("$", r"\$"),
-            fontsize=9, loc="left",
-        )  # fmt: skip
+            fontsize=9,
+            loc="left",
+        )
         panel.margins(x=0.0)
         _plain(panel)
     found = [panel.get_legend_handles_labels() for panel in panels]
-    unique = {label: handle for handles, labels in found for label, handle in zip(labels, handles,
-              strict=True)}  # fmt: skip
+    unique = {
+        label: handle
+        for handles, labels in found
+        for label, handle in zip(labels, handles, strict=True)
+    }
     figure.legend(
         unique.values(), unique.keys(), loc="outside lower center", ncols=4, frameon=False
     )

@@ -124,9 +124,12 @@ class Nodes:
             node.position, node.wxyz = origin, turn
 
     def put(
-        self, item: SceneObject, position: FloatArray, rotation: FloatArray,
+        self,
+        item: SceneObject,
+        position: FloatArray,
+        rotation: FloatArray,
         stem: FloatArray | None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Move an object to ``position`` (3,) and ``rotation`` (3, 3), its stem along (k, 3)."""
         self._stands.pop(item.id, None)
         turn = Rotation.from_matrix(rotation).as_quat(scalar_first=True)

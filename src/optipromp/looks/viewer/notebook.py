@@ -120,8 +120,9 @@ def _joints(thing: Robot | ProMP | Trajectory) -> tuple[tuple[str, ...], list[tu
         columns: Sequence[Any] = (thing.lower, thing.upper, thing.velocity, thing.home)
     elif isinstance(thing, ProMP):
         head = ("joint", "mean at the start", "at the end", "standard deviation at the end")
-        mean, spread = (f(np.array([0.0, 1.0]))
-                        for f in (thing.mean_trajectory, thing.standard_deviation))  # fmt: skip
+        mean, spread = (
+            f(np.array([0.0, 1.0])) for f in (thing.mean_trajectory, thing.standard_deviation)
+        )
         columns = (mean[0], mean[1], spread[1])
     else:
         head = ("joint", "from", "to", "least", "largest")

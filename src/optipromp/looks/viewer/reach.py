@@ -49,9 +49,10 @@ def reach_figure(plan: "Plan") -> "Figure":
     tall = up > across
     aspect = _TALL if tall else _WIDE
     figure = Figure(
-        figsize=(13.4, 6.9), facecolor="white",
+        figsize=(13.4, 6.9),
+        facecolor="white",
         layout=ConstrainedLayoutEngine(rect=(0.0, 0.08, 1.0, 0.92)),  # the legend is below
-    )  # fmt: skip
+    )
     panels = figure.subplot_mosaic(
         [["arm", "0", "1"]] if tall else [["arm", "0"], ["arm", "1"]],
         width_ratios=[1.45, 1.0, 1.0] if tall else [1.0, 1.0],
@@ -215,8 +216,10 @@ def _frame(camera: Camera, plan: "Plan", objects: Sequence[Placed]) -> FloatArra
 def _floor(axes: "Axes", camera: Camera, reach: float) -> None:
     ticks = np.arange(-4, 5) * 0.15 * max(1.0, reach)
     for tick in ticks:
-        for ends in ([[tick, ticks[0], 0], [tick, ticks[-1], 0]],
-                     [[ticks[0], tick, 0], [ticks[-1], tick, 0]]):  # fmt: skip
+        for ends in (
+            [[tick, ticks[0], 0], [tick, ticks[-1], 0]],
+            [[ticks[0], tick, 0], [ticks[-1], tick, 0]],
+        ):
             x, y, _ = camera.project(np.array(ends)).T
             axes.plot(x, y, color="#dfe3e8", lw=0.8, zorder=0)
 
@@ -305,9 +308,11 @@ def _legend(figure: "Figure", plan: "Plan", objects: Sequence[Placed]) -> None:
         first.append(line("chosen tool path", "black", marker="o", ls="none", ms=3.2))
     pushed = any(item.shift > STILL for item in objects)
     names = {
-        "target": "target", "pushable": "to push aside" + ", as predicted" * pushed,
-        "avoid": "to avoid", "static": "static",
-    }  # fmt: skip
+        "target": "target",
+        "pushable": "to push aside" + ", as predicted" * pushed,
+        "avoid": "to avoid",
+        "static": "static",
+    }
     roles = {item.item.role for item in objects}
     ball = {"marker": "o", "ls": "none", "ms": 8}
     second = [

@@ -44,9 +44,10 @@ class ObstacleCost(Cost):
 
     def add(self, e: Evaluation, scale: float) -> float:
         field, chosen = {
-            "static": (e.static, e.every), "avoid": (e.dynamic, e.proximal),
+            "static": (e.static, e.every),
+            "avoid": (e.dynamic, e.proximal),
             "tool avoid": (e.dynamic, e.distal),
-        }[self.name]  # fmt: skip
+        }[self.name]
         return e.at_points(
             obstacle_functional, scale, field.distance, field.normal, chosen, self.epsilon, e.dt,
             self.reduction == "max",

@@ -69,8 +69,9 @@ def plane(scene: Scene, tool: Tool, behind: Sequence[FloatArray] = ()) -> Plane:
         Bench(objects, 1.0 / friction, np.array(lever) ** 2, shapes(walls), hand, mouth, edge),
         np.column_stack([flat, np.zeros(len(flat))]),
         np.array([_spread(obj) for obj in standing]),
-        begin - STANDING.before - (tool.tip - tool.reach), float(drop),
-    )  # fmt: skip
+        begin - STANDING.before - (tool.tip - tool.reach),
+        float(drop),
+    )
 
 
 def packs(scene: Scene, target: SceneObject) -> tuple[SceneObject, ...]:

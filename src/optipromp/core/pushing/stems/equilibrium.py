@@ -164,8 +164,11 @@ def _slip(
         x0, x1, x2 = x0 - a0, x1 - a1, x2 - a2
         if share < 1.0:  # the upper ball: add its motion relative to the lower ball
             for sign, part, u in (
-                (1.0, share, f.u), (-1.0, 1.0, f.u), (-1.0, share, f.before), (1.0, 1.0, f.before)
-            ):  # fmt: skip
+                (1.0, share, f.u),
+                (-1.0, 1.0, f.u),
+                (-1.0, share, f.before),
+                (1.0, 1.0, f.before),
+            ):
                 a0, a1, a2 = place(s, u, i, chord, part)
                 x0, x1, x2 = x0 + sign * a0, x1 + sign * a1, x2 + sign * a2
         return x0 - shift.x, x1 - shift.y, x2 - shift.z

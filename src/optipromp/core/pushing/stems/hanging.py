@@ -112,9 +112,10 @@ class Hanging(PushModel):
             within = steps_inside(worst.positions, points, axes, self.cup)[1:]
             most = max(int(within.max()), 1)
             first, *others = (
-                name for name, steps in zip(names[1:], within.tolist(), strict=True)
+                name
+                for name, steps in zip(names[1:], within.tolist(), strict=True)
                 if steps * dt > BRIEFLY or steps == most
-            )  # fmt: skip
+            )
             return first, f"and {' and '.join(others)} are swallowed" if others else "is swallowed"
         if found.missed:
             return names[0], "is not inside at the end"

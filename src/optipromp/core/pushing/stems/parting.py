@@ -71,7 +71,10 @@ def shifts(objects: Sequence[SceneObject]) -> FloatArray:
     root = np.array([t.stem.points[-1] for t in objects if t.stem is not None]).reshape(-1, 3)
     fruit = seen[None].copy()
     part(
-        fruit, root[None], np.array([own.radius for own in balls]),
-        np.array([own.above for own in balls]), np.array([own.apart for own in balls]),
-    )  # fmt: skip
+        fruit,
+        root[None],
+        np.array([own.radius for own in balls]),
+        np.array([own.above for own in balls]),
+        np.array([own.apart for own in balls]),
+    )
     return np.asarray(fruit[0] - seen)

@@ -132,9 +132,12 @@ class PathsPast(Candidates):
     def _rule(self) -> FloatArray:
         x_g, y_g, _ = self.scene.frame
         drift = drift_choices(
-            self.scene, self.neighbours, "shortest", depth=self.cup.rim,
+            self.scene,
+            self.neighbours,
+            "shortest",
+            depth=self.cup.rim,
             gripper_radius=self.gripper_radius,
-        )[0]  # fmt: skip
+        )[0]
         angles = np.arctan2(drift.directions @ y_g, drift.directions @ x_g)
         return np.concatenate([angles, np.full(len(angles), HANGING.clearance)])
 

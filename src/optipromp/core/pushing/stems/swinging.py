@@ -245,9 +245,11 @@ def led(
     stem, fruit, target, within, pinched = so_far.tolist()
     held = sliding_window_view(stem_forces, min(math.ceil(LASTING / dt), steps), axis=0)
     return Led(
-        Harm(stem, fruit, target, within, pinched, missed), positions, forces.max(axis=0),
+        Harm(stem, fruit, target, within, pinched, missed),
+        positions,
+        forces.max(axis=0),
         held.min(axis=-1).max(axis=0),
-    )  # fmt: skip
+    )
 
 
 def steps_inside(
