@@ -20,7 +20,7 @@ from functools import lru_cache
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, frozen
-from optipromp.core.planning.options import PlanOptions
+from optipromp.core.planning.options import Searched
 from optipromp.core.planning.parameters import FOLLOW, WAYPOINT
 from optipromp.core.planning.task import Task
 from optipromp.core.promp.gaussian import add_noise
@@ -79,7 +79,7 @@ def starts(
     task: Task,
     path: ToolPath,
     promp: ProMP,
-    options: PlanOptions,
+    options: Searched,
     goals: FloatArray,
     most: int | None = None,
 ) -> Iterator[Start]:
@@ -105,7 +105,7 @@ def starts(
             yield start
 
 
-def _waypoints(task: Task, stations: FloatArray, path: ToolPath, options: PlanOptions) -> Waypoints:
+def _waypoints(task: Task, stations: FloatArray, path: ToolPath, options: Searched) -> Waypoints:
     """Waypoints such that no joint moves much over ``max_step``, before the path and on it.
 
     ``stations`` (S, n) are configurations along the path.

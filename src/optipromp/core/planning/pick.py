@@ -26,7 +26,7 @@ from optipromp.core.optimization.problem import Problem
 from optipromp.core.planning import follow, ways
 from optipromp.core.planning.follow import Start
 from optipromp.core.planning.goals import clearance, narrow, passed_over
-from optipromp.core.planning.options import PlanOptions
+from optipromp.core.planning.options import Searched
 from optipromp.core.planning.parameters import PICK, SOLVE
 from optipromp.core.planning.result import Harmful, Planned, Stage
 from optipromp.core.planning.task import Task, pushed_aside
@@ -44,7 +44,7 @@ from optipromp.core.trajectory import Trajectory
 
 
 def pick(
-    task: Task, promp: ProMP, options: PlanOptions, goals: FloatArray, budget: Budget,
+    task: Task, promp: ProMP, options: Searched, goals: FloatArray, budget: Budget,
     harmless_only: bool = False,
 ) -> Planned | Harmful:  # fmt: skip
     """The valid trajectory of least predicted harm; without a valid one, the best of the others.
@@ -52,7 +52,7 @@ def pick(
     Args:
         task: to be solved.
         promp: the primitive.
-        options: see :class:`PlanOptions`.
+        options: see :class:`Searched`.
         goals: configurations (m, n), best first.
         budget: of the plan.
         harmless_only: a path whose predicted harm is above the threshold is not followed. The
@@ -264,7 +264,7 @@ class Solver:
     Args:
         task: to be solved. The optimisation sees it without the objects that the tool pushes aside
             before the arm comes (``cleared``); the judge sees all.
-        options: see :class:`PlanOptions`.
+        options: see :class:`Searched`.
         budget: of the plan.
         model: of the push. Without a model, passing a stem on its side is a fault
             (:func:`judging.judge`).
@@ -275,7 +275,7 @@ class Solver:
     """
 
     def __init__(
-        self, task: Task, options: PlanOptions, budget: Budget, model: PushModel | None
+        self, task: Task, options: Searched, budget: Budget, model: PushModel | None
     ) -> None:
         self.task, self.options, self.budget, self.model = task, options, budget, model
         self.searched = model if options.prediction else None
@@ -319,7 +319,7 @@ class Solver:
         return Attempt(start, trajectory, judgement, valid, merit, history, message, shortfall)
 
 
-def following(task: Task, options: PlanOptions, start: Start, arrays: Evaluation) -> Problem:
+def following(task: Task, options: Searched, start: Start, arrays: Evaluation) -> Problem:
     """The optimisation problem of a start: costs and constraints as the module lists them."""
     robot, first = task.robot, start.waypoints.first
     costs: list[Cost] = [
@@ -351,7 +351,7 @@ def following(task: Task, options: PlanOptions, start: Start, arrays: Evaluation
     )  # fmt: skip
 
 
-def limits_and_clearances(task: Task, options: PlanOptions, *further: Cost) -> list[Cost]:
+def limits_and_clearances(task: Task, options: Searched, *further: Cost) -> list[Cost]:
     """Constraints of every problem of a task: joint limits, steps, ``further``, clearances."""
     robot, proximal = task.robot, ~np.asarray(task.body.distal)
     margin = np.minimum(options.limit_margin, 0.25 * (robot.upper - robot.lower))
@@ -384,7 +384,7 @@ def opposite(task: Task) -> tuple[int, int]:
     return first + int(low), first + int(high)
 
 
-def schedule(options: PlanOptions) -> gauss_newton.GaussNewtonOptions:
+def schedule(options: Searched) -> gauss_newton.GaussNewtonOptions:
     """The solver's default schedule, or ``options.iterations`` divided over its stages."""
     usual = gauss_newton.GaussNewtonOptions()
     if options.iterations is None:

@@ -104,8 +104,7 @@ class OptiProMP(Searched):
             return chosen.failed
         budget.say("optimising (joint)")
         harmless_only = task.sparing and chosen.free
-        options = PlanOptions(**vars(self))
-        return chosen.told(pick(task, promp, options, chosen.q, budget, harmless_only))
+        return chosen.told(pick(task, promp, self, chosen.q, budget, harmless_only))
 
 
 @dataclass(frozen=True)
@@ -169,6 +168,8 @@ PLANNERS = tuple(_OURS)
 for _name, _kind in _OURS.items():
     register(_name, _kind)
 
+USUAL = vars(PlanOptions())
+"""The default of each option."""
 OF_A_PLAN = "timeout", "effort", "risk"  # options of a request, whatever the planner
 
 
@@ -185,8 +186,7 @@ def chosen_planner(planner: Planner | str, strategy: str, options: PlanOptions) 
     """
     if strategy not in STRATEGIES:
         raise InvalidRequestError(f"strategy is {strategy!r}; valid: {', '.join(STRATEGIES)}")
-    usual = vars(PlanOptions())
-    given = {k: v for k, v in vars(options).items() if k not in OF_A_PLAN and v != usual[k]}
+    given = {k: v for k, v in vars(options).items() if k not in OF_A_PLAN and v != USUAL[k]}
     if not isinstance(planner, str):
         if isinstance(planner, type) or not isinstance(planner, Planner):
             raise InvalidRequestError(

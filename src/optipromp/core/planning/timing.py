@@ -16,7 +16,7 @@ from operator import attrgetter
 import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, frozen, lengths
-from optipromp.core.planning.options import PlanOptions
+from optipromp.core.planning.options import Searched
 from optipromp.core.planning.parameters import TIMING, UNDERWAY
 from optipromp.core.planning.task import Task
 from optipromp.core.pushing.parameters import PUSH
@@ -30,7 +30,7 @@ Slow = int | BoolArray | None
 
 def timed(
     task: Task,
-    options: PlanOptions,
+    options: Searched,
     q: FloatArray,
     slow: Slow,
     speed: float | None = None,

@@ -20,7 +20,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray, frozen, lengths
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.follow import Start, Waypoints, braked
-from optipromp.core.planning.options import PlanOptions
+from optipromp.core.planning.options import Searched
 from optipromp.core.planning.parameters import FOLLOW, TIMING, UNDERWAY
 from optipromp.core.planning.task import Task, tool_motion
 from optipromp.core.planning.timing import slowly, timed, tool_speeds
@@ -105,7 +105,7 @@ def running(previous: Plan | None, at: float | None) -> Trajectory | None:
     return Trajectory(times - at, *curve.sample(times), curve.joint_names)
 
 
-def rest(task: Task, options: PlanOptions) -> Iterator[Start]:
+def rest(task: Task, options: Searched) -> Iterator[Start]:
     """The running motion from the arm's state on, led to the target's present position.
 
     The curve stays the same where the arm is on it and the target has not moved. Otherwise a new

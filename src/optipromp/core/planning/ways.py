@@ -9,7 +9,7 @@ from optipromp.core.budget import Budget
 from optipromp.core.planning import tree
 from optipromp.core.planning.follow import Start, Waypoints, free_count, within_limits
 from optipromp.core.planning.goals import clearance
-from optipromp.core.planning.options import PlanOptions
+from optipromp.core.planning.options import Searched
 from optipromp.core.planning.parameters import TREE, WAYPOINT
 from optipromp.core.planning.primitive import led_through
 from optipromp.core.planning.task import Task
@@ -20,7 +20,7 @@ from optipromp.core.promp.points import JointPoint
 
 def free_starts(
     task: Task,
-    options: PlanOptions,
+    options: Searched,
     promp: ProMP,
     goals: FloatArray,
     rng: np.random.Generator,
@@ -53,7 +53,7 @@ def free_starts(
 
 
 def led_round(
-    task: Task, start: Start, options: PlanOptions, rng: np.random.Generator, budget: Budget
+    task: Task, start: Start, options: Searched, rng: np.random.Generator, budget: Budget
 ) -> Iterator[Start]:
     """The start to the same tool path whose reach goes round obstacles, if there is a way."""
     first, last = start.waypoints.first, start.waypoints.count - 1
@@ -76,7 +76,7 @@ def led_round(
     yield Start(shown, q, Waypoints(len(q), reach), start.path)
 
 
-def way_count(corners: FloatArray, options: PlanOptions) -> float:
+def way_count(corners: FloatArray, options: Searched) -> float:
     """Number of steps along a way (k, n), such that none is over ``max_step``."""
     turns = float(np.abs(np.diff(corners, axis=0)).max(axis=1).sum())
     return float(np.ceil(turns / (1.0 - TREE.ramp) / (WAYPOINT.share * options.max_step)))
