@@ -88,8 +88,10 @@ class File:
         )
 
     def named(self, rings: set[str]) -> list[str]:
-        """The rings that a file names: in an import, or in a string that is no docstring."""
-        pattern = re.compile(r"optipromp[./](" + "|".join(sorted(rings)) + r")\b")
+        """The rings that a file names: in an import, in a string, or by a path."""
+        pattern = re.compile(
+            r"(?:optipromp[./]|\b(?=\w+/))(" + "|".join(sorted(rings)) + r")[./]\w"
+        )
         return [f"{name_of(self.path)} names {m}" for m in pattern.findall(self.text)]
 
 

@@ -77,3 +77,11 @@ def test_every_test_that_the_page_on_robustness_names_is_there() -> None:
     assert len(named) > 60
     for file, test in named:
         assert re.search(rf"^def {test}\(", (ROOT / file).read_text("utf-8"), re.MULTILINE), test
+
+
+def test_every_file_that_the_page_on_reading_names_is_there() -> None:
+    page = (ROOT / "docs/reading.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`(\w+/[\w/]+\.(?:py|toml))`", page))
+    assert len(named) > 40
+    places = ROOT / "src/optipromp", ROOT
+    assert not [name for name in named if not any((top / name).is_file() for top in places)]

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from optipromp.core.errors import InvalidDemonstrationError
-from optipromp.core.planning.primitive import BASIS, PAPER_BASIS, learnt
+from optipromp.core.planning.primitive import BASIS, learnt
 from optipromp.core.planning.task import resolve
 from optipromp.core.promp import UnitsWarning, fit, load_demonstrations
 from optipromp.core.promp.demonstrations import BEYOND_LIMITS
 from optipromp.core.scenes import Scene
+from optipromp.laboratory.planners.paper import PAPER_BASIS
 
 
 def written(path: Path, scene: Scene, offset: float = 0.0, scale: float = 1.0) -> Path:

@@ -21,13 +21,15 @@ from optipromp.core.geometry import Box
 from optipromp.core.optimization.evaluation import Evaluation
 from optipromp.core.planning import Plan, PlanOptions, goals, plan
 from optipromp.core.planning.options import PaperOptions
-from optipromp.core.planning.primitive import PAPER_BASIS, learnt
+from optipromp.core.planning.primitive import learnt
 from optipromp.core.planning.task import resolve
 from optipromp.core.scenes import Scene, load_scene
 from optipromp.laboratory.planners import paper_stages as paper_planner
+from optipromp.laboratory.planners.paper import PAPER_BASIS
 from optipromp.laboratory.planners.paper_problem import (
     ConstraintRows,
     drift_offsets,
+    further,
     posed_problems,
 )
 
@@ -319,7 +321,7 @@ def test_the_further_goals_are_free_and_unlike_the_first() -> None:
     task = resolve(load_scene("paper-3"))
     first, is_free, _ = goals.choose(task, 0)
     assert is_free
-    more = goals.further(task, 0, first)
+    more = further(task, 0, first)
     assert len(more) >= 3
     for goal in more:
         assert np.abs(first - goal).max(axis=1).min() > 0.25

@@ -156,18 +156,6 @@ def choose(
     )
 
 
-def further(task: Task, seed: int, known: FloatArray) -> FloatArray:
-    """Free goal configurations (m, n) that differ from the ``known`` ones (k, n), best first.
-
-    More starts of inverse kinematics find them on all branches and rolls of the elbow.
-    """
-    if isinstance(task.goal, JointGoal):
-        return known[:0]
-    found = find(task, seed, GOAL.spread_starts)
-    away = np.abs(found[:, None] - known).max(axis=2).min(axis=1)
-    return collision.free(task, found[away > GOAL.distinct])
-
-
 def narrow(task: Task, judgement: Judgement, goal: FloatArray) -> float:
     """The shortfall of a judged trajectory to ``goal`` (n,) from the static margin [m]; 0: none.
 

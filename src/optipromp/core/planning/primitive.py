@@ -31,7 +31,6 @@ from optipromp.core.scenes.scene import PoseGoal
 
 BASIS = Basis(count=14, width=2.0, outside=1)
 """Of the primitives that a plan learns: a choice."""
-PAPER_BASIS = Basis(count=5, width=4.0, outside=1)
 
 
 @functools.lru_cache(maxsize=8)

@@ -12,9 +12,12 @@ from optipromp.core.planning.options import (
     Strategy,
 )
 from optipromp.core.planning.planners import goal_configurations
-from optipromp.core.planning.primitive import PAPER_BASIS, learnt
+from optipromp.core.planning.primitive import learnt
 from optipromp.core.planning.result import Failed, Harmful, Planned
 from optipromp.core.planning.task import Task
+from optipromp.core.promp.basis import Basis
+
+PAPER_BASIS = Basis(count=5, width=4.0, outside=1)
 
 
 @dataclass(frozen=True)

@@ -15,17 +15,21 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.optimization.costs import Cost
 from optipromp.core.optimization.evaluation import Evaluation
 from optipromp.core.optimization.problem import Problem
+from optipromp.core.planning import collision
 from optipromp.core.planning.follow import Waypoints, free_count, reach_count, within_limits
 from optipromp.core.planning.functionals import functionals
+from optipromp.core.planning.goals import find
 from optipromp.core.planning.options import PlanOptions, Strategy
-from optipromp.core.planning.parameters import PAPER, PRIMITIVE, WAYPOINT
+from optipromp.core.planning.parameters import GOAL, PRIMITIVE, WAYPOINT
 from optipromp.core.planning.primitive import led_through, on_branch, via_points
 from optipromp.core.planning.task import Task
 from optipromp.core.planning.timing import timed
 from optipromp.core.promp.model import ProMP
 from optipromp.core.pushing.rules import Drift, detection_variance, drift_choices
+from optipromp.core.scenes.scene import JointGoal
 from optipromp.core.scenes.values import suggest
 from optipromp.core.trajectory import Trajectory
+from optipromp.laboratory.planners.parameters import PAPER
 
 
 class ConstraintRows(Cost):
@@ -206,3 +210,15 @@ def spaced(task: Task, options: PlanOptions, values: FloatArray) -> Waypoints:
     count = options.waypoints or within_limits(10 * np.ceil((before + after) / 10))
     phase = min(max(0.2, before / (before + after)), 0.75)
     return Waypoints.at_phase(count, options.paper.camera_phase or phase)
+
+
+def further(task: Task, seed: int, known: FloatArray) -> FloatArray:
+    """Free goal configurations (m, n) that differ from the ``known`` ones (k, n), best first.
+
+    More starts of inverse kinematics find them on all branches and rolls of the elbow.
+    """
+    if isinstance(task.goal, JointGoal):
+        return known[:0]
+    found = find(task, seed, PAPER.spread_starts)
+    away = np.abs(found[:, None] - known).max(axis=2).min(axis=1)
+    return collision.free(task, found[away > GOAL.distinct])

@@ -36,9 +36,9 @@ from optipromp.core.optimization.costs.joints import SmoothnessCost
 from optipromp.core.optimization.costs.obstacles import ClearanceCost, SelfCost
 from optipromp.core.optimization.costs.tool import GoalCost
 from optipromp.core.planning.functionals import functionals
-from optipromp.core.planning.goals import further, narrow, passed_over
+from optipromp.core.planning.goals import narrow, passed_over
 from optipromp.core.planning.options import PlanOptions, Strategy
-from optipromp.core.planning.parameters import PAPER, SOLVE
+from optipromp.core.planning.parameters import SOLVE
 from optipromp.core.planning.pick import limits_and_clearances, schedule
 from optipromp.core.planning.result import Planned, Stage
 from optipromp.core.planning.task import Task
@@ -46,7 +46,8 @@ from optipromp.core.planning.verdict import judged
 from optipromp.core.promp.model import ProMP
 from optipromp.core.scenes.scene import JointGoal, PoseGoal
 from optipromp.core.trajectory import Trajectory
-from optipromp.laboratory.planners.paper_problem import Posed, posed_problems
+from optipromp.laboratory.planners.paper_problem import Posed, further, posed_problems
+from optipromp.laboratory.planners.parameters import PAPER
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +91,7 @@ def solve(
     on which a pushable is passed: the valid plan of least objective is the answer. The sequential
     strategy tries all choices with the smallest trust radius, then with the next. Where the
     smallest radius gives no valid plan, further goal configurations are tried
-    (:func:`optipromp.core.planning.goals.further`).
+    (:func:`~optipromp.laboratory.planners.paper_problem.further`).
     """
     began = clock()
     radii = options.paper.trust_radii
