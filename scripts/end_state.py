@@ -89,9 +89,8 @@ class File:
 
     def named(self, rings: set[str]) -> list[str]:
         """The rings that a file names: in an import, in a string, or by a path."""
-        pattern = re.compile(
-            r"(?:optipromp[./]|\b(?=\w+/))(" + "|".join(sorted(rings)) + r")[./]\w"
-        )
+        names = "|".join(sorted(rings))
+        pattern = re.compile(rf"optipromp[./](?:{names})\b|\b(?:{names})/\w+")
         return [f"{name_of(self.path)} names {m}" for m in pattern.findall(self.text)]
 
 
