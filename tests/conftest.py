@@ -33,8 +33,8 @@ LONG = {
     "looks": "looks",
     "page": "page sources",
     "planning": (
-        "follow goals many options paper prediction requests risk static_margin underway "
-        "verdict ways"
+        "follow goals many options paper paper_settings prediction requests risk static_margin "
+        "underway verdict ways"
     ),
     "promp": "tasks",
     "pushing": "cup hanging long_fruits quasi_static",

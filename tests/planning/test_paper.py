@@ -3,7 +3,7 @@
 import json
 import time
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +37,6 @@ Planned = Callable[..., Plan]
 R_GRIPPER = 0.05  # [m] of the cup of both scenes
 FRUIT = 0.015  # [m] r_n
 SIDE = {"n1": -1.0, "n2": 1.0}  # of y_g, away from the stem (method §7)
-NAN = float("nan")
 
 # The Panda's modified Denavit-Hartenberg parameters (method §1), and the cup on its flange.
 A = [0.0, 0.0, 0.0, 0.0825, -0.0825, 0.0, 0.088]
@@ -378,77 +377,3 @@ def test_offsets_go_by_id(four: Scene) -> None:
     wrong = PlanOptions(paper=PaperOptions(drift_offset={"n9": 0.01}))
     with pytest.raises(InvalidRequestError, match="drift_offset of 'n9': valid are n1, n2"):
         drift_offsets(task, wrong)
-
-
-# --- settings ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("alphas", (1.0, 1.0, 1.0)), ("alphas", (1.0, -1.0, 1.0, 0.0)),
-        ("alphas", (NAN, 1.0, 1.0, 0.0)),
-        ("epsilon", 0.0), ("epsilon", NAN),
-        ("reduction", "mean"), ("push", "cubic"),
-        ("push_weights", (1.0, 1.0)), ("push_weights", (1.0, NAN, 1.0)),
-        ("drift", "left"), ("drift_offset", -0.01), ("drift_offset", NAN),
-        ("drift_offset", {"n1": -0.01}), ("drift_offset", {"n1": NAN}), ("drift_offset", {1: 0.1}),
-        ("corridor", -0.01), ("corridor", NAN),
-        ("trust_radii", ()), ("trust_radii", (0.0,)), ("trust_radii", (0.1, 0.05)),
-        ("trust_radii", (NAN,)),
-    ],
-)  # fmt: skip
-def test_refusals_name_the_setting(name: str, value: Any) -> None:
-    with pytest.raises(InvalidRequestError, match=rf"^paper\.{name} is .*must be"):
-        PaperOptions(**{name: value})
-
-
-def test_constraints_are_one_of_two() -> None:
-    with pytest.raises(InvalidRequestError, match=r"^constraints is .*must be"):
-        PlanOptions(constraints="none")  # type: ignore[arg-type]
-
-
-JOINT: dict[str, Any] = {
-    "alphas": (1.0, 5.0, 1.0, 1.0),
-    "epsilon": 0.06,
-    "reduction": "max",
-    "push": "reciprocal",
-    "push_weights": (1.0, 5.0, 1.0),
-    "drift_offset": 0.03,
-    "corridor": 1e-4,
-}
-SEQUENTIAL: dict[str, Any] = {
-    "alphas": (1.0, 5.0, 1.0, 1.0),
-    "epsilon": 0.05,
-    "reduction": "sum",
-    "push": "quadratic",
-    "push_weights": (1.0, 5.0, 1.0),
-    "drift_offset": 0.03,
-    "corridor": 0.001,
-    "trust_radii": (0.05,),
-}
-
-
-@pytest.mark.parametrize(
-    ("strategy", "name"),
-    [("joint", name) for name in JOINT] + [("sequential", name) for name in SEQUENTIAL],
-)
-def test_every_setting_is_heeded(strategy: str, name: str, planned: Planned) -> None:
-    table = JOINT if strategy == "joint" else SEQUENTIAL
-    more: dict[str, Any] = {}
-    more |= {"push": "quadratic"} if (strategy, name) == ("sequential", "push_weights") else {}
-    more |= {"epsilon": 0.06} if name == "reduction" else {}  # B_d keeps 1 cm from the clusters
-    plain, changed = (
-        planned(
-            "scenario-3", strategy=strategy, constraints="paper", paper=PaperOptions(**settings)
-        )
-        for settings in (more, {**more, name: table[name]})
-    )
-    one, other = plain.trajectory, changed.trajectory
-    assert one.duration != other.duration or not np.array_equal(one.positions, other.positions)
-
-
-def test_no_setting_is_forgotten_here() -> None:
-    names = {item.name for item in fields(PaperOptions)}
-    primitives = {"camera_phase", "camera_point", "via_deviation", "direction_deviation"}
-    assert names == set(JOINT) | set(SEQUENTIAL) | primitives | {"drift", "guard"}

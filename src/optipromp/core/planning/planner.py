@@ -62,10 +62,9 @@ def register(name: str, factory: Factory) -> None:
     _known[name] = factory
 
 
-def _outside() -> dict[str, metadata.EntryPoint]:
-    """The entry points whose names are not registered yet."""
-    found = metadata.entry_points(group=GROUP)
-    return {entry.name: entry for entry in found if entry.name not in _known}
+def _joined() -> dict[str, metadata.EntryPoint]:
+    """The entry points of installed packages, by name."""
+    return {entry.name: entry for entry in metadata.entry_points(group=GROUP)}
 
 
 def _load(entry: metadata.EntryPoint) -> Factory:
@@ -93,23 +92,23 @@ def factory(name: str, what: str = "planner") -> Factory:
     """
     if name in _known:
         return _known[name]
-    outside = _outside()
-    if name not in outside:
-        valid = (*_known, *outside)
+    joined = _joined()
+    if name not in joined:
+        valid = dict.fromkeys((*_known, *joined))
         near = suggest(name, valid).partition("; ")[2]
         words = f"{what} is {name!r}; valid: {', '.join(valid)}"
         raise InvalidRequestError(f"{words}; {near}" if near else words)
-    return _load(outside[name])
+    return _load(joined[name])
 
 
 def planners() -> dict[str, Factory]:
     """All planners by name, ours first; with a warning for each that cannot be loaded."""
-    for entry in _outside().values():
+    joined = _joined()
+    for entry in [entry for name, entry in joined.items() if name not in _known]:
         try:
             _load(entry)
         except InvalidRequestError as error:
             warnings.warn(error.message, stacklevel=2)
-    joined = [entry.name for entry in metadata.entry_points(group=GROUP)]
     first = [name for name in _known if name not in joined]
     return {name: _known[name] for name in (*first, *joined) if name in _known}
 
@@ -125,7 +124,7 @@ def strategist() -> str:
     Raises:
         InvalidRequestError: no planner that can be loaded takes them.
     """
-    for name in (*_known, *_outside()):
+    for name in dict.fromkeys((*_known, *_joined())):
         try:
             if getattr(factory(name), "takes_strategy", False):
                 return name

@@ -1,0 +1,86 @@
+"""Settings of the paper's planner: wrong values are refused, and every setting is heeded."""
+
+from collections.abc import Callable
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+import pytest
+
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.planning import Plan, PlanOptions
+from optipromp.core.planning.options import PaperOptions
+
+Planned = Callable[..., Plan]
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("alphas", (1.0, 1.0, 1.0)), ("alphas", (1.0, -1.0, 1.0, 0.0)),
+        ("alphas", (NAN, 1.0, 1.0, 0.0)),
+        ("epsilon", 0.0), ("epsilon", NAN),
+        ("reduction", "mean"), ("push", "cubic"),
+        ("push_weights", (1.0, 1.0)), ("push_weights", (1.0, NAN, 1.0)),
+        ("drift", "left"), ("drift_offset", -0.01), ("drift_offset", NAN),
+        ("drift_offset", {"n1": -0.01}), ("drift_offset", {"n1": NAN}), ("drift_offset", {1: 0.1}),
+        ("corridor", -0.01), ("corridor", NAN),
+        ("trust_radii", ()), ("trust_radii", (0.0,)), ("trust_radii", (0.1, 0.05)),
+        ("trust_radii", (NAN,)),
+    ],
+)  # fmt: skip
+def test_refusals_name_the_setting(name: str, value: Any) -> None:
+    with pytest.raises(InvalidRequestError, match=rf"^paper\.{name} is .*must be"):
+        PaperOptions(**{name: value})
+
+
+def test_constraints_are_one_of_two() -> None:
+    with pytest.raises(InvalidRequestError, match=r"^constraints is .*must be"):
+        PlanOptions(constraints="none")  # type: ignore[arg-type]
+
+
+JOINT: dict[str, Any] = {
+    "alphas": (1.0, 5.0, 1.0, 1.0),
+    "epsilon": 0.06,
+    "reduction": "max",
+    "push": "reciprocal",
+    "push_weights": (1.0, 5.0, 1.0),
+    "drift_offset": 0.03,
+    "corridor": 1e-4,
+}
+SEQUENTIAL: dict[str, Any] = {
+    "alphas": (1.0, 5.0, 1.0, 1.0),
+    "epsilon": 0.05,
+    "reduction": "sum",
+    "push": "quadratic",
+    "push_weights": (1.0, 5.0, 1.0),
+    "drift_offset": 0.03,
+    "corridor": 0.001,
+    "trust_radii": (0.05,),
+}
+
+
+@pytest.mark.parametrize(
+    ("strategy", "name"),
+    [("joint", name) for name in JOINT] + [("sequential", name) for name in SEQUENTIAL],
+)
+def test_every_setting_is_heeded(strategy: str, name: str, planned: Planned) -> None:
+    table = JOINT if strategy == "joint" else SEQUENTIAL
+    more: dict[str, Any] = {}
+    more |= {"push": "quadratic"} if (strategy, name) == ("sequential", "push_weights") else {}
+    more |= {"epsilon": 0.06} if name == "reduction" else {}  # B_d keeps 1 cm from the clusters
+    plain, changed = (
+        planned(
+            "scenario-3", strategy=strategy, constraints="paper", paper=PaperOptions(**settings)
+        )
+        for settings in (more, {**more, name: table[name]})
+    )
+    one, other = plain.trajectory, changed.trajectory
+    assert one.duration != other.duration or not np.array_equal(one.positions, other.positions)
+
+
+def test_no_setting_is_forgotten_here() -> None:
+    names = {item.name for item in fields(PaperOptions)}
+    primitives = {"camera_phase", "camera_point", "via_deviation", "direction_deviation"}
+    assert names == set(JOINT) | set(SEQUENTIAL) | primitives | {"drift", "guard"}
