@@ -9,8 +9,18 @@ import pytest
 from tests.judging.builders import TURN, UP, box_mesh, obj, to
 
 from optipromp.core import judging
-from optipromp.core.geometry import Box, Capsule, Cylinder, HalfSpace, PointCloudShape, Sphere
+from optipromp.core.geometry import (
+    Box,
+    Capsule,
+    Cylinder,
+    HalfSpace,
+    PointCloudShape,
+    Sphere,
+    shapes,
+)
+from optipromp.core.geometry.obstacles import measures
 from optipromp.core.judging import clearance
+from optipromp.core.judging.distances import measured
 from optipromp.core.robots.library import load_robot
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.tools import Cup, with_tool
@@ -213,3 +223,17 @@ def test_self_clearance_is_that_of_the_pairs(panda: Robot, most: float) -> None:
     np.testing.assert_allclose(panda.self_gaps(q), expected, atol=1e-12)
     found, _ = judging.clearances(to(JointGoal(q[0])), panda, q)
     assert found["clearance_self"] == pytest.approx(expected.min(), abs=1e-12)
+
+
+def test_the_judge_reads_shapes_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a shape tells the planner of its size, wrong or right, does not reach the judge."""
+    of = [shapes.Sphere(0.03), shapes.Box((0.1, 0.2, 0.3)), shapes.Cylinder(0.02, 0.1),
+          shapes.Capsule(0.02, 0.1), shapes.Ellipsoid((0.02, 0.03, 0.04)),
+          shapes.Cone(0.03, 0.01, 0.05), shapes.HalfSpace()]  # fmt: skip
+    found, told = measured(of), measures(of)
+    for mine, other in zip(found, told, strict=True):
+        np.testing.assert_allclose(mine, other, rtol=1e-15)
+    monkeypatch.setattr(shapes.Primitive, "measure", shapes.Sphere(1e-3).measure)
+    assert (measures(of)[0] == measures(of)[0][0]).all()
+    for mine, again in zip(found, measured(of), strict=True):
+        np.testing.assert_array_equal(again, mine)

@@ -4,6 +4,7 @@ Kernels measure simple shapes; meshes and point clouds are measured in NumPy. No
 """
 
 import functools
+from collections.abc import Sequence
 from itertools import pairwise
 from math import hypot, sqrt
 from typing import Any, NamedTuple
@@ -12,7 +13,6 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, IntArray, frame_along, lengths
 from optipromp.core.compiled import inlined, inner
-from optipromp.core.geometry.obstacles import measures
 from optipromp.core.geometry.shapes import (
     BOX,
     CAPSULE,
@@ -23,8 +23,15 @@ from optipromp.core.geometry.shapes import (
     GRID,
     HALF_SPACE,
     SPHERE,
+    Box,
+    Capsule,
+    Cone,
+    Cylinder,
+    Ellipsoid,
+    HalfSpace,
     PointCloudShape,
     Shape,
+    Sphere,
 )
 from optipromp.core.scenes.objects import Role
 from optipromp.core.scenes.scene import Scene, SceneObject
@@ -59,7 +66,7 @@ def objects_of(scene: Scene) -> tuple[Objects, tuple[SceneObject, ...]]:
     role = np.full(len(scene.objects), -1)
     for name, code in ROLES.items():
         role[scene.rows(name)] = code
-    kind, size, bound = measures([item.shape for item in scene.objects])
+    kind, size, bound = measured([item.shape for item in scene.objects])
     owner, middle, turn, capsule = _stems(scene)
     rows = np.concatenate([np.arange(len(role)), len(role) + owner])
     role = np.concatenate([role, np.full(len(owner), STEM)])
@@ -107,6 +114,34 @@ def names_of(scene: Scene, rows: IntArray) -> list[tuple[str, str]]:
     count = len(scene.objects)
     items = zip(rows.tolist(), scene.objects_at(rows % max(count, 1)), strict=True)
     return [(item.id if k < count else f"the stem of {item.id}", item.role) for k, item in items]
+
+
+def measured(of: Sequence[Shape]) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Kinds (K,), sizes (K, 3) and bounds (K,) of shapes, as :class:`Objects` holds them.
+
+    The judge reads shapes itself: a wrong size in ``Shape.measure`` must not deceive both the
+    planner and the judge. What is none of these shapes is measured as a mesh or a point cloud.
+    """
+    kind, size = np.full(len(of), GRID, dtype=np.int64), np.zeros((len(of), 3))
+    bound = np.full(len(of), np.inf)
+    for k, shape in enumerate(of):
+        match shape:
+            case Sphere(radius=r):
+                kind[k], size[k, 0], bound[k] = SPHERE, r, r
+            case Box():
+                kind[k], size[k] = BOX, 0.5 * np.array(shape.size)
+                bound[k] = np.linalg.norm(size[k])
+            case Cylinder(radius=r, length=h):
+                kind[k], size[k], bound[k] = CYLINDER, (r, 0.5 * h, 0.0), hypot(r, 0.5 * h)
+            case Capsule(radius=r, length=h):
+                kind[k], size[k], bound[k] = CAPSULE, (r, 0.5 * h, 0.0), r + 0.5 * h
+            case Ellipsoid(radii=radii):
+                kind[k], size[k], bound[k] = ELLIPSOID, radii, max(radii)
+            case Cone(radius=r, tip=tip, length=h):
+                kind[k], size[k], bound[k] = CONE, (r, 0.5 * h, tip), 0.5 * h + max(r, tip)
+            case HalfSpace():
+                kind[k] = HALF_SPACE
+    return kind, size, bound
 
 
 def neighbours(role: IntArray, position: FloatArray, bound: FloatArray) -> IntArray:

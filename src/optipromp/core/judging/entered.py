@@ -9,10 +9,9 @@ from itertools import pairwise, product
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, frame_along, lengths
-from optipromp.core.geometry.obstacles import measures
 from optipromp.core.geometry.shapes import GRID, Capsule
 from optipromp.core.judging.clearance import Overlap, enter, swept
-from optipromp.core.judging.distances import Objects, nearest
+from optipromp.core.judging.distances import Objects, measured, nearest
 from optipromp.core.judging.kinematics import centers
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.rotations import to_quaternion
@@ -100,14 +99,14 @@ def _in_mouth(robot: Robot, item: SceneObject, point: FloatArray, axis: FloatArr
     off = item.position - point
     height = float(off @ axis)
     aside = float(np.linalg.norm(off - height * axis))
-    _, size, _ = measures([item.shape])
+    _, size, _ = measured([item.shape])
     thin = float(size.min(where=size > 0.0, initial=np.inf)) if size.any() else 0.0
     return height > tool.front - tool.reach and aside + thin < tool.mouth[0] + BRUSHED
 
 
 def _depth(item: SceneObject, spheres: FloatArray, radius: FloatArray) -> float:
     """Largest depth [m] of spheres (M, B, 3) in an object; at most 0 where none touches it."""
-    kind, size, bound = measures([item.shape])
+    kind, size, bound = measured([item.shape])
     if kind[0] == GRID:
         return -nearest(item, spheres, radius, 0.0)[0]
     none, found = np.zeros(1, dtype=np.int64), np.zeros(3)
