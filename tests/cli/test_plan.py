@@ -286,7 +286,7 @@ def test_the_first_use_compiles_every_kernel_of_a_plan_and_says_so(tmp_path: Pat
     assert done.stdout == ""
     assert done.stderr.startswith("compiling kernels, once")
     compiled = set(tmp_path.rglob("*.nbc"))
-    assert any("mean_score" in file.name for file in compiled)  # the other process's share
+    assert any("summed_score" in file.name for file in compiled)  # the other process's share
     command = [sys.executable, "-m", "optipromp", "plan", "scenario-4", "--json"]
     later = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     assert later.stderr == ""

@@ -30,21 +30,36 @@ def check_memory() -> None:
             )
 
 
-class _Pauses(threading.local):
-    seconds = 0.0
+class _Thread(threading.local):
+    paused = 0.0
+    between: Callable[[], object] | None = None
 
 
-_pauses = _Pauses()
+_thread = _Thread()
 
 
 def clock() -> float:
     """This thread's time [s]: ``time.perf_counter()`` without :func:`pauses <pause>`."""
-    return time.perf_counter() - _pauses.seconds
+    return time.perf_counter() - _thread.paused
 
 
 def pause(seconds: float) -> None:
     """Exclude the last ``seconds`` from this thread's :func:`clock`: a kernel was compiled."""
-    _pauses.seconds += seconds
+    _thread.paused += seconds
+
+
+def between_steps(call: Callable[[], object] | None) -> None:
+    """Set a function that this thread calls at every :func:`step`; None: no function.
+
+    A thread that works in slices waits there for its next slice.
+    """
+    _thread.between = call
+
+
+def step() -> None:
+    """A place at which the work of this thread may wait."""
+    if _thread.between is not None:
+        _thread.between()
 
 
 @dataclass
@@ -77,6 +92,7 @@ class Budget:
 
     def spent(self) -> bool:
         """Count a step; True if there may be no further step."""
+        step()
         now = clock()
         self.longest = max(self.longest, now - self.last)
         self.last, self.used = now, self.used + (not self.cut)

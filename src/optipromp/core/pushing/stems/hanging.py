@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
+from optipromp.core.budget import step
 from optipromp.core.geometry.obstacles import near
 from optipromp.core.pushing.model import Moved, PushModel
 from optipromp.core.pushing.parameters import PUSH
@@ -15,13 +16,14 @@ from optipromp.core.pushing.stems.cup import Mouth
 from optipromp.core.pushing.stems.harm import BRIEFLY, Harm, score_of
 from optipromp.core.pushing.stems.paths import PathsPast
 from optipromp.core.pushing.stems.states import sampled
-from optipromp.core.pushing.stems.swinging import Led, clear, led, mean_score, steps_inside
+from optipromp.core.pushing.stems.swinging import Led, clear, led, steps_inside, summed_score
 from optipromp.core.robots.cup_cover import NECK_RADIUS
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.robots.tools import WALL
 from optipromp.core.scenes.scene import Scene, SceneObject
 
 HANGING = PUSH.hanging
+TOGETHER = 8  # states whose harm is computed in one step of a plan that works in slices: a choice
 NOTHING = Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
 
 
@@ -85,10 +87,20 @@ class Hanging(PushModel):
         every = HANGING.screened_every if states == 1 else HANGING.every
         told = states > self.searched
         some = self._some(self.searched if told else 0, states)
-        return mean_score(
-            some, self.count, states, *_steps(points, axes, every), self.cup, self.static,
-            PUSH.harm.hopeless, limit, not told,
-        )  # fmt: skip
+        motion, hopeless = _steps(points, axes, every), PUSH.harm.hopeless
+        total, worst = 0.0, limit * states
+        for first in range(0, states, TOGETHER):
+            part = first, min(first + TOGETHER, states)
+            total = summed_score(
+                some, self.count, part, *motion, self.cup, self.static, hopeless, worst, not told,
+                total,
+            )  # fmt: skip
+            if not told and first == 0 and total >= hopeless:
+                return total
+            if total > worst:
+                break
+            step()
+        return total / states
 
     def led(self, state: int, points: FloatArray, axes: FloatArray) -> Led:
         """Effect of a motion of the tool on the fruits in one state."""

@@ -264,27 +264,28 @@ def steps_inside(
 
 
 @kernel
-def mean_score(
-    s: Stems, count: int, samples: int, points: FloatArray, axes: FloatArray, dt: float, cup: Mouth,
-    solid: Obstacles, hopeless: float, worst: float, seen: bool,
+def summed_score(
+    s: Stems, count: int, states: tuple[int, int], points: FloatArray, axes: FloatArray, dt: float,
+    cup: Mouth, solid: Obstacles, hopeless: float, worst: float, seen: bool, total: float,
 ) -> float:  # fmt: skip
-    """Mean score of a path over sampled states of the same fruits.
+    """Sum of the scores of a path over sampled states of the same fruits.
 
     Args:
         s: the stems, one state after the other.
         count: number of fruits in a state.
-        samples: number of states.
+        states: the first state of the sum, and the last plus one.
         points: see :func:`push`, as for the arguments up to ``solid``.
         hopeless: largest score of a single state.
-        worst: largest mean of interest; a larger mean may be returned as any number above it.
+        worst: largest sum of interest; a larger sum may be returned as any number above it.
         seen: whether the first state is the perceived one; a hopeless perceived state ends the sum.
+        total: the sum over the states before.
     """
-    total, steps = 0.0, len(points)
+    steps = len(points)
     positions, forces = np.zeros((steps, count, 3)), np.zeros((steps, count))
     stem_forces, h = np.zeros((steps, count)), np.zeros(5)
     p = steps - 1
     end = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
-    for d in range(samples):
+    for d in range(*states):
         low, high = d * count, (d + 1) * count
         one = Stems(
             s.root[low:high], s.axes[low:high], s.length[low:high], s.mass[low:high],
@@ -292,7 +293,7 @@ def mean_score(
             s.shape[low:high], s.stiffness[low:high], s.compliance[low:high],
             s.shortening[low:high], s.joint[low:high], s.rest[low:high], s.lifted[low:high],
         )  # fmt: skip
-        left = min(worst * samples - total, hopeless)
+        left = min(worst - total, hopeless)
         h[:], forces[:], stem_forces[:] = 0.0, 0.0, 0.0
         done = push(one, points, axes, dt, cup, solid, left, positions, forces, stem_forces, h)
         x, y, z = positions[p, 0, 0], positions[p, 0, 1], positions[p, 0, 2]
@@ -300,6 +301,6 @@ def mean_score(
         total += min(score_of(h[0], h[1], h[2], h[3], h[4], missed), hopeless)
         if seen and d == 0 and total >= hopeless:
             return total
-        if total > worst * samples:
+        if total > worst:
             break
-    return total / samples
+    return total
