@@ -56,6 +56,7 @@ def plan(
     start_state: Moving | None = None,
     previous: Plan | None = None,
     at: float | None = None,
+    unpushed: bool = False,
 ) -> Plan:
     """Plan a reach in a scene, from rest or from a motion that runs.
 
@@ -80,6 +81,8 @@ def plan(
         previous: the plan that runs; its path is kept unless another path is better by a margin.
         at: the time in ``previous`` at which the new plan takes over [s]. Without ``start_state``
             the new plan begins in the state of ``previous`` at this time.
+        unpushed: the scene has each fruit where it hung before the push of ``previous``, as a
+            tracker gives it; otherwise a scene that differs has each fruit where it is now.
 
     Returns:
         The plan. A plan that fails is returned too, with its code, the best trajectory and the
@@ -95,7 +98,7 @@ def plan(
     """
     options = options or DEFAULTS
     solver = check_request(planner, strategy, options, seed)
-    _compiled()  # before the plan's clock starts
+    compile_once()  # before the plan's clock starts
     with _threads().limit(limits=1, user_api="blas"):  # small matrices gain nothing from threads
         state = begun(start_state, previous, at)
         scene = scene if isinstance(scene, Scene) else load_scene(scene)
@@ -103,7 +106,7 @@ def plan(
         task = replace(resolve(scene, robot, state), risk=options.risk, seed=seed)
         task = replace(task, demonstrations=demonstrations, sparing=True)
         if state is not None:
-            task = underway(task, previous, at)
+            task = underway(task, previous, at, unpushed)
             if task.same and previous is not None and previous.success:
                 task = replace(task, risk=max(task.risk, UNDERWAY.risk))
         return _best_way(task, solver, options, began, progress or str)
@@ -178,7 +181,7 @@ def warm_up(scene: Scene | str = WARM_UP) -> None:
 
 
 @functools.cache
-def _compiled() -> None:
+def compile_once() -> None:
     """Compile the kernels of most plans, once in a process, where Numba's cache lacks them.
 
     Kernels of few plans are compiled when they are called; a plan's clock stops meanwhile.

@@ -64,8 +64,11 @@ def begun(start_state: Moving | None, previous: Plan | None, at: float | None) -
         ) from None
 
 
-def underway(task: Task, previous: Plan | None, at: float | None) -> Task:
-    """The task of an arm that moves, at time ``at`` of ``previous`` [s]; see the module."""
+def underway(task: Task, previous: Plan | None, at: float | None, unpushed: bool = False) -> Task:
+    """The task of an arm that moves, at time ``at`` of ``previous`` [s]; see the module.
+
+    ``unpushed``: the scene has each fruit where it hung before the push of ``previous``.
+    """
     if not isinstance(task.goal, PoseGoal):
         return replace(task, running=running(previous, at))
     up, (point, axis) = task.scene.frame[2], task.robot.tool_pose(task.start)
@@ -88,6 +91,8 @@ def underway(task: Task, previous: Plan | None, at: float | None) -> Task:
         kept=remaining(task, previous, at),
         same=same(task, previous),
     )
+    if not (task.same or unpushed):  # a scene perceived anew has pushed fruits elsewhere
+        return task
     return replace(task, pushed=pushed(task, previous, at))
 
 
@@ -156,10 +161,7 @@ def _begun(share: FloatArray) -> FloatArray:
 
 
 def same(task: Task, previous: Plan) -> bool:
-    """Whether every pushable is where the running plan's scene has it.
-
-    A scene perceived anew has pushed fruits elsewhere.
-    """
+    """Whether every pushable is where the running plan's scene has it."""
     before = {o.id: o.position for o in previous.scene.pushables}
     return all(
         o.id in before and math.dist(o.position, before[o.id]) < UNDERWAY.same
@@ -170,10 +172,10 @@ def same(task: Task, previous: Plan) -> bool:
 def pushed(task: Task, previous: Plan, at: float) -> tuple[FloatArray, FloatArray] | None:
     """Tool points and axes (P, 3) of the running plan's push so far.
 
-    None before the approach, and where the scene was perceived anew.
+    None before the approach.
     """
     begin = float(previous.trajectory.times[previous.first])
-    if task.entry is None or not task.same or at <= begin:
+    if task.entry is None or at <= begin:
         return None
     q, _, _ = previous.trajectory.sample(np.linspace(begin, at, UNDERWAY.rows))
     now = tool_motion(task.robot, q)

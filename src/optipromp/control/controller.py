@@ -1,0 +1,370 @@
+"""The controller: looks and states in, the next stretch of an executable curve out.
+
+The tool goes to the camera point, looks, plans, and comes to the target along the plan's path,
+moved with the plant. A prediction of the push under way, and where it asks for it a search, take
+the time that the cycles leave over (:mod:`optipromp.control.slices`). A tool whose push has become
+hopeless retreats along its own path, looks again and tries again. After the last try it gives up.
+"""
+
+from __future__ import annotations
+
+import math
+import time as wall
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from optipromp.control.look import Look
+from optipromp.control.parameters import CONTROL, ControlParameters
+from optipromp.control.plant import changed, displaced, field_of, pushed_by, scene_of
+from optipromp.control.servo import Course, Route, follow
+from optipromp.control.slices import Sliced
+from optipromp.control.tracker import Tracked, Tracker
+from optipromp.core import judging
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import Code, OptiPrompError
+from optipromp.core.execution.streaming import Stretch
+from optipromp.core.planning import Plan, PlanOptions, plan
+from optipromp.core.planning.plan import compile_once
+from optipromp.core.planning.task import posed
+from optipromp.core.planning.timing import needs, stopped
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.scene import JointGoal, Scene
+from optipromp.core.trajectory import State, Trajectory
+
+
+class Stage(StrEnum):
+    """What the controller does."""
+
+    LOOK = "look"  # it stands and looks, or plans
+    GO = "go"  # the tool follows a plan, moved with the plant
+    RETREAT = "retreat"  # the tool goes back along its path
+    DONE = "done"  # the tool is at the target
+    GAVE_UP = "gave_up"  # the tool stands away from the fruits
+
+
+ENDED = Stage.DONE, Stage.GAVE_UP
+
+
+@dataclass(frozen=True)
+class Event:
+    """A decision: its time by the controller's clock [s], the stage that begins, and the reason."""
+
+    time: float
+    stage: Stage
+    why: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """A plan in the making.
+
+    ``takeover`` is the time of the state that it begins in [s]; None: at rest.
+    """
+
+    work: Sliced[Plan]
+    takeover: float | None
+
+
+class Controller:
+    """A closed loop for one pick.
+
+    Args:
+        scene: robot, tool, approach, and the objects that stand still. Its fruits, if it has any,
+            are not used: the looks tell of fruits.
+        robot: with its tool; None: the scene's.
+        seed: of the plans.
+        parameters: see :class:`ControlParameters`.
+        real_time: whether a cycle's share of a search is cut by the clock as well as by its steps.
+
+    Attributes:
+        stage: what the controller does now.
+        events: all decisions so far.
+        cycles: wall time of each cycle [s].
+        tracker: of the fruits.
+        plans: the plans that were followed.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        robot: Robot | None = None,
+        seed: int = 0,
+        parameters: ControlParameters = CONTROL,
+        real_time: bool = False,
+    ) -> None:
+        compile_once()
+        self.robot, state = posed(scene, robot)
+        still = tuple(item for item in scene.objects if item.role in ("static", "avoid"))
+        self._still = replace(scene, objects=still, goal=JointGoal(state.q))
+        self.scene, self.seed, self.parameters = scene, seed, parameters
+        self._seconds = parameters.slice_seconds if real_time else math.inf
+        self.tracker = Tracker(scene)
+        self.stage, self.events, self.cycles = Stage.LOOK, list[Event](), list[float]()
+        self.plans: list[Plan] = []
+        self.tries = parameters.tries
+        self._inbox: list[Look] = []
+        self._seen = 0  # looks since the stage began
+        self._since = 0.0
+        self._checked = -math.inf
+        self._at_camera = False
+        self._course: Course | None = None
+        self._route: Route | None = None
+        self._job: _Job | None = None
+        self._trail: list[FloatArray] = []  # (k, n) configurations on the way from the camera
+        self._field_now = np.zeros((0, 3))
+        self._fallback = State(state.q)
+
+    def see(self, look: Look) -> None:
+        """Take a look in; looks may come late and out of order."""
+        self._inbox.append(look)
+
+    @property
+    def ended(self) -> bool:
+        """Whether the controller is done with the pick, or gave up."""
+        return self.stage in ENDED
+
+    def __call__(self, time: float, measured: State, reference: State) -> Stretch | None:
+        """One cycle: the stretch that takes over at ``time`` + ``parameters.lead``.
+
+        Args:
+            time: by the clock of the looks [s].
+            measured: state of the arm.
+            reference: the last commanded state.
+
+        Returns:
+            The stretch; None: the running curve goes on.
+        """
+        began = wall.perf_counter()
+        if self._course is None:
+            self._fallback = State(reference.q)
+        for look in self._inbox:
+            self.tracker.add(look, self._pushed(look.time))
+            self._seen += look.time >= self._since
+        self._inbox.clear()
+        made = self._cycle(time, self.tracker.at(time))
+        self.cycles.append(wall.perf_counter() - began)
+        return made
+
+    # -- stages
+
+    def _cycle(self, now: float, tracked: Tracked) -> Stretch | None:
+        if self.stage is Stage.LOOK:
+            return self._look(now, tracked)
+        if self.stage is Stage.GO or self.stage is Stage.RETREAT:
+            return self._go(now, tracked)
+        return None
+
+    def _enter(self, stage: Stage, now: float, why: str) -> None:
+        self.stage, self._since, self._seen = stage, now, 0
+        self.events.append(Event(now, stage, why))
+        if self._job is not None:
+            self._job.work.drop()
+            self._job = None
+
+    def _look(self, now: float, tracked: Tracked) -> Stretch | None:
+        p, course = self.parameters, self._course
+        if course is not None and now < course.begins + course.curve.duration:
+            self._since, self._seen = now, 0  # still in motion
+            return None
+        if self._job is None:
+            looked = now - self._since
+            enough = looked >= (p.look if self._at_camera else p.first_look) and self._seen >= 3
+            if not enough or "target" not in tracked.roles:
+                if looked > p.longest_look:
+                    self._give_up(now, "the target is not seen")
+                return None
+            scene = scene_of(self.scene, tracked)
+            self._plan_in(scene, start_state=State(self._state(now).q))
+        made = self._worked()
+        if made is None:
+            return None
+        chance = probability(made)
+        if not (made.success or (self.tries <= 0 and chance <= p.accepted)):
+            self._again(now, f"no plan: {made.message}")
+            return None
+        self._trail = []
+        self._take(made)
+        self._enter(Stage.GO, now, f"{made.status}, predicted harm {chance:.0%}")
+        return self._moved(now, tracked, 0.0)
+
+    def _again(self, now: float, why: str) -> None:
+        """Look again, or give up after the last try."""
+        if self.tries <= 0:
+            self._give_up(now, why)
+            return
+        self.tries -= 1
+        self._enter(Stage.LOOK, now, why)
+
+    def _give_up(self, now: float, why: str) -> None:
+        self._enter(Stage.GAVE_UP, now, why)
+
+    def _go(self, now: float, tracked: Tracked) -> Stretch | None:
+        p, route, course = self.parameters, self._route, self._course
+        assert route is not None and course is not None
+        begins = now + p.lead
+        phase = course.phase_at(begins)
+        if self.stage is Stage.RETREAT:
+            if phase >= route.duration:
+                self._at_camera = True
+                self._again(now, "looking again after a retreat")
+                return None
+            return self._moved(now, tracked, phase)
+        made = route.plan
+        assert made is not None
+        if not self._at_camera and phase >= self._stop_at(route):
+            self._at_camera = True
+            self._enter(Stage.LOOK, now, "at the camera point")
+            return self._brake(begins)
+        if phase >= route.duration + p.hold:
+            self._enter(Stage.DONE, now, "at the target")
+            return self._brake(begins)
+        if self._at_camera:
+            turn = self._watch(now, tracked, route, phase)
+            if turn is not None:
+                return turn
+            if self._route is not route:
+                assert self._route is not None and self._course is not None
+                return self._moved(now, tracked, self._phase)
+        return self._moved(now, tracked, phase)
+
+    def _stop_at(self, route: Route) -> float:
+        """The phase at which the tool stops to look."""
+        made = route.plan
+        assert made is not None
+        return max(float(route.trajectory.times[made.first]) - 0.15, 0.0)  # [s] of braking
+
+    def _watch(self, now: float, tracked: Tracked, route: Route, phase: float) -> Stretch | None:
+        """Predict the push under way, and plan anew where something changed."""
+        p, made = self.parameters, route.plan
+        assert made is not None
+        if self._job is None:
+            if now - self._checked < p.checked or phase >= route.duration - 2.0 * p.allowance:
+                return None
+            if "target" not in tracked.roles or changed(made.scene, tracked) < p.changed:
+                return None
+            _, moved = displaced(made.scene, tracked)
+            offset = moved.mean(axis=0) if len(moved) else np.zeros(3)
+            at = phase + p.allowance
+            self._checked, self._planned_at = now, at
+            self._plan_in(
+                scene_of(self.scene, tracked, offset), takeover=now + p.lead + p.allowance,
+                previous=made, at=at, unpushed=True,
+            )  # fmt: skip
+        job = self._job
+        assert job is not None
+        found = self._worked()
+        if found is None:
+            return None
+        chance, moves = probability(found), found.status in (Code.SUCCESS, Code.HARM_PREDICTED)
+        if moves and chance <= p.hopeless:
+            rows = route.trajectory.times <= self._planned_at
+            self._trail.append(route.trajectory.positions[rows])
+            self._take(found)
+            assert job.takeover is not None
+            self._phase = max(now + p.lead - job.takeover, 0.0)
+            return None
+        return self._retreat(now, tracked, route, phase, f"{found.message}")
+
+    def _retreat(
+        self, now: float, tracked: Tracked, route: Route, phase: float, why: str
+    ) -> Stretch | None:
+        """Go back along the path to the camera point."""
+        passed = route.trajectory.positions[route.trajectory.times <= phase]
+        if not self._trail:
+            assert route.plan is not None
+            passed = passed[min(route.plan.first, len(passed) - 1) :]
+        q = np.concatenate([*self._trail, passed])[::-1]
+        self._enter(Stage.RETREAT, now, why)
+        if len(q) < 3:
+            return self._brake(now + self.parameters.lead)
+        points, _ = self.robot.tool_pose(q)
+        steps = np.linalg.norm(np.diff(points, axis=0), axis=1) / self.parameters.retreat_speed
+        times = np.append(0.0, np.cumsum(np.maximum(steps, 0.02)))
+        back = Trajectory.through(q, times, self.robot.joint_names)
+        back = back.slowed(max(float(needs(self.robot, back).max()), 1.0) * 1.2)
+        scene = None if route.plan is None else route.plan.scene
+        whole = Route.of(self.robot, back, 0, None)
+        self._route, self._back_scene = whole, scene
+        return self._moved(now, tracked, 0.0)
+
+    # -- curves
+
+    def _state(self, time: float) -> State:
+        return self._fallback if self._course is None else self._course.state_at(time)
+
+    def _take(self, made: Plan) -> None:
+        self._route = Route.of(self.robot, made.trajectory, made.first, made)
+        self._back_scene = made.scene
+        self._field_now = np.full((0, 3), np.nan)
+        self.plans.append(made)
+
+    def _moved(self, now: float, tracked: Tracked, phase: float) -> Stretch | None:
+        """The route from ``phase`` on, moved with the plant; None: the running curve goes on."""
+        p, route = self.parameters, self._route
+        assert route is not None
+        begins = now + p.lead
+        scene = self._back_scene
+        assert scene is not None
+        field = field_of(scene, tracked, p.field)
+        ahead = np.clip(phase + np.array([0.1, 0.3, 0.6, 1.0]), 0.0, route.duration)
+        row = np.searchsorted(route.trajectory.times, ahead).clip(max=len(route.points) - 1)
+        shift = field.at(route.points[row], begins + np.maximum(ahead - phase, 0.0))
+        if (
+            self._field_now.shape == shift.shape
+            and phase < route.duration
+            and np.abs(shift - self._field_now).max() < p.still
+        ):
+            return None
+        course = follow(route, phase, self._state(begins), begins, field, p)
+        if course is None or not self._safe(course.curve):
+            return None
+        self._field_now, self._course = shift, course
+        return Stretch(course.curve, begins)
+
+    def _brake(self, begins: float) -> Stretch:
+        """The curve that comes to rest at once."""
+        curve = stopped(self.robot, self._state(begins))
+        self._course = Course(curve, begins, math.inf, 1.0)
+        return Stretch(curve, begins)
+
+    def _safe(self, curve: Trajectory) -> bool:
+        """Whether a curve keeps the limits and touches nothing that stands, by the judge."""
+        found = judging.judge(self._still, self.robot, curve, curve.at(0.0), begun=True)
+        return all(v.kind in ("goal", "start", "motion") for v in found.violations)
+
+    # -- plans
+
+    def _plan_in(self, scene: Scene, takeover: float | None = None, **begin: object) -> None:
+        options = PlanOptions()
+
+        def work() -> Plan:
+            return plan(scene, robot=self.robot, seed=self.seed, options=options, **begin)
+
+        self._job = _Job(Sliced(work), takeover)
+
+    def _worked(self) -> Plan | None:
+        """The plan in the making, when it is done."""
+        job = self._job
+        assert job is not None
+        if not job.work.lend(self.parameters.slice_steps, self._seconds):
+            return None
+        self._job = None
+        return job.work.result()
+
+    def _pushed(self, time: float) -> dict[str, FloatArray]:
+        """Displacement of each fruit by the tool at a ``time`` [s], as the push model predicts."""
+        route, course = self._route, self._course
+        if route is None or route.plan is None or course is None or self.stage is not Stage.GO:
+            return {}
+        return pushed_by(route, course.phase_at(time))
+
+
+def probability(made: Plan) -> float:
+    """Predicted probability that a pick is not clean; 0 without a model, 1 without a motion."""
+    if made.status not in (Code.SUCCESS, Code.HARM_PREDICTED):
+        return 1.0
+    told = None if made.prediction is None else made.prediction.probability
+    return 0.0 if told is None or math.isnan(told) else told

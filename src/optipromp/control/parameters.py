@@ -1,0 +1,61 @@
+"""The numbers of the closed loop."""
+
+from dataclasses import dataclass
+
+from optipromp.core.parameters import Checked, parameter
+
+
+@dataclass(frozen=True)
+class ControlParameters(Checked):
+    """Timing, looks, decisions and retreats of the controller."""
+
+    period: float = parameter(0.02, "s", "choice", "of a cycle: 50 Hz")
+    lead: float = parameter(
+        0.02, "s", "choice", "from the begin of a cycle to the takeover of its curve: its budget"
+    )
+    slice_steps: int = parameter(
+        6, "1", "measured", "steps of a search that a cycle does; a step takes 1 ms in the median"
+    )
+    slice_seconds: float = parameter(0.008, "s", "choice", "time that a search gets in a cycle")
+    allowance: float = parameter(
+        0.12, "s", "choice", "from the begin of a search in motion to the state it plans from"
+    )
+    first_look: float = parameter(0.4, "s", "choice", "of looking from the start before a plan")
+    look: float = parameter(0.5, "s", "choice", "of looking from the camera point")
+    longest_look: float = parameter(
+        3.0, "s", "choice", "of looking for a target that is not seen, then the run ends"
+    )
+    tries: int = parameter(2, "1", "choice", "looks again, after a retreat or a refused plan")
+    accepted: float = parameter(
+        0.25,
+        "1",
+        "choice",
+        "predicted probability of a pick that is not clean with which the last try goes on",
+    )
+    hopeless: float = parameter(
+        0.4, "1", "choice", "the same of a push under way, with which the tool retreats"
+    )
+    checked: float = parameter(
+        0.1, "s", "choice", "shortest time between two predictions of the push under way"
+    )
+    changed: float = parameter(
+        0.002, "m", "choice", "motion of a fruit against the others that asks for a prediction"
+    )
+    still: float = parameter(
+        2e-4, "m", "choice", "displacement of the path below which the running curve goes on"
+    )
+    field: float = parameter(
+        0.05, "m", "choice", "distance at which the displacement of a fruit counts 1/e for a path"
+    )
+    blends: tuple[float, ...] = parameter(
+        (0.1, 0.2, 0.4, 0.8, 1.5), "s", "choice", "tried times until a curve meets the moved path"
+    )
+    rates: tuple[float, ...] = parameter(
+        (1.0, 1.3, 2.0, 3.0), "1", "choice", "tried factors of the time of the rest of a path"
+    )
+    tail: float = parameter(0.3, "s", "choice", "in which a curve comes to rest with the plant")
+    hold: float = parameter(0.5, "s", "choice", "that the tool moves with the plant at the target")
+    retreat_speed: float = parameter(0.1, "m/s", "choice", "of the tool on its way back")
+
+
+CONTROL = ControlParameters()

@@ -1,0 +1,86 @@
+"""The plant as tracked, in the frame of a plan."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from optipromp.control.servo import Field, Route
+from optipromp.core.arrays import FloatArray
+from optipromp.core.planning.task import spaced
+from optipromp.core.scenes.scene import Scene, SceneObject
+
+if TYPE_CHECKING:
+    from optipromp.control.tracker import Tracked
+
+
+def scene_of(base: Scene, tracked: Tracked, offset: FloatArray | None = None) -> Scene:
+    """The scene to plan in: what stands still in ``base``, and the tracked fruits at rest.
+
+    Args:
+        base: the scene with robot, tool, approach, and objects that stand still.
+        tracked: the fruits.
+        offset: (3,) common displacement that is left out [m]; None: none.
+    """
+    still = tuple(item for item in base.objects if item.role in ("static", "avoid"))
+    seen = tracked.objects()
+    if offset is not None:
+        seen = tuple(shifted(item, -offset) for item in seen)
+    return replace(base, objects=still + seen, goal=None)
+
+
+def shifted(item: SceneObject, by: FloatArray) -> SceneObject:
+    """An object and its stem, shifted ``by`` (3,) [m]."""
+    stem = item.stem
+    if stem is not None:
+        stem = replace(stem, points=stem.points + by)
+    return replace(item, position=item.position + by, stem=stem)
+
+
+def displaced(planned: Scene, tracked: Tracked) -> tuple[FloatArray, FloatArray]:
+    """Rest positions (F, 3) in the plan's scene of the fruits that are still tracked, and the
+    displacements (F, 3) of these fruits since [m]."""
+    before = {o.id: o.position for o in planned.objects if o.role in ("target", "pushable")}
+    rows = [row for row, name in enumerate(tracked.ids) if name in before]
+    places = np.array([before[tracked.ids[row]] for row in rows]).reshape(-1, 3)
+    return places, tracked.rest[rows] - places
+
+
+def field_of(planned: Scene, tracked: Tracked, length: float) -> Field:
+    """The displacement of the plant against a plan's scene."""
+    places, moved = displaced(planned, tracked)
+    return Field(places, moved, lambda times: tracked.sway(times)[0], length)
+
+
+def changed(planned: Scene, tracked: Tracked) -> float:
+    """Largest motion of a fruit against the mean of all [m]; infinite for a new or lost fruit."""
+    before = {o.id for o in planned.objects if o.role in ("target", "pushable")}
+    now = {name for name, sure in zip(tracked.ids, tracked.confirmed, strict=True) if sure}
+    if before != now:
+        return float(np.inf)
+    _, moved = displaced(planned, tracked)
+    return float(np.linalg.norm(moved - moved.mean(axis=0), axis=1).max(initial=0.0))
+
+
+def pushed_by(route: Route, phase: float) -> dict[str, FloatArray]:
+    """Displacement (3,) of each fruit by the push of a route until ``phase`` [m], by id."""
+    made = route.plan
+    model = None if made is None else made.push_model
+    if made is None or model is None:
+        return {}
+    first = float(route.trajectory.times[made.first])
+    times = route.trajectory.times
+    rows = np.flatnonzero((times >= first) & (times <= phase))
+    if len(rows) < 2:
+        return {}
+    points, axes = spaced(route.points[rows], route.axes[rows])
+    if model.clear(points, axes):
+        return {}
+    found = model.moved(points, axes)
+    places = {item.id: item.position for item in made.scene.objects}
+    return {
+        name: position - places[name]
+        for name, position in zip(found.ids, found.positions, strict=True)
+    }
