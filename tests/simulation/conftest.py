@@ -12,7 +12,7 @@ from optipromp.core.scenes.scene import Scene, SceneObject, Stem, ToolSpec
 from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.simulation import SimulationParameters
 from optipromp.laboratory.simulation.engine import engine
-from optipromp.laboratory.simulation.rollout import Execution
+from optipromp.laboratory.simulation.steps import Execution
 from optipromp.laboratory.simulation.world import build
 
 try:

@@ -13,7 +13,7 @@ from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Pose, SceneObject
 from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.simulation import Cause, SimulationParameters, simulate
-from optipromp.laboratory.simulation.rollout import Execution
+from optipromp.laboratory.simulation.steps import Execution
 from optipromp.laboratory.simulation.world import FLOOR_DEPTH, build
 
 P = SimulationParameters()

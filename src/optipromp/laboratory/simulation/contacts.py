@@ -1,10 +1,10 @@
 """Contacts of a run: forces and times of each pair of entities."""
 
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray
+from optipromp.core.arrays import BoolArray, FloatArray, IntArray
 from optipromp.laboratory.simulation.kernels import log_contacts
 from optipromp.laboratory.simulation.world import World
 
@@ -65,3 +65,38 @@ class ContactLog:
         recent: FloatArray = self._pairs["recent"].copy()
         self._pairs["recent"] = 0.0
         return recent
+
+
+class Pressing(NamedTuple):
+    """Contact points of one instant that carry force, C of them.
+
+    Attributes:
+        rows: (C,) in MuJoCo's list.
+        pairs: (C, 2) indices of entities.
+        points: (C, 3) [m].
+        forces: (C, 3) of the first entity on the second [N].
+    """
+
+    rows: IntArray
+    pairs: IntArray
+    points: FloatArray
+    forces: FloatArray
+
+    def where(self, chosen: BoolArray) -> Self:
+        """Those that are ``chosen`` (C,)."""
+        rows, pairs = self.rows[chosen], self.pairs[chosen]
+        return self._replace(
+            rows=rows, pairs=pairs, points=self.points[chosen], forces=self.forces[chosen]
+        )
+
+
+def pressing(data: Any, world: World) -> Pressing:
+    """The contact points of ``data`` between entities of ``world``."""
+    found, force = data.contact, data.efc_force
+    at = np.asarray(found.efc_address)
+    pairs = world.geom_entity[np.asarray(found.geom)].reshape(-1, 2)
+    rows = np.flatnonzero((at >= 0) & (pairs >= 0).all(axis=1))
+    own = force[at[rows, None] + np.arange(3)] if len(rows) else np.zeros((0, 3))
+    frames = np.asarray(found.frame).reshape(-1, 3, 3)[rows]
+    forces = np.einsum("ci,cij->cj", own, frames)
+    return Pressing(rows, pairs[rows], np.asarray(found.pos)[rows], forces)

@@ -3,18 +3,16 @@
 import time
 from dataclasses import dataclass
 
-import numpy as np
-
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning import Plan
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
-from optipromp.laboratory.simulation.outcome import Outcome, judge
+from optipromp.laboratory.simulation.outcome import Outcome
 from optipromp.laboratory.simulation.parameters import SimulationParameters
-from optipromp.laboratory.simulation.rollout import Execution, Rollout
-from optipromp.laboratory.simulation.world import build
+from optipromp.laboratory.simulation.rollout import Rollout
+from optipromp.laboratory.simulation.simulation import Simulation
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,16 +85,15 @@ def simulate(
         trajectory = plan_or_trajectory
     if scene is None:
         raise InvalidRequestError("a bare trajectory needs the scene it is to be executed in")
-    if not (np.isfinite(record_rate) and record_rate > 0):
-        raise InvalidRequestError(f"record_rate is {record_rate}; it must be above 0 [Hz]")
     robot = robot or posed(scene)[0]
     if trajectory.joint_names != robot.joint_names:
         raise InvalidRequestError(
             f"the trajectory moves {', '.join(trajectory.joint_names)}; {robot.name} has "
             f"{', '.join(robot.joint_names)}"
         )
-    world = build(scene, robot, parameters, seed)
     motion = trajectory.slowed(1.0 / parameters.control.speed)
-    rollout, log = Execution(world, motion, record_rate).run()
-    outcome = judge(world, rollout, log)
+    simulation = Simulation(
+        scene, seed, parameters, robot=robot, q=motion.positions[0], record_rate=record_rate
+    )
+    rollout, outcome = simulation.follow(motion)
     return Run(scene, robot, parameters, seed, rollout, outcome, time.perf_counter() - began)

@@ -1,0 +1,277 @@
+"""``Simulation``: a scene in MuJoCo that is stepped by references of the joint controller."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from optipromp.core.arrays import BoolArray, FloatArray, frozen
+from optipromp.core.errors import ExecutionError, InvalidRequestError
+from optipromp.core.planning.task import posed
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.rotations import from_quaternion
+from optipromp.core.scenes.scene import Scene
+from optipromp.core.trajectory import State, Trajectory
+from optipromp.laboratory.simulation.contacts import pressing
+from optipromp.laboratory.simulation.outcome import Outcome, judge
+from optipromp.laboratory.simulation.parameters import SimulationParameters
+from optipromp.laboratory.simulation.rollout import Rollout
+from optipromp.laboratory.simulation.steps import Execution, quiet
+from optipromp.laboratory.simulation.world import World, build
+
+
+class Fruits(NamedTuple):
+    """The F targets and pushables at one time, in the robot's base frame.
+
+    Attributes:
+        ids, roles: of the scene's objects.
+        positions: (F, 3) [m].
+        rotations: (F, 3, 3) local to base.
+        velocities: (F, 3) [m/s].
+        attached: (F,) whether each hangs on its stem; False without a stem.
+        stem_ends: F arrays (N+1, 3), the joints and the end of each stem, root first [m]; (0, 3)
+            without a stem.
+    """
+
+    ids: tuple[str, ...]
+    roles: tuple[str, ...]
+    positions: FloatArray
+    rotations: FloatArray
+    velocities: FloatArray
+    attached: BoolArray
+    stem_ends: tuple[FloatArray, ...]
+
+
+class Touch(NamedTuple):
+    """A contact point.
+
+    Attributes:
+        first, second: labels of the entities (``link:NAME``, ``tool:NAME``, ``fruit:ID``,
+            ``thing:ID``, ``stem:ID``, ``static:ID`` or ``avoid:ID``).
+        point: (3,) in the robot's base frame [m].
+        force: (3,) of the first entity on the second [N].
+    """
+
+    first: str
+    second: str
+    point: FloatArray
+    force: FloatArray
+
+
+class Simulation:
+    """A scene in MuJoCo, with an arm that follows one reference a period of its controller.
+
+    :func:`simulate` and :class:`SimulatedArm` run on it.
+
+    Args:
+        scene: robot and objects.
+        seed: of everything random. The same references give the same run to the last bit.
+        parameters: of the physics; None: the defaults.
+        robot: with its tool; None: the scene's.
+        q: (n,) where the arm stands at first [rad or m]; None: the scene's start.
+        record_rate: of the rollout's records [Hz].
+
+    Attributes:
+        scene, robot, parameters, seed: see above.
+        reference: the last one of the controller.
+
+    Raises:
+        InvalidRequestError: MuJoCo is not installed, or a rate that is not positive.
+        InvalidSceneError: something in the scene cannot be built.
+        StartInvalidError: a start that the robot does not have.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        seed: int = 0,
+        parameters: SimulationParameters | None = None,
+        *,
+        robot: Robot | None = None,
+        q: FloatArray | None = None,
+        record_rate: float = 100.0,
+    ) -> None:
+        if not (np.isfinite(record_rate) and record_rate > 0):
+            raise InvalidRequestError(f"record_rate is {record_rate}; it must be above 0 [Hz]")
+        if robot is None or q is None:
+            robot, state = posed(scene, robot)
+            q = state.q if q is None else q
+        self.scene, self.robot, self.seed = scene, robot, seed
+        self.parameters = parameters or SimulationParameters()
+        self._start, self._record_rate = frozen(q), record_rate
+        self._world = build(scene, robot, self.parameters, seed)
+        self._begin(self._start)
+
+    def _begin(self, q: FloatArray) -> None:
+        still = Trajectory.through(np.tile(q, (2, 1)), 1.0, self.robot.joint_names)
+        self._run = Execution(self._world, still, self._record_rate)
+        self.reference = State(q)
+        self._scratch: Any = None
+
+    @property
+    def world(self) -> World:
+        """The model of MuJoCo, and what its parts stand for."""
+        return self._world
+
+    @property
+    def data(self) -> Any:
+        """The present ``MjData`` of ``world.model``; another after a reset."""
+        return self._run.data
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        return float(self._run.data.time)
+
+    @property
+    def tick(self) -> float:
+        """Time that one step takes, the period of the controller [s]."""
+        return self._run.tick * self._run.step
+
+    @property
+    def broken(self) -> bool:
+        """Whether the physics broke down: MuJoCo warned, or a value is not finite."""
+        return bool(self._run.warnings)
+
+    def reset(self, seed: int | None = None, q: FloatArray | None = None) -> State:
+        """Begin anew.
+
+        Args:
+            seed: None: the same again. Another seed builds another world.
+            q: (n,) where the arm stands [rad or m]; None: where it stood at first.
+
+        Returns:
+            The state of the arm.
+        """
+        another = seed is not None and seed != self.seed
+        if another or self.parameters.robot.guard_until > 0.0:  # a run takes the guard away
+            self.seed = self.seed if seed is None else seed
+            self._world = build(self.scene, self.robot, self.parameters, self.seed)
+        self._begin(self._start if q is None else frozen(q))
+        return self.state()
+
+    def step(self, reference: State) -> State:
+        """Let the arm follow a reference for one period of its controller.
+
+        Args:
+            reference: position, velocity and acceleration of the n joints at the present time.
+
+        Returns:
+            The measured state at the end.
+
+        Raises:
+            ExecutionError: the physics broke down, now or before.
+        """
+        self.reference = reference
+        if self.broken or not self._step():
+            raise ExecutionError(f"the simulation broke down: {'; '.join(self._run.warnings)}")
+        return self.state()
+
+    def _step(self) -> bool:
+        """One period of the controller; False after a warning of the engine."""
+        run, drives, asked = self._run, self._world.drives, self.reference
+        self._first_record()
+        q = drives.segments(asked.q[None])[0]
+        rate = drives.segments(asked.velocity[None], rates=True)[0]
+        gain = drives.segments(asked.acceleration[None], rates=True)[0]
+        with quiet(run.mujoco):
+            return all(run.advance(q, rate, gain, q) for _ in range(run.tick))
+
+    def _first_record(self) -> None:
+        if not self._run.records:
+            self._run.begin(self._run.at.q.copy())
+
+    def follow(self, motion: Trajectory) -> tuple[Rollout, Outcome]:
+        """Execute a motion that begins where the arm is, and judge all that happened so far.
+
+        The arm then stands still for ``control.hold``. The references are samples of the motion at
+        every step of the engine.
+        """
+        self.reference = State(motion.positions[-1])
+        rollout, log = self._run.run(motion)
+        return rollout, judge(self._world, rollout, log)
+
+    def state(self) -> State:
+        """Measured positions and velocities of the joints; the acceleration is the reference's."""
+        drives, at = self._world.drives, self._run.at
+        q, velocity = drives.joints(at.q[None])[0], drives.joints(at.velocity[None], rates=True)[0]
+        return State(q, velocity, self.reference.acceleration)
+
+    def fruits(self) -> Fruits:
+        """The targets and pushables now."""
+        data, shown = self._run.data, self._world.shown
+        at = [f.position for f in shown]
+        return Fruits(
+            tuple(f.id for f in shown),
+            tuple(f.role for f in shown),
+            frozen(np.array([data.qpos[k : k + 3] for k in at]).reshape(-1, 3)),
+            frozen(
+                np.array([from_quaternion(data.qpos[k + 3 : k + 7]) for k in at]).reshape(-1, 3, 3)
+            ),
+            frozen(np.array([data.qvel[f.spin : f.spin + 3] for f in shown]).reshape(-1, 3)),
+            frozen([f.weld >= 0 and bool(data.eq_active[f.weld]) for f in shown], np.bool_),
+            self._stems(),
+        )
+
+    def _stems(self) -> tuple[FloatArray, ...]:
+        """See :attr:`Fruits.stem_ends`. MuJoCo's own places of bodies are a step old."""
+        model, mujoco = self._world.model, self._run.mujoco
+        if self._scratch is None:
+            self._scratch = mujoco.MjData(model)
+        now = self._scratch
+        now.qpos[:] = self._run.data.qpos
+        mujoco.mj_kinematics(model, now)
+        out = []
+        for fruit in self._world.shown:
+            nodes, last = fruit.built.nodes, fruit.last
+            if last < 0:
+                out.append(frozen(np.zeros((0, 3))))
+                continue
+            joints = now.xpos[last + 2 - len(nodes) : last + 1]
+            end = joints[-1] + now.xmat[last].reshape(3, 3) @ (nodes[-1] - nodes[-2])
+            out.append(frozen(np.vstack([joints, end])))
+        return tuple(out)
+
+    def contacts(self) -> tuple[Touch, ...]:
+        """The contact points of the last step."""
+        names = [entity.label for entity in self._world.entities]
+        _, pairs, points, forces = pressing(self._run.data, self._world)
+        return tuple(
+            Touch(names[a], names[b], frozen(point), frozen(force))
+            for (a, b), point, force in zip(pairs, points, forces, strict=True)
+        )
+
+    def wrench(self) -> FloatArray:
+        """(6,) of the world on the tool in the last step, in the robot's base frame.
+
+        Force [N], and torque about the tool point [N m]. For a robot without a tool: on its last
+        link. Of contacts alone, without weight and inertia of the tool.
+        """
+        run, entities = self._run, self._world.entities
+        kind = [e.kind == "tool" or (self.robot.tool is None and e.distal) for e in entities]
+        mine = np.array(kind)
+        found = pressing(run.data, self._world)
+        found = found.where(np.asarray(mine[found.pairs].any(axis=1)))
+        signs = np.where(mine[found.pairs[:, 1]], 1.0, -1.0)
+        tool, _ = self.robot.tool_pose(self.state().q)
+        forces = signs[:, None] * found.forces
+        torque = np.cross(found.points - tool, forces).sum(axis=0)
+        six = np.zeros(6)
+        for row, sign in zip(found.rows, signs, strict=True):
+            run.mujoco.mj_contactForce(run.model, run.data, row, six)
+            torque += sign * (six[3:] @ run.data.contact[row].frame.reshape(3, 3))
+        return frozen(np.concatenate([forces.sum(axis=0), torque]))
+
+    def rollout(self) -> Rollout:
+        """The records so far, of a motion that ends now."""
+        self._first_record()
+        return self._run.rollout(self.time)
+
+    def outcome(self) -> Outcome:
+        """Stand still for ``control.hold`` at the last reference, then judge all that happened."""
+        self.reference = State(self.reference.q)
+        moved, control = self.time, self.parameters.control
+        for _ in range(round(control.hold * control.rate)):
+            if self.broken or not self._step():
+                break
+        self._first_record()
+        return judge(self._world, self._run.rollout(moved), self._run.log)
