@@ -1,0 +1,362 @@
+"""A camera with a detector behind it, without images: late, noisy and blocked.
+
+:class:`Detector` turns the truth of one moment into a :class:`~optipromp.control.look.Look`.
+:class:`Eye` takes pictures at the detector's rate and delivers looks after its latency.
+:func:`perceived_scene` makes of a look the first scene to plan in.
+"""
+
+import math
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from optipromp.control.look import Look
+from optipromp.core.arrays import FloatArray, frame_along, rotation
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.geometry.shapes import Sphere
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.pose import Pose
+from optipromp.core.scenes.scene import Scene, SceneObject, Stem
+from optipromp.laboratory.simulation.detector_parameters import DETECTORS as DETECTORS
+from optipromp.laboratory.simulation.detector_parameters import (
+    DetectorParameters as DetectorParameters,
+)
+from optipromp.laboratory.simulation.sight import (
+    Leaf,
+    Sight,
+    hand_pose,
+    standing_pose,
+    tool_frame,
+)
+
+LOWER = 0.05  # [m] of a stem that tells its direction: as long as peduncles are in pictures
+STEM_LENGTH = 0.15  # [m] of a fruit's stem where none is seen: a choice
+LEAF_CAP = math.radians(60.0)  # about the line to the first picture, within which leaves hang
+LEAST_DISTANCE = 0.1  # [m] of a false detection from the camera: a choice
+SLACK = 1e-9  # [s] rounding of sums of times
+
+
+class Truth(NamedTuple):
+    """Where fruits are at one moment, in the base frame."""
+
+    ids: tuple[str, ...]
+    """F names of objects of the scene; those left out are where the scene has them."""
+    positions: FloatArray
+    """(F, 3) [m]."""
+    rotations: FloatArray
+    """(F, 3, 3), local to base."""
+    stems: tuple[FloatArray, ...]
+    """F polylines (N, 3) [m], root first; fewer than two points: no stem."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Draws:
+    """The random numbers of one picture, a row for each fruit."""
+
+    error: FloatArray  # (F, 3) standard normal, as tilt
+    tilt: FloatArray  # (F, 2)
+    chance: FloatArray  # (F,) from 0 to 1, as held
+    held: FloatArray  # (F, 3): chance of a miss, whether it is steady, chance of a stem
+    swap: FloatArray  # (2,): whether two exchange ids, and which
+
+
+class Detector:
+    """A camera and its detector.
+
+    Errors are drawn for all fruits at every picture, so that those of one do not depend on what
+    is seen of others. A fruit has slots of ``parameters.slot`` seconds, of a phase of its own. In
+    a share ``missed_steadily`` of slots the chance of a miss is drawn once, in the others at every
+    picture: the share of pictures in which a fruit is missed is the same.
+
+    An object that has no stem and is no ball stands on a known board: its errors are horizontal,
+    the camera's own left out. Detections have no ``physical``, and their stems no parents.
+
+    Args:
+        scene: the true one: shapes, roles, ids, lengths of stems, static objects.
+        robot: with its tool.
+        parameters: of camera and detector.
+        seed: the same seed and the same calls give the same looks, to the bit.
+    """
+
+    def __init__(
+        self, scene: Scene, robot: Robot, parameters: DetectorParameters, seed: int = 0
+    ) -> None:
+        self.scene, self.robot, self.parameters = scene, robot, parameters
+        self.fruits = tuple(item for item in scene.objects if item.role != "static")
+        self._rows = {item.id: row for row, item in enumerate(self.fruits)}
+        self._sight = Sight(tuple(item.shape for item in self.fruits), scene, robot)
+        self._hand, self._stand = hand_pose(robot, parameters), standing_pose(scene, parameters)
+        count = len(self.fruits)
+        self._rng = np.random.default_rng([seed, 9])
+        self._false = np.random.default_rng([seed, 9, 1])
+        self._false_count = 0
+        self._error = self._rng.standard_normal((count, 3))
+        self._tilt = self._rng.standard_normal((count, 2))
+        self._phase = parameters.slot * self._rng.random(count)
+        self._leafy = self._rng.random((count, 3))
+        shift = parameters.camera_offset * self._rng.standard_normal(3)
+        turn = math.radians(parameters.camera_turn) * self._rng.standard_normal(3)
+        self.miscalibration = Pose(shift, _turned(turn))
+        """The believed pose of the camera in its true frame."""
+        self._slots = np.full(count, np.iinfo(np.int64).min)
+        self._held = np.zeros((count, 3))
+        self._leaves: tuple[Leaf, ...] | None = None
+
+    def camera(self, q: FloatArray) -> Pose:
+        """The true pose of the camera in the base frame at ``q`` (n,)."""
+        if self.parameters.mount == "beside":
+            return self._stand
+        return tool_frame(self.robot, q) @ self._hand
+
+    def expose(self, time: float, q: FloatArray, fruits: Truth) -> Look:
+        """The detections of one picture.
+
+        Args:
+            time: of the exposure [s].
+            q: (n,) configuration at that time.
+            fruits: where they are at that time.
+
+        Raises:
+            InvalidRequestError: an id of ``fruits`` is not in the scene, or static, or repeats.
+        """
+        camera = self.camera(q)
+        positions, rotations, stems = self._placed(fruits)
+        draws = self._draw(time)
+        if self._leaves is None:
+            self._leaves = self._grown(camera, positions)
+        seen = self._seen(camera, tool_frame(self.robot, q), positions, rotations, draws)
+        found = [
+            self._detection(row, camera, Pose(positions[row], rotations[row]), stems[row], draws)
+            for row in np.flatnonzero(seen).tolist()
+        ]
+        found += self._wrong(camera, positions)
+        found = self._exchanged(found, draws)
+        return Look(time, camera @ self.miscalibration, tuple(found), self.parameters.view)
+
+    def _placed(self, fruits: Truth) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
+        """Positions, rotations and stems, fruit first, of all fruits of the scene."""
+        positions = np.array([item.position for item in self.fruits]).reshape(-1, 3)
+        rotations = np.array([item.rotation for item in self.fruits]).reshape(-1, 3, 3)
+        stems = [np.zeros((0, 3)) if o.stem is None else o.stem.points for o in self.fruits]
+        if len(set(fruits.ids)) < len(fruits.ids):
+            raise InvalidRequestError(f"ids repeat in {', '.join(fruits.ids)}: must be unique")
+        for at, name in enumerate(fruits.ids):
+            row = self._rows.get(name)
+            if row is None:
+                raise InvalidRequestError(f"{name!r} is no fruit of scene {self.scene.name!r}")
+            positions[row], rotations[row] = fruits.positions[at], fruits.rotations[at]
+            stems[row] = np.asarray(fruits.stems[at])[::-1]
+        return positions, rotations, stems
+
+    def _draw(self, time: float) -> _Draws:
+        count, rng = len(self.fruits), self._rng
+        normal, even = rng.standard_normal((count, 5)), rng.random((count, 4))
+        slots = np.floor((time + self._phase) / self.parameters.slot).astype(np.int64)
+        new = slots != self._slots
+        self._held[new], self._slots = even[new, 1:], slots
+        return _Draws(normal[:, :3], normal[:, 3:], even[:, 0], self._held.copy(), rng.random(2))
+
+    def _grown(self, camera: Pose, positions: FloatArray) -> tuple[Leaf, ...]:
+        """Leaves before some fruits, each in a direction within a cap about the camera's."""
+        leaves = []
+        for row, (chance, height, turn) in enumerate(self._leafy.tolist()):
+            if chance < self.parameters.leaf:
+                way = camera.position - positions[row]
+                axes = frame_along(way / np.linalg.norm(way))
+                z = 1.0 - height * (1.0 - math.cos(LEAF_CAP))
+                flat, turn = math.sqrt(1.0 - z * z), 2.0 * math.pi * turn
+                direction = axes @ [flat * math.cos(turn), flat * math.sin(turn), z]
+                radius = self.parameters.leaf_size * self.fruits[row].radius
+                leaves.append(Leaf(row, direction, 2.0 * radius, radius))
+        return tuple(leaves)
+
+    def _seen(
+        self, camera: Pose, frame: Pose, positions: FloatArray, rotations: FloatArray, draws: _Draws
+    ) -> FloatArray:
+        """Whether (F,) each fruit is found."""
+        p = self.parameters
+        local = (positions - camera.position) @ camera.rotation
+        off = np.arctan2(np.hypot(local[:, 0], local[:, 1]), local[:, 2])
+        chance = np.where(draws.held[:, 1] < p.missed_steadily, draws.held[:, 0], draws.chance)
+        blind = np.full(len(positions), p.missed)
+        if p.hidden != p.missed:
+            leaves = self._leaves or ()
+            share = self._sight.hidden(camera.position, frame, positions, rotations, leaves)
+            blind += (p.hidden - p.missed) * share
+        return np.asarray((off <= 0.5 * p.view) & (chance >= blind))
+
+    def _detection(
+        self, row: int, camera: Pose, pose: Pose, stem: FloatArray, draws: _Draws
+    ) -> SceneObject:
+        """The fruit as found, in the frame of the camera."""
+        p, item = self.parameters, self.fruits[row]
+        away = camera.inverse() @ pose
+        distance = float(np.linalg.norm(away.position))
+        far = (distance / p.reference) ** 2
+        white, kept = math.sqrt(1.0 - p.steady), math.sqrt(p.steady)
+        sigma, up = p.sigma(distance), camera.rotation.T @ self.scene.up
+        error = sigma * (white * draws.error[row] + kept * self._error[row])
+        error += p.bias * far * away.position / max(distance, SLACK)
+        spread = sigma**2 * np.eye(3)
+        if item.stem is None and not isinstance(item.shape, Sphere):  # it stands
+            error -= (error @ up) * up
+            spread -= sigma**2 * np.outer(up, up)
+        else:
+            error -= p.lower * up
+        place = away.position + error
+        hanging = self._hanging(row, pose, stem, draws)
+        if hanging is not None:
+            tilt = white * draws.tilt[row] + kept * self._tilt[row]
+            tilt *= math.radians(p.angle) * far
+            along = _tilted(camera.rotation.T @ hanging, tilt)
+            assert item.stem is not None
+            own = Stem.along(place, along, item.stem.length, item.stem.radius)
+        return SceneObject(
+            item.id, item.role, item.shape, place, away.orientation,
+            stem=None if hanging is None else own, covariance=spread + self._calibration(place),
+        )  # fmt: skip
+
+    def _hanging(self, row: int, pose: Pose, stem: FloatArray, draws: _Draws) -> FloatArray | None:
+        """The direction (3,) of the lower part of a stem that is seen and holds its fruit."""
+        item = self.fruits[row]
+        if item.stem is None or len(stem) < 2 or draws.held[row, 2] >= self.parameters.stem_seen:
+            return None
+        if np.linalg.norm(stem[0] - pose.position) > item.radius + LOWER:
+            return None  # it has come off
+        pieces = np.linalg.norm(np.diff(stem, axis=0), axis=1)
+        heights = np.concatenate([[0.0], np.cumsum(pieces)])
+        end = [np.interp(LOWER, heights, stem[:, axis]) for axis in range(3)]
+        way = np.array(end) - stem[0]
+        return way if np.linalg.norm(way) > 0.0 else None
+
+    def _calibration(self, place: FloatArray) -> FloatArray:
+        """Covariance (3, 3) that the camera's offset and turn add at ``place`` (3,) [m²]."""
+        p = self.parameters
+        if not p.told:
+            return np.zeros((3, 3))
+        across = place @ place * np.eye(3) - np.outer(place, place)
+        turned = math.radians(p.camera_turn) ** 2 * across
+        return np.asarray(p.camera_offset**2 * np.eye(3) + turned)
+
+    def _wrong(self, camera: Pose, positions: FloatArray) -> list[SceneObject]:
+        """False fruits: anywhere in the cone, about as far as the fruits, on upright stems."""
+        p, rng, out = self.parameters, self._false, []
+        if p.false == 0.0:
+            return []
+        away = np.linalg.norm(positions - camera.position, axis=1)
+        middle = float(np.median(away)) if len(away) else p.reference
+        up = camera.rotation.T @ self.scene.up
+        for _ in range(int(rng.poisson(p.false))):
+            self._false_count += 1
+            z = 1.0 - rng.random() * (1.0 - math.cos(0.5 * p.view))
+            turn, flat = 2.0 * math.pi * rng.random(), math.sqrt(1.0 - z * z)
+            distance = max(middle * rng.uniform(0.7, 1.3), LEAST_DISTANCE)  # a choice
+            place = distance * np.array([flat * math.cos(turn), flat * math.sin(turn), z])
+            spread = p.sigma(distance) ** 2 * np.eye(3) + self._calibration(place)
+            out.append(
+                SceneObject(
+                    self._free(), "pushable", Sphere(p.false_radius), place,
+                    stem=Stem.along(place, up, STEM_LENGTH), covariance=spread,
+                )
+            )  # fmt: skip
+        return out
+
+    def _free(self) -> str:
+        """A name that no object of the scene has."""
+        name = f"seen{self._false_count}"
+        while any(item.id == name for item in self.scene.objects):
+            name += "_"
+        return name
+
+    def _exchanged(self, found: list[SceneObject], draws: _Draws) -> list[SceneObject]:
+        """The detections, two neighbours of which have exchanged ids at times."""
+        if len(found) < 2 or draws.swap[0] >= self.parameters.swapped:
+            return found
+        first = int(draws.swap[1] * len(found))
+        away = [float(np.linalg.norm(o.position - found[first].position)) for o in found]
+        away[first] = math.inf
+        second = int(np.argmin(away))
+        one, other = found[first], found[second]
+        found[first], found[second] = replace(one, id=other.id), replace(other, id=one.id)
+        return found
+
+
+class Eye:
+    """A detector that takes pictures at its rate and delivers them late.
+
+    Args:
+        detector: that takes the pictures.
+    """
+
+    def __init__(self, detector: Detector) -> None:
+        self.detector = detector
+        self._first: float | None = None
+        self._count = 0
+        self._waiting: deque[Look] = deque()
+
+    def see(self, time: float, q: FloatArray, fruits: Truth) -> bool:
+        """Take a picture if one is due; whether one was taken.
+
+        Pictures are due ``1 / rate`` apart from the first call on. To be called at every tick; of
+        pictures that fell due since the last call one is taken.
+        """
+        if self._first is None:
+            self._first = time
+        due = math.floor((time - self._first + SLACK) * self.detector.parameters.rate)
+        if due < self._count:
+            return False
+        self._count = due + 1
+        self._waiting.append(self.detector.expose(time, q, fruits))
+        return True
+
+    def delivered(self, now: float) -> tuple[Look, ...]:
+        """The looks whose time and latency have passed at ``now`` [s], oldest first, each once."""
+        out = []
+        latest = now - self.detector.parameters.latency + SLACK
+        while self._waiting and self._waiting[0].time <= latest:
+            out.append(self._waiting.popleft())
+        return tuple(out)
+
+
+def perceived_scene(look: Look, scene: Scene) -> Scene:
+    """The first scene to plan in: what a look shows, among what is known.
+
+    Known are static objects, robot, tool, start, approach and base of ``scene``. The detections
+    keep their ids and roles. Where fruits hang (a detection or an object of ``scene`` has a stem),
+    targets and pushables whose stem was not seen get an upright one, as long as the median of
+    those seen, or 0.15 m.
+
+    Raises:
+        InvalidRequestError: the target is not seen.
+        InvalidSceneError: a detection has the id of a static object.
+    """
+    found = look.in_base()
+    if scene.target is not None and not any(item.role == "target" for item in found):
+        raise InvalidRequestError(
+            f"the target is not seen: the look at {look.time:g} s has "
+            f"{', '.join(item.id for item in found) or 'no detections'}; look again, or elsewhere"
+        )
+    lengths = [item.stem.length for item in found if item.stem is not None]
+    hanging = bool(lengths) or any(item.stem is not None for item in scene.objects)
+    long = float(np.median(lengths)) if lengths else STEM_LENGTH
+    fruits = [
+        replace(item, stem=Stem.along(item.position, scene.up, long))
+        if hanging and item.stem is None and item.role in ("target", "pushable")
+        else item
+        for item in found
+    ]
+    return replace(scene, objects=(*fruits, *scene.static))
+
+
+def _turned(vector: FloatArray) -> FloatArray:
+    """Rotation (3, 3) about ``vector`` (3,) by its length [rad]."""
+    angle = float(np.linalg.norm(vector))
+    return np.eye(3) if angle == 0.0 else rotation(vector / angle, angle)
+
+
+def _tilted(vector: FloatArray, angles: FloatArray) -> FloatArray:
+    """``vector`` (3,) tilted by two angles (2,) [rad] about two axes across it."""
+    across = frame_along(vector / np.linalg.norm(vector))[:, :2]
+    return np.asarray(_turned(across @ angles) @ vector)

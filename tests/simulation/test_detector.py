@@ -1,0 +1,456 @@
+"""A camera and its detector without images: errors as stated, late, and blind behind things."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import binom, chi2, poisson
+
+from optipromp.control.look import Look
+from optipromp.core.arrays import frame_along, rotation
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.geometry.shapes import Box, Cylinder, Sphere
+from optipromp.core.planning.task import posed
+from optipromp.core.scenes.pose import Pose
+from optipromp.core.scenes.scene import Scene, SceneObject, Stem, ToolSpec
+from optipromp.laboratory.simulation.detector import (
+    DETECTORS,
+    Detector,
+    DetectorParameters,
+    Eye,
+    Truth,
+    perceived_scene,
+)
+from optipromp.laboratory.simulation.sight import RAYS, hand_pose, tool_frame
+
+CAMERA = Pose([0.0, -1.0, 0.5], frame_along(np.array([0.0, -1.0, 0.0])))  # its back to the robot
+WHITE = DetectorParameters(mount="beside", position=0.005, angle=5.0)
+UNLIKELY = 1e-4  # probability that a right detector fails a test of its statistics
+ROBOT, _ = posed(Scene(
+    "bare", "panda", (SceneObject("ripe", "target", Sphere(0.015), [0.5, 0.0, 0.8]),),
+    tool=ToolSpec("cup", {"radius": 0.03}),
+))  # fmt: skip
+HOME = np.asarray(ROBOT.home)
+
+
+def fruit(id_, place, role="pushable", radius=0.015, length=0.15):
+    """A fruit at ``place`` in the frame of the camera, on a stem straight up."""
+    at = CAMERA @ np.array(place, dtype=float)
+    stem = Stem.along(at, np.array([0.0, 0.0, 1.0]), length)
+    return SceneObject(id_, role, Sphere(radius), at, stem=stem)
+
+
+def seen_by(*objects, camera=CAMERA):
+    return Scene("eye", "panda", objects, tool=ToolSpec("cup", {"radius": 0.03}), camera=camera)
+
+
+def truth(scene):
+    moving = [item for item in scene.objects if item.role != "static"]
+    return Truth(
+        tuple(item.id for item in moving),
+        np.array([item.position for item in moving]),
+        np.array([item.rotation for item in moving]),
+        tuple(np.zeros((0, 3)) if o.stem is None else o.stem.points[::-1] for o in moving),
+    )
+
+
+def looks(scene, parameters, seed=0, count=1, pause=0.05):
+    detector = Detector(scene, ROBOT, parameters, seed)
+    return [detector.expose(k * pause, HOME, truth(scene)) for k in range(count)]
+
+
+def ids(look: Look):
+    return {item.id for item in look.detections}
+
+
+def by_id(look: Look):
+    return {item.id: item for item in look.in_base()}
+
+
+def between(count, p):
+    """The band of a binomial count."""
+    return binom.ppf(UNLIKELY / 2, count, p), binom.ppf(1 - UNLIKELY / 2, count, p)
+
+
+ONE = seen_by(fruit("ripe", [0.05, -0.03, 0.6], "target"))
+TWO = seen_by(fruit("ripe", [0.0, 0.0, 0.45], "target"), fruit("n1", [0.1, 0.0, 0.45]))
+
+
+@pytest.mark.parametrize(
+    "more", [{}, {"steady": 1.0}, {"camera_offset": 0.004, "camera_turn": 0.8}]
+)
+def test_the_stated_covariance_is_that_of_the_errors(more):
+    parameters, count, total = replace(WHITE, **more), 300, 0.0
+    for seed in range(count):
+        look = looks(ONE, parameters, seed)[0]
+        item = by_id(look)["ripe"]
+        error = item.position - ONE.target.position
+        total += error @ np.linalg.solve(item.covariance, error)
+    low, high = chi2.ppf([UNLIKELY / 2, 1 - UNLIKELY / 2], 3 * count)
+    # the stated covariance of a turn depends on the place as seen: 2 % off at most
+    assert 0.98 * low < total < 1.02 * high
+
+
+def test_an_offset_that_is_not_told_is_in_no_covariance():
+    item = looks(ONE, replace(WHITE, camera_offset=0.01, told=False))[0].detections[0]
+    sigma = WHITE.sigma(float(np.linalg.norm(CAMERA.inverse() @ ONE.target.position)))
+    assert item.covariance == pytest.approx(sigma**2 * np.eye(3))
+
+
+def test_a_part_of_the_error_stays():
+    errors = []
+    for seed in range(400):
+        pair = looks(ONE, WHITE, seed, 2)
+        errors.append([by_id(look)["ripe"].position - ONE.target.position for look in pair])
+    first, second = np.array(errors).transpose(1, 0, 2).reshape(2, -1)
+    # 1200 pairs: the correlation has a standard deviation of 0.026
+    assert np.corrcoef(first, second)[0, 1] == pytest.approx(WHITE.steady, abs=4 * 0.026)
+
+
+def test_errors_grow_with_the_square_of_the_distance():
+    place = np.array([0.0, 0.0, 1.0])
+    for far, sigma, bias in ((0.45, 0.005, 0.01), (0.9, 0.02, 0.04), (0.09, 0.001, 0.0004)):
+        scene = seen_by(fruit("ripe", far * place, "target"))
+        item = looks(scene, replace(WHITE, bias=0.01))[0].detections[0]
+        assert np.sqrt(np.diag(item.covariance)) == pytest.approx(sigma)
+        exact = looks(scene, DetectorParameters(mount="beside", bias=0.01))[0].detections[0]
+        assert exact.position == pytest.approx((far + bias) * place)
+        assert not exact.covariance.any()
+
+
+def test_lower_is_down_in_the_world():
+    seen = by_id(looks(ONE, DetectorParameters(mount="beside", lower=0.01))[0])["ripe"]
+    assert seen.position - ONE.target.position == pytest.approx([0.0, 0.0, -0.01])
+
+
+def test_stems_tilt_by_the_angle_about_both_axes():
+    tilts = []
+    for seed in range(400):
+        seen = by_id(looks(TWO, WHITE, seed)[0])["ripe"]
+        assert seen.stem.length == pytest.approx(0.15)
+        assert seen.stem.points[0] == pytest.approx(seen.position)
+        tilts.append(np.degrees(np.arctan2(seen.stem.vector[:2], seen.stem.vector[2])))
+    rms = np.sqrt((np.array(tilts) ** 2).mean(axis=0))
+    assert rms == pytest.approx([5.0, 5.0], rel=4 / np.sqrt(2 * 400))
+
+
+def test_the_lower_part_of_a_bent_stem_tells_its_direction():
+    at = ONE.target.position
+    bent = np.array([at + [0.15, 0.0, 0.05], at + [0.0, 0.0, 0.05], at])  # root first
+    fruits = truth(ONE)._replace(stems=(bent,))
+    look = Detector(ONE, ROBOT, DetectorParameters(mount="beside")).expose(0.0, HOME, fruits)
+    assert by_id(look)["ripe"].stem.vector == pytest.approx([0.0, 0.0, 0.15])
+
+
+def test_a_stem_that_has_let_go_is_not_seen():
+    fruits = truth(ONE)._replace(positions=ONE.target.position[None] - [0.0, 0.0, 0.3])
+    look = Detector(ONE, ROBOT, DetectorParameters(mount="beside")).expose(0.0, HOME, fruits)
+    assert look.detections[0].stem is None
+
+
+def test_what_stands_keeps_its_height():
+    at = CAMERA @ np.array([0.0, 0.0, 0.5])
+    scene = seen_by(SceneObject("ripe", "target", Cylinder(0.02, 0.06), at))
+    seen = looks(scene, replace(WHITE, lower=0.01))[0].in_base()[0]
+    assert seen.position[2] == pytest.approx(at[2])
+    assert seen.covariance[2] == pytest.approx(np.zeros(3))
+    assert seen.position[0] != pytest.approx(at[0])
+
+
+def test_rate_and_latency():
+    eye = Eye(Detector(ONE, ROBOT, replace(WHITE, rate=20.0, latency=0.06)))
+    got = []
+    for tick in range(1000):  # 1 s at 1 kHz
+        now = 5.0 + tick / 1000
+        eye.see(now, HOME, truth(ONE))
+        got += [(now, look.time) for look in eye.delivered(now)]
+    assert len(got) == 19  # the 20th, of 5.95 s, is late
+    times = np.array(got)
+    assert times[:, 1] == pytest.approx(5.0 + 0.05 * np.arange(19))
+    assert times[:, 0] - times[:, 1] == pytest.approx(0.06)
+
+
+def test_a_slow_caller_gets_one_look_a_call():
+    eye = Eye(Detector(ONE, ROBOT, WHITE))
+    assert [eye.see(t, HOME, truth(ONE)) for t in (0.0, 0.02, 0.3, 0.31, 0.35)] == [
+        True, False, True, False, True,
+    ]  # fmt: skip
+    assert [look.time for look in eye.delivered(1.0)] == [0.0, 0.3, 0.35]
+    assert eye.delivered(1.0) == ()
+
+
+BLIND = DetectorParameters(mount="beside", hidden=1.0)
+
+
+def test_a_fruit_hides_another():
+    behind = fruit("ripe", [0.0, 0.0, 0.5], "target")
+    assert ids(looks(seen_by(behind), BLIND)[0]) == {"ripe"}
+    assert ids(looks(seen_by(behind, fruit("n1", [0.0, 0.0, 0.4], radius=0.03)), BLIND)[0]) == {
+        "n1"
+    }
+    # where they are now counts, not where the scene has them
+    scene = seen_by(behind, fruit("n1", [0.2, 0.0, 0.4], radius=0.03))
+    fruits = truth(scene)
+    fruits.positions[1] = CAMERA @ np.array([0.0, 0.0, 0.4])
+    assert ids(Detector(scene, ROBOT, BLIND).expose(0.0, HOME, fruits)) == {"n1"}
+
+
+def test_the_half_of_a_fruit_is_hidden_by_a_wall():
+    behind = fruit("ripe", [0.0, 0.0, 0.5], "target")
+    wall = SceneObject(
+        "wall", "static", Box((0.2, 0.2, 0.01)), CAMERA @ np.array([0.1, 0.0, 0.4]),
+        CAMERA.rotation,
+    )  # fmt: skip
+    scene = seen_by(behind, wall)
+    detector = Detector(scene, ROBOT, BLIND)
+    frame = tool_frame(ROBOT, HOME)
+    share = detector._sight.hidden(CAMERA.position, frame, *truth(scene)[1:3])
+    assert share == pytest.approx([0.5], abs=2 / RAYS)
+    count = sum("ripe" in ids(look) for look in looks(scene, BLIND, 0, 400, 1.0))
+    low, high = between(400, 1.0 - share[0])
+    assert low <= count <= high
+
+
+def test_the_tool_hides_what_is_behind_it():
+    frame = tool_frame(ROBOT, HOME)
+    side = frame.rotation[:, 0]
+    behind = frame.position + 0.1 * side
+    camera = Pose(frame.position - 0.4 * side, frame_along(side))
+    target = SceneObject("ripe", "target", Sphere(0.012), behind)
+    scene = seen_by(target, camera=camera)
+    assert not looks(scene, BLIND)[0].detections
+    moved = HOME.copy()
+    moved[0] += 0.5  # [rad]: the tool goes out of the way
+    assert ids(Detector(scene, ROBOT, BLIND).expose(0.0, moved, truth(scene))) == {"ripe"}
+
+
+def test_the_hand_camera_looks_past_its_tool():
+    p = DetectorParameters(mount="hand", hidden=1.0)
+    frame = tool_frame(ROBOT, HOME)
+    ahead = frame @ np.array([0.0, 0.0, ROBOT.tool.depth + p.aim])
+    scene = seen_by(SceneObject("ripe", "target", Sphere(0.015), ahead))
+    look = looks(scene, p)[0]
+    x, y, z = look.detections[0].position
+    assert (x, y) == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert z == pytest.approx(np.hypot(p.aim + p.hand_below, 0.03 + p.hand_aside))
+    within = frame @ np.array([0.0, 0.0, ROBOT.tool.depth - 0.025])  # in the cup, below its rim
+    fruits = truth(scene)._replace(positions=within[None])
+    assert not Detector(scene, ROBOT, p).expose(0.0, HOME, fruits).detections
+    assert hand_pose(ROBOT, p).position == pytest.approx([0.06, 0.0, ROBOT.tool.depth - 0.06])
+
+
+def test_leaves_hide_some_fruits_from_one_side():
+    scene = seen_by(*(fruit(f"n{k}", [0.1 * k - 0.2, 0.0, 0.5]) for k in range(5)),
+                    fruit("ripe", [0.0, 0.15, 0.5], "target"))  # fmt: skip
+    counts = [len(looks(scene, replace(BLIND, leaf=0.5), seed)[0].detections) for seed in range(60)]
+    assert 0.5 * 6 < np.mean(counts) < 5.5  # half have one, not each hides its fruit wholly
+    detector = Detector(scene, ROBOT, replace(BLIND, leaf=1.0), 1)
+    first = ids(detector.expose(0.0, HOME, truth(scene)))
+    around = rotation([0.0, 0.0, 1.0], np.pi)
+    centre = CAMERA @ np.array([0.0, 0.0, 0.5])
+    detector._stand = Pose(centre + around @ (CAMERA.position - centre), around @ CAMERA.rotation)
+    assert len(first) < 6
+    assert len(ids(detector.expose(0.1, HOME, truth(scene)))) == 6  # from behind
+
+
+def test_the_cone_of_view():
+    edge = np.tan(0.5 * WHITE.view)
+    inside, outside = (
+        fruit("ripe", [0.0, 0.98 * edge, 1.0], "target"),
+        fruit("n1", [1.02 * edge, 0, 1]),
+    )
+    behind = fruit("n2", [0.0, 0.0, -0.5])
+    assert ids(looks(seen_by(inside, outside, behind), WHITE)[0]) == {"ripe"}
+
+
+def missed(parameters, count, pause):
+    """Whether (count, 2) each fruit was missed in a picture."""
+    got = looks(TWO, parameters, 4, count, pause)
+    return ~np.array([[name in ids(look) for name in ("ripe", "n1")] for look in got])
+
+
+def test_misses_have_their_share():
+    parameters, count = replace(WHITE, missed=0.2, hidden=0.2), 600
+    low, high = between(2 * count, 0.2)
+    assert low <= missed(parameters, count, 0.5).sum() <= high  # a slot each
+    low, high = between(count, 0.2)
+    often = missed(replace(parameters, missed_steadily=0.0), count // 2, 0.05)
+    assert low <= often.sum() <= high
+
+
+def test_some_misses_stay():
+    parameters = replace(WHITE, missed=0.2, hidden=0.2)
+    # 9 of 10 pictures share their slot with the one before: 0.9 (s + (1 - s) 0.2) + 0.1·0.2
+    for steadily, wanted, error in ((0.0, 0.2, 0.1), (0.5, 0.56, 0.2), (1.0, 0.92, 0.05)):
+        gone = missed(replace(parameters, missed_steadily=steadily), 600, 0.05)
+        stayed = (gone[1:] & gone[:-1]).sum() / gone[:-1].sum()
+        assert stayed == pytest.approx(wanted, abs=error)
+
+
+def test_stems_are_hidden_for_a_while():
+    parameters = replace(WHITE, stem_seen=0.65)
+
+    def shown(count, pause):
+        got = looks(TWO, parameters, 2, count, pause)
+        return np.array([[item.stem is not None for item in look.detections] for look in got])
+
+    low, high = between(2 * 400, 0.65)
+    assert low <= shown(400, 0.5).sum() <= high  # a slot each
+    often = shown(400, 0.05)
+    changes = (often[1:] != often[:-1]).sum()
+    low, high = between(2 * 40, 2 * 0.65 * 0.35)  # where the next slot differs
+    assert low <= changes <= high
+
+
+def test_false_fruits():
+    got = looks(TWO, replace(WHITE, false=0.5), 5, 300)
+    false = [item for look in got for item in look.detections if item.id not in ("ripe", "n1")]
+    low, high = poisson.ppf([UNLIKELY / 2, 1 - UNLIKELY / 2], 150)
+    assert low <= len(false) <= high
+    assert len({item.id for item in false}) == len(false)
+    for item in false:
+        assert item.role == "pushable"
+        assert item.covariance[0, 0] > 0.0
+        x, y, z = item.position
+        assert np.arctan2(np.hypot(x, y), z) <= 0.5 * WHITE.view
+    # others are seen as without false ones
+    plain = looks(TWO, WHITE, 5, 3)
+    for one, other in zip(plain, got, strict=False):
+        assert (by_id(one)["ripe"].position == by_id(other)["ripe"].position).all()
+
+
+def test_ids_are_exchanged():
+    third = fruit("n2", [-0.3, 0.0, 0.45])
+    scene = replace(TWO, objects=(*TWO.objects, third))
+    got = looks(scene, replace(WHITE, swapped=0.3, position=0.0), 1, 300)
+    places = {item.id: item.position for item in scene.objects}
+    wrong = [
+        {i for i, item in by_id(look).items() if np.linalg.norm(item.position - places[i]) > 0.01}
+        for look in got
+    ]
+    low, high = between(300, 0.3)
+    assert low <= sum(bool(w) for w in wrong) <= high
+    assert {len(w) for w in wrong} == {0, 2}
+    assert all(ids(look) == {"ripe", "n1", "n2"} for look in got)
+
+
+def same(a: Look, b: Look):
+    return (
+        a.time == b.time
+        and (a.camera.position == b.camera.position).all()
+        and (a.camera.orientation == b.camera.orientation).all()
+        and len(a.detections) == len(b.detections)
+        and all(
+            x.id == y.id
+            and (x.position == y.position).all()
+            and (x.covariance == y.covariance).all()
+            and (x.stem is None) == (y.stem is None)
+            and (x.stem is None or (x.stem.points == y.stem.points).all())
+            for x, y in zip(a.detections, b.detections, strict=True)
+        )
+    )
+
+
+def test_a_seed_gives_the_same_looks_and_another_others():
+    p = replace(
+        DETECTORS["detector"], mount="beside", leaf=0.5, false=0.5, camera_offset=0.003,
+        camera_turn=0.5,
+    )  # fmt: skip
+    first, again, other = (looks(TWO, p, seed, 20) for seed in (7, 7, 8))
+    assert all(same(a, b) for a, b in zip(first, again, strict=True))
+    assert not any(same(a, b) for a, b in zip(first, other, strict=True))
+
+
+def test_errors_of_a_fruit_do_not_depend_on_what_is_seen_of_others():
+    p = replace(WHITE, hidden=0.5, missed=0.1, stem_seen=0.6)
+    here, away = truth(TWO), truth(TWO)
+    away.positions[1] = CAMERA @ np.array([0.0, 0.0, -1.0])  # out of view
+    one, other = Detector(TWO, ROBOT, p, 3), Detector(TWO, ROBOT, p, 3)
+    for k in range(40):
+        a = by_id(one.expose(0.05 * k, HOME, here))
+        b = by_id(other.expose(0.05 * k, HOME, away))
+        assert "n1" not in b
+        assert ("ripe" in a) == ("ripe" in b)
+        if "ripe" in a:
+            assert (a["ripe"].position == b["ripe"].position).all()
+            assert (a["ripe"].stem is None) == (b["ripe"].stem is None)
+
+
+def test_miscalibration_moves_with_the_camera():
+    p = DetectorParameters(mount="hand", camera_offset=0.01, camera_turn=1.0)
+    detector = Detector(TWO, ROBOT, p, 5)
+    errors = []
+    for turn in (0.0, 0.7):
+        q = HOME.copy()
+        q[0] += turn
+        look = detector.expose(turn, q, truth(TWO))
+        errors.append(detector.camera(q).inverse() @ look.camera)
+    assert np.linalg.norm(errors[0].position) > 1e-3
+    assert errors[0].position == pytest.approx(errors[1].position, abs=1e-12)
+    assert errors[0].rotation == pytest.approx(errors[1].rotation, abs=1e-12)
+
+
+@given(
+    seed=st.integers(0, 10**6),
+    place=st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(0.1, 1.0)),
+    name=st.sampled_from(["perfect", "zero-mean", "detector"]),
+)
+def test_every_detection_is_within_six_standard_deviations(seed, place, name):
+    x, y, z = place
+    at = [x * z, y * z, z]
+    scene = seen_by(fruit("ripe", at, "target"), fruit("n1", [0.3 * z, 0.0, z]))
+    p = replace(DETECTORS[name], mount="beside", bias=0.0, false=0.0, swapped=0.0)
+    for look in looks(scene, replace(p, camera_offset=0.01, told=False), seed, 2):
+        for item in look.detections:
+            found = item.transformed(CAMERA)  # the true pose
+            true = next(o for o in scene.objects if o.id == item.id)
+            sigma = np.sqrt(np.linalg.eigvalsh(found.covariance)[-1])
+            assert (np.abs(found.position - true.position) <= 6.0 * sigma + 1e-9).all()
+
+
+def test_the_first_scene_to_plan_in():
+    wall = SceneObject("wall", "static", Box((0.1, 0.1, 0.1)), [0.0, 1.0, 0.0])
+    scene = replace(TWO, objects=(*TWO.objects, wall))
+    look = looks(scene, replace(WHITE, stem_seen=0.5), 0, 40, 0.5)
+    mixed = next(x for x in look if {o.stem is None for o in x.detections} == {True, False})
+    found = perceived_scene(mixed, scene)
+    assert [(o.id, o.role) for o in found.objects] == [
+        ("ripe", "target"), ("n1", "pushable"), ("wall", "static"),
+    ]  # fmt: skip
+    assert all(o.stem.length == pytest.approx(0.15) for o in found.objects[:2])
+    blind = next(o.id for o in mixed.detections if o.stem is None)
+    stem = next(o.stem for o in found.objects if o.id == blind)
+    assert stem.vector == pytest.approx([0.0, 0.0, 0.15])
+    assert found.objects[0].position == pytest.approx(TWO.target.position, abs=0.03)
+    assert found.robot == scene.robot
+    assert found.approach is scene.approach
+
+
+def test_no_scene_without_the_target():
+    gone = looks(seen_by(fruit("ripe", [0, 0, -1], "target"), fruit("n1", [0, 0, 0.5])), WHITE)[0]
+    with pytest.raises(InvalidRequestError, match=r"target is not seen.*n1"):
+        perceived_scene(gone, TWO)
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"mount": "ceiling"}, {"rate": 0.0}, {"missed": 1.5}, {"steady": -0.1}, {"view": 3.5},
+        {"bias": np.nan}, {"latency": np.inf},
+    ],
+)  # fmt: skip
+def test_impossible_detectors_are_refused(more):
+    with pytest.raises(InvalidRequestError, match=next(iter(more))):
+        DetectorParameters(**more)
+    assert DetectorParameters(bias=-0.01).bias == -0.01
+
+
+def test_unknown_fruits_are_refused():
+    fruits = truth(TWO)
+    detector = Detector(TWO, ROBOT, WHITE)
+    with pytest.raises(InvalidRequestError, match="'pear' is no fruit"):
+        detector.expose(0.0, HOME, fruits._replace(ids=("ripe", "pear")))
+    with pytest.raises(InvalidRequestError, match="repeat"):
+        detector.expose(0.0, HOME, fruits._replace(ids=("ripe", "ripe")))
