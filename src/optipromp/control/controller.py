@@ -30,7 +30,7 @@ from optipromp.core.planning.plan import compile_once
 from optipromp.core.planning.task import posed
 from optipromp.core.planning.timing import needs, stopped
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.scene import JointGoal, Scene
+from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject
 from optipromp.core.trajectory import State, Trajectory
 
 
@@ -71,8 +71,8 @@ class Controller:
     """A closed loop for one pick.
 
     Args:
-        scene: robot, tool, approach, and the objects that stand still. Its fruits, if it has any,
-            are not used: the looks tell of fruits.
+        scene: robot, tool, approach, the objects that stand still, and fruits that were seen
+            before, if there are any. Without fruits, the arm looks for some before its first plan.
         robot: with its tool; None: the scene's.
         seed: of the plans.
         parameters: see :class:`ControlParameters`.
@@ -101,7 +101,9 @@ class Controller:
         self._still = replace(scene, objects=still, goal=JointGoal(state.q))
         self.scene, self.seed, self.parameters = scene, seed, parameters
         self._seconds = parameters.slice_seconds if real_time else math.inf
-        self.tracker = Tracker(scene)
+        known = [item for item in scene.objects if item.role in ("target", "pushable")]
+        self.tracker = Tracker(scene, first=[_sure(item, parameters) for item in known])
+        self._known = bool(known)
         self.stage, self.events, self.cycles = Stage.LOOK, list[Event](), list[float]()
         self.plans: list[Plan] = []
         self.tries = parameters.tries
@@ -172,6 +174,7 @@ class Controller:
         if self._job is None:
             looked = now - self._since
             enough = looked >= (p.look if self._at_camera else p.first_look) and self._seen >= 3
+            enough |= self._known and not self._at_camera
             if not enough or "target" not in tracked.roles:
                 if looked > p.longest_look:
                     self._give_up(now, "the target is not seen")
@@ -182,7 +185,9 @@ class Controller:
         if made is None:
             return None
         chance = probability(made)
-        if not (made.success or (self.tries <= 0 and chance <= p.accepted)):
+        moves = made.status in (Code.SUCCESS, Code.HARM_PREDICTED)
+        enough = made.success or (moves and not self._at_camera)  # the tool stops at the camera
+        if not (enough or (self.tries <= 0 and chance <= p.accepted)):
             self._again(now, f"no plan: {made.message}")
             return None
         self._trail = []
@@ -360,6 +365,13 @@ class Controller:
         if route is None or route.plan is None or course is None or self.stage is not Stage.GO:
             return {}
         return pushed_by(route, course.phase_at(time))
+
+
+def _sure(item: SceneObject, parameters: ControlParameters) -> SceneObject:
+    """A fruit that was seen before, with a covariance."""
+    if item.covariance is not None:
+        return item
+    return replace(item, covariance=parameters.known**2 * np.eye(3))
 
 
 def probability(made: Plan) -> float:

@@ -25,6 +25,9 @@ class ControlParameters(Checked):
     longest_look: float = parameter(
         3.0, "s", "choice", "of looking for a target that is not seen, then the run ends"
     )
+    known: float = parameter(
+        0.003, "m", "choice", "standard deviation of a fruit that a scene states without one"
+    )
     tries: int = parameter(2, "1", "choice", "looks again, after a retreat or a refused plan")
     accepted: float = parameter(
         0.25,

@@ -12,7 +12,7 @@ from optipromp.control.look import Look
 from optipromp.core.arrays import FloatArray
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.trajectory import State
-from optipromp.laboratory.simulation.detector import Detector, Truth
+from optipromp.laboratory.simulation.detector import Eye, Truth
 from optipromp.laboratory.simulation.outcome import Outcome
 from optipromp.laboratory.simulation.simulation import Simulation
 
@@ -56,7 +56,7 @@ class Loop:
     controller: Controller = field(repr=False)
 
 
-def closed_loop(simulation: Simulation, controller: Controller, detector: Detector) -> Loop:
+def closed_loop(simulation: Simulation, controller: Controller, eye: Eye) -> Loop:
     """Let the controller pick in the simulation until it ends."""
     period = round(controller.parameters.period / simulation.tick)
     running: Stretch | None = None
@@ -67,8 +67,8 @@ def closed_loop(simulation: Simulation, controller: Controller, detector: Detect
         now = simulation.time
         fruits = simulation.fruits()
         truth = Truth(fruits.ids, fruits.positions, fruits.rotations, fruits.stem_ends)
-        detector.see(now, state.q, truth)
-        for look in detector.delivered(now):
+        eye.see(now, state.q, truth)
+        for look in eye.delivered(now):
             controller.see(look)
             looks.append(look)
         stretch = controller(now, state, reference)
