@@ -125,15 +125,18 @@ def test_lower_is_down_in_the_world():
     assert seen.position - ONE.target.position == pytest.approx([0.0, 0.0, -0.01])
 
 
-def test_stems_tilt_by_the_angle_about_both_axes():
-    tilts = []
-    for seed in range(400):
-        seen = by_id(looks(TWO, WHITE, seed)[0])["ripe"]
+@pytest.mark.parametrize(("far", "angle"), [(0.45, 5.0), (0.6, 5.0 * (0.6 / 0.45) ** 2)])
+def test_stems_tilt_by_the_angle_about_both_axes(far, angle):
+    tilts, scene = [], seen_by(fruit("ripe", [0.0, 0.0, far], "target"))
+    for seed in range(200):
+        seen = by_id(looks(scene, WHITE, seed)[0])["ripe"]
         assert seen.stem.length == pytest.approx(0.15)
         assert seen.stem.points[0] == pytest.approx(seen.position)
-        tilts.append(np.degrees(np.arctan2(seen.stem.vector[:2], seen.stem.vector[2])))
+        way = seen.stem.vector / 0.15
+        tilt = np.degrees(np.arccos(way[2]))
+        tilts.append(tilt * way[:2] / np.hypot(*way[:2]))
     rms = np.sqrt((np.array(tilts) ** 2).mean(axis=0))
-    assert rms == pytest.approx([5.0, 5.0], rel=4 / np.sqrt(2 * 400))
+    assert rms == pytest.approx([angle, angle], rel=4 / np.sqrt(2 * 200))
 
 
 def test_the_lower_part_of_a_bent_stem_tells_its_direction():
@@ -211,6 +214,14 @@ def test_the_half_of_a_fruit_is_hidden_by_a_wall():
     count = sum("ripe" in ids(look) for look in looks(scene, BLIND, 0, 400, 1.0))
     low, high = between(400, 1.0 - share[0])
     assert low <= count <= high
+
+
+def test_a_fruit_does_not_hide_itself():
+    scene = seen_by(*(fruit(f"n{k}", [0.1 * k, 0.0, 0.3], radius=0.004 * (1 + k)) for k in (0, 1)),
+                    fruit("ripe", [0.0, 0.1, 0.3], "target", 0.05))  # fmt: skip
+    detector = Detector(scene, ROBOT, BLIND)
+    share = detector._sight.hidden(CAMERA.position, tool_frame(ROBOT, HOME), *truth(scene)[1:3])
+    assert not share.any()
 
 
 def test_the_tool_hides_what_is_behind_it():
@@ -319,6 +330,15 @@ def test_false_fruits():
     plain = looks(TWO, WHITE, 5, 3)
     for one, other in zip(plain, got, strict=False):
         assert (by_id(one)["ripe"].position == by_id(other)["ripe"].position).all()
+
+
+def test_nothing_hangs_where_things_stand():
+    at = CAMERA @ np.array([0.0, 0.0, 0.5])
+    scene = seen_by(SceneObject("ripe", "target", Cylinder(0.02, 0.06), at))
+    look = looks(scene, replace(WHITE, false=3.0))[0]
+    assert len(look.detections) > 1
+    assert all(item.stem is None for item in look.detections)
+    assert all(item.stem is None for item in perceived_scene(look, scene).objects)
 
 
 def test_ids_are_exchanged():
