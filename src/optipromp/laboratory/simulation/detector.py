@@ -241,13 +241,17 @@ class Detector:
         return np.asarray(p.camera_offset**2 * np.eye(3) + turned)
 
     def _wrong(self, camera: Pose, positions: FloatArray) -> list[SceneObject]:
-        """False fruits: anywhere in the cone, about as far as the fruits, on upright stems."""
+        """False fruits: anywhere in the cone, about as far as the fruits.
+
+        They have upright stems if an object of the scene has a stem.
+        """
         p, rng, out = self.parameters, self._false, []
         if p.false == 0.0:
             return []
         away = np.linalg.norm(positions - camera.position, axis=1)
         middle = float(np.median(away)) if len(away) else p.reference
         up = camera.rotation.T @ self.scene.up
+        hang = any(item.stem is not None for item in self.fruits)
         for _ in range(int(rng.poisson(p.false))):
             self._false_count += 1
             z = 1.0 - rng.random() * (1.0 - math.cos(0.5 * p.view))
@@ -258,7 +262,7 @@ class Detector:
             out.append(
                 SceneObject(
                     self._free(), "pushable", Sphere(p.false_radius), place,
-                    stem=Stem.along(place, up, STEM_LENGTH), covariance=spread,
+                    stem=Stem.along(place, up, STEM_LENGTH) if hang else None, covariance=spread,
                 )
             )  # fmt: skip
         return out
