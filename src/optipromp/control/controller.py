@@ -17,7 +17,7 @@ import numpy as np
 
 from optipromp.control.look import Look
 from optipromp.control.parameters import CONTROL, ControlParameters
-from optipromp.control.plant import changed, displaced, field_of, pushed_by, scene_of
+from optipromp.control.plant import changed, displaced, field_of, has_target, pushed_by, scene_of
 from optipromp.control.servo import Course, Route, follow
 from optipromp.control.slices import Sliced
 from optipromp.control.tracker import Tracked, Tracker
@@ -175,7 +175,7 @@ class Controller:
             looked = now - self._since
             enough = looked >= (p.look if self._at_camera else p.first_look) and self._seen >= 3
             enough |= self._known and not self._at_camera
-            if not enough or "target" not in tracked.roles:
+            if not enough or not has_target(tracked):
                 if looked > p.longest_look:
                     self._give_up(now, "the target is not seen")
                 return None
@@ -248,7 +248,7 @@ class Controller:
         if self._job is None:
             if now - self._checked < p.checked or phase >= route.duration - 2.0 * p.allowance:
                 return None
-            if "target" not in tracked.roles or changed(made.scene, tracked) < p.changed:
+            if not has_target(tracked) or changed(made.scene, tracked) < p.changed:
                 return None
             _, moved = displaced(made.scene, tracked)
             offset = moved.mean(axis=0) if len(moved) else np.zeros(3)

@@ -30,7 +30,7 @@ class ControlParameters(Checked):
     )
     tries: int = parameter(2, "1", "choice", "looks again, after a retreat or a refused plan")
     accepted: float = parameter(
-        0.25,
+        0.45,
         "1",
         "choice",
         "predicted probability of a pick that is not clean with which the last try goes on",

@@ -10,7 +10,8 @@ import numpy as np
 from optipromp.control.servo import Field, Route
 from optipromp.core.arrays import FloatArray
 from optipromp.core.planning.task import spaced
-from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.core.scenes.scene import Scene, SceneObject, Stem
+from optipromp.core.scenes.trusses import rooted
 
 if TYPE_CHECKING:
     from optipromp.control.tracker import Tracked
@@ -25,10 +26,24 @@ def scene_of(base: Scene, tracked: Tracked, offset: FloatArray | None = None) ->
         offset: (3,) common displacement that is left out [m]; None: none.
     """
     still = tuple(item for item in base.objects if item.role in ("static", "avoid"))
-    seen = tracked.objects()
+    grown = {item.id: item.stem for item in base.objects if item.stem is not None}
+    seen = [_as_grown(item, grown.get(item.id)) for item in tracked.objects()]
     if offset is not None:
-        seen = tuple(shifted(item, -offset) for item in seen)
-    return replace(base, objects=still + seen, goal=None)
+        seen = [shifted(item, -offset) for item in seen]
+    return replace(base, objects=rooted([*still, *seen]), goal=None)
+
+
+def _as_grown(item: SceneObject, known: Stem | None) -> SceneObject:
+    """A tracked fruit on the stem that the scene states, where that is bent or grows from another.
+
+    A bent stem is shifted with its fruit.
+    """
+    if item.stem is None or known is None:
+        return item
+    points = item.stem.points
+    if len(known.points) > 2:
+        points = known.points + (item.position - known.points[0])
+    return replace(item, stem=replace(item.stem, points=points, parent=known.parent))
 
 
 def shifted(item: SceneObject, by: FloatArray) -> SceneObject:
@@ -37,6 +52,12 @@ def shifted(item: SceneObject, by: FloatArray) -> SceneObject:
     if stem is not None:
         stem = replace(stem, points=stem.points + by)
     return replace(item, position=item.position + by, stem=stem)
+
+
+def has_target(tracked: Tracked) -> bool:
+    """Whether a confirmed track is the target."""
+    sure = zip(tracked.roles, tracked.confirmed, strict=True)
+    return any(role == "target" and confirmed for role, confirmed in sure)
 
 
 def displaced(planned: Scene, tracked: Tracked) -> tuple[FloatArray, FloatArray]:
