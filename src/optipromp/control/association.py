@@ -32,6 +32,12 @@ class Pairing:
     jumped: BoolArray
     new: IntArray
 
+    def surprised(self, tracks: int, detections: int) -> bool:
+        """Whether a third of the tracks, and as many detections, two at least, found no other
+        within the gate."""
+        good = int((~self.jumped).sum())
+        return min(tracks, detections) - good >= max(2.0, tracks / 3)
+
 
 def paired(
     state: State,
@@ -103,6 +109,32 @@ def paired(
         np.array([k in moved for k in order], dtype=bool),
         np.flatnonzero(free & ~close.any(axis=0)),
     )
+
+
+def common_shift(
+    expected: FloatArray, seen: FloatArray, parameters: TrackerParameters
+) -> FloatArray:
+    """The displacement (3,) that brings most tracks near detections [m].
+
+    Zero unless it brings three tracks, half of them, and two more than none does.
+
+    Args:
+        expected: (F, 3) positions of the tracks [m].
+        seen: (D, 3) positions of the detections [m].
+        parameters: of the tracker.
+    """
+    away = seen - expected[:, None]
+    small = (away**2).sum(axis=2) <= parameters.shift**2
+    tried = np.concatenate([np.zeros((1, 3)), away[small]])
+    gaps = np.sqrt(((away - tried[:, None, None]) ** 2).sum(axis=3))
+    least = gaps.min(axis=2)
+    near = least <= parameters.alike
+    counts = near.sum(axis=1)
+    best = int(np.lexsort((np.where(near, least, parameters.alike).sum(axis=1), -counts))[0])
+    if counts[best] < max(3, counts[0] + 2, 0.5 * len(expected)):
+        return np.zeros(3)
+    rows = np.flatnonzero(near[best])
+    return np.asarray(away[rows, gaps[best, rows].argmin(axis=1)].mean(axis=0))
 
 
 def _cheapest(

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from optipromp.control.association import Pairing, paired, visible
+from optipromp.control.association import Pairing, common_shift, paired, visible
 from optipromp.control.motion import Oscillators, State
 from optipromp.control.tracks import Frame, Seen, Track, TrackerParameters, new_track, push_noise
-from optipromp.core.arrays import BoolArray, FloatArray
+from optipromp.core.arrays import BoolArray, FloatArray, lengths
 from optipromp.core.geometry.obstacles import Obstacles
 from optipromp.core.scenes.objects import SceneObject
 from optipromp.core.scenes.pose import Pose
@@ -109,11 +109,21 @@ def step(belief: Belief, event: Event, world: World) -> tuple[Belief, Record]:
     push = np.array([event.pushed.get(track.id, np.zeros(3)) for track in tracks]).reshape(-1, 3)
     expected = (state.layout.position @ state.mean).reshape(-1, 3) + push
     pushes = push_noise(push, given)
-    pairs = paired(state, expected, pushes[:, None] + seen.covariances[None], tracks, seen, given)
+    noise = pushes[:, None] + seen.covariances[None]
+    pairs = paired(state, expected, noise, tracks, seen, given)
+    shaken = False
+    if len(tracks) > 2 and pairs.surprised(len(tracks), len(seen.items)):
+        shift = common_shift(expected, seen.positions, given)
+        if shaken := bool(shift.any()):
+            expected = expected + shift
+            pairs = paired(state, expected, noise, tracks, seen, given)
+            state = state.shaken(math.sqrt(float(shift @ shift)))
     radii = np.array([track.radius for track in tracks])
     hiding = (event.balls, world.static)
     looked_at = visible(seen.look, expected, radii, given.reach, hiding)
     state, record = _corrected(state, pairs, event, expected, (push, pushes), belief, given)
+    if shaken:
+        record = Record(event.time, (), np.zeros(0))
     tracks = _counted(tracks, pairs, event, push, looked_at, world)
     belief = replace(belief, time=event.time, state=state, tracks=tracks)
     return _renewed(belief, pairs, event, world), record
@@ -139,7 +149,11 @@ def _corrected(
     belief: Belief,
     given: TrackerParameters,
 ) -> tuple[State, Record]:
-    """The state after its matches; those within the gate come first and are recorded."""
+    """The state after its matches; those within the gate come first and are recorded.
+
+    What is outside the gate for the first time may be an error of the look; the second time the
+    fruit has another rest.
+    """
     order = np.argsort(pairs.jumped, kind="stable")
     one, other, jumped = pairs.tracks[order], pairs.detections[order], pairs.jumped[order]
     if not len(one):
@@ -147,10 +161,14 @@ def _corrected(
     push, errors = pushes
     seen = event.seen.positions[other]
     noise = _white(event.seen.covariances[other], given) + errors[one]
-    far = (seen - expected[one]) * jumped[:, None]
-    noise = noise + far[:, :, None] * far[:, None, :]
-    held = one[(push[one] ** 2).sum(axis=1) > 0.0]
-    state, squares = state.updated(one, seen - push[one], noise, held)
+    held = (push[one] ** 2).sum(axis=1) > 0.0
+    again = jumped & ~held & [belief.tracks[k].jumps > 0 for k in one.tolist()]
+    far = seen - expected[one]
+    if again.any():  # it was no error of the look
+        state = state.loosened(one[again], lengths(far[again]))
+    odd = far * (jumped & ~again)[:, None]
+    noise = noise + odd[:, :, None] * odd[:, None, :]
+    state, squares = state.updated(one, seen - push[one], noise, one[held])
     count = int((~jumped).sum())
     ids = tuple(belief.tracks[k].id for k in one[:count].tolist())
     return state, Record(event.time, ids, squares[:count])
@@ -167,11 +185,13 @@ def _counted(
     """The tracks with what the look tells of their existence, role, shape and stem."""
     given, camera = world.parameters, event.seen.look.camera
     found = dict(zip(pairs.tracks.tolist(), pairs.detections.tolist(), strict=True))
+    jumped = set(pairs.tracks[pairs.jumped].tolist())
     counted = []
     for k, track in enumerate(tracks):
         if k in found:
             item = event.seen.items[found[k]]
-            track = _found(track, item, event, world, camera)
+            jumps = track.jumps + 1 if k in jumped else 0
+            track = replace(_found(track, item, event, world, camera), jumps=jumps)
         elif looked_at[k]:
             chance = track.existence * (1.0 - given.detected)
             track = replace(

@@ -177,6 +177,25 @@ class State:
         oscillators = Oscillators(whole, self.oscillators.zeta, self.oscillators.sigma)
         return State(self.layout, oscillators, self.mean, self.covariance)
 
+    def shaken(self, size: float) -> "State":
+        """The state after a common displacement of about ``size`` [m] that nobody foresaw: a gust,
+        which the sway holds, or a plant that was moved, which the rests hold."""
+        bank, m = self.layout.bank, self.layout.half
+        covariance, k = self.covariance.copy(), np.arange(2 * bank)
+        covariance[k, k] += size**2 / bank
+        covariance[m + k, m + k] += size**2 / bank * self.oscillators.omega[k] ** 2
+        for axis in range(3):
+            rest = slice(2 * m + axis, None, 3)
+            covariance[rest, rest] += size**2
+        return State(self.layout, self.oscillators, self.mean, covariance)
+
+    def loosened(self, tracks: IntArray, sizes: FloatArray) -> "State":
+        """The state after rests of ``tracks`` (k,) changed by about ``sizes`` (k,) [m]."""
+        covariance = self.covariance.copy()
+        rest = self.layout.rests(tracks)
+        covariance[rest, rest] += np.repeat(sizes**2, 3)
+        return State(self.layout, self.oscillators, self.mean, covariance)
+
     def with_fruits(
         self, swings: Oscillators, seen: FloatArray, spread: FloatArray, known: bool = False
     ) -> "State":

@@ -68,6 +68,12 @@ class TrackerParameters(Checked):
     near: float = parameter(
         0.6, "1", "choice", "distance over the sum of radii up to which two fruits are one"
     )
+    shift: float = parameter(
+        0.06, "m", "choice", "largest common displacement between two looks that is searched"
+    )
+    alike: float = parameter(
+        0.012, "m", "choice", "largest distance of a fruit from where a common displacement has it"
+    )
     detected: float = parameter(0.9, "1", "guess", "probability to detect a visible fruit")
     spurious: float = parameter(
         0.05, "1", "guess", "probability that something else is found where a fruit is not"
@@ -137,6 +143,7 @@ class Track:
         pushed: (3,) displacement by the arm at the last look [m].
         outcomes: whether it was found in the last looks at it, newest last.
         lost: looks at it in which it was not found, in all for a tentative track, else in a row.
+        jumps: looks in a row that found it outside the gate.
         confirmed: whether it counts as a fruit.
         existence: probability that there is a fruit.
         last_seen: time [s]; minus infinity for a track that no look has seen.
@@ -154,6 +161,7 @@ class Track:
     pushed: FloatArray = field(default_factory=lambda: np.zeros(3))
     outcomes: tuple[bool, ...] = ()
     lost: int = 0
+    jumps: int = 0
     confirmed: bool = False
     existence: float = 0.5
     last_seen: float = -math.inf
