@@ -24,18 +24,20 @@ class Pairing:
         tracks: (k,) indices of matched tracks, ascending.
         detections: (k,) indices of their detections.
         jumped: (k,) whether a pair is outside the gate but nearer than two fruits can be.
+        loose: (k,) whether a pair is outside half the gate.
         new: (b,) indices of detections of what no track is of.
     """
 
     tracks: IntArray
     detections: IntArray
     jumped: BoolArray
+    loose: BoolArray
     new: IntArray
 
     def surprised(self, tracks: int, detections: int) -> bool:
-        """Whether a third of the tracks, and as many detections, two at least, found no other
-        within the gate."""
-        good = int((~self.jumped).sum())
+        """Whether a third of the tracks, and as many detections, two at least, found none that is
+        well within the gate."""
+        good = int((~self.loose).sum())
         return min(tracks, detections) - good >= max(2.0, tracks / 3)
 
 
@@ -65,7 +67,7 @@ def paired(
     count, found = len(tracks), len(seen.items)
     if not count or not found:
         none = np.zeros(0, dtype=np.int64)
-        return Pairing(none, none, none.astype(bool), np.arange(found))
+        return Pairing(none, none, none.astype(bool), none.astype(bool), np.arange(found))
     looked = state.layout.position
     spread = np.einsum(
         "kin,kjn->kij",
@@ -103,10 +105,13 @@ def paired(
     free[list(moved.values())] = False
     both = {**pairs, **moved}
     order = sorted(both)
+    one = np.array(order, dtype=np.int64)
+    other = np.array([both[k] for k in order], dtype=np.int64)
     return Pairing(
-        np.array(order, dtype=np.int64),
-        np.array([both[k] for k in order], dtype=np.int64),
+        one,
+        other,
         np.array([k in moved for k in order], dtype=bool),
+        square[one, other] > 0.5 * parameters.gate,
         np.flatnonzero(free & ~close.any(axis=0)),
     )
 
