@@ -1,3 +1,7 @@
 """The closed loop: looks are tracked, and the arm's curve is planned again while it moves."""
 
 from optipromp.control.look import Look as Look
+from optipromp.control.tracked import Innovations as Innovations
+from optipromp.control.tracked import Tracked as Tracked
+from optipromp.control.tracker import Tracker as Tracker
+from optipromp.control.tracks import TrackerParameters as TrackerParameters

@@ -1,0 +1,260 @@
+"""What is believed at a time, and how a look changes it: a pure function of both."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from optipromp.control.association import Pairing, common_shift, paired, visible
+from optipromp.control.motion import Oscillators, State
+from optipromp.control.tracks import Frame, Seen, Track, TrackerParameters, new_track, push_noise
+from optipromp.core.arrays import BoolArray, FloatArray, lengths
+from optipromp.core.geometry.obstacles import Obstacles
+from optipromp.core.scenes.objects import SceneObject
+from optipromp.core.scenes.pose import Pose
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """All that the tracker knows at the time of a look.
+
+    Attributes:
+        time: of the newest look [s]; minus infinity before the first.
+        state: of the motion.
+        tracks: F tracks, in the order of the state's fruits.
+        begun: number of tracks ever started.
+        looks: number of looks.
+    """
+
+    time: float
+    state: State
+    tracks: tuple[Track, ...] = ()
+    begun: int = 0
+    looks: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """What does not change while the tracker runs.
+
+    Attributes:
+        parameters: of the tracker.
+        frame: vertical and horizontal axes.
+        static: what hides fruits and does not move; None: nothing.
+        taken: ids that no new track may have.
+    """
+
+    parameters: TrackerParameters
+    frame: Frame
+    static: Obstacles | None = None
+    taken: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True, eq=False)
+class Event:
+    """A look, and what was known with it.
+
+    Attributes:
+        seen: the detections.
+        pushed: displacement (3,) of each pushed track by the arm, by its id [m].
+        balls: (B, 4) centres and radii of the arm's parts that hide fruits [m].
+    """
+
+    seen: Seen
+    pushed: Mapping[str, FloatArray]
+    balls: FloatArray
+
+    @property
+    def time(self) -> float:
+        """Of the look [s]."""
+        return self.seen.look.time
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """Innovations of one look: ``squares`` (k,) of the tracks ``ids``."""
+
+    time: float
+    ids: tuple[str, ...]
+    squares: FloatArray
+
+
+def begun(state: State, first: tuple[SceneObject, ...], world: World) -> Belief:
+    """The belief before any look: ``first`` objects, seen at an unknown earlier time."""
+    given = world.parameters
+    identity = np.eye(3)
+    tracks = tuple(
+        replace(
+            new_track(item.id, item, identity, None, world.frame),
+            confirmed=True,
+            existence=given.detected,
+        )
+        for item in first
+    )
+    if tracks:
+        across = world.frame.axes.T @ world.frame.axes * (given.sway**2 + given.swing**2)
+        spread = [_white(track.spread, given) + across for track in tracks]
+        places = np.array([item.position for item in first])
+        state = state.with_fruits(_swings(tracks, given), places, np.array(spread), known=True)
+    return Belief(-math.inf, state, tracks)
+
+
+def step(belief: Belief, event: Event, world: World) -> tuple[Belief, Record]:
+    """The belief after a look, which must not be older than the belief, and its innovations."""
+    given, seen, tracks = world.parameters, event.seen, belief.tracks
+    state = belief.state
+    if belief.time > -math.inf:
+        state = state.after(event.time - belief.time, given.drift)
+    push = np.array([event.pushed.get(track.id, np.zeros(3)) for track in tracks]).reshape(-1, 3)
+    expected = (state.layout.position @ state.mean).reshape(-1, 3) + push
+    pushes = push_noise(push, given)
+    noise = pushes[:, None] + seen.covariances[None]
+    pairs = paired(state, expected, noise, tracks, seen, given)
+    shaken = False
+    if len(tracks) > 2 and pairs.surprised(len(tracks), len(seen.items)):
+        shift = common_shift(expected, seen.positions, given)
+        if shaken := bool(shift.any()):
+            expected = expected + shift
+            pairs = paired(state, expected, noise, tracks, seen, given)
+            state = state.shaken(math.sqrt(float(shift @ shift)))
+    radii = np.array([track.radius for track in tracks])
+    hiding = (event.balls, world.static)
+    looked_at = visible(seen.look, expected, radii, given.reach, hiding)
+    state, record = _corrected(state, pairs, event, expected, (push, pushes), belief, given)
+    if shaken:
+        record = Record(event.time, (), np.zeros(0))
+    tracks = _counted(tracks, pairs, event, push, looked_at, world)
+    belief = replace(belief, time=event.time, state=state, tracks=tracks)
+    return _renewed(belief, pairs, event, world), record
+
+
+def _white(spread: FloatArray, given: TrackerParameters) -> FloatArray:
+    """The part (..., 3, 3) of a detection's covariance that looks average out [m²]."""
+    return np.asarray((1.0 - given.steady) * spread + given.grain**2 * np.eye(3))
+
+
+def _swings(tracks: tuple[Track, ...], given: TrackerParameters) -> Oscillators:
+    omega = np.repeat([track.omega(given) for track in tracks], 2)
+    same = np.ones(len(omega))
+    return Oscillators(omega, given.swing_damping * same, given.swing * same)
+
+
+def _corrected(
+    state: State,
+    pairs: Pairing,
+    event: Event,
+    expected: FloatArray,
+    pushes: tuple[FloatArray, FloatArray],
+    belief: Belief,
+    given: TrackerParameters,
+) -> tuple[State, Record]:
+    """The state after its matches; those within the gate come first and are recorded.
+
+    What is outside the gate for the first time may be an error of the look; the second time the
+    fruit has another rest.
+    """
+    order = np.argsort(pairs.jumped, kind="stable")
+    one, other, jumped = pairs.tracks[order], pairs.detections[order], pairs.jumped[order]
+    if not len(one):
+        return state, Record(event.time, (), np.zeros(0))
+    push, errors = pushes
+    seen = event.seen.positions[other]
+    noise = _white(event.seen.covariances[other], given) + errors[one]
+    held = (push[one] ** 2).sum(axis=1) > 0.0
+    again = jumped & ~held & [belief.tracks[k].jumps > 0 for k in one.tolist()]
+    far = seen - expected[one]
+    if again.any():  # it was no error of the look
+        state = state.loosened(one[again], lengths(far[again]))
+    odd = far * (jumped & ~again)[:, None]
+    noise = noise + odd[:, :, None] * odd[:, None, :]
+    state, squares = state.updated(one, seen - push[one], noise, one[held])
+    count = int((~jumped).sum())
+    ids = tuple(belief.tracks[k].id for k in one[:count].tolist())
+    return state, Record(event.time, ids, squares[:count])
+
+
+def _counted(
+    tracks: tuple[Track, ...],
+    pairs: Pairing,
+    event: Event,
+    push: FloatArray,
+    looked_at: BoolArray,
+    world: World,
+) -> tuple[Track, ...]:
+    """The tracks with what the look tells of their existence, role, shape and stem."""
+    given, camera = world.parameters, event.seen.look.camera
+    found = dict(zip(pairs.tracks.tolist(), pairs.detections.tolist(), strict=True))
+    jumped = set(pairs.tracks[pairs.jumped].tolist())
+    counted = []
+    for k, track in enumerate(tracks):
+        if k in found:
+            item = event.seen.items[found[k]]
+            jumps = track.jumps + 1 if k in jumped else 0
+            track = replace(_found(track, item, event, world, camera), jumps=jumps)
+        elif looked_at[k]:
+            chance = track.existence * (1.0 - given.detected)
+            track = replace(
+                track,
+                outcomes=(*track.outcomes, False)[-given.within :],
+                lost=track.lost + 1,
+                existence=chance / (chance + 1.0 - track.existence),
+            )
+        if push[k].any() or track.pushed.any():
+            track = replace(track, pushed=push[k])
+        counted.append(track)
+    return tuple(counted)
+
+
+def _found(track: Track, item: SceneObject, event: Event, world: World, camera: Pose) -> Track:
+    given = world.parameters
+    new = new_track(track.id, item, event.seen.turn, camera.orientation, world.frame)
+    outcomes = (*track.outcomes, True)[-given.within :]
+    confirmed = track.confirmed or sum(outcomes) >= given.confirm
+    chance = track.existence * given.detected
+    a, b = track.votes, new.votes
+    return replace(
+        new,
+        physical=new.physical or track.physical,
+        votes=(a[0] + b[0], a[1] + b[1], a[2] + b[2]),
+        tilts=track.tilts + new.tilts,
+        lengths=track.lengths + new.lengths,
+        stems=track.stems + new.stems,
+        pushed=track.pushed,
+        outcomes=outcomes,
+        lost=0 if confirmed else track.lost,
+        confirmed=confirmed,
+        existence=min(chance / (chance + (1.0 - track.existence) * given.spurious), 1.0 - 1e-6),
+        last_seen=event.time,
+    )
+
+
+def _renewed(belief: Belief, pairs: Pairing, event: Event, world: World) -> Belief:
+    """The belief without dead tracks, and with new ones."""
+    given, tracks, state = world.parameters, belief.tracks, belief.state
+    alive = np.array(
+        [track.lost < (given.die if track.confirmed else given.missed) for track in tracks],
+        dtype=bool,
+    )
+    if not alive.all():
+        kept = np.flatnonzero(alive)
+        state, tracks = state.only(kept), tuple(tracks[k] for k in kept.tolist())
+    if any(track.stems for track in tracks):
+        state = state.turned(np.repeat([track.omega(given) for track in tracks], 2))
+    first = not belief.looks and given.first_confirmed
+    fresh, number = [], belief.begun
+    for k in pairs.new.tolist():
+        while f"fruit-{number}" in world.taken:
+            number += 1
+        item, seen = event.seen.items[k], event.seen
+        track = new_track(
+            f"fruit-{number}", item, seen.turn, seen.look.camera.orientation, world.frame
+        )
+        existence = given.detected if first else given.born
+        fresh.append(replace(track, confirmed=first, existence=existence, last_seen=event.time))
+        number += 1
+    if fresh:
+        swings = _swings(tuple(fresh), given)
+        spread = _white(event.seen.covariances[pairs.new], given)
+        state = state.with_fruits(swings, event.seen.positions[pairs.new], spread)
+    return Belief(belief.time, state, tracks + tuple(fresh), number, belief.looks + 1)

@@ -1,0 +1,306 @@
+"""How a plant moves: a common sway, a swing of each fruit, and rest positions, as a linear model.
+
+The state of F fruits has n = 4 K + 7 F values, K being the number of sway frequencies:
+``[displacements (m,) | their velocities (m,) | rest positions (3 F,)]`` with m = 2 K + 2 F. The
+first 2 K displacements are the sway (frequency by frequency, two horizontal axes each), the others
+the swing of each fruit. Fruit i is at rest_i + sway + swing_i.
+
+Each displacement is a damped oscillator that white noise drives,
+x'' + 2 ζ ω x' + ω² x = w, discretised exactly: with the transition F over a time and the
+stationary covariance P = diag(σ², σ² ω²), the noise is P - F P Fᵀ.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray, IntArray, frame_along
+
+
+@dataclass(frozen=True, eq=False)
+class Oscillators:
+    """Independent damped oscillators, driven by white noise.
+
+    Attributes:
+        omega: (m,) undamped angular frequencies [rad/s].
+        zeta: (m,) damping ratios, below 1.
+        sigma: (m,) stationary standard deviations of the displacements [m].
+    """
+
+    omega: FloatArray
+    zeta: FloatArray
+    sigma: FloatArray
+
+    def transition(self, dt: FloatArray) -> tuple[FloatArray, ...]:
+        """a, b, c, d: after ``dt`` [s] (broadcast against (m,)) x is a x + b v, v is c x + d v."""
+        decay = self.zeta * self.omega
+        damped = self.omega * np.sqrt(1.0 - self.zeta**2)
+        shrunk = np.exp(-decay * dt)
+        cosine, sine = shrunk * np.cos(damped * dt), shrunk * np.sin(damped * dt) / damped
+        return cosine + decay * sine, sine, -(self.omega**2) * sine, cosine - decay * sine
+
+    def noise(self, steps: tuple[FloatArray, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Variances and covariance (m,) of the noise: of x, of x with v, of v."""
+        a, b, c, d = steps
+        square, stiff = self.sigma**2, self.omega**2
+        return (
+            square * (1.0 - a**2 - b**2 * stiff),
+            -square * (a * c + b * d * stiff),
+            square * (stiff - c**2 - d**2 * stiff),
+        )
+
+    def first(self, count: int) -> "Oscillators":
+        """The first ``count`` of them."""
+        return Oscillators(self.omega[:count], self.zeta[:count], self.sigma[:count])
+
+    def joined(self, other: "Oscillators") -> "Oscillators":
+        """These oscillators, then ``other``."""
+        return Oscillators(
+            np.concatenate([self.omega, other.omega]),
+            np.concatenate([self.zeta, other.zeta]),
+            np.concatenate([self.sigma, other.sigma]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Where the values of a state are, and which of them make up a position.
+
+    Attributes:
+        bank: number of sway frequencies K.
+        count: number of fruits F.
+        axes: (2, 3) horizontal unit vectors across each other.
+    """
+
+    bank: int
+    count: int
+    axes: FloatArray
+
+    @property
+    def half(self) -> int:
+        """Number m of displacements."""
+        return 2 * (self.bank + self.count)
+
+    @property
+    def size(self) -> int:
+        """Number n of values."""
+        return 2 * self.half + 3 * self.count
+
+    @cached_property
+    def position(self) -> FloatArray:
+        """(3 F, n) that maps a state to the positions of the fruits."""
+        matrix = self._moving(0)
+        rows = np.arange(3 * self.count)
+        matrix[rows, 2 * self.half + rows] = 1.0
+        return matrix
+
+    @cached_property
+    def velocity(self) -> FloatArray:
+        """(3 F, n) that maps a state to the velocities of the fruits."""
+        return self._moving(self.half)
+
+    def rests(self, tracks: IntArray) -> IntArray:
+        """Indices (3 k,) of the rest positions of ``tracks`` (k,)."""
+        return (2 * self.half + 3 * tracks[:, None] + np.arange(3)).ravel()
+
+    def of(self, tracks: IntArray) -> IntArray:
+        """Indices of the sway and of all values of ``tracks`` (k,), as a layout of k has them."""
+        swing = (2 * self.bank + 2 * tracks[:, None] + np.arange(2)).ravel()
+        moving = np.concatenate([np.arange(2 * self.bank), swing])
+        return np.concatenate([moving, self.half + moving, self.rests(tracks)])
+
+    def _moving(self, begin: int) -> FloatArray:
+        matrix = np.zeros((self.count, 3, self.size))
+        matrix[:, :, begin : begin + 2 * self.bank] = np.tile(self.axes.T, self.bank)
+        for k in range(self.count):
+            at = begin + 2 * (self.bank + k)
+            matrix[k, :, at : at + 2] = self.axes.T
+        return matrix.reshape(-1, self.size)
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A Gaussian over the values of a layout.
+
+    Attributes:
+        layout: of the values.
+        oscillators: (m,) of the sway and of the swings.
+        mean: (n,).
+        covariance: (n, n).
+    """
+
+    layout: Layout
+    oscillators: Oscillators
+    mean: FloatArray
+    covariance: FloatArray
+
+    def after(self, dt: float, drift: float) -> "State":
+        """The prediction ``dt`` [s] ahead; rests walk by ``drift`` [m/√s] an axis."""
+        if dt == 0.0:
+            return self
+        m, old = self.layout.half, self.covariance
+        steps = self.oscillators.transition(np.asarray(dt))
+        a, b, c, d = steps
+        mean = self.mean.copy()
+        mean[:m] = a * self.mean[:m] + b * self.mean[m : 2 * m]
+        mean[m : 2 * m] = c * self.mean[:m] + d * self.mean[m : 2 * m]
+        rows = old.copy()
+        rows[:m] = a[:, None] * old[:m] + b[:, None] * old[m : 2 * m]
+        rows[m : 2 * m] = c[:, None] * old[:m] + d[:, None] * old[m : 2 * m]
+        new = rows.copy()
+        new[:, :m] = a * rows[:, :m] + b * rows[:, m : 2 * m]
+        new[:, m : 2 * m] = c * rows[:, :m] + d * rows[:, m : 2 * m]
+        xx, xv, vv = self.oscillators.noise(steps)
+        k = np.arange(m)
+        new[k, k] += xx
+        new[k, k + m] += xv
+        new[k + m, k] += xv
+        new[k + m, k + m] += vv
+        rest = np.arange(2 * m, self.layout.size)
+        new[rest, rest] += drift**2 * dt
+        return State(self.layout, self.oscillators, mean, new)
+
+    def only(self, tracks: IntArray) -> "State":
+        """The state without the fruits that are not in ``tracks`` (k,)."""
+        layout = Layout(self.layout.bank, len(tracks), self.layout.axes)
+        kept = self.layout.of(tracks)
+        moving = kept[: layout.half]
+        swung = self.oscillators
+        fewer = Oscillators(swung.omega[moving], swung.zeta[moving], swung.sigma[moving])
+        return State(layout, fewer, self.mean[kept], self.covariance[np.ix_(kept, kept)])
+
+    def turned(self, omega: FloatArray) -> "State":
+        """The state with other swing frequencies (2 F,) [rad/s]."""
+        held = 2 * self.layout.bank
+        whole = np.concatenate([self.oscillators.omega[:held], omega])
+        oscillators = Oscillators(whole, self.oscillators.zeta, self.oscillators.sigma)
+        return State(self.layout, oscillators, self.mean, self.covariance)
+
+    def shaken(self, size: float) -> "State":
+        """The state after a common displacement of about ``size`` [m] that nobody foresaw: a gust,
+        which the sway holds, or a plant that was moved, which the rests hold."""
+        bank, m = self.layout.bank, self.layout.half
+        covariance, k = self.covariance.copy(), np.arange(2 * bank)
+        covariance[k, k] += size**2 / bank
+        covariance[m + k, m + k] += size**2 / bank * self.oscillators.omega[k] ** 2
+        for axis in range(3):
+            rest = slice(2 * m + axis, None, 3)
+            covariance[rest, rest] += size**2
+        return State(self.layout, self.oscillators, self.mean, covariance)
+
+    def loosened(self, tracks: IntArray, sizes: FloatArray) -> "State":
+        """The state after rests of ``tracks`` (k,) changed by about ``sizes`` (k,) [m]."""
+        covariance = self.covariance.copy()
+        rest = self.layout.rests(tracks)
+        covariance[rest, rest] += np.repeat(sizes**2, 3)
+        return State(self.layout, self.oscillators, self.mean, covariance)
+
+    def with_fruits(
+        self, swings: Oscillators, seen: FloatArray, spread: FloatArray, known: bool = False
+    ) -> "State":
+        """The state with B more fruits, seen at ``seen`` (B, 3) with errors ``spread`` (B, 3, 3).
+
+        The present sway and swing are part of what was seen: rest = seen - sway - swing - error.
+        ``known``: the fruits were seen at another time, when sway and swing were others: rest =
+        seen - error, and the spread includes them.
+        """
+        old = self.layout
+        layout = Layout(old.bank, old.count + len(seen), old.axes)
+        kept, new = layout.of(np.arange(old.count)), np.arange(old.count, layout.count)
+        mean, covariance = np.zeros(layout.size), np.zeros((layout.size, layout.size))
+        mean[kept] = self.mean
+        covariance[np.ix_(kept, kept)] = self.covariance
+        at = (2 * old.bank + 2 * new[:, None] + np.arange(2)).ravel()
+        covariance[at, at] = swings.sigma**2
+        covariance[at + layout.half, at + layout.half] = (swings.sigma * swings.omega) ** 2
+        rest, rows = layout.rests(new), (3 * new[:, None] + np.arange(3)).ravel()
+        if not known:
+            spreading = np.eye(layout.size)
+            spreading[rest] = -layout.position[rows]
+            spreading[rest, rest] = 0.0
+            covariance = spreading @ covariance @ spreading.T
+            mean = spreading @ mean
+        for k in range(len(new)):
+            own = rest[3 * k : 3 * k + 3]
+            covariance[np.ix_(own, own)] += spread[k]
+            mean[own] += seen[k]
+        return State(layout, self.oscillators.joined(swings), mean, covariance)
+
+    def updated(
+        self, tracks: IntArray, seen: FloatArray, noise: FloatArray, held: IntArray
+    ) -> tuple["State", FloatArray]:
+        """The state after ``tracks`` (k,) were seen at ``seen`` (k, 3).
+
+        Joseph's form, in one step for all tracks. The squared innovations are of each track given
+        the tracks before: under the model they are independent χ² of 3 degrees of freedom.
+
+        Args:
+            tracks: (k,) indices of fruits.
+            seen: (k, 3) positions [m].
+            noise: (k, 3, 3) covariances of their errors [m²].
+            held: indices of fruits whose rests do not change.
+
+        Returns:
+            The state, and the normalised innovations squared (k,).
+        """
+        size, layout = 3 * len(tracks), self.layout
+        rows = (3 * tracks[:, None] + np.arange(3)).ravel()
+        looked = layout.position[rows]
+        known = looked @ self.covariance
+        errors = np.zeros((len(tracks), 3, len(tracks), 3))
+        errors[np.arange(len(tracks)), :, np.arange(len(tracks))] = noise
+        error = errors.reshape(size, size)
+        innovation = seen.ravel() - looked @ self.mean
+        lower = np.linalg.cholesky(known @ looked.T + error)
+        inverse = np.linalg.inv(lower)
+        white = inverse @ innovation
+        gain = known.T @ (inverse.T @ inverse)
+        if len(held):
+            gain[layout.rests(held)] = 0.0
+        kept = np.eye(layout.size) - gain @ looked
+        covariance = kept @ self.covariance @ kept.T + gain @ error @ gain.T
+        state = State(
+            layout,
+            self.oscillators,
+            self.mean + gain @ innovation,
+            0.5 * (covariance + covariance.T),
+        )
+        return state, np.asarray((white.reshape(-1, 3) ** 2).sum(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """The prior of a plant's motion.
+
+    Attributes:
+        up: (3,) upward vertical in the base frame.
+        frequencies: (K,) of the sway [Hz].
+        damping: ratio of the sway.
+        sway: prior standard deviation of the common displacement along a horizontal axis [m].
+    """
+
+    up: FloatArray
+    frequencies: tuple[float, ...]
+    damping: float
+    sway: float
+
+    @cached_property
+    def axes(self) -> FloatArray:
+        """(2, 3) horizontal unit vectors across each other."""
+        return np.asarray(frame_along(self.up).T[:2])
+
+    @cached_property
+    def bank(self) -> Oscillators:
+        """The (2 K,) oscillators of the sway: each has an equal share of its variance."""
+        count = len(self.frequencies)
+        omega = np.repeat(2.0 * np.pi * np.array(self.frequencies), 2)
+        each = self.sway / np.sqrt(count)
+        return Oscillators(omega, np.full(2 * count, self.damping), np.full(2 * count, each))
+
+    def still(self) -> State:
+        """The stationary state without a fruit."""
+        bank = self.bank
+        variances = np.concatenate([bank.sigma**2, (bank.sigma * bank.omega) ** 2])
+        layout = Layout(len(self.frequencies), 0, self.axes)
+        return State(layout, bank, np.zeros(layout.size), np.diag(variances))

@@ -1,0 +1,253 @@
+"""Tracks: what is known of each fruit besides its motion, and what a look saw of it."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from optipromp.control.look import Look
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.geometry.shapes import Shape
+from optipromp.core.parameters import GRAVITY, Checked, parameter
+from optipromp.core.scenes.objects import Role, SceneObject
+from optipromp.core.scenes.rotations import product
+
+ROLES: tuple[Role, ...] = ("target", "avoid", "pushable")
+"""Roles of tracks. Of roles with as many votes the first holds."""
+
+
+@dataclass(frozen=True)
+class TrackerParameters(Checked):
+    """Numbers of the tracker: motion, errors of looks, association, birth and death."""
+
+    frequencies: tuple[float, ...] = parameter(
+        (0.35, 0.5, 0.65, 0.8, 1.0, 1.2, 1.4, 1.6, 1.8),
+        "Hz",
+        "measured",
+        "of the sway's oscillators; a sway of 20 mm at 0.5 and 1.6 Hz seen at 20 Hz with 5 mm is "
+        "predicted 60 ms ahead within 3.4 and 3.9 mm (median), with five frequencies 4.6 and 5.1",
+    )
+    damping: float = parameter(0.03, "1", "guess", "ratio of the sway's oscillators")
+    sway: float = parameter(
+        0.006, "m", "guess", "prior standard deviation of the sway along an axis"
+    )
+    swing: float = parameter(0.002, "m", "guess", "the same of a fruit's own swing")
+    swing_damping: float = parameter(0.15, "1", "guess", "ratio of a fruit's own swing")
+    stiffening: float = parameter(
+        1.1, "1", "guess", "frequency of a fruit on an elastic stem over that of a pendulum"
+    )
+    drift: float = parameter(0.001, "m/√s", "guess", "random walk of a rest position, an axis")
+    steady: float = parameter(
+        0.3, "1", "guess", "share of a detection's covariance that looks do not average out"
+    )
+    grain: float = parameter(
+        0.0002, "m", "choice", "least error of a detection: keeps covariances regular"
+    )
+    pushed_share: float = parameter(
+        0.3, "1", "guess", "error of a predicted push over its displacement"
+    )
+    pushed_least: float = parameter(0.002, "m", "guess", "least error of a predicted push")
+    stem_angle: float = parameter(
+        7.0, "deg", "reported", "error of a seen stem's tilt; inclination 6.4-8 deg (field)"
+    )
+    stem_floor: float = parameter(
+        3.0, "deg", "guess", "least error of a stem's tilt, however often it was seen"
+    )
+    stem_unseen: float = parameter(
+        18.0, "deg", "measured", "tilt of stems never seen; median of 1,704 strawberries (StrawDI)"
+    )
+    stem_length: float = parameter(0.15, "m", "guess", "of a stem whose length was never seen")
+    gate: float = parameter(
+        13.93, "1", "choice", "largest squared distance of a match: 99.7 % of χ², 3 degrees"
+    )
+    conflict: float = parameter(
+        4.0, "1", "choice", "cost of a match of a target with what is none, as squared distance"
+    )
+    near: float = parameter(
+        0.6, "1", "choice", "distance over the sum of radii up to which two fruits are one"
+    )
+    shift: float = parameter(
+        0.06, "m", "choice", "largest common displacement between two looks that is searched"
+    )
+    alike: float = parameter(
+        0.012, "m", "choice", "largest distance of a fruit from where a common displacement has it"
+    )
+    detected: float = parameter(0.9, "1", "guess", "probability to detect a visible fruit")
+    spurious: float = parameter(
+        0.05, "1", "guess", "probability that something else is found where a fruit is not"
+    )
+    born: float = parameter(0.5, "1", "guess", "probability that a new detection is a fruit")
+    confirm: int = parameter(2, "1", "choice", "matches after birth that confirm a track")
+    within: int = parameter(3, "1", "choice", "looks at a visible fruit within which they must be")
+    missed: int = parameter(3, "1", "choice", "misses after which a tentative track dies")
+    die: int = parameter(12, "1", "choice", "misses in a row after which a confirmed track dies")
+    first_confirmed: bool = parameter(
+        True, "1", "choice", "whether the detections of the first look are confirmed at once"
+    )
+    reach: float = parameter(
+        0.8, "m", "guess", "distance from the camera beyond which a fruit is not missed"
+    )
+    late: float = parameter(
+        0.2, "s", "choice", "age up to which a look older than the newest is folded in"
+    )
+    kept: int = parameter(2000, "1", "choice", "updates whose innovations are kept")
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """Detections of a look in the base frame, in an order that depends on what was seen only.
+
+    Attributes:
+        items: D detections, in the frame of the camera.
+        positions: (D, 3) [m].
+        covariances: (D, 3, 3) [m²].
+        turn: (3, 3) the camera's rotation.
+        look: that they are of.
+    """
+
+    items: tuple[SceneObject, ...]
+    positions: FloatArray
+    covariances: FloatArray
+    turn: FloatArray
+    look: Look
+
+    @classmethod
+    def of(cls, look: Look) -> "Seen":
+        """The detections of ``look``; static ones are left out."""
+        items = [item for item in look.detections if item.role != "static"]
+        turn = look.camera.rotation
+        places = np.array([item.position for item in items]).reshape(-1, 3)
+        positions = places @ turn.T + look.camera.position
+        order = np.lexsort(positions.T)
+        items = [items[k] for k in order]
+        spread = np.array([item.covariance for item in items]).reshape(-1, 3, 3)
+        return cls(tuple(items), positions[order], turn @ spread @ turn.T, turn, look)
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """What is known of one fruit, its motion left out.
+
+    Attributes:
+        id: of the track.
+        shape: as last detected.
+        orientation: quaternion (4,) in the base frame, as last detected.
+        physical: as last detected.
+        votes: number of detections as target, avoid, pushable.
+        tilts: (2,) sum of the seen tilts of the stem along the horizontal axes [rad].
+        lengths: sum of the seen lengths [m].
+        stems: number of seen stems.
+        spread: (3, 3) covariance of the last detection [m²].
+        pushed: (3,) displacement by the arm at the last look [m].
+        outcomes: whether it was found in the last looks at it, newest last.
+        lost: looks at it in which it was not found, in all for a tentative track, else in a row.
+        jumps: looks in a row that found it outside the gate.
+        confirmed: whether it counts as a fruit.
+        existence: probability that there is a fruit.
+        last_seen: time [s]; minus infinity for a track that no look has seen.
+    """
+
+    id: str
+    shape: Shape
+    orientation: FloatArray
+    physical: Mapping[str, float]
+    votes: tuple[int, int, int]
+    tilts: FloatArray
+    lengths: float
+    stems: int
+    spread: FloatArray
+    pushed: FloatArray = field(default_factory=lambda: np.zeros(3))
+    outcomes: tuple[bool, ...] = ()
+    lost: int = 0
+    jumps: int = 0
+    confirmed: bool = False
+    existence: float = 0.5
+    last_seen: float = -math.inf
+
+    @property
+    def radius(self) -> float:
+        """Radius [m] of a ball that contains the shape."""
+        return self.shape.measure.bound
+
+    def length(self, parameters: TrackerParameters) -> float:
+        """Length of the stem [m]: the mean of the seen ones, or the default."""
+        return self.lengths / self.stems if self.stems else parameters.stem_length
+
+    def direction(self, up: FloatArray, axes: FloatArray) -> FloatArray:
+        """(3,) unit vector along the stem, from the fruit to the root."""
+        if not self.stems:
+            return up
+        tilt = self.tilts / self.stems
+        angle = math.hypot(*tilt)
+        return np.asarray(math.cos(angle) * up + np.sinc(angle / np.pi) * (tilt @ axes))
+
+    def deviation(self, parameters: TrackerParameters) -> float:
+        """Standard deviation of the stem's tilt about each of two axes [rad]."""
+        if not self.stems:
+            return math.radians(parameters.stem_unseen)
+        return math.radians(
+            max(parameters.stem_floor, parameters.stem_angle / math.sqrt(self.stems))
+        )
+
+    def omega(self, parameters: TrackerParameters) -> float:
+        """Angular frequency of the swing [rad/s]: that of a pendulum, raised by the stem."""
+        arm = self.length(parameters) + self.radius
+        return parameters.stiffening * math.sqrt(GRAVITY / arm)
+
+
+def new_track(
+    name: str, item: SceneObject, turn: FloatArray, camera: FloatArray | None, plant: "Frame"
+) -> Track:
+    """The track that a detection starts.
+
+    Args:
+        name: of the track.
+        item: the detection.
+        turn: (3, 3) rotation of the detection's frame in the base frame.
+        camera: quaternion (4,) of the same rotation; None: the identity.
+        plant: the vertical and the horizontal axes.
+    """
+    if item.role not in ROLES:
+        raise InvalidRequestError(f"object {item.id} has role {item.role}: must be a fruit's")
+    vote = ROLES.index(item.role)
+    tilt, length, stems = _stem(item, turn, plant)
+    assert item.covariance is not None
+    return Track(
+        id=name,
+        shape=item.shape,
+        orientation=item.orientation if camera is None else product(camera, item.orientation),
+        physical=item.physical,
+        votes=(int(vote == 0), int(vote == 1), int(vote == 2)),
+        tilts=tilt,
+        lengths=length,
+        stems=stems,
+        spread=np.asarray(turn @ item.covariance @ turn.T),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """The vertical ``up`` (3,) and two horizontal ``axes`` (2, 3), unit vectors."""
+
+    up: FloatArray
+    axes: FloatArray
+
+
+def push_noise(push: FloatArray, given: TrackerParameters) -> FloatArray:
+    """(F, 3, 3) covariance of the error of predicted pushes (F, 3) [m²]."""
+    squares = (push**2).sum(axis=1)
+    variance = np.where(squares > 0.0, given.pushed_share**2 * squares + given.pushed_least**2, 0.0)
+    return np.asarray(variance[:, None, None] * np.eye(3))
+
+
+def _stem(item: SceneObject, turn: FloatArray, frame: Frame) -> tuple[FloatArray, float, int]:
+    if item.stem is None:
+        return np.zeros(2), 0.0, 0
+    points = item.stem.points
+    way = turn @ (points[-1] - points[0])
+    flat = frame.axes @ way
+    aside = math.hypot(*flat)
+    angle = math.atan2(aside, float(frame.up @ way))
+    return flat * (angle / aside if aside > 0.0 else 0.0), item.stem.length, 1

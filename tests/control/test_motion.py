@@ -1,0 +1,143 @@
+"""The model of motion, held against matrix exponentials, quadrature and plain conditioning."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from optipromp.control.motion import Oscillators, Plant, State
+from optipromp.core.arrays import FloatArray
+
+PLANT = Plant(np.array([0.0, 0.6, 0.8]), (0.4, 1.1), 0.03, 0.006)
+
+
+def swings(count: int) -> Oscillators:
+    same = np.ones(2 * count)
+    return Oscillators(np.repeat(8.0 + np.arange(count), 2), 0.15 * same, 0.002 * same)
+
+
+def some(count: int = 3) -> State:
+    """A state of a few fruits, some time after they were seen."""
+    rng = np.random.default_rng(5)
+    spread = np.tile(25e-6 * np.eye(3), (count, 1, 1))
+    state = PLANT.still().with_fruits(swings(count), rng.normal(size=(count, 3)), spread)
+    return state.after(0.3, 0.001)
+
+
+def continuous(one: Oscillators) -> FloatArray:
+    return np.array([[0.0, 1.0], [-(one.omega[0] ** 2), -2 * one.zeta[0] * one.omega[0]]])
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.05, 0.7])
+def test_a_transition_is_the_exponential_and_its_noise_the_integral(dt: float) -> None:
+    one = Oscillators(np.array([6.0]), np.array([0.2]), np.array([0.01]))
+    steps = one.transition(np.asarray(dt))
+    matrix = continuous(one)
+    assert np.allclose(np.ravel(steps), expm(matrix * dt).ravel(), atol=1e-12)
+    # the intensity of white noise that holds the variance: 4 ζ ω³ σ²
+    intensity = 4 * 0.2 * 6.0**3 * 0.01**2
+    ends, weights = np.polynomial.legendre.leggauss(40)
+    times = 0.5 * dt * (ends + 1.0)
+    columns = np.array([expm(matrix * t)[:, 1] for t in times])
+    integral = intensity * 0.5 * dt * np.einsum("t,ti,tj->ij", weights, columns, columns)
+    xx, xv, vv = one.noise(steps)
+    assert np.allclose([xx[0], xv[0], xv[0], vv[0]], integral.ravel(), rtol=1e-9, atol=1e-18)
+
+
+def test_a_still_state_stays_as_it_is() -> None:
+    state = PLANT.still()
+    later = state.after(3.7, 0.001)
+    assert np.allclose(later.covariance, state.covariance, rtol=1e-12, atol=1e-18)
+    total = state.covariance[:4, :4].trace() / 2
+    assert np.sqrt(total) == pytest.approx(0.006)
+
+
+def test_two_steps_are_one() -> None:
+    one, two = some().after(0.25, 0.002), some().after(0.1, 0.002).after(0.15, 0.002)
+    assert np.allclose(one.mean, two.mean, atol=1e-14)
+    assert np.allclose(one.covariance, two.covariance, atol=1e-14)
+
+
+def test_a_fruit_starts_as_an_update_of_what_was_unknown() -> None:
+    """A new fruit is the limit of a rest of huge variance that is then seen."""
+    state, at, spread = some(2), np.array([[0.3, 0.2, 0.1]]), 16e-6 * np.eye(3)[None]
+    born = state.with_fruits(swings(1), at, spread)
+    vague = state.with_fruits(swings(1), np.zeros((1, 3)), 1e2 * np.eye(3)[None], known=True)
+    none = np.zeros(0, dtype=np.int64)
+    limit, _ = vague.updated(np.array([2]), at, spread, none)
+    assert np.allclose(born.mean, limit.mean, atol=1e-7)
+    assert np.allclose(born.covariance, limit.covariance, atol=1e-9)
+
+
+def test_an_update_is_conditioning() -> None:
+    state, noise = some(), np.tile(4e-6 * np.eye(3), (2, 1, 1))
+    tracks, seen = np.array([0, 2]), np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])
+    new, squares = state.updated(tracks, seen, noise, np.zeros(0, dtype=np.int64))
+    rows = [0, 1, 2, 6, 7, 8]
+    looked = state.layout.position[rows]
+    joint = looked @ state.covariance @ looked.T + 4e-6 * np.eye(6)
+    off = seen.ravel() - looked @ state.mean
+    gain = np.linalg.solve(joint, looked @ state.covariance).T
+    assert np.allclose(new.mean, state.mean + gain @ off, atol=1e-9)
+    assert np.allclose(new.covariance, state.covariance - gain @ joint @ gain.T, atol=1e-12)
+    assert squares.sum() == pytest.approx(off @ np.linalg.solve(joint, off))
+    alone = np.linalg.solve(joint[:3, :3], off[:3])
+    assert squares[0] == pytest.approx(off[:3] @ alone)
+
+
+def test_a_held_rest_does_not_change_and_the_covariance_stays_one() -> None:
+    state = some()
+    rest = state.layout.rests(np.array([1]))
+    seen = np.array([[0.1, 0.2, 0.3]])
+    noise = 1e-6 * np.eye(3)[None]
+    new, _ = state.updated(np.array([1]), seen, noise, np.array([1]))
+    assert (new.mean[rest] == state.mean[rest]).all()
+    same = np.ix_(rest, rest)
+    assert np.allclose(new.covariance[same], state.covariance[same], rtol=1e-12)
+    assert np.linalg.eigvalsh(new.covariance)[0] > -1e-15
+    assert not np.allclose(new.mean, state.mean)
+
+
+def test_fewer_fruits_are_a_marginal() -> None:
+    state = some(3)
+    kept = state.only(np.array([0, 2]))
+    whole, part = state.layout.position, kept.layout.position
+    rows = [0, 1, 2, 6, 7, 8]
+    assert np.allclose((whole @ state.mean)[rows], part @ kept.mean)
+    joint = (whole @ state.covariance @ whole.T)[np.ix_(rows, rows)]
+    assert np.allclose(joint, part @ kept.covariance @ part.T)
+    assert (kept.oscillators.omega[-2:] == 10.0).all()
+    speed = (state.layout.velocity @ state.mean)[rows]
+    assert np.allclose(speed, kept.layout.velocity @ kept.mean)
+
+
+def test_the_sway_is_level() -> None:
+    assert np.allclose(PLANT.axes @ PLANT.up, 0.0)
+    assert np.allclose(PLANT.axes @ PLANT.axes.T, np.eye(2))
+
+
+def test_innovations_of_the_models_own_motion_are_what_it_says() -> None:
+    """Truth drawn from the model: squares are χ² of 3, errors of positions too."""
+    rng, count, dt = np.random.default_rng(11), 3, 0.05
+    base = PLANT.still()
+    truth = rng.multivariate_normal(base.mean, base.covariance)
+    spread = np.tile(9e-6 * np.eye(3), (count, 1, 1))
+    rest = rng.normal(size=(count, 3))
+    state = base.with_fruits(swings(count), rest, spread, known=True)
+    kept = state.layout.of(np.zeros(0, dtype=np.int64))
+    truth = rng.multivariate_normal(state.mean, state.covariance)
+    assert len(kept) == 8
+    squares, errors = [], []
+    for _ in range(600):
+        point = State(state.layout, state.oscillators, truth, np.zeros((len(truth), len(truth))))
+        moved = point.after(dt, 0.001)
+        truth = rng.multivariate_normal(moved.mean, moved.covariance, method="eigh")
+        state = state.after(dt, 0.001)
+        looked = state.layout.position
+        seen = (looked @ truth).reshape(-1, 3) + 0.003 * rng.standard_normal((count, 3))
+        state, square = state.updated(np.arange(3), seen, spread, np.zeros(0, dtype=np.int64))
+        squares.append(square)
+        off = looked @ (state.mean - truth)
+        errors.append(off @ np.linalg.solve(looked @ state.covariance @ looked.T, off))
+    # 1800 squares of 3 degrees: standard deviation of their mean 0.058
+    assert np.mean(squares) == pytest.approx(3.0, abs=0.15)
+    assert np.mean(errors) == pytest.approx(9.0, abs=1.0)

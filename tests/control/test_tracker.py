@@ -1,0 +1,154 @@
+"""The tracker on plants that it does not model: errors, consistency, time."""
+
+import time
+
+import numpy as np
+import pytest
+from tests.control.plants import (
+    Eye,
+    Swaying,
+    empty,
+    look,
+    looks,
+    swaying,
+)  # fmt: skip
+
+from optipromp.control import Innovations, Look, Tracked, Tracker, TrackerParameters
+from optipromp.core.arrays import FloatArray
+from optipromp.core.scenes.objects import SceneObject
+
+FIELD = Eye(missed=0.05, spurious=0.02, swapped=0.2)
+STILL = TrackerParameters(sway=0.0, swing=0.0, drift=0.0, steady=0.0)
+LATENCY = 0.06
+
+
+def still(count: int) -> Swaying:
+    return swaying(np.random.default_rng(0), count, 0.0, np.array([1.0]))
+
+
+def nearest(tracked: Tracked, truth: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Of each true fruit: index (F,) of the nearest confirmed track, and its distance (F,)."""
+    sure = np.flatnonzero(tracked.confirmed)
+    away = np.linalg.norm(truth[:, None] - tracked.positions[sure], axis=2)
+    return sure[away.argmin(axis=1)], away.min(axis=1)
+
+
+def errors(seed: int, frequencies: FloatArray) -> FloatArray:
+    """Errors of predicted positions from 2 to 6 s, with the latency [m]."""
+    rng = np.random.default_rng(seed)
+    plant = swaying(rng, 8, 0.020, frequencies)
+    tracker, found = Tracker(empty()), []
+    for each in looks(plant, rng, FIELD, 6.0):
+        tracker.add(each)
+        if each.time >= 2.0:
+            now = each.time + LATENCY
+            found.append(nearest(tracker.at(now), plant.at(now))[1])
+    return np.concatenate(found)
+
+
+@pytest.mark.parametrize(
+    ("frequency", "median", "most"), [(0.5, 0.0038, 0.007), (1.6, 0.0045, 0.008)]
+)
+def test_where_a_swaying_fruit_is_now(frequency: float, median: float, most: float) -> None:
+    away = np.concatenate([errors(seed, np.array([frequency])) for seed in (1, 2)])
+    assert np.median(away) < median
+    assert np.quantile(away, 0.9) < most
+
+
+def test_where_fruits_are_now_in_a_sway_of_many_frequencies() -> None:
+    rng = np.random.default_rng(3)
+    away = np.concatenate([errors(seed, rng.uniform(0.3, 1.6, 3)) for seed in (4, 5)])
+    assert np.median(away) < 0.004
+    assert np.quantile(away, 0.9) < 0.007
+
+
+def test_the_newest_look_alone_is_worse() -> None:
+    """What the filter is for: the last detection is 60 ms old and has 5 mm of noise."""
+    rng = np.random.default_rng(1)
+    plant = swaying(rng, 8, 0.020, np.array([1.6]))
+    raw = []
+    for each in looks(plant, rng, Eye(), 3.0):
+        seen = np.array([item.position for item in each.in_base()])
+        raw.append(np.linalg.norm(seen - plant.at(each.time + LATENCY), axis=1))
+    assert np.median(np.concatenate(raw)) > 2.0 * np.median(errors(1, np.array([1.6])))
+
+
+def test_innovations_and_rests_are_consistent_on_a_still_plant() -> None:
+    """Noise as stated, nothing moves: mean NIS and mean NEES are in their 95 % bands."""
+    rng, plant, squares, every = np.random.default_rng(1), still(6), [], []
+    for _ in range(40):
+        tracker = Tracker(empty(), STILL)
+        for each in looks(plant, rng, Eye(), 0.75):
+            tracker.add(each)
+        tracked = tracker.at(0.75)
+        rows, _ = nearest(tracked, plant.rest)
+        off = tracked.rest[rows] - plant.rest
+        solved = np.linalg.solve(tracked.rest_covariance[rows], off[..., None])[..., 0]
+        squares.append((off * solved).sum(axis=1))
+        every.append(tracker.statistics)
+    whole = Innovations(
+        np.concatenate([one.times for one in every]),
+        tuple(name for one in every for name in one.ids),
+        np.concatenate([one.squares for one in every]),
+    )
+    mean, low, high, fits = whole.consistent()
+    assert fits, (mean, low, high)
+    assert high - low < 0.25
+    assert len(whole.squares) > 0.99 * 40 * 6 * 14
+    deviation = np.sqrt(2 * 3 / (6 * 40))
+    assert abs(np.mean(squares) - 3.0) < 1.96 * deviation
+
+
+def test_a_steady_share_of_the_error_stays_in_the_covariance() -> None:
+    """A bias of 30 % of the variance: NIS fits, and the reported covariance covers the bias."""
+    rng, plant, squares = np.random.default_rng(8), still(6), []
+    given = TrackerParameters(sway=0.0, swing=0.0, drift=0.0)
+    white = Eye(noise=0.005 * np.sqrt(0.7))
+    for _ in range(12):
+        tracker = Tracker(empty(), given)
+        bias = 0.005 * np.sqrt(0.3) * rng.standard_normal((6, 3))
+        for k in range(30):
+            each = look(0.05 * k, plant.rest + bias, rng, white)
+            stated = tuple(
+                SceneObject(d.id, d.role, d.shape, d.position, d.orientation, d.stem, sigma=0.005)
+                for d in each.detections
+            )
+            tracker.add(Look(each.time, each.camera, stated))
+        assert tracker.statistics.consistent(0.999)[3]
+        tracked = tracker.at(1.5)
+        rows, _ = nearest(tracked, plant.rest)
+        off = tracked.rest[rows] - plant.rest
+        solved = np.linalg.solve(tracked.rest_covariance[rows], off[..., None])[..., 0]
+        squares.append((off * solved).sum(axis=1))
+    assert abs(np.mean(squares) - 3.0) < 1.96 * np.sqrt(2 * 3 / 72)
+
+
+def test_covariances_of_a_moving_plant_cover_the_errors() -> None:
+    rng = np.random.default_rng(9)
+    plant = swaying(rng, 8, 0.020, np.array([0.4, 0.9, 1.5]))
+    tracker, squares = Tracker(empty()), []
+    for each in looks(plant, rng, FIELD, 5.0):
+        tracker.add(each)
+        if each.time > 2.0:
+            tracked = tracker.at(each.time + LATENCY)
+            truth = plant.at(each.time + LATENCY)
+            rows, _ = nearest(tracked, truth)
+            off = tracked.positions[rows] - truth
+            solved = np.linalg.solve(tracked.covariance[rows], off[..., None])[..., 0]
+            squares.append((off * solved).sum(axis=1))
+    assert 0.3 < np.mean(squares) < 3.5
+
+
+def test_a_look_takes_milliseconds() -> None:
+    """1.0 ms for a look at 8 fruits and 0.3 ms for a snapshot; three times that is refused."""
+    rng = np.random.default_rng(6)
+    plant, tracker, adds, snaps = swaying(rng, 8, 0.02, np.array([1.0])), Tracker(empty()), [], []
+    for each in looks(plant, rng, Eye(), 3.0):
+        begin = time.perf_counter()
+        tracker.add(each)
+        middle = time.perf_counter()
+        tracker.at(each.time + LATENCY)
+        adds.append(middle - begin)
+        snaps.append(time.perf_counter() - middle)
+    assert np.quantile(adds, 0.2) < 0.0045
+    assert np.quantile(snaps, 0.2) < 0.0015
