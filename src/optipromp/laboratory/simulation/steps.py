@@ -148,10 +148,8 @@ class Execution:
 
     def _touching(self, record: int) -> FloatArray:
         """The present contacts as rows of ``Rollout.contacts``."""
-        found = pressing(self.data, self.world)
-        found = found.where(np.asarray(self.moving[found.pairs].all(axis=1)))
-        first = np.full(len(found.rows), record)
-        return np.column_stack([first, found.pairs, found.points, found.forces])
+        _, pairs, points, forces = pressing(self.data, self.world, self.moving)
+        return np.column_stack([np.full(len(pairs), record), pairs, points, forces])
 
     def rollout(self, motion: float) -> Rollout:
         """The records, of a motion that ended at ``motion`` [s]."""
