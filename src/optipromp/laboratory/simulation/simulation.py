@@ -8,6 +8,7 @@ from optipromp.core.arrays import BoolArray, FloatArray, frozen
 from optipromp.core.errors import ExecutionError, InvalidRequestError
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
@@ -71,7 +72,8 @@ class Simulation:
         record_rate: of the rollout's records [Hz].
 
     Attributes:
-        scene, robot, parameters, seed: see above.
+        scene, robot, parameters, seed: see above. ``world.scene`` is the true scene, disturbances
+            included, in the frame where the arm believes its base to be.
         reference: the last one of the controller.
 
     Raises:
@@ -111,6 +113,11 @@ class Simulation:
     def world(self) -> World:
         """The model of MuJoCo, and what its parts stand for."""
         return self._world
+
+    @property
+    def miscalibration(self) -> Pose:
+        """The error of the arm's base: true places are ``miscalibration @ believed``."""
+        return self._world.miscalibration
 
     @property
     def data(self) -> Any:
