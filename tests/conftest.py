@@ -45,7 +45,7 @@ LONG = {
     ),
     "ros": "bags recordings",
     "scenes": "generate placing trusses",
-    "simulation": "export hand physics pictures runs second_engine tools trusses",
+    "simulation": "disturbances export hand physics pictures runs second_engine tools trusses",
     ".": "kernel_cache plan_folders",
     "viewer": "figures",
 }

@@ -26,6 +26,11 @@ CHANGED = {
     "damping × 0.2": {"stem.damping_time", "stem.swing_damping"},
     "damping × 4": {"stem.damping_time", "stem.swing_damping"},
     "fruits turn freely": {"stem.calyx"},
+    "cluster 15 mm aside": {"disturbance.shift"},
+    "jump 10 mm in motion": {"disturbance.jump", "disturbance.jump_at"},
+    "sway 20 mm": {"disturbance.sway"},
+    "arm 5 mm, 1 degree off": {"disturbance.arm_offset", "disturbance.arm_turn"},
+    "commands 20 ms late": {"disturbance.command_delay"},
 }
 
 

@@ -13,12 +13,16 @@ import numpy as np
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.scenes.trusses import rooted
-from optipromp.laboratory.simulation.parameters import SimulationParameters
+from optipromp.laboratory.simulation.parameters import DisturbanceParameters, SimulationParameters
 
 Variation = Callable[[Scene, np.random.Generator], tuple[Scene, SimulationParameters]]
 
 LOWER = 0.010  # [m] from the detected height of every fruit down to the true one: a choice
 OFF = 0.005  # [m] lateral error of the tool's position: a choice
+ASIDE, LEAP, LEAP_AT = 0.015, 0.010, 2.0  # [m] [m] [s] of fruits moved after the look: choices
+SWAY = 0.020  # [m] of plants in a light wind: a choice
+BASE_OFF, BASE_TURN = 0.005, 1.0  # [m] [deg] of a calibration by hand: choices
+LATE = 0.020  # [s] of commands over a busy network: a choice
 
 
 def _stiffness(p: SimulationParameters, factor: float) -> SimulationParameters:
@@ -97,6 +101,10 @@ def _physics(change: Callable[[SimulationParameters], SimulationParameters]) -> 
     return lambda scene, rng: (scene, change(SimulationParameters()))
 
 
+def _disturbed(disturbance: DisturbanceParameters) -> Variation:
+    return _physics(lambda p: replace(p, disturbance=disturbance))
+
+
 def _world(change: Callable[[Scene, np.random.Generator], Scene]) -> Variation:
     return lambda scene, rng: (change(scene, rng), SimulationParameters())
 
@@ -118,6 +126,13 @@ VARIATIONS: dict[str, Variation] = {
         lambda scene, rng: _moved(scene, -LOWER * np.asarray(scene.up), roots=False)
     ),
     "fruits turn freely": _physics(lambda p: replace(p, stem=replace(p.stem, calyx="free"))),
+    "cluster 15 mm aside": _disturbed(DisturbanceParameters(shift=ASIDE)),
+    "jump 10 mm in motion": _disturbed(DisturbanceParameters(jump=LEAP, jump_at=LEAP_AT)),
+    "sway 20 mm": _disturbed(DisturbanceParameters(sway=SWAY)),
+    "arm 5 mm, 1 degree off": _disturbed(
+        DisturbanceParameters(arm_offset=BASE_OFF, arm_turn=BASE_TURN)
+    ),
+    "commands 20 ms late": _disturbed(DisturbanceParameters(command_delay=LATE)),
     "all drawn at random": _drawn,
 }
 """By name. The first is the simulation's default, each next changes one thing, the last many."""

@@ -10,6 +10,9 @@ from optipromp.laboratory.simulation.outcome import Cause as Cause
 from optipromp.laboratory.simulation.outcome import Contact as Contact
 from optipromp.laboratory.simulation.outcome import Outcome as Outcome
 from optipromp.laboratory.simulation.parameters import ControlParameters as ControlParameters
+from optipromp.laboratory.simulation.parameters import (
+    DisturbanceParameters as DisturbanceParameters,
+)
 from optipromp.laboratory.simulation.parameters import EngineParameters as EngineParameters
 from optipromp.laboratory.simulation.parameters import FruitParameters as FruitParameters
 from optipromp.laboratory.simulation.parameters import RobotParameters as RobotParameters

@@ -1,6 +1,6 @@
 """Contacts of a run: forces and times of each pair of entities."""
 
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -82,21 +82,23 @@ class Pressing(NamedTuple):
     points: FloatArray
     forces: FloatArray
 
-    def where(self, chosen: BoolArray) -> Self:
-        """Those that are ``chosen`` (C,)."""
-        rows, pairs = self.rows[chosen], self.pairs[chosen]
-        return self._replace(
-            rows=rows, pairs=pairs, points=self.points[chosen], forces=self.forces[chosen]
-        )
 
+def pressing(data: Any, world: World, among: BoolArray | None = None) -> Pressing:
+    """The contact points of ``data`` between entities of ``world``.
 
-def pressing(data: Any, world: World) -> Pressing:
-    """The contact points of ``data`` between entities of ``world``."""
+    Args:
+        data: of MuJoCo.
+        world: of the entities.
+        among: (E,) which entities count; None: all.
+    """
     found, force = data.contact, data.efc_force
     at = np.asarray(found.efc_address)
-    pairs = world.geom_entity[np.asarray(found.geom)].reshape(-1, 2)
-    rows = np.flatnonzero((at >= 0) & (pairs >= 0).all(axis=1))
+    owners = world.geom_entity[np.asarray(found.geom)].reshape(-1, 2)
+    counted = (at >= 0) & (owners >= 0).all(axis=1)
+    if among is not None:
+        counted &= among[owners].all(axis=1)
+    rows = np.flatnonzero(counted)
     own = force[at[rows, None] + np.arange(3)] if len(rows) else np.zeros((0, 3))
     frames = np.asarray(found.frame).reshape(-1, 3, 3)[rows]
     forces = np.einsum("ci,cij->cj", own, frames)
-    return Pressing(rows, pairs[rows], np.asarray(found.pos)[rows], forces)
+    return Pressing(rows, owners[rows], np.asarray(found.pos)[rows], forces)

@@ -13,6 +13,7 @@ from optipromp.core.geometry.shapes import Capsule, Cylinder, Sphere
 from optipromp.core.robots.tool_protocol import quaternion
 from optipromp.core.scenes.scene import SceneObject, Stem
 from optipromp.core.scenes.trusses import nearest, parents_first
+from optipromp.laboratory.simulation.disturbances import add_carriage
 from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.entities import layers
 from optipromp.laboratory.simulation.parameters import SimulationParameters, StemParameters
@@ -108,6 +109,8 @@ def add_fruit(
     )
     nodes = chain.nodes
     grows_from = None if truss is None else truss.grows_from
+    if grows_from is None and parameters.disturbance.in_motion:
+        grows_from = add_carriage(spec, key, nodes[0])
     _add_chain(spec, obj.stem, chain, stiffness, parameters, key, stem_entity, grows_from)
     mouth = obj.rotation.T @ (nodes[-1] - obj.position)
     weld = spec.add_equality(

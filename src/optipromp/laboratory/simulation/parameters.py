@@ -203,6 +203,54 @@ class EngineParameters(Checked):
 
 
 @dataclass(frozen=True)
+class DisturbanceParameters(Checked):
+    """Disturbances that the planner is not told of; by default there are none."""
+
+    sway: float = parameter(
+        0.0,
+        "m",
+        "choice",
+        "bound of the horizontal sway of the roots of stems; plants in wind sway by 10-30 mm",
+    )
+    sway_frequency: float = parameter(
+        0.3, "Hz", "choice", "lowest of the sway: a gutter or a row of plants as a whole"
+    )
+    sway_fastest: float = parameter(
+        1.6, "Hz", "choice", "highest of the sway: a fruit on 10 cm of stem swings at that"
+    )
+    sway_modes: int = parameter(3, "1", "choice", "harmonic motions that the sway is the sum of")
+    sway_of: Literal["gutter", "roots"] = parameter(
+        "gutter",
+        "",
+        "choice",
+        "whether all roots move alike (gutter), or each with phases of its own (roots)",
+    )
+    gust: float = parameter(
+        0.0, "1", "choice", "share by which the sway's amplitude falls and rises slowly; at most 1"
+    )
+    shift: float = parameter(
+        0.0, "m", "choice", "horizontally from the scene's fruits on stems to the true ones"
+    )
+    lower: float = parameter(
+        0.0, "m", "choice", "down from the scene's fruits on stems to the true ones"
+    )
+    jump: float = parameter(0.0, "m", "choice", "horizontal step of all roots during the run")
+    jump_at: float = parameter(0.0, "s", "choice", "time at which that step begins")
+    arm_offset: float = parameter(
+        0.0, "m", "choice", "from where the arm's base is believed to be to where it is"
+    )
+    arm_turn: float = parameter(0.0, "deg", "choice", "likewise, turn of the arm's base")
+    command_delay: float = parameter(
+        0.0, "s", "choice", "by which references reach the joint controller late; cells: 0-20 ms"
+    )
+
+    @property
+    def in_motion(self) -> bool:
+        """Whether roots move during a run."""
+        return self.sway > 0.0 or self.jump > 0.0
+
+
+@dataclass(frozen=True)
 class Thresholds(Checked):
     """Limits of a success; a failure names the first limit that it exceeds."""
 
@@ -247,6 +295,7 @@ class SimulationParameters:
     robot: RobotParameters = field(default_factory=RobotParameters)
     control: ControlParameters = field(default_factory=ControlParameters)
     engine: EngineParameters = field(default_factory=EngineParameters)
+    disturbance: DisturbanceParameters = field(default_factory=DisturbanceParameters)
     thresholds: Thresholds = field(default_factory=Thresholds)
 
     def __post_init__(self) -> None:
@@ -269,6 +318,18 @@ class SimulationParameters:
                 f"stem.bow_least is {self.stem.bow_least} and stem.bow_most {self.stem.bow_most}; "
                 "valid: 0 <= least <= most <= 0.2"
             )
+        d = self.disturbance
+        positive("disturbance.sway_frequency", d.sway_frequency)
+        positive("disturbance.sway_modes", d.sway_modes)
+        if d.sway_fastest < d.sway_frequency:
+            raise InvalidRequestError(
+                f"disturbance.sway_fastest is {d.sway_fastest}, below disturbance.sway_frequency, "
+                f"{d.sway_frequency}"
+            )
+        if d.gust > 1.0:
+            raise InvalidRequestError(f"disturbance.gust is {d.gust}; it must be at most 1")
+        if d.sway_of not in ("gutter", "roots"):
+            raise InvalidRequestError(f"disturbance.sway_of is {d.sway_of!r}; valid: gutter, roots")
         if self.stem.calyx not in ("rigid", "free"):
             raise InvalidRequestError(f"stem.calyx is {self.stem.calyx!r}; valid: rigid, free")
         if self.thing.avoid_as not in ("soft", "fruits"):

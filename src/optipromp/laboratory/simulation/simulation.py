@@ -8,6 +8,7 @@ from optipromp.core.arrays import BoolArray, FloatArray, frozen
 from optipromp.core.errors import ExecutionError, InvalidRequestError
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
@@ -71,7 +72,8 @@ class Simulation:
         record_rate: of the rollout's records [Hz].
 
     Attributes:
-        scene, robot, parameters, seed: see above.
+        scene, robot, parameters, seed: see above. ``world.scene`` is the true scene, disturbances
+            included, in the frame where the arm believes its base to be.
         reference: the last one of the controller.
 
     Raises:
@@ -111,6 +113,11 @@ class Simulation:
     def world(self) -> World:
         """The model of MuJoCo, and what its parts stand for."""
         return self._world
+
+    @property
+    def miscalibration(self) -> Pose:
+        """The error of the arm's base: true places are ``miscalibration @ believed``."""
+        return self._world.miscalibration
 
     @property
     def data(self) -> Any:
@@ -250,16 +257,16 @@ class Simulation:
         kind = [e.kind == "tool" or (self.robot.tool is None and e.distal) for e in entities]
         mine = np.array(kind)
         found = pressing(run.data, self._world)
-        found = found.where(np.asarray(mine[found.pairs].any(axis=1)))
-        signs = np.where(mine[found.pairs[:, 1]], 1.0, -1.0)
         tool, _ = self.robot.tool_pose(self.state().q)
-        forces = signs[:, None] * found.forces
-        torque = np.cross(found.points - tool, forces).sum(axis=0)
-        six = np.zeros(6)
-        for row, sign in zip(found.rows, signs, strict=True):
+        total, six = np.zeros((2, 3)), np.zeros(6)
+        for row, pair, point, force in zip(*found, strict=True):
+            if not mine[pair].any():
+                continue
             run.mujoco.mj_contactForce(run.model, run.data, row, six)
-            torque += sign * (six[3:] @ run.data.contact[row].frame.reshape(3, 3))
-        return frozen(np.concatenate([forces.sum(axis=0), torque]))
+            turning = six[3:] @ run.data.contact[row].frame.reshape(3, 3)  # of spin and rolling
+            sign = 1.0 if mine[pair[1]] else -1.0
+            total += sign * np.array([force, np.cross(point - tool, force) + turning])
+        return frozen(total.ravel())
 
     def rollout(self) -> Rollout:
         """The records so far, of a motion that ends now."""

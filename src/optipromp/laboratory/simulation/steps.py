@@ -1,5 +1,6 @@
 """The steps of a run: the joint controller, MuJoCo, and the records."""
 
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple, Self
@@ -9,6 +10,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray, IntArray, frozen
 from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.simulation.arm import GUARD
+from optipromp.laboratory.simulation.carriages import Carriages
 from optipromp.laboratory.simulation.contacts import ContactLog, pressing
 from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.kernels import is_sound
@@ -30,11 +32,15 @@ class Execution:
         self.mujoco = engine()
         self.model, self.data = world.model, world.data(motion.positions[0])
         p = world.parameters
+        moved = world.motion
+        self.carriages = None if moved is None else Carriages(world, moved, self.data)
         self.log = ContactLog(world, p.thresholds.stem_force)
         self.stems = StemWatch(world)
         self.step = p.engine.timestep
         self.every = max(round(1.0 / (record_rate * self.step)), 1)
         self.tick = max(round(1.0 / (p.control.rate * self.step)), 1)
+        self.late = round(p.disturbance.command_delay / self.step)
+        self.waiting: deque[tuple[FloatArray, ...]] = deque()
         self.gains = (p.control.frequency**2, 2.0 * p.control.damping_ratio * p.control.frequency)
         n = world.robot.n_segments
         self.at = _Views.of(self.data, n)
@@ -91,6 +97,10 @@ class Execution:
         The reference of the controller is ``q``, ``rate`` and ``acceleration`` (S,) of the
         segments; ``after`` (S,) is the reference position at the end of the step.
         """
+        if self.late:
+            q, rate, acceleration, after = self._delayed(q, rate, acceleration, after)
+        if self.carriages is not None:
+            self.carriages.drive(self.data, self.steps)
         self.mujoco.mj_step1(self.model, self.data)
         if self.steps % self.tick == 0:
             self._control(q, rate, acceleration)
@@ -108,6 +118,14 @@ class Execution:
         if self.steps % self.every == 0:
             self.record(after)
         return True
+
+    def _delayed(self, *reference: FloatArray) -> tuple[FloatArray, ...]:
+        """The reference of ``late`` steps ago; at first the arm stands."""
+        self.waiting.append(reference)
+        if len(self.waiting) > self.late:
+            return self.waiting.popleft()
+        first = self.waiting[0][0]
+        return first, np.zeros_like(first), np.zeros_like(first), first
 
     def _control(self, q: FloatArray, rate: FloatArray, acceleration: FloatArray) -> None:
         at, n = self.at, len(q)
@@ -148,10 +166,8 @@ class Execution:
 
     def _touching(self, record: int) -> FloatArray:
         """The present contacts as rows of ``Rollout.contacts``."""
-        found = pressing(self.data, self.world)
-        found = found.where(np.asarray(self.moving[found.pairs].all(axis=1)))
-        first = np.full(len(found.rows), record)
-        return np.column_stack([first, found.pairs, found.points, found.forces])
+        _, pairs, points, forces = pressing(self.data, self.world, self.moving)
+        return np.column_stack([np.full(len(pairs), record), pairs, points, forces])
 
     def rollout(self, motion: float) -> Rollout:
         """The records, of a motion that ended at ``motion`` [s]."""

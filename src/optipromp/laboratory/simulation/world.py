@@ -1,24 +1,31 @@
 """A scene and its robot as a MuJoCo model."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, IntArray, frame_along, frozen
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Sphere
-from optipromp.core.pushing.stems.parting import shifts
 from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.scenes.scene import Scene, SceneObject, Stem
-from optipromp.core.scenes.trusses import parents_first, rooted
+from optipromp.core.scenes.trusses import parents_first
 from optipromp.laboratory.simulation.arm import Drives, add_robot, drives, link_entities
+from optipromp.laboratory.simulation.disturbances import (
+    RootMotion,
+    disturbed,
+    root_motion,
+    roots_of,
+)
 from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.entities import NOBODY, Entity, layers
 from optipromp.laboratory.simulation.fruits import BuiltFruit, add_fruit, bows, trusses_of
 from optipromp.laboratory.simulation.parameters import SimulationParameters
+from optipromp.laboratory.simulation.parting import apart
 from optipromp.laboratory.simulation.solids import add_shape
 
 STATIC_COLOUR = (0.62, 0.60, 0.57, 1.0)
@@ -60,13 +67,27 @@ class Fruit:
     along: FloatArray
 
 
+class Root(NamedTuple):
+    """The places of a moving root in the model.
+
+    Attributes:
+        position, spin: first indices of its slides into qpos and qvel.
+        fruits: indices into ``World.fruits`` of those that hang on it.
+    """
+
+    position: int
+    spin: int
+    fruits: tuple[int, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class World:
     """A compiled model, and what its parts stand for.
 
     Attributes:
         model: the ``MjModel``.
-        scene, robot, parameters: of which it was built.
+        scene: the true one, of which it was built: with its disturbances, and fruits parted.
+        robot, parameters: of which it was built.
         drives: of the robot's segments; their qpos and qvel are the first S.
         entities: of which contacts are counted.
         geom_entity: (ngeom,) index into ``entities``.
@@ -74,6 +95,9 @@ class World:
         overlapping: pairs of labels of entities that overlap in the scene and so do not collide.
         parted: distance by which fruits that overlapped were moved apart, by id [m].
         spec: the ``MjSpec`` that the model was compiled from.
+        roots: that move; none without a sway or jump.
+        motion: of the roots, in their order; None where they stand.
+        miscalibration: of the arm; true places are ``miscalibration @ believed``.
     """
 
     model: Any
@@ -87,6 +111,9 @@ class World:
     overlapping: tuple[tuple[str, str], ...]
     parted: Mapping[str, float]
     spec: Any
+    roots: tuple[Root, ...] = ()
+    motion: RootMotion | None = None
+    miscalibration: Pose = field(default_factory=Pose)
 
     @property
     def shown(self) -> tuple[Fruit, ...]:
@@ -117,13 +144,14 @@ def build(
         scene: robot and objects.
         robot: whose frame is the world's.
         parameters: physical numbers.
-        seed: of the bows of stems, and of the fruits of real neighbouring clusters.
+        seed: of the bows of stems, the fruits of real neighbouring clusters, and disturbances.
 
     Raises:
         InvalidSceneError: a shape that cannot be built.
         InvalidRequestError: MuJoCo is not installed, or cannot build the scene.
     """
     parameters = parameters or SimulationParameters()
+    scene, miscalibration = disturbed(scene, parameters.disturbance, seed)
     scene, parted = apart(scene)
     draft = _Draft(scene, robot, parameters, seed)
     model = draft.compile()
@@ -133,33 +161,34 @@ def build(
             draft.exclude(a, b)
         model = draft.compile()
     named = tuple((draft.entities[a].label, draft.entities[b].label) for a, b in pairs)
-    return draft.world(model, named, parted)
+    world = replace(draft.world(model, named, parted), miscalibration=miscalibration)
+    return _moving(world, seed) if parameters.disturbance.in_motion else world
 
 
-def apart(scene: Scene) -> tuple[Scene, dict[str, float]]:
-    """The scene with overlapping fruits moved apart, and the distance of each move, by id [m].
-
-    Only hanging fruits are moved; the roots of their stems stay.
-    """
+def _moving(world: World, seed: int) -> World:
+    """The world with its roots and their motion."""
+    tops = roots_of(world.scene.objects)
+    by: dict[str, list[int]] = {}  # a fruit of a neighbouring cluster has a root of its own
+    for index, fruit in enumerate(world.fruits):
+        if fruit.built.has_stem:
+            key = tops.get(fruit.id, "") if fruit.built.shown else fruit.built.key
+            by.setdefault(key, []).append(index)
+    if not by:
+        return world
+    joints = [world.model.joint(f"root:{key}:0") for key in by]
+    roots = tuple(
+        Root(int(joint.qposadr[0]), int(joint.dofadr[0]), tuple(mine))
+        for joint, mine in zip(joints, by.values(), strict=True)
+    )
     hanging = [
-        item
-        for item in scene.objects
-        if item.stem is not None and item.role in ("target", "pushable")
+        [(world.model.body_pos[f.body], _reach(world.model, f.body)) for f in mine]
+        for mine in ([world.fruits[k] for k in root.fruits] for root in roots)
     ]
-    by = {item.id: shift for item, shift in zip(hanging, shifts(hanging), strict=True)}
-    far = {name: float(np.linalg.norm(shift)) for name, shift in by.items()}
-    far = {name: size for name, size in far.items() if size > 0.0}
-    if not far:
-        return scene, {}
-    objects = []
-    for item in scene.objects:
-        if item.id in far and item.stem is not None:
-            points = np.array(item.stem.points)
-            points[0] += by[item.id]
-            stem = replace(item.stem, points=points)
-            item = replace(item, position=item.position + by[item.id], stem=stem)
-        objects.append(item)
-    return replace(scene, objects=rooted(objects)), far
+    motion = root_motion(world.parameters.disturbance, seed, world.scene.up, hanging)
+    slides = np.concatenate([np.arange(root.spin, root.spin + 3) for root in roots])
+    own = np.delete(world.model.dof_M0, slides)
+    world.model.stat.meaninertia = own.mean()  # by which the solver ends: without the carriages
+    return replace(world, roots=roots, motion=motion)
 
 
 class _Draft:
@@ -359,3 +388,10 @@ class _Draft:
 def _owners(model: Any) -> IntArray:
     owners: IntArray = np.asarray(model.geom_user)[:, 0].astype(np.int64)
     return owners
+
+
+def _reach(model: Any, body: int) -> float:
+    """Radius about the body's origin of a ball that contains its shape [m]."""
+    geoms = slice(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body])
+    away = np.linalg.norm(model.geom_pos[geoms], axis=1)
+    return float((away + model.geom_rbound[geoms]).max())
