@@ -13,7 +13,7 @@ from optipromp.core.errors import ExecutionError, InvalidRequestError
 from optipromp.core.execution.running import Executed as Executed
 from optipromp.core.execution.running import (
     Following,
-    Run,
+    Streamed,
     apart,
     in_words,
     measured_state,
@@ -172,7 +172,7 @@ class Follower(ABC):
         with self._begun() as now:
             if reason := self.refusal(curve, now):
                 raise InvalidRequestError(reason)
-            return Run(self, curve, watch, self._aborted).followed()
+            return Streamed(self, curve, watch, self._aborted).followed()
 
     def follow(
         self, source: Source, *, period: float = PERIOD, watch: Watch | None = None

@@ -11,7 +11,7 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import ExecutionError, InvalidRequestError
-from optipromp.core.execution.streaming import Answer, Asking, Line, Question
+from optipromp.core.execution.streaming import Asking, Line, Question, Reply
 from optipromp.core.parameters import Checked, parameter
 from optipromp.core.planning.timing import stopped
 from optipromp.core.robots.model import Robot
@@ -89,7 +89,7 @@ class Executed:
     missed: int = 0
 
 
-class Arm(Protocol):
+class Steered(Protocol):
     """What a motion is streamed to; see ``Follower``."""
 
     robot: Robot
@@ -105,7 +105,7 @@ class Arm(Protocol):
         """Command a reference."""
 
 
-class Run:
+class Streamed:
     """The execution of curves: the last reference, the records, and the reason of an early end.
 
     ``time`` is that of the references; a tick advances it by ``Guard.advance`` at most. A motion
@@ -115,7 +115,7 @@ class Run:
     """
 
     def __init__(
-        self, arm: Arm, curve: Trajectory, watch: Watch | None, aborted: threading.Event
+        self, arm: Steered, curve: Trajectory, watch: Watch | None, aborted: threading.Event
     ) -> None:
         self.arm, self.line, self.watch, self.aborted = arm, Line.of(curve), watch, aborted
         self.time, self.reason, self.asked = 0.0, "", curve.at(0.0)
@@ -231,7 +231,7 @@ class Run:
         )
 
 
-class Following(Run):
+class Following(Streamed):
     """The execution of the curves of a source, from rest at ``begin``.
 
     ``due`` is the time of the next question [s]; ``taken`` the number of stretches taken;
@@ -240,7 +240,7 @@ class Following(Run):
 
     def __init__(
         self,
-        arm: Arm,
+        arm: Steered,
         begin: State,
         asking: Asking,
         period: float,
@@ -269,7 +269,7 @@ class Following(Run):
             told = f" that can be taken; at {self.refused[-1]}" if self.refused else ""
             self._stop(f"no stretch came{told}", self.asked)
 
-    def _answered(self, answer: Answer) -> None:
+    def _answered(self, answer: Reply) -> None:
         """Take, refuse or miss the stretch of an answer; nothing once the motion must end."""
         if self.reason:
             return
@@ -334,7 +334,7 @@ def standing(robot: Robot, state: State) -> Trajectory:
     return Trajectory.through(np.tile(state.q, (2, 1)), 1.0, robot.joint_names)
 
 
-def measured_state(arm: Arm) -> State:
+def measured_state(arm: Steered) -> State:
     """The arm's state. Raises ValueError if its number of joints is not the robot's."""
     found = arm.state()
     if found.q.shape != (arm.robot.n_joints,):

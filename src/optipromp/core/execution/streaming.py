@@ -97,7 +97,7 @@ class Question:
 
 
 @dataclass(frozen=True)
-class Answer:
+class Reply:
     """What a source answered: a stretch and the reason to refuse its curve, or its failure."""
 
     asked: float
@@ -116,13 +116,13 @@ class Asking:
 
     def __init__(self, source: Source, refusal: Callable[[Trajectory], str]) -> None:
         self._source, self._refusal = source, refusal
-        self._answers = SimpleQueue[Answer]()
+        self._answers = SimpleQueue[Reply]()
 
     def ask(self, question: Question) -> None:
         """Put a question; the answer comes by :meth:`answers`, now or later."""
         self._answers.put(self._answered(question))
 
-    def answers(self) -> Iterator[Answer]:
+    def answers(self) -> Iterator[Reply]:
         """The answers since the last call; it does not wait for others."""
         while True:
             try:
@@ -133,17 +133,17 @@ class Asking:
     def close(self) -> None:
         """Ask nothing more."""
 
-    def _answered(self, question: Question) -> Answer:
+    def _answered(self, question: Question) -> Reply:
         asked = question.time
         try:
             found = self._source(asked, question.measured, question.reference)
             if found is None:
-                return Answer(asked)
+                return Reply(asked)
             if not isinstance(found, Stretch):
                 raise TypeError(f"it returned a {type(found).__name__}, not a Stretch")
-            return Answer(asked, found, self._refusal(found.curve))
+            return Reply(asked, found, self._refusal(found.curve))
         except BaseException as error:
-            return Answer(asked, error=error)
+            return Reply(asked, error=error)
 
 
 class AskingApart(Asking):
