@@ -27,7 +27,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 LONG = {
     "benchmarks": "suite",
     "cli": "folder generate_study markup plan process",
-    "execution": "executor franka streaming trouble",
+    "execution": "executor franka streaming streaming_trouble trouble",
     "experiments": "baselines study variations",
     "geometry": "grids",
     "looks": "looks",

@@ -72,9 +72,8 @@ class Line:
         return self.taken[self._running(time)][1].at(time)
 
     def ended(self, time: float) -> bool:
-        """Whether the last stretch runs at ``time`` [s] and has come to its end."""
-        takes, last = self.taken[-1]
-        return (len(self.taken) == 1 or takes <= time) and last.ended(time)
+        """Whether the last stretch has come to its end at ``time`` [s]."""
+        return self.taken[-1][1].ended(time)
 
     def until(self, begins: float, now: float) -> "Line":
         """The stretch that runs at ``now`` and those that take over before ``begins`` [s]."""
