@@ -28,7 +28,7 @@ LONG = {
     "benchmarks": "suite",
     "control": "tracker tracks",
     "cli": "folder generate_study markup plan process",
-    "execution": "executor franka trouble",
+    "execution": "executor franka streaming streaming_trouble trouble",
     "experiments": "baselines study variations",
     "geometry": "grids",
     "looks": "looks",

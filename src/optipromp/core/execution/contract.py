@@ -7,7 +7,8 @@
         def executor(self):
             return MyArm("simulated")
 
-A real arm moves in these tests: each joint by 0.05 rad over about 2 s, from where the arm stands.
+A real arm moves in these tests: each joint by 0.05 rad over about 2 s, from where the arm stands,
+and by 0.075 rad where a second curve replaces the first.
 """
 
 import threading
@@ -18,10 +19,29 @@ from contextlib import suppress
 import numpy as np
 
 from optipromp.core.errors import ExecutionError, InvalidRequestError
-from optipromp.core.execution.executor import Executed, Executor
+from optipromp.core.execution.executor import Executed, Executor, Source, Stretch
 from optipromp.core.trajectory import State, Trajectory
 
 MOVED = 0.05  # [rad or m] motion of every joint, chosen
+
+
+def _elsewhere(curve: Trajectory, by: float) -> Trajectory:
+    """The same curve, each joint moved by ``by`` [rad or m]."""
+    q, velocities, accelerations = curve.rows()
+    return Trajectory(curve.times, q + by, velocities, accelerations, curve.joint_names)
+
+
+def _rest(curve: Trajectory, after: float, further: float = 0.0) -> Trajectory:
+    """From the state of a curve ``after`` a time [s] to ``further`` [rad or m] than its end."""
+    begin, end = curve.at(after), curve.at(curve.duration)
+    still = np.zeros_like(end.q)
+    return Trajectory(
+        np.array([0.0, curve.duration]),
+        np.array([begin.q, end.q + further]),
+        np.array([begin.velocity, still]),
+        np.array([begin.acceleration, still]),
+        curve.joint_names,
+    )
 
 
 class ExecutorContract(ABC):
@@ -36,6 +56,9 @@ class ExecutorContract(ABC):
 
     late = 0.5
     """Longest time beyond a curve's duration, and longest time to come to rest [s]."""
+
+    lead = 0.2
+    """Time from a call of a source to the begin of the stretch that it returns [s]."""
 
     @abstractmethod
     def executor(self) -> Executor:
@@ -155,15 +178,7 @@ class ExecutorContract(ABC):
     def test_a_curve_that_begins_elsewhere_is_refused(self) -> None:
         """The arm does not move."""
         arm = self.executor()
-        curve = self.curve(arm)
-        moved = Trajectory(
-            curve.times,
-            curve.positions + 0.2,
-            curve.velocities,
-            curve.accelerations,
-            curve.joint_names,
-        )
-        self._refused(arm, moved)
+        self._refused(arm, _elsewhere(self.curve(arm), 0.2))
 
     def test_a_curve_that_begins_or_ends_in_motion_is_refused(self) -> None:
         """A curve must begin as the arm moves, here at rest, and must end at rest."""
@@ -194,3 +209,123 @@ class ExecutorContract(ABC):
             moved = False
         assert moved, "it was executed"
         assert np.abs(arm.state().q - before).max() < self.tolerance
+
+    def _source(self, given: list[Stretch], whole: Trajectory, *later: Source) -> Source:
+        """A source of ``whole`` at once, and of what each of ``later`` returns, asked midway.
+
+        All that it returns is put into ``given``.
+        """
+        waiting = list(later)
+
+        def source(now: float, measured: State, reference: State) -> Stretch | None:
+            found: Stretch | None = None
+            if not given:
+                found = Stretch(whole, now + self.lead)
+            elif waiting and now > given[0].begins + 0.3 * self.duration:
+                found = waiting.pop(0)(now, measured, reference)
+            if found is not None:
+                given.append(found)
+            return found
+
+        return source
+
+    def _unchanged(self, arm: Executor, done: Executed, first: Stretch) -> None:
+        """The motion was that of the first stretch, to its end."""
+        assert done.finished, done.reason
+        wanted, _, _ = first.curve.sample(done.times - first.begins)
+        assert np.abs(done.reference - wanted).max() < 1e-9
+        assert done.largest_error < self.tolerance
+        assert np.abs(arm.state().q - first.curve.positions[-1]).max() < self.tolerance
+        assert np.abs(arm.state().velocity).max() < self.tolerance
+
+    def test_stretches_that_join_in_motion_are_followed_without_a_jump(self) -> None:
+        """The second curve leads from the first, in motion, to another end."""
+        arm, given = self.executor(), list[Stretch]()
+        whole = self.curve(arm)
+
+        def second(now: float, _: State, __: State) -> Stretch:
+            begins = now + self.lead
+            return Stretch(_rest(whole, begins - given[0].begins, 0.5 * MOVED), begins)
+
+        done = arm.follow(self._source(given, whole, second))
+        assert done.finished, done.reason
+        assert (done.reason, done.refused, done.missed) == ("", (), 0)
+        one, two = given
+        assert np.abs(one.at(two.begins).velocity).max() > 0.1 * MOVED / self.duration
+        first, _, _ = one.curve.sample(done.times - one.begins)
+        then, _, _ = two.curve.sample(done.times - two.begins)
+        wanted = np.where(done.times[:, None] < two.begins, first, then)
+        assert np.abs(done.reference - wanted).max() < 1e-6
+        assert done.largest_error < self.tolerance
+        assert np.abs(arm.state().q - whole.positions[-1] - 0.5 * MOVED).max() < self.tolerance
+        assert np.abs(arm.state().velocity).max() < self.tolerance
+
+    def test_a_stretch_that_jumps_is_refused_in_motion(self) -> None:
+        """The curve that runs goes on to its end."""
+        arm, given = self.executor(), list[Stretch]()
+        whole = self.curve(arm)
+
+        def jump(now: float, _: State, __: State) -> Stretch:
+            begins = now + self.lead
+            return Stretch(_elsewhere(_rest(whole, begins - given[0].begins), 0.01), begins)
+
+        done = arm.follow(self._source(given, whole, jump))
+        assert len(given) == 2
+        assert len(done.refused) == 1
+        assert done.missed == 0
+        self._unchanged(arm, done, given[0])
+
+    def test_a_stretch_that_comes_late_is_missed(self) -> None:
+        """Its begin has passed, and meanwhile it has left what runs."""
+        arm, given = self.executor(), list[Stretch]()
+        whole = self.curve(arm)
+
+        def late(now: float, _: State, __: State) -> Stretch:
+            begins = now - 0.2 * self.duration
+            return Stretch(_rest(whole, begins - given[0].begins, 0.5 * MOVED), begins)
+
+        done = arm.follow(self._source(given, whole, late))
+        assert len(given) == 2
+        assert (done.refused, done.missed) == ((), 1)
+        self._unchanged(arm, done, given[0])
+
+    def test_a_source_may_fail_in_motion(self) -> None:
+        """The arm comes to rest on the way, then the error is raised."""
+        arm, given = self.executor(), list[Stretch]()
+
+        def broken(_: float, __: State, ___: State) -> Stretch:
+            raise ArithmeticError
+
+        done = None
+        try:
+            arm.follow(self._source(given, self.curve(arm), broken))
+        except ExecutionError as error:
+            done = error.executed
+        assert isinstance(done, Executed)
+        self._ended(arm, done, given[0])
+
+    def test_another_thread_can_abort_what_a_source_leads(self) -> None:
+        """``abort`` ends ``follow`` on the way; then the next curve can be executed."""
+        arm, given = self.executor(), list[Stretch]()
+
+        def aborts(_: float, __: State, ___: State) -> None:
+            thread = threading.Thread(target=arm.abort)
+            thread.start()
+            thread.join()
+
+        done = arm.follow(self._source(given, self.curve(arm), aborts))
+        self._ended(arm, done, given[0])
+        assert arm.execute(self.curve(arm, -0.5 * MOVED)).finished
+
+    def _ended(self, arm: Executor, done: Executed, first: Stretch) -> None:
+        """The arm came to rest on the way along the first stretch."""
+        assert not done.finished
+        assert done.reason
+        assert done.times[-1] < first.begins + 0.5 * self.duration + self.late
+        progress = (done.reference[-1] - first.curve.positions[0]) / MOVED
+        assert progress.min() > 0.05
+        assert progress.max() < 0.95
+        speed = np.diff(done.reference, axis=0) / np.diff(done.times)[:, None]
+        assert np.abs(speed).max() < 1.5 * MOVED * 1.875 / self.duration
+        assert np.abs(arm.state().q - done.reference[-1]).max() < self.tolerance
+        assert np.abs(arm.state().velocity).max() < self.tolerance

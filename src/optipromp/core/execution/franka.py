@@ -37,6 +37,8 @@ def _module(name: str, package: str) -> Any:
 class _Franka(Follower):
     """The base of both adapters: joints and limits, gains, and the state of libfranka."""
 
+    synchronous = False
+
     def __init__(
         self,
         host: str,
