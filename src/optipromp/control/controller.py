@@ -224,8 +224,10 @@ class Controller:
             self._enter(Stage.LOOK, now, "at the camera point")
             return self._brake(begins)
         if phase >= route.duration + p.hold:
-            self._enter(Stage.DONE, now, "at the target")
-            return self._brake(begins)
+            if not self._missed(now, tracked):
+                self._enter(Stage.DONE, now, "at the target")
+                return self._brake(begins)
+            return self._retreat(now, tracked, route, route.duration, "the target is not inside")
         if self._at_camera:
             turn = self._watch(now, tracked, route, phase)
             if turn is not None:
@@ -234,6 +236,19 @@ class Controller:
                 assert self._route is not None and self._course is not None
                 return self._moved(now, tracked, self._phase)
         return self._moved(now, tracked, phase)
+
+    def _missed(self, now: float, tracked: Tracked) -> bool:
+        """Whether a look that is not old shows the target outside of the tool."""
+        tool = self.robot.tool
+        rows = [row for row, role in enumerate(tracked.roles) if role == "target"]
+        if tool is None or not rows or now - tracked.last_seen[rows[0]] > self.parameters.fresh:
+            return False
+        point, axis = self.robot.tool_pose(self._state(now).q)
+        away = tracked.positions[rows[0]] - point
+        along = float(away @ axis)
+        aside = float(np.linalg.norm(away - along * axis))
+        spread = float(np.sqrt(np.linalg.eigvalsh(tracked.covariance[rows[0]])[-1]))
+        return aside > max(tool.mouth[1], 0.01) + spread or along > tool.depth + spread
 
     def _stop_at(self, route: Route) -> float:
         """The phase at which the tool stops to look."""

@@ -57,6 +57,9 @@ class ControlParameters(Checked):
         (1.0, 1.3, 2.0, 3.0), "1", "choice", "tried factors of the time of the rest of a path"
     )
     tail: float = parameter(0.3, "s", "choice", "in which a curve comes to rest with the plant")
+    fresh: float = parameter(
+        0.3, "s", "choice", "age up to which a look tells whether the target is in the tool"
+    )
     hold: float = parameter(0.5, "s", "choice", "that the tool moves with the plant at the target")
     retreat_speed: float = parameter(0.1, "m/s", "choice", "of the tool on its way back")
 

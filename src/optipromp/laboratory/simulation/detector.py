@@ -29,6 +29,7 @@ from optipromp.laboratory.simulation.sight import (
     hand_pose,
     standing_pose,
     tool_frame,
+    view_of,
 )
 
 LOWER = 0.05  # [m] of a stem that tells its direction: as long as peduncles are in pictures
@@ -86,7 +87,9 @@ class Detector:
         self.scene, self.robot, self.parameters = scene, robot, parameters
         self.fruits = tuple(item for item in scene.objects if item.role != "static")
         self._rows = {item.id: row for row, item in enumerate(self.fruits)}
-        self._sight = Sight(tuple(item.shape for item in self.fruits), scene, robot)
+        palm = parameters.mount == "palm"
+        self._sight = Sight(tuple(item.shape for item in self.fruits), scene, robot, palm)
+        self.view = view_of(robot, parameters)
         self._hand, self._stand = hand_pose(robot, parameters), standing_pose(scene, parameters)
         count = len(self.fruits)
         self._rng = np.random.default_rng([seed, 9])
@@ -133,7 +136,7 @@ class Detector:
         ]
         found += self._wrong(camera, positions)
         found = self._exchanged(found, draws)
-        return Look(time, camera @ self.miscalibration, tuple(found), self.parameters.view)
+        return Look(time, camera @ self.miscalibration, tuple(found), self.view)
 
     def _placed(self, fruits: Truth) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
         """Positions, rotations and stems, fruit first, of all fruits of the scene."""
@@ -185,7 +188,7 @@ class Detector:
             leaves = self._leaves or ()
             share = self._sight.hidden(camera.position, frame, positions, rotations, leaves)
             blind += (p.hidden - p.missed) * share
-        return np.asarray((off <= 0.5 * p.view) & (chance >= blind))
+        return np.asarray((off <= 0.5 * self.view) & (chance >= blind))
 
     def _detection(
         self, row: int, camera: Pose, pose: Pose, stem: FloatArray, draws: _Draws
@@ -254,7 +257,7 @@ class Detector:
         hang = any(item.stem is not None for item in self.fruits)
         for _ in range(int(rng.poisson(p.false))):
             self._false_count += 1
-            z = 1.0 - rng.random() * (1.0 - math.cos(0.5 * p.view))
+            z = 1.0 - rng.random() * (1.0 - math.cos(0.5 * self.view))
             turn, flat = 2.0 * math.pi * rng.random(), math.sqrt(1.0 - z * z)
             distance = max(middle * rng.uniform(0.7, 1.3), LEAST_DISTANCE)  # a choice
             place = distance * np.array([flat * math.cos(turn), flat * math.sin(turn), z])

@@ -7,7 +7,7 @@ from typing import Literal
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.parameters import Checked, parameter
 
-MOUNTS = "hand", "beside"
+MOUNTS = "palm", "hand", "beside"
 SIGNED = "bias", "lower"  # may be negative
 SHARES = (
     "steady", "missed", "hidden", "missed_steadily", "swapped", "stem_seen", "leaf",
@@ -26,8 +26,12 @@ class DetectorParameters(Checked):
         InvalidRequestError: a number that is not finite, out of its range, or an unknown mount.
     """
 
-    mount: Literal["hand", "beside"] = parameter(
-        "hand", "", "choice", "hand: on the flange beside the tool; beside: standing still"
+    mount: Literal["palm", "hand", "beside"] = parameter(
+        "palm",
+        "",
+        "choice",
+        "palm: on the axis of the tool, looking out of its mouth; hand: on the flange beside the "
+        "tool; beside: standing still",
     )
     view: float = parameter(
         1.2, "rad", "choice", "full angle of the cone of view; RGB-D cameras see 42-87 degrees"
@@ -88,6 +92,9 @@ class DetectorParameters(Checked):
     )
     told: bool = parameter(
         True, "", "choice", "whether covariances include the camera's offset and turn"
+    )
+    palm_below: float = parameter(
+        0.05, "m", "choice", "of a camera in the palm behind the rim, which bounds its view"
     )
     hand_aside: float = parameter(
         0.03, "m", "choice", "of the hand camera, beyond the outer radius of the mouth"

@@ -39,17 +39,27 @@ def tool_frame(robot: Robot, q: FloatArray) -> Pose:
 def hand_pose(robot: Robot, parameters: DetectorParameters) -> Pose:
     """The hand camera in the tool axes at the tool point.
 
-    The camera is ``hand_aside`` beyond the outer radius of the mouth along the tool's x, and
+    A camera in the palm is on the axis of the tool, ``palm_below`` behind the rim. Another is ``hand_aside`` beyond the outer radius of the mouth along the tool's x, and
     ``hand_below`` behind the rim. The point of the tool axis ``aim`` before the rim is in the
     middle of the view.
     """
     tool = robot.tool
     outer, depth = (robot.gripper_radius, 0.0) if tool is None else (tool.mouth[1], tool.depth)
+    if parameters.mount == "palm":
+        return Pose(np.array([0.0, 0.0, depth - parameters.palm_below]))
     place = np.array([outer + parameters.hand_aside, 0.0, depth - parameters.hand_below])
     forward = np.array([0.0, 0.0, depth + parameters.aim]) - place
     forward /= np.linalg.norm(forward)
     y = np.array([0.0, 1.0, 0.0])
     return Pose(place, np.column_stack([np.cross(y, forward), y, forward]))
+
+
+def view_of(robot: Robot, parameters: DetectorParameters) -> float:
+    """Full angle of the camera's cone of view [rad]; the rim bounds that of one in the palm."""
+    tool = robot.tool
+    if parameters.mount != "palm" or tool is None or tool.mouth[0] <= 0.0:
+        return parameters.view
+    return min(parameters.view, 2.0 * math.atan2(tool.mouth[0], parameters.palm_below))
 
 
 def standing_pose(scene: Scene, parameters: DetectorParameters) -> Pose:
@@ -101,13 +111,16 @@ class Sight:
         scene: whose static objects hide.
         robot: whose tool hides: a round one as a cylinder from the floor of its mouth to its rim,
             another by its solids.
+        inside: whether the camera is in the tool, which then hides nothing.
     """
 
-    def __init__(self, shapes: tuple[Shape, ...], scene: Scene, robot: Robot) -> None:
+    def __init__(
+        self, shapes: tuple[Shape, ...], scene: Scene, robot: Robot, inside: bool = False
+    ) -> None:
         self.shapes, self.robot = shapes, robot
         static = [(item.shape, item.position, item.rotation) for item in scene.static]
         self._static = pack(static) if static else None
-        self._parts = _parts(robot)
+        self._parts = () if inside else _parts(robot)
         self._radii = np.array([shape.measure.bound for shape in shapes])
 
     def hidden(
