@@ -151,9 +151,12 @@ def build(
         InvalidRequestError: MuJoCo is not installed, or cannot build the scene.
     """
     parameters = parameters or SimulationParameters()
-    scene, miscalibration = disturbed(scene, parameters.disturbance, seed)
     scene, parted = apart(scene)
-    draft = _Draft(scene, robot, parameters, seed)
+    bowed = bows(scene.objects, parameters.stem, seed)  # alike whatever the disturbances
+    scene, miscalibration = disturbed(scene, parameters.disturbance, seed)
+    if not miscalibration.is_identity:
+        bowed = {name: miscalibration.rotation @ bow for name, bow in bowed.items()}
+    draft = _Draft(scene, robot, parameters, seed, bowed)
     model = draft.compile()
     pairs = draft.overlapping(model)
     if pairs:
@@ -180,10 +183,8 @@ def _moving(world: World, seed: int) -> World:
         Root(int(joint.qposadr[0]), int(joint.dofadr[0]), tuple(mine))
         for joint, mine in zip(joints, by.values(), strict=True)
     )
-    hanging = [
-        [(world.model.body_pos[f.body], _reach(world.model, f.body)) for f in mine]
-        for mine in ([world.fruits[k] for k in root.fruits] for root in roots)
-    ]
+    bodies = [[world.fruits[k].body for k in root.fruits] for root in roots]
+    hanging = [[(world.model.body_pos[b], _reach(world.model, b)) for b in own] for own in bodies]
     motion = root_motion(world.parameters.disturbance, seed, world.scene.up, hanging)
     slides = np.concatenate([np.arange(root.spin, root.spin + 3) for root in roots])
     own = np.delete(world.model.dof_M0, slides)
@@ -195,15 +196,15 @@ class _Draft:
     """A model under construction."""
 
     def __init__(
-        self, scene: Scene, robot: Robot, parameters: SimulationParameters, seed: int
-    ) -> None:
+        self, scene: Scene, robot: Robot, parameters: SimulationParameters, seed: int,
+        bowed: Mapping[str, FloatArray],
+    ) -> None:  # fmt: skip
         self.scene, self.robot, self.parameters = scene, robot, parameters
         self.entities: list[Entity] = list(link_entities(robot))
         self.fruits: list[tuple[SceneObject, BuiltFruit, int, int]] = []
         self.spec = self._options()
         add_robot(self.spec, robot, parameters, 0)
-        self.trusses = trusses_of(scene.objects, parameters, scene.up)
-        self.bows = bows(scene.objects, parameters.stem, seed)
+        self.bows, self.trusses = bowed, trusses_of(scene.objects, parameters, scene.up)
         for obj in parents_first(scene.objects):
             if obj.role in ("target", "pushable"):
                 self._fruit(obj)
