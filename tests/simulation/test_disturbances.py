@@ -9,6 +9,7 @@ import pytest
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.task import resolve
+from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import (
@@ -260,3 +261,19 @@ def test_an_exported_scene_is_the_believed_one(bench: Bench) -> None:
     scene, robot = alone(bench), resolve(alone(bench)).robot
     windy = mjcf(scene, robot, FAR, disturbance(sway=0.01, shift=0.01, arm_turn=1.0))
     assert windy == mjcf(scene, robot, FAR)
+
+
+def test_neighbouring_clusters_of_real_fruits_sway_too() -> None:
+    given = disturbance(sway=0.02)
+    given = replace(given, thing=replace(given.thing, avoid_as="fruits"))
+    scene = load_scene("scenario-3")
+    simulation = Simulation(scene, 3, given)
+    world, motion = simulation.world, simulation.world.motion
+    assert motion is not None
+    assert len(world.roots) == len(world.fruits) == 3 + 2 * 6
+    before = np.array([simulation.data.qpos[f.position : f.position + 3] for f in world.fruits])
+    rest = np.array([world.model.body_pos[f.body] for f in world.fruits])
+    np.testing.assert_allclose(before - rest, motion.position(0.0), atol=1e-12)
+    for _ in range(200):
+        simulation.step(simulation.reference)
+    assert simulation.rollout().warnings == ()

@@ -152,11 +152,7 @@ def build(
     """
     parameters = parameters or SimulationParameters()
     scene, parted = apart(scene)
-    bowed = bows(scene.objects, parameters.stem, seed)  # alike whatever the disturbances
-    scene, miscalibration = disturbed(scene, parameters.disturbance, seed)
-    if not miscalibration.is_identity:
-        bowed = {name: miscalibration.rotation @ bow for name, bow in bowed.items()}
-    draft = _Draft(scene, robot, parameters, seed, bowed)
+    draft = _Draft(scene, robot, parameters, seed)
     model = draft.compile()
     pairs = draft.overlapping(model)
     if pairs:
@@ -164,7 +160,7 @@ def build(
             draft.exclude(a, b)
         model = draft.compile()
     named = tuple((draft.entities[a].label, draft.entities[b].label) for a, b in pairs)
-    world = replace(draft.world(model, named, parted), miscalibration=miscalibration)
+    world = draft.world(model, named, parted)
     return _moving(world, seed) if parameters.disturbance.in_motion else world
 
 
@@ -196,15 +192,19 @@ class _Draft:
     """A model under construction."""
 
     def __init__(
-        self, scene: Scene, robot: Robot, parameters: SimulationParameters, seed: int,
-        bowed: Mapping[str, FloatArray],
-    ) -> None:  # fmt: skip
+        self, scene: Scene, robot: Robot, parameters: SimulationParameters, seed: int
+    ) -> None:
+        self.bows = bows(scene.objects, parameters.stem, seed)  # alike whatever the disturbances
+        scene, self.miscalibration = disturbed(scene, parameters.disturbance, seed)
+        if not self.miscalibration.is_identity:
+            turn = self.miscalibration.rotation
+            self.bows = {name: turn @ bow for name, bow in self.bows.items()}
         self.scene, self.robot, self.parameters = scene, robot, parameters
         self.entities: list[Entity] = list(link_entities(robot))
         self.fruits: list[tuple[SceneObject, BuiltFruit, int, int]] = []
         self.spec = self._options()
         add_robot(self.spec, robot, parameters, 0)
-        self.bows, self.trusses = bowed, trusses_of(scene.objects, parameters, scene.up)
+        self.trusses = trusses_of(scene.objects, parameters, scene.up)
         for obj in parents_first(scene.objects):
             if obj.role in ("target", "pushable"):
                 self._fruit(obj)
@@ -363,7 +363,7 @@ class _Draft:
             model, self.scene, self.robot, self.parameters, drives(self.robot),
             tuple(self.entities), frozen(_owners(model), np.int64),
             tuple(self._located(model, *item) for item in self.fruits), overlapping,
-            parted, self.spec,
+            parted, self.spec, miscalibration=self.miscalibration,
         )  # fmt: skip
 
     def _located(
