@@ -1,5 +1,6 @@
 """The step API of the simulation: the same physics as ``simulate``, seen from inside."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from optipromp.core.errors import ExecutionError, InvalidRequestError
 from optipromp.core.planning.task import resolve
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
-from optipromp.laboratory.simulation import Simulation, simulate
+from optipromp.laboratory.simulation import SimulatedArm, Simulation, simulate
 from optipromp.laboratory.simulation.rollout import Rollout
 
 Bench = Any  # of conftest.py
@@ -155,3 +156,21 @@ def test_it_is_judged_and_a_break_is_told(bench: Bench) -> None:
 def test_without_a_start_the_arm_stands_at_the_scenes(bench: Bench) -> None:
     scene = pair(bench)
     np.testing.assert_array_equal(Simulation(scene).state().q, resolve(scene).start)
+
+
+def test_an_arm_gives_access_to_its_simulation(bench: Bench) -> None:
+    motion = bench.line((0.3, 0.0, 0.3), (0.4, 0.1, 0.3), seconds=0.5)
+    scene = replace(pair(bench), start=motion.positions[0])
+    arm, seen = SimulatedArm(scene), list[float]()
+    assert arm.execute(motion, lambda now, _: seen.append(arm.simulation.time - now)).finished
+    np.testing.assert_allclose(seen, 0.0, atol=1e-9)
+    assert arm.simulation.time == arm.time
+    np.testing.assert_array_equal(arm.simulation.reference.q, motion.at(motion.duration).q)
+
+
+def test_a_slower_controller_takes_longer_steps(bench: Bench) -> None:
+    parameters = bench.parameters(control={"rate": 250.0})
+    simulation = Simulation(pair(bench), 0, parameters)
+    assert simulation.tick == pytest.approx(0.004)
+    simulation.step(simulation.reference)
+    assert simulation.time == pytest.approx(0.004)

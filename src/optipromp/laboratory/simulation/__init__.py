@@ -22,6 +22,6 @@ from optipromp.laboratory.simulation.parameters import ThingParameters as ThingP
 from optipromp.laboratory.simulation.parameters import Thresholds as Thresholds
 from optipromp.laboratory.simulation.parameters import catalogue as catalogue
 from optipromp.laboratory.simulation.rollout import Rollout as Rollout
-from optipromp.laboratory.simulation.simulation import Fruits as Fruits
+from optipromp.laboratory.simulation.simulation import FruitStates as FruitStates
 from optipromp.laboratory.simulation.simulation import Simulation as Simulation
 from optipromp.laboratory.simulation.simulation import Touch as Touch

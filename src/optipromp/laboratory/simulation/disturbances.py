@@ -168,9 +168,15 @@ def root_motion(
     if given.sway_of == "roots":
         _spread(phases, amplitudes, rng, hanging)
     return RootMotion(
-        frozen(amplitudes), frozen(rates), frozen(phases), given.gust, frozen(gust_rates),
-        frozen(gust_phases), frozen(given.jump * chances.jump @ flat), given.jump_at,
-    )  # fmt: skip
+        amplitudes=frozen(amplitudes),
+        rates=frozen(rates),
+        phases=frozen(phases),
+        gust=given.gust,
+        gust_rates=frozen(gust_rates),
+        gust_phases=frozen(gust_phases),
+        jump=frozen(given.jump * chances.jump @ flat),
+        jump_at=given.jump_at,
+    )
 
 
 def _spread(

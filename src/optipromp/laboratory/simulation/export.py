@@ -10,6 +10,7 @@ MJCF states two things that the library's runs do in Python:
 In the file stems do not tear, and the servos follow a motion with a lag.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.rotations import product, to_quaternion
 from optipromp.core.scenes.scene import Scene
 from optipromp.laboratory.simulation.engine import engine
-from optipromp.laboratory.simulation.parameters import SimulationParameters
+from optipromp.laboratory.simulation.parameters import DisturbanceParameters, SimulationParameters
 from optipromp.laboratory.simulation.world import Fruit, World, build
 
 __all__ = ["START", "TOOL_POINT", "mjcf"]
@@ -50,14 +51,15 @@ def mjcf(
         scene: robot and objects.
         robot: the scene's, with its tool.
         start: (n,) configuration of the keyframe.
-        parameters: physical numbers.
+        parameters: physical numbers; disturbances are left out.
         seed: of the fruits of real neighbouring clusters.
 
     Raises:
         InvalidSceneError: a shape that cannot be built.
         InvalidRequestError: MuJoCo is not installed.
     """
-    world = build(scene, robot, parameters, seed)
+    calm = replace(parameters or SimulationParameters(), disturbance=DisturbanceParameters())
+    world = build(scene, robot, calm, seed)
     spec, q = world.spec, robot.check_configuration(start)
     joints = _name_joints(spec, world)
     for body in ["tool"] * (robot.tool is not None) + [f"segment:{s}" for s in range(len(joints))]:

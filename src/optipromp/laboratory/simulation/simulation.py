@@ -20,7 +20,7 @@ from optipromp.laboratory.simulation.steps import Execution, quiet
 from optipromp.laboratory.simulation.world import World, build
 
 
-class Fruits(NamedTuple):
+class FruitStates(NamedTuple):
     """The F targets and pushables at one time, in the robot's base frame.
 
     Attributes:
@@ -203,11 +203,11 @@ class Simulation:
         q, velocity = drives.joints(at.q[None])[0], drives.joints(at.velocity[None], rates=True)[0]
         return State(q, velocity, self.reference.acceleration)
 
-    def fruits(self) -> Fruits:
+    def fruits(self) -> FruitStates:
         """The targets and pushables now."""
         data, shown = self._run.data, self._world.shown
         at = [f.position for f in shown]
-        return Fruits(
+        return FruitStates(
             tuple(f.id for f in shown),
             tuple(f.role for f in shown),
             frozen(np.array([data.qpos[k : k + 3] for k in at]).reshape(-1, 3)),
@@ -220,7 +220,7 @@ class Simulation:
         )
 
     def _stems(self) -> tuple[FloatArray, ...]:
-        """See :attr:`Fruits.stem_ends`. MuJoCo's own places of bodies are a step old."""
+        """See :attr:`FruitStates.stem_ends`. MuJoCo's own places of bodies are a step old."""
         model, mujoco = self._world.model, self._run.mujoco
         if self._scratch is None:
             self._scratch = mujoco.MjData(model)

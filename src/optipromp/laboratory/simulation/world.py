@@ -151,7 +151,6 @@ def build(
         InvalidRequestError: MuJoCo is not installed, or cannot build the scene.
     """
     parameters = parameters or SimulationParameters()
-    scene, miscalibration = disturbed(scene, parameters.disturbance, seed)
     scene, parted = apart(scene)
     draft = _Draft(scene, robot, parameters, seed)
     model = draft.compile()
@@ -161,7 +160,7 @@ def build(
             draft.exclude(a, b)
         model = draft.compile()
     named = tuple((draft.entities[a].label, draft.entities[b].label) for a, b in pairs)
-    world = replace(draft.world(model, named, parted), miscalibration=miscalibration)
+    world = draft.world(model, named, parted)
     return _moving(world, seed) if parameters.disturbance.in_motion else world
 
 
@@ -180,10 +179,8 @@ def _moving(world: World, seed: int) -> World:
         Root(int(joint.qposadr[0]), int(joint.dofadr[0]), tuple(mine))
         for joint, mine in zip(joints, by.values(), strict=True)
     )
-    hanging = [
-        [(world.model.body_pos[f.body], _reach(world.model, f.body)) for f in mine]
-        for mine in ([world.fruits[k] for k in root.fruits] for root in roots)
-    ]
+    bodies = [[world.fruits[k].body for k in root.fruits] for root in roots]
+    hanging = [[(world.model.body_pos[b], _reach(world.model, b)) for b in own] for own in bodies]
     motion = root_motion(world.parameters.disturbance, seed, world.scene.up, hanging)
     slides = np.concatenate([np.arange(root.spin, root.spin + 3) for root in roots])
     own = np.delete(world.model.dof_M0, slides)
@@ -197,13 +194,17 @@ class _Draft:
     def __init__(
         self, scene: Scene, robot: Robot, parameters: SimulationParameters, seed: int
     ) -> None:
+        self.bows = bows(scene.objects, parameters.stem, seed)  # alike whatever the disturbances
+        scene, self.miscalibration = disturbed(scene, parameters.disturbance, seed)
+        if not self.miscalibration.is_identity:
+            turn = self.miscalibration.rotation
+            self.bows = {name: turn @ bow for name, bow in self.bows.items()}
         self.scene, self.robot, self.parameters = scene, robot, parameters
         self.entities: list[Entity] = list(link_entities(robot))
         self.fruits: list[tuple[SceneObject, BuiltFruit, int, int]] = []
         self.spec = self._options()
         add_robot(self.spec, robot, parameters, 0)
         self.trusses = trusses_of(scene.objects, parameters, scene.up)
-        self.bows = bows(scene.objects, parameters.stem, seed)
         for obj in parents_first(scene.objects):
             if obj.role in ("target", "pushable"):
                 self._fruit(obj)
@@ -362,7 +363,7 @@ class _Draft:
             model, self.scene, self.robot, self.parameters, drives(self.robot),
             tuple(self.entities), frozen(_owners(model), np.int64),
             tuple(self._located(model, *item) for item in self.fruits), overlapping,
-            parted, self.spec,
+            parted, self.spec, miscalibration=self.miscalibration,
         )  # fmt: skip
 
     def _located(
