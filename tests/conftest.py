@@ -26,7 +26,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 LONG = {
     "benchmarks": "suite",
-    "control": "tracker tracks",
+    "control": "properties tracker tracks",
     "cli": "folder generate_study markup plan process",
     "execution": "executor franka trouble",
     "experiments": "baselines study variations",

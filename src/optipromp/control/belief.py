@@ -112,8 +112,9 @@ def step(belief: Belief, event: Event, world: World) -> tuple[Belief, Record]:
     noise = pushes[:, None] + seen.covariances[None]
     pairs = paired(state, expected, noise, tracks, seen, given)
     shaken = False
-    if len(tracks) > 2 and pairs.surprised(len(tracks), len(seen.items)):
-        shift = common_shift(expected, seen.positions, given)
+    sure = np.array([track.confirmed for track in tracks], dtype=bool)
+    if sure.sum() > 2 and pairs.surprised(int(sure.sum()), len(seen.items)):
+        shift = common_shift(expected[sure], seen.positions, pairs.scale, given)
         if shaken := bool(shift.any()):
             expected = expected + shift
             pairs = paired(state, expected, noise, tracks, seen, given)

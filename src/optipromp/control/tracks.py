@@ -72,8 +72,13 @@ class TrackerParameters(Checked):
         0.06, "m", "choice", "largest common displacement between two looks that is searched"
     )
     alike: float = parameter(
-        0.012, "m", "choice", "largest distance of a fruit from where a common displacement has it"
+        2.4,
+        "1",
+        "choice",
+        "largest distance of a fruit from where a common displacement has it, in standard "
+        "deviations of an innovation along an axis",
     )
+    felt: float = parameter(2.5, "1", "choice", "least common displacement, in the same")
     detected: float = parameter(0.9, "1", "guess", "probability to detect a visible fruit")
     spurious: float = parameter(
         0.05, "1", "guess", "probability that something else is found where a fruit is not"
