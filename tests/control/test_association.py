@@ -133,7 +133,7 @@ def seen_at(places: FloatArray, **more: object) -> list[bool]:
     look = Look(0.0, Pose(), (), 1.0)
     hiding = more.get("hiding", NONE)
     radii = np.full(len(places), 0.02)
-    return visible(look, places, radii, 0.8, hiding).tolist()  # type: ignore[arg-type]
+    return visible(look, places, radii, 0.8, hiding).tolist()
 
 
 def test_a_fruit_outside_the_cone_or_far_is_not_missed() -> None:

@@ -17,7 +17,7 @@ story = st.lists(st.tuples(steps, st.lists(found, max_size=6)), min_size=1, max_
 shares = st.floats(0.0, 1.0)
 
 
-def told(story: list, given: TrackerParameters) -> Tracker:  # type: ignore[type-arg]
+def told(story: list, given: TrackerParameters) -> Tracker:
     """A tracker that was given the looks; each sees every third track pushed."""
     tracker, pose, now = Tracker(empty(), given), camera(), 0.0
     for step, items in story:
@@ -45,7 +45,7 @@ def spreads(tracked: Tracked) -> FloatArray:
 def test_covariances_are_symmetric_and_positive(
     story: list,
     steady: float,
-    sway: float,  # type: ignore[type-arg]
+    sway: float,
 ) -> None:
     tracker = told(story, TrackerParameters(steady=steady, sway=sway))
     for ahead in (0.0, 0.06, 3.0):
@@ -63,7 +63,7 @@ def test_covariances_are_symmetric_and_positive(
 
 @settings(max_examples=25, deadline=None)
 @given(story)
-def test_the_same_looks_give_the_same_bits(story: list) -> None:  # type: ignore[type-arg]
+def test_the_same_looks_give_the_same_bits(story: list) -> None:
     one, other = (told(story, TrackerParameters()) for _ in range(2))
     a, b = one.at(one.time + 0.1), other.at(other.time + 0.1)
     assert a.ids == b.ids

@@ -3,40 +3,27 @@
 import numpy as np
 import pytest
 from tests.control.plants import (
+    FIELD,
     UP,
     Eye,
-    Swaying,
     camera,
     detection,
     empty,
     hanging,
     look,
     looks,
+    nearest,
+    still,
     swaying,
 )  # fmt: skip
 
-from optipromp.control import Look, Tracked, Tracker, TrackerParameters
+from optipromp.control import Look, Tracker
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Box, Sphere
 from optipromp.core.scenes.objects import SceneObject, Stem
 from optipromp.laboratory.generate.generator import generate
 from optipromp.laboratory.generate.noise import Noise, noisy
-
-FIELD = Eye(missed=0.05, spurious=0.02, swapped=0.2)
-STILL = TrackerParameters(sway=0.0, swing=0.0, drift=0.0, steady=0.0)
-LATENCY = 0.06
-
-
-def still(count: int) -> Swaying:
-    return swaying(np.random.default_rng(0), count, 0.0, np.array([1.0]))
-
-
-def nearest(tracked: Tracked, truth: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Of each true fruit: index (F,) of the nearest confirmed track, and its distance (F,)."""
-    sure = np.flatnonzero(tracked.confirmed)
-    away = np.linalg.norm(truth[:, None] - tracked.positions[sure], axis=2)
-    return sure[away.argmin(axis=1)], away.min(axis=1)
 
 
 def test_a_fruit_that_appears_is_confirmed_by_its_third_look() -> None:
@@ -318,8 +305,8 @@ def test_the_sway_ahead_is_smooth_and_that_of_the_plant() -> None:
     off = np.linalg.norm(places - truth, axis=1)
     assert off[:200].max() < 0.008
     near, far = tracked.sway_deviation(np.array([4.0, 400.0]))
-    assert near < 0.002
-    assert far == pytest.approx(TrackerParameters().sway, rel=1e-3)
+    assert near < 0.003
+    assert 0.007 < far < 0.014  # learnt: 14 mm along the sway, 10 mm in the mean of both axes
     with pytest.raises(InvalidRequestError, match="not before"):
         tracked.sway(np.array([3.9]))
 
