@@ -26,7 +26,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 LONG = {
     "benchmarks": "suite",
-    "control": "properties tracker tracks",
+    "control": "tracker tracks",
     "cli": "folder generate_study markup plan process",
     "execution": "executor franka trouble",
     "experiments": "baselines study variations",

@@ -27,7 +27,7 @@ class TrackerParameters(Checked):
         "Hz",
         "measured",
         "of the sway's oscillators; a sway of 20 mm at 0.5 and 1.6 Hz seen at 20 Hz with 5 mm is "
-        "predicted 60 ms ahead within 3.2 and 3.7 mm (median), with five frequencies and fixed "
+        "predicted 60 ms ahead within 3.3 and 3.5 mm (median), with five frequencies and fixed "
         "amplitudes 4.6 and 5.1",
     )
     damping: float = parameter(0.03, "1", "guess", "ratio of the sway's oscillators")
