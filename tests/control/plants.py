@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optipromp.control.look import Look
+from optipromp.control.tracked import Tracked
 from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.scenes.objects import SceneObject, Stem
@@ -86,11 +87,14 @@ class Eye:
     stems: bool = True
 
 
+FIELD = Eye(missed=0.05, spurious=0.02, swapped=0.2)
+
+
 def detection(
     name: str, place: FloatArray, pose: Pose, role: str = "pushable", **more: object
 ) -> SceneObject:
     """An object at ``place`` (3,) in the base frame, as a camera at ``pose`` sees it."""
-    item = SceneObject(name, role, Sphere(RADIUS), place, **more)  # type: ignore[arg-type]
+    item = SceneObject(name, role, Sphere(RADIUS), place, **more)
     return item.transformed(pose.inverse())
 
 
@@ -130,3 +134,14 @@ def empty(*static: SceneObject) -> Scene:
     """A scene of which the tracker takes the vertical and the static objects."""
     target = SceneObject("target", "target", Sphere(RADIUS), np.array([0.5, 0.0, 0.5]))
     return Scene("plant", "panda", (target, *static))
+
+
+def still(count: int) -> Swaying:
+    return swaying(np.random.default_rng(0), count, 0.0, np.array([1.0]))
+
+
+def nearest(tracked: Tracked, truth: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Of each true fruit: index (F,) of the nearest confirmed track, and its distance (F,)."""
+    sure = np.flatnonzero(tracked.confirmed)
+    away = np.linalg.norm(truth[:, None] - tracked.positions[sure], axis=2)
+    return sure[away.argmin(axis=1)], away.min(axis=1)

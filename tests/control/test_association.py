@@ -4,9 +4,9 @@ from itertools import permutations
 
 import numpy as np
 import pytest
-from tests.control.plants import UP, camera, detection
+from tests.control.plants import UP, camera, detection, hanging
 
-from optipromp.control.association import paired, target_of, visible
+from optipromp.control.association import common_shift, paired, target_of, visible
 from optipromp.control.look import Look
 from optipromp.control.motion import Oscillators, Plant, State
 from optipromp.control.tracks import Frame, Seen, Track, TrackerParameters, new_track
@@ -108,11 +108,32 @@ def test_the_target_is_the_track_with_most_votes() -> None:
     assert target_of(()).tolist() == []
 
 
+def test_a_common_displacement_is_found_whatever_is_missing() -> None:
+    rng = np.random.default_rng(4)
+    places, shift = hanging(7), np.array([0.02, -0.025, 0.004])
+    seen = np.concatenate([places[2:] + shift, [[0.7, 0.2, 0.5]]])
+    seen += 0.003 * rng.standard_normal(seen.shape)
+    assert common_shift(places, seen, 0.005, GIVEN) == pytest.approx(shift, abs=0.005)
+    order = rng.permutation(len(seen))
+    assert common_shift(places, seen[order], 0.005, GIVEN) == pytest.approx(shift, abs=0.005)
+
+
+def test_what_few_fruits_share_is_no_common_displacement() -> None:
+    places = hanging(7)
+    still = places + [[0.001, 0.0, 0.0]]
+    assert not common_shift(places, still, 0.005, GIVEN).any()
+    two = places.copy()
+    two[:2] += [0.0, 0.03, 0.03]
+    assert not common_shift(places, two, 0.005, GIVEN).any()
+    assert not common_shift(places[:2], places[:2] + [[0.03, 0.0, 0.0]], 0.005, GIVEN).any()
+    assert not common_shift(places, places + [[0.08, 0.0, 0.0]], 0.005, GIVEN).any()
+
+
 def seen_at(places: FloatArray, **more: object) -> list[bool]:
     look = Look(0.0, Pose(), (), 1.0)
     hiding = more.get("hiding", NONE)
     radii = np.full(len(places), 0.02)
-    return visible(look, places, radii, 0.8, hiding).tolist()  # type: ignore[arg-type]
+    return visible(look, places, radii, 0.8, hiding).tolist()
 
 
 def test_a_fruit_outside_the_cone_or_far_is_not_missed() -> None:

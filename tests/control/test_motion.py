@@ -110,6 +110,25 @@ def test_fewer_fruits_are_a_marginal() -> None:
     assert np.allclose(speed, kept.layout.velocity @ kept.mean)
 
 
+def test_amplitudes_follow_the_energy_of_the_posterior() -> None:
+    state = some()
+    m, own = state.layout.half, state.oscillators
+    whole = state.learnt(1.0, np.zeros(4))
+    for k in range(2):
+        energy = 0.0
+        for j in (2 * k, 2 * k + 1):
+            place = state.mean[j] ** 2 + state.covariance[j, j]
+            speed = state.mean[m + j] ** 2 + state.covariance[m + j, m + j]
+            energy += 0.25 * (place + speed / own.omega[j] ** 2)
+        assert whole.oscillators.sigma[2 * k : 2 * k + 2] ** 2 == pytest.approx([energy] * 2)
+    assert (whole.oscillators.sigma[4:] == own.sigma[4:]).all()
+    half = state.learnt(0.5, np.zeros(4)).oscillators.sigma ** 2
+    assert half == pytest.approx(0.5 * (own.sigma**2 + whole.oscillators.sigma**2))
+    assert (state.learnt(1.0, np.ones(4)).oscillators.sigma[:4] == 1.0).all()
+    still = PLANT.still()
+    assert still.learnt(1.0, np.zeros(4)).oscillators.sigma == pytest.approx(PLANT.bank.sigma)
+
+
 def test_the_sway_is_level() -> None:
     assert np.allclose(PLANT.axes @ PLANT.up, 0.0)
     assert np.allclose(PLANT.axes @ PLANT.axes.T, np.eye(2))

@@ -5,32 +5,22 @@ import time
 import numpy as np
 import pytest
 from tests.control.plants import (
+    FIELD,
     Eye,
-    Swaying,
     empty,
     look,
     looks,
+    nearest,
+    still,
     swaying,
 )  # fmt: skip
 
-from optipromp.control import Innovations, Look, Tracked, Tracker, TrackerParameters
+from optipromp.control import Innovations, Look, Tracker, TrackerParameters
 from optipromp.core.arrays import FloatArray
 from optipromp.core.scenes.objects import SceneObject
 
-FIELD = Eye(missed=0.05, spurious=0.02, swapped=0.2)
 STILL = TrackerParameters(sway=0.0, swing=0.0, drift=0.0, steady=0.0)
 LATENCY = 0.06
-
-
-def still(count: int) -> Swaying:
-    return swaying(np.random.default_rng(0), count, 0.0, np.array([1.0]))
-
-
-def nearest(tracked: Tracked, truth: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Of each true fruit: index (F,) of the nearest confirmed track, and its distance (F,)."""
-    sure = np.flatnonzero(tracked.confirmed)
-    away = np.linalg.norm(truth[:, None] - tracked.positions[sure], axis=2)
-    return sure[away.argmin(axis=1)], away.min(axis=1)
 
 
 def errors(seed: int, frequencies: FloatArray) -> FloatArray:
@@ -60,6 +50,24 @@ def test_where_fruits_are_now_in_a_sway_of_many_frequencies() -> None:
     away = np.concatenate([errors(seed, rng.uniform(0.3, 1.6, 3)) for seed in (4, 5)])
     assert np.median(away) < 0.004
     assert np.quantile(away, 0.9) < 0.007
+
+
+def test_a_sway_seen_for_long_is_foreseen() -> None:
+    """0.4 s ahead after 8 s: amplitudes that follow what is seen find the one frequency."""
+
+    def ahead(learning: float) -> float:
+        rng = np.random.default_rng(3)
+        plant = swaying(rng, 8, 0.020, np.array([0.5]))
+        tracker, found = Tracker(empty(), TrackerParameters(learning=learning)), []
+        for each in looks(plant, rng, Eye(), 10.0):
+            tracker.add(each)
+            if each.time >= 8.0:
+                then = each.time + 0.4
+                found.append(nearest(tracker.at(then), plant.at(then))[1])
+        return float(np.median(np.concatenate(found)))
+
+    assert ahead(TrackerParameters().learning) < 0.004
+    assert ahead(0.0) > 0.005
 
 
 def test_the_newest_look_alone_is_worse() -> None:

@@ -26,6 +26,7 @@ class Pairing:
         jumped: (k,) whether a pair is outside the gate but nearer than two fruits can be.
         loose: (k,) whether a pair is outside half the gate.
         new: (b,) indices of detections of what no track is of.
+        scale: standard deviation of an innovation along an axis, the median of all pairs [m].
     """
 
     tracks: IntArray
@@ -33,6 +34,7 @@ class Pairing:
     jumped: BoolArray
     loose: BoolArray
     new: IntArray
+    scale: float = 0.0
 
     def surprised(self, tracks: int, detections: int) -> bool:
         """Whether a third of the tracks, and as many detections, two at least, found none that is
@@ -113,33 +115,42 @@ def paired(
         np.array([k in moved for k in order], dtype=bool),
         square[one, other] > 0.5 * parameters.gate,
         np.flatnonzero(free & ~close.any(axis=0)),
+        float(np.sqrt(np.median(joint.trace(axis1=2, axis2=3)) / 3.0)),
     )
 
 
 def common_shift(
-    expected: FloatArray, seen: FloatArray, parameters: TrackerParameters
+    expected: FloatArray, seen: FloatArray, scale: float, parameters: TrackerParameters
 ) -> FloatArray:
     """The displacement (3,) that brings most tracks near detections [m].
 
-    Zero unless it brings three tracks, half of them, and two more than none does.
+    Zero unless it brings three tracks, half of them, and two more than none does, and is far
+    above the errors of a look.
 
     Args:
-        expected: (F, 3) positions of the tracks [m].
+        expected: (F, 3) positions of the confirmed tracks [m].
         seen: (D, 3) positions of the detections [m].
+        scale: standard deviation of an innovation along an axis [m].
         parameters: of the tracker.
     """
+    alike = parameters.alike * scale
     away = seen - expected[:, None]
     small = (away**2).sum(axis=2) <= parameters.shift**2
     tried = np.concatenate([np.zeros((1, 3)), away[small]])
-    gaps = np.sqrt(((away - tried[:, None, None]) ** 2).sum(axis=3))
-    least = gaps.min(axis=2)
-    near = least <= parameters.alike
+    for widened in (2.0, 1.0):  # a pair alone has the errors of two positions
+        gaps = np.sqrt(((away - tried[:, None, None]) ** 2).sum(axis=3))
+        least, which = gaps.min(axis=2), gaps.argmin(axis=2)
+        near = least <= widened * alike
+        pulls = away[np.arange(len(expected)), which] * near[..., None]
+        if widened > 1.0:
+            tried[1:] = (pulls.sum(axis=1) / np.maximum(near.sum(axis=1), 1)[:, None])[1:]
     counts = near.sum(axis=1)
-    best = int(np.lexsort((np.where(near, least, parameters.alike).sum(axis=1), -counts))[0])
+    worth = np.where(near, least, alike).sum(axis=1)
+    best = int(np.lexsort((worth, -counts))[0])
     if counts[best] < max(3, counts[0] + 2, 0.5 * len(expected)):
         return np.zeros(3)
-    rows = np.flatnonzero(near[best])
-    return np.asarray(away[rows, gaps[best, rows].argmin(axis=1)].mean(axis=0))
+    shift = np.asarray(pulls[best].sum(axis=0) / counts[best])
+    return shift if float(shift @ shift) > (parameters.felt * scale) ** 2 else np.zeros(3)
 
 
 def _cheapest(

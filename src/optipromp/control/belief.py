@@ -112,8 +112,9 @@ def step(belief: Belief, event: Event, world: World) -> tuple[Belief, Record]:
     noise = pushes[:, None] + seen.covariances[None]
     pairs = paired(state, expected, noise, tracks, seen, given)
     shaken = False
-    if len(tracks) > 2 and pairs.surprised(len(tracks), len(seen.items)):
-        shift = common_shift(expected, seen.positions, given)
+    sure = np.array([track.confirmed for track in tracks], dtype=bool)
+    if sure.sum() > 2 and pairs.surprised(int(sure.sum()), len(seen.items)):
+        shift = common_shift(expected[sure], seen.positions, pairs.scale, given)
         if shaken := bool(shift.any()):
             expected = expected + shift
             pairs = paired(state, expected, noise, tracks, seen, given)
@@ -122,6 +123,12 @@ def step(belief: Belief, event: Event, world: World) -> tuple[Belief, Record]:
     hiding = (event.balls, world.static)
     looked_at = visible(seen.look, expected, radii, given.reach, hiding)
     state, record = _corrected(state, pairs, event, expected, (push, pushes), belief, given)
+    if belief.time > -math.inf and given.learning > 0.0:
+        share = -math.expm1(-(event.time - belief.time) / given.learning)
+        least = np.full(
+            2 * state.layout.bank, (given.least_sway * given.sway) ** 2 / state.layout.bank
+        )
+        state = state.learnt(share, least)
     if shaken:
         record = Record(event.time, (), np.zeros(0))
     tracks = _counted(tracks, pairs, event, push, looked_at, world)

@@ -177,6 +177,24 @@ class State:
         oscillators = Oscillators(whole, self.oscillators.zeta, self.oscillators.sigma)
         return State(self.layout, oscillators, self.mean, self.covariance)
 
+    def learnt(self, share: float, least: FloatArray) -> "State":
+        """The state with amplitudes of the sway that follow what was seen.
+
+        The variance of each frequency moves by ``share`` towards its posterior energy,
+        the mean over both axes of (x² + v² / ω²) / 2, as expectation maximisation does, and is at
+        least ``least`` (2 K,) [m²].
+        """
+        bank, m = 2 * self.layout.bank, self.layout.half
+        own = self.oscillators
+        moments = self.mean**2 + self.covariance.diagonal()
+        energy = 0.5 * (moments[:bank] + moments[m : m + bank] / own.omega[:bank] ** 2)
+        energy = np.repeat(energy.reshape(-1, 2).mean(axis=1), 2)
+        variance = own.sigma**2
+        variance[:bank] += share * (energy - variance[:bank])
+        variance[:bank] = np.maximum(variance[:bank], least)
+        oscillators = Oscillators(own.omega, own.zeta, np.sqrt(variance))
+        return State(self.layout, oscillators, self.mean, self.covariance)
+
     def shaken(self, size: float) -> "State":
         """The state after a common displacement of about ``size`` [m] that nobody foresaw: a gust,
         which the sway holds, or a plant that was moved, which the rests hold."""

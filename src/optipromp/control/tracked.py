@@ -1,5 +1,6 @@
 """Snapshots of the tracker: fruits with positions, velocities, stems and covariances at a time."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -128,8 +129,14 @@ class Tracked:
         return ahead
 
 
-def snapshot(belief: Belief, time: float, world: World) -> Tracked:
-    """The belief, predicted to ``time`` [s]: a time before the belief's counts as the belief's."""
+def snapshot(
+    belief: Belief, time: float, world: World, pushed: Mapping[str, FloatArray] | None = None
+) -> Tracked:
+    """The belief, predicted to ``time`` [s]: a time before the belief's counts as the belief's.
+
+    ``pushed``: displacements (3,) of tracks by the arm at that time, by their ids [m]; None: those
+    of the last look.
+    """
     given, frame = world.parameters, world.frame
     ahead = time - belief.time if belief.time > -np.inf else 0.0
     state = belief.state.after(max(ahead, 0.0), given.drift)
@@ -142,7 +149,9 @@ def snapshot(belief: Belief, time: float, world: World) -> Tracked:
         looked.reshape(count, 3, layout.size),
     )
     lasting = given.steady * np.array([track.spread for track in tracks]).reshape(-1, 3, 3)
-    push = np.array([track.pushed for track in tracks]).reshape(-1, 3)
+    push = np.array(
+        [track.pushed if pushed is None else pushed.get(track.id, np.zeros(3)) for track in tracks]
+    ).reshape(-1, 3)
     at = 2 * layout.half + np.arange(3 * count).reshape(-1, 3)
     rest = state.covariance[at[:, :, None], at[:, None, :]]
     winner = target_of(tracks)

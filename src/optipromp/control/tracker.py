@@ -104,10 +104,7 @@ class Tracker:
         if look.time < self.time - self.parameters.late:
             self._dropped += 1
             return
-        pushes = {name: np.array(value, dtype=np.float64) for name, value in (pushed or {}).items()}
-        for name, value in pushes.items():
-            if value.shape != (3,) or not np.isfinite(value).all():
-                raise InvalidRequestError(f"push of {name} is {value}: must be (3,) and finite")
+        pushes = _pushes(pushed or {})
         balls = np.zeros((0, 4)) if self._tool is None else np.asarray(self._tool(look.time))
         again = [Event(Seen.of(look), pushes, balls.reshape(-1, 4))]
         while self._entries and self._entries[-1].event.time > look.time:
@@ -116,17 +113,27 @@ class Tracker:
             self._fold(event)
         self._forget()
 
-    def at(self, time: float) -> Tracked:
+    def at(self, time: float, pushed: Mapping[str, FloatArray] | None = None) -> Tracked:
         """The fruits at ``time`` [s], predicted from the newest look.
 
         A time before the newest look is answered from the last look that is kept before it.
+
+        Args:
+            time: [s].
+            pushed: displacement (3,) [m] of tracks by the arm at that time, by their ids; None:
+                as at the newest look.
+
+        Raises:
+            InvalidRequestError: the time or a push is not finite.
         """
+        if not math.isfinite(time):
+            raise InvalidRequestError(f"time is {time}: must be finite")
         belief = self._newest
         for entry in reversed(self._entries):
             if belief.time <= time:
                 break
             belief = entry.before
-        return snapshot(belief, time, self._world)
+        return snapshot(belief, time, self._world, None if pushed is None else _pushes(pushed))
 
     @property
     def statistics(self) -> Innovations:
@@ -159,3 +166,11 @@ class Tracker:
             self._start = entry.after
             self._records.append(entry.record)
         del self._records[: -self.parameters.kept]
+
+
+def _pushes(pushed: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    pushes = {name: np.array(value, dtype=np.float64) for name, value in pushed.items()}
+    for name, value in pushes.items():
+        if value.shape != (3,) or not np.isfinite(value).all():
+            raise InvalidRequestError(f"push of {name} is {value}: must be (3,) and finite")
+    return pushes

@@ -27,11 +27,22 @@ class TrackerParameters(Checked):
         "Hz",
         "measured",
         "of the sway's oscillators; a sway of 20 mm at 0.5 and 1.6 Hz seen at 20 Hz with 5 mm is "
-        "predicted 60 ms ahead within 3.4 and 3.9 mm (median), with five frequencies 4.6 and 5.1",
+        "predicted 60 ms ahead within 3.3 and 3.5 mm (median), with five frequencies and fixed "
+        "amplitudes 4.6 and 5.1",
     )
     damping: float = parameter(0.03, "1", "guess", "ratio of the sway's oscillators")
     sway: float = parameter(
         0.006, "m", "guess", "prior standard deviation of the sway along an axis"
+    )
+    learning: float = parameter(
+        0.7,
+        "s",
+        "measured",
+        "time in which amplitudes of the sway follow what is seen; 0: fixed. A sway of 20 mm at "
+        "0.5 Hz, seen for 6 s, is predicted 0.46 s ahead within 2.3 mm (median), else 6.0",
+    )
+    least_sway: float = parameter(
+        0.25, "1", "choice", "least amplitude of a frequency over its prior"
     )
     swing: float = parameter(0.002, "m", "guess", "the same of a fruit's own swing")
     swing_damping: float = parameter(0.15, "1", "guess", "ratio of a fruit's own swing")
@@ -72,8 +83,13 @@ class TrackerParameters(Checked):
         0.06, "m", "choice", "largest common displacement between two looks that is searched"
     )
     alike: float = parameter(
-        0.012, "m", "choice", "largest distance of a fruit from where a common displacement has it"
+        2.4,
+        "1",
+        "choice",
+        "largest distance of a fruit from where a common displacement has it, in standard "
+        "deviations of an innovation along an axis",
     )
+    felt: float = parameter(2.5, "1", "choice", "least common displacement, in the same")
     detected: float = parameter(0.9, "1", "guess", "probability to detect a visible fruit")
     spurious: float = parameter(
         0.05, "1", "guess", "probability that something else is found where a fruit is not"
