@@ -56,9 +56,9 @@ class Executor(Protocol):
         """Follow the curves of a source, each of which may replace the running one in motion.
 
         The arm begins at rest where it is. The source is asked every ``period`` [s] of the
-        executor's time, which begins at 0 and stands still while a tick is late. A stretch takes
-        over at its ``begins``, in place of stretches that would do so later. It is refused, and
-        what runs goes on, if
+        executor's time, which begins at 0 and goes on by ``Guard.advance`` at most at a late tick.
+        A stretch takes over at its ``begins``, in place of stretches that would do so later. It is
+        refused, and what runs goes on, if
 
         - its joints are not the arm's, it breaks a limit or does not end at rest, or
         - at ``begins`` it is more than ``Guard.join`` from what runs then, in position, or by
