@@ -8,7 +8,7 @@ from tests.control.plants import UP, camera, detection, hanging
 
 from optipromp.control.association import common_shift, paired, target_of, visible
 from optipromp.control.look import Look
-from optipromp.control.motion import Oscillators, Plant, State
+from optipromp.control.motion import Oscillators, Plant, PlantState
 from optipromp.control.tracks import Frame, Seen, Track, TrackerParameters, new_track
 from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry.obstacles import pack
@@ -20,7 +20,7 @@ GIVEN = TrackerParameters()
 PLANT = Plant(UP, GIVEN.frequencies, GIVEN.damping, GIVEN.sway)
 
 
-def of(places: FloatArray, confirmed: bool = True) -> tuple[State, tuple[Track, ...]]:
+def of(places: FloatArray, confirmed: bool = True) -> tuple[PlantState, tuple[Track, ...]]:
     """Tracks at ``places``; the first is the target."""
     count, same = len(places), np.ones(2 * len(places))
     spread = np.tile(25e-6 * np.eye(3), (count, 1, 1))
@@ -84,7 +84,7 @@ def test_a_far_detection_is_new_and_a_near_one_is_the_fruit_that_moved() -> None
     places = np.array([[0.5, 0.0, 0.5]])
     assert pairs(places, places + [[0.1, 0.0, 0.0]]) == {}
     state, tracks = of(places)
-    state = State(state.layout, state.oscillators, state.mean, 1e-4 * state.covariance)
+    state = PlantState(state.layout, state.oscillators, state.mean, 1e-4 * state.covariance)
     seen = Seen.of(look_at(places + [[0.02, 0.0, 0.0]]))
     tight = np.full((1, 1, 1, 1), 1e-6) * np.eye(3)
     result = paired(state, places, tight, tracks, seen, GIVEN)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from optipromp.control.motion import Oscillators, Plant, State
+from optipromp.control.motion import Oscillators, Plant, PlantState
 from optipromp.core.arrays import FloatArray
 
 PLANT = Plant(np.array([0.0, 0.6, 0.8]), (0.4, 1.1), 0.03, 0.006)
@@ -15,7 +15,7 @@ def swings(count: int) -> Oscillators:
     return Oscillators(np.repeat(8.0 + np.arange(count), 2), 0.15 * same, 0.002 * same)
 
 
-def some(count: int = 3) -> State:
+def some(count: int = 3) -> PlantState:
     """A state of a few fruits, some time after they were seen."""
     rng = np.random.default_rng(5)
     spread = np.tile(25e-6 * np.eye(3), (count, 1, 1))
@@ -147,7 +147,9 @@ def test_innovations_of_the_models_own_motion_are_what_it_says() -> None:
     assert len(kept) == 8
     squares, errors = [], []
     for _ in range(600):
-        point = State(state.layout, state.oscillators, truth, np.zeros((len(truth), len(truth))))
+        point = PlantState(
+            state.layout, state.oscillators, truth, np.zeros((len(truth), len(truth)))
+        )
         moved = point.after(dt, 0.001)
         truth = rng.multivariate_normal(moved.mean, moved.covariance, method="eigh")
         state = state.after(dt, 0.001)

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from optipromp.control.look import Look
-from optipromp.control.motion import State
+from optipromp.control.motion import PlantState
 from optipromp.control.tracks import Seen, Track, TrackerParameters
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
 from optipromp.core.geometry.distances import distances
@@ -44,7 +44,7 @@ class Pairing:
 
 
 def paired(
-    state: State,
+    state: PlantState,
     expected: FloatArray,
     noise: FloatArray,
     tracks: tuple[Track, ...],

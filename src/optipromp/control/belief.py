@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from optipromp.control.association import Pairing, common_shift, paired, visible
-from optipromp.control.motion import Oscillators, State
+from optipromp.control.motion import Oscillators, PlantState
 from optipromp.control.tracks import Frame, Seen, Track, TrackerParameters, new_track, push_noise
 from optipromp.core.arrays import BoolArray, FloatArray, lengths
 from optipromp.core.geometry.obstacles import Obstacles
@@ -28,14 +28,14 @@ class Belief:
     """
 
     time: float
-    state: State
+    state: PlantState
     tracks: tuple[Track, ...] = ()
     begun: int = 0
     looks: int = 0
 
 
 @dataclass(frozen=True, eq=False)
-class World:
+class Setting:
     """What does not change while the tracker runs.
 
     Attributes:
@@ -52,7 +52,7 @@ class World:
 
 
 @dataclass(frozen=True, eq=False)
-class Event:
+class Arrival:
     """A look, and what was known with it.
 
     Attributes:
@@ -80,7 +80,7 @@ class Record:
     squares: FloatArray
 
 
-def begun(state: State, first: tuple[SceneObject, ...], world: World) -> Belief:
+def begun(state: PlantState, first: tuple[SceneObject, ...], world: Setting) -> Belief:
     """The belief before any look: ``first`` objects, seen at an unknown earlier time."""
     given = world.parameters
     identity = np.eye(3)
@@ -100,7 +100,7 @@ def begun(state: State, first: tuple[SceneObject, ...], world: World) -> Belief:
     return Belief(-math.inf, state, tracks)
 
 
-def step(belief: Belief, event: Event, world: World) -> tuple[Belief, Record]:
+def step(belief: Belief, event: Arrival, world: Setting) -> tuple[Belief, Record]:
     """The belief after a look, which must not be older than the belief, and its innovations."""
     given, seen, tracks = world.parameters, event.seen, belief.tracks
     state = belief.state
@@ -148,14 +148,14 @@ def _swings(tracks: tuple[Track, ...], given: TrackerParameters) -> Oscillators:
 
 
 def _corrected(
-    state: State,
+    state: PlantState,
     pairs: Pairing,
-    event: Event,
+    event: Arrival,
     expected: FloatArray,
     pushes: tuple[FloatArray, FloatArray],
     belief: Belief,
     given: TrackerParameters,
-) -> tuple[State, Record]:
+) -> tuple[PlantState, Record]:
     """The state after its matches; those within the gate come first and are recorded.
 
     What is outside the gate for the first time may be an error of the look; the second time the
@@ -184,10 +184,10 @@ def _corrected(
 def _counted(
     tracks: tuple[Track, ...],
     pairs: Pairing,
-    event: Event,
+    event: Arrival,
     push: FloatArray,
     looked_at: BoolArray,
-    world: World,
+    world: Setting,
 ) -> tuple[Track, ...]:
     """The tracks with what the look tells of their existence, role, shape and stem."""
     given, camera = world.parameters, event.seen.look.camera
@@ -213,7 +213,7 @@ def _counted(
     return tuple(counted)
 
 
-def _found(track: Track, item: SceneObject, event: Event, world: World, camera: Pose) -> Track:
+def _found(track: Track, item: SceneObject, event: Arrival, world: Setting, camera: Pose) -> Track:
     given = world.parameters
     new = new_track(track.id, item, event.seen.turn, camera.orientation, world.frame)
     outcomes = (*track.outcomes, True)[-given.within :]
@@ -236,7 +236,7 @@ def _found(track: Track, item: SceneObject, event: Event, world: World, camera: 
     )
 
 
-def _renewed(belief: Belief, pairs: Pairing, event: Event, world: World) -> Belief:
+def _renewed(belief: Belief, pairs: Pairing, event: Arrival, world: Setting) -> Belief:
     """The belief without dead tracks, and with new ones."""
     given, tracks, state = world.parameters, belief.tracks, belief.state
     alive = np.array(

@@ -12,18 +12,20 @@ import math
 import time as wall
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 
 from optipromp.control.look import Look
-from optipromp.control.parameters import CONTROL, ControlParameters
+from optipromp.control.parameters import CONTROL, LoopParameters
 from optipromp.control.plant import changed, displaced, field_of, has_target, pushed_by, scene_of
 from optipromp.control.servo import Course, Route, follow
 from optipromp.control.slices import Sliced
-from optipromp.control.tracker import Tracked, Tracker
+from optipromp.control.tracked import Tracked
+from optipromp.control.tracker import Tracker
 from optipromp.core import judging
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import Code, OptiPrompError
+from optipromp.core.errors import Code
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning import Plan, PlanOptions, plan
 from optipromp.core.planning.plan import compile_once
@@ -34,7 +36,7 @@ from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject
 from optipromp.core.trajectory import State, Trajectory
 
 
-class Stage(StrEnum):
+class LoopStage(StrEnum):
     """What the controller does."""
 
     LOOK = "look"  # it stands and looks, or plans
@@ -44,15 +46,15 @@ class Stage(StrEnum):
     GAVE_UP = "gave_up"  # the tool stands away from the fruits
 
 
-ENDED = Stage.DONE, Stage.GAVE_UP
+ENDED = LoopStage.DONE, LoopStage.GAVE_UP
 
 
 @dataclass(frozen=True)
-class Event:
+class Decision:
     """A decision: its time by the controller's clock [s], the stage that begins, and the reason."""
 
     time: float
-    stage: Stage
+    stage: LoopStage
     why: str
 
 
@@ -75,7 +77,9 @@ class Controller:
             before, if there are any. Without fruits, the arm looks for some before its first plan.
         robot: with its tool; None: the scene's.
         seed: of the plans.
-        parameters: see :class:`ControlParameters`.
+        parameters: see :class:`LoopParameters`.
+        servo: whether the tool follows the plant from the camera point on, and the push under way
+            is predicted again; False: the plan made at the camera point is executed blind.
         real_time: whether a cycle's share of a search is cut by the clock as well as by its steps.
 
     Attributes:
@@ -92,19 +96,20 @@ class Controller:
         *,
         robot: Robot | None = None,
         seed: int = 0,
-        parameters: ControlParameters = CONTROL,
+        parameters: LoopParameters = CONTROL,
+        servo: bool = True,
         real_time: bool = False,
     ) -> None:
         compile_once()
         self.robot, state = posed(scene, robot)
         still = tuple(item for item in scene.objects if item.role in ("static", "avoid"))
         self._still = replace(scene, objects=still, goal=JointGoal(state.q))
-        self.scene, self.seed, self.parameters = scene, seed, parameters
+        self.scene, self.seed, self.parameters, self.servo = scene, seed, parameters, servo
         self._seconds = parameters.slice_seconds if real_time else math.inf
         known = [item for item in scene.objects if item.role in ("target", "pushable")]
         self.tracker = Tracker(scene, first=[_sure(item, parameters) for item in known])
         self._known = bool(known)
-        self.stage, self.events, self.cycles = Stage.LOOK, list[Event](), list[float]()
+        self.stage, self.events, self.cycles = LoopStage.LOOK, list[Decision](), list[float]()
         self.plans: list[Plan] = []
         self.tries = parameters.tries
         self._inbox: list[Look] = []
@@ -153,15 +158,15 @@ class Controller:
     # -- stages
 
     def _cycle(self, now: float, tracked: Tracked) -> Stretch | None:
-        if self.stage is Stage.LOOK:
+        if self.stage is LoopStage.LOOK:
             return self._look(now, tracked)
-        if self.stage is Stage.GO or self.stage is Stage.RETREAT:
+        if self.stage is LoopStage.GO or self.stage is LoopStage.RETREAT:
             return self._go(now, tracked)
         return None
 
-    def _enter(self, stage: Stage, now: float, why: str) -> None:
+    def _enter(self, stage: LoopStage, now: float, why: str) -> None:
         self.stage, self._since, self._seen = stage, now, 0
-        self.events.append(Event(now, stage, why))
+        self.events.append(Decision(now, stage, why))
         if self._job is not None:
             self._job.work.drop()
             self._job = None
@@ -192,7 +197,7 @@ class Controller:
             return None
         self._trail = []
         self._take(made)
-        self._enter(Stage.GO, now, f"{made.status}, predicted harm {chance:.0%}")
+        self._enter(LoopStage.GO, now, f"{made.status}, predicted harm {chance:.0%}")
         return self._moved(now, tracked, 0.0)
 
     def _again(self, now: float, why: str) -> None:
@@ -201,17 +206,18 @@ class Controller:
             self._give_up(now, why)
             return
         self.tries -= 1
-        self._enter(Stage.LOOK, now, why)
+        self._enter(LoopStage.LOOK, now, why)
 
     def _give_up(self, now: float, why: str) -> None:
-        self._enter(Stage.GAVE_UP, now, why)
+        self._enter(LoopStage.GAVE_UP, now, why)
 
     def _go(self, now: float, tracked: Tracked) -> Stretch | None:
         p, route, course = self.parameters, self._route, self._course
-        assert route is not None and course is not None
+        assert route is not None
+        assert course is not None
         begins = now + p.lead
         phase = course.phase_at(begins)
-        if self.stage is Stage.RETREAT:
+        if self.stage is LoopStage.RETREAT:
             if phase >= route.duration:
                 self._at_camera = True
                 self._again(now, "looking again after a retreat")
@@ -221,19 +227,18 @@ class Controller:
         assert made is not None
         if not self._at_camera and phase >= self._stop_at(route):
             self._at_camera = True
-            self._enter(Stage.LOOK, now, "at the camera point")
+            self._enter(LoopStage.LOOK, now, "at the camera point")
             return self._brake(begins)
         if phase >= route.duration + p.hold:
             if not self._missed(now, tracked):
-                self._enter(Stage.DONE, now, "at the target")
+                self._enter(LoopStage.DONE, now, "at the target")
                 return self._brake(begins)
             return self._retreat(now, tracked, route, route.duration, "the target is not inside")
-        if self._at_camera:
+        if self._at_camera and self.servo:
             turn = self._watch(now, tracked, route, phase)
             if turn is not None:
                 return turn
             if self._route is not route:
-                assert self._route is not None and self._course is not None
                 return self._moved(now, tracked, self._phase)
         return self._moved(now, tracked, phase)
 
@@ -297,7 +302,7 @@ class Controller:
             assert route.plan is not None
             passed = passed[min(route.plan.first, len(passed) - 1) :]
         q = np.concatenate([*self._trail, passed])[::-1]
-        self._enter(Stage.RETREAT, now, why)
+        self._enter(LoopStage.RETREAT, now, why)
         if len(q) < 3:
             return self._brake(now + self.parameters.lead)
         points, _ = self.robot.tool_pose(q)
@@ -328,6 +333,11 @@ class Controller:
         begins = now + p.lead
         scene = self._back_scene
         assert scene is not None
+        if not self.servo and self._at_camera:
+            if phase > 0.0:
+                return None
+            self._course = Course(route.trajectory, begins, 0.0, 1.0)
+            return Stretch(route.trajectory, begins)
         field = field_of(scene, tracked, p.field)
         ahead = np.clip(phase + np.array([0.1, 0.3, 0.6, 1.0]), 0.0, route.duration)
         row = np.searchsorted(route.trajectory.times, ahead).clip(max=len(route.points) - 1)
@@ -357,7 +367,7 @@ class Controller:
 
     # -- plans
 
-    def _plan_in(self, scene: Scene, takeover: float | None = None, **begin: object) -> None:
+    def _plan_in(self, scene: Scene, takeover: float | None = None, **begin: Any) -> None:
         options = PlanOptions()
 
         def work() -> Plan:
@@ -377,12 +387,12 @@ class Controller:
     def _pushed(self, time: float) -> dict[str, FloatArray]:
         """Displacement of each fruit by the tool at a ``time`` [s], as the push model predicts."""
         route, course = self._route, self._course
-        if route is None or route.plan is None or course is None or self.stage is not Stage.GO:
+        if route is None or route.plan is None or course is None or self.stage is not LoopStage.GO:
             return {}
         return pushed_by(route, course.phase_at(time))
 
 
-def _sure(item: SceneObject, parameters: ControlParameters) -> SceneObject:
+def _sure(item: SceneObject, parameters: LoopParameters) -> SceneObject:
     """A fruit that was seen before, with a covariance."""
     if item.covariance is not None:
         return item

@@ -120,7 +120,7 @@ class Layout:
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class PlantState:
     """A Gaussian over the values of a layout.
 
     Attributes:
@@ -135,7 +135,7 @@ class State:
     mean: FloatArray
     covariance: FloatArray
 
-    def after(self, dt: float, drift: float) -> "State":
+    def after(self, dt: float, drift: float) -> "PlantState":
         """The prediction ``dt`` [s] ahead; rests walk by ``drift`` [m/√s] an axis."""
         if dt == 0.0:
             return self
@@ -159,25 +159,25 @@ class State:
         new[k + m, k + m] += vv
         rest = np.arange(2 * m, self.layout.size)
         new[rest, rest] += drift**2 * dt
-        return State(self.layout, self.oscillators, mean, new)
+        return PlantState(self.layout, self.oscillators, mean, new)
 
-    def only(self, tracks: IntArray) -> "State":
+    def only(self, tracks: IntArray) -> "PlantState":
         """The state without the fruits that are not in ``tracks`` (k,)."""
         layout = Layout(self.layout.bank, len(tracks), self.layout.axes)
         kept = self.layout.of(tracks)
         moving = kept[: layout.half]
         swung = self.oscillators
         fewer = Oscillators(swung.omega[moving], swung.zeta[moving], swung.sigma[moving])
-        return State(layout, fewer, self.mean[kept], self.covariance[np.ix_(kept, kept)])
+        return PlantState(layout, fewer, self.mean[kept], self.covariance[np.ix_(kept, kept)])
 
-    def turned(self, omega: FloatArray) -> "State":
+    def turned(self, omega: FloatArray) -> "PlantState":
         """The state with other swing frequencies (2 F,) [rad/s]."""
         held = 2 * self.layout.bank
         whole = np.concatenate([self.oscillators.omega[:held], omega])
         oscillators = Oscillators(whole, self.oscillators.zeta, self.oscillators.sigma)
-        return State(self.layout, oscillators, self.mean, self.covariance)
+        return PlantState(self.layout, oscillators, self.mean, self.covariance)
 
-    def learnt(self, share: float, least: FloatArray) -> "State":
+    def learnt(self, share: float, least: FloatArray) -> "PlantState":
         """The state with amplitudes of the sway that follow what was seen.
 
         The variance of each frequency moves by ``share`` towards its posterior energy,
@@ -193,9 +193,9 @@ class State:
         variance[:bank] += share * (energy - variance[:bank])
         variance[:bank] = np.maximum(variance[:bank], least)
         oscillators = Oscillators(own.omega, own.zeta, np.sqrt(variance))
-        return State(self.layout, oscillators, self.mean, self.covariance)
+        return PlantState(self.layout, oscillators, self.mean, self.covariance)
 
-    def shaken(self, size: float) -> "State":
+    def shaken(self, size: float) -> "PlantState":
         """The state after a common displacement of about ``size`` [m] that nobody foresaw: a gust,
         which the sway holds, or a plant that was moved, which the rests hold."""
         bank, m = self.layout.bank, self.layout.half
@@ -205,18 +205,18 @@ class State:
         for axis in range(3):
             rest = slice(2 * m + axis, None, 3)
             covariance[rest, rest] += size**2
-        return State(self.layout, self.oscillators, self.mean, covariance)
+        return PlantState(self.layout, self.oscillators, self.mean, covariance)
 
-    def loosened(self, tracks: IntArray, sizes: FloatArray) -> "State":
+    def loosened(self, tracks: IntArray, sizes: FloatArray) -> "PlantState":
         """The state after rests of ``tracks`` (k,) changed by about ``sizes`` (k,) [m]."""
         covariance = self.covariance.copy()
         rest = self.layout.rests(tracks)
         covariance[rest, rest] += np.repeat(sizes**2, 3)
-        return State(self.layout, self.oscillators, self.mean, covariance)
+        return PlantState(self.layout, self.oscillators, self.mean, covariance)
 
     def with_fruits(
         self, swings: Oscillators, seen: FloatArray, spread: FloatArray, known: bool = False
-    ) -> "State":
+    ) -> "PlantState":
         """The state with B more fruits, seen at ``seen`` (B, 3) with errors ``spread`` (B, 3, 3).
 
         The present sway and swing are part of what was seen: rest = seen - sway - swing - error.
@@ -243,11 +243,11 @@ class State:
             own = rest[3 * k : 3 * k + 3]
             covariance[np.ix_(own, own)] += spread[k]
             mean[own] += seen[k]
-        return State(layout, self.oscillators.joined(swings), mean, covariance)
+        return PlantState(layout, self.oscillators.joined(swings), mean, covariance)
 
     def updated(
         self, tracks: IntArray, seen: FloatArray, noise: FloatArray, held: IntArray
-    ) -> tuple["State", FloatArray]:
+    ) -> tuple["PlantState", FloatArray]:
         """The state after ``tracks`` (k,) were seen at ``seen`` (k, 3).
 
         Joseph's form, in one step for all tracks. The squared innovations are of each track given
@@ -278,7 +278,7 @@ class State:
             gain[layout.rests(held)] = 0.0
         kept = np.eye(layout.size) - gain @ looked
         covariance = kept @ self.covariance @ kept.T + gain @ error @ gain.T
-        state = State(
+        state = PlantState(
             layout,
             self.oscillators,
             self.mean + gain @ innovation,
@@ -316,9 +316,9 @@ class Plant:
         each = self.sway / np.sqrt(count)
         return Oscillators(omega, np.full(2 * count, self.damping), np.full(2 * count, each))
 
-    def still(self) -> State:
+    def still(self) -> PlantState:
         """The stationary state without a fruit."""
         bank = self.bank
         variances = np.concatenate([bank.sigma**2, (bank.sigma * bank.omega) ** 2])
         layout = Layout(len(self.frequencies), 0, self.axes)
-        return State(layout, bank, np.zeros(layout.size), np.diag(variances))
+        return PlantState(layout, bank, np.zeros(layout.size), np.diag(variances))

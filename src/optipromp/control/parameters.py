@@ -6,7 +6,7 @@ from optipromp.core.parameters import Checked, parameter
 
 
 @dataclass(frozen=True)
-class ControlParameters(Checked):
+class LoopParameters(Checked):
     """Timing, looks, decisions and retreats of the controller."""
 
     period: float = parameter(0.02, "s", "choice", "of a cycle: 50 Hz")
@@ -64,4 +64,4 @@ class ControlParameters(Checked):
     retreat_speed: float = parameter(0.1, "m/s", "choice", "of the tool on its way back")
 
 
-CONTROL = ControlParameters()
+CONTROL = LoopParameters()

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from optipromp.control.servo import Field, Route
+from optipromp.control.servo import Displacement, Route
 from optipromp.core.arrays import FloatArray
 from optipromp.core.planning.task import spaced
 from optipromp.core.scenes.scene import Scene, SceneObject, Stem
 from optipromp.core.scenes.trusses import rooted
 
 if TYPE_CHECKING:
-    from optipromp.control.tracker import Tracked
+    from optipromp.control.tracked import Tracked
 
 
 def scene_of(base: Scene, tracked: Tracked, offset: FloatArray | None = None) -> Scene:
@@ -69,10 +69,10 @@ def displaced(planned: Scene, tracked: Tracked) -> tuple[FloatArray, FloatArray]
     return places, tracked.rest[rows] - places
 
 
-def field_of(planned: Scene, tracked: Tracked, length: float) -> Field:
+def field_of(planned: Scene, tracked: Tracked, length: float) -> Displacement:
     """The displacement of the plant against a plan's scene."""
     places, moved = displaced(planned, tracked)
-    return Field(places, moved, lambda times: tracked.sway(times)[0], length)
+    return Displacement(places, moved, lambda times: tracked.sway(times)[0], length)
 
 
 def changed(planned: Scene, tracked: Tracked) -> float:

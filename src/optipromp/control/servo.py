@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optipromp.control.parameters import CONTROL, ControlParameters
+from optipromp.control.parameters import CONTROL, LoopParameters
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.planning.result import Plan
 from optipromp.core.planning.timing import needs
@@ -32,7 +32,7 @@ Sway = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
-class Field:
+class Displacement:
     """The displacement of the plant against a plan's scene.
 
     Attributes:
@@ -99,7 +99,7 @@ class Course:
         begins: time of its first row [s].
         phase: time in the route at ``begins`` [s].
         rate: time of the curve over time of the route.
-        moved: (F, 3) displacements of the field at its making; see :class:`Field`.
+        moved: (F, 3) displacements of the field at its making; see :class:`Displacement`.
     """
 
     curve: Trajectory
@@ -117,8 +117,8 @@ class Course:
 
 
 def follow(
-    route: Route, phase: float, state: State, begins: float, field: Field,
-    parameters: ControlParameters = CONTROL,
+    route: Route, phase: float, state: State, begins: float, field: Displacement,
+    parameters: LoopParameters = CONTROL,
 ) -> Course | None:  # fmt: skip
     """The course along a route from ``phase`` on, beginning in ``state`` at the time ``begins``.
 
@@ -135,7 +135,7 @@ def follow(
 
 
 def _curve(
-    route: Route, phase: float, state: State, begins: float, field: Field, blend: float,
+    route: Route, phase: float, state: State, begins: float, field: Displacement, blend: float,
     rate: float, tail: float,
 ) -> Trajectory | None:  # fmt: skip
     made, robot = route.trajectory, route.robot

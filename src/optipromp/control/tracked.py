@@ -7,7 +7,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from optipromp.control.association import target_of
-from optipromp.control.belief import Belief, World
+from optipromp.control.belief import Belief, Setting
 from optipromp.control.tracks import ROLES, push_noise
 from optipromp.core.arrays import BoolArray, FloatArray, read_only
 from optipromp.core.errors import InvalidRequestError
@@ -58,7 +58,7 @@ class Tracked:
     confirmed: BoolArray
     last_seen: FloatArray
     _belief: Belief = field(repr=False)
-    _world: World = field(repr=False)
+    _world: Setting = field(repr=False)
 
     def sway(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The predicted common displacement of the plant.
@@ -130,7 +130,7 @@ class Tracked:
 
 
 def snapshot(
-    belief: Belief, time: float, world: World, pushed: Mapping[str, FloatArray] | None = None
+    belief: Belief, time: float, world: Setting, pushed: Mapping[str, FloatArray] | None = None
 ) -> Tracked:
     """The belief, predicted to ``time`` [s]: a time before the belief's counts as the belief's.
 

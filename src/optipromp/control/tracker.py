@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optipromp.control.belief import Belief, Event, Record, World, begun, step
+from optipromp.control.belief import Arrival, Belief, Record, Setting, begun, step
 from optipromp.control.look import Look
 from optipromp.control.motion import Plant
 from optipromp.control.tracked import Innovations, Tracked, snapshot
@@ -30,7 +30,7 @@ class _Entry:
     """A look that the tracker folded in: the belief before and after, and the innovations."""
 
     before: Belief
-    event: Event
+    event: Arrival
     after: Belief
     record: Record
 
@@ -68,7 +68,7 @@ class Tracker:
                 raise InvalidRequestError(f"first object {item.id} has no covariance")
         plant = Plant(scene.up, given.frequencies, given.damping, given.sway)
         static = scene.obstacles("static") if scene.static else None
-        self._world = World(given, Frame(scene.up, plant.axes), static, names)
+        self._world = Setting(given, Frame(scene.up, plant.axes), static, names)
         self._tool = tool
         self._start = begun(plant.still(), objects, self._world)
         self._entries: list[_Entry] = []
@@ -106,7 +106,7 @@ class Tracker:
             return
         pushes = _pushes(pushed or {})
         balls = np.zeros((0, 4)) if self._tool is None else np.asarray(self._tool(look.time))
-        again = [Event(Seen.of(look), pushes, balls.reshape(-1, 4))]
+        again = [Arrival(Seen.of(look), pushes, balls.reshape(-1, 4))]
         while self._entries and self._entries[-1].event.time > look.time:
             again.append(self._entries.pop().event)
         for event in reversed(again[1:] + again[:1]):
@@ -153,7 +153,7 @@ class Tracker:
     def _newest(self) -> Belief:
         return self._entries[-1].after if self._entries else self._start
 
-    def _fold(self, event: Event) -> None:
+    def _fold(self, event: Arrival) -> None:
         before = self._newest
         after, record = step(before, event, self._world)
         self._entries.append(_Entry(before, event, after, record))

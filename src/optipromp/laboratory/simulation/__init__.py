@@ -4,8 +4,14 @@ Needs the extra ``sim``: ``pip install 'optipromp[sim]'``.
 """
 
 from optipromp.laboratory.simulation.arm_executor import SimulatedArm as SimulatedArm
+from optipromp.laboratory.simulation.detector import DETECTORS as DETECTORS
+from optipromp.laboratory.simulation.detector import Detector as Detector
+from optipromp.laboratory.simulation.detector import DetectorParameters as DetectorParameters
+from optipromp.laboratory.simulation.detector import Eye as Eye
 from optipromp.laboratory.simulation.execute import Run as Run
 from optipromp.laboratory.simulation.execute import simulate as simulate
+from optipromp.laboratory.simulation.loop import Loop as Loop
+from optipromp.laboratory.simulation.loop import closed_loop as closed_loop
 from optipromp.laboratory.simulation.outcome import Cause as Cause
 from optipromp.laboratory.simulation.outcome import Contact as Contact
 from optipromp.laboratory.simulation.outcome import Outcome as Outcome

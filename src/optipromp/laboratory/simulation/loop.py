@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import time as wall
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
-from optipromp.control.controller import Controller, Stage
+from optipromp.control.controller import Controller, LoopStage
 from optipromp.control.look import Look
+from optipromp.control.tracked import Tracked
 from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import ExecutionError
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.trajectory import State
 from optipromp.laboratory.simulation.detector import Eye, Truth
-from optipromp.laboratory.simulation.outcome import Outcome
+from optipromp.laboratory.simulation.execute import Run
+from optipromp.laboratory.simulation.outcome import Cause
 from optipromp.laboratory.simulation.simulation import Simulation
 
-LONGEST = 60.0  # [s] of a pick, after which it ends: a choice
-HOLD = 0.1  # [s] at the target before the judgement, beside the controller's own: a choice
+LONGEST = 90.0  # [s] of a pick, after which it ends: a choice
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,9 +35,9 @@ class Trace:
     """
 
     times: FloatArray
-    stages: tuple[Stage, ...]
+    stages: tuple[LoopStage, ...]
     looks: tuple[Look, ...]
-    tracks: tuple[Any, ...]
+    tracks: tuple[Tracked, ...]
     stretches: tuple[Stretch, ...]
 
 
@@ -44,51 +46,88 @@ class Loop:
     """A pick in closed loop.
 
     Attributes:
-        outcome: the judgement of the run.
+        run: the records of the arm and the fruits, and the judgement.
         stage: with which the controller ended.
         trace: see :class:`Trace`.
         controller: with its events and its tracker.
     """
 
-    outcome: Outcome
-    stage: Stage
+    run: Run
+    stage: LoopStage
     trace: Trace
     controller: Controller = field(repr=False)
 
+    @property
+    def result(self) -> str:
+        """``clean``, ``harmed``, ``gave_up`` or ``missed`` (nothing was harmed, nothing picked)."""
+        outcome = self.run.outcome
+        if outcome.success:
+            return "clean"
+        if any(cause != Cause.NOT_PICKED for cause in outcome.causes):
+            return "harmed"
+        return "gave_up" if self.stage is LoopStage.GAVE_UP else "missed"
+
 
 def closed_loop(simulation: Simulation, controller: Controller, eye: Eye) -> Loop:
-    """Let the controller pick in the simulation until it ends."""
-    period = round(controller.parameters.period / simulation.tick)
-    running: Stretch | None = None
-    coming: list[Stretch] = []
+    """Let the controller pick in the simulation until it ends, and judge what happened.
+
+    Args:
+        simulation: of the true scene, with its disturbances.
+        controller: of the same robot.
+        eye: the camera.
+    """
+    began = wall.perf_counter()
+    cycle = round(controller.parameters.period / simulation.tick)
+    line = _Line()
     times, stages, looks, tracks, stretches = [], [], [], [], []
-    state, reference = simulation.state(), State(simulation.state().q)
-    while not simulation.broken and simulation.time < LONGEST:
-        now = simulation.time
-        fruits = simulation.fruits()
-        truth = Truth(fruits.ids, fruits.positions, fruits.rotations, fruits.stem_ends)
-        eye.see(now, state.q, truth)
+    state = simulation.state()
+    reference = State(state.q)
+    while simulation.time < LONGEST:
+        now, fruits = simulation.time, simulation.fruits()
+        eye.see(
+            now, state.q, Truth(fruits.ids, fruits.positions, fruits.rotations, fruits.stem_ends)
+        )
         for look in eye.delivered(now):
             controller.see(look)
             looks.append(look)
         stretch = controller(now, state, reference)
         if stretch is not None:
-            coming.append(stretch)
+            line.coming.append(stretch)
             stretches.append(stretch)
         times.append(now)
         stages.append(controller.stage)
         tracks.append(controller.tracker.at(now))
-        if controller.ended and not coming and (
-            running is None or now > running.begins + running.curve.duration
-        ):
+        if controller.ended and line.ended(now):
             break
-        for k in range(period):
-            at = now + k * simulation.tick
-            while coming and coming[0].begins <= at + 1e-9:
-                running = coming.pop(0)
-            if running is not None:
-                reference = running.curve.at(at - running.begins)
-            state = simulation.step(reference)
+        try:
+            for k in range(cycle):
+                reference = line.at(now + k * simulation.tick, reference)
+                state = simulation.step(reference)
+        except ExecutionError:  # the outcome tells of it
+            break
+    moved = simulation.time
     outcome = simulation.outcome()
+    run = Run(
+        simulation.scene, simulation.robot, simulation.parameters, simulation.seed,
+        simulation.rollout(moved), outcome, wall.perf_counter() - began,
+    )  # fmt: skip
     trace = Trace(np.array(times), tuple(stages), tuple(looks), tuple(tracks), tuple(stretches))
-    return Loop(outcome, controller.stage, trace, controller)
+    return Loop(run, controller.stage, trace, controller)
+
+
+@dataclass
+class _Line:
+    """The stretch that runs, and those that take over later."""
+
+    running: Stretch | None = None
+    coming: list[Stretch] = field(default_factory=list)
+
+    def at(self, time: float, before: State) -> State:
+        """The reference at a ``time`` [s]; ``before``: that of the tick before."""
+        while self.coming and self.coming[0].begins <= time + 1e-9:
+            self.running = self.coming.pop(0)
+        return before if self.running is None else self.running.at(time)
+
+    def ended(self, time: float) -> bool:
+        """Whether the last stretch has come to its end."""
+        return not self.coming and (self.running is None or self.running.ended(time))

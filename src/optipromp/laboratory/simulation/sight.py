@@ -39,8 +39,9 @@ def tool_frame(robot: Robot, q: FloatArray) -> Pose:
 def hand_pose(robot: Robot, parameters: DetectorParameters) -> Pose:
     """The hand camera in the tool axes at the tool point.
 
-    A camera in the palm is on the axis of the tool, ``palm_below`` behind the rim. Another is ``hand_aside`` beyond the outer radius of the mouth along the tool's x, and
-    ``hand_below`` behind the rim. The point of the tool axis ``aim`` before the rim is in the
+    A camera in the palm is on the axis of the tool, ``palm_below`` behind the rim. Another is
+    ``hand_aside`` beyond the outer radius of the mouth along the tool's x, and ``hand_below``
+    behind the rim. The point of the tool axis ``aim`` before the rim is in the
     middle of the view.
     """
     tool = robot.tool

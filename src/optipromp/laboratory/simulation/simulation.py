@@ -268,10 +268,10 @@ class Simulation:
             total += sign * np.array([force, np.cross(point - tool, force) + turning])
         return frozen(total.ravel())
 
-    def rollout(self) -> Rollout:
-        """The records so far, of a motion that ends now."""
+    def rollout(self, motion: float | None = None) -> Rollout:
+        """The records so far, of a motion that ended at the time ``motion`` [s]; None: now."""
         self._first_record()
-        return self._run.rollout(self.time)
+        return self._run.rollout(self.time if motion is None else motion)
 
     def outcome(self) -> Outcome:
         """Stand still for ``control.hold`` at the last reference, then judge all that happened."""
