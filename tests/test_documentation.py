@@ -16,7 +16,8 @@ ROOT = Path(__file__).resolve().parents[1]
 PUBLIC = (
     "optipromp", "optipromp.core.geometry", "optipromp.core.scenes", "optipromp.core.robots",
     "optipromp.core.promp", "optipromp.core.pushing", "optipromp.core.optimization.costs",
-    "optipromp.core.planning", "optipromp.ros", "optipromp.core.execution",
+    "optipromp.core.planning", "optipromp.ros", "optipromp.core.execution", "optipromp.control",
+    "optipromp.laboratory.simulation",
 )  # fmt: skip
 UNSHOWN = {  # aliases and constants, and kernels that no user calls
     "DriftRule", "Message", "PLANNERS", "Role", "STRATEGIES", "Shape", "Strategy",
@@ -27,7 +28,8 @@ UNSHOWN = {  # aliases and constants, and kernels that no user calls
 @pytest.mark.parametrize(
     "page",
     ["README.md", "docs/index.md", "docs/add-a-cost-term.md", "docs/add-a-planner.md",
-     "docs/add-a-robot.md", "docs/real-robot.md", "docs/ros.md", "docs/scene-format.md"],
+     "docs/add-a-robot.md", "docs/closed-loop.md", "docs/real-robot.md", "docs/ros.md",
+     "docs/scene-format.md"],
 )  # fmt: skip
 def test_the_python_of_a_page_runs(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
