@@ -1,4 +1,4 @@
-"""Write the tables of the closed loop's numbers into its page: ``python scripts/loop_parameters.py``."""
+"""Write the table of the closed loop's numbers: ``python scripts/loop_parameters.py``."""
 
 import re
 from dataclasses import dataclass, field

@@ -2,6 +2,7 @@
 
 import importlib
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -71,6 +72,13 @@ def test_importing_the_package_loads_nothing_heavy() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
     assert {"plan", "plan_many", "plan_sequence", "judge", "simulate"} <= set(dir(optipromp))
+
+
+def test_the_page_on_the_closed_loop_lists_every_number() -> None:
+    page = runpy.run_path(str(ROOT / "scripts/loop_parameters.py"))["page"]
+    text = (ROOT / "docs/closed-loop.md").read_text(encoding="utf-8")
+    assert text.count("| `loop.period` | 0.02 | s |") == 1
+    assert page(text) == text, "run scripts/loop_parameters.py"
 
 
 def test_every_test_that_the_page_on_robustness_names_is_there() -> None:

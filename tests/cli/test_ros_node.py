@@ -192,7 +192,7 @@ def looking(node: Node) -> None:
         fields = {"header": header, "name": names, "position": SCENE.start}
         node.hear("joint_states", message("sensor_msgs/msg/JointState", **fields))
         seen = message("vision_msgs/msg/Detection3DArray", header=header, detections=[fruit])
-        node.hear("~/detections", seen)
+        node.hear("/camera/fruits", seen)
         tick()
         node.now += round(period * 1e9)
     node.hear("joint_states", message("sensor_msgs/msg/JointState", name=["f"], position=[0.0]))
@@ -202,9 +202,10 @@ def looking(node: Node) -> None:
 def test_the_shell_of_the_loop_carries_messages_both_ways(node: Node) -> None:
     node.session, begun = looking, node.now
     call = ["ros-node", "scenario-4", "--prefix", "fr3_", "--loop", "--role", "red=target:stem"]
+    call += ["--execute", "/arm/joint_trajectory", "--detections", "/camera/fruits"]
     result = runner.invoke(app, call)
     assert result.exit_code == 0, result.stderr
-    curves = [item for topic, item in node.sent if topic == "~/joint_trajectory"]
+    curves = [item for topic, item in node.sent if topic == "/arm/joint_trajectory"]
     states = [item for topic, item in node.sent if topic == "~/status"]
     assert len(curves) > 1
     assert curves[0].joint_names[0] == "fr3_joint1"

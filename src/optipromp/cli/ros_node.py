@@ -29,11 +29,18 @@ def ros_node(
     demonstrations: Recorded = None,
     execute: Annotated[
         str | None,
-        typer.Option(metavar="ACTION", help="FollowJointTrajectory action that gets each success."),
+        typer.Option(
+            metavar="ACTION",
+            help="FollowJointTrajectory action that gets each success; with --loop the topic of "
+            "the controller.",
+        ),
     ] = None,
     loop: Annotated[
         bool, typer.Option("--loop", help="Pick in closed loop by detections, at once.")
     ] = False,
+    detections: Annotated[
+        str, typer.Option(metavar="TOPIC", help="With --loop: of the Detection3DArray messages.")
+    ] = "~/detections",
     role: Annotated[
         list[str] | None,
         typer.Option(metavar="CLASS=ROLE", help="Role of a detected class; :stem: z is its stem."),
@@ -54,7 +61,8 @@ def ros_node(
     \b
     optipromp ros-node my-scene.yaml --prefix fr3_
     optipromp ros-node my-scene.yaml --execute /arm_controller/follow_joint_trajectory
-    optipromp ros-node my-scene.yaml --loop --role ripe=target:stem --role unripe=pushable
+    optipromp ros-node my-scene.yaml --loop --role ripe=target:stem --role unripe=pushable \\
+        --execute /arm_controller/joint_trajectory
     """
     try:
         import rclpy  # noqa: F401
@@ -69,7 +77,8 @@ def ros_node(
     say_if_compiling()
     if loop:
         meaning = None if role is None else _meaning(role)
-        _pick(PickLoop(load_scene(scene), parameters=meaning, rate=rate, prefix=prefix))
+        pick = PickLoop(load_scene(scene), parameters=meaning, rate=rate, prefix=prefix)
+        _pick(pick, detections, execute or "~/joint_trajectory")
         return
     settings = {"prefix": prefix, "rate": rate, "demonstrations": demonstrations}
     _serve(LiveScene.of(load_scene(scene), prefix), settings, execute)
@@ -142,8 +151,14 @@ def _meaning(given: list[str]) -> "DetectionParameters":
     return DetectionParameters(roles=roles, stems=tuple(stems))
 
 
-def _pick(loop: "PickLoop") -> None:
-    """Carry messages between ROS and the loop until the pick has ended and its curve is sent."""
+def _pick(loop: "PickLoop", seen: str, moved: str) -> None:
+    """Carry messages between ROS and the loop until the pick has ended and its curve is sent.
+
+    Args:
+        loop: of the pick.
+        seen: topic of the detections.
+        moved: topic of the trajectories.
+    """
     import rclpy
     from rclpy.executors import ExternalShutdownException
     from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -178,12 +193,12 @@ def _pick(loop: "PickLoop") -> None:
 
     rclpy.init()
     node = rclpy.create_node("optipromp")
-    curve = publish("~/joint_trajectory", "trajectory_msgs/msg/JointTrajectory")
+    curve = publish(moved, "trajectory_msgs/msg/JointTrajectory")
     status = publish("~/status", "diagnostic_msgs/msg/DiagnosticStatus")
     kept = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # as tf2 sends it
     listen("tf2_msgs/msg/TFMessage", "/tf_static", kept)
     listen("sensor_msgs/msg/JointState", "joint_states", 10)
-    listen("vision_msgs/msg/Detection3DArray", "~/detections", 10)
+    listen("vision_msgs/msg/Detection3DArray", seen, 10)
     node.create_timer(loop.controller.parameters.period, tick)
     with suppress(ExternalShutdownException):
         rclpy.spin(node)
