@@ -236,6 +236,9 @@ def test_a_camera_on_the_hand_is_where_the_arm_was_at_the_exposure() -> None:
     )
     with pytest.raises(InvalidRequestError, match="frame_id is 'eye'"):
         loop.heard(array(frame="eye", stamp=EPOCH))
+    with pytest.raises(InvalidRequestError, match=r"0.400 s after the newest joint states"):
+        loop.heard(array(stamp=EPOCH + 500_000_000))
+    assert len(taken) == 1
     with pytest.raises(InvalidRequestError, match="is of no use here"):
         loop.heard(message("std_msgs/msg/String"))
 

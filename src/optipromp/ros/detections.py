@@ -118,10 +118,8 @@ def _read(one: Message, k: int, given: DetectionParameters) -> SceneObject | Non
     if name in given.stems:
         stem = Stem.along(pose.position, pose.rotation[:, 2], given.stem_length)
     shape = _shape(vector(one.bbox.size), k)
-    return SceneObject(
-        one.id or f"detection{k}", cast(Role, role), shape, pose.position, pose.orientation,
-        stem=stem, covariance=covariance,
-    )  # fmt: skip
+    name, place = one.id or f"detection{k}", (pose.position, pose.orientation)
+    return SceneObject(name, cast(Role, role), shape, *place, stem=stem, covariance=covariance)
 
 
 def _shape(size: FloatArray, k: int) -> Shape:

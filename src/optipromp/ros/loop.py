@@ -84,7 +84,8 @@ class PickLoop:
 
         Raises:
             InvalidRequestError: joints that are not the robot's; an unknown frame; detections from
-                before the first joint states; another type of message.
+                before the first joint states, or from long after the newest; another type of
+                message.
             InvalidSceneError: a wrong value.
         """
         match item.__msgtype__:
@@ -172,6 +173,12 @@ class PickLoop:
         """(n,) where the arm was, linear between joint states."""
         if not self._states or time < self._states[0][0] - STALE:
             raise InvalidRequestError("where the arm was is unknown: joint states must come first")
+        ahead = time - self._states[-1][0]
+        if ahead > STALE:
+            raise InvalidRequestError(
+                f"header.stamp is {ahead:.3f} s after the newest joint states: must be {STALE:g} s "
+                "at most, by the same clock"
+            )
         times = [at for at, _ in self._states]
         q = np.array([state.q for _, state in self._states])
         return np.array([np.interp(time, times, column) for column in q.T])
