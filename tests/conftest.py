@@ -43,7 +43,7 @@ LONG = {
     "robots": (
         "arm fit kinematics_against_pinocchio mjcf pairs panda_cover refusals spheres untrusted"
     ),
-    "ros": "bags recordings",
+    "ros": "bags loop recordings",
     "scenes": "generate placing trusses",
     "simulation": "disturbances export hand physics pictures runs second_engine tools trusses",
     ".": "kernel_cache plan_folders",

@@ -2,6 +2,7 @@
 
 import importlib
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -16,7 +17,8 @@ ROOT = Path(__file__).resolve().parents[1]
 PUBLIC = (
     "optipromp", "optipromp.core.geometry", "optipromp.core.scenes", "optipromp.core.robots",
     "optipromp.core.promp", "optipromp.core.pushing", "optipromp.core.optimization.costs",
-    "optipromp.core.planning", "optipromp.ros", "optipromp.core.execution",
+    "optipromp.core.planning", "optipromp.ros", "optipromp.core.execution", "optipromp.control",
+    "optipromp.laboratory.simulation",
 )  # fmt: skip
 UNSHOWN = {  # aliases and constants, and kernels that no user calls
     "DriftRule", "Message", "PLANNERS", "Role", "STRATEGIES", "Shape", "Strategy",
@@ -27,7 +29,8 @@ UNSHOWN = {  # aliases and constants, and kernels that no user calls
 @pytest.mark.parametrize(
     "page",
     ["README.md", "docs/index.md", "docs/add-a-cost-term.md", "docs/add-a-planner.md",
-     "docs/add-a-robot.md", "docs/real-robot.md", "docs/ros.md", "docs/scene-format.md"],
+     "docs/add-a-robot.md", "docs/closed-loop.md", "docs/real-robot.md", "docs/ros.md",
+     "docs/scene-format.md"],
 )  # fmt: skip
 def test_the_python_of_a_page_runs(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -69,6 +72,13 @@ def test_importing_the_package_loads_nothing_heavy() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
     assert {"plan", "plan_many", "plan_sequence", "judge", "simulate"} <= set(dir(optipromp))
+
+
+def test_the_page_on_the_closed_loop_lists_every_number() -> None:
+    page = runpy.run_path(str(ROOT / "scripts/loop_parameters.py"))["page"]
+    text = (ROOT / "docs/closed-loop.md").read_text(encoding="utf-8")
+    assert text.count("| `loop.period` | 0.02 | s |") == 1
+    assert page(text) == text, "run scripts/loop_parameters.py"
 
 
 def test_every_test_that_the_page_on_robustness_names_is_there() -> None:

@@ -23,6 +23,7 @@ from optipromp.ros import (
     to_bytes,
     typestore,
 )
+from optipromp.ros.trajectories import nanoseconds, time_message
 from optipromp.ros.types import constants
 
 SCENE = load_scene("scenario-3")
@@ -50,8 +51,10 @@ class Node:
         self.services: dict[str, Any] = {}
         self.sent: list[tuple[str, Any]] = []
         self.warnings: list[str] = []
+        self.now = 1_790_000_000_000_000_000  # [ns]
+        self.session: Any = session
 
-    def create_subscription(self, kind: Any, topic: str, callback: Any, qos: int) -> None:
+    def create_subscription(self, kind: Any, topic: str, callback: Any, qos: Any) -> None:
         self.heard[topic] = (kind, callback)
 
     def create_publisher(self, kind: Any, topic: str, qos: int) -> Any:
@@ -63,6 +66,12 @@ class Node:
 
     def create_service(self, kind: Any, name: str, callback: Any) -> None:
         self.services[name] = callback
+
+    def create_timer(self, period: float, callback: Any) -> None:
+        self.timer = period, callback
+
+    def get_clock(self) -> Any:
+        return SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=self.now))
 
     def get_logger(self) -> Any:
         return SimpleNamespace(warning=lambda text, **_: self.warnings.append(text))
@@ -92,7 +101,10 @@ def node(monkeypatch: pytest.MonkeyPatch) -> Node:
         return SimpleNamespace(send_goal_async=lambda goal: of.sent.append((name, goal.trajectory)))
 
     module(
-        "rclpy", init=lambda: None, create_node=lambda name: made, spin=lambda node: session(node)
+        "rclpy",
+        init=lambda: None,
+        create_node=lambda name: made,
+        spin=lambda node: node.session(node),
     )
     module("rclpy.action", ActionClient=action_client)
     module("rclpy.executors", ExternalShutdownException=ExternalShutdownError)
@@ -101,6 +113,7 @@ def node(monkeypatch: pytest.MonkeyPatch) -> Node:
         serialize_message=to_bytes,
         deserialize_message=lambda data, kind: from_bytes(data, kind.__msgtype__),
     )
+    module("rclpy.qos", QoSProfile=dict, DurabilityPolicy=SimpleNamespace(TRANSIENT_LOCAL=1))
     module("control_msgs", action=None)
     module("control_msgs.action", FollowJointTrajectory=SimpleNamespace(Goal=SimpleNamespace))
     module("moveit_msgs", msg=None)
@@ -109,6 +122,9 @@ def node(monkeypatch: pytest.MonkeyPatch) -> Node:
         ("moveit_msgs", ("CollisionObject", "DisplayTrajectory", "PlanningScene")),
         ("sensor_msgs", ("JointState",)),
         ("trajectory_msgs", ("JointTrajectory",)),
+        ("vision_msgs", ("Detection3DArray",)),
+        ("diagnostic_msgs", ("DiagnosticStatus",)),
+        ("tf2_msgs", ("TFMessage",)),
     ):
         module(package)
         module(f"{package}.msg", **{name: kinds[f"{package}/msg/{name}"] for name in names})
@@ -154,3 +170,53 @@ def test_the_shell_carries_messages_both_ways(node: Node) -> None:
     assert "planner_id is 'RRT'" in refusal.error_code.message
     assert len(node.warnings) == 1
     assert node.warnings[0].startswith("joint_states: joint_state: joint joint1")
+
+
+def looking(node: Node) -> None:
+    """A camera at the base that sees one ripe fruit, for two seconds."""
+    header = message("std_msgs/msg/Header", frame_id="fr3_link0")
+    place = message("geometry_msgs/msg/Point", x=0.55, y=0.0, z=0.6)
+    pose = message("geometry_msgs/msg/Pose", position=place)
+    result = message(
+        "vision_msgs/msg/ObjectHypothesisWithPose",
+        hypothesis=message("vision_msgs/msg/ObjectHypothesis", class_id="red", score=1.0),
+    )
+    size = message("geometry_msgs/msg/Vector3", x=0.03, y=0.03, z=0.03)
+    box = message("vision_msgs/msg/BoundingBox3D", center=pose, size=size)
+    fruit = message("vision_msgs/msg/Detection3D", results=[result], bbox=box)
+    names = [f"fr3_joint{k}" for k in range(1, 8)]
+    period, tick = node.timer
+    node.hear("/tf_static", message("tf2_msgs/msg/TFMessage"))
+    for _ in range(round(2.0 / period)):
+        header.stamp = time_message(node.now)
+        fields = {"header": header, "name": names, "position": SCENE.start}
+        node.hear("joint_states", message("sensor_msgs/msg/JointState", **fields))
+        seen = message("vision_msgs/msg/Detection3DArray", header=header, detections=[fruit])
+        node.hear("/camera/fruits", seen)
+        tick()
+        node.now += round(period * 1e9)
+    node.hear("joint_states", message("sensor_msgs/msg/JointState", name=["f"], position=[0.0]))
+    raise ExternalShutdownError
+
+
+def test_the_shell_of_the_loop_carries_messages_both_ways(node: Node) -> None:
+    node.session, begun = looking, node.now
+    call = ["ros-node", "scenario-4", "--prefix", "fr3_", "--loop", "--role", "red=target:stem"]
+    call += ["--execute", "/arm/joint_trajectory", "--detections", "/camera/fruits"]
+    result = runner.invoke(app, call)
+    assert result.exit_code == 0, result.stderr
+    curves = [item for topic, item in node.sent if topic == "/arm/joint_trajectory"]
+    states = [item for topic, item in node.sent if topic == "~/status"]
+    assert len(curves) > 1
+    assert curves[0].joint_names[0] == "fr3_joint1"
+    assert begun < nanoseconds(curves[0].header.stamp) <= node.now
+    assert states[0].message == "looking"
+    assert states[-1].values[0].value == "go"
+    assert len(node.warnings) == 1
+
+
+def test_a_role_that_is_none_is_refused(node: Node) -> None:
+    for text, told in (("red", "--role is 'red'"), ("red=static", "role of class 'red'")):
+        result = runner.invoke(app, ["ros-node", "scenario-4", "--loop", "--role", text])
+        assert result.exit_code == 2
+        assert told in result.stderr

@@ -1,6 +1,8 @@
 """``optipromp ros-node``: the planner as a node of ROS 2; the only file that imports rclpy."""
 
+from collections.abc import Callable
 from contextlib import suppress
+from importlib import import_module
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -10,7 +12,7 @@ from optipromp.cli.console import Recorded, say_if_compiling
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 
 if TYPE_CHECKING:
-    from optipromp.ros import LiveScene
+    from optipromp.ros import DetectionParameters, LiveScene, PickLoop
 
 
 @command(reports=False)
@@ -27,7 +29,21 @@ def ros_node(
     demonstrations: Recorded = None,
     execute: Annotated[
         str | None,
-        typer.Option(metavar="ACTION", help="FollowJointTrajectory action that gets each success."),
+        typer.Option(
+            metavar="ACTION",
+            help="FollowJointTrajectory action that gets each success; with --loop the topic of "
+            "the controller.",
+        ),
+    ] = None,
+    loop: Annotated[
+        bool, typer.Option("--loop", help="Pick in closed loop by detections, at once.")
+    ] = False,
+    detections: Annotated[
+        str, typer.Option(metavar="TOPIC", help="With --loop: of the Detection3DArray messages.")
+    ] = "~/detections",
+    role: Annotated[
+        list[str] | None,
+        typer.Option(metavar="CLASS=ROLE", help="Role of a detected class; :stem: z is its stem."),
     ] = None,
 ) -> None:
     """Plan on request: a node of ROS 2 with MoveIt's service GetMotionPlan.
@@ -36,11 +52,17 @@ def ros_node(
     optipromp/plan, and publishes optipromp/joint_trajectory and display_planned_path.
     Needs ROS 2 (rclpy, moveit_msgs, control_msgs) and the extra ros.
 
+    With --loop it picks in closed loop: it listens to optipromp/detections (vision_msgs),
+    joint_states and tf_static, publishes optipromp/joint_trajectory and optipromp/status, and
+    ends with the pick.
+
     [bold]Examples[/bold]
 
     \b
     optipromp ros-node my-scene.yaml --prefix fr3_
     optipromp ros-node my-scene.yaml --execute /arm_controller/follow_joint_trajectory
+    optipromp ros-node my-scene.yaml --loop --role ripe=target:stem --role unripe=pushable \\
+        --execute /arm_controller/joint_trajectory
     """
     try:
         import rclpy  # noqa: F401
@@ -50,9 +72,14 @@ def ros_node(
             "installation, and start it with the Python of that installation"
         ) from None
     from optipromp.core.scenes.io import load_scene
-    from optipromp.ros import LiveScene
+    from optipromp.ros import LiveScene, PickLoop
 
     say_if_compiling()
+    if loop:
+        meaning = None if role is None else _meaning(role)
+        pick = PickLoop(load_scene(scene), parameters=meaning, rate=rate, prefix=prefix)
+        _pick(pick, detections, execute or "~/joint_trajectory")
+        return
     settings = {"prefix": prefix, "rate": rate, "demonstrations": demonstrations}
     _serve(LiveScene.of(load_scene(scene), prefix), settings, execute)
 
@@ -105,5 +132,73 @@ def _serve(world: "LiveScene", settings: dict[str, Any], execute: str | None) ->
     listen(CollisionObject, "moveit_msgs/msg/CollisionObject", "collision_object")
     listen(JointState, "sensor_msgs/msg/JointState", "joint_states")
     node.create_service(GetMotionPlan, "~/plan", plan)
+    with suppress(ExternalShutdownException):
+        rclpy.spin(node)
+
+
+def _meaning(given: list[str]) -> "DetectionParameters":
+    """Classes with their roles, as ``CLASS=ROLE`` or ``CLASS=ROLE:stem``."""
+    from optipromp.ros import DetectionParameters
+
+    roles, stems = {}, []
+    for text in given:
+        name, equals, rest = text.rpartition("=")
+        role, colon, stem = rest.partition(":")
+        if not name or not equals or (colon and stem != "stem"):
+            raise InvalidRequestError(f"--role is {text!r}: must be CLASS=ROLE or CLASS=ROLE:stem")
+        roles[name] = role
+        stems += [name] if stem else []
+    return DetectionParameters(roles=roles, stems=tuple(stems))
+
+
+def _pick(loop: "PickLoop", seen: str, moved: str) -> None:
+    """Carry messages between ROS and the loop until the pick has ended and its curve is sent.
+
+    Args:
+        loop: of the pick.
+        seen: topic of the detections.
+        moved: topic of the trajectories.
+    """
+    import rclpy
+    from rclpy.executors import ExternalShutdownException
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from rclpy.serialization import deserialize_message, serialize_message
+
+    from optipromp.ros import Message, from_bytes, to_bytes
+
+    def kind(name: str) -> Any:
+        package, _, last = name.split("/")
+        return getattr(import_module(f"{package}.msg"), last)
+
+    def publish(topic: str, name: str) -> Callable[[Message], None]:
+        made = node.create_publisher(kind(name), topic, 10)
+        return lambda item: made.publish(deserialize_message(to_bytes(item), kind(name)))
+
+    def listen(name: str, topic: str, qos: Any) -> None:
+        def heard(item: Any) -> None:
+            try:
+                loop.heard(from_bytes(serialize_message(item), name))
+            except OptiPrompError as error:
+                node.get_logger().warning(f"{topic}: {error}", throttle_duration_sec=5.0)
+
+        node.create_subscription(kind(name), topic, heard, qos)
+
+    def tick() -> None:
+        made = loop.tick(node.get_clock().now().nanoseconds)
+        if made is not None:
+            curve(made)
+        status(loop.status())
+        if loop.ended:
+            raise ExternalShutdownException
+
+    rclpy.init()
+    node = rclpy.create_node("optipromp")
+    curve = publish(moved, "trajectory_msgs/msg/JointTrajectory")
+    status = publish("~/status", "diagnostic_msgs/msg/DiagnosticStatus")
+    kept = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # as tf2 sends it
+    listen("tf2_msgs/msg/TFMessage", "/tf_static", kept)
+    listen("sensor_msgs/msg/JointState", "joint_states", 10)
+    listen("vision_msgs/msg/Detection3DArray", seen, 10)
+    node.create_timer(loop.controller.parameters.period, tick)
     with suppress(ExternalShutdownException):
         rclpy.spin(node)

@@ -11,8 +11,11 @@ from optipromp.core.files import is_bag as is_bag
 from optipromp.ros.bags import Recorded as Recorded
 from optipromp.ros.bags import read_bag as read_bag
 from optipromp.ros.bags import write_bag as write_bag
+from optipromp.ros.detections import DetectionParameters as DetectionParameters
+from optipromp.ros.detections import read_detections as read_detections
 from optipromp.ros.live import LiveScene as LiveScene
 from optipromp.ros.live import read_planning_scene as read_planning_scene
+from optipromp.ros.loop import PickLoop as PickLoop
 from optipromp.ros.recordings import Cut as Cut
 from optipromp.ros.recordings import CutParameters as CutParameters
 from optipromp.ros.recordings import Recording as Recording
@@ -27,6 +30,7 @@ from optipromp.ros.trajectories import joint_trajectory as joint_trajectory
 from optipromp.ros.trajectories import read_trajectories as read_trajectories
 from optipromp.ros.trajectories import read_trajectory as read_trajectory
 from optipromp.ros.trajectories import robot_trajectory as robot_trajectory
+from optipromp.ros.trajectories import stretch_trajectory as stretch_trajectory
 from optipromp.ros.types import Message as Message
 from optipromp.ros.types import from_bytes as from_bytes
 from optipromp.ros.types import message as message

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from optipromp.core.errors import InvalidRequestError
+from optipromp.core.execution.streaming import Stretch
 from optipromp.core.trajectory import Trajectory
 from optipromp.core.trajectory_files import CURVE, curve
 from optipromp.ros.bags import read_bag
@@ -58,6 +59,39 @@ def joint_trajectory(
     ]
     names = [prefix + name for name in rows.joint_names]
     return message(JOINT_TRAJECTORY, joint_names=names, points=points)
+
+
+def stretch_trajectory(
+    stretch: Stretch, origin: int = 0, rate: float | None = None, prefix: str = ""
+) -> Message:
+    """A ``trajectory_msgs/JointTrajectory`` that takes over while another runs.
+
+    Its time stamp is the time at which the stretch begins, from which its points count.
+
+    Args:
+        stretch: any.
+        origin: time 0 of the stretch's clock by the clock of ROS [ns].
+        rate: as for :func:`joint_trajectory`.
+        prefix: as for :func:`joint_trajectory`.
+
+    Raises:
+        InvalidRequestError: a rate that is not positive.
+    """
+    item = joint_trajectory(stretch.curve, rate, prefix)
+    begins = origin + round(stretch.begins * NANO)
+    item.header = message("std_msgs/msg/Header", stamp=time_message(begins))
+    return item
+
+
+def time_message(stamp: int) -> Message:
+    """A ``builtin_interfaces/Time`` of nanoseconds."""
+    whole, part = divmod(stamp, NANO)
+    return message("builtin_interfaces/msg/Time", sec=whole, nanosec=part)
+
+
+def nanoseconds(stamp: Message) -> int:
+    """A ``builtin_interfaces/Time`` in nanoseconds."""
+    return int(stamp.sec) * NANO + int(stamp.nanosec)
 
 
 def robot_trajectory(

@@ -1,7 +1,7 @@
 """The types of the messages, and messages without ROS.
 
 Types are those of ROS 2 Jazzy. The package ``rosbags`` (extra ``ros``) brings the common ones;
-``definitions.txt`` holds the fields of ``moveit_msgs`` and of what they need.
+``definitions.txt`` holds the fields of ``moveit_msgs``, of ``vision_msgs`` 4 and of what they need.
 """
 
 from __future__ import annotations

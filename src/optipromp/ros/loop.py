@@ -1,0 +1,222 @@
+"""The closed loop on topics, without ROS: states and detections in, curves that replace others out.
+
+:class:`PickLoop` is what the node ``optipromp ros-node --loop`` runs.
+"""
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from optipromp.control.controller import Controller
+from optipromp.core.arrays import FloatArray, frame_along
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.execution.streaming import Line
+from optipromp.core.planning.task import posed
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.pose import Pose
+from optipromp.core.scenes.scene import JointGoal, Scene
+from optipromp.core.trajectory import State
+from optipromp.ros.detections import DETECTIONS, DetectionParameters, read_detections
+from optipromp.ros.goals import TOOL
+from optipromp.ros.joints import joint_motion
+from optipromp.ros.live import frames_of
+from optipromp.ros.shapes import quaternion, vector
+from optipromp.ros.trajectories import NANO, nanoseconds, stretch_trajectory
+from optipromp.ros.types import Message, message
+
+STALE = 0.1  # [s] age of joint states above which the loop does nothing: five cycles, a choice
+KEPT = 2.0  # [s] of joint states, to tell where a camera on the hand was: a choice
+OK, WARN = 0, 1  # levels of a diagnostic_msgs/DiagnosticStatus
+
+
+class PickLoop:
+    """A pick in closed loop by messages.
+
+    All times are those of the messages' stamps and of :meth:`tick`, which must share a clock.
+
+    Args:
+        scene: robot, tool, approach, and what stands still. Its fruits are left out: the camera
+            tells of them.
+        parameters: of the detections.
+        controller: of the pick; None: one for ``scene``.
+        rate: of the points of a trajectory [Hz]; None: the rows of the curves.
+        prefix: of joint and link names in ROS.
+
+    Attributes:
+        controller: with its stage and its decisions.
+        frames: poses of frames in the robot's base frame, by name.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        parameters: DetectionParameters | None = None,
+        controller: Controller | None = None,
+        rate: float | None = None,
+        prefix: str = "",
+    ) -> None:
+        self.controller = controller or Controller(without_fruits(scene), real_time=True)
+        self.parameters = parameters or DetectionParameters()
+        robot = self.controller.robot
+        self.frames = frames_of(robot, prefix, scene.base)
+        self._flange = prefix + [name for name in robot.link_names if name != TOOL][-1]
+        self._rate, self._prefix = rate, prefix
+        self._mounts: dict[str, tuple[str, Pose]] = {}
+        self._states = deque[tuple[float, State]]()
+        self._origin: int | None = None
+        self._line: Line | None = None
+        self._trouble = "no joint states"
+
+    @property
+    def ended(self) -> bool:
+        """Whether the pick is done, or given up."""
+        return self.controller.ended
+
+    def heard(self, item: Message) -> None:
+        """Take a message in.
+
+        Read are ``sensor_msgs/JointState``, ``vision_msgs/Detection3DArray``, and
+        ``tf2_msgs/TFMessage`` of frames that stand still on the base, on the robot's last link (its
+        flange) or on ``tool`` (at the tool point, z along its axis), themselves or through others.
+
+        Raises:
+            InvalidRequestError: joints that are not the robot's; an unknown frame; detections from
+                before the first joint states, or from long after the newest; another type of
+                message.
+            InvalidSceneError: a wrong value.
+        """
+        match item.__msgtype__:
+            case "sensor_msgs/msg/JointState":
+                state = joint_motion(item, self.controller.robot.joint_names, "joint_states")
+                time = self._time(nanoseconds(item.header.stamp))
+                if not self._states or time > self._states[-1][0]:
+                    self._states.append((time, state))
+                while self._states[0][0] < time - KEPT:
+                    self._states.popleft()
+            case "tf2_msgs/msg/TFMessage":
+                for one in item.transforms:
+                    to = one.transform
+                    pose = Pose(vector(to.translation), quaternion(to.rotation))
+                    self._mounts[one.child_frame_id] = (one.header.frame_id, pose)
+            case _ if item.__msgtype__ == DETECTIONS:
+                time = self._time(nanoseconds(item.header.stamp))
+                frames = self._frames(self._at(time))
+                look = read_detections(item, frames, self.parameters, time=time)
+                self.controller.see(look)
+            case _:
+                raise InvalidRequestError(
+                    f"a {item.__msgtype__} is of no use here: must be a JointState, a "
+                    "Detection3DArray or a TFMessage"
+                )
+
+    def tick(self, now: int) -> Message | None:
+        """One cycle of the controller, to be called every ``controller.parameters.period``.
+
+        Args:
+            now: by the clock of the stamps [ns].
+
+        Returns:
+            The ``trajectory_msgs/JointTrajectory`` that takes over at its time stamp,
+            ``controller.parameters.lead`` from now. None: what runs goes on, also where joint
+            states are missing or old.
+        """
+        time = self._time(now)
+        if not self._states or time - self._states[-1][0] > STALE:
+            self._trouble = "joint states are old" if self._states else "no joint states"
+            return None
+        self._trouble = ""
+        measured = self._states[-1][1]
+        reference = State(measured.q) if self._line is None else self._line.at(time)
+        stretch = self.controller(time, measured, reference)
+        if stretch is None:
+            return None
+        if self._line is None:
+            self._line = Line.of(stretch.curve, stretch.begins)
+        else:
+            self._line = self._line.until(stretch.begins, time).then(stretch, stretch.begins)
+        assert self._origin is not None
+        return stretch_trajectory(stretch, self._origin, self._rate, self._prefix)
+
+    def status(self) -> Message:
+        """A ``diagnostic_msgs/DiagnosticStatus``: the last decision, the stage and the fruits."""
+        loop = self.controller
+        tracked = None if self._origin is None else loop.tracker.at(max(loop.tracker.time, 0.0))
+        count = 0 if tracked is None else int(tracked.confirmed.sum())
+        values = {
+            "stage": str(loop.stage),
+            "fruits": str(count),
+            "tries left": str(loop.tries),
+            "last cycle [ms]": f"{1e3 * loop.cycles[-1]:.1f}" if loop.cycles else "",
+        }
+        return message(
+            "diagnostic_msgs/msg/DiagnosticStatus",
+            level=WARN if self._trouble else OK,
+            name="optipromp/loop",
+            message=self._trouble or (loop.events[-1].why if loop.events else "looking"),
+            hardware_id=loop.robot.name,
+            values=[
+                message("diagnostic_msgs/msg/KeyValue", key=key, value=value)
+                for key, value in values.items()
+            ],
+        )
+
+    def _time(self, stamp: int) -> float:
+        """Seconds since the first stamp: few, so that they are exact to the nanosecond."""
+        if self._origin is None:
+            self._origin = stamp
+        return (stamp - self._origin) / NANO
+
+    def _at(self, time: float) -> FloatArray:
+        """(n,) where the arm was, linear between joint states."""
+        if not self._states or time < self._states[0][0] - STALE:
+            raise InvalidRequestError("where the arm was is unknown: joint states must come first")
+        ahead = time - self._states[-1][0]
+        if ahead > STALE:
+            raise InvalidRequestError(
+                f"header.stamp is {ahead:.3f} s after the newest joint states: must be {STALE:g} s "
+                "at most, by the same clock"
+            )
+        times = [at for at, _ in self._states]
+        q = np.array([state.q for _, state in self._states])
+        return np.array([np.interp(time, times, column) for column in q.T])
+
+    def _frames(self, q: FloatArray) -> dict[str, Pose]:
+        """The known frames with the arm at ``q`` (n,)."""
+        flange, tool = moving(self.controller.robot, q)
+        frames = {**self.frames, self._flange: flange, TOOL: tool}
+        for name in self._mounts:
+            pose = Pose()
+            for parent, step in self._chain(name):
+                pose = step @ pose
+                if parent in frames:
+                    frames[name] = frames[parent] @ pose
+                    break
+        return frames
+
+    def _chain(self, name: str) -> Iterator[tuple[str, Pose]]:
+        """The parents of a frame and the poses in them, one after another; a loop ends it."""
+        met = set[str]()
+        while name in self._mounts and name not in met:
+            met.add(name)
+            name, pose = self._mounts[name]
+            yield name, pose
+
+
+def without_fruits(scene: Scene) -> Scene:
+    """The scene with robot and what stands still, and no fruits; its goal is its start."""
+    still = tuple(item for item in scene.objects if item.role in ("static", "avoid"))
+    return replace(scene, objects=still, goal=JointGoal(posed(scene)[1].q))
+
+
+def moving(robot: Robot, q: FloatArray) -> tuple[Pose, Pose]:
+    """The flange, and the frame at the tool point, in the base frame, at ``q`` (n,)."""
+    origins, rotations = robot.segment_frames(q)
+    origin, turn = origins[-1], rotations[-1]
+    axes = frame_along(robot.tool_axis)
+    if robot.tool is not None:
+        axes = robot.flange_rotation @ robot.tool.rotation
+    flange = Pose(origin + turn @ robot.flange_translation, turn @ robot.flange_rotation)
+    return flange, Pose(origin + turn @ robot.tool_point, turn @ axes)

@@ -1,0 +1,255 @@
+"""A pick in closed loop with messages only, against the simulation; and what messages are read."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from optipromp.control import Controller, Look, LoopStage
+from optipromp.core.arrays import frame_along
+from optipromp.core.errors import InvalidRequestError, InvalidSceneError
+from optipromp.core.execution.streaming import Stretch
+from optipromp.core.geometry.shapes import Ellipsoid, Sphere
+from optipromp.core.planning.task import posed
+from optipromp.core.scenes import load_scene
+from optipromp.core.scenes.pose import Pose
+from optipromp.core.trajectory import State, Trajectory
+from optipromp.laboratory.generate import generate
+from optipromp.ros import (
+    DetectionParameters,
+    PickLoop,
+    from_bytes,
+    message,
+    read_detections,
+    read_trajectories,
+    stretch_trajectory,
+    to_bytes,
+)
+from optipromp.ros.loop import moving, without_fruits
+from optipromp.ros.shapes import pose_message, xyz
+from optipromp.ros.trajectories import nanoseconds, time_message
+
+SCENE = load_scene("scenario-3")
+ROBOT, START = posed(SCENE)
+EPOCH = 1_790_000_000_123_456_789  # [ns] of a clock of ROS
+NAMES = [f"fr3_{name}" for name in ROBOT.joint_names]
+CLASSES = DetectionParameters(
+    roles={"ripe": "target", "unripe": "pushable", "unripe-bare": "pushable"},
+    stems=("ripe", "unripe"),
+)
+SIGMA = np.diag([0.002, 0.002, 0.004]) ** 2
+
+
+def header(stamp=EPOCH, frame="camera"):
+    return message("std_msgs/msg/Header", stamp=time_message(stamp), frame_id=frame)
+
+
+def seen(name, place, *, size=(0.03, 0.03, 0.03), up=(0.0, 0.0, 1.0), spread=SIGMA, **further):
+    """A ``Detection3D`` in the frame of the camera, whose box has z along ``up``."""
+    pose = pose_message(Pose(np.array(place, float), frame_along(np.array(up, float))))
+    covariance = np.zeros((6, 6))
+    covariance[:3, :3] = spread
+    there = message(
+        "geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance.ravel()
+    )
+    results = [
+        message(
+            "vision_msgs/msg/ObjectHypothesisWithPose", pose=there,
+            hypothesis=message("vision_msgs/msg/ObjectHypothesis", class_id=one, score=score),
+        )
+        for one, score in (("background", 0.3), (name, 0.9))
+    ]  # fmt: skip
+    box = message(
+        "vision_msgs/msg/BoundingBox3D", center=pose,
+        size=xyz("geometry_msgs/msg/Vector3", np.array(size)),
+    )  # fmt: skip
+    return message("vision_msgs/msg/Detection3D", results=results, bbox=box, **further)
+
+
+def array(*items, stamp=EPOCH, frame="camera"):
+    return message(
+        "vision_msgs/msg/Detection3DArray", header=header(stamp, frame), detections=list(items)
+    )
+
+
+def sent(item):
+    """The message as it arrives."""
+    return from_bytes(to_bytes(item), item.__msgtype__)
+
+
+def array_of(look: Look, stamp):
+    """What a node of a detector sends of a look."""
+    items = []
+    for item in look.detections:
+        name = "ripe" if item.role == "target" else "unripe"
+        up = np.array([0.0, 0.0, 1.0])
+        if item.stem is not None:
+            up = item.stem.points[-1] - item.stem.points[0]
+        size = 2.0 * item.shape.measure.bound * np.ones(3)
+        spread = item.covariance
+        items.append(
+            seen(name, item.position, size=size, up=up / np.linalg.norm(up), spread=spread)
+        )
+    return array(*items, stamp=stamp)
+
+
+def joints(state, stamp):
+    return message(
+        "sensor_msgs/msg/JointState", header=header(stamp, ""), name=NAMES, position=state.q,
+        velocity=state.velocity,
+    )  # fmt: skip
+
+
+def mount(parent, pose, child="camera"):
+    made = pose_message(pose)
+    transform = message(
+        "geometry_msgs/msg/Transform", rotation=made.orientation,
+        translation=xyz("geometry_msgs/msg/Vector3", pose.position),
+    )  # fmt: skip
+    one = message(
+        "geometry_msgs/msg/TransformStamped", header=header(0, parent), child_frame_id=child,
+        transform=transform,
+    )  # fmt: skip
+    return message("tf2_msgs/msg/TFMessage", transforms=[one])
+
+
+def test_a_pick_by_messages_alone() -> None:
+    simulation_of = pytest.importorskip("optipromp.laboratory.simulation")
+    scene = generate("cluster", 3)
+    robot, start = posed(scene)
+    try:
+        simulation = simulation_of.Simulation(scene)
+    except InvalidRequestError as error:
+        pytest.skip(error.message)
+    from optipromp.laboratory.simulation.detector import Truth
+
+    eye = simulation_of.Eye(
+        simulation_of.Detector(scene, robot, simulation_of.DETECTORS["zero-mean"], 0)
+    )
+    parameters = replace(CLASSES, view=eye.detector.view, stem_length=0.2)
+    controller = Controller(without_fruits(scene))  # not in real time: the same on any machine
+    loop = PickLoop(scene, parameters=parameters, controller=controller, prefix="fr3_")
+    camera = eye.detector.camera(start.q)
+    tool = moving(robot, start.q)[1]
+    loop.heard(sent(mount("tool", tool.inverse() @ camera)))
+    state, runs, begins = simulation.state(), None, 0.0
+    coming, joins = [], []
+    for _ in range(1500):
+        now = simulation.time
+        stamp = EPOCH + round(now * 1e9)
+        loop.heard(sent(joints(state, stamp)))
+        f = simulation.fruits()
+        eye.see(now, state.q, Truth(f.ids, f.positions, f.rotations, f.stem_ends))
+        for look in eye.delivered(now):
+            loop.heard(sent(array_of(look, EPOCH + round(look.time * 1e9))))
+        curve = loop.tick(stamp)
+        if curve is not None:
+            assert curve.joint_names == NAMES
+            (motion,) = read_trajectories(sent(curve), robot.joint_names)
+            coming.append((motion, (nanoseconds(curve.header.stamp) - EPOCH) / 1e9))
+        if loop.ended and runs is not None and now > begins + runs.duration:
+            break
+        for _ in range(round(0.02 / simulation.tick)):
+            at = simulation.time
+            if coming and coming[0][1] <= at + 1e-9:
+                before = None if runs is None else runs.at(coming[0][1] - begins)
+                runs, begins = coming.pop(0)
+                if before is not None:
+                    joins.append(np.abs(runs.at(0.0).q - before.q).max())
+            simulation.step(State(start.q) if runs is None else runs.at(at - begins))
+            state = simulation.state()
+    status = sent(loop.status())
+    assert loop.controller.stage is LoopStage.DONE, loop.controller.events
+    assert simulation.outcome().success, simulation.outcome().message
+    assert len(joins) > 20
+    assert max(joins) < 1e-6
+    assert (status.name, status.message) == ("optipromp/loop", "at the target")
+    assert {one.key: one.value for one in status.values}["stage"] == "done"
+
+
+def test_detections_become_a_look() -> None:
+    camera = Pose([0.3, 0.1, 0.5], frame_along(np.array([0.0, 0.6, 0.8])))
+    slim = seen("unripe", [0.1, 0.0, 0.4], size=(0.02, 0.02, 0.04), up=(0.6, 0.0, 0.8))
+    ripe = seen("ripe", [0.0, 0.05, 0.3], id="a")
+    bare = seen("unripe-bare", [0.0, 0.1, 0.3], spread=np.zeros((3, 3)))
+    item = sent(array(ripe, slim, bare, seen("leaf", [0.0, 0.0, 0.2]), stamp=EPOCH))
+    look = read_detections(item, {"camera": camera}, CLASSES, time=2.5)
+    assert (look.time, look.camera) == (2.5, camera)
+    first, second, third = look.detections
+    assert [(o.id, o.role) for o in look.detections] == [
+        ("a", "target"), ("detection1", "pushable"), ("detection2", "pushable"),
+    ]  # fmt: skip
+    assert first.shape == Sphere(0.015)
+    np.testing.assert_allclose(first.position, [0.0, 0.05, 0.3])
+    np.testing.assert_allclose(first.covariance, SIGMA)
+    assert second.shape == Ellipsoid((0.01, 0.01, 0.02))
+    np.testing.assert_allclose(second.stem.points, [[0.1, 0.0, 0.4], [0.19, 0.0, 0.52]], atol=1e-12)
+    assert third.stem is None
+    np.testing.assert_allclose(third.covariance, 0.005**2 * np.eye(3))
+    assert read_detections(item, {"camera": camera}).time == pytest.approx(EPOCH / 1e9)
+    assert not read_detections(
+        item, {"camera": camera}, replace(CLASSES, least_score=0.95)
+    ).detections
+
+
+def test_wrong_detections_are_named() -> None:
+    frames = {"camera": Pose()}
+    with pytest.raises(InvalidRequestError, match="frame_id is 'eye': must be 'camera'"):
+        read_detections(array(frame="eye"), frames)
+    with pytest.raises(InvalidRequestError, match=r"detections\[0\].header.frame_id is 'eye'"):
+        read_detections(array(seen("ripe", [0, 0, 1], header=header(frame="eye"))), frames)
+    with pytest.raises(InvalidRequestError, match=r"detections\[0\].bbox.size"):
+        read_detections(array(seen("ripe", [0, 0, 1], size=(0.0, 0.1, 0.1))), frames)
+    with pytest.raises(InvalidSceneError, match="finite"):
+        read_detections(array(seen("ripe", [0, np.nan, 1])), frames)
+    with pytest.raises(InvalidRequestError, match="is no look"):
+        read_detections(joints(START, EPOCH), frames)
+    with pytest.raises(InvalidRequestError, match="role of class 'ripe' is 'static'"):
+        DetectionParameters(roles={"ripe": "static"})
+    with pytest.raises(InvalidRequestError, match="class 'red' has stems and no role"):
+        DetectionParameters(stems=("red",))
+
+
+def test_a_stretch_carries_the_time_at_which_it_takes_over() -> None:
+    curve = Trajectory.through(START.q + np.zeros((3, 1)), 0.1, ROBOT.joint_names)
+    item = sent(stretch_trajectory(Stretch(curve, 12.02), EPOCH, prefix="fr3_"))
+    assert nanoseconds(item.header.stamp) == EPOCH + 12_020_000_000
+    assert nanoseconds(item.points[0].time_from_start) == 0
+    assert item.joint_names == NAMES
+
+
+def test_a_camera_on_the_hand_is_where_the_arm_was_at_the_exposure() -> None:
+    loop, held = PickLoop(SCENE, prefix="fr3_"), Pose([0.0, 0.05, -0.02])
+    loop.heard(mount("fr3_flange", held, "bracket"))
+    loop.heard(mount("bracket", Pose([0.0, 0.0, 0.01])))
+    taken = []
+    loop.controller.see = taken.append
+    with pytest.raises(InvalidRequestError, match="joint states must come first"):
+        loop.heard(array(stamp=EPOCH))
+    later = START.q + 0.1
+    loop.heard(joints(START, EPOCH))
+    loop.heard(joints(State(later), EPOCH + 100_000_000))
+    loop.heard(array(stamp=EPOCH + 50_000_000))
+    flange = moving(ROBOT, START.q + 0.05)[0]
+    np.testing.assert_allclose(
+        taken[0].camera.position, flange @ np.array([0.0, 0.05, -0.01]), atol=1e-9
+    )
+    with pytest.raises(InvalidRequestError, match="frame_id is 'eye'"):
+        loop.heard(array(frame="eye", stamp=EPOCH))
+    with pytest.raises(InvalidRequestError, match=r"0.400 s after the newest joint states"):
+        loop.heard(array(stamp=EPOCH + 500_000_000))
+    assert len(taken) == 1
+    with pytest.raises(InvalidRequestError, match="is of no use here"):
+        loop.heard(message("std_msgs/msg/String"))
+
+
+def test_without_joint_states_nothing_is_commanded_and_the_status_says_so() -> None:
+    loop = PickLoop(SCENE)
+    assert loop.tick(EPOCH) is None
+    assert (loop.status().level, loop.status().message) == (1, "no joint states")
+    loop.heard(joints(START, EPOCH))
+    assert loop.tick(EPOCH + 20_000_000) is None
+    assert (loop.status().level, loop.status().message) == (0, "looking")
+    assert loop.tick(EPOCH + 500_000_000) is None
+    assert loop.status().message == "joint states are old"
+    assert len(loop.controller.cycles) == 1
