@@ -233,7 +233,7 @@ def test_a_study_goes_on_where_it_was_left(quick, tmp_path: Path) -> None:
     assert steps[0] == (4, 9)
     assert steps[-1] == (9, 9)
     assert [row.key for row in rows] == [
-        ("cluster", seed, planner, "")
+        ("cluster", seed, planner, "", "", "")
         for seed in range(3)
         for planner in ("straight", "promp", "chomp")
     ]
