@@ -10,8 +10,8 @@ import numpy as np
 
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
 from optipromp.core.planning import PlanOptions
+from optipromp.core.planning.task import posed
 from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice
-from optipromp.core.scenes.scene import Scene
 from optipromp.core.scenes.values import suggest
 from optipromp.core.trajectory import State
 from optipromp.laboratory.experiments.baselines import Answer, attempt
@@ -101,24 +101,34 @@ def loop_values(
         return _open_values(setting, seed, risk)
     began = time.perf_counter()
     done = picked(setting, seed, servo=loop == "closed")
-    outcome, controller = done.run.outcome, done.controller
-    cycles = np.array(controller.cycles)
-    smooth = executed(
-        done.trace.stretches, controller.robot, _start(setting.seen, done), float(outcome.duration)
-    )
+    outcome = done.run.outcome
     said = done.stage == "done" or outcome.success
     return {
         **outcome_values(outcome, setting.scene.target),
         "plan_status": str(Code.SUCCESS if said else Code.NO_PLAN),
         "result": done.result,
+        **loop_figures(done),
+        "simulation_time": time.perf_counter() - began,
+    }
+
+
+def loop_figures(done: "Loop") -> dict[str, Any]:
+    """Retreats, looks, times of cycles, innovations and smoothness of a pick; see :class:`Row`."""
+    controller = done.controller
+    cycles = np.array(controller.cycles)
+    start = State(posed(controller.scene, controller.robot)[1].q)
+    curve = executed(
+        done.trace.stretches, controller.robot, start, float(done.run.outcome.duration)
+    )
+    nis = controller.tracker.statistics.consistent()[0]
+    return {
         "retreats": sum(event.stage == "retreat" for event in controller.events),
         "looks": len(done.trace.looks),
         "cycle_median": float(np.median(cycles)),
         "cycle_p99": float(np.quantile(cycles, 0.99)),
-        "nis": controller.tracker.statistics.consistent()[0],
-        "worst_jump": smooth.worst_jump,
-        "worst_limit": smooth.worst_limit,
-        "simulation_time": time.perf_counter() - began,
+        "nis": nis if np.isfinite(nis) else None,
+        "worst_jump": curve.worst_jump,
+        "worst_limit": curve.worst_limit,
     }
 
 
@@ -178,12 +188,6 @@ def _blind(made: Answer, setting: Setting, seed: int) -> "Run":
 
     assert made.trajectory is not None
     return simulate(made.trajectory, setting.scene, parameters=setting.parameters, seed=seed)
-
-
-def _start(scene: Scene, done: "Loop") -> State:
-    from optipromp.core.planning.task import posed
-
-    return State(posed(scene, done.controller.robot)[1].q)
 
 
 def _broken(status: str, message: str) -> dict[str, Any]:
