@@ -1,11 +1,15 @@
 """``optipromp simulate --closed-loop``, the disturbances, and ``optipromp study --loop``."""
 
 import json
+from dataclasses import replace
 
 import pytest
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
+from optipromp.core.scenes.io import save_scene
+from optipromp.core.scenes.scene import JointGoal
+from optipromp.laboratory.generate import generate
 
 pytest.importorskip("mujoco")
 
@@ -15,7 +19,7 @@ def invoke(*arguments):
 
 
 def test_a_pick_in_closed_loop_is_told_and_left(tmp_path):
-    arguments = ["simulate", "scenario-1", "--closed-loop", "--out", tmp_path]
+    arguments = ["simulate", "scenario-3", "--closed-loop", "--out", tmp_path]
     result = invoke(*arguments)
     document = json.loads(invoke(*arguments, "--json").stdout)
     assert document["loop"] == "closed"
@@ -34,15 +38,38 @@ def test_a_pick_in_closed_loop_is_told_and_left(tmp_path):
 
 
 def test_the_options_of_the_loop_reach_it(tmp_path):
-    """Later looks are fewer, and two looks are told as such."""
-    common = ["simulate", "scenario-1", "--closed-loop", "--looks-only", "--json", "--out"]
-    soon = json.loads(invoke(*common, tmp_path / "a", "--latency", "0.01").stdout)
-    late = json.loads(invoke(*common, tmp_path / "b", "--latency", "0.5").stdout)
-    assert soon["loop"] == late["loop"] == "looks"
-    first = [each["decisions"][0]["time"] for each in (soon, late)]
-    told = [each["decisions"][1]["time"] - each["decisions"][0]["time"] for each in (soon, late)]
-    assert first != told
-    assert late["duration"] > soon["duration"]  # it waits for the looks
+    """Looks that are late are waited for at the camera point; two looks are told as such."""
+    common = ["simulate", "scenario-3", "--closed-loop", "--looks-only", "--json", "--out"]
+    made = [
+        json.loads(invoke(*common, tmp_path / name, "--latency", name).stdout)
+        for name in ("0.01", "1")
+    ]
+    assert [document["loop"] for document in made] == ["looks", "looks"]
+    waits = []
+    for document in made:
+        times = [decision["time"] for decision in document["decisions"]]
+        at = [item["why"] for item in document["decisions"]].index("at the camera point")
+        waits.append(times[at + 1] - times[at])
+    assert waits[1] > waits[0] + 0.4
+
+
+def test_a_loop_that_finds_no_plan_gives_up_and_moves_nothing(tmp_path):
+    result = invoke("simulate", "scenario-1", "--closed-loop", "--json", "--out", tmp_path)
+    document = json.loads(result.stdout)
+    assert result.exit_code == 1
+    assert document["result"] == document["stage"] == "gave_up"
+    assert "table-top" in document["decisions"][-1]["why"]
+    assert document["worst_limit"] == 0.0
+
+
+def test_a_scene_without_a_target_is_refused(tmp_path):
+    scene = generate("cluster", 0)
+    left = tuple(item for item in scene.objects if item.role == "static")
+    home = JointGoal(scene.load_robot().home)
+    save_scene(replace(scene, objects=left, goal=home), tmp_path / "bare.yaml")
+    result = invoke("simulate", tmp_path / "bare.yaml", "--closed-loop")
+    assert result.exit_code == 2
+    assert "has no target" in result.stderr
 
 
 def test_fruits_that_hang_aside_are_missed_by_an_open_loop(tmp_path):

@@ -101,6 +101,7 @@ def test_jumps_and_rates_are_those_of_the_executed_parts() -> None:
     slow, start = move(robot.home, 0.2, 2.0), State(robot.home)
     whole = executed([Stretch(slow, 0.0)], robot, start)
     assert whole.takeovers == 1
+    assert executed([], robot, start).shares == executed([], robot, start).jumps == (0.0, 0.0, 0.0)
     assert whole.worst_jump < 1e-12
     assert 0.0 < whole.worst_limit < 1.0
     # the same curve again, from its middle on: no jump, the same rates

@@ -134,16 +134,21 @@ def pick(
         parameters: of the physics.
         eyes: the options of the loop.
         seed: of everything random.
+
+    Raises:
+        InvalidRequestError: a true scene without a target; see :meth:`LoopOptions.detector`.
+        InvalidSceneError: a scene that cannot be used.
     """
     from optipromp.laboratory.experiments.conditions import Setting
     from optipromp.laboratory.experiments.loops import picked
     from optipromp.laboratory.generate import NOISES, noisy
 
-    detector = eyes.detector()
-    if truth is None:
-        truth = seen
-        if eyes.noise in NOISES:
-            seen = noisy(seen, seed, NOISES[eyes.noise])
+    detector, known = eyes.detector(), truth is not None
+    truth = truth or seen
+    if truth.target is None:
+        raise InvalidRequestError(f"{truth.name} has no target, which --closed-loop looks for")
+    if not known and eyes.noise in NOISES:
+        seen = noisy(seen, seed, NOISES[eyes.noise])
     return picked(Setting(truth, seen, detector, parameters), seed, servo=not eyes.looks_only)
 
 
@@ -174,7 +179,7 @@ def loop_lines(document: dict[str, Any]) -> list[str]:
         for item in document["decisions"]
     ]
     nis = document["nis"]
-    told = "no fruit seen" if nis is None else f"{nis:.2f} (3 where its covariances are true)"
+    told = "no update" if nis is None else f"{nis:.2f} (3 where its covariances are true)"
     cycles = (
         f"{document['cycles']}, median {1e3 * document['cycle_median']:.1f} ms, "
         f"99 % {1e3 * document['cycle_p99']:.1f} ms"

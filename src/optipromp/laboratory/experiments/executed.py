@@ -53,7 +53,7 @@ def executed(
     jumps, shares = np.zeros(3), np.zeros(3)
     limits = np.stack([robot.velocity, robot.acceleration, robot.jerk])
     taken = [stretch for stretch in stretches if stretch.begins < until]
-    ends = [*(min(one.begins, until) for one in taken[1:]), until]
+    ends = [*(one.begins for one in taken[1:]), until][: len(taken)]
     for k, (stretch, end) in enumerate(zip(taken, ends, strict=True)):
         before = start if k == 0 else taken[k - 1].at(stretch.begins)
         jumps = np.maximum(jumps, _jumps(before, stretch.at(stretch.begins)))
