@@ -139,7 +139,7 @@ def pick(
         InvalidRequestError: a true scene without a target; see :meth:`LoopOptions.detector`.
         InvalidSceneError: a scene that cannot be used.
     """
-    from optipromp.laboratory.experiments.conditions import Setting
+    from optipromp.laboratory.experiments.conditions import Situation
     from optipromp.laboratory.experiments.loops import picked
     from optipromp.laboratory.generate import NOISES, noisy
 
@@ -149,7 +149,7 @@ def pick(
         raise InvalidRequestError(f"{truth.name} has no target, which --closed-loop looks for")
     if not known and eyes.noise in NOISES:
         seen = noisy(seen, seed, NOISES[eyes.noise])
-    return picked(Setting(truth, seen, detector, parameters), seed, servo=not eyes.looks_only)
+    return picked(Situation(truth, seen, detector, parameters), seed, servo=not eyes.looks_only)
 
 
 def loop_document(loop: "Loop") -> dict[str, Any]:

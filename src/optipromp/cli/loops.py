@@ -1,7 +1,10 @@
-"""The tables of a study of loops."""
+"""The options and the tables of a study of loops."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from optipromp.cli.console import grid
 
@@ -13,6 +16,28 @@ if TYPE_CHECKING:
 TITLE = """%: clean: picked, nothing harmed, in the simulation; 95 %: Wilson's interval
 harmed, gave up, refused, missed [%]; back: retreats; s: median duration"""
 LEFT = "preset", "condition", "loop"
+
+
+@dataclass(frozen=True)
+class LoopChoices:
+    """The options that choose loops and conditions."""
+
+    loop: Annotated[
+        str,
+        typer.Option(
+            metavar="NAMES",
+            help="Instead of planners compare open (plan, execute blind), looks (look again at the "
+            "camera point, execute blind) and closed (the controller), or all.",
+        ),
+    ] = ""
+    conditions: Annotated[
+        str,
+        typer.Option(
+            metavar="NAMES",
+            help="Of loops: none, zero-mean, detector, missed, lower, aside, sway, calibration, "
+            "limp, all (at once); 'all' by itself is each of them, 'all,' that one.",
+        ),
+    ] = ""
 
 
 def loop_table(cells: Sequence["LoopCell"]) -> "Table":

@@ -1,7 +1,8 @@
 """``optipromp simulate``: execute a plan in the physics simulation and tell what happened."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,7 +19,7 @@ from optipromp.core.files import is_folder
 if TYPE_CHECKING:
     from optipromp.core.planning import Plan
     from optipromp.core.scenes.scene import Scene
-    from optipromp.laboratory.simulation import Run
+    from optipromp.laboratory.simulation import Loop, Run
 
 
 def failed_run(error: OptiPrompError, arguments: Mapping[str, Any]) -> dict[str, Any]:
@@ -93,7 +94,6 @@ def simulate(
     from optipromp.laboratory.simulation import SimulationParameters
     from optipromp.laboratory.simulation import simulate as execute
     from optipromp.laboratory.simulation.engine import engine
-    from optipromp.laboratory.simulation.files import run_document
 
     engine()  # where MuJoCo is missing, refuse before planning
     folder = _folder(scene_or_plan) if out is None else out
@@ -111,25 +111,42 @@ def simulate(
     if speed is not None:
         parameters = replace(parameters, control=replace(parameters.control, speed=speed))
     truth = None if true_scene is None else load_scene(true_scene)
+    leave = partial(_leave, folder=folder, video=video, gif=gif, slow=slow)
     if eyes:
         seen = _scene(scene_or_plan, arm.of(robot))
         say_if_compiling()
         with waiting(f"picking in {(truth or seen).name} ..."):
             loop = pick(seen, truth, parameters, eyes, seed)
-        written = _leave(loop.run, folder, video, gif, slow)
-        document = {**run_document(loop.run), **loop_document(loop)}
-        head, *rows = _shown(loop.run, f"{document['loop']} loop: {loop.result}")
-        lines = [head, *rows, *loop_lines(document), f"wrote {', '.join(written)} to {folder}"]
-        return Report(document, lines, OK if loop.run.success else FAILED)
+        return _picked(loop, leave(loop.run), folder)
     plan = _plan(scene_or_plan, planner, strategy, seed, arm.of(robot))
     warn_of_gravity(plan.robot, plan.trajectory.positions, plan.scene.up, "on the way")
     with waiting(f"executing in {(truth or plan.scene).name} ..."):
         run = execute(plan, truth, parameters=parameters, seed=seed)
-    written = _leave(run, folder, video, gif, slow)
+    return _executed(run, plan, leave(run), folder)
+
+
+def _picked(loop: "Loop", written: Sequence[str], folder: Path) -> Report:
+    """The report of a pick in closed loop."""
+    from optipromp.laboratory.simulation.files import run_document
+
+    document = {**run_document(loop.run), **loop_document(loop)}
+    told = f"{document['loop']} loop: {loop.result}"
+    lines = [*_shown(loop.run, told), *loop_lines(document), _wrote(written, folder)]
+    return Report(document, lines, OK if loop.run.success else FAILED)
+
+
+def _executed(run: "Run", plan: "Plan", written: Sequence[str], folder: Path) -> Report:
+    """The report of a plan's execution."""
+    from optipromp.laboratory.simulation.files import run_document
+
     document = {**run_document(run), "planner": plan.planner, "plan_status": plan.status}
     told = f"{plan.planner} (plan: {plan.status})"
-    lines = [*_shown(run, told), f"wrote {', '.join(written)} to {folder}"]
+    lines = [*_shown(run, told), _wrote(written, folder)]
     return Report(document, lines, OK if run.success else FAILED)
+
+
+def _wrote(written: Sequence[str], folder: Path) -> str:
+    return f"wrote {', '.join(written)} to {folder}"
 
 
 def _folder(item: str) -> Path:

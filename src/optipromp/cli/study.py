@@ -8,6 +8,7 @@ import typer
 
 from optipromp.cli.command import Report, Shown, command
 from optipromp.cli.console import Workers, grid, progress_bar, say_if_compiling
+from optipromp.cli.loops import LoopChoices, loop_causes, loop_table
 from optipromp.cli.robot import ArmOptions, Whose
 from optipromp.core.errors import Code, InvalidRequestError
 
@@ -71,24 +72,9 @@ def study(
         float,
         typer.Option(help="Share of promised successes that may be broken; less refuses more."),
     ] = 0.03,
-    loop: Annotated[
-        str,
-        typer.Option(
-            metavar="NAMES",
-            help="Instead of planners compare open (plan, execute blind), looks (look again at the "
-            "camera point, execute blind) and closed (the controller), or all.",
-        ),
-    ] = "",
-    conditions: Annotated[
-        str,
-        typer.Option(
-            metavar="NAMES",
-            help="Of loops: none, zero-mean, detector, missed, lower, aside, sway, calibration, "
-            "limp, all (at once); 'all' by itself is each of them, 'all,' that one.",
-        ),
-    ] = "",
     workers: Workers = None,
     *,
+    compared_loops: LoopChoices,
     robot: Whose = None,
     arm: ArmOptions,
 ) -> Report:
@@ -116,13 +102,14 @@ def study(
 
     chosen: Any = _names(preset, PRESETS)
     compared: Any = _names(",".join(planners), study_planners())
-    loops = _names(loop, LOOPS)
+    loops = _names(compared_loops.loop, LOOPS)
+    conditions = _names(compared_loops.conditions, tuple(CONDITIONS))
     if loops and planners == ["all"]:
         compared = (LOOP_PLANNER,)
     plan = Study(
         chosen, compared, _range(seeds), noise_position, noise_angle, only_valid,
         robot or PANDA, arm.of(robot).choice, vary, noise, risk,
-        loops, _names(conditions, tuple(CONDITIONS)) or ("none",),
+        loops, conditions or ("none",),
     )  # fmt: skip
     say_if_compiling()
     successes: dict[str, list[bool]] = {}
@@ -141,7 +128,6 @@ def study(
 
 def _report(rows: list["Row"], out: Path) -> Report:
     """Write the results beside the rows, and report them."""
-    from optipromp.cli.loops import loop_causes, loop_table
     from optipromp.laboratory.experiments.loop_statistics import loop_summary
     from optipromp.laboratory.experiments.statistics import calibration, summary
     from optipromp.laboratory.experiments.study_output import write_results

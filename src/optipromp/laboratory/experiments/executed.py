@@ -12,7 +12,7 @@ from optipromp.core.trajectory import SHORTEST_STEP, State, Trajectory
 
 
 @dataclass(frozen=True)
-class Executed:
+class Smoothness:
     """How smooth an executed curve is.
 
     Attributes:
@@ -39,7 +39,7 @@ class Executed:
 
 def executed(
     stretches: Sequence[Stretch], robot: Robot, start: State, until: float = np.inf
-) -> Executed:
+) -> Smoothness:
     """The jumps and the rates of the parts of stretches that were executed.
 
     A stretch runs from its begin until the next begins, by the executor's times.
@@ -60,7 +60,7 @@ def executed(
         part = cut(stretch.curve, end - stretch.begins)
         if part is not None:
             shares = np.maximum(shares, (extremes(part).largest / limits).max(axis=1))
-    return Executed(len(taken), _three(jumps), _three(shares))
+    return Smoothness(len(taken), _three(jumps), _three(shares))
 
 
 def cut(curve: Trajectory, length: float) -> Trajectory | None:

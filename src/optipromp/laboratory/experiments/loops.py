@@ -15,7 +15,7 @@ from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice
 from optipromp.core.scenes.values import suggest
 from optipromp.core.trajectory import State
 from optipromp.laboratory.experiments.baselines import Answer, attempt
-from optipromp.laboratory.experiments.conditions import CONDITIONS, Setting
+from optipromp.laboratory.experiments.conditions import CONDITIONS, Situation
 from optipromp.laboratory.experiments.executed import executed
 from optipromp.laboratory.experiments.runs import ERROR, NO_PLAN, Row, outcome_values
 from optipromp.laboratory.generate import PANDA, Preset, generate, generate_with_report
@@ -84,7 +84,7 @@ def run_loops(
 
 
 def loop_values(
-    setting: Setting, seed: int, loop: str, risk: float = PlanOptions.risk
+    setting: Situation, seed: int, loop: str, risk: float = PlanOptions.risk
 ) -> dict[str, Any]:
     """The values of a row for one run.
 
@@ -132,7 +132,7 @@ def loop_figures(done: "Loop") -> dict[str, Any]:
     }
 
 
-def picked(setting: Setting, seed: int, servo: bool = True) -> "Loop":
+def picked(setting: Situation, seed: int, servo: bool = True) -> "Loop":
     """A pick in closed loop; without ``servo``, two looks."""
     from optipromp.control.controller import Controller
     from optipromp.laboratory.simulation import Detector, Eye, Simulation, closed_loop
@@ -161,7 +161,7 @@ def loop_again(row: Row, robot: str = PANDA, risk: float = PlanOptions.risk) -> 
     return _blind(made, setting, row.seed)
 
 
-def _open_values(setting: Setting, seed: int, risk: float) -> dict[str, Any]:
+def _open_values(setting: Situation, seed: int, risk: float) -> dict[str, Any]:
     made = attempt(setting.seen, LOOP_PLANNER, seed=seed, risk=risk)
     values: Mapping[str, Any] = {
         "plan_status": str(made.status),
@@ -183,7 +183,7 @@ def _open_values(setting: Setting, seed: int, risk: float) -> dict[str, Any]:
     }
 
 
-def _blind(made: Answer, setting: Setting, seed: int) -> "Run":
+def _blind(made: Answer, setting: Situation, seed: int) -> "Run":
     from optipromp.laboratory.simulation import simulate
 
     assert made.trajectory is not None
