@@ -7,12 +7,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from optipromp.core.arrays import frame_along
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.robots.library import load_robot
+from optipromp.core.scenes.pose import Pose
 from optipromp.core.trajectory import State, Trajectory
 from optipromp.laboratory.experiments import loops, study
-from optipromp.laboratory.experiments.conditions import CONDITIONS, drop_one
+from optipromp.laboratory.experiments.conditions import (
+    CAMERA_OFF,
+    CONDITIONS,
+    drop_one,
+    miscalibrated,
+)
 from optipromp.laboratory.experiments.executed import cut, executed
 from optipromp.laboratory.experiments.loop_statistics import ALL, loop_summary
 from optipromp.laboratory.experiments.loops import LOOPS, LoopChoice, loop_again, run_loops
@@ -20,6 +27,7 @@ from optipromp.laboratory.experiments.runs import COLUMNS, Row, row_from_text
 from optipromp.laboratory.experiments.statistics import summary, wilson
 from optipromp.laboratory.experiments.study import Study, rows_of, run_study
 from optipromp.laboratory.generate import generate
+from optipromp.laboratory.simulation.detector import DETECTORS, Detector, Truth
 
 ROW = Row(
     preset="cluster", seed=0, planner="opti-promp", noise_position=0.0, noise_angle=0.0,
@@ -74,6 +82,24 @@ def test_without_a_pushable_nothing_is_missed() -> None:
     scene = generate("cluster", 0)
     alone = replace(scene, objects=tuple(x for x in scene.objects if x.role != "pushable"))
     assert drop_one(alone, 0) is alone
+
+
+def test_a_miscalibrated_camera_errs_at_first_as_it_does_later() -> None:
+    """Without other errors, a look from where the first was made shows the scene as first seen."""
+    scene = generate("cluster", 1)
+    target = scene.target
+    assert target is not None
+    detector = replace(DETECTORS["perfect"], mount="beside", view=3.0, **CAMERA_OFF)
+    seen = miscalibrated(scene, scene, detector, 5)
+    eye = Detector(scene, scene.load_robot(), detector, 5)
+    approach = scene.frame[2]
+    eye.camera = lambda q: Pose(target.position - 0.3 * approach, frame_along(approach))
+    look = eye.expose(0.0, scene.load_robot().home, Truth((), np.zeros((0, 3)), (), ()))
+    found = {item.id: item.position for item in look.in_base()}
+    fruits = [item for item in seen.objects if item.role != "static"]
+    for item, true in zip(fruits, (o for o in scene.objects if o.role != "static"), strict=True):
+        np.testing.assert_allclose(found[item.id], item.position, atol=1e-9)
+        assert 1e-4 < float(np.linalg.norm(item.position - true.position)) < 0.03
 
 
 # --- executed curves ----------------------------------------------------------------------------
