@@ -90,7 +90,7 @@ def loop_values(
 
     Args:
         setting: of a condition.
-        seed: of planner, physics and looks.
+        seed: of physics and looks; plans have the seed 0 in every loop.
         loop: one of :data:`LOOPS`.
         risk: of the plan of the open loop.
 
@@ -155,14 +155,14 @@ def loop_again(row: Row, robot: str = PANDA, risk: float = PlanOptions.risk) -> 
     setting = CONDITIONS[row.condition](scene, row.seed)
     if row.loop != "open":
         return picked(setting, row.seed, servo=row.loop == "closed").run
-    made = attempt(setting.seen, LOOP_PLANNER, seed=row.seed, risk=risk)
+    made = attempt(setting.seen, LOOP_PLANNER, risk=risk)
     if made.trajectory is None or made.status != Code.SUCCESS:
         return None
     return _blind(made, setting, row.seed)
 
 
 def _open_values(setting: Situation, seed: int, risk: float) -> dict[str, Any]:
-    made = attempt(setting.seen, LOOP_PLANNER, seed=seed, risk=risk)
+    made = attempt(setting.seen, LOOP_PLANNER, risk=risk)
     values: Mapping[str, Any] = {
         "plan_status": str(made.status),
         "plan_time": made.seconds,
