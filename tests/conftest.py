@@ -27,9 +27,9 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 LONG = {
     "benchmarks": "suite",
     "control": "tracker tracks",
-    "cli": "folder generate_study markup plan process",
+    "cli": "folder generate_study markup plan process simulate_closed_loop",
     "execution": "executor franka streaming streaming_trouble trouble",
-    "experiments": "baselines study variations",
+    "experiments": "baselines loops study variations",
     "geometry": "grids",
     "looks": "looks",
     "page": "page sources",

@@ -25,7 +25,8 @@ ROW = Row(
     redraws=5, plan_status="success", success=False, cause="crushed", message='n1, "hard"',
     picked=True, swallowed="", unripe_force=12.5, target_force=0.1, static_force=0.0, torn="",
     stem_force=1.0, duration=3.0, predicted_harm=0.2, predicted_failure=0.03, plan_time=0.1,
-    simulation_time=1.0, version="x",
+    simulation_time=1.0, version="x", retreats=0, looks=9, cycle_median=0.001, cycle_p99=0.01,
+    nis=3.1, worst_jump=1e-9, worst_limit=0.9,
 )  # fmt: skip
 
 
@@ -233,7 +234,7 @@ def test_a_study_goes_on_where_it_was_left(quick, tmp_path: Path) -> None:
     assert steps[0] == (4, 9)
     assert steps[-1] == (9, 9)
     assert [row.key for row in rows] == [
-        ("cluster", seed, planner, "")
+        ("cluster", seed, planner, "", "", "")
         for seed in range(3)
         for planner in ("straight", "promp", "chomp")
     ]

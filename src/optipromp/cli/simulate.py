@@ -1,13 +1,15 @@
 """``optipromp simulate``: execute a plan in the physics simulation and tell what happened."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from optipromp.cli.check import scene_or_plan
+from optipromp.cli.closed_loop import Disturbed, LoopOptions, loop_document, loop_lines, pick
 from optipromp.cli.command import FAILED, OK, Report, command
 from optipromp.cli.console import ChosenStrategy, Seed, Strategy, say_if_compiling, waiting
 from optipromp.cli.robot import ArmOptions, InPlace, Named
@@ -16,7 +18,8 @@ from optipromp.core.files import is_folder
 
 if TYPE_CHECKING:
     from optipromp.core.planning import Plan
-    from optipromp.laboratory.simulation import Run
+    from optipromp.core.scenes.scene import Scene
+    from optipromp.laboratory.simulation import Loop, Run
 
 
 def failed_run(error: OptiPrompError, arguments: Mapping[str, Any]) -> dict[str, Any]:
@@ -67,6 +70,8 @@ def simulate(
         float, typer.Option(metavar="FACTOR", help="How many times slower a film runs.")
     ] = 1.0,
     *,
+    disturbed: Disturbed,
+    eyes: LoopOptions,
     robot: InPlace = None,
     arm: ArmOptions,
 ) -> Report:
@@ -81,6 +86,7 @@ def simulate(
     optipromp simulate scenario-3 --video
     optipromp simulate reach --slow 4 --gif
     optipromp simulate my-scene.yaml --planner i-promp --json
+    optipromp simulate scenario-3 --closed-loop --sway 0.02 --noise zero-mean --video
     """
     from optipromp.core.files import check_folder
     from optipromp.core.robots.dynamics import warn_of_gravity
@@ -88,25 +94,59 @@ def simulate(
     from optipromp.laboratory.simulation import SimulationParameters
     from optipromp.laboratory.simulation import simulate as execute
     from optipromp.laboratory.simulation.engine import engine
-    from optipromp.laboratory.simulation.files import run_document
 
     engine()  # where MuJoCo is missing, refuse before planning
     folder = _folder(scene_or_plan) if out is None else out
     if not 0.05 <= slow <= 50.0:
         raise InvalidRequestError(f"--slow is {slow:g}; it must be between 0.05 and 50")
     check_folder(folder)
-    parameters = SimulationParameters()
+    eyes.check(
+        {
+            "--planner": None if planner == "opti-promp" else planner,
+            "--strategy": None if strategy == "joint" else strategy,
+            "--speed": speed,
+        }
+    )
+    parameters = disturbed.of(SimulationParameters())
     if speed is not None:
         parameters = replace(parameters, control=replace(parameters.control, speed=speed))
-    plan = _plan(scene_or_plan, planner, strategy, seed, arm.of(robot))
     truth = None if true_scene is None else load_scene(true_scene)
+    leave = partial(_leave, folder=folder, video=video, gif=gif, slow=slow)
+    if eyes:
+        seen = _scene(scene_or_plan, arm.of(robot))
+        say_if_compiling()
+        with waiting(f"picking in {(truth or seen).name} ..."):
+            loop = pick(seen, truth, parameters, eyes, seed)
+        return _picked(loop, leave(loop.run), folder)
+    plan = _plan(scene_or_plan, planner, strategy, seed, arm.of(robot))
     warn_of_gravity(plan.robot, plan.trajectory.positions, plan.scene.up, "on the way")
     with waiting(f"executing in {(truth or plan.scene).name} ..."):
         run = execute(plan, truth, parameters=parameters, seed=seed)
-    written = _leave(run, folder, video, gif, slow)
+    return _executed(run, plan, leave(run), folder)
+
+
+def _picked(loop: "Loop", written: Sequence[str], folder: Path) -> Report:
+    """The report of a pick in closed loop."""
+    from optipromp.laboratory.simulation.files import run_document
+
+    document = {**run_document(loop.run), **loop_document(loop)}
+    told = f"{document['loop']} loop: {loop.result}"
+    lines = [*_shown(loop.run, told), *loop_lines(document), _wrote(written, folder)]
+    return Report(document, lines, OK if loop.run.success else FAILED)
+
+
+def _executed(run: "Run", plan: "Plan", written: Sequence[str], folder: Path) -> Report:
+    """The report of a plan's execution."""
+    from optipromp.laboratory.simulation.files import run_document
+
     document = {**run_document(run), "planner": plan.planner, "plan_status": plan.status}
-    lines = [*_shown(run, plan), f"wrote {', '.join(written)} to {folder}"]
+    told = f"{plan.planner} (plan: {plan.status})"
+    lines = [*_shown(run, told), _wrote(written, folder)]
     return Report(document, lines, OK if run.success else FAILED)
+
+
+def _wrote(written: Sequence[str], folder: Path) -> str:
+    return f"wrote {', '.join(written)} to {folder}"
 
 
 def _folder(item: str) -> Path:
@@ -131,6 +171,15 @@ def _plan(item: str, planner: str, strategy: Strategy, seed: int, named: Named) 
         return make_plan(scene, planner=planner, strategy=strategy, seed=seed, progress=say)
 
 
+def _scene(item: str, named: Named) -> "Scene":
+    from optipromp.core.planning import Plan
+
+    found = scene_or_plan(item, "simulate")
+    if isinstance(found, Plan):
+        raise InvalidRequestError(f"{item} is a plan; --closed-loop makes its own: give the scene")
+    return named.of(found)
+
+
 def _leave(run: "Run", folder: Path, video: bool, gif: bool, slow: float) -> tuple[str, ...]:
     from optipromp.laboratory.simulation.files import write_run
 
@@ -146,10 +195,10 @@ def _leave(run: "Run", folder: Path, video: bool, gif: bool, slow: float) -> tup
     return write_run(run, folder, films)
 
 
-def _shown(run: "Run", plan: "Plan") -> list[str]:
+def _shown(run: "Run", told: str) -> list[str]:
     verdict = "picked" if run.success else f"failed: {run.outcome.cause}"
     return [
-        f"{run.scene.name}  {plan.planner} (plan: {plan.status})  {verdict}",
+        f"{run.scene.name}  {told}  {verdict}",
         run.outcome.message,
         *(f"  {name:<26}{words}" for name, words in _rows(run)),
     ]

@@ -8,6 +8,7 @@ import typer
 
 from optipromp.cli.command import Report, Shown, command
 from optipromp.cli.console import Workers, grid, progress_bar, say_if_compiling
+from optipromp.cli.loops import LoopChoices, loop_causes, loop_table
 from optipromp.cli.robot import ArmOptions, Whose
 from optipromp.core.errors import Code, InvalidRequestError
 
@@ -73,6 +74,7 @@ def study(
     ] = 0.03,
     workers: Workers = None,
     *,
+    compared_loops: LoopChoices,
     robot: Whose = None,
     arm: ArmOptions,
 ) -> Report:
@@ -90,16 +92,24 @@ def study(
     optipromp study --preset cluster --planner opti-promp --planner drift --vary --out varied
     optipromp study --planners opti-promp --noise-position 0.005 --noise-angle 5 --out noisy
     optipromp study --preset tight --planners opti-promp --noise detector --out detected
+    optipromp study --preset cluster,field --loop open,closed --conditions sway,missed --out loops
     """
     from optipromp.laboratory.experiments.baselines import study_planners
+    from optipromp.laboratory.experiments.conditions import CONDITIONS
+    from optipromp.laboratory.experiments.loops import LOOP_PLANNER, LOOPS
     from optipromp.laboratory.experiments.study import Study, run_study
     from optipromp.laboratory.generate import PANDA, PRESETS
 
     chosen: Any = _names(preset, PRESETS)
     compared: Any = _names(",".join(planners), study_planners())
+    loops = _names(compared_loops.loop, LOOPS)
+    conditions = _names(compared_loops.conditions, tuple(CONDITIONS))
+    if loops and planners == ["all"]:
+        compared = (LOOP_PLANNER,)
     plan = Study(
         chosen, compared, _range(seeds), noise_position, noise_angle, only_valid,
         robot or PANDA, arm.of(robot).choice, vary, noise, risk,
+        loops, conditions or ("none",),
     )  # fmt: skip
     say_if_compiling()
     successes: dict[str, list[bool]] = {}
@@ -108,7 +118,7 @@ def study(
         def progress(done: int, total: int, row: "Row | None") -> None:
             if row is not None:
                 kept = row.success and row.plan_status == Code.SUCCESS
-                successes.setdefault(row.planner, []).append(kept)
+                successes.setdefault(row.loop or row.planner, []).append(kept)
             shares = (f"{name} {sum(s)}/{len(s)}" for name, s in successes.items())
             shown(done, total, ", ".join((f"{done} of {total} runs", *shares)))
 
@@ -118,6 +128,7 @@ def study(
 
 def _report(rows: list["Row"], out: Path) -> Report:
     """Write the results beside the rows, and report them."""
+    from optipromp.laboratory.experiments.loop_statistics import loop_summary
     from optipromp.laboratory.experiments.statistics import calibration, summary
     from optipromp.laboratory.experiments.study_output import write_results
 
@@ -125,6 +136,10 @@ def _report(rows: list["Row"], out: Path) -> Report:
     written = write_results(rows, cells, out)
     document = {"runs": len(rows), "cells": [cell.to_dict() for cell in cells]}
     last = f"wrote rows.csv, {', '.join(written)} to {out}"
+    if any(row.loop for row in rows):
+        picks = loop_summary(rows)
+        document["cells"] = [cell.to_dict() for cell in picks]
+        return Report(document, (loop_table(picks), loop_causes(picks), last))
     return Report(document, _shown(cells, calibration(rows), last))
 
 

@@ -17,7 +17,7 @@ import optipromp
 from optipromp.core.errors import Code, OptiPrompError
 from optipromp.core.planning import PlanOptions
 from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice
-from optipromp.core.scenes.scene import Scene
+from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.laboratory.experiments.baselines import Answer, attempt
 from optipromp.laboratory.experiments.variations import VARIATIONS, Variation
 from optipromp.laboratory.generate import (
@@ -31,14 +31,14 @@ from optipromp.laboratory.generate import (
 )
 
 if TYPE_CHECKING:
-    from optipromp.laboratory.simulation import Run
+    from optipromp.laboratory.simulation import Outcome, Run
 
 NO_PLAN = "no_plan"
 """Cause of a run that was not executed because there was no plan to execute."""
 ERROR = "error"
 """Cause of a run that raised an error; its message is the error's."""
 
-Key = tuple[str, int, str, str]
+Key = tuple[str, int, str, str, str, str]
 
 
 @dataclass(frozen=True)
@@ -74,6 +74,20 @@ class Row:
         version: of the library, with a digest of its source.
         variation: of the physics in which the plan was executed; empty for none.
         causes: all causes of failure, separated by spaces.
+        loop: one of :data:`optipromp.laboratory.experiments.loops.LOOPS`; empty for a planner that
+            is compared with others. With a loop, ``plan_status`` is ``success`` where it said that
+            it was done, or was clean.
+        condition: one of :data:`optipromp.laboratory.experiments.conditions.CONDITIONS`; empty
+            without a loop.
+        result: of a loop: ``clean``, ``harmed``, ``gave_up``, ``missed`` (nothing was harmed,
+            nothing picked), ``refused`` (not executed) or ``error``.
+        retreats: number of retreats.
+        looks: number of looks that reached the controller.
+        cycle_median, cycle_p99: wall time of the controller's cycles, median and 99 % [s].
+        nis: mean of the tracker's normalised innovations squared; 3 where its covariances are true.
+        worst_jump: largest jump of a joint at a takeover, of position, velocity or acceleration,
+            each in SI units.
+        worst_limit: largest share of a limit of velocity, acceleration or jerk.
     """
 
     preset: str
@@ -104,11 +118,21 @@ class Row:
     variation: str = ""
     noise: str = ""
     causes: str = ""
+    loop: str = ""
+    condition: str = ""
+    result: str = ""
+    retreats: int | None = None
+    looks: int | None = None
+    cycle_median: float | None = None
+    cycle_p99: float | None = None
+    nis: float | None = None
+    worst_jump: float | None = None
+    worst_limit: float | None = None
 
     @property
     def key(self) -> Key:
-        """Preset, seed, planner and variation, by which a row is unique in its study."""
-        return self.preset, self.seed, self.planner, self.variation
+        """By which a row is unique: preset, seed, planner, variation, loop, condition."""
+        return self.preset, self.seed, self.planner, self.variation, self.loop, self.condition
 
 
 COLUMNS: tuple[str, ...] = tuple(field.name for field in fields(Row))
@@ -206,6 +230,10 @@ def again(row: Row, robot: str = PANDA, risk: float = PlanOptions.risk) -> "Run 
     Raises:
         OptiPrompError: the error of the run.
     """
+    if row.loop:
+        from optipromp.laboratory.experiments.loops import loop_again
+
+        return loop_again(row, robot, risk)
     scene, seen = scenes_of(row, robot)
     made = attempt(seen, row.planner, seed=row.seed, risk=risk)
     if made.trajectory is None:
@@ -240,10 +268,17 @@ def _executed(
         return {**values, "cause": NO_PLAN, "message": made.message}
     began = time.perf_counter()
     outcome = _executed_in(made, scene, seed, change).outcome
-    target = scene.target
-    static = (contact.peak_force for contact in outcome.static_contacts)
     return {
         **values,
+        **outcome_values(outcome, scene.target),
+        "simulation_time": time.perf_counter() - began,
+    }
+
+
+def outcome_values(outcome: "Outcome", target: SceneObject | None) -> dict[str, Any]:
+    """The values of a row for the outcome of a run in a scene with that ``target``."""
+    static = (contact.peak_force for contact in outcome.static_contacts)
+    return {
         "success": outcome.success,
         "cause": "" if outcome.cause is None else str(outcome.cause),
         "causes": " ".join(outcome.causes),
@@ -256,7 +291,6 @@ def _executed(
         "torn": " ".join(outcome.torn),
         "stem_force": max(outcome.stem_force.values(), default=0.0),
         "duration": outcome.duration,
-        "simulation_time": time.perf_counter() - began,
     }
 
 

@@ -96,11 +96,13 @@ class Cell:
 def summary(rows: Iterable[Row]) -> tuple[Cell, ...]:
     """One cell for each preset and planner, in the order in which they first appear.
 
-    In a study of variations, one cell for each variation (over all presets) and planner.
+    In a study of variations, one cell for each variation (over all presets) and planner. In a study
+    of loops, one for each condition (over all presets) and loop, named in place of the planner.
     """
     groups: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
-        groups.setdefault((row.variation or row.preset, row.planner), []).append(row)
+        name = row.condition or row.variation or row.preset
+        groups.setdefault((name, row.loop or row.planner), []).append(row)
     presets = {preset: i for i, preset in enumerate(dict.fromkeys(p for p, _ in groups))}
     planners = {planner: i for i, planner in enumerate(dict.fromkeys(p for _, p in groups))}
     keys = sorted(groups, key=lambda key: (presets[key[0]], planners[key[1]]))

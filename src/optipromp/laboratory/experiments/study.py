@@ -27,8 +27,15 @@ from optipromp.core.processes import cores, run_each
 from optipromp.core.robots.library import NOTHING, Choice
 from optipromp.core.scenes.values import suggest
 from optipromp.laboratory.experiments.baselines import STUDY_PLANNERS
+from optipromp.laboratory.experiments.loops import (
+    LOOP_PLANNER,
+    LoopChoice,
+    check_loops,
+    run_loops,
+)
 from optipromp.laboratory.experiments.runs import (
     COLUMNS,
+    Key,
     Row,
     row_from_text,
     run_scene,
@@ -57,11 +64,15 @@ class Study:
         vary: every plan is executed under all of :data:`VARIATIONS`.
         noise: name in :data:`optipromp.laboratory.generate.NOISES`, in place of the deviations.
         risk: share of promised successes that may be broken.
+        loops: of :data:`optipromp.laboratory.experiments.loops.LOOPS`; the planner is opti-promp.
+            Empty: planners are compared.
+        conditions: of :data:`optipromp.laboratory.experiments.conditions.CONDITIONS`; of loops.
 
     Raises:
         InvalidRequestError: no preset or planner, an unknown one, or one named twice; an empty or
             negative range of seeds; an unknown noise; a deviation that is negative or not finite,
-            or is stated beside a noise; a risk that is not between 0 and 1.
+            or is stated beside a noise; a risk that is not between 0 and 1; with
+            loops, another planner, a variation, a noise or a refusal, which are of no loop.
     """
 
     presets: tuple[Preset, ...] = PRESETS
@@ -75,6 +86,8 @@ class Study:
     vary: bool = False
     noise: str = ""
     risk: float = PlanOptions.risk
+    loops: tuple[str, ...] = ()
+    conditions: tuple[str, ...] = ("none",)
 
     def __post_init__(self) -> None:
         for name, given, valid in (
@@ -101,6 +114,28 @@ class Study:
         if Noise(self.noise_position, self.noise_angle) != Noise() and self.noise:
             raise InvalidRequestError(f"noise {self.noise} and a deviation: state one of them")
         PlanOptions(risk=self.risk)  # refuses an invalid risk
+        self._check_loops()
+
+    def _check_loops(self) -> None:
+        check_loops(self.loops, self.conditions)
+        if not self.loops:
+            if self.conditions != ("none",):
+                raise InvalidRequestError("conditions are of loops: state loops, too")
+            return
+        for name, given in (("loop", self.loops), ("condition", self.conditions)):
+            if not given:
+                raise InvalidRequestError(f"no {name} is named")
+            if len(set(given)) < len(given):
+                raise InvalidRequestError(f"a {name} is named twice: {', '.join(given)}")
+        if self.planners != (LOOP_PLANNER,):
+            raise InvalidRequestError(
+                f"planners are {', '.join(self.planners)}; loops have one, {LOOP_PLANNER}"
+            )
+        noise = self.noise or Noise(self.noise_position, self.noise_angle) != Noise()
+        if noise or self.vary or self.only_valid:
+            raise InvalidRequestError(
+                "loops take no noise, variations or refusals: their conditions have them"
+            )
 
     def scenes(self) -> Iterator[tuple[Preset, int]]:
         """Preset and seed of every scene, seeds outermost: a study cut short is a smaller one."""
@@ -114,8 +149,19 @@ class Study:
         return tuple(VARIATIONS) if self.vary else ("",)
 
     def __len__(self) -> int:
-        scenes = len(self.presets) * (self.seeds[1] - self.seeds[0])
-        return scenes * len(self.planners) * len(self.variations)
+        return len(self.keys())
+
+    def keys(self) -> list[Key]:
+        """The keys of all rows, in the study's order."""
+        conditions = self.conditions if self.loops else ("",)
+        return [
+            (*scene, planner, variation, loop, condition)
+            for scene in self.scenes()
+            for planner in self.planners
+            for variation in self.variations
+            for condition in conditions
+            for loop in self.loops or ("",)
+        ]
 
     def common(self) -> dict[str, Any]:
         """The settings that all rows of one folder share, by name."""
@@ -128,6 +174,7 @@ class Study:
             **({"noise": self.noise} if self.noise else {}),
             "version": source_version(),
             "risk": self.risk,
+            **({"loops": True} if self.loops else {}),
         }
 
 
@@ -298,13 +345,8 @@ def _run(
 ) -> list[Row]:
     """Run what is missing in the open file of a study; returns the study's rows in its order."""
     done = {row.key for row in file.rows}
-    keys = [
-        (*scene, planner, variation)
-        for scene in study.scenes()
-        for planner in study.planners
-        for variation in study.variations
-    ]
-    missing = dict.fromkeys(key[:3] for key in keys if key not in done)
+    keys = study.keys()
+    missing = [key for key in keys if key not in done]
     finished, total = sum(key in done for key in keys), len(keys)
     if progress is not None:
         progress(finished, total, None)
@@ -322,16 +364,33 @@ def _run(
             if progress is not None:
                 progress(finished, total, row)
 
+    function, jobs = _jobs(study, missing)
     robot = study.robot, study.choice
-    noise = study.noise or Noise(study.noise_position, study.noise_angle)
-    common = (noise, source_version(), study.only_valid, *robot, study.vary, study.risk)
-    by_scene = itertools.groupby(missing, key=lambda key: key[:2])
     run_each(
-        run_scene,
-        [(*scene, tuple(key[2] for key in group), *common) for scene, group in by_scene],
+        function,
+        jobs,
         hear,
         workers=workers,
         prepare=functools.partial(warm_up, study.presets[0], study.planners, *robot),
     )
     held = {row.key: row for row in file.rows}
     return [held[key] for key in keys]
+
+
+def _jobs(study: Study, missing: Sequence[Key]) -> tuple[Callable[..., list[Row]], list[Any]]:
+    """A function, and its arguments for each group of missing rows."""
+    if study.loops:
+        given = LoopChoice(study.robot, study.choice, study.risk, source_version())
+        by_condition = itertools.groupby(missing, key=lambda key: (key[0], key[1], key[5]))
+        return run_loops, [
+            (*scene, tuple(key[4] for key in group), given) for scene, group in by_condition
+        ]
+    noise = study.noise or Noise(study.noise_position, study.noise_angle)
+    common = (
+        noise, source_version(), study.only_valid, study.robot, study.choice, study.vary, study.risk
+    )  # fmt: skip
+    by_scene = itertools.groupby(missing, key=lambda key: key[:2])
+    return run_scene, [
+        (*scene, tuple(dict.fromkeys(key[2] for key in group)), *common)
+        for scene, group in by_scene
+    ]

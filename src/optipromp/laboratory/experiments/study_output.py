@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from optipromp.core.files import json_text, write_atomically
+from optipromp.laboratory.experiments.loop_statistics import loop_summary
 from optipromp.laboratory.experiments.runs import Row
 from optipromp.laboratory.experiments.statistics import Cell, calibration
 from optipromp.looks.viewer.figures import png
@@ -25,6 +26,9 @@ COLOURS = {
     "obstacles": "#7fb28a",
     "chomp": "#4f8a5c",
     "opti-promp": "#1f5fb4",
+    "open": "#b0b5bd",
+    "looks": "#8fa6c4",
+    "closed": "#1f5fb4",
 }
 
 RATE = "promised and picked, nothing harmed [%]"
@@ -42,10 +46,12 @@ def write_results(rows: Sequence[Row], cells: Sequence[Cell], folder: Path) -> t
         InvalidRequestError: a file cannot be written.
     """
     found = calibration(rows)
-    document = {
+    document: dict[str, Any] = {
         "cells": [cell.to_dict() for cell in cells],
         "calibration": None if found is None else asdict(found),
     }
+    if any(row.loop for row in rows):
+        document["loops"] = [cell.to_dict() for cell in loop_summary(rows)]
     write_atomically(folder / "summary.json", json_text(document).encode("utf-8"))
     write_atomically(folder / "study.png", png(study_figure(cells)))
     return "summary.json", "study.png"

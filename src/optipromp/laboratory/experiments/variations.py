@@ -25,7 +25,7 @@ BASE_OFF, BASE_TURN = 0.005, 1.0  # [m] [deg] of a calibration by hand: choices
 LATE = 0.020  # [s] of commands over a busy network: a choice
 
 
-def _stiffness(p: SimulationParameters, factor: float) -> SimulationParameters:
+def stiffened(p: SimulationParameters, factor: float) -> SimulationParameters:
     """The stiffness of every stem times ``factor``, also where it follows from the stem's lean."""
     stem = replace(
         p.stem, youngs_modulus=factor * p.stem.youngs_modulus, grown_turn=p.stem.grown_turn / factor
@@ -90,7 +90,7 @@ def _beside(scene: Scene, rng: np.random.Generator) -> Scene:
 
 def _drawn(scene: Scene, rng: np.random.Generator) -> tuple[Scene, SimulationParameters]:
     """All parameters at once, each sampled from the range of its rows in the table."""
-    p = _stiffness(SimulationParameters(), float(3.0 ** rng.uniform(-1.0, 1.0)))
+    p = stiffened(SimulationParameters(), float(3.0 ** rng.uniform(-1.0, 1.0)))
     p = _friction(p, float(rng.uniform(0.2, 0.8)))
     p = _density(p, float(rng.uniform(0.5, 1.5)))
     p = _damping(p, float(np.exp(rng.uniform(np.log(0.2), np.log(4.0)))))
@@ -111,8 +111,8 @@ def _world(change: Callable[[Scene, np.random.Generator], Scene]) -> Variation:
 
 VARIATIONS: dict[str, Variation] = {
     "as assumed": _physics(lambda p: p),
-    "stems 3 times softer": _physics(lambda p: _stiffness(p, 1.0 / 3.0)),
-    "stems 3 times stiffer": _physics(lambda p: _stiffness(p, 3.0)),
+    "stems 3 times softer": _physics(lambda p: stiffened(p, 1.0 / 3.0)),
+    "stems 3 times stiffer": _physics(lambda p: stiffened(p, 3.0)),
     "friction 0.2": _physics(lambda p: _friction(p, 0.2)),
     "friction 0.8": _physics(lambda p: _friction(p, 0.8)),
     "fruits half as heavy": _physics(lambda p: _density(p, 0.5)),

@@ -124,6 +124,8 @@ def _worst(
     shown = []
     for row in worst_of(rows, count):
         name = f"{row.preset}, seed {row.seed}, {row.planner}"
+        if row.loop:
+            name = f"{row.preset}, seed {row.seed}, {row.condition}, {row.loop} loop"
         if progress is not None:
             progress(f"drawing {name} ...")
         cause = row.cause.replace("_", " ")
@@ -168,7 +170,12 @@ def _command(rows: Sequence[Row], robot: str | None, risk: float) -> str:
         for name in ("preset", "planner")
     )
     seeds = [row.seed for row in rows]
-    words = ["optipromp", "study", "--preset", presets, "--planners", planners]
+    words = ["optipromp", "study", "--preset", presets]
+    if rows[0].loop:
+        for option, name in (("loop", "loop"), ("conditions", "condition")):
+            words += [f"--{option}", ",".join(dict.fromkeys(getattr(row, name) for row in rows))]
+    else:
+        words += ["--planners", planners]
     words += ["--seeds", f"{min(seeds)}:{max(seeds) + 1}"]
     if robot != PANDA:
         words += ["--robot", robot or "ROBOT"]

@@ -1,0 +1,194 @@
+"""One run of a loop under a condition: open, with two looks, or closed."""
+
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
+from optipromp.core.planning import PlanOptions
+from optipromp.core.planning.task import posed
+from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice
+from optipromp.core.scenes.values import suggest
+from optipromp.core.trajectory import State
+from optipromp.laboratory.experiments.baselines import Answer, attempt
+from optipromp.laboratory.experiments.conditions import CONDITIONS, Situation
+from optipromp.laboratory.experiments.executed import executed
+from optipromp.laboratory.experiments.runs import ERROR, NO_PLAN, Row, outcome_values
+from optipromp.laboratory.generate import PANDA, Preset, generate, generate_with_report
+
+if TYPE_CHECKING:
+    from optipromp.laboratory.simulation import Loop, Run
+
+LOOPS = "open", "looks", "closed"
+"""``open``: the plan in the scene as first seen is executed blind; ``looks``: the arm goes to the
+camera point, looks, and executes the plan made there blind; ``closed``: the controller."""
+
+LOOP_PLANNER = "opti-promp"
+
+
+@dataclass(frozen=True)
+class LoopChoice:
+    """What the runs of a study of loops share: robot, choice of its arm, risk, version."""
+
+    robot: str | Path = PANDA
+    choice: Choice = NOTHING
+    risk: float = PlanOptions.risk
+    version: str = ""
+
+
+def check_loops(loops: Iterable[str], conditions: Iterable[str]) -> None:
+    """Refuse names that are none.
+
+    Raises:
+        InvalidRequestError: an unknown loop or condition.
+    """
+    for what, given, valid in (("loop", loops, LOOPS), ("condition", conditions, CONDITIONS)):
+        for item in given:
+            if item not in valid:
+                raise InvalidRequestError(f"{what} is {item!r}: {suggest(item, valid)}")
+
+
+def run_loops(
+    preset: Preset, seed: int, condition: str, loops: Iterable[str], given: LoopChoice
+) -> list[Row]:
+    """Run loops on one scene under one condition; each run is a row, also where it raised."""
+    scene, report = generate_with_report(preset, seed, given.robot, given.choice)
+    rows = []
+    for loop in loops:
+        try:
+            values = loop_values(CONDITIONS[condition](scene, seed), seed, loop, given.risk)
+        except OptiPrompError as error:
+            values = _broken(str(error.code), error.message)
+        except Exception as error:  # the row tells of it, and the study goes on
+            values = _broken(ERROR, f"{type(error).__name__}: {error}")
+        rows.append(
+            Row(
+                preset=preset,
+                seed=seed,
+                planner=LOOP_PLANNER,
+                noise_position=0.0,
+                noise_angle=0.0,
+                pushables=len(scene.pushables),
+                redraws=report.redraws,
+                version=given.version,
+                loop=loop,
+                condition=condition,
+                **values,
+            )
+        )  # fmt: skip
+    return rows
+
+
+def loop_values(
+    setting: Situation, seed: int, loop: str, risk: float = PlanOptions.risk
+) -> dict[str, Any]:
+    """The values of a row for one run.
+
+    Args:
+        setting: of a condition.
+        seed: of physics and looks; plans have the seed 0 in every loop.
+        loop: one of :data:`LOOPS`.
+        risk: of the plan of the open loop.
+
+    Raises:
+        OptiPrompError: wrong input.
+    """
+    if loop == "open":
+        return _open_values(setting, seed, risk)
+    began = time.perf_counter()
+    done = picked(setting, seed, servo=loop == "closed")
+    outcome = done.run.outcome
+    said = done.stage == "done" or outcome.success
+    return {
+        **outcome_values(outcome, setting.scene.target),
+        "plan_status": str(Code.SUCCESS if said else Code.NO_PLAN),
+        "result": done.result,
+        **loop_figures(done),
+        "simulation_time": time.perf_counter() - began,
+    }
+
+
+def loop_figures(done: "Loop") -> dict[str, Any]:
+    """Retreats, looks, times of cycles, innovations and smoothness of a pick; see :class:`Row`."""
+    controller = done.controller
+    cycles = np.array(controller.cycles)
+    start = State(posed(controller.scene, controller.robot)[1].q)
+    curve = executed(
+        done.trace.stretches, controller.robot, start, float(done.run.outcome.duration)
+    )
+    nis = controller.tracker.statistics.consistent()[0]
+    return {
+        "retreats": sum(event.stage == "retreat" for event in controller.events),
+        "looks": len(done.trace.looks),
+        "cycle_median": float(np.median(cycles)),
+        "cycle_p99": float(np.quantile(cycles, 0.99)),
+        "nis": nis if np.isfinite(nis) else None,
+        "worst_jump": curve.worst_jump,
+        "worst_limit": curve.worst_limit,
+    }
+
+
+def picked(setting: Situation, seed: int, servo: bool = True) -> "Loop":
+    """A pick in closed loop; without ``servo``, two looks."""
+    from optipromp.control.controller import Controller
+    from optipromp.laboratory.simulation import Detector, Eye, Simulation, closed_loop
+
+    controller = Controller(setting.seen, servo=servo)
+    simulation = Simulation(setting.scene, seed, setting.parameters)
+    eye = Eye(Detector(setting.scene, controller.robot, setting.detector, seed))
+    return closed_loop(simulation, controller, eye)
+
+
+def loop_again(row: Row, robot: str = PANDA, risk: float = PlanOptions.risk) -> "Run | None":
+    """A run made once more, for its picture; None where its plan is not executed.
+
+    The robot's name is from a study's file, so it is untrusted.
+
+    Raises:
+        OptiPrompError: the error of the run.
+    """
+    scene = generate(cast(Preset, row.preset), row.seed, robot, UNTRUSTED)
+    setting = CONDITIONS[row.condition](scene, row.seed)
+    if row.loop != "open":
+        return picked(setting, row.seed, servo=row.loop == "closed").run
+    made = attempt(setting.seen, LOOP_PLANNER, risk=risk)
+    if made.trajectory is None or made.status != Code.SUCCESS:
+        return None
+    return _blind(made, setting, row.seed)
+
+
+def _open_values(setting: Situation, seed: int, risk: float) -> dict[str, Any]:
+    made = attempt(setting.seen, LOOP_PLANNER, risk=risk)
+    values: Mapping[str, Any] = {
+        "plan_status": str(made.status),
+        "plan_time": made.seconds,
+        "predicted_harm": made.harm,
+        "predicted_failure": made.failure,
+        "tilt": made.tilt,
+    }
+    if made.trajectory is None or made.status != Code.SUCCESS:
+        return {**values, "cause": NO_PLAN, "message": made.message, "result": "refused"}
+    began = time.perf_counter()
+    outcome = _blind(made, setting, seed).outcome
+    harmed = any(cause != "not_picked" for cause in outcome.causes)
+    return {
+        **values,
+        **outcome_values(outcome, setting.scene.target),
+        "result": "clean" if outcome.success else "harmed" if harmed else "missed",
+        "simulation_time": time.perf_counter() - began,
+    }
+
+
+def _blind(made: Answer, setting: Situation, seed: int) -> "Run":
+    from optipromp.laboratory.simulation import simulate
+
+    assert made.trajectory is not None
+    return simulate(made.trajectory, setting.scene, parameters=setting.parameters, seed=seed)
+
+
+def _broken(status: str, message: str) -> dict[str, Any]:
+    return {"plan_status": status, "cause": ERROR, "message": message, "result": ERROR}

@@ -1,0 +1,137 @@
+"""``optipromp simulate --closed-loop``, the disturbances, and ``optipromp study --loop``."""
+
+import json
+from dataclasses import replace
+
+import pytest
+from typer.testing import CliRunner
+
+from optipromp.cli.main import app
+from optipromp.core.scenes.io import save_scene
+from optipromp.core.scenes.scene import JointGoal
+from optipromp.laboratory.generate import generate
+
+pytest.importorskip("mujoco")
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(app, [*map(str, arguments)])
+
+
+def test_a_pick_in_closed_loop_is_told_and_left(tmp_path):
+    arguments = ["simulate", "scenario-3", "--closed-loop", "--out", tmp_path]
+    result = invoke(*arguments)
+    document = json.loads(invoke(*arguments, "--json").stdout)
+    assert document["loop"] == "closed"
+    assert document["result"] in ("clean", "harmed", "gave_up", "missed")
+    assert result.exit_code == (0 if document["result"] == "clean" else 1)
+    assert f"closed loop: {document['result']}" in result.stdout
+    stages = [decision["stage"] for decision in document["decisions"]]
+    assert stages[-1] == document["stage"]
+    assert document["stage"] in ("done", "gave_up")
+    for decision in document["decisions"]:
+        assert decision["why"][:20] in result.stdout
+    assert document["looks"] > 5
+    assert 0.0 < document["cycle_median"] <= document["cycle_p99"]
+    assert document["worst_jump"] < 1e-6
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["outcome.json", "rollout.npz"]
+
+
+def test_the_options_of_the_loop_reach_it(tmp_path):
+    """Looks that are late are waited for at the camera point; two looks are told as such."""
+    common = ["simulate", "scenario-3", "--closed-loop", "--looks-only", "--json", "--out"]
+    made = [
+        json.loads(invoke(*common, tmp_path / name, "--latency", name).stdout)
+        for name in ("0.01", "1")
+    ]
+    assert [document["loop"] for document in made] == ["looks", "looks"]
+    waits = []
+    for document in made:
+        times = [decision["time"] for decision in document["decisions"]]
+        at = [item["why"] for item in document["decisions"]].index("at the camera point")
+        waits.append(times[at + 1] - times[at])
+    assert waits[1] > waits[0] + 0.4
+
+
+def test_a_loop_that_finds_no_plan_gives_up_and_moves_nothing(tmp_path):
+    result = invoke("simulate", "scenario-1", "--closed-loop", "--json", "--out", tmp_path)
+    document = json.loads(result.stdout)
+    assert result.exit_code == 1
+    assert document["result"] == document["stage"] == "gave_up"
+    assert "table-top" in document["decisions"][-1]["why"]
+    assert document["worst_limit"] == 0.0
+
+
+def test_a_scene_without_a_target_is_refused(tmp_path):
+    scene = generate("cluster", 0)
+    left = tuple(item for item in scene.objects if item.role == "static")
+    home = JointGoal(scene.load_robot().home)
+    save_scene(replace(scene, objects=left, goal=home), tmp_path / "bare.yaml")
+    result = invoke("simulate", tmp_path / "bare.yaml", "--closed-loop")
+    assert result.exit_code == 2
+    assert "has no target" in result.stderr
+
+
+def test_fruits_that_hang_aside_are_missed_by_an_open_loop(tmp_path):
+    common = ["simulate", "scenario-3", "--json", "--out"]
+    still = json.loads(invoke(*common, tmp_path / "a").stdout)
+    aside = json.loads(invoke(*common, tmp_path / "b", "--shift", "0.06").stdout)
+    assert still["success"]
+    assert not aside["success"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["scenario-3", "--latency", "0.1", "--noise", "detector"], "--noise, --latency: only"),
+        (["scenario-3", "--looks-only"], "--looks-only: only with --closed-loop"),
+        (["scenario-3", "--camera", "hand"], "--camera: only with --closed-loop"),
+        (["scenario-3", "--closed-loop", "--planner", "promp"], "--planner: not with"),
+        (["scenario-3", "--closed-loop", "--speed", "0.2"], "--speed: not with"),
+        (["scenario-3", "--closed-loop", "--noise", "detect"], "did you mean 'detector'"),
+        (["scenario-3", "--closed-loop", "--camera", "head"], "palm, hand, beside"),
+        (["scenario-3", "--closed-loop", "--latency", "-1"], "latency"),
+        (["scenario-3", "--sway", "-0.1"], "sway"),
+        (["scenario-3", "--sway-frequency", "0.5:1"], "state --sway"),
+        (["scenario-3", "--sway", "0.01", "--sway-frequency", "2:1"], "write it as 0.5:1.6"),
+        (["scenario-3", "--sway", "0.01", "--sway-frequency", "fast"], "write it as 0.5:1.6"),
+    ],
+)
+def test_wrong_options_are_one_line_and_exit_code_2(tmp_path, monkeypatch, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    result = invoke("simulate", *arguments)
+    assert result.exit_code == 2
+    assert words in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_plan_is_refused_in_closed_loop(tmp_path):
+    planned = invoke("plan", "scenario-1", "--no-figures", "--out", tmp_path)
+    assert planned.exit_code in (0, 1)
+    result = invoke("simulate", tmp_path, "--closed-loop")
+    assert result.exit_code == 2
+    assert "give the scene" in result.stderr
+
+
+def test_study_compares_loops(tmp_path):
+    arguments = [
+        "study", "--loop", "open,closed", "--conditions", "none", "--preset", "mixed",
+        "--seeds", "0:1", "--workers", "1", "--out", tmp_path,
+    ]  # fmt: skip
+    result = invoke(*arguments)
+    assert result.exit_code == 0, result.output
+    for word in ("closed", "Wilson", "gave", "wrote rows.csv"):
+        assert word in result.stdout
+    document = json.loads(invoke(*arguments, "--json").stdout)
+    cells = document["cells"]
+    assert [(cell["condition"], cell["loop"]) for cell in cells] == [
+        ("none", "open"), ("none", "closed"),
+    ]  # fmt: skip
+    kinds = ("clean", "harmed", "gave_up", "refused", "missed", "error")
+    assert all(sum(cell[kind] for kind in kinds) == cell["runs"] == 1 for cell in cells)
+    saved = json.loads((tmp_path / "summary.json").read_text())
+    assert saved["loops"] == cells
+    refused = invoke(*arguments, "--planner", "chomp")
+    assert refused.exit_code == 2
+    assert "loops have one, opti-promp" in refused.stderr
