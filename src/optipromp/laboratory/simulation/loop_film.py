@@ -1,0 +1,221 @@
+"""Films of picks in closed loop: tracks, paths, and what the camera at the tool sees."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.scenes.pose import Pose
+from optipromp.laboratory.simulation.camera import Shot, View, axes, shot
+from optipromp.laboratory.simulation.dress import dressed
+from optipromp.laboratory.simulation.engine import engine
+from optipromp.laboratory.simulation.loop import Loop
+from optipromp.laboratory.simulation.loop_files import Record, record_of
+from optipromp.laboratory.simulation.render import (
+    SMALL,
+    Picture,
+    canvas,
+    captioned,
+    encoded,
+    gif,
+    moments,
+)
+from optipromp.laboratory.simulation.world import build
+
+# choices for the eye
+GLASS = 0.45  # opacity of fruits, so that the ellipsoids inside are seen
+DEVIATIONS = 2.0  # standard deviations that an ellipsoid spans
+SURE, UNSURE = (0.10, 0.35, 1.0, 0.65), (0.35, 0.35, 0.35, 0.30)  # confirmed tracks, others
+PLANS = (  # of the path ahead, in turn
+    (0.05, 0.45, 0.95, 1.0), (0.85, 0.10, 0.75, 1.0), (0.0, 0.62, 0.45, 1.0), (0.45, 0.25, 0.9, 1.0)
+)  # fmt: skip
+BACK, PASSED = (0.95, 0.50, 0.0, 1.0), (0.25, 0.25, 0.25, 0.8)
+THICK, THIN = 0.0025, 0.0015  # [m] radius of the path ahead, and of that behind
+STEP = 0.01  # [s] between two points of the path behind, at least
+BEHIND = 300  # points of the path behind, at most
+INSET, MARGIN = 0.40, 0.02  # side of the inset and its distance from the edge, of the height
+BAR = 2.0 / 26.0  # of the height, the caption's
+RECENT = 0.25  # [s] for which the detections of a look are shown
+FRUIT, TARGET, RING = (255, 240, 120), (255, 70, 70), (240, 243, 245)
+NEAR = 0.01  # [m] from the camera, within which nothing is drawn
+
+
+def loop_frames(
+    loop: Loop, times: FloatArray, view: View | None = None, *, fine: bool = True
+) -> Iterator[Picture]:
+    """Pictures of a pick in closed loop at ``times`` (N,) [s], each of the last record until then.
+
+    Blue ellipsoids span two standard deviations of the positions of the confirmed tracks, grey
+    ones those of the others. The line from the tool is its path ahead: its colour changes with
+    every plan and is orange on a retreat; a dark line is the path behind. The inset is the view of
+    the detector's camera, with a circle around each detection of the last look.
+
+    Raises:
+        InvalidRequestError: MuJoCo is not installed, or cannot draw off screen.
+    """
+    view, run, record = view or View(), loop.run, record_of(loop)
+    mujoco = engine()
+    world = build(run.scene, run.robot, run.parameters, run.seed)
+    model = dressed(world)
+    model.vis.quality.offsamples = 4 if fine else 0
+    data = mujoco.MjData(model)
+    camera = shot(world, model, run, times, view)
+    corner = _corner(loop, camera, times, view, model)
+    solid = model.mat_rgba.copy()
+    fruits = [
+        k
+        for k in range(model.nmat)
+        if model.mat(k).name.split(":")[2:3] and model.mat(k).name.split(":")[2] in _FRUITS
+    ]
+    side = round(INSET * view.height)
+    with (
+        canvas(model, view.width, view.height) as main,
+        canvas(model, side, side) as small,
+    ):
+        for k, time in enumerate(times.tolist()):
+            index = max(int(np.searchsorted(run.rollout.times, time + 1e-9) - 1), 0)
+            data.qpos[:] = run.rollout.states[index]
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_camlight(model, data)
+            model.mat_rgba[fruits, 3] = GLASS
+            main.update_scene(data, camera.at(k))
+            _draw(main.scene, loop, record, index)
+            picture = main.render().copy()
+            model.mat_rgba[:] = solid
+            small.update_scene(data)
+            pose = loop.detector.camera(run.rollout.q[index])
+            _look_from(small.scene, pose, loop.detector.view)
+            inset = _circled(small.render().copy(), loop, float(run.rollout.times[index]))
+            top, left = corner
+            picture[top : top + side, left : left + side] = inset
+            said = f"     {record.words(record.row(time))}"
+            yield captioned(picture, run, index, said)
+
+
+_FRUITS = ("target", "pushable")
+
+
+def loop_film(loop: Loop, view: View | None = None, *, fps: int = 25, slow: float = 1.0) -> bytes:
+    """An MP4 (H.264) of a pick in closed loop, ``slow`` times slower; see :func:`loop_frames`.
+
+    Raises:
+        InvalidRequestError: MuJoCo or PyAV is not installed, or nothing can be drawn.
+    """
+    view = view or View()
+    times = moments(loop.run, fps, slow)
+    return encoded(loop_frames(loop, times, view, fine=False), view, fps)
+
+
+def loop_animation(
+    loop: Loop, view: View | None = None, *, fps: int = 10, slow: float = 1.0, colours: int = 224
+) -> bytes:
+    """A GIF of a pick in closed loop, by default half as wide as a film."""
+    view = view or View(width=SMALL[0], height=SMALL[1])
+    return gif(list(loop_frames(loop, moments(loop.run, fps, slow), view)), fps, colours)
+
+
+def _draw(scene: Any, loop: Loop, record: Record, index: int) -> None:
+    """Add tracks and paths to MuJoCo's scene, at a record of the rollout."""
+    mujoco, rollout = engine(), loop.run.rollout
+    row = record.row(float(rollout.times[index]))
+    for _, place, spread, confirmed in record.tracks(row):
+        values, turn = np.linalg.eigh(spread)
+        if np.linalg.det(turn) < 0.0:
+            turn[:, 0] *= -1.0
+        size = DEVIATIONS * np.sqrt(np.maximum(values, 1e-8))
+        geom = _next(scene)
+        if geom is not None:
+            mujoco.mjv_initGeom(
+                geom, mujoco.mjtGeom.mjGEOM_ELLIPSOID, size, place, turn.ravel(),
+                np.array(SURE if confirmed else UNSURE, dtype=np.float32),
+            )  # fmt: skip
+    rows = np.unique(np.linspace(0, index, min(index + 1, BEHIND)).astype(int))
+    _line(scene, rollout.tool_point[rows], PASSED, THIN)
+    colour = BACK if record.stages[row] == "retreat" else PLANS[record.plans[row] % len(PLANS)]
+    _line(scene, record.path(row), colour, THICK)
+
+
+def _line(scene: Any, points: FloatArray, colour: tuple[float, ...], radius: float) -> None:
+    mujoco = engine()
+    kind, rgba = mujoco.mjtGeom.mjGEOM_CAPSULE, np.array(colour, dtype=np.float32)
+    for begin, end in zip(points[:-1], points[1:], strict=True):
+        if np.linalg.norm(end - begin) < 1e-5:  # [m]
+            continue
+        geom = _next(scene)
+        if geom is None:
+            return
+        mujoco.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.eye(3).ravel(), rgba)
+        mujoco.mjv_connector(geom, kind, radius, begin, end)
+
+
+def _next(scene: Any) -> Any:
+    """The next free geom of MuJoCo's scene; None if it is full."""
+    if scene.ngeom >= scene.maxgeom:
+        return None
+    scene.ngeom += 1
+    return scene.geoms[scene.ngeom - 1]
+
+
+def _look_from(scene: Any, pose: Pose, view: float) -> None:
+    """Move the cameras of MuJoCo's scene to a pose, whose z points forward and y down."""
+    high = NEAR * math.tan(0.5 * view)
+    for camera in scene.camera:
+        camera.pos[:] = pose.position
+        camera.forward[:], camera.up[:] = pose.rotation[:, 2], -pose.rotation[:, 1]
+        camera.frustum_center = camera.frustum_width = 0.0
+        camera.frustum_bottom, camera.frustum_top = -high, high
+        camera.frustum_near = NEAR
+
+
+def _circled(picture: Picture, loop: Loop, time: float) -> Picture:
+    """The camera's picture with its cone, and a circle around each detection of the last look."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    side = len(picture)
+    wide = max(side // 130, 1)
+    image = Image.fromarray(picture)
+    pen = ImageDraw.Draw(image)
+    scale = 0.5 * side / math.tan(0.5 * loop.detector.view)
+    seen = [each for each in loop.trace.looks if time - RECENT < each.time <= time + 1e-9]
+    for item in seen[-1].detections if seen else ():
+        x, y, z = item.position
+        if z <= NEAR:
+            continue
+        u, v, r = (0.5 * side + scale * x / z, 0.5 * side + scale * y / z, scale * item.radius / z)
+        colour = TARGET if item.role == "target" else FRUIT
+        pen.ellipse((u - r, v - r, u + r, v + r), outline=colour, width=2 * wide)
+    font = ImageFont.load_default(max(side // 18, 9))
+    pen.text((0.03 * side, 0.97 * side), "camera", RING, font, anchor="ld", stroke_width=wide,
+             stroke_fill=(18, 22, 26))  # fmt: skip
+    pen.rectangle((0, 0, side - 1, side - 1), outline=RING, width=wide)
+    return np.asarray(image)
+
+
+def _corner(loop: Loop, camera: Shot, times: FloatArray, view: View, model: Any) -> tuple[int, int]:
+    """Row and column of the inset: of four corners that which hides tool and fruits least."""
+    rollout = loop.run.rollout
+    rows = np.maximum(np.searchsorted(rollout.times, times + 1e-9) - 1, 0)
+    points = np.concatenate([rollout.tool_point[rows][:, None], rollout.fruit_positions[rows]], 1)
+    right, up, back = axes(camera.azimuth, camera.elevation)
+    away = points - camera.lookat[:, None]
+    depth = camera.distance[:, None] - away @ back
+    scale = 0.5 * view.height / math.tan(0.5 * math.radians(model.vis.global_.fovy))
+    u = 0.5 * view.width + scale * (away @ right) / depth
+    v = 0.5 * view.height - scale * (away @ up) / depth
+    side, edge = round(INSET * view.height), round(MARGIN * view.height)
+    low = view.height - math.ceil(BAR * view.height) - edge - side
+    corners = [(t, e) for t in (edge, low) for e in (edge, view.width - edge - side)]
+
+    def hidden(corner: tuple[int, int]) -> float:
+        """Pixels by which points are inside of the inset widened by a third, in sum."""
+        grow = side / 3.0
+        top, left = corner
+        inside = np.minimum(
+            0.5 * side + grow - np.abs(v - top - 0.5 * side),
+            0.5 * side + grow - np.abs(u - left - 0.5 * side),
+        )
+        return float(np.maximum(inside, 0.0).sum())
+
+    return min(corners, key=hidden)
