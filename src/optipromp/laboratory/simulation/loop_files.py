@@ -76,8 +76,8 @@ class Record:
         return f"{stage}, plan {self.plans[row]}" if self.plans[row] else stage
 
 
-def record_of(loop: Loop) -> Record:
-    """The record of a pick in closed loop."""
+def record_of(loop: Loop, points: int = POINTS) -> Record:
+    """The record of a pick in closed loop, with so many ``points`` of the path ahead."""
     trace, robot = loop.trace, loop.run.robot
     ids = tuple(dict.fromkeys(name for tracked in trace.tracks for name in tracked.ids))
     column = {name: k for k, name in enumerate(ids)}
@@ -89,12 +89,12 @@ def record_of(loop: Loop) -> Record:
         at = [column[name] for name in tracked.ids]
         positions[row, at], covariance[row, at] = tracked.positions, tracked.covariance
         confirmed[row, at] = tracked.confirmed
-    ahead = np.full((shape[0], POINTS, 3), np.nan)
+    ahead = np.full((shape[0], points, 3), np.nan)
     begins = np.array([stretch.begins for stretch in trace.stretches])
     for row, time in enumerate(trace.times.tolist()):
         running = int(np.searchsorted(begins, time + 1e-9)) - 1
         if running >= 0:
-            q = _coming(trace.stretches[running], time)
+            q = _coming(trace.stretches[running], time, points)
             ahead[row] = robot.tool_pose(q)[0]
     events = loop.controller.events
     return Record(
@@ -104,10 +104,10 @@ def record_of(loop: Loop) -> Record:
     )  # fmt: skip
 
 
-def _coming(stretch: Stretch, time: float) -> FloatArray:
-    """Configurations (20, n) of a curve from a ``time`` [s] to its end."""
+def _coming(stretch: Stretch, time: float, points: int) -> FloatArray:
+    """Configurations (points, n) of a curve from a ``time`` [s] to its end."""
     now = min(max(time - stretch.begins, 0.0), stretch.curve.duration)
-    q: FloatArray = stretch.curve.sample(np.linspace(now, stretch.curve.duration, POINTS))[0]
+    q: FloatArray = stretch.curve.sample(np.linspace(now, stretch.curve.duration, points))[0]
     return q
 
 

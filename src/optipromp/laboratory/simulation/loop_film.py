@@ -1,11 +1,13 @@
 """Films of picks in closed loop: tracks, paths, and what the camera at the tool sees."""
 
+import itertools
 import math
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from optipromp.control.look import Look
 from optipromp.core.arrays import FloatArray
 from optipromp.core.scenes.pose import Pose
 from optipromp.laboratory.simulation.camera import Shot, View, axes, shot
@@ -27,13 +29,13 @@ from optipromp.laboratory.simulation.world import build
 # choices for the eye
 GLASS = 0.45  # opacity of fruits, so that the ellipsoids inside are seen
 DEVIATIONS = 2.0  # standard deviations that an ellipsoid spans
-SURE, UNSURE = (0.10, 0.35, 1.0, 0.65), (0.35, 0.35, 0.35, 0.30)  # confirmed tracks, others
+SURE, UNSURE = (0.10, 0.35, 1.0, 0.45), (0.35, 0.35, 0.35, 0.30)  # confirmed tracks, others
 PLANS = (  # of the path ahead, in turn
     (0.05, 0.45, 0.95, 1.0), (0.85, 0.10, 0.75, 1.0), (0.0, 0.62, 0.45, 1.0), (0.45, 0.25, 0.9, 1.0)
 )  # fmt: skip
 BACK, PASSED = (0.95, 0.50, 0.0, 1.0), (0.25, 0.25, 0.25, 0.8)
 THICK, THIN = 0.0025, 0.0015  # [m] radius of the path ahead, and of that behind
-STEP = 0.01  # [s] between two points of the path behind, at least
+SMOOTH = 80  # points of the path ahead
 BEHIND = 300  # points of the path behind, at most
 INSET, MARGIN = 0.40, 0.02  # side of the inset and its distance from the edge, of the height
 BAR = 2.0 / 26.0  # of the height, the caption's
@@ -50,51 +52,42 @@ def loop_frames(
     Blue ellipsoids span two standard deviations of the positions of the confirmed tracks, grey
     ones those of the others. The line from the tool is its path ahead: its colour changes with
     every plan and is orange on a retreat; a dark line is the path behind. The inset is the view of
-    the detector's camera, with a circle around each detection of the last look.
+    the detector's camera at its last picture, with a circle around each detection in it.
 
     Raises:
         InvalidRequestError: MuJoCo is not installed, or cannot draw off screen.
     """
-    view, run, record = view or View(), loop.run, record_of(loop)
+    view, run, record = view or View(), loop.run, record_of(loop, SMOOTH)
     mujoco = engine()
     world = build(run.scene, run.robot, run.parameters, run.seed)
     model = dressed(world)
     model.vis.quality.offsamples = 4 if fine else 0
     data = mujoco.MjData(model)
     camera = shot(world, model, run, times, view)
-    corner = _corner(loop, camera, times, view, model)
-    solid = model.mat_rgba.copy()
-    fruits = [
-        k
-        for k in range(model.nmat)
-        if model.mat(k).name.split(":")[2:3] and model.mat(k).name.split(":")[2] in _FRUITS
-    ]
+    top, left = _corner(loop, camera, times, view, model)
+    solid, glass = model.mat_rgba.copy(), _glass(model)
     side = round(INSET * view.height)
     with (
         canvas(model, view.width, view.height) as main,
         canvas(model, side, side) as small,
     ):
         for k, time in enumerate(times.tolist()):
-            index = max(int(np.searchsorted(run.rollout.times, time + 1e-9) - 1), 0)
-            data.qpos[:] = run.rollout.states[index]
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_camlight(model, data)
-            model.mat_rgba[fruits, 3] = GLASS
+            index = _index(loop, time)
+            _stand(model, data, loop, index)
+            model.mat_rgba[:] = glass
             main.update_scene(data, camera.at(k))
             _draw(main.scene, loop, record, index)
             picture = main.render().copy()
+            look = _last(loop, time)
+            seen = index if look is None else _index(loop, look.time)
+            _stand(model, data, loop, seen)
             model.mat_rgba[:] = solid
             small.update_scene(data)
-            pose = loop.detector.camera(run.rollout.q[index])
+            pose = loop.detector.camera(run.rollout.q[seen])
             _look_from(small.scene, pose, loop.detector.view)
-            inset = _circled(small.render().copy(), loop, float(run.rollout.times[index]))
-            top, left = corner
-            picture[top : top + side, left : left + side] = inset
+            picture[top : top + side, left : left + side] = _circled(small.render(), loop, look)
             said = f"     {record.words(record.row(time))}"
             yield captioned(picture, run, index, said)
-
-
-_FRUITS = ("target", "pushable")
 
 
 def loop_film(loop: Loop, view: View | None = None, *, fps: int = 25, slow: float = 1.0) -> bytes:
@@ -114,6 +107,33 @@ def loop_animation(
     """A GIF of a pick in closed loop, by default half as wide as a film."""
     view = view or View(width=SMALL[0], height=SMALL[1])
     return gif(list(loop_frames(loop, moments(loop.run, fps, slow), view)), fps, colours)
+
+
+def _glass(model: Any) -> FloatArray:
+    """Colours (M, 4) of the model's materials with fruits of glass."""
+    colours: FloatArray = model.mat_rgba.copy()
+    for k in range(model.nmat):  # look:SEGMENT:ROLE:ID
+        if model.mat(k).name.split(":")[2] in ("target", "pushable"):
+            colours[k, 3] = GLASS
+    return colours
+
+
+def _index(loop: Loop, time: float) -> int:
+    """The last record of the rollout until a time [s]; the first before."""
+    return max(int(np.searchsorted(loop.run.rollout.times, time + 1e-9) - 1), 0)
+
+
+def _stand(model: Any, data: Any, loop: Loop, index: int) -> None:
+    """Bring everything to its place in a record of the rollout."""
+    data.qpos[:] = loop.run.rollout.states[index]
+    engine().mj_kinematics(model, data)
+    engine().mj_camlight(model, data)
+
+
+def _last(loop: Loop, time: float) -> Look | None:
+    """The last look whose picture was taken until a time [s]; None if that was long ago."""
+    recent = [each for each in loop.trace.looks if time - RECENT < each.time <= time + 1e-9]
+    return recent[-1] if recent else None
 
 
 def _draw(scene: Any, loop: Loop, record: Record, index: int) -> None:
@@ -140,7 +160,7 @@ def _draw(scene: Any, loop: Loop, record: Record, index: int) -> None:
 def _line(scene: Any, points: FloatArray, colour: tuple[float, ...], radius: float) -> None:
     mujoco = engine()
     kind, rgba = mujoco.mjtGeom.mjGEOM_CAPSULE, np.array(colour, dtype=np.float32)
-    for begin, end in zip(points[:-1], points[1:], strict=True):
+    for begin, end in itertools.pairwise(points):
         if np.linalg.norm(end - begin) < 1e-5:  # [m]
             continue
         geom = _next(scene)
@@ -167,10 +187,13 @@ def _look_from(scene: Any, pose: Pose, view: float) -> None:
         camera.frustum_center = camera.frustum_width = 0.0
         camera.frustum_bottom, camera.frustum_top = -high, high
         camera.frustum_near = NEAR
+    for light in scene.lights[: scene.nlight]:
+        if light.headlight:
+            light.pos[:], light.dir[:] = pose.position, pose.rotation[:, 2]
 
 
-def _circled(picture: Picture, loop: Loop, time: float) -> Picture:
-    """The camera's picture with its cone, and a circle around each detection of the last look."""
+def _circled(picture: Picture, loop: Loop, look: Look | None) -> Picture:
+    """The camera's picture with a circle around each detection of a look."""
     from PIL import Image, ImageDraw, ImageFont
 
     side = len(picture)
@@ -178,8 +201,7 @@ def _circled(picture: Picture, loop: Loop, time: float) -> Picture:
     image = Image.fromarray(picture)
     pen = ImageDraw.Draw(image)
     scale = 0.5 * side / math.tan(0.5 * loop.detector.view)
-    seen = [each for each in loop.trace.looks if time - RECENT < each.time <= time + 1e-9]
-    for item in seen[-1].detections if seen else ():
+    for item in () if look is None else look.detections:
         x, y, z = item.position
         if z <= NEAR:
             continue
