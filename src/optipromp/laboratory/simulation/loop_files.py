@@ -1,8 +1,9 @@
 """Picks in closed loop as arrays: ``loop.npz`` beside ``rollout.npz``."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,7 @@ class Record:
         decided: (D,) times of the decisions [s].
         begun: D stages that began.
         reasons: D reasons.
+        last: (n,) configuration at the end, which the rollout of the same pick has, too.
     """
 
     times: FloatArray
@@ -49,26 +51,31 @@ class Record:
     decided: FloatArray
     begun: Words
     reasons: Words
+    last: FloatArray
 
     def row(self, time: float) -> int:
         """The last cycle until a ``time`` [s]; the first before."""
         return max(int(np.searchsorted(self.times, time + 1e-9)) - 1, 0)
 
-    def tracks(self, row: int) -> Iterator[tuple[str, FloatArray, FloatArray, bool]]:
-        """Name, position (3,), covariance (3, 3) and confirmation of the tracks of a cycle."""
-        for k in np.flatnonzero(np.isfinite(self.positions[row, :, 0])).tolist():
-            yield (
-                self.ids[k],
-                self.positions[row, k],
-                self.covariance[row, k],
-                bool(self.confirmed[row, k]),
-            )
+    def tracks(self, row: int) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Positions (k, 3), covariances (k, 3, 3) and confirmation (k,) of a cycle's tracks."""
+        there = np.isfinite(self.positions[row, :, 0])
+        return self.positions[row, there], self.covariance[row, there], self.confirmed[row, there]
+
+    def why(self, time: float) -> str:
+        """The reason of the last decision until a ``time`` [s]; empty before the first."""
+        made = int(np.searchsorted(self.decided, time + 1e-9))
+        return self.reasons[made - 1] if made else ""
 
     def path(self, row: int) -> FloatArray:
         """The points (k, 3) of the path ahead in a cycle [m]; none while the tool stands."""
         points = self.ahead[row]
         moves = np.isfinite(points).all() and float(np.ptp(points, axis=0).max()) > 1e-4  # [m]
         return points if moves else np.zeros((0, 3))
+
+    def belongs(self, rollout: Mapping[str, Any]) -> bool:
+        """Whether the arrays of a rollout are those of the same pick."""
+        return np.array_equal(self.last, rollout["q"][-1])
 
     def words(self, row: int) -> str:
         """Stage and plan of a cycle in words."""
@@ -101,6 +108,7 @@ def record_of(loop: Loop, points: int = POINTS) -> Record:
         trace.times, tuple(str(stage) for stage in trace.stages), trace.plans, ids, positions,
         covariance, confirmed, ahead, np.array([event.time for event in events], dtype=float),
         tuple(str(event.stage) for event in events), tuple(event.why for event in events),
+        loop.run.rollout.q[-1],
     )  # fmt: skip
 
 
@@ -136,6 +144,7 @@ def read_loop(path: Path) -> Record:
         InvalidRequestError: the file is missing, damaged, or holds no such record.
     """
     found = read_npz(path)
+    words: dict[str, Any]
     try:
         words = {name: texts(found[name]) for name in ("stages", "ids", "begun", "reasons")}
         numbers = {
@@ -143,6 +152,7 @@ def read_loop(path: Path) -> Record:
             for name, kind in (
                 ("times", float), ("plans", np.int64), ("positions", float),
                 ("covariance", float), ("confirmed", bool), ("ahead", float), ("decided", float),
+                ("last", float),
             )
         }  # fmt: skip
     except (KeyError, TypeError, ValueError) as error:
@@ -161,4 +171,12 @@ def read_loop(path: Path) -> Record:
             )
     if len(words["reasons"]) != decisions:
         raise InvalidRequestError(f"{path}: not a record of a closed loop (reasons are missing)")
-    return Record(**words, **numbers)
+    return Record(**{**words, **numbers})
+
+
+def ellipsoids(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Half axes (k, 3) [m] of one standard deviation, and rotations (k, 3, 3) of the ellipsoids of
+    covariances (k, 3, 3) [m²]."""
+    values, turns = np.linalg.eigh(covariance)
+    turns[np.linalg.det(turns) < 0.0, :, 0] *= -1.0
+    return np.sqrt(np.maximum(values, 1e-8)), turns  # [m²] at least 0.1 mm

@@ -14,7 +14,7 @@ from optipromp.laboratory.simulation.camera import Shot, View, axes, shot
 from optipromp.laboratory.simulation.dress import dressed
 from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.loop import Loop
-from optipromp.laboratory.simulation.loop_files import Record, record_of
+from optipromp.laboratory.simulation.loop_files import Record, ellipsoids, record_of
 from optipromp.laboratory.simulation.render import (
     SMALL,
     Picture,
@@ -140,16 +140,14 @@ def _draw(scene: Any, loop: Loop, record: Record, index: int) -> None:
     """Add tracks and paths to MuJoCo's scene, at a record of the rollout."""
     mujoco, rollout = engine(), loop.run.rollout
     row = record.row(float(rollout.times[index]))
-    for _, place, spread, confirmed in record.tracks(row):
-        values, turn = np.linalg.eigh(spread)
-        if np.linalg.det(turn) < 0.0:
-            turn[:, 0] *= -1.0
-        size = DEVIATIONS * np.sqrt(np.maximum(values, 1e-8))
+    places, covariance, confirmed = record.tracks(row)
+    half, turns = ellipsoids(covariance)
+    for place, size, turn, sure in zip(places, half, turns, confirmed.tolist(), strict=True):
         geom = _next(scene)
         if geom is not None:
             mujoco.mjv_initGeom(
-                geom, mujoco.mjtGeom.mjGEOM_ELLIPSOID, size, place, turn.ravel(),
-                np.array(SURE if confirmed else UNSURE, dtype=np.float32),
+                geom, mujoco.mjtGeom.mjGEOM_ELLIPSOID, DEVIATIONS * size, place, turn.ravel(),
+                np.array(SURE if sure else UNSURE, dtype=np.float32),
             )  # fmt: skip
     rows = np.unique(np.linspace(0, index, min(index + 1, BEHIND)).astype(int))
     _line(scene, rollout.tool_point[rows], PASSED, THIN)

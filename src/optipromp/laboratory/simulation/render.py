@@ -106,16 +106,21 @@ def encoded(pictures: Iterable[Picture], view: View, fps: int) -> bytes:
         stream: Any = container.add_stream("libx264", rate=fps)
         stream.width, stream.height, stream.pix_fmt = view.width, view.height, "yuv420p"
         stream.options = {"crf": "22", "preset": "veryfast", "threads": "1"}
-        picture: Picture | None = None
-        for picture in pictures:
-            for packet in stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")):
-                container.mux(packet)
-        for _ in range(last if picture is not None else 0):
+        for picture in _lingering(pictures, last):
             for packet in stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")):
                 container.mux(packet)
         for packet in stream.encode():
             container.mux(packet)
     return buffer.getvalue()
+
+
+def _lingering(pictures: Iterable[Picture], more: int) -> Iterator[Picture]:
+    """The pictures, and the last one so many times more."""
+    last: list[Picture] = []
+    for picture in pictures:
+        last = [picture]
+        yield picture
+    yield from last * more
 
 
 def animation(
