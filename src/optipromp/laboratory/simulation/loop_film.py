@@ -113,7 +113,7 @@ def _glass(model: Any) -> FloatArray:
     """Colours (M, 4) of the model's materials with fruits of glass."""
     colours: FloatArray = model.mat_rgba.copy()
     for k in range(model.nmat):  # look:SEGMENT:ROLE:ID
-        if model.mat(k).name.split(":")[2] in ("target", "pushable"):
+        if model.mat(k).name.split(":")[2:3] in (["target"], ["pushable"]):
             colours[k, 3] = GLASS
     return colours
 
