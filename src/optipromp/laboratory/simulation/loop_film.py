@@ -27,7 +27,7 @@ from optipromp.laboratory.simulation.render import (
 from optipromp.laboratory.simulation.world import build
 
 # choices for the eye
-GLASS = 0.45  # opacity of fruits, so that the ellipsoids inside are seen
+GLASS = {"target": 0.65, "pushable": 0.45}  # opacity of fruits: ellipsoids inside are seen
 DEVIATIONS = 2.0  # standard deviations that an ellipsoid spans
 SURE, UNSURE = (0.10, 0.35, 1.0, 0.45), (0.35, 0.35, 0.35, 0.30)  # confirmed tracks, others
 PLANS = (  # of the path ahead, in turn
@@ -113,8 +113,9 @@ def _glass(model: Any) -> FloatArray:
     """Colours (M, 4) of the model's materials with fruits of glass."""
     colours: FloatArray = model.mat_rgba.copy()
     for k in range(model.nmat):  # look:SEGMENT:ROLE:ID
-        if model.mat(k).name.split(":")[2:3] in (["target"], ["pushable"]):
-            colours[k, 3] = GLASS
+        for role, opacity in GLASS.items():
+            if model.mat(k).name.startswith(f"look:-1:{role}:"):
+                colours[k, 3] = opacity
     return colours
 
 

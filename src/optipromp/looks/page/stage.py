@@ -203,7 +203,7 @@ class PlanNodes(Nodes):
             ball = _ball()
             self._add("tracks|all", self.api.add_batched_meshes_simple, ball.vertices, ball.faces,
                       turned, places, batched_scales=2.0 * half, batched_colors=colours,
-                      opacity=0.5, lod="off", **FLAT)  # fmt: skip
+                      opacity=0.75, lod="off", **FLAT)  # fmt: skip
             return
         node.batched_positions, node.batched_wxyzs = places, turned
         node.batched_scales, node.batched_colors = 2.0 * half, colours
