@@ -56,6 +56,7 @@ def test_tracks_path_and_stage_are_replayed_where_the_fruits_sway(opener, folder
     opened.do(lambda: window.replay(()))
     assert node("tracks/all") is None
     assert node("path ahead") is None
+    assert node(f"things/target:{loop.run.outcome.target}").opacity is None
     assert not opened.errors
     opened.tab.close()
 

@@ -125,10 +125,18 @@ def test_the_outcome_rebuilds_the_world_that_swayed(loop, tmp_path):
     assert world.model.nq == run.rollout.states.shape[1]
     assert build(run.scene, run.robot, seed=run.seed).model.nq != world.model.nq
     assert read_parameters({}) == SimulationParameters()
-    with pytest.raises(InvalidRequestError, match="this version"):
-        read_parameters({"parameters": {"fruit": {"colour": 1.0}}})
-    with pytest.raises(InvalidRequestError, match="this version"):
-        read_parameters({"parameters": [1.0]})
+    for wrong in (
+        [1.0],
+        {"colour": {}},
+        {"fruit": [1.0]},
+        {"fruit": {"colour": 1.0}},
+        {"disturbance": {"sway": "wide"}},
+        {"disturbance": {"sway_of": 1.0}},
+    ):
+        with pytest.raises(InvalidRequestError, match="this version"):
+            read_parameters({"parameters": wrong})
+    with pytest.raises(InvalidRequestError, match="sway_of is 'sky'"):
+        read_parameters({"parameters": {"disturbance": {"sway_of": "sky"}}})
 
 
 def test_ellipsoids_span_the_covariance():

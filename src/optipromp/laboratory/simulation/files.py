@@ -4,7 +4,7 @@ import io
 import math
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -65,19 +65,24 @@ def read_parameters(document: Mapping[str, Any]) -> SimulationParameters:
     Raises:
         InvalidRequestError: a parameter is unknown or out of its range.
     """
-    groups = document.get("parameters") or {}
-    default = SimulationParameters()
-    kinds = {item.name: type(getattr(default, item.name)) for item in fields(default)}
+    groups, default = document.get("parameters") or {}, SimulationParameters()
+    made = {}
     try:
-        return SimulationParameters(
-            **{
-                name: kinds[name](
-                    **{key: math.inf if value is None else value for key, value in group.items()}
-                )
-                for name, group in groups.items()
-            }
-        )
+        for name, group in groups.items():
+            usual = getattr(default, name)
+            known = asdict(usual)
+            values = {key: math.inf if value is None else value for key, value in group.items()}
+            for key, value in values.items():
+                if _kind(value) is not _kind(known[key]):
+                    raise TypeError(f"{name}.{key} is {value!r}")
+            made[name] = type(usual)(**values)
+        return SimulationParameters(**made)
     except (AttributeError, KeyError, TypeError) as error:
         raise InvalidRequestError(
             f"the parameters are not those of this version ({error})"
         ) from None
+
+
+def _kind(value: object) -> type:
+    """The type of a value; whole numbers count as the others."""
+    return float if type(value) is int else type(value)

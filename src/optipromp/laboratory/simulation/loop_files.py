@@ -21,7 +21,7 @@ Words = tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class Record:
+class LoopRecord:
     """What a controller saw and did in C cycles, of at most F tracked fruits, and D decisions.
 
     Attributes:
@@ -83,7 +83,7 @@ class Record:
         return f"{stage}, plan {self.plans[row]}" if self.plans[row] else stage
 
 
-def record_of(loop: Loop, points: int = POINTS) -> Record:
+def record_of(loop: Loop, points: int = POINTS) -> LoopRecord:
     """The record of a pick in closed loop, with so many ``points`` of the path ahead."""
     trace, robot = loop.trace, loop.run.robot
     ids = tuple(dict.fromkeys(name for tracked in trace.tracks for name in tracked.ids))
@@ -104,7 +104,7 @@ def record_of(loop: Loop, points: int = POINTS) -> Record:
             q = _coming(trace.stretches[running], time, points)
             ahead[row] = robot.tool_pose(q)[0]
     events = loop.controller.events
-    return Record(
+    return LoopRecord(
         trace.times, tuple(str(stage) for stage in trace.stages), trace.plans, ids, positions,
         covariance, confirmed, ahead, np.array([event.time for event in events], dtype=float),
         tuple(str(event.stage) for event in events), tuple(event.why for event in events),
@@ -126,7 +126,7 @@ def write_loop(loop: Loop, folder: Path) -> str:
         InvalidRequestError: the file cannot be written.
     """
     record = record_of(loop)
-    arrays = {item.name: np.asarray(getattr(record, item.name)) for item in fields(Record)}
+    arrays = {item.name: np.asarray(getattr(record, item.name)) for item in fields(LoopRecord)}
     for name in ("stages", "ids", "begun", "reasons"):
         arrays[name] = _strings(getattr(record, name))
     write_atomically(folder / NAME, npz(arrays, compressed=True))
@@ -137,7 +137,7 @@ def _strings(words: Sequence[str]) -> NDArray[np.str_]:
     return np.array(words, dtype=np.str_).reshape(len(words))
 
 
-def read_loop(path: Path) -> Record:
+def read_loop(path: Path) -> LoopRecord:
     """The record in a file that :func:`write_loop` wrote.
 
     Raises:
@@ -171,7 +171,7 @@ def read_loop(path: Path) -> Record:
             )
     if len(words["reasons"]) != decisions:
         raise InvalidRequestError(f"{path}: not a record of a closed loop (reasons are missing)")
-    return Record(**{**words, **numbers})
+    return LoopRecord(**{**words, **numbers})
 
 
 def ellipsoids(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -14,7 +14,7 @@ from optipromp.laboratory.simulation.camera import Shot, View, axes, shot
 from optipromp.laboratory.simulation.dress import dressed
 from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.loop import Loop
-from optipromp.laboratory.simulation.loop_files import Record, ellipsoids, record_of
+from optipromp.laboratory.simulation.loop_files import LoopRecord, ellipsoids, record_of
 from optipromp.laboratory.simulation.render import (
     SMALL,
     Picture,
@@ -137,7 +137,7 @@ def _last(loop: Loop, time: float) -> Look | None:
     return recent[-1] if recent else None
 
 
-def _draw(scene: Any, loop: Loop, record: Record, index: int) -> None:
+def _draw(scene: Any, loop: Loop, record: LoopRecord, index: int) -> None:
     """Add tracks and paths to MuJoCo's scene, at a record of the rollout."""
     mujoco, rollout = engine(), loop.run.rollout
     row = record.row(float(rollout.times[index]))

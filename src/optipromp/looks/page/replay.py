@@ -17,7 +17,7 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import scene_from_dict
 from optipromp.core.scenes.scene import Scene
 from optipromp.laboratory.simulation.files import read_parameters
-from optipromp.laboratory.simulation.loop_files import NAME, Record, read_loop
+from optipromp.laboratory.simulation.loop_files import NAME, LoopRecord, read_loop
 from optipromp.laboratory.simulation.parameters import SimulationParameters
 from optipromp.looks.page.stage import PlanNodes
 
@@ -47,7 +47,7 @@ class Replay:
     success: bool
     message: str
     parameters: SimulationParameters
-    record: Record | None = None
+    record: LoopRecord | None = None
 
     @property
     def duration(self) -> float:
@@ -86,7 +86,7 @@ class Replay:
             told = [self._thought(stage, self.record, now), *told]
         return "  \n".join(filter(None, told))
 
-    def _thought(self, stage: PlanNodes, record: Record, now: float) -> str:
+    def _thought(self, stage: PlanNodes, record: LoopRecord, now: float) -> str:
         """Show tracks and path ahead; returns the stage, and why it began, in words."""
         row = record.row(now)
         stage.tracks(*record.tracks(row))
