@@ -27,7 +27,7 @@ from optipromp.laboratory.simulation.render import (
 from optipromp.laboratory.simulation.world import build
 
 # choices for the eye
-GLASS = {"target": 0.65, "pushable": 0.45}  # opacity of fruits: ellipsoids inside are seen
+GLASS = {"target": 0.55, "pushable": 0.45}  # opacity of fruits: ellipsoids inside are seen
 DEVIATIONS = 2.0  # standard deviations that an ellipsoid spans
 SURE, UNSURE = (0.10, 0.35, 1.0, 0.45), (0.35, 0.35, 0.35, 0.30)  # confirmed tracks, others
 PLANS = (  # of the path ahead, in turn
