@@ -50,6 +50,7 @@ def paired(
     tracks: tuple[Track, ...],
     seen: Seen,
     parameters: TrackerParameters,
+    looked_at: BoolArray | None = None,
 ) -> Pairing:
     """The pairs of least total cost within the gate, then those of least distance.
 
@@ -65,6 +66,8 @@ def paired(
         tracks: F tracks.
         seen: D detections.
         parameters: of the tracker.
+        looked_at: (F,) tracks that the look should have seen. One of these that has no detection
+            takes one of its role from as far as ``parameters.jump``. None: all others as near.
     """
     count, found = len(tracks), len(seen.items)
     if not count or not found:
@@ -101,6 +104,9 @@ def paired(
     free = np.ones(found, dtype=bool)
     free[list(pairs.values())] = False
     jumps = close & free
+    if looked_at is not None:
+        alike = target_of(tracks)[:, None] == wanted
+        jumps |= (near <= parameters.jump) & alike & looked_at[:, None] & free
     jumps[list(pairs)] = False
     every = np.arange(count), np.arange(found)
     moved = _cheapest(np.where(jumps, near, _FAR), jumps, *every)

@@ -110,18 +110,19 @@ def step(belief: Belief, event: Arrival, world: Setting) -> tuple[Belief, Record
     expected = (state.layout.position @ state.mean).reshape(-1, 3) + push
     pushes = push_noise(push, given)
     noise = pushes[:, None] + seen.covariances[None]
-    pairs = paired(state, expected, noise, tracks, seen, given)
+    radii = np.array([track.radius for track in tracks])
+    hiding = (event.balls, world.static)
+    looked_at = visible(seen.look, expected, radii, given.reach, hiding)
+    pairs = paired(state, expected, noise, tracks, seen, given, looked_at)
     shaken = False
     sure = np.array([track.confirmed for track in tracks], dtype=bool)
     if sure.sum() > 2 and pairs.surprised(int(sure.sum()), len(seen.items)):
         shift = common_shift(expected[sure], seen.positions, pairs.scale, given)
         if shaken := bool(shift.any()):
             expected = expected + shift
-            pairs = paired(state, expected, noise, tracks, seen, given)
+            looked_at = visible(seen.look, expected, radii, given.reach, hiding)
+            pairs = paired(state, expected, noise, tracks, seen, given, looked_at)
             state = state.shaken(math.sqrt(float(shift @ shift)))
-    radii = np.array([track.radius for track in tracks])
-    hiding = (event.balls, world.static)
-    looked_at = visible(seen.look, expected, radii, given.reach, hiding)
     state, record = _corrected(state, pairs, event, expected, (push, pushes), belief, given)
     if belief.time > -math.inf and given.learning > 0.0:
         share = -math.expm1(-(event.time - belief.time) / given.learning)
@@ -142,9 +143,8 @@ def _white(spread: FloatArray, given: TrackerParameters) -> FloatArray:
 
 
 def _swings(tracks: tuple[Track, ...], given: TrackerParameters) -> Oscillators:
-    omega = np.repeat([track.omega(given) for track in tracks], 2)
-    same = np.ones(len(omega))
-    return Oscillators(omega, given.swing_damping * same, given.swing * same)
+    omega, zeta = np.repeat([track.swing(given) for track in tracks], 2, axis=0).T
+    return Oscillators(omega, zeta, np.full(len(omega), given.swing))
 
 
 def _corrected(
@@ -247,7 +247,7 @@ def _renewed(belief: Belief, pairs: Pairing, event: Arrival, world: Setting) -> 
         kept = np.flatnonzero(alive)
         state, tracks = state.only(kept), tuple(tracks[k] for k in kept.tolist())
     if any(track.stems for track in tracks):
-        state = state.turned(np.repeat([track.omega(given) for track in tracks], 2))
+        state = state.turned(_swings(tracks, given))
     first = not belief.looks and given.first_confirmed
     fresh, number = [], belief.begun
     for k in pairs.new.tolist():

@@ -18,13 +18,22 @@ import numpy as np
 
 from optipromp.control.look import Look
 from optipromp.control.parameters import CONTROL, LoopParameters
-from optipromp.control.plant import changed, displaced, field_of, has_target, pushed_by, scene_of
+from optipromp.control.plant import (
+    changed,
+    deviation,
+    displaced,
+    field_of,
+    has_target,
+    pushed_by,
+    scene_of,
+    target_row,
+)
 from optipromp.control.servo import Course, Route, follow
 from optipromp.control.slices import Sliced
 from optipromp.control.tracked import Tracked
 from optipromp.control.tracker import Tracker
 from optipromp.core import judging
-from optipromp.core.arrays import FloatArray
+from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.errors import Code
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning import Plan, PlanOptions, plan
@@ -34,6 +43,8 @@ from optipromp.core.planning.timing import needs, stopped
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject
 from optipromp.core.trajectory import State, Trajectory
+
+LOST = "the target is lost"
 
 
 class LoopStage(StrEnum):
@@ -113,6 +124,7 @@ class Controller:
         self.plans: list[Plan] = []
         self.tries = parameters.tries
         self._inbox: list[Look] = []
+        self._why = ""
         self._seen = 0  # looks since the stage began
         self._since = 0.0
         self._checked = -math.inf
@@ -121,7 +133,7 @@ class Controller:
         self._route: Route | None = None
         self._job: _Job | None = None
         self._trail: list[FloatArray] = []  # (k, n) configurations on the way from the camera
-        self._field_now = np.zeros((0, 3))
+        self._shift = np.zeros((0, 3))
         self._fallback = State(state.q)
 
     def see(self, look: Look) -> None:
@@ -165,7 +177,7 @@ class Controller:
         return None
 
     def _enter(self, stage: LoopStage, now: float, why: str) -> None:
-        self.stage, self._since, self._seen = stage, now, 0
+        self.stage, self._since, self._seen, self._why = stage, now, 0, why
         self.events.append(Decision(now, stage, why))
         if self._job is not None:
             self._job.work.drop()
@@ -189,16 +201,15 @@ class Controller:
         made = self._worked()
         if made is None:
             return None
-        chance = probability(made)
-        moves = made.status in (Code.SUCCESS, Code.HARM_PREDICTED)
-        enough = made.success or (moves and not self._at_camera)  # the tool stops at the camera
-        if not (enough or (self.tries <= 0 and chance <= p.accepted)):
+        harm = excess(made)
+        enough = made.success or (harm < math.inf and not self._at_camera)  # it stops there
+        if not (enough or (self.tries <= 0 and harm <= p.accepted)):
             self._again(now, f"no plan: {made.message}")
             return None
         self._trail = []
         self._take(made)
-        self._enter(LoopStage.GO, now, f"{made.status}, predicted harm {chance:.0%}")
-        return self._moved(now, tracked, 0.0)
+        self._enter(LoopStage.GO, now, f"{made.status}, {harm:.2f} of the harm that is allowed")
+        return self._set_out(now, tracked)
 
     def _again(self, now: float, why: str) -> None:
         """Look again, or give up after the last try."""
@@ -218,6 +229,9 @@ class Controller:
         begins = now + p.lead
         phase = course.phase_at(begins)
         if self.stage is LoopStage.RETREAT:
+            if self._found_again(now, tracked, phase):
+                self._again(now, "the target is seen again")
+                return self._brake(begins)
             if phase >= route.duration:
                 self._at_camera = True
                 self._again(now, "looking again after a retreat")
@@ -235,6 +249,8 @@ class Controller:
                 return self._brake(begins)
             return self._retreat(now, tracked, route, route.duration, "the target is not inside")
         if self._at_camera and self.servo:
+            if route.left(phase) < p.last and phase < route.duration and self._unsure(tracked):
+                return self._retreat(now, tracked, route, phase, LOST)
             turn = self._watch(now, tracked, route, phase)
             if turn is not None:
                 return turn
@@ -242,17 +258,34 @@ class Controller:
                 return self._moved(now, tracked, self._phase)
         return self._moved(now, tracked, phase)
 
-    def _missed(self, now: float, tracked: Tracked) -> bool:
-        """Whether a look that is not old shows the target outside of the tool."""
-        tool = self.robot.tool
-        rows = [row for row, role in enumerate(tracked.roles) if role == "target"]
-        if tool is None or not rows or now - tracked.last_seen[rows[0]] > self.parameters.fresh:
+    def _found_again(self, now: float, tracked: Tracked, phase: float) -> bool:
+        """Whether a target that was lost is well known again, some way back."""
+        row, p = target_row(tracked), self.parameters
+        if self._why != LOST or row is None or phase * p.retreat_speed < p.back:
             return False
+        return (
+            self.tries > 0
+            and now - tracked.last_seen[row] < 0.2
+            and deviation(tracked, row) < 0.5 * p.unsure
+        )
+
+    def _unsure(self, tracked: Tracked) -> bool:
+        """Whether nobody knows well enough where the target is now."""
+        row = target_row(tracked)
+        return row is None or deviation(tracked, row) > self.parameters.unsure
+
+    def _missed(self, now: float, tracked: Tracked) -> bool:
+        """Whether the target is outside of the tool, or may be."""
+        tool, row = self.robot.tool, target_row(tracked)
+        if tool is None:
+            return False
+        if row is None or self._unsure(tracked):
+            return True
         point, axis = self.robot.tool_pose(self._state(now).q)
-        away = tracked.positions[rows[0]] - point
+        away = tracked.positions[row] - point
         along = float(away @ axis)
         aside = float(np.linalg.norm(away - along * axis))
-        spread = float(np.sqrt(np.linalg.eigvalsh(tracked.covariance[rows[0]])[-1]))
+        spread = deviation(tracked, row)
         return aside > max(tool.mouth[1], 0.01) + spread or along > tool.depth + spread
 
     def _stop_at(self, route: Route) -> float:
@@ -270,7 +303,7 @@ class Controller:
                 return None
             if not has_target(tracked) or changed(made.scene, tracked) < p.changed:
                 return None
-            _, moved = displaced(made.scene, tracked)
+            _, moved, _ = displaced(made.scene, tracked)
             offset = moved.mean(axis=0) if len(moved) else np.zeros(3)
             at = phase + p.allowance
             self._checked, self._planned_at = now, at
@@ -283,15 +316,14 @@ class Controller:
         found = self._worked()
         if found is None:
             return None
-        chance, moves = probability(found), found.status in (Code.SUCCESS, Code.HARM_PREDICTED)
-        if moves and chance <= p.hopeless:
+        if excess(found) <= p.hopeless:
             rows = route.trajectory.times <= self._planned_at
             self._trail.append(route.trajectory.positions[rows])
             self._take(found)
             assert job.takeover is not None
             self._phase = max(now + p.lead - job.takeover, 0.0)
             return None
-        return self._retreat(now, tracked, route, phase, f"{found.message}")
+        return self._retreat(now, tracked, route, phase, f"{found.status}: {found.message}")
 
     def _retreat(
         self, now: float, tracked: Tracked, route: Route, phase: float, why: str
@@ -305,15 +337,10 @@ class Controller:
         self._enter(LoopStage.RETREAT, now, why)
         if len(q) < 3:
             return self._brake(now + self.parameters.lead)
-        points, _ = self.robot.tool_pose(q)
-        steps = np.linalg.norm(np.diff(points, axis=0), axis=1) / self.parameters.retreat_speed
-        times = np.append(0.0, np.cumsum(np.maximum(steps, 0.02)))
-        back = Trajectory.through(q, times, self.robot.joint_names)
-        back = back.slowed(max(float(needs(self.robot, back).max()), 1.0) * 1.2)
+        back = way_back(self.robot, q, self.parameters.retreat_speed)
         scene = None if route.plan is None else route.plan.scene
-        whole = Route.of(self.robot, back, 0, None)
-        self._route, self._back_scene = whole, scene
-        return self._moved(now, tracked, 0.0)
+        self._route, self._back_scene = Route.of(self.robot, back, 0, None), scene
+        return self._set_out(now, tracked)
 
     # -- curves
 
@@ -323,7 +350,7 @@ class Controller:
     def _take(self, made: Plan) -> None:
         self._route = Route.of(self.robot, made.trajectory, made.first, made)
         self._back_scene = made.scene
-        self._field_now = np.full((0, 3), np.nan)
+        self._shift = np.zeros((0, 3))
         self.plans.append(made)
 
     def _moved(self, now: float, tracked: Tracked, phase: float) -> Stretch | None:
@@ -343,21 +370,27 @@ class Controller:
         row = np.searchsorted(route.trajectory.times, ahead).clip(max=len(route.points) - 1)
         shift = field.at(route.points[row], begins + np.maximum(ahead - phase, 0.0))
         if (
-            self._field_now.shape == shift.shape
+            self._shift.shape == shift.shape
             and phase < route.duration
-            and np.abs(shift - self._field_now).max() < p.still
+            and np.abs(shift - self._shift).max() < p.still
         ):
             return None
         course = follow(route, phase, self._state(begins), begins, field, p)
         if course is None or not self._safe(course.curve):
             return None
-        self._field_now, self._course = shift, course
+        self._shift, self._course = shift, course
         return Stretch(course.curve, begins)
 
+    def _set_out(self, now: float, tracked: Tracked) -> Stretch:
+        """The begin of a route; where nothing leads onto it yet, the curve to rest."""
+        begins = now + self.parameters.lead
+        self._shift = np.zeros((0, 3))
+        return self._moved(now, tracked, 0.0) or self._brake(begins)
+
     def _brake(self, begins: float) -> Stretch:
-        """The curve that comes to rest at once."""
+        """The curve that comes to rest at once; the arm then waits at the begin of its route."""
         curve = stopped(self.robot, self._state(begins))
-        self._course = Course(curve, begins, math.inf, 1.0)
+        self._course = Course(curve, begins, 0.0, math.inf)
         return Stretch(curve, begins)
 
     def _safe(self, curve: Trajectory) -> bool:
@@ -392,6 +425,19 @@ class Controller:
         return pushed_by(route, course.phase_at(time))
 
 
+def way_back(robot: Robot, q: FloatArray, speed: float) -> Trajectory:
+    """The trajectory through configurations ``q`` (k, n) at a ``speed`` of the tool [m/s]."""
+    points, _ = robot.tool_pose(q)
+    gone = np.append(0.0, np.cumsum(lengths(np.diff(points, axis=0)))) + 1e-6 * np.arange(len(q))
+    count = max(math.ceil(gone[-1] / 0.01), 4)  # [m] between waypoints
+    at = np.linspace(0.0, gone[-1], count + 1)
+    even = np.stack([np.interp(at, gone, joint) for joint in q.T], axis=1)
+    widths = np.full(count, gone[-1] / count / speed)
+    widths[[0, -1]] *= 2.0
+    back = Trajectory.through(even, np.append(0.0, np.cumsum(widths)), robot.joint_names)
+    return back.slowed(max(float(needs(robot, back).max()), 1.0))
+
+
 def _sure(item: SceneObject, parameters: LoopParameters) -> SceneObject:
     """A fruit that was seen before, with a covariance."""
     if item.covariance is not None:
@@ -399,9 +445,8 @@ def _sure(item: SceneObject, parameters: LoopParameters) -> SceneObject:
     return replace(item, covariance=parameters.known**2 * np.eye(3))
 
 
-def probability(made: Plan) -> float:
-    """Predicted probability that a pick is not clean; 0 without a model, 1 without a motion."""
+def excess(made: Plan) -> float:
+    """Predicted harm over what a success may have; 0 without a model, infinite without a motion."""
     if made.status not in (Code.SUCCESS, Code.HARM_PREDICTED):
-        return 1.0
-    told = None if made.prediction is None else made.prediction.probability
-    return 0.0 if told is None or math.isnan(told) else told
+        return math.inf
+    return 0.0 if made.prediction is None else made.prediction.harm / made.prediction.threshold

@@ -7,7 +7,11 @@ the swing of each fruit. Fruit i is at rest_i + sway + swing_i.
 
 Each displacement is a damped oscillator that white noise drives,
 x'' + 2 ζ ω x' + ω² x = w, discretised exactly: with the transition F over a time and the
-stationary covariance P = diag(σ², σ² ω²), the noise is P - F P Fᵀ.
+stationary covariance P = diag(σ², σ² ω²), the noise is P - F P Fᵀ. The acceleration of the sway s
+drives every swing, as that of its support drives a pendulum: y'' + 2 ζ ω y' + ω² y = w - s''.
+
+With the dynamics R of a frequency of the sway, Y of a swing and the drive B (of -s'' on y''), the
+matrix X of X R - Y X = B gives the transition from sway to swing exactly: X e^{R t} - e^{Y t} X.
 """
 
 from dataclasses import dataclass
@@ -61,6 +65,27 @@ class Oscillators:
             np.concatenate([self.zeta, other.zeta]),
             np.concatenate([self.sigma, other.sigma]),
         )
+
+
+def drives(sway: Oscillators, swing: Oscillators) -> FloatArray:
+    """X (F, K, 2, 2) of the module, of K frequencies of the sway and F swings."""
+    ws, zs, wy, zy = sway.omega, sway.zeta, swing.omega, swing.zeta
+    count, bank = len(wy), len(ws)
+    system = np.zeros((count, bank, 4, 4))  # of X in rows: x00, x01, x10, x11
+    stiff, damp = ws**2, 2.0 * zs * ws
+    own, loss = wy[:, None] ** 2, 2.0 * (zy * wy)[:, None]
+    for row in (0, 1):  # (X R)[row] - (Y X)[row] = B[row]
+        a, b = 2 * row, 2 * row + 1
+        system[:, :, a, b] -= stiff
+        system[:, :, b, a] += 1.0
+        system[:, :, b, b] -= damp
+    for column in (0, 1):
+        system[:, :, column, 2 + column] -= 1.0
+        system[:, :, 2 + column, column] += own
+        system[:, :, 2 + column, 2 + column] += loss
+    drive = np.zeros((count, bank, 4, 1))
+    drive[:, :, 2, 0], drive[:, :, 3, 0] = stiff, damp
+    return np.asarray(np.linalg.solve(system, drive).reshape(count, bank, 2, 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,18 +164,13 @@ class PlantState:
         """The prediction ``dt`` [s] ahead; rests walk by ``drift`` [m/√s] an axis."""
         if dt == 0.0:
             return self
-        m, old = self.layout.half, self.covariance
+        m, moving = self.layout.half, slice(0, 2 * self.layout.half)
         steps = self.oscillators.transition(np.asarray(dt))
-        a, b, c, d = steps
-        mean = self.mean.copy()
-        mean[:m] = a * self.mean[:m] + b * self.mean[m : 2 * m]
-        mean[m : 2 * m] = c * self.mean[:m] + d * self.mean[m : 2 * m]
-        rows = old.copy()
-        rows[:m] = a[:, None] * old[:m] + b[:, None] * old[m : 2 * m]
-        rows[m : 2 * m] = c[:, None] * old[:m] + d[:, None] * old[m : 2 * m]
-        new = rows.copy()
-        new[:, :m] = a * rows[:, :m] + b * rows[:, m : 2 * m]
-        new[:, m : 2 * m] = c * rows[:, :m] + d * rows[:, m : 2 * m]
+        whole = self._transition(steps)
+        mean, new = self.mean.copy(), self.covariance.copy()
+        mean[moving] = whole @ mean[moving]
+        new[moving] = whole @ new[moving]
+        new[:, moving] = new[:, moving] @ whole.T
         xx, xv, vv = self.oscillators.noise(steps)
         k = np.arange(m)
         new[k, k] += xx
@@ -161,6 +181,47 @@ class PlantState:
         new[rest, rest] += drift**2 * dt
         return PlantState(self.layout, self.oscillators, mean, new)
 
+    def _transition(self, steps: tuple[FloatArray, ...]) -> FloatArray:
+        """(2 m, 2 m) of displacements and velocities, of the oscillators' own ``steps``."""
+        bank, m = self.layout.bank, self.layout.half
+        p = m // 2  # oscillators along one axis
+        a, b, c, d = (step[::2] for step in steps)
+        one, k = np.zeros((2, p, 2, p)), np.arange(p)
+        one[0, k, 0, k], one[0, k, 1, k], one[1, k, 0, k], one[1, k, 1, k] = a, b, c, d
+        x = self.drives
+        own = np.stack([np.stack([a, b], 1), np.stack([c, d], 1)], 1)  # (p, 2, 2)
+        coupled = x @ own[None, :bank] - own[bank:, None] @ x
+        one[:, bank:, :, :bank] = coupled.transpose(2, 0, 3, 1)
+        both = np.zeros((2, p, 2, 2, p, 2))
+        both[:, :, 0, :, :, 0] = both[:, :, 1, :, :, 1] = one
+        return both.reshape(2 * m, 2 * m)
+
+    @cached_property
+    def drives(self) -> FloatArray:
+        """X (F, K, 2, 2), see :func:`drives`."""
+        bank, own = 2 * self.layout.bank, self.oscillators
+        swing = Oscillators(own.omega[bank::2], own.zeta[bank::2], own.sigma[bank::2])
+        sway = Oscillators(own.omega[:bank:2], own.zeta[:bank:2], own.sigma[:bank:2])
+        return drives(sway, swing)
+
+    def moves(self, ahead: FloatArray) -> FloatArray:
+        """Displacements (M, F, 3) of the fruits from their rests, ``ahead`` (M,) [s] from now."""
+        bank, m, axes = self.layout.bank, self.layout.half, self.layout.axes
+        steps = self.oscillators.transition(ahead[:, None])
+        a, b, c, d = (step[:, ::2, None] for step in steps)
+        begin, rate = self.mean[:m].reshape(-1, 2), self.mean[m : 2 * m].reshape(-1, 2)
+        now = np.stack([begin[:bank], rate[:bank]], 1)  # (K, 2, axes)
+        sway = np.stack(
+            [a[:, :bank] * now[:, 0] + b[:, :bank] * now[:, 1],
+             c[:, :bank] * now[:, 0] + d[:, :bank] * now[:, 1]], 2,
+        )  # fmt: skip
+        x = self.drives
+        led = np.einsum("fkij,kja->fia", x, now)
+        free = np.stack([begin[bank:], rate[bank:]], 1) - led
+        swing = a[:, bank:] * free[:, 0] + b[:, bank:] * free[:, 1]
+        swing = swing + np.einsum("fkj,mkja->mfa", x[:, :, 0], sway)
+        return np.asarray((swing + sway[:, :, 0].sum(axis=1)[:, None]) @ axes)
+
     def only(self, tracks: IntArray) -> "PlantState":
         """The state without the fruits that are not in ``tracks`` (k,)."""
         layout = Layout(self.layout.bank, len(tracks), self.layout.axes)
@@ -170,11 +231,9 @@ class PlantState:
         fewer = Oscillators(swung.omega[moving], swung.zeta[moving], swung.sigma[moving])
         return PlantState(layout, fewer, self.mean[kept], self.covariance[np.ix_(kept, kept)])
 
-    def turned(self, omega: FloatArray) -> "PlantState":
-        """The state with other swing frequencies (2 F,) [rad/s]."""
-        held = 2 * self.layout.bank
-        whole = np.concatenate([self.oscillators.omega[:held], omega])
-        oscillators = Oscillators(whole, self.oscillators.zeta, self.oscillators.sigma)
+    def turned(self, swings: Oscillators) -> "PlantState":
+        """The state with other ``swings`` of its fruits."""
+        oscillators = self.oscillators.first(2 * self.layout.bank).joined(swings)
         return PlantState(self.layout, oscillators, self.mean, self.covariance)
 
     def learnt(self, share: float, least: FloatArray) -> "PlantState":

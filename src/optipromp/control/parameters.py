@@ -28,15 +28,15 @@ class LoopParameters(Checked):
     known: float = parameter(
         0.003, "m", "choice", "standard deviation of a fruit that a scene states without one"
     )
-    tries: int = parameter(2, "1", "choice", "looks again, after a retreat or a refused plan")
+    tries: int = parameter(3, "1", "choice", "looks again, after a retreat or a refused plan")
     accepted: float = parameter(
-        0.45,
-        "1",
-        "choice",
-        "predicted probability of a pick that is not clean with which the last try goes on",
+        3.3, "1", "choice", "predicted harm over that of a success with which the last try begins"
     )
     hopeless: float = parameter(
-        0.4, "1", "choice", "the same of a push under way, with which the tool retreats"
+        4.2, "1", "choice", "the same of a push under way, with which the tool retreats"
+    )
+    back: float = parameter(
+        0.04, "m", "choice", "of a retreat, after which a target that is seen again ends it"
     )
     checked: float = parameter(
         0.1, "s", "choice", "shortest time between two predictions of the push under way"
@@ -57,8 +57,11 @@ class LoopParameters(Checked):
         (1.0, 1.3, 2.0, 3.0), "1", "choice", "tried factors of the time of the rest of a path"
     )
     tail: float = parameter(0.3, "s", "choice", "in which a curve comes to rest with the plant")
-    fresh: float = parameter(
-        0.3, "s", "choice", "age up to which a look tells whether the target is in the tool"
+    unsure: float = parameter(
+        0.012, "m", "choice", "standard deviation of the target's position beyond which it is lost"
+    )
+    last: float = parameter(
+        0.06, "m", "choice", "of the path, at whose begin a target that is lost ends the approach"
     )
     hold: float = parameter(0.5, "s", "choice", "that the tool moves with the plant at the target")
     retreat_speed: float = parameter(0.1, "m/s", "choice", "of the tool on its way back")

@@ -54,25 +54,41 @@ def shifted(item: SceneObject, by: FloatArray) -> SceneObject:
     return replace(item, position=item.position + by, stem=stem)
 
 
+def target_row(tracked: Tracked) -> int | None:
+    """The row of the confirmed target; None: there is none."""
+    for row, (role, sure) in enumerate(zip(tracked.roles, tracked.confirmed, strict=True)):
+        if role == "target" and sure:
+            return row
+    return None
+
+
 def has_target(tracked: Tracked) -> bool:
     """Whether a confirmed track is the target."""
-    sure = zip(tracked.roles, tracked.confirmed, strict=True)
-    return any(role == "target" and confirmed for role, confirmed in sure)
+    return target_row(tracked) is not None
 
 
-def displaced(planned: Scene, tracked: Tracked) -> tuple[FloatArray, FloatArray]:
-    """Rest positions (F, 3) in the plan's scene of the fruits that are still tracked, and the
-    displacements (F, 3) of these fruits since [m]."""
+def deviation(tracked: Tracked, row: int) -> float:
+    """Largest standard deviation of the position of a track along any direction [m]."""
+    return float(np.sqrt(np.linalg.eigvalsh(tracked.covariance[row])[-1]))
+
+
+def displaced(planned: Scene, tracked: Tracked) -> tuple[FloatArray, FloatArray, list[int]]:
+    """The fruits of a plan's scene that are still tracked.
+
+    Returns:
+        Rest positions (F, 3) in the plan's scene [m], displacements (F, 3) of these fruits since
+        [m], and the rows of their tracks.
+    """
     before = {o.id: o.position for o in planned.objects if o.role in ("target", "pushable")}
     rows = [row for row, name in enumerate(tracked.ids) if name in before]
     places = np.array([before[tracked.ids[row]] for row in rows]).reshape(-1, 3)
-    return places, tracked.rest[rows] - places
+    return places, tracked.rest[rows] - places, rows
 
 
 def field_of(planned: Scene, tracked: Tracked, length: float) -> Displacement:
     """The displacement of the plant against a plan's scene."""
-    places, moved = displaced(planned, tracked)
-    return Displacement(places, moved, lambda times: tracked.sway(times)[0], length)
+    places, moved, rows = displaced(planned, tracked)
+    return Displacement(places, lambda times: moved + tracked.moves(times)[:, rows], length)
 
 
 def changed(planned: Scene, tracked: Tracked) -> float:
@@ -81,7 +97,7 @@ def changed(planned: Scene, tracked: Tracked) -> float:
     now = {name for name, sure in zip(tracked.ids, tracked.confirmed, strict=True) if sure}
     if before != now:
         return float(np.inf)
-    _, moved = displaced(planned, tracked)
+    _, moved, _ = displaced(planned, tracked)
     return float(np.linalg.norm(moved - moved.mean(axis=0), axis=1).max(initial=0.0))
 
 

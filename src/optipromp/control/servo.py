@@ -1,10 +1,9 @@
 r"""The path of a plan, moved with the plant, as a curve from the arm's present state.
 
-A plan is made for fruits at rest at places :math:`x_i`. The fruits now rest at
-:math:`x_i + d_i` and sway by :math:`s(t)`. A tool point :math:`p` of the plan at time t moves by
+A plan is made for fruits at rest at places :math:`x_i`. At time t the fruits are at
+:math:`x_i + d_i(t)`. A tool point :math:`p` of the plan at time t moves by
 
-.. math:: w \left( s(t) + \frac{\sum_i k_i d_i}{\sum_i k_i} \right), \qquad
-   k_i = e^{-|p - x_i|^2 / l^2}
+.. math:: w \frac{\sum_i k_i d_i(t)}{\sum_i k_i}, \qquad k_i = e^{-|p - x_i|^2 / l^2}
 
 with a weight w that grows from 0 to 1 until the approach begins. Inverse kinematics near the plan's
 configurations gives waypoints. One quintic spline leads from the state of the arm through them, so
@@ -27,8 +26,8 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.trajectory import State, Trajectory
 
 TRACKED = 2e-4  # [m] largest error of a followed tool point: a choice
-Sway = Callable[[FloatArray], FloatArray]
-"""Common displacement (M, 3) of the plant at times (M,) [s]."""
+Moves = Callable[[FloatArray], FloatArray]
+"""Displacements (M, F, 3) of F fruits at times (M,) [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,24 +36,22 @@ class Displacement:
 
     Attributes:
         places: (F, 3) rest positions in the plan's scene [m].
-        moved: (F, 3) displacement of each rest position since [m].
-        sway: common displacement over time, by the controller's clock.
+        moves: displacements of the fruits from these places over time, by the controller's clock.
         length: over which the displacement of a fruit counts [m].
     """
 
     places: FloatArray
-    moved: FloatArray
-    sway: Sway
+    moves: Moves
     length: float = CONTROL.field
 
     def at(self, points: FloatArray, times: FloatArray) -> FloatArray:
         """Displacement (M, 3) of tool points (M, 3) at times (M,) [s]."""
         if not len(self.places):
-            return self.sway(times)
+            return np.zeros_like(points)
         away = np.square(points[:, None] - self.places[None]).sum(axis=2) / self.length**2
         share = np.exp(away.min(axis=1, keepdims=True) - away)
         share /= share.sum(axis=1, keepdims=True)
-        return np.asarray(self.sway(times) + share @ self.moved)
+        return np.asarray(np.einsum("mf,mfi->mi", share, self.moves(times)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +80,11 @@ class Route:
         share = np.clip(trajectory.times / begin, 0.0, 1.0) if begin > 0.0 else 1.0
         weight = np.broadcast_to(share * share * (3.0 - 2.0 * share), len(points))
         return cls(robot, trajectory, points, axes, frozen(weight), plan)
+
+    def left(self, phase: float) -> float:
+        """Straight distance of the tool from ``phase`` [s] to the end of the route [m]."""
+        row = min(int(np.searchsorted(self.trajectory.times, phase)), len(self.points) - 1)
+        return float(np.linalg.norm(self.points[-1] - self.points[row]))
 
     @property
     def duration(self) -> float:

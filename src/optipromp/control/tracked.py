@@ -80,6 +80,17 @@ class Tracked:
         moves = [(each.reshape(len(x), -1, 2).sum(axis=1) @ axes) for each in (x, v, pull)]
         return moves[0], moves[1], moves[2]
 
+    def moves(self, times: FloatArray) -> FloatArray:
+        """The predicted displacement of each fruit from its rest, without pushes.
+
+        Args:
+            times: (M,) [s], not before the snapshot's.
+
+        Returns:
+            (M, F, 3) [m].
+        """
+        return self._belief.state.moves(self._ahead(times))
+
     def sway_deviation(self, times: FloatArray) -> FloatArray:
         """(M,) standard deviation of the common displacement along its most uncertain horizontal
         axis [m] at ``times`` (M,) [s]."""

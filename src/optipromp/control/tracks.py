@@ -11,6 +11,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Shape
 from optipromp.core.parameters import GRAVITY, Checked, parameter
+from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.scenes.objects import Role, SceneObject
 from optipromp.core.scenes.rotations import product
 
@@ -45,9 +46,11 @@ class TrackerParameters(Checked):
         0.25, "1", "choice", "least amplitude of a frequency over its prior"
     )
     swing: float = parameter(0.002, "m", "guess", "the same of a fruit's own swing")
-    swing_damping: float = parameter(0.15, "1", "guess", "ratio of a fruit's own swing")
-    stiffening: float = parameter(
-        1.1, "1", "guess", "frequency of a fruit on an elastic stem over that of a pendulum"
+    swing_damping: float = parameter(
+        0.02, "1", "guess", "damping ratio of a fruit's swing, beside that of its stem"
+    )
+    stem_damping: float = parameter(
+        0.06, "s", "guess", "damping of a stem over its stiffness; that of the simulation"
     )
     drift: float = parameter(0.001, "m/√s", "guess", "random walk of a rest position, an axis")
     steady: float = parameter(
@@ -90,6 +93,9 @@ class TrackerParameters(Checked):
         "deviations of an innovation along an axis",
     )
     felt: float = parameter(2.5, "1", "choice", "least common displacement, in the same")
+    jump: float = parameter(
+        1.3, "1", "choice", "the same of a fruit that was looked at and not found where expected"
+    )
     detected: float = parameter(0.9, "1", "guess", "probability to detect a visible fruit")
     spurious: float = parameter(
         0.05, "1", "guess", "probability that something else is found where a fruit is not"
@@ -207,10 +213,22 @@ class Track:
             max(parameters.stem_floor, parameters.stem_angle / math.sqrt(self.stems))
         )
 
-    def omega(self, parameters: TrackerParameters) -> float:
-        """Angular frequency of the swing [rad/s]: that of a pendulum, raised by the stem."""
-        arm = self.length(parameters) + self.radius
-        return parameters.stiffening * math.sqrt(GRAVITY / arm)
+    def swing(self, parameters: TrackerParameters) -> tuple[float, float]:
+        r"""Angular frequency [rad/s] and damping ratio of the swing.
+
+        A pendulum on an elastic stem of length L has ω² = g / L + 3 EI / (m L³). A stem that holds
+        its fruit of mass m at a tilt t is at least so stiff that without the fruit it would turn
+        by the angle ``grown_turn`` of the push model: EI ≥ m g L² sin t / (2 grown_turn).
+        """
+        arm, beam = self.length(parameters), PUSH.beam
+        mass = beam.fruit_density * self.shape.volume
+        tilt = 0.0 if not self.stems else math.hypot(*self.tilts) / self.stems
+        round_beam = beam.youngs_modulus * math.pi * beam.diameter**4 / 64.0
+        implied = 0.5 * mass * GRAVITY * arm**2 * math.sin(tilt) / beam.grown_turn
+        elastic = 3.0 * max(round_beam, implied) / (mass * arm**3)
+        omega = math.sqrt(GRAVITY / arm + elastic)
+        zeta = parameters.swing_damping + 0.5 * parameters.stem_damping * elastic / omega
+        return omega, min(zeta, 0.9)
 
 
 def new_track(

@@ -215,7 +215,8 @@ class Detector:
             tilt *= math.radians(p.angle) * far
             along = _tilted(camera.rotation.T @ hanging, tilt)
             assert item.stem is not None
-            own = Stem.along(place, along, item.stem.length, item.stem.radius)
+            base = float(np.linalg.norm(item.stem.points[0] - item.position))
+            own = Stem.along(place, along, base + item.stem.length, item.stem.radius)
         return SceneObject(
             item.id, item.role, item.shape, place, away.orientation,
             stem=None if hanging is None else own, covariance=spread + self._calibration(place),

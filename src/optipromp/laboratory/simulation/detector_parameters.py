@@ -34,7 +34,7 @@ class DetectorParameters(Checked):
         "tool; beside: standing still",
     )
     view: float = parameter(
-        1.2, "rad", "choice", "full angle of the cone of view; RGB-D cameras see 42-87 degrees"
+        1.4, "rad", "choice", "full angle of the cone of view; RGB-D cameras see 42-87 degrees"
     )
     rate: float = parameter(20.0, "Hz", "reported", "pictures; detectors run at 10-30 Hz")
     latency: float = parameter(
@@ -94,7 +94,7 @@ class DetectorParameters(Checked):
         True, "", "choice", "whether covariances include the camera's offset and turn"
     )
     palm_below: float = parameter(
-        0.05, "m", "choice", "of a camera in the palm behind the rim, which bounds its view"
+        0.03, "m", "choice", "of a camera in the palm behind the rim, which bounds its view"
     )
     hand_aside: float = parameter(
         0.03, "m", "choice", "of the hand camera, beyond the outer radius of the mouth"
