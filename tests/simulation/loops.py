@@ -15,14 +15,14 @@ from optipromp.laboratory.simulation import (
     closed_loop,
 )
 
-SWAY = 0.02  # [m]
+SWAY = 0.01  # [m]
 
 
 @functools.cache
 def swaying() -> Loop:
     """One pick of a cluster that sways."""
-    scene, given = generate("cluster", 102), SimulationParameters()
+    scene, given = generate("cluster", 105), SimulationParameters()
     given = replace(given, disturbance=replace(given.disturbance, sway=SWAY))
     controller = Controller(scene)
-    eye = Eye(Detector(scene, controller.robot, DETECTORS["zero-mean"], 102))
-    return closed_loop(Simulation(scene, 102, given), controller, eye)
+    eye = Eye(Detector(scene, controller.robot, DETECTORS["zero-mean"], 105))
+    return closed_loop(Simulation(scene, 105, given), controller, eye)
