@@ -32,7 +32,7 @@ LONG = {
     "experiments": "baselines loops study variations",
     "geometry": "grids",
     "looks": "looks",
-    "page": "page sources",
+    "page": "loop_replay page sources",
     "planning": (
         "follow goals many options paper paper_settings prediction requests risk static_margin "
         "underway verdict ways"
@@ -45,7 +45,9 @@ LONG = {
     ),
     "ros": "bags loop recordings",
     "scenes": "generate placing trusses",
-    "simulation": "disturbances export hand physics pictures runs second_engine tools trusses",
+    "simulation": (
+        "disturbances export hand loop_film physics pictures runs second_engine tools trusses"
+    ),
     ".": "kernel_cache plan_folders",
     "viewer": "figures",
 }

@@ -10,11 +10,11 @@ import numpy as np
 from optipromp.control.controller import Controller, LoopStage
 from optipromp.control.look import Look
 from optipromp.control.tracked import Tracked
-from optipromp.core.arrays import FloatArray
+from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.errors import ExecutionError
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.trajectory import State
-from optipromp.laboratory.simulation.detector import Eye, Truth
+from optipromp.laboratory.simulation.detector import Detector, Eye, Truth
 from optipromp.laboratory.simulation.execute import Run
 from optipromp.laboratory.simulation.outcome import Cause
 from optipromp.laboratory.simulation.simulation import Simulation
@@ -32,6 +32,7 @@ class Trace:
         looks: all looks that reached the controller.
         tracks: C snapshots of the tracked fruits.
         stretches: all stretches that took over.
+        plans: (C,) number of plans that were followed until then.
     """
 
     times: FloatArray
@@ -39,6 +40,7 @@ class Trace:
     looks: tuple[Look, ...]
     tracks: tuple[Tracked, ...]
     stretches: tuple[Stretch, ...]
+    plans: IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,12 +52,14 @@ class Loop:
         stage: with which the controller ended.
         trace: see :class:`Trace`.
         controller: with its events and its tracker.
+        detector: the camera.
     """
 
     run: Run
     stage: LoopStage
     trace: Trace
     controller: Controller = field(repr=False)
+    detector: Detector = field(repr=False)
 
     @property
     def result(self) -> str:
@@ -79,7 +83,7 @@ def closed_loop(simulation: Simulation, controller: Controller, eye: Eye) -> Loo
     began = wall.perf_counter()
     cycle = round(controller.parameters.period / simulation.tick)
     line = _Line()
-    times, stages, looks, tracks, stretches = [], [], [], [], []
+    times, stages, looks, tracks, stretches, plans = [], [], [], [], [], []
     state = simulation.state()
     reference = State(state.q)
     while simulation.time < LONGEST:
@@ -97,6 +101,7 @@ def closed_loop(simulation: Simulation, controller: Controller, eye: Eye) -> Loo
         times.append(now)
         stages.append(controller.stage)
         tracks.append(controller.tracker.at(now))
+        plans.append(len(controller.plans))
         if controller.ended and line.ended(now):
             break
         try:
@@ -111,8 +116,11 @@ def closed_loop(simulation: Simulation, controller: Controller, eye: Eye) -> Loo
         simulation.scene, simulation.robot, simulation.parameters, simulation.seed,
         simulation.rollout(moved), outcome, wall.perf_counter() - began,
     )  # fmt: skip
-    trace = Trace(np.array(times), tuple(stages), tuple(looks), tuple(tracks), tuple(stretches))
-    return Loop(run, controller.stage, trace, controller)
+    trace = Trace(
+        np.array(times), tuple(stages), tuple(looks), tuple(tracks), tuple(stretches),
+        np.array(plans, dtype=np.int64),
+    )  # fmt: skip
+    return Loop(run, controller.stage, trace, controller, eye.detector)
 
 
 @dataclass

@@ -1,7 +1,7 @@
 """Pictures and films of a run, off screen."""
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -53,13 +53,7 @@ def frames(
     model = dressed(world)
     model.vis.quality.offsamples = 4 if fine else 0
     data = mujoco.MjData(model)
-    try:
-        renderer = mujoco.Renderer(model, height=view.height, width=view.width)
-    except Exception as error:  # whatever the platform's OpenGL raises
-        raise InvalidRequestError(
-            f"MuJoCo cannot draw off screen ({error}); on Linux it needs libEGL (Debian: "
-            "apt-get install libegl1), or set MUJOCO_GL"
-        ) from None
+    renderer = canvas(model, view.width, view.height)
     camera = shot(world, model, run, times, view)
     with renderer:
         for k, time in enumerate(times):
@@ -69,7 +63,22 @@ def frames(
             mujoco.mj_camlight(model, data)
             renderer.update_scene(data, camera.at(k))
             picture = renderer.render().copy()
-            yield _captioned(picture, run, index) if caption else picture
+            yield captioned(picture, run, index) if caption else picture
+
+
+def canvas(model: Any, width: int, height: int) -> Any:
+    """MuJoCo's renderer of pictures of ``width`` x ``height`` pixels.
+
+    Raises:
+        InvalidRequestError: MuJoCo cannot draw off screen.
+    """
+    try:
+        return engine().Renderer(model, height=height, width=width)
+    except Exception as error:  # whatever the platform's OpenGL raises
+        raise InvalidRequestError(
+            f"MuJoCo cannot draw off screen ({error}); on Linux it needs libEGL (Debian: "
+            "apt-get install libegl1), or set MUJOCO_GL"
+        ) from None
 
 
 def film(run: Run, view: View | None = None, *, fps: int = 25, slow: float = 1.0) -> bytes:
@@ -78,35 +87,54 @@ def film(run: Run, view: View | None = None, *, fps: int = 25, slow: float = 1.0
     Raises:
         InvalidRequestError: MuJoCo or PyAV is not installed, or nothing can be drawn.
     """
+    view, times = view or View(), moments(run, fps, slow)
+    return encoded(frames(run, times, view, caption=True, fine=False), view, fps)
+
+
+def encoded(pictures: Iterable[Picture], view: View, fps: int) -> bytes:
+    """Pictures as an MP4 (H.264), the last of which stays for :data:`LINGER`.
+
+    Raises:
+        InvalidRequestError: PyAV is not installed.
+    """
     try:
         import av
     except ImportError:
         raise InvalidRequestError("a film needs PyAV: pip install 'optipromp[sim]'") from None
-    view = view or View()
-    buffer, times = io.BytesIO(), moments(run, fps, slow)
-    last = round(LINGER * fps)
+    buffer, last = io.BytesIO(), round(LINGER * fps)
     with av.open(buffer, mode="w", format="mp4") as container:
         stream: Any = container.add_stream("libx264", rate=fps)
         stream.width, stream.height, stream.pix_fmt = view.width, view.height, "yuv420p"
         stream.options = {"crf": "22", "preset": "veryfast", "threads": "1"}
-        for k, picture in enumerate(frames(run, times, view, caption=True, fine=False)):
-            for _ in range(1 if k + 1 < len(times) else 1 + last):
-                for packet in stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")):
-                    container.mux(packet)
+        for picture in _lingering(pictures, last):
+            for packet in stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")):
+                container.mux(packet)
         for packet in stream.encode():
             container.mux(packet)
     return buffer.getvalue()
+
+
+def _lingering(pictures: Iterable[Picture], more: int) -> Iterator[Picture]:
+    """The pictures, and the last one so many times more."""
+    last: list[Picture] = []
+    for picture in pictures:
+        last = [picture]
+        yield picture
+    yield from last * more
 
 
 def animation(
     run: Run, view: View | None = None, *, fps: int = 10, slow: float = 1.0, colours: int = 224
 ) -> bytes:
     """A GIF of the whole run, by default half as wide as a film: a GIF keeps every pixel."""
+    view = view or View(width=SMALL[0], height=SMALL[1])
+    return gif(list(frames(run, moments(run, fps, slow), view, caption=True)), fps, colours)
+
+
+def gif(pictures: Sequence[Picture], fps: int, colours: int = 224) -> bytes:
+    """Pictures as a GIF, the last of which stays for :data:`LINGER`."""
     from PIL import Image
 
-    view = view or View(width=SMALL[0], height=SMALL[1])
-    shown = frames(run, moments(run, fps, slow), view, caption=True)
-    pictures = list(shown)
     palette = Image.fromarray(_palette(pictures)).quantize(colours)
     few = [
         Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE)
@@ -144,8 +172,8 @@ def moments(run: Run, fps: int, slow: float = 1.0) -> FloatArray:
     return np.arange(0.0, end + 1e-9, 1.0 / (fps * slow))
 
 
-def _captioned(picture: Picture, run: Run, index: int) -> Picture:
-    """The picture with a line of text at its lower edge."""
+def captioned(picture: Picture, run: Run, index: int, said: str = "") -> Picture:
+    """The picture with a line of text at its lower edge; ``said`` is written after the force."""
     from PIL import Image, ImageDraw, ImageFont
 
     height, width, _ = picture.shape
@@ -156,7 +184,7 @@ def _captioned(picture: Picture, run: Run, index: int) -> Picture:
     pen, font = ImageDraw.Draw(image), ImageFont.load_default(size)
     at = 0.5 * bar
     pen.text((size, at), f"{run.rollout.times[index]:.1f} s", PALE, font, anchor="lm")
-    pen.text((5 * size, at), _force_words(run, index), PALE, font, anchor="lm")
+    pen.text((5 * size, at), _force_words(run, index) + said, PALE, font, anchor="lm")
     if run.rollout.times[index] >= run.rollout.motion:
         words = "picked, nothing harmed" if run.success else f"failed: {run.outcome.cause}"
         if run.success and run.outcome.picked is None:

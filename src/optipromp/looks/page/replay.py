@@ -10,12 +10,15 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.documents import read_document
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError
-from optipromp.core.files import read_npz
+from optipromp.core.files import is_file, read_npz
 from optipromp.core.planning import Plan
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import scene_from_dict
 from optipromp.core.scenes.scene import Scene
+from optipromp.laboratory.simulation.files import read_parameters
+from optipromp.laboratory.simulation.loop_files import NAME, LoopRecord, read_loop
+from optipromp.laboratory.simulation.parameters import SimulationParameters
 from optipromp.looks.page.stage import PlanNodes
 
 ROLLOUTS_APART = 1.3  # [m] between two rollouts side by side
@@ -32,6 +35,8 @@ class Replay:
         arrays: of :meth:`optipromp.laboratory.simulation.rollout.Rollout.arrays`.
         success: whether the target alone was picked and nothing was harmed.
         message: of the outcome.
+        parameters: of the physics.
+        record: of the controller; None for a plan that was executed without looking.
     """
 
     name: str
@@ -41,6 +46,8 @@ class Replay:
     arrays: dict[str, Any]
     success: bool
     message: str
+    parameters: SimulationParameters
+    record: LoopRecord | None = None
 
     @property
     def duration(self) -> float:
@@ -51,11 +58,15 @@ class Replay:
     def _world(self) -> tuple[Any, Any]:
         from optipromp.laboratory.simulation.world import build
 
-        world = build(self.scene, self.robot, seed=self.seed)
+        world = build(self.scene, self.robot, self.parameters, self.seed)
         return world, world.data(self.robot.home)
 
     def show(self, stage: PlanNodes, now: float) -> str:
-        """Show arm, objects and contacts at the time ``now`` [s]; returns the forces in words."""
+        """Show arm, objects, contacts and what the controller thinks at the time ``now`` [s].
+
+        Returns:
+            Forces and stage in words.
+        """
         from optipromp.laboratory.simulation.engine import engine
 
         arrays, (world, data) = self.arrays, self._world
@@ -70,7 +81,18 @@ class Replay:
         found = arrays["contacts"][arrays["contacts"][:, 0] == row]
         felt = found[np.linalg.norm(found[:, 6:], axis=1) > LEAST_FORCE]
         stage.forces(felt[:, 3:6], felt[:, 6:])
-        return self._words(felt)
+        told = [self._words(felt)]
+        if self.record is not None:
+            told = [self._thought(stage, self.record, now), *told]
+        return "  \n".join(filter(None, told))
+
+    def _thought(self, stage: PlanNodes, record: LoopRecord, now: float) -> str:
+        """Show tracks and path ahead; returns the stage, and why it began, in words."""
+        row = record.row(now)
+        stage.tracks(*record.tracks(row))
+        stage.ahead(record.path(row), int(record.plans[row]), record.stages[row] == "retreat")
+        why = record.why(now)
+        return f"**{record.words(row)}**" + (f": {why}" if why else "")
 
     def _stem(self, fruit: Any) -> FloatArray | None:
         """The present points (k, 3) of a fruit's stem, root first [m]; None without a stem."""
@@ -109,8 +131,12 @@ def load_replay(folder: Path) -> Replay:
         robot = posed(scene)[0]
         if arrays["contacts"].shape[1] != 9 or arrays["q"].shape[1] != robot.n_joints:
             raise InvalidRequestError(f"{folder}: its arrays do not fit its scene")
+        record = read_loop(folder / NAME) if is_file(folder / NAME) else None
+        if record is not None and not record.belongs(arrays):  # of an earlier run
+            record = None
         return Replay(folder.name, scene, robot, int(outcome["seed"]), arrays,
-                      bool(outcome["success"]), str(outcome["message"]))  # fmt: skip
+                      bool(outcome["success"]), str(outcome["message"]),
+                      read_parameters(outcome), record)  # fmt: skip
     except InvalidSceneError:
         raise
     except (KeyError, TypeError, ValueError, IndexError) as error:
@@ -129,4 +155,5 @@ def execute(plan: Plan, name: str) -> Replay:
 
     run = simulate(plan, seed=plan.seed)
     arrays = {key: np.asarray(value) for key, value in run.rollout.arrays().items()}
-    return Replay(name, run.scene, run.robot, run.seed, arrays, run.success, run.outcome.message)
+    return Replay(name, run.scene, run.robot, run.seed, arrays, run.success, run.outcome.message,
+                  run.parameters)  # fmt: skip

@@ -5,10 +5,12 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from optipromp.core.arrays import FloatArray
+from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.planning import Plan
 from optipromp.core.robots.model import Robot
+from optipromp.laboratory.simulation.loop_files import ellipsoids
 from optipromp.looks.appearance.part import rgb
 from optipromp.looks.page.content import GREEN_AT, RED_AT, Bundle, Clearances, between
 from optipromp.looks.viewer.drawn import PRIMITIVE, RED, STILL, Placed, motions
@@ -21,6 +23,9 @@ _BALL_CORNERS = 10  # corners around a body sphere
 _ARROW = {"shaft_radius": 0.0025, "head_radius": 0.006, "head_length": 0.014}  # [m]
 _FORCE = 0.02  # [m/N] length of a force's arrow
 _SIDE = (32, 90, 167)
+_SURE, _UNSURE = (26, 90, 255), (120, 120, 120)  # tracked fruits
+_GLASS = 0.45  # opacity of fruits that tracks are drawn in
+_AHEAD, _BACK = ("#0d73f2", "#d91abf", "#009e73", "#7340e6"), "#f28000"  # of the path ahead
 
 PLANNED = (
     "initial bundle", "candidate paths", "trajectories", "passing sides", "pushed objects",
@@ -166,9 +171,7 @@ class PlanNodes(Nodes):
     def _balls(self) -> Any:
         assert self.robot is not None
         if "body spheres" not in self._shown:
-            import trimesh
-
-            ball = trimesh.creation.uv_sphere(count=[_BALL_CORNERS, _BALL_CORNERS])
+            ball = _ball()
             radius = np.asarray(self.robot.spheres.radius)
             self._add("body spheres", self.api.add_batched_meshes_simple, ball.vertices,
                       ball.faces, np.tile([1.0, 0.0, 0.0, 0.0], (len(radius), 1)),
@@ -184,9 +187,53 @@ class PlanNodes(Nodes):
             arrows = np.stack([points - _FORCE * forces, points], axis=1).astype(np.float32)
             self._add("forces|all", self.api.add_arrows, arrows, rgb(RED), **_ARROW)
 
+    def tracks(self, places: FloatArray, covariance: FloatArray, confirmed: BoolArray) -> None:
+        """Show ellipsoids of two standard deviations at places (k, 3) [m] by covariances (k, 3, 3)
+        [m²]; those not confirmed are grey."""
+        half, turns = ellipsoids(covariance)
+        turned = Rotation.from_matrix(turns).as_quat(scalar_first=True) if len(turns) else turns
+        node = self._shown.get("tracks|all")
+        if node is not None and len(node.batched_positions) != len(places):
+            self.drop("tracks")
+            node = None
+        if not len(places):
+            return
+        colours = np.where(confirmed[:, None], _SURE, _UNSURE).astype(np.uint8)
+        if node is None:
+            ball = _ball()
+            self._add("tracks|all", self.api.add_batched_meshes_simple, ball.vertices, ball.faces,
+                      turned, places, batched_scales=2.0 * half, batched_colors=colours,
+                      opacity=0.75, lod="off", **FLAT)  # fmt: skip
+            return
+        node.batched_positions, node.batched_wxyzs = places, turned
+        node.batched_scales, node.batched_colors = 2.0 * half, colours
+
+    def glass(self, on: bool) -> None:
+        """Let fruits be seen through, so that the ellipsoids inside them are seen; or not."""
+        for part, node in self._meshes.values():
+            if part.name.startswith(("target:", "pushable:")):
+                whole = part.opacity if part.opacity < 1.0 else None
+                node.opacity = _GLASS if on else whole
+
+    def ahead(self, points: FloatArray, plan: int, retreat: bool) -> None:
+        """Show the path ahead of the tool through points (k, 3) [m], in the colour of its plan."""
+        self.drop("path ahead")
+        if len(points) > 1:
+            colour = _BACK if retreat else _AHEAD[plan % len(_AHEAD)]
+            self._shown["path ahead|line"] = self.line(
+                "path ahead", points, colour, 4.0, visible=self.visible("path ahead")
+            )
+
     def say(self, text: str, at: FloatArray | None) -> None:
         """Show a label at a point (3,) of the scene [m]; without text or point, none."""
         self.drop("message")
         if text and at is not None:
             words = "\n".join(textwrap.wrap(text, 36)[:7])
             self._add("message|text", self.api.add_label, words, position=at, anchor="bottom-right")
+
+
+def _ball() -> Any:
+    """A mesh of a ball of radius 1."""
+    import trimesh
+
+    return trimesh.creation.uv_sphere(count=[_BALL_CORNERS, _BALL_CORNERS])

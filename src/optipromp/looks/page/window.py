@@ -212,7 +212,9 @@ class Window:
         if not chosen and not self.replayed:
             return
         for _, stage in self.replayed:
-            stage.drop("forces")
+            for layer in ("forces", "tracks", "path ahead"):
+                stage.drop(layer)
+            stage.glass(False)
             if stage is not self.stage:
                 stage.clear()
         self.replayed = ()
@@ -226,6 +228,7 @@ class Window:
             with self.client.atomic():
                 for replay, stage in zip(chosen, stages, strict=True):
                     stage.show(replay.scene, replay.robot)
+                    stage.glass(replay.record is not None)
                     stage.say(replay.message, None)
                 self.replayed = tuple(zip(chosen, stages, strict=True))
                 self.say(

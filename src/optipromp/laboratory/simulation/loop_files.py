@@ -1,0 +1,182 @@
+"""Picks in closed loop as arrays: ``loop.npz`` beside ``rollout.npz``."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optipromp.core.arrays import BoolArray, FloatArray, IntArray
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.execution.streaming import Stretch
+from optipromp.core.files import npz, read_npz, texts, write_atomically
+from optipromp.laboratory.simulation.loop import Loop
+
+NAME = "loop.npz"
+POINTS = 20  # of the path ahead, at each cycle: a choice
+
+Words = tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class LoopRecord:
+    """What a controller saw and did in C cycles, of at most F tracked fruits, and D decisions.
+
+    Attributes:
+        times: (C,) of the cycles [s].
+        stages: C stages, words of :class:`~optipromp.control.controller.LoopStage`.
+        plans: (C,) number of plans that were followed until then.
+        ids: names of the F tracks.
+        positions: (C, F, 3) [m]; NaN where there was no such track.
+        covariance: (C, F, 3, 3) of the positions [m²]; NaN as above.
+        confirmed: (C, F) whether the track counted as a fruit.
+        ahead: (C, 20, 3) tool points of the curve that runs, from now to its end [m]; NaN while no
+            curve runs.
+        decided: (D,) times of the decisions [s].
+        begun: D stages that began.
+        reasons: D reasons.
+        last: (n,) configuration at the end, which the rollout of the same pick has, too.
+    """
+
+    times: FloatArray
+    stages: Words
+    plans: IntArray
+    ids: Words
+    positions: FloatArray
+    covariance: FloatArray
+    confirmed: BoolArray
+    ahead: FloatArray
+    decided: FloatArray
+    begun: Words
+    reasons: Words
+    last: FloatArray
+
+    def row(self, time: float) -> int:
+        """The last cycle until a ``time`` [s]; the first before."""
+        return max(int(np.searchsorted(self.times, time + 1e-9)) - 1, 0)
+
+    def tracks(self, row: int) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Positions (k, 3), covariances (k, 3, 3) and confirmation (k,) of a cycle's tracks."""
+        there = np.isfinite(self.positions[row, :, 0])
+        return self.positions[row, there], self.covariance[row, there], self.confirmed[row, there]
+
+    def why(self, time: float) -> str:
+        """The reason of the last decision until a ``time`` [s]; empty before the first."""
+        made = int(np.searchsorted(self.decided, time + 1e-9))
+        return self.reasons[made - 1] if made else ""
+
+    def path(self, row: int) -> FloatArray:
+        """The points (k, 3) of the path ahead in a cycle [m]; none while the tool stands."""
+        points = self.ahead[row]
+        moves = np.isfinite(points).all() and float(np.ptp(points, axis=0).max()) > 1e-4  # [m]
+        return points if moves else np.zeros((0, 3))
+
+    def belongs(self, rollout: Mapping[str, Any]) -> bool:
+        """Whether the arrays of a rollout are those of the same pick."""
+        return np.array_equal(self.last, rollout["q"][-1])
+
+    def words(self, row: int) -> str:
+        """Stage and plan of a cycle in words."""
+        stage = self.stages[row].replace("_", " ")
+        return f"{stage}, plan {self.plans[row]}" if self.plans[row] else stage
+
+
+def record_of(loop: Loop, points: int = POINTS) -> LoopRecord:
+    """The record of a pick in closed loop, with so many ``points`` of the path ahead."""
+    trace, robot = loop.trace, loop.run.robot
+    ids = tuple(dict.fromkeys(name for tracked in trace.tracks for name in tracked.ids))
+    column = {name: k for k, name in enumerate(ids)}
+    shape = len(trace.times), len(ids)
+    positions = np.full((*shape, 3), np.nan)
+    covariance = np.full((*shape, 3, 3), np.nan)
+    confirmed = np.zeros(shape, dtype=bool)
+    for row, tracked in enumerate(trace.tracks):
+        at = [column[name] for name in tracked.ids]
+        positions[row, at], covariance[row, at] = tracked.positions, tracked.covariance
+        confirmed[row, at] = tracked.confirmed
+    ahead = np.full((shape[0], points, 3), np.nan)
+    begins = np.array([stretch.begins for stretch in trace.stretches])
+    for row, time in enumerate(trace.times.tolist()):
+        running = int(np.searchsorted(begins, time + 1e-9)) - 1
+        if running >= 0:
+            q = _coming(trace.stretches[running], time, points)
+            ahead[row] = robot.tool_pose(q)[0]
+    events = loop.controller.events
+    return LoopRecord(
+        trace.times, tuple(str(stage) for stage in trace.stages), trace.plans, ids, positions,
+        covariance, confirmed, ahead, np.array([event.time for event in events], dtype=float),
+        tuple(str(event.stage) for event in events), tuple(event.why for event in events),
+        loop.run.rollout.q[-1],
+    )  # fmt: skip
+
+
+def _coming(stretch: Stretch, time: float, points: int) -> FloatArray:
+    """Configurations (points, n) of a curve from a ``time`` [s] to its end."""
+    now = min(max(time - stretch.begins, 0.0), stretch.curve.duration)
+    q: FloatArray = stretch.curve.sample(np.linspace(now, stretch.curve.duration, points))[0]
+    return q
+
+
+def write_loop(loop: Loop, folder: Path) -> str:
+    """Write ``loop.npz`` into a folder, whole or not at all; returns the file's name.
+
+    Raises:
+        InvalidRequestError: the file cannot be written.
+    """
+    record = record_of(loop)
+    arrays = {item.name: np.asarray(getattr(record, item.name)) for item in fields(LoopRecord)}
+    for name in ("stages", "ids", "begun", "reasons"):
+        arrays[name] = _strings(getattr(record, name))
+    write_atomically(folder / NAME, npz(arrays, compressed=True))
+    return NAME
+
+
+def _strings(words: Sequence[str]) -> NDArray[np.str_]:
+    return np.array(words, dtype=np.str_).reshape(len(words))
+
+
+def read_loop(path: Path) -> LoopRecord:
+    """The record in a file that :func:`write_loop` wrote.
+
+    Raises:
+        InvalidRequestError: the file is missing, damaged, or holds no such record.
+    """
+    found = read_npz(path)
+    words: dict[str, Any]
+    try:
+        words = {name: texts(found[name]) for name in ("stages", "ids", "begun", "reasons")}
+        numbers = {
+            name: np.asarray(found[name], dtype=kind)
+            for name, kind in (
+                ("times", float), ("plans", np.int64), ("positions", float),
+                ("covariance", float), ("confirmed", bool), ("ahead", float), ("decided", float),
+                ("last", float),
+            )
+        }  # fmt: skip
+    except (KeyError, TypeError, ValueError) as error:
+        raise InvalidRequestError(f"{path}: not a record of a closed loop ({error})") from None
+    cycles, fruits, decisions = (len(words[name]) for name in ("stages", "ids", "begun"))
+    shapes = {
+        "times": (cycles,), "plans": (cycles,), "positions": (cycles, fruits, 3),
+        "covariance": (cycles, fruits, 3, 3), "confirmed": (cycles, fruits),
+        "ahead": (cycles, POINTS, 3), "decided": (decisions,),
+    }  # fmt: skip
+    for name, shape in shapes.items():
+        if numbers[name].shape != shape or cycles == 0:
+            raise InvalidRequestError(
+                f"{path}: not a record of a closed loop ({name} has the shape "
+                f"{numbers[name].shape}, not {shape})"
+            )
+    if len(words["reasons"]) != decisions:
+        raise InvalidRequestError(f"{path}: not a record of a closed loop (reasons are missing)")
+    return LoopRecord(**{**words, **numbers})
+
+
+def ellipsoids(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Half axes (k, 3) [m] of one standard deviation, and rotations (k, 3, 3) of the ellipsoids of
+    covariances (k, 3, 3) [m²]."""
+    values, turns = np.linalg.eigh(covariance)
+    turns[np.linalg.det(turns) < 0.0, :, 0] *= -1.0
+    return np.sqrt(np.maximum(values, 1e-8)), turns  # [m²] at least 0.1 mm

@@ -1,0 +1,28 @@
+"""A pick in closed loop among swaying fruits, made once."""
+
+import functools
+from dataclasses import replace
+
+from optipromp.control.controller import Controller
+from optipromp.laboratory.generate import generate
+from optipromp.laboratory.simulation import (
+    DETECTORS,
+    Detector,
+    Eye,
+    Loop,
+    Simulation,
+    SimulationParameters,
+    closed_loop,
+)
+
+SWAY = 0.01  # [m]
+
+
+@functools.cache
+def swaying() -> Loop:
+    """One pick of a cluster that sways."""
+    scene, given = generate("cluster", 105), SimulationParameters()
+    given = replace(given, disturbance=replace(given.disturbance, sway=SWAY))
+    controller = Controller(scene)
+    eye = Eye(Detector(scene, controller.robot, DETECTORS["zero-mean"], 105))
+    return closed_loop(Simulation(scene, 105, given), controller, eye)
