@@ -22,6 +22,10 @@ class LoopParameters(Checked):
     )
     first_look: float = parameter(0.4, "s", "choice", "of looking from the start before a plan")
     look: float = parameter(0.5, "s", "choice", "of looking from the camera point")
+    settled: float = parameter(
+        0.004, "m", "choice", "standard deviation of rests with which a look from there is enough"
+    )
+    patient: float = parameter(2.5, "s", "choice", "longest look from there at a plant that sways")
     longest_look: float = parameter(
         3.0, "s", "choice", "of looking for a target that is not seen, then the run ends"
     )
@@ -34,9 +38,6 @@ class LoopParameters(Checked):
     )
     hopeless: float = parameter(
         4.2, "1", "choice", "the same of a push under way, with which the tool retreats"
-    )
-    back: float = parameter(
-        0.04, "m", "choice", "of a retreat, after which a target that is seen again ends it"
     )
     checked: float = parameter(
         0.1, "s", "choice", "shortest time between two predictions of the push under way"
@@ -57,13 +58,13 @@ class LoopParameters(Checked):
         (1.0, 1.3, 2.0, 3.0), "1", "choice", "tried factors of the time of the rest of a path"
     )
     tail: float = parameter(0.3, "s", "choice", "in which a curve comes to rest with the plant")
-    unsure: float = parameter(
-        0.012, "m", "choice", "standard deviation of the target's position beyond which it is lost"
-    )
-    last: float = parameter(
-        0.06, "m", "choice", "of the path, at whose begin a target that is lost ends the approach"
-    )
     hold: float = parameter(0.5, "s", "choice", "that the tool moves with the plant at the target")
+    stuck: float = parameter(
+        1.0,
+        "s",
+        "choice",
+        "of waiting for a course onto a route, which is then given up",
+    )
     retreat_speed: float = parameter(0.1, "m/s", "choice", "of the tool on its way back")
 
 

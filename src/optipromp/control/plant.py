@@ -62,14 +62,16 @@ def target_row(tracked: Tracked) -> int | None:
     return None
 
 
-def has_target(tracked: Tracked) -> bool:
-    """Whether a confirmed track is the target."""
-    return target_row(tracked) is not None
-
-
 def deviation(tracked: Tracked, row: int) -> float:
     """Largest standard deviation of the position of a track along any direction [m]."""
     return float(np.sqrt(np.linalg.eigvalsh(tracked.covariance[row])[-1]))
+
+
+def settled(tracked: Tracked, most: float) -> bool:
+    """Whether the rest of every fruit in view is known to a standard deviation ``most`` [m]."""
+    fresh = tracked.time - tracked.last_seen < 0.3  # [s] in view: a choice
+    spread = np.linalg.eigvalsh(tracked.rest_covariance[fresh & tracked.confirmed])
+    return bool(np.sqrt(spread.max(initial=0.0)) <= most)
 
 
 def displaced(planned: Scene, tracked: Tracked) -> tuple[FloatArray, FloatArray, list[int]]:

@@ -23,6 +23,7 @@ from optipromp.core.planning.result import Plan
 from optipromp.core.planning.timing import needs
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
 
 TRACKED = 2e-4  # [m] largest error of a followed tool point: a choice
@@ -63,6 +64,7 @@ class Route:
         trajectory: T waypoints.
         points, axes: (T, 3) of the tool.
         weight: (T,) share of the plant's displacement.
+        scene: of the plan.
     """
 
     robot: Robot
@@ -70,21 +72,35 @@ class Route:
     points: FloatArray
     axes: FloatArray
     weight: FloatArray
+    scene: Scene
     plan: Plan | None = None
 
     @classmethod
-    def of(cls, robot: Robot, trajectory: Trajectory, first: int, plan: Plan | None) -> Route:
+    def of(cls, plan: Plan) -> Route:
+        """The route of a plan."""
+        return cls._made(plan.robot, plan.trajectory, plan.first, plan.scene, plan)
+
+    @classmethod
+    def back(cls, robot: Robot, trajectory: Trajectory, scene: Scene) -> Route:
+        """The route of a way back, that was planned in a ``scene``."""
+        return cls._made(robot, trajectory, 0, scene, None)
+
+    @classmethod
+    def _made(
+        cls, robot: Robot, trajectory: Trajectory, first: int, scene: Scene, plan: Plan | None
+    ) -> Route:
         """The route of a trajectory whose approach begins at waypoint ``first``."""
         points, axes = robot.tool_pose(trajectory.positions)
         begin = float(trajectory.times[first])
         share = np.clip(trajectory.times / begin, 0.0, 1.0) if begin > 0.0 else 1.0
         weight = np.broadcast_to(share * share * (3.0 - 2.0 * share), len(points))
-        return cls(robot, trajectory, points, axes, frozen(weight), plan)
+        return cls(robot, trajectory, points, axes, frozen(weight), scene, plan)
 
-    def left(self, phase: float) -> float:
-        """Straight distance of the tool from ``phase`` [s] to the end of the route [m]."""
-        row = min(int(np.searchsorted(self.trajectory.times, phase)), len(self.points) - 1)
-        return float(np.linalg.norm(self.points[-1] - self.points[row]))
+    @property
+    def approach(self) -> float:
+        """Time in the route at which the approach begins [s]."""
+        first = 0 if self.plan is None else self.plan.first
+        return float(self.trajectory.times[first])
 
     @property
     def duration(self) -> float:
@@ -100,8 +116,7 @@ class Course:
         curve: of the arm, from the state at ``begins`` to rest.
         begins: time of its first row [s].
         phase: time in the route at ``begins`` [s].
-        rate: time of the curve over time of the route.
-        moved: (F, 3) displacements of the field at its making; see :class:`Displacement`.
+        rate: time of the curve over time of the route; infinite for an arm that waits.
     """
 
     curve: Trajectory

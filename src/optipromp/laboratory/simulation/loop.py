@@ -86,7 +86,10 @@ def closed_loop(simulation: Simulation, controller: Controller, eye: Eye) -> Loo
     times, stages, looks, tracks, stretches, plans = [], [], [], [], [], []
     state = simulation.state()
     reference = State(state.q)
-    while simulation.time < LONGEST:
+    for _ in range(round(simulation.parameters.engine.settle / simulation.tick)):
+        state = simulation.step(reference)
+    begin = simulation.time
+    while simulation.time < begin + LONGEST:
         now, fruits = simulation.time, simulation.fruits()
         eye.see(
             now, state.q, Truth(fruits.ids, fruits.positions, fruits.rotations, fruits.stem_ends)
