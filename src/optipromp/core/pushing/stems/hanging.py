@@ -11,7 +11,7 @@ from optipromp.core.geometry.obstacles import near
 from optipromp.core.pushing.model import Moved, PushModel
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP
-from optipromp.core.pushing.stems.bending import Stems, balls_of
+from optipromp.core.pushing.stems.bending import Stems, balls_of, stems
 from optipromp.core.pushing.stems.cup import Mouth
 from optipromp.core.pushing.stems.harm import BRIEFLY, Harm, score_of
 from optipromp.core.pushing.stems.paths import PathsPast
@@ -75,6 +75,7 @@ class Hanging(PushModel):
         self.threshold = self.calibration.allowed(risk)
         self.searched = HANGING.screened_states if detected else HANGING.screened_known
         self.states = HANGING.detected_states if detected else HANGING.states
+        self._up = np.asarray(scene.up)
         self.stems = sampled(fruits, self.searched, self.states, tuple(scene.up.tolist()))
         self.candidates = PathsPast(
             scene, neighbours, self.cup, (self.static, avoid), camera, gripper_radius, self.searched
@@ -102,9 +103,16 @@ class Hanging(PushModel):
             step()
         return total / states
 
-    def led(self, state: int, points: FloatArray, axes: FloatArray) -> Led:
-        """Effect of a motion of the tool on the fruits in one state."""
-        return led(self._some(state, 1), *_steps(points, axes), self.cup, self.static)
+    def led(self, state: int, points: FloatArray, axes: FloatArray, factor: float = 1.0) -> Led:
+        """Effect of a motion of the tool on the fruits in one state.
+
+        ``factor``: stiffness of all stems over that of the state.
+        """
+        some = self._some(state, 1)
+        if factor != 1.0:
+            other = stems(self.fruits, self._up, factor)
+            some = some._replace(stiffness=other.stiffness, compliance=other.compliance)
+        return led(some, *_steps(points, axes), self.cup, self.static)
 
     def clear(self, points: FloatArray, axes: FloatArray) -> bool:
         """See :class:`PushModel`; in any state."""
@@ -152,10 +160,10 @@ class Hanging(PushModel):
         forces = self.led(0, points, axes).on_fruits.tolist()
         return {fruit.id: force for fruit, force in zip(self.fruits[1:], forces[1:], strict=True)}
 
-    def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
+    def moved(self, points: FloatArray, axes: FloatArray, factor: float = 1.0) -> Moved:
         """See :class:`PushModel`."""
         began = np.array([balls_of(fruit).center for fruit in self.fruits])
-        gone = self.led(0, points, axes).positions[-1] - began
+        gone = self.led(0, points, axes, factor).positions[-1] - began
         before = np.array([fruit.position for fruit in self.fruits])
         ids = tuple(fruit.id for fruit in self.fruits)
         return Moved(ids, before + gone, np.zeros(self.count))
