@@ -22,17 +22,16 @@ from optipromp.control.plant import (
     changed,
     deviation,
     displaced,
-    motion_of,
+    gave_way,
     pushed_by,
     scene_of,
-    seen_pushed,
     settled,
     target_row,
 )
 from optipromp.control.servo import Route
 from optipromp.control.slices import Sliced
 from optipromp.control.stages import Decision, LoopStage, excess, with_covariance
-from optipromp.control.stiffness import Stiffness, by_places, by_wrench
+from optipromp.control.stiffness import Stiffness, by_wrench
 from optipromp.control.tracked import Tracked
 from optipromp.control.tracker import Tracker
 from optipromp.core.arrays import FloatArray
@@ -327,26 +326,19 @@ class Controller:
         return (known, known.factor) if known.spread < self.parameters.told else (None, 1.0)
 
     def _learn(self, look: Look, pushed: dict[str, FloatArray]) -> None:
-        """Learn the stems' stiffness from how the pushed fruits gave way."""
+        """Learn the stems' stiffness from the force at the tool and from how fruits gave way."""
         p, route = self.parameters, self._driver.route
-        away = {name: by for name, by in pushed.items() if np.linalg.norm(by) >= p.yielded}
-        if not away or route is None or route.plan is None:
+        if self._force is None or route is None or not pushed:
             return
-        phase = self._driver.phase(look.time)
-        motion = motion_of(route, phase)
-        model = route.plan.push_model
-        if motion is None or model is None:
+        point, _ = self.robot.tool_pose(self._driver.state(look.time).q)
+        if np.linalg.norm(point - self._learnt_at) < p.learnt:
             return
-        if np.linalg.norm(motion[0][-1] - self._learnt_at) < p.learnt:
-            return
-        self._learnt_at = motion[0][-1]
-        seen = seen_pushed(route.scene, look, self.tracker.at(look.time), away, p.reach)
-        square = by_places(model, motion, self._factor, seen, p)
-        if self._force is not None:
-            fruits = {item.id: item for item in route.scene.objects if item.stem is not None}
-            forced = [(fruits[name], by) for name, by in away.items() if name in fruits]
-            square = square + by_wrench(forced, self._factor, self._force, self.scene.up, p)
-        self.stiffness = self.stiffness.after(square)
+        tracked = self.tracker.at(look.time)
+        given = gave_way(route.scene, look, tracked, pushed, p)
+        if given:
+            self._learnt_at = point
+            square = by_wrench(given, self._factor, self._force, self.scene.up, p)
+            self.stiffness = self.stiffness.after(square)
 
     # -- plans
 

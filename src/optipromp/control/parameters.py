@@ -34,7 +34,7 @@ class LoopParameters(Checked):
     )
     tries: int = parameter(3, "1", "choice", "looks again, after a retreat or a refused plan")
     accepted: float = parameter(
-        3.3, "1", "choice", "predicted harm over that of a success with which the last try begins"
+        2.5, "1", "choice", "predicted harm over that of a success with which the last try begins"
     )
     hopeless: float = parameter(
         4.2, "1", "choice", "the same of a push under way, with which the tool retreats"
@@ -58,9 +58,6 @@ class LoopParameters(Checked):
         (1.0, 1.3, 2.0, 3.0), "1", "choice", "tried factors of the time of the rest of a path"
     )
     tail: float = parameter(0.3, "s", "choice", "in which a curve comes to rest with the plant")
-    place: float = parameter(
-        0.008, "m", "guess", "deviation of a pushed fruit from where the push model has it"
-    )
     felt: float = parameter(
         0.3, "N", "guess", "deviation of the force on the tool from that of the push model's stems"
     )

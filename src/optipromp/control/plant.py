@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from optipromp.control.look import Look
+from optipromp.control.parameters import LoopParameters
 from optipromp.control.servo import Displacement, Route
 from optipromp.control.stiffness import Stiffness
 from optipromp.core.arrays import FloatArray
@@ -142,26 +143,27 @@ def pushed_by(route: Route, phase: float) -> dict[str, FloatArray]:
     }
 
 
-def seen_pushed(
-    scene: Scene, look: Look, tracked: Tracked, pushed: Mapping[str, FloatArray], reach: float
-) -> dict[str, FloatArray]:
-    """Where a look shows the pushed fruits, in the frame of a plan's scene, by id [m].
+def gave_way(
+    scene: Scene, look: Look, tracked: Tracked, pushed: Mapping[str, FloatArray],
+    parameters: LoopParameters,
+) -> list[tuple[SceneObject, FloatArray]]:  # fmt: skip
+    """The pushed fruits of a plan's scene that a look shows, and their displacements (3,) [m].
 
     Args:
         scene: of the plan.
         look: from which detections are taken.
         tracked: the fruits at the time of the look.
-        pushed: displacement (3,) of the fruits that count, by id [m].
-        reach: largest distance of a detection from its fruit [m].
+        pushed: predicted displacement (3,) of fruits, by id [m].
+        parameters: with the least displacement that counts, and the reach of a detection.
     """
-    places = {item.id: item.position for item in scene.objects}
+    fruits = {item.id: item for item in scene.objects if item.stem is not None}
     found = np.array([item.position for item in look.in_base()]).reshape(-1, 3)
-    out = {}
+    out = []
     for row, name in enumerate(tracked.ids):
-        if name not in pushed or name not in places or not len(found):
+        if name not in pushed or name not in fruits or not len(found):
             continue
         away = np.linalg.norm(found - tracked.positions[row], axis=1)
-        if away.min() <= reach:
-            unpushed = tracked.positions[row] - pushed[name]
-            out[name] = places[name] + found[int(away.argmin())] - unpushed
+        by = found[int(away.argmin())] - (tracked.positions[row] - pushed[name])
+        if away.min() <= parameters.reach and np.linalg.norm(by) >= parameters.yielded:
+            out.append((fruits[name], by))
     return out

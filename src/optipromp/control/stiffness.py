@@ -1,18 +1,19 @@
 r"""How stiff the stems are: learnt from how fruits give way, and from the wrench at the tool.
 
 The stems of a plant are alike, so one factor :math:`\lambda` multiplies the stiffness that the push
-model assumes for each. The belief is a probability of each of some factors. Two observations
-change it:
+model assumes for each. The belief is a probability of each of some factors. The tool feels
 
-- fruits that the tool pushes stand where the push model has them for the true factor;
-- the tool feels :math:`F = \sum_i d_i / c_i(\lambda)` across the vertical, with the displacement
-  :math:`d_i` of each pushed fruit and the compliance :math:`c_i` of its stem at the fruit.
+.. math:: F = \sum_i d_i / c_i(\lambda)
+
+across the vertical, with the displacement :math:`d_i` of each pushed fruit, as it is seen, and the
+compliance :math:`c_i` of its stem at the fruit. Places alone tell nothing: a fruit that the tool
+pushes stands where the tool holds it, whatever its stem.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -20,7 +21,6 @@ import numpy as np
 
 from optipromp.control.parameters import LoopParameters
 from optipromp.core.arrays import FloatArray, frozen
-from optipromp.core.pushing.model import PushModel
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems.bending import stems
 from optipromp.core.scenes.objects import SceneObject
@@ -81,31 +81,6 @@ def assumed(item: SceneObject, up: FloatArray) -> float:
     mass = item.physical.get("mass", beam.fruit_density * item.shape.volume)
     implied = 0.5 * mass * beam.gravity * lean * length**2 / beam.grown_turn
     return max(beam.youngs_modulus * math.pi / 64.0 * beam.diameter**4, implied)
-
-
-def by_places(
-    model: PushModel,
-    motion: tuple[FloatArray, FloatArray],
-    base: float,
-    seen: Mapping[str, FloatArray],
-    parameters: LoopParameters,
-) -> FloatArray:
-    """Squared errors (K,) of the places of pushed fruits.
-
-    Args:
-        model: of the push; its stems are ``base`` times as stiff as assumed.
-        motion: points and axes (P, 3) of the tool so far.
-        base: factor of the model's stems.
-        seen: positions (3,) of fruits by id, in the frame of the model's scene [m].
-        parameters: with the deviation of a place.
-    """
-    out = np.zeros(len(FACTORS))
-    for k, factor in enumerate(FACTORS):
-        found = model.moved(*motion, float(factor) / base)
-        places = dict(zip(found.ids, found.positions, strict=True))
-        off = [places[name] - at for name, at in seen.items() if name in places]
-        out[k] = np.square(np.reshape(off, -1)).sum() / parameters.place**2
-    return out
 
 
 def by_wrench(

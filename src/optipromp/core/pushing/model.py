@@ -80,11 +80,8 @@ class PushModel(ABC):
         return {}
 
     @abstractmethod
-    def moved(self, points: FloatArray, axes: FloatArray, factor: float = 1.0) -> Moved:
-        """Final poses of the objects of the perceived state, after a motion through the points.
-
-        ``factor``: stiffness of all stems over that of the model.
-        """
+    def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
+        """Final poses of the objects of the perceived state, after a motion through the points."""
 
 
 class _Guided(PushModel):
@@ -134,9 +131,9 @@ class Combined(_Guided):
         """See :class:`PushModel`; of all models."""
         return {k: f for model in self.models for k, f in model.forces(points, axes).items()}
 
-    def moved(self, points: FloatArray, axes: FloatArray, factor: float = 1.0) -> Moved:
+    def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
         """See :class:`PushModel`; for an object of several models, the last model counts."""
-        found = [model.moved(points, axes, factor) for model in self.models]
+        found = [model.moved(points, axes) for model in self.models]
         names = [name for one in found for name in one.ids]
         rows = list({name: row for row, name in enumerate(names)}.values())
         return Moved(
@@ -178,6 +175,6 @@ class Continued(_Guided):
         """See :class:`PushModel`; of the whole motion."""
         return self.lead.forces(*self._whole(points, axes))
 
-    def moved(self, points: FloatArray, axes: FloatArray, factor: float = 1.0) -> Moved:
+    def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
         """See :class:`PushModel`; by the whole motion."""
-        return self.lead.moved(*self._whole(points, axes), factor)
+        return self.lead.moved(*self._whole(points, axes))

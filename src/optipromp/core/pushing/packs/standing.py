@@ -131,8 +131,8 @@ class Standing(PushModel):
         _, name, cause = max(costs)
         return name, cause
 
-    def moved(self, points: FloatArray, axes: FloatArray, factor: float = 1.0) -> Moved:
-        """See :class:`PushModel`; packs have no stems."""
+    def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
+        """See :class:`PushModel`."""
         flat = (points - self.target) @ self._flat
         end = self._end(trials.stepped(flat), 0)
         shift = (end.state - self._places[0])[:, :2] @ self._flat.T
