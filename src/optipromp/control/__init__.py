@@ -1,10 +1,10 @@
 """The closed loop: looks are tracked, and the arm's curve is planned again while it moves."""
 
 from optipromp.control.controller import Controller as Controller
-from optipromp.control.controller import Decision as Decision
-from optipromp.control.controller import LoopStage as LoopStage
 from optipromp.control.look import Look as Look
 from optipromp.control.parameters import LoopParameters as LoopParameters
+from optipromp.control.stages import Decision as Decision
+from optipromp.control.stages import LoopStage as LoopStage
 from optipromp.control.tracked import Innovations as Innovations
 from optipromp.control.tracked import Tracked as Tracked
 from optipromp.control.tracker import Tracker as Tracker

@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import math
 import time as wall
-from dataclasses import dataclass, replace
-from enum import StrEnum
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from optipromp.control.plant import (
     changed,
     deviation,
     displaced,
+    gave_way,
     pushed_by,
     scene_of,
     settled,
@@ -30,38 +30,21 @@ from optipromp.control.plant import (
 )
 from optipromp.control.servo import Route
 from optipromp.control.slices import Sliced
+from optipromp.control.stages import Decision, LoopStage, excess, with_covariance
+from optipromp.control.stiffness import Stiffness, by_wrench
 from optipromp.control.tracked import Tracked
 from optipromp.control.tracker import Tracker
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import Code, OptiPrompError
+from optipromp.core.errors import OptiPrompError
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning import Plan, plan
 from optipromp.core.planning.plan import compile_once
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
 
 BRAKING = 0.15  # [s] before the approach, at which the tool begins to stop and look: a choice
-
-
-class LoopStage(StrEnum):
-    """What the controller does."""
-
-    LOOK = "look"  # it stands and looks, or plans
-    GO = "go"  # the tool follows a plan, moved with the plant
-    RETREAT = "retreat"  # the tool goes back along its path
-    DONE = "done"  # the tool is at the target
-    GAVE_UP = "gave_up"  # the tool stands away from the fruits
-
-
-@dataclass(frozen=True)
-class Decision:
-    """A decision: its time by the controller's clock [s], the stage that begins, and the reason."""
-
-    time: float
-    stage: LoopStage
-    why: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +52,11 @@ class _Job:
     """A plan in the making.
 
     ``at`` is the phase of the running route in whose state it begins [s], ``takeover`` the time of
-    that state [s].
+    that state [s], and ``factor`` the stiffness of its stems over the assumed one.
     """
 
     work: Sliced[Plan | OptiPrompError]
+    factor: float
     at: float = 0.0
     takeover: float = 0.0
 
@@ -95,6 +79,7 @@ class Controller:
         events: all decisions so far.
         cycles: wall time of each cycle [s].
         tracker: of the fruits.
+        stiffness: what the pushes so far told of the stems.
         plans: the plans that were followed.
     """
 
@@ -112,9 +97,10 @@ class Controller:
         self.robot, state = posed(scene, robot)
         self.scene, self.seed, self.parameters, self.servo = scene, seed, parameters, servo
         known = [item for item in scene.objects if item.role in ("target", "pushable")]
-        self.tracker = Tracker(scene, first=[_sure(item, parameters) for item in known])
+        self.tracker = Tracker(scene, first=[with_covariance(item, parameters) for item in known])
         self.stage, self.events, self.cycles = LoopStage.LOOK, list[Decision](), list[float]()
         self.plans: list[Plan] = []
+        self.stiffness = Stiffness.prior()
         self.tries = parameters.tries
         self._driver = Driver(scene, self.robot, state, parameters)
         self._seconds = parameters.slice_seconds if real_time else math.inf
@@ -123,11 +109,21 @@ class Controller:
         self._since, self._seen = 0.0, 0  # begin of the stage, and looks since
         self._job: _Job | None = None
         self._checked = -math.inf
+        self._factor = 1.0  # of the stems in the plan that is followed
+        self._force: FloatArray | None = None
+        self._learnt_at = np.full(3, np.inf)  # tool point of the last observation of the stems
         self._trail: list[FloatArray] = []  # (k, n) configurations on the way from the camera
 
     def see(self, look: Look) -> None:
         """Take a look in; looks may come late and out of order."""
         self._inbox.append(look)
+
+    def feel(self, force: FloatArray) -> None:
+        """Take in the force (3,) of the world on the tool, without gravity, in the base frame [N].
+
+        For arms that report one, in every cycle.
+        """
+        self._force = np.asarray(force, dtype=np.float64)
 
     @property
     def ended(self) -> bool:
@@ -149,7 +145,9 @@ class Controller:
         began = wall.perf_counter()
         self._driver.stands_at(reference.q)
         for look in self._inbox:
-            self.tracker.add(look, self._pushed(look.time))
+            pushed = self._pushed(look.time)
+            self.tracker.add(look, pushed)
+            self._learn(look, pushed)
             self._seen += look.time >= self._since
         self._inbox.clear()
         tracked = self.tracker.at(time)
@@ -178,7 +176,10 @@ class Controller:
                     self._enter(LoopStage.GAVE_UP, now, "the target is not seen")
                 return None
             begin = State(self._driver.state(now).q)
-            self._job = _Job(self._planning(scene_of(self.scene, tracked), start_state=begin))
+            stems, factor = self._stems()
+            scene = scene_of(self.scene, tracked, None, stems)
+            self._job = _Job(self._planning(scene, start_state=begin), factor)
+        factor = self._job.factor
         made = self._worked()
         if made is None:
             return None
@@ -189,7 +190,7 @@ class Controller:
         ):
             self._again(now, f"no plan: {made.message}")
             return None
-        self._trail = []
+        self._trail, self._factor = [], factor
         self.plans.append(made)
         self._enter(LoopStage.GO, now, f"{made.status}, {harm:.2f} of the harm that is allowed")
         self._driver.blind = self._at_camera and not self.servo
@@ -280,10 +281,12 @@ class Controller:
             if changed(made.scene, tracked) < p.changed:
                 return None
             _, moved, _ = displaced(made.scene, tracked)
-            scene = scene_of(self.scene, tracked, moved.mean(axis=0) if len(moved) else None)
+            stems, factor = self._stems()
+            offset = moved.mean(axis=0) if len(moved) else None
+            scene = scene_of(self.scene, tracked, offset, stems)
             at = phase + p.allowance
             work = self._planning(scene, previous=made, at=at, unpushed=True)
-            self._job = _Job(work, at, now + p.lead + p.allowance)
+            self._job = _Job(work, factor, at, now + p.lead + p.allowance)
             self._checked = now
         job = self._job
         found = self._worked()
@@ -298,6 +301,7 @@ class Controller:
             rows = made.trajectory.times <= job.at
             self._trail.append(made.trajectory.positions[rows])
             self.plans.append(found)
+            self._factor = job.factor
         return taken
 
     def _retreat(self, now: float, tracked: Tracked, phase: float, why: str) -> Stretch:
@@ -313,6 +317,28 @@ class Controller:
         self._driver.blind = False
         back = way_back(self.robot, q, self.parameters.retreat_speed)
         return self._driver.set_out(Route.back(self.robot, back, route.scene), now, tracked)
+
+    # -- the stems
+
+    def _stems(self) -> tuple[Stiffness | None, float]:
+        """What plans are told of the stems, and the factor in it."""
+        known = self.stiffness
+        return (known, known.factor) if known.spread < self.parameters.told else (None, 1.0)
+
+    def _learn(self, look: Look, pushed: dict[str, FloatArray]) -> None:
+        """Learn the stems' stiffness from the force at the tool and from how fruits gave way."""
+        p, route = self.parameters, self._driver.route
+        if self._force is None or route is None or not pushed:
+            return
+        point, _ = self.robot.tool_pose(self._driver.state(look.time).q)
+        if np.linalg.norm(point - self._learnt_at) < p.learnt:
+            return
+        tracked = self.tracker.at(look.time)
+        given = gave_way(route.scene, look, tracked, pushed, p)
+        if given:
+            self._learnt_at = point
+            square = by_wrench(given, self._factor, self._force, self.scene.up, p)
+            self.stiffness = self.stiffness.after(square)
 
     # -- plans
 
@@ -340,17 +366,3 @@ class Controller:
         if route is None or route.plan is None or self.stage is not LoopStage.GO:
             return {}
         return pushed_by(route, self._driver.phase(time))
-
-
-def _sure(item: SceneObject, parameters: LoopParameters) -> SceneObject:
-    """A fruit that was seen before, with a covariance."""
-    if item.covariance is not None:
-        return item
-    return replace(item, covariance=parameters.known**2 * np.eye(3))
-
-
-def excess(made: Plan | OptiPrompError) -> float:
-    """Predicted harm over what a success may have; 0 without a model, infinite without a motion."""
-    if isinstance(made, OptiPrompError) or made.status not in (Code.SUCCESS, Code.HARM_PREDICTED):
-        return math.inf
-    return 0.0 if made.prediction is None else made.prediction.harm / made.prediction.threshold

@@ -34,7 +34,7 @@ class LoopParameters(Checked):
     )
     tries: int = parameter(3, "1", "choice", "looks again, after a retreat or a refused plan")
     accepted: float = parameter(
-        3.3, "1", "choice", "predicted harm over that of a success with which the last try begins"
+        2.5, "1", "choice", "predicted harm over that of a success with which the last try begins"
     )
     hopeless: float = parameter(
         4.2, "1", "choice", "the same of a push under way, with which the tool retreats"
@@ -58,6 +58,21 @@ class LoopParameters(Checked):
         (1.0, 1.3, 2.0, 3.0), "1", "choice", "tried factors of the time of the rest of a path"
     )
     tail: float = parameter(0.3, "s", "choice", "in which a curve comes to rest with the plant")
+    felt: float = parameter(
+        0.3, "N", "guess", "deviation of the force on the tool from that of the push model's stems"
+    )
+    learnt: float = parameter(
+        0.01, "m", "choice", "of the tool's path between two observations of the stems' stiffness"
+    )
+    reach: float = parameter(
+        0.025, "m", "choice", "largest distance of a pushed fruit's detection from its track"
+    )
+    told: float = parameter(
+        1.8, "1", "choice", "spread of the stems' stiffness below which plans are told of it"
+    )
+    yielded: float = parameter(
+        0.006, "m", "choice", "least displacement of a fruit that tells of its stem"
+    )
     hold: float = parameter(0.5, "s", "choice", "that the tool moves with the plant at the target")
     stuck: float = parameter(
         1.0,

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from optipromp.control.look import Look
+from optipromp.control.parameters import LoopParameters
 from optipromp.control.servo import Displacement, Route
+from optipromp.control.stiffness import Stiffness
 from optipromp.core.arrays import FloatArray
 from optipromp.core.planning.task import spaced
 from optipromp.core.scenes.scene import Scene, SceneObject, Stem
@@ -17,17 +21,22 @@ if TYPE_CHECKING:
     from optipromp.control.tracked import Tracked
 
 
-def scene_of(base: Scene, tracked: Tracked, offset: FloatArray | None = None) -> Scene:
+def scene_of(
+    base: Scene, tracked: Tracked, offset: FloatArray | None = None, stems: Stiffness | None = None
+) -> Scene:
     """The scene to plan in: what stands still in ``base``, and the tracked fruits at rest.
 
     Args:
         base: the scene with robot, tool, approach, and objects that stand still.
         tracked: the fruits.
         offset: (3,) common displacement that is left out [m]; None: none.
+        stems: what is believed of their stiffness; None: as the push model assumes.
     """
     still = tuple(item for item in base.objects if item.role in ("static", "avoid"))
     grown = {item.id: item.stem for item in base.objects if item.stem is not None}
     seen = [_as_grown(item, grown.get(item.id)) for item in tracked.objects()]
+    if stems is not None:
+        seen = [stems.told(item, base.up) for item in seen]
     if offset is not None:
         seen = [shifted(item, -offset) for item in seen]
     return replace(base, objects=rooted([*still, *seen]), goal=None)
@@ -103,23 +112,58 @@ def changed(planned: Scene, tracked: Tracked) -> float:
     return float(np.linalg.norm(moved - moved.mean(axis=0), axis=1).max(initial=0.0))
 
 
+def motion_of(route: Route, phase: float) -> tuple[FloatArray, FloatArray] | None:
+    """Points and axes (P, 3) of the tool on the approach of a route until ``phase`` [s].
+
+    None before the approach, and while the tool surely touches nothing.
+    """
+    made, times = route.plan, route.trajectory.times
+    model = None if made is None else made.push_model
+    if model is None:
+        return None
+    rows = np.flatnonzero((times >= route.approach) & (times <= phase))
+    if len(rows) < 2:
+        return None
+    motion = spaced(route.points[rows], route.axes[rows])
+    return None if model.clear(*motion) else motion
+
+
 def pushed_by(route: Route, phase: float) -> dict[str, FloatArray]:
     """Displacement (3,) of each fruit by the push of a route until ``phase`` [m], by id."""
-    made = route.plan
-    model = None if made is None else made.push_model
-    if made is None or model is None:
+    motion = motion_of(route, phase)
+    if motion is None:
         return {}
-    first = float(route.trajectory.times[made.first])
-    times = route.trajectory.times
-    rows = np.flatnonzero((times >= first) & (times <= phase))
-    if len(rows) < 2:
-        return {}
-    points, axes = spaced(route.points[rows], route.axes[rows])
-    if model.clear(points, axes):
-        return {}
-    found = model.moved(points, axes)
-    places = {item.id: item.position for item in made.scene.objects}
+    assert route.plan is not None
+    assert route.plan.push_model is not None
+    found = route.plan.push_model.moved(*motion)
+    places = {item.id: item.position for item in route.scene.objects}
     return {
         name: position - places[name]
         for name, position in zip(found.ids, found.positions, strict=True)
     }
+
+
+def gave_way(
+    scene: Scene, look: Look, tracked: Tracked, pushed: Mapping[str, FloatArray],
+    parameters: LoopParameters,
+) -> list[tuple[SceneObject, FloatArray]]:  # fmt: skip
+    """The pushed fruits of a plan's scene that a look shows, and their displacements (3,) [m].
+
+    Args:
+        scene: of the plan.
+        look: from which detections are taken.
+        tracked: the fruits at the time of the look.
+        pushed: predicted displacement (3,) of fruits, by id [m].
+        parameters: with the least displacement that counts, and the reach of a detection.
+    """
+    fruits = {item.id: item for item in scene.objects if item.stem is not None}
+    found = np.array([item.position for item in look.in_base()]).reshape(-1, 3)
+    out = []
+    for row, name in enumerate(tracked.ids):
+        if name not in pushed or name not in fruits or not len(found):
+            continue
+        away = np.linalg.norm(found - tracked.positions[row], axis=1)
+        by = found[int(away.argmin())] - (tracked.positions[row] - pushed[name])
+        if away.min() <= parameters.reach and np.linalg.norm(by) >= parameters.yielded:
+            out.append((fruits[name], by))
+    return out

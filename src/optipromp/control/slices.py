@@ -77,8 +77,8 @@ class Sliced(Generic[T]):
         self.done = True
         self._back.release()
 
-    def _wait(self) -> None:
-        self._steps -= 1
+    def _wait(self, weight: int) -> None:
+        self._steps -= weight
         if self._steps > 0 and time.perf_counter() < self._until:
             return
         began = time.perf_counter()

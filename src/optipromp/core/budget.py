@@ -32,7 +32,7 @@ def check_memory() -> None:
 
 class _Thread(threading.local):
     paused = 0.0
-    between: Callable[[], object] | None = None
+    between: Callable[[int], object] | None = None
 
 
 _thread = _Thread()
@@ -48,18 +48,18 @@ def pause(seconds: float) -> None:
     _thread.paused += seconds
 
 
-def between_steps(call: Callable[[], object] | None) -> None:
-    """Set a function that this thread calls at every :func:`step`; None: no function.
+def between_steps(call: Callable[[int], object] | None) -> None:
+    """Set a function that this thread calls at every :func:`step` with its weight; None: none.
 
     A thread that works in slices waits there for its next slice.
     """
     _thread.between = call
 
 
-def step() -> None:
-    """A place at which the work of this thread may wait."""
+def step(weight: int = 1) -> None:
+    """A place at which the work of this thread may wait, after work of ``weight`` steps."""
     if _thread.between is not None:
-        _thread.between()
+        _thread.between(weight)
 
 
 @dataclass

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from optipromp.control.controller import Controller, LoopStage
+from optipromp.control.controller import Controller
 from optipromp.control.look import Look
+from optipromp.control.stages import LoopStage
 from optipromp.control.tracked import Tracked
 from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.errors import ExecutionError
@@ -72,13 +73,16 @@ class Loop:
         return "gave_up" if self.stage is LoopStage.GAVE_UP else "missed"
 
 
-def closed_loop(simulation: Simulation, controller: Controller, eye: Eye) -> Loop:
+def closed_loop(
+    simulation: Simulation, controller: Controller, eye: Eye, *, wrench: bool = False
+) -> Loop:
     """Let the controller pick in the simulation until it ends, and judge what happened.
 
     Args:
         simulation: of the true scene, with its disturbances.
         controller: of the same robot.
         eye: the camera.
+        wrench: whether the arm reports the force on its tool.
     """
     began = wall.perf_counter()
     cycle = round(controller.parameters.period / simulation.tick)
@@ -97,6 +101,8 @@ def closed_loop(simulation: Simulation, controller: Controller, eye: Eye) -> Loo
         for look in eye.delivered(now):
             controller.see(look)
             looks.append(look)
+        if wrench:
+            controller.feel(simulation.wrench()[:3])
         stretch = controller(now, state, reference)
         if stretch is not None:
             line.coming.append(stretch)
