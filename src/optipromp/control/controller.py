@@ -27,6 +27,7 @@ from optipromp.control.plant import (
     scene_of,
     settled,
     target_row,
+    unseen,
 )
 from optipromp.control.servo import Route
 from optipromp.control.slices import Sliced
@@ -106,6 +107,7 @@ class Controller:
         self._seconds = parameters.slice_seconds if real_time else math.inf
         self._known, self._at_camera = bool(known), False
         self._inbox: list[Look] = []
+        self._eye: FloatArray | None = None  # place of the camera at the last look
         self._since, self._seen = 0.0, 0  # begin of the stage, and looks since
         self._job: _Job | None = None
         self._checked = -math.inf
@@ -148,6 +150,7 @@ class Controller:
             pushed = self._pushed(look.time)
             self.tracker.add(look, pushed)
             self._learn(look, pushed)
+            self._eye = look.camera.position
             self._seen += look.time >= self._since
         self._inbox.clear()
         tracked = self.tracker.at(time)
@@ -192,7 +195,11 @@ class Controller:
             return None
         self._trail, self._factor = [], factor
         self.plans.append(made)
-        self._enter(LoopStage.GO, now, f"{made.status}, {harm:.2f} of the harm that is allowed")
+        why = f"{made.status}, {harm:.2f} of the harm that is allowed"
+        if self._eye is not None and (missing := unseen(tracked, self._eye, self._since)):
+            names = (f"{a} (behind {b})" if b else a for a, b in missing.items())
+            why += f"; not seen from here: {', '.join(names)}"
+        self._enter(LoopStage.GO, now, why)
         self._driver.blind = self._at_camera and not self.servo
         return self._driver.set_out(Route.of(made), now, tracked)
 

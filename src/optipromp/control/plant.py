@@ -78,6 +78,27 @@ def deviation(tracked: Tracked, row: int) -> float:
     return float(np.sqrt(np.linalg.eigvalsh(tracked.covariance[row])[-1]))
 
 
+def unseen(tracked: Tracked, eye: FloatArray, since: float) -> dict[str, str | None]:
+    """The confirmed fruits that no look has shown ``since`` a time [s], and what hides each.
+
+    What hides a fruit is the track nearest to the ray to it from the ``eye`` (3,), where that track
+    covers the ray; None: nothing that is tracked.
+    """
+    radii = np.array([shape.measure.bound for shape in tracked.shapes])
+    out: dict[str, str | None] = {}
+    for row in np.flatnonzero(tracked.confirmed & (tracked.last_seen < since)).tolist():
+        way = tracked.positions[row] - eye
+        far = float(np.linalg.norm(way))
+        others = tracked.positions - eye
+        along = others @ way / far
+        aside = np.linalg.norm(others - along[:, None] * way / far, axis=1)
+        covers = (aside < radii) & (along > 0.0) & (along < far - radii[row])
+        covers[row] = False
+        nearest = int(np.argmin(np.where(covers, aside, np.inf)))
+        out[tracked.ids[row]] = tracked.ids[nearest] if covers.any() else None
+    return out
+
+
 def settled(tracked: Tracked, most: float) -> bool:
     """Whether the rest of every fruit in view is known to a standard deviation ``most`` [m]."""
     fresh = tracked.time - tracked.last_seen < 0.3  # [s] in view: a choice
