@@ -70,19 +70,19 @@ def test_a_thread_waits_at_its_own_steps_only() -> None:
     ours, theirs = [], []
 
     def works() -> None:
-        between_steps(lambda: theirs.append(threading.get_ident()))
-        for _ in range(3):
-            step()
+        between_steps(lambda weight: theirs.append((weight, threading.get_ident())))
+        for weight in (1, 4, 2):
+            step(weight)
 
-    between_steps(lambda: ours.append(threading.get_ident()))
+    between_steps(lambda weight: ours.append((weight, threading.get_ident())))
     try:
         step()
         thread = threading.Thread(target=works)
         thread.start()
         thread.join()
-        assert len(theirs) == 3
-        assert len(set(theirs) | set(ours)) == 2
-        assert ours == [threading.get_ident()]
+        assert [weight for weight, _ in theirs] == [1, 4, 2]
+        assert len({where for _, where in theirs + ours}) == 2
+        assert ours == [(1, threading.get_ident())]
         Budget().spent()
         assert len(ours) == 2
     finally:
@@ -93,7 +93,7 @@ def test_a_thread_waits_at_its_own_steps_only() -> None:
 
 
 def test_an_error_at_a_step_ends_the_work() -> None:
-    def drop() -> None:
+    def drop(_: int) -> None:
         raise KeyboardInterrupt
 
     between_steps(drop)

@@ -196,9 +196,10 @@ def test_looks_that_are_late_and_out_of_order_do_no_harm(scene: Scene) -> None:
     assert away(done, scene, AWAY * 0.3 * np.sin(5.0 * done.time)) < 0.015
 
 
-def test_looks_from_a_clock_that_is_ahead_do_no_harm(scene: Scene) -> None:
+@pytest.mark.parametrize("by", [0.1, 0.6])
+def test_looks_from_a_clock_that_is_ahead_do_no_harm(scene: Scene, by: float) -> None:
     def ahead(looks: tuple[Look, ...]) -> Iterable[Look]:
-        return [replace(look, time=look.time + 0.1) for look in looks]
+        return [replace(look, time=look.time + by) for look in looks]
 
     done = pick(Controller(scene), scene, eye_of(scene), still, 40.0, ahead)
     assert_sound(done)

@@ -140,3 +140,18 @@ def test_a_plan_made_in_slices_is_the_plan(steps: int) -> None:
     for one, other in zip(made.trajectory.rows(), whole.trajectory.rows(), strict=True):
         assert np.array_equal(one, other)
     assert np.array_equal(made.trajectory.times, whole.trajectory.times)
+
+
+def test_a_heavy_step_counts_by_its_weight() -> None:
+    done: list[int] = []
+
+    def works() -> None:
+        for weight in (1, 3, 1, 1, 9, 1):
+            done.append(weight)
+            step(weight)
+
+    work, lent = Sliced(works), list[int]()
+    while not work.lend(4):
+        lent.append(len(done))
+    assert lent == [2, 5]
+    assert len(done) == 6
