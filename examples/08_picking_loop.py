@@ -9,8 +9,6 @@ of the simulated arm, and any camera that makes looks takes the place of the eye
 """
 
 from optipromp.control import Controller, LoopStage
-from optipromp.core.execution.running import standing
-from optipromp.core.execution.streaming import Stretch
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import (
     DETECTORS,
@@ -29,25 +27,17 @@ controller = Controller(scene)
 eye = Eye(Detector(scene, controller.robot, DETECTORS["zero-mean"]))
 
 
-last = None  # the stretch that runs
-
-
 def source(time, measured, reference):
-    """The next stretch of the curve, after a look at what the camera delivers."""
-    global last
+    """What the camera delivers goes to the controller, whose next stretch goes to the arm."""
     fruits = arm.simulation.fruits()
     truth = Truth(fruits.ids, fruits.positions, fruits.rotations, fruits.stem_ends)
     eye.see(time, measured.q, truth)
     for look in eye.delivered(time):
         controller.see(look)
-    stretch = controller(time, measured, reference)
-    if stretch is None and not controller.ended and (last is None or last.ended(time)):
-        stretch = Stretch(standing(arm.robot, reference), time)  # else the arm takes it as the end
-    last = stretch or last
-    return stretch
+    return controller(time, measured, reference)
 
 
-done = arm.follow(source)
+arm.follow(source)
 for decision in controller.events:
     print(f"{decision.time:5.2f} s  {decision.stage:8s} {decision.why}")
 outcome = arm.outcome()

@@ -4,12 +4,15 @@ import json
 from dataclasses import replace
 
 import pytest
+from PIL import Image
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
 from optipromp.core.scenes.io import save_scene
 from optipromp.core.scenes.scene import JointGoal
+from optipromp.laboratory.experiments.conditions import SETTLE
 from optipromp.laboratory.generate import generate
+from optipromp.looks.page.replay import load_replay
 
 pytest.importorskip("mujoco")
 
@@ -34,7 +37,24 @@ def test_a_pick_in_closed_loop_is_told_and_left(tmp_path):
     assert document["looks"] > 5
     assert 0.0 < document["cycle_median"] <= document["cycle_p99"]
     assert document["worst_jump"] < 1e-6
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["outcome.json", "rollout.npz"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["loop.npz", "outcome.json", "rollout.npz"]
+
+
+def test_a_pick_from_a_plant_that_sways_is_drawn_and_replayed(tmp_path):
+    """The arm stands until the sway has settled, the film shows the looks, the page replays it."""
+    arguments = ["simulate", "scenario-3", "--closed-loop", "--sway", "0.01", "--slow", "0.2"]
+    result = invoke(*arguments, "--gif", "--json", "--out", tmp_path)
+    if "draw" in result.stderr:
+        pytest.skip(result.stderr)
+    document = json.loads(result.stdout)
+    assert document["decisions"][0]["time"] > SETTLE
+    assert document["displacement"]["ripe"] > 0.005
+    shown = load_replay(tmp_path)
+    assert shown.record is not None
+    assert shown.record.times[0] == pytest.approx(SETTLE)
+    assert shown.record.begun == tuple(item["stage"] for item in document["decisions"])
+    with Image.open(tmp_path / "run.gif") as picture:
+        assert picture.n_frames > 5
 
 
 def test_the_options_of_the_loop_reach_it(tmp_path):

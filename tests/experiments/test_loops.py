@@ -17,6 +17,7 @@ from optipromp.laboratory.experiments import loops, study
 from optipromp.laboratory.experiments.conditions import (
     CAMERA_OFF,
     CONDITIONS,
+    SETTLE,
     drop_one,
     miscalibrated,
 )
@@ -27,6 +28,7 @@ from optipromp.laboratory.experiments.runs import COLUMNS, Row, row_from_text
 from optipromp.laboratory.experiments.statistics import summary, wilson
 from optipromp.laboratory.experiments.study import Study, rows_of, run_study
 from optipromp.laboratory.generate import generate
+from optipromp.laboratory.simulation import Simulation
 from optipromp.laboratory.simulation.detector import DETECTORS, Detector, Truth
 
 ROW = Row(
@@ -100,6 +102,27 @@ def test_a_miscalibrated_camera_errs_at_first_as_it_does_later() -> None:
     for item, true in zip(fruits, (o for o in scene.objects if o.role != "static"), strict=True):
         np.testing.assert_allclose(found[item.id], item.position, atol=1e-9)
         assert 1e-4 < float(np.linalg.norm(item.position - true.position)) < 0.03
+
+
+def test_plants_that_sway_are_first_seen_where_the_settled_fruits_are() -> None:
+    pytest.importorskip("mujoco")
+    scene = generate("mixed", 2)
+    setting = CONDITIONS["sway"](scene, 2)
+    simulation = Simulation(scene, 2, setting.parameters)
+    start = State(simulation.state().q)
+    while simulation.time < SETTLE - 1e-9:
+        simulation.step(start)
+    fruits = simulation.fruits()
+    seen = {item.id: item for item in setting.seen.objects}
+    away = []
+    for item, now in zip(fruits.ids, fruits.positions, strict=True):
+        np.testing.assert_allclose(seen[item].position, now, atol=1e-6)
+        true = next(other for other in scene.objects if other.id == item)
+        away.append(float(np.linalg.norm(seen[item].position - true.position)))
+        assert true.stem is not None
+        shift = seen[item].position - true.position
+        np.testing.assert_allclose(seen[item].stem.points, true.stem.points + shift, atol=1e-9)
+    assert 1e-3 < max(away) < 0.06
 
 
 # --- executed curves ----------------------------------------------------------------------------

@@ -17,7 +17,7 @@ class Disturbed:
     """The options of what moves the fruits; no planner is told of it."""
 
     sway: Annotated[
-        float, typer.Option(metavar="METRES", help="Bound of the sway of the plants.")
+        float, typer.Option(metavar="METRES", help="Bound of the sway of the plants' roots.")
     ] = 0.0
     sway_frequency: Annotated[
         str | None, typer.Option(metavar="A:B", help="Of the sway, in Hz, from A to B (0.3:1.6).")
@@ -26,7 +26,7 @@ class Disturbed:
         float, typer.Option(metavar="METRES", help="Fruits hang that far aside of where seen.")
     ] = 0.0
     jump: Annotated[
-        float, typer.Option(metavar="METRES", help="Fruits jump that far aside at 3 s.")
+        float, typer.Option(metavar="METRES", help="Fruits jump that far aside after 3 s.")
     ] = 0.0
 
     def of(self, parameters: "SimulationParameters") -> "SimulationParameters":
@@ -125,7 +125,7 @@ def pick(
     eyes: LoopOptions,
     seed: int,
 ) -> "Loop":
-    """A pick in closed loop.
+    """A pick in closed loop. Where plants sway, the first look comes 4 s after the beginning.
 
     Args:
         seen: the scene; without ``truth`` it is the true one, and is first seen with the errors of
@@ -139,7 +139,7 @@ def pick(
         InvalidRequestError: a true scene without a target; see :meth:`LoopOptions.detector`.
         InvalidSceneError: a scene that cannot be used.
     """
-    from optipromp.laboratory.experiments.conditions import Situation
+    from optipromp.laboratory.experiments.conditions import SETTLE, Situation, seen_at_once
     from optipromp.laboratory.experiments.loops import picked
     from optipromp.laboratory.generate import NOISES, noisy
 
@@ -149,6 +149,13 @@ def pick(
         raise InvalidRequestError(f"{truth.name} has no target, which --closed-loop looks for")
     if not known and eyes.noise in NOISES:
         seen = noisy(seen, seed, NOISES[eyes.noise])
+    if parameters.disturbance.sway > 0.0:
+        moving = replace(parameters.disturbance, jump_at=parameters.disturbance.jump_at + SETTLE)
+        engine = replace(parameters.engine, settle=SETTLE)
+        parameters = replace(parameters, disturbance=moving, engine=engine)
+        if not known:
+            alone = replace(parameters, disturbance=replace(moving, shift=0.0, jump=0.0))
+            seen = seen_at_once(seen, truth, seed, alone)
     return picked(Situation(truth, seen, detector, parameters), seed, servo=not eyes.looks_only)
 
 

@@ -61,7 +61,8 @@ def simulate(
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Leave outcome.json, rollout.npz and films here; else in PLAN_DIR, or in out.",
+            help="Leave outcome.json, rollout.npz, films, of a loop loop.npz here; else in "
+            "PLAN_DIR, or in out.",
         ),
     ] = None,
     video: Annotated[bool, typer.Option("--video", help="Draw a film of it: run.mp4.")] = False,
@@ -86,7 +87,7 @@ def simulate(
     optipromp simulate scenario-3 --video
     optipromp simulate reach --slow 4 --gif
     optipromp simulate my-scene.yaml --planner i-promp --json
-    optipromp simulate scenario-3 --closed-loop --sway 0.02 --noise zero-mean --video
+    optipromp simulate scenario-3 --closed-loop --sway 0.01 --noise zero-mean --video
     """
     from optipromp.core.files import check_folder
     from optipromp.core.robots.dynamics import warn_of_gravity
@@ -117,7 +118,7 @@ def simulate(
         say_if_compiling()
         with waiting(f"picking in {(truth or seen).name} ..."):
             loop = pick(seen, truth, parameters, eyes, seed)
-        return _picked(loop, leave(loop.run), folder)
+        return _picked(loop, leave(loop.run, loop=loop), folder)
     plan = _plan(scene_or_plan, planner, strategy, seed, arm.of(robot))
     warn_of_gravity(plan.robot, plan.trajectory.positions, plan.scene.up, "on the way")
     with waiting(f"executing in {(truth or plan.scene).name} ..."):
@@ -180,19 +181,26 @@ def _scene(item: str, named: Named) -> "Scene":
     return named.of(found)
 
 
-def _leave(run: "Run", folder: Path, video: bool, gif: bool, slow: float) -> tuple[str, ...]:
+def _leave(
+    run: "Run", folder: Path, video: bool, gif: bool, slow: float, loop: "Loop | None" = None
+) -> tuple[str, ...]:
+    """Write the files of a run or a loop; their names."""
     from optipromp.laboratory.simulation.files import write_run
+    from optipromp.laboratory.simulation.loop_files import write_loop
 
     films = {}
     if video or gif:
+        from optipromp.laboratory.simulation.loop_film import loop_animation, loop_film
         from optipromp.laboratory.simulation.render import animation, film
 
         with waiting("drawing ..."):
             if video:
-                films["run.mp4"] = film(run, slow=slow)
+                films["run.mp4"] = loop_film(loop, slow=slow) if loop else film(run, slow=slow)
             if gif:
-                films["run.gif"] = animation(run, slow=slow)
-    return write_run(run, folder, films)
+                made = loop_animation(loop, slow=slow) if loop else animation(run, slow=slow)
+                films["run.gif"] = made
+    further = (write_loop(loop, folder),) if loop else ()
+    return *write_run(run, folder, films), *further
 
 
 def _shown(run: "Run", told: str) -> list[str]:

@@ -120,8 +120,8 @@ class PickLoop:
 
         Returns:
             The ``trajectory_msgs/JointTrajectory`` that takes over at its time stamp,
-            ``controller.parameters.lead`` from now. None: what runs goes on, also where joint
-            states are missing or old.
+            ``controller.parameters.lead`` from now. None: what runs goes on or the arm stands,
+            also where joint states are missing or old.
         """
         time = self._time(now)
         if not self._states or time - self._states[-1][0] > STALE:
@@ -131,8 +131,8 @@ class PickLoop:
         measured = self._states[-1][1]
         reference = State(measured.q) if self._line is None else self._line.at(time)
         stretch = self.controller(time, measured, reference)
-        if stretch is None:
-            return None
+        if stretch is None or not np.ptp(stretch.curve.positions, axis=0).any():
+            return None  # a controller of the arm holds it where it stands
         if self._line is None:
             self._line = Line.of(stretch.curve, stretch.begins)
         else:

@@ -26,7 +26,7 @@ class LoopRecord:
 
     Attributes:
         times: (C,) of the cycles [s].
-        stages: C stages, words of :class:`~optipromp.control.controller.LoopStage`.
+        stages: C stages, words of :class:`~optipromp.control.stages.LoopStage`.
         plans: (C,) number of plans that were followed until then.
         ids: names of the F tracks.
         positions: (C, F, 3) [m]; NaN where there was no such track.
