@@ -26,7 +26,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 LONG = {
     "benchmarks": "suite",
-    "control": "tracker tracks",
+    "control": "controller driver servo tracker tracks",
     "cli": "folder generate_study markup plan process simulate_closed_loop",
     "execution": "executor franka streaming streaming_trouble trouble",
     "experiments": "baselines loops study variations",
@@ -46,7 +46,7 @@ LONG = {
     "ros": "bags loop recordings",
     "scenes": "generate placing trusses",
     "simulation": (
-        "disturbances export hand loop_film physics pictures runs second_engine tools trusses"
+        "disturbances export hand loop loop_film physics pictures runs second_engine tools trusses"
     ),
     ".": "kernel_cache plan_folders",
     "viewer": "figures",

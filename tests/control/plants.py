@@ -56,6 +56,14 @@ class Swaying:
         )
         return self.rest + common + swing
 
+    def hung_at(self, time: float, omega: float, zeta: float) -> FloatArray:
+        """(F, 3) [m] of fruits on pendulums of angular frequency ``omega`` [rad/s], which the sway
+        of their roots drives: the steady state, without swings of their own."""
+        rates = 2 * np.pi * self.frequencies
+        response = rates**2 / (omega**2 - rates**2 + 2j * zeta * omega * rates)
+        waves = (1.0 + response) * np.exp(1j * (rates * time + self.phases))
+        return self.rest + waves.imag @ self.amplitudes
+
 
 def swaying(
     rng: np.random.Generator, count: int, amplitude: float, frequencies: FloatArray

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from optipromp.control.motion import Oscillators, Plant, PlantState
+from optipromp.control.motion import Oscillators, Plant, PlantState, drives
 from optipromp.core.arrays import FloatArray
 
 PLANT = Plant(np.array([0.0, 0.6, 0.8]), (0.4, 1.1), 0.03, 0.006)
@@ -25,6 +25,10 @@ def some(count: int = 3) -> PlantState:
 
 def continuous(one: Oscillators) -> FloatArray:
     return np.array([[0.0, 1.0], [-(one.omega[0] ** 2), -2 * one.zeta[0] * one.omega[0]]])
+
+
+def pick(some: Oscillators, rows: list[int]) -> Oscillators:
+    return Oscillators(some.omega[rows], some.zeta[rows], some.sigma[rows])
 
 
 @pytest.mark.parametrize("dt", [0.01, 0.05, 0.7])
@@ -51,10 +55,75 @@ def test_a_still_state_stays_as_it_is() -> None:
     assert np.sqrt(total) == pytest.approx(0.006)
 
 
+def drawn() -> PlantState:
+    """A state of a few fruits that move."""
+    state = some()
+    mean = np.random.default_rng(0).normal(size=state.layout.size)
+    return PlantState(state.layout, state.oscillators, mean, state.covariance)
+
+
 def test_two_steps_are_one() -> None:
-    one, two = some().after(0.25, 0.002), some().after(0.1, 0.002).after(0.15, 0.002)
-    assert np.allclose(one.mean, two.mean, atol=1e-14)
-    assert np.allclose(one.covariance, two.covariance, atol=1e-14)
+    one, two = drawn().after(0.25, 0.002), drawn().after(0.1, 0.002).after(0.15, 0.002)
+    assert np.allclose(one.mean, two.mean, atol=1e-12)
+    # noise that drives the sway within a step reaches the swings in the next
+    scale = np.sqrt(one.covariance.diagonal())
+    assert (np.abs(one.covariance - two.covariance) <= 0.05 * np.outer(scale, scale)).all()
+    swings = [*range(4, 10), *range(14, 20)]
+    same = np.setdiff1d(np.arange(one.layout.size), swings)
+    both = np.ix_(same, same)
+    assert np.allclose(one.covariance[both], two.covariance[both], atol=1e-14)
+
+
+def test_the_acceleration_of_the_sway_drives_the_swings() -> None:
+    """A sway without a swing: the transition is the exponential of the joint system."""
+    state, dt = drawn(), 0.3
+    own, bank, found = state.oscillators, state.layout.bank, state.drives
+    assert found.shape == (3, bank, 2, 2)
+    assert np.array_equal(found, drives(pick(own, [0, 2]), pick(own, [4, 6, 8])))
+    whole = state.after(dt, 0.0)
+    m, mean = state.layout.half, state.mean
+    for fruit in range(3):
+        swing = continuous(pick(own, [4 + 2 * fruit]))
+        system = np.zeros((2 * bank + 2, 2 * bank + 2))
+        system[-2:, -2:] = swing
+        for k in range(bank):
+            sway, at = continuous(pick(own, [2 * k])), slice(2 * k, 2 * k + 2)
+            x = found[fruit, k]
+            force = np.array([[0.0, 0.0], -sway[1]])  # of -s'' on y''
+            assert np.allclose(x @ sway - swing @ x, force, atol=1e-9)
+            system[at, at], system[-2:, at] = sway, force
+        step = expm(system * dt)
+        for axis in range(2):
+            row = np.array([2 * k + axis for k in range(bank)] + [4 + 2 * fruit + axis])
+            begin = np.stack([mean[row], mean[m + row]], 1).ravel()
+            end = np.stack([whole.mean[row], whole.mean[m + row]], 1).ravel()
+            assert np.allclose(step @ begin, end, atol=1e-9)
+
+
+def test_motion_ahead_is_that_of_the_prediction() -> None:
+    state, times = drawn(), np.array([0.0, 0.1, 0.3, 2.0])
+    ahead = state.moves(times)
+    for dt, moved in zip(times, ahead, strict=True):
+        after = state.after(float(dt), 0.001)
+        rest = after.mean[2 * after.layout.half :].reshape(-1, 3)
+        whole = (after.layout.position @ after.mean).reshape(-1, 3)
+        assert np.allclose(moved, whole - rest, atol=1e-12)
+    assert np.allclose(ahead @ PLANT.up, 0.0, atol=1e-12)
+    assert np.abs(ahead[1] - ahead[0]).max() > 0.01
+
+
+def test_other_swings_leave_the_state_and_turn_its_future() -> None:
+    state, other = drawn(), swings(3)
+    other = Oscillators(1.5 * other.omega, other.zeta, 2.0 * other.sigma)
+    turned = state.turned(other)
+    assert turned.mean is state.mean
+    assert turned.covariance is state.covariance
+    assert (turned.oscillators.omega[4:] == other.omega).all()
+    assert (turned.oscillators.sigma[:4] == state.oscillators.sigma[:4]).all()
+    now, then = np.array([0.0]), np.array([0.2])
+    assert np.allclose(turned.moves(now), state.moves(now), atol=1e-14)
+    assert not np.allclose(turned.moves(then), state.moves(then), atol=1e-2)
+    assert np.allclose(state.turned(swings(3)).moves(then), state.moves(then), atol=1e-14)
 
 
 def test_a_fruit_starts_as_an_update_of_what_was_unknown() -> None:
@@ -64,7 +133,7 @@ def test_a_fruit_starts_as_an_update_of_what_was_unknown() -> None:
     vague = state.with_fruits(swings(1), np.zeros((1, 3)), 1e2 * np.eye(3)[None], known=True)
     none = np.zeros(0, dtype=np.int64)
     limit, _ = vague.updated(np.array([2]), at, spread, none)
-    assert np.allclose(born.mean, limit.mean, atol=1e-7)
+    assert np.allclose(born.mean, limit.mean, atol=1e-6)  # 1e2 over 16e-6 costs digits
     assert np.allclose(born.covariance, limit.covariance, atol=1e-9)
 
 

@@ -66,8 +66,9 @@ def test_a_sway_seen_for_long_is_foreseen() -> None:
                 found.append(nearest(tracker.at(then), plant.at(then))[1])
         return float(np.median(np.concatenate(found)))
 
-    assert ahead(TrackerParameters().learning) < 0.004
-    assert ahead(0.0) > 0.005
+    learnt = ahead(TrackerParameters().learning)
+    assert learnt < 0.005  # a sway of fruits that do not swing on their stems
+    assert ahead(0.0) > 2.0 * learnt
 
 
 def test_the_newest_look_alone_is_worse() -> None:

@@ -284,33 +284,6 @@ def test_stems_are_means_of_what_was_seen_and_upright_where_not() -> None:
     assert now[other].covariance == pytest.approx(tracked.covariance[other])
 
 
-def test_the_sway_ahead_is_smooth_and_that_of_the_plant() -> None:
-    rng = np.random.default_rng(6)
-    plant = swaying(rng, 8, 0.020, np.array([0.8]))
-    tracker = Tracker(empty())
-    for each in looks(plant, rng, Eye(), 4.0):
-        tracker.add(each)
-    tracked = tracker.at(4.0)
-    times = 4.0 + 0.001 * np.arange(401)
-    places, rates, pulls = tracked.sway(times)
-    assert np.gradient(places, 0.001, axis=0)[1:-1] == pytest.approx(rates[1:-1], abs=1e-5)
-    assert np.gradient(rates, 0.001, axis=0)[1:-1] == pytest.approx(pulls[1:-1], abs=1e-4)
-    later = tracker.at(4.3)
-    assert later.sway(np.array([4.3]))[0][0] == pytest.approx(places[300], abs=1e-12)
-    assert later.sway_deviation(np.array([4.3])) == pytest.approx(
-        tracked.sway_deviation(np.array([4.3])), rel=1e-9
-    )
-    common = np.sin(2 * np.pi * plant.frequencies * times[:, None] + plant.phases)
-    truth = common @ plant.amplitudes
-    off = np.linalg.norm(places - truth, axis=1)
-    assert off[:200].max() < 0.008
-    near, far = tracked.sway_deviation(np.array([4.0, 400.0]))
-    assert near < 0.003
-    assert 0.007 < far < 0.014  # learnt: 14 mm along the sway, 10 mm in the mean of both axes
-    with pytest.raises(InvalidRequestError, match="not before"):
-        tracked.sway(np.array([3.9]))
-
-
 def test_first_objects_are_tracks_with_their_ids() -> None:
     """A generated scene, seen with errors, then looked at again from its camera's side."""
     scene = generate("cluster", 3)

@@ -301,3 +301,39 @@ def test_refusals(before: Plan) -> None:
         plan(scene, start_state=State(resolve(scene).start, fast))
     with pytest.raises(StartInvalidError, match="has 3 values"):
         plan(scene, start_state=State(np.zeros(3)))
+
+
+@pytest.mark.parametrize("share", [0.5, 0.8])
+def test_fruits_seen_elsewhere_before_their_push_keep_the_push_so_far(
+    before: Plan, share: float
+) -> None:
+    """2 mm each; a tracker gives them as they hung, another scene as they are."""
+    at = share * before.trajectory.duration
+    moved = tuple(
+        replace(o, position=o.position + [0.0, 0.002, 0.0], stem=replace(
+            o.stem, points=o.stem.points + [0.0, 0.002, 0.0],
+        )) if o.stem is not None else o
+        for o in before.scene.objects
+    )  # fmt: skip
+    scene = replace(before.scene, objects=moved)
+    kept = plan(scene, previous=before, at=at, unpushed=True)
+    anew = plan(scene, previous=before, at=at)
+    assert not kept.task.same
+    assert not anew.task.same
+    assert anew.task.pushed is None
+    assert kept.task.pushed is not None
+    points, axes = kept.task.pushed
+    first = float(before.trajectory.times[before.first])
+    tip, way = before.robot.tool_pose(before.trajectory.sample(np.array([first, at]))[0])
+    np.testing.assert_allclose(points[[0, -1]], tip, atol=1e-9)
+    np.testing.assert_allclose(axes[[0, -1]], way, atol=1e-9)
+    assert_begins(kept, before.trajectory.at(at))
+    again = plan(scene, previous=kept, at=0.1, unpushed=True)
+    assert again.task.pushed is not None
+    np.testing.assert_allclose(again.task.pushed[0][: len(points)], points, atol=1e-12)
+    assert len(again.task.pushed[0]) > len(points)
+
+
+def test_before_the_approach_nothing_was_pushed(before: Plan) -> None:
+    at = 0.5 * float(before.trajectory.times[before.first])
+    assert plan(before.scene, previous=before, at=at, unpushed=True).task.pushed is None

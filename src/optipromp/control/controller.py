@@ -117,7 +117,10 @@ class Controller:
         self._trail: list[FloatArray] = []  # (k, n) configurations on the way from the camera
 
     def see(self, look: Look) -> None:
-        """Take a look in; looks may come late and out of order."""
+        """Take a look in; looks may come late and out of order.
+
+        A look of a camera whose clock is ahead waits until its time has come.
+        """
         self._inbox.append(look)
 
     def feel(self, force: FloatArray) -> None:
@@ -146,13 +149,15 @@ class Controller:
         """
         began = wall.perf_counter()
         self._driver.stands_at(reference.q)
-        for look in self._inbox:
+        looks, self._inbox = self._inbox, [look for look in self._inbox if look.time > time]
+        for look in looks:
+            if look.time > time:
+                continue
             pushed = self._pushed(look.time)
             self.tracker.add(look, pushed)
             self._learn(look, pushed)
             self._eye = look.camera.position
             self._seen += look.time >= self._since
-        self._inbox.clear()
         tracked = self.tracker.at(time)
         made = None
         if self.stage is LoopStage.LOOK:

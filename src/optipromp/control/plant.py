@@ -20,6 +20,8 @@ from optipromp.core.scenes.trusses import rooted
 if TYPE_CHECKING:
     from optipromp.control.tracked import Tracked
 
+MOVED = 1e-4  # [m] of a predicted push, below which a fruit counts as free: a choice
+
 
 def scene_of(
     base: Scene, tracked: Tracked, offset: FloatArray | None = None, stems: Stiffness | None = None
@@ -150,7 +152,7 @@ def motion_of(route: Route, phase: float) -> tuple[FloatArray, FloatArray] | Non
 
 
 def pushed_by(route: Route, phase: float) -> dict[str, FloatArray]:
-    """Displacement (3,) of each fruit by the push of a route until ``phase`` [m], by id."""
+    """Displacement (3,) of each fruit that the push of a route moves until ``phase`` [m], by id."""
     motion = motion_of(route, phase)
     if motion is None:
         return {}
@@ -158,10 +160,11 @@ def pushed_by(route: Route, phase: float) -> dict[str, FloatArray]:
     assert route.plan.push_model is not None
     found = route.plan.push_model.moved(*motion)
     places = {item.id: item.position for item in route.scene.objects}
-    return {
+    pushed = {
         name: position - places[name]
         for name, position in zip(found.ids, found.positions, strict=True)
     }
+    return {name: by for name, by in pushed.items() if float(np.linalg.norm(by)) > MOVED}
 
 
 def gave_way(

@@ -1,0 +1,99 @@
+"""A pick without physics: the arm is where it is told, and fruits move by a function of time."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from optipromp.control.controller import Controller, LoopStage
+from optipromp.control.look import Look
+from optipromp.core.arrays import FloatArray
+from optipromp.core.execution.streaming import Stretch
+from optipromp.core.planning.task import posed
+from optipromp.core.scenes.scene import JointGoal, Scene
+from optipromp.core.trajectory import State
+from optipromp.laboratory.simulation.detector import DETECTORS, Detector, Eye, Truth
+
+AFTER = {
+    LoopStage.LOOK: {LoopStage.LOOK, LoopStage.GO, LoopStage.GAVE_UP},
+    LoopStage.GO: {LoopStage.LOOK, LoopStage.RETREAT, LoopStage.DONE, LoopStage.GAVE_UP},
+    LoopStage.RETREAT: {LoopStage.LOOK, LoopStage.GAVE_UP},
+}
+"""Stages that may follow a stage; no stage follows another."""
+
+Moves = Callable[[float], FloatArray]
+"""Of a time [s]: the displacement (3,) of all fruits [m]."""
+
+
+def still(_: float) -> FloatArray:
+    return np.zeros(3)
+
+
+def in_order(stages: Iterable[LoopStage]) -> bool:
+    """Whether stages may follow one another, beginning after a look."""
+    before = LoopStage.LOOK
+    for stage in stages:
+        if stage not in AFTER.get(before, set()):
+            return False
+        before = stage
+    return True
+
+
+@dataclass
+class Picked:
+    """What a controller did: its stretches, and references of the arm at each cycle."""
+
+    controller: Controller
+    stretches: list[Stretch] = field(default_factory=list)
+    references: list[State] = field(default_factory=list)
+    time: float = 0.0
+
+    @property
+    def stages(self) -> list[LoopStage]:
+        return [event.stage for event in self.controller.events]
+
+    @property
+    def reasons(self) -> list[str]:
+        return [event.why for event in self.controller.events]
+
+
+def without_fruits(scene: Scene) -> Scene:
+    """The scene with what stands still; its goal is its start."""
+    return replace(scene, objects=scene.static, goal=JointGoal(posed(scene)[1].q))
+
+
+def eye_of(scene: Scene, name: str = "zero-mean", seed: int = 0) -> Eye:
+    return Eye(Detector(scene, posed(scene)[0], DETECTORS[name], seed))
+
+
+def pick(
+    controller: Controller, scene: Scene, eye: Eye, moves: Moves = still, longest: float = 40.0,
+    filtered: Callable[[tuple[Look, ...]], Iterable[Look]] = tuple,
+) -> Picked:  # fmt: skip
+    """Let a controller pick in a true scene; ``filtered``: what becomes of delivered looks."""
+    fruits = [item for item in scene.objects if item.role != "static"]
+    places = np.array([item.position for item in fruits])
+    turns = np.array([item.rotation for item in fruits])
+    stems = [np.zeros((0, 3)) if o.stem is None else o.stem.points[::-1] for o in fruits]
+    done, coming, running = Picked(controller), list[Stretch](), None
+    reference, period = State(posed(scene)[1].q), controller.parameters.period
+    for k in range(round(longest / period)):
+        done.time = now = period * k
+        while coming and coming[0].begins <= now + 1e-9:
+            running = coming.pop(0)
+        reference = reference if running is None else running.at(now)
+        done.references.append(reference)
+        by = moves(now)
+        truth = Truth(
+            tuple(o.id for o in fruits), places + by, turns, tuple(one + by for one in stems)
+        )
+        eye.see(now, reference.q, truth)
+        for look in filtered(eye.delivered(now)):
+            controller.see(look)
+        stretch = controller(now, reference, reference)
+        if stretch is not None:
+            coming.append(stretch)
+            done.stretches.append(stretch)
+        if controller.ended and not coming and (running is None or running.ended(now)):
+            break
+    return done

@@ -1,0 +1,276 @@
+"""The controller's decisions, with an arm that is where it is told and fruits that are not pushed.
+
+Picks in the physics are in ``tests/simulation/test_loop.py``.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.control.benches import Picked, eye_of, in_order, pick, still, without_fruits
+
+from optipromp.control import controller as module
+from optipromp.control.controller import Controller, LoopStage
+from optipromp.control.look import Look
+from optipromp.control.parameters import CONTROL
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.planning import plan
+from optipromp.core.planning.task import posed
+from optipromp.core.scenes.scene import Scene
+from optipromp.core.trajectory import State
+from optipromp.laboratory.experiments.executed import executed
+from optipromp.laboratory.generate import generate
+
+LOOK, GO, RETREAT = LoopStage.LOOK, LoopStage.GO, LoopStage.RETREAT
+DONE, GAVE_UP = LoopStage.DONE, LoopStage.GAVE_UP
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return generate("cluster", 101)
+
+
+@pytest.fixture(scope="module")
+def usual(scene: Scene) -> Picked:
+    """A pick with looks that have zero-mean errors."""
+    return pick(Controller(scene), scene, eye_of(scene))
+
+
+def assert_sound(done: Picked) -> None:
+    """Its stages are in order, and its curves have no jump and keep the limits."""
+    assert in_order(done.stages)
+    assert len(done.controller.cycles) == len(done.references)
+    times = [event.time for event in done.controller.events]
+    assert times == sorted(times)
+    robot = done.controller.robot
+    found = executed(done.stretches, robot, done.references[0], done.time)
+    assert found.worst_jump <= 1e-6
+    assert found.worst_limit <= 1.0
+    for one, other in zip(done.references, done.references[1:], strict=False):
+        assert (np.abs(other.q - one.q) <= 0.0201 * robot.velocity).all()
+
+
+def away(done: Picked, scene: Scene, moved: FloatArray | None = None) -> float:
+    """Distance of the tool from the target at the end [m]."""
+    point, _ = done.controller.robot.tool_pose(done.references[-1].q)
+    target = scene.target
+    assert target is not None
+    return float(np.linalg.norm(point - target.position - (0.0 if moved is None else moved)))
+
+
+def nearest(done: Picked, scene: Scene) -> float:
+    """Least distance of the tool from the target at any time [m]."""
+    target = scene.target
+    assert target is not None
+    q = np.array([state.q for state in done.references])
+    points, _ = done.controller.robot.tool_pose(q)
+    return float(np.linalg.norm(points - target.position, axis=1).min())
+
+
+def test_a_pick_looks_goes_looks_again_and_goes(usual: Picked, scene: Scene) -> None:
+    assert_sound(usual)
+    assert usual.stages == [GO, LOOK, GO, DONE]
+    assert usual.reasons[1::2] == ["at the camera point", "at the target"]
+    assert away(usual, scene) < 0.012
+    assert len(usual.controller.plans) >= 2
+    assert usual.controller.tries == usual.controller.parameters.tries
+
+
+def test_without_fruits_known_it_looks_for_some_first(scene: Scene) -> None:
+    done = pick(Controller(without_fruits(scene)), scene, eye_of(scene))
+    assert_sound(done)
+    assert done.stages == [GO, LOOK, GO, DONE]
+    assert done.controller.events[0].time >= done.controller.parameters.first_look
+    assert away(done, scene) < 0.012
+
+
+def test_the_same_seed_decides_the_same_to_the_bit(usual: Picked, scene: Scene) -> None:
+    again = pick(Controller(scene), scene, eye_of(scene))
+    assert again.controller.events == usual.controller.events
+    assert len(again.references) == len(usual.references)
+    for one, other in zip(again.references, usual.references, strict=True):
+        assert np.array_equal(one.q, other.q)
+        assert np.array_equal(one.acceleration, other.acceleration)
+    other_eye = pick(Controller(scene), scene, eye_of(scene, seed=1))
+    assert not np.array_equal(other_eye.references[-1].q, usual.references[-1].q)
+
+
+def test_a_share_of_the_clock_decides_nothing_else(scene: Scene) -> None:
+    done = pick(Controller(scene, real_time=True), scene, eye_of(scene))
+    assert_sound(done)
+    assert done.stages == [GO, LOOK, GO, DONE]
+
+
+AWAY = np.array([0.035, 0.0, 0.0])  # [m]
+
+
+@pytest.mark.parametrize("servo", [True, False])
+def test_the_tool_comes_to_where_the_plant_is_now(scene: Scene, servo: bool) -> None:
+    """35 mm within 0.4 s, as the tool leaves the camera point; blind the tool misses it."""
+
+    def moves(time: float) -> FloatArray:
+        return AWAY * np.clip((time - 2.4) / 0.4, 0.0, 1.0)
+
+    done = pick(Controller(scene, servo=servo), scene, eye_of(scene), moves)
+    assert_sound(done)
+    last = done.controller.events[3]
+    if servo:
+        assert last.stage is DONE
+        assert away(done, scene, AWAY) < 0.006
+    else:
+        assert (last.stage, last.why) == (RETREAT, "the target is not inside")
+    assert done.stages[-1] is DONE  # in the end it looks again and comes
+    assert away(done, scene, AWAY) < 0.015
+
+
+# --- looks --------------------------------------------------------------------------------------
+
+
+def lost(looks: tuple[Look, ...]) -> Iterable[Look]:
+    """Looks that do not show the target."""
+    return [
+        replace(one, detections=tuple(x for x in one.detections if x.role != "target"))
+        for one in looks
+    ]
+
+
+def none(_: tuple[Look, ...]) -> Iterable[Look]:
+    return ()
+
+
+@pytest.mark.parametrize("filtered", [lost, none])
+@pytest.mark.parametrize("known", [True, False])
+def test_without_a_target_it_gives_up_away_from_the_fruits(
+    scene: Scene, filtered: Any, known: bool
+) -> None:
+    first = scene if known else without_fruits(scene)
+    done = pick(Controller(first), scene, eye_of(scene), still, 20.0, filtered)
+    assert_sound(done)
+    assert done.stages == ([GO, LOOK, GAVE_UP] if known else [GAVE_UP])
+    assert done.reasons[-1] == "the target is not seen"
+    assert done.time < 8.0
+    assert nearest(done, scene) > 0.05
+    assert not done.references[-1].moving
+
+
+def test_a_target_that_is_gone_when_the_tool_is_there_is_not_picked(scene: Scene) -> None:
+    """It is lost from sight on the way: the tool retreats, and gives up where it looks."""
+
+    def later(looks: tuple[Look, ...]) -> Iterable[Look]:
+        return [look if look.time < 4.0 else next(iter(lost((look,)))) for look in looks]
+
+    done = pick(Controller(scene), scene, eye_of(scene), still, 40.0, later)
+    assert_sound(done)
+    assert RETREAT in done.stages
+    assert done.stages[-1] is GAVE_UP
+    assert away(done, scene) > 0.04
+
+
+class Shuffled:
+    """Delivers looks late and out of order: of two, the second first."""
+
+    def __init__(self) -> None:
+        self.held: list[Look] = []
+        self.given: list[float] = []
+
+    def __call__(self, looks: tuple[Look, ...]) -> Iterable[Look]:
+        self.held += looks
+        if len(self.held) < 2:
+            return ()
+        out, self.held = self.held[::-1], []
+        self.given += [look.time for look in out]
+        return out
+
+
+def test_looks_that_are_late_and_out_of_order_do_no_harm(scene: Scene) -> None:
+    eye, order = eye_of(scene), Shuffled()
+    eye.detector.parameters = replace(eye.detector.parameters, latency=0.1)
+    done = pick(Controller(scene), scene, eye, lambda t: AWAY * 0.3 * np.sin(5.0 * t), 40.0, order)
+    assert_sound(done)
+    assert done.stages[-1] is DONE
+    assert (np.diff(order.given) < 0.0).sum() > 20
+    assert done.controller.tracker.statistics.dropped == 0
+    assert away(done, scene, AWAY * 0.3 * np.sin(5.0 * done.time)) < 0.015
+
+
+@pytest.mark.parametrize("by", [0.1, 0.6])
+def test_looks_from_a_clock_that_is_ahead_do_no_harm(scene: Scene, by: float) -> None:
+    def ahead(looks: tuple[Look, ...]) -> Iterable[Look]:
+        return [replace(look, time=look.time + by) for look in looks]
+
+    done = pick(Controller(scene), scene, eye_of(scene), still, 40.0, ahead)
+    assert_sound(done)
+    assert done.stages[-1] is DONE
+
+
+# --- plans that fail ----------------------------------------------------------------------------
+
+
+def failing(monkeypatch: pytest.MonkeyPatch, when: Callable[..., bool], error: Exception) -> None:
+    """Let plans fail ``when`` the count of plans so far and the arguments say so."""
+    count = [0]
+
+    def made(scene: Scene, **more: Any) -> Any:
+        count[0] += 1
+        if when(count[0], more):
+            raise error
+        return plan(scene, **more)
+
+    monkeypatch.setattr(module, "plan", made)
+
+
+def test_a_plan_that_is_refused_is_a_failed_try(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refused = InvalidRequestError("nothing leads there")
+    failing(monkeypatch, lambda count, _: count == 1, refused)
+    done = pick(Controller(scene), scene, eye_of(scene))
+    assert_sound(done)
+    assert done.stages == [LOOK, GO, LOOK, GO, DONE]
+    assert done.reasons[0] == "no plan: nothing leads there"
+    assert done.controller.tries == done.controller.parameters.tries - 1
+
+
+def test_after_the_last_try_it_gives_up_where_it_stands(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failing(monkeypatch, lambda *_: True, InvalidRequestError("nothing leads there"))
+    done = pick(Controller(scene), scene, eye_of(scene))
+    assert_sound(done)
+    assert done.stages == [LOOK, LOOK, LOOK, GAVE_UP]
+    start = posed(scene)[1]
+    assert all(state.near(State(start.q), 1e-9) for state in done.references)
+
+
+def test_an_error_of_the_program_is_not_hidden(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failing(monkeypatch, lambda *_: True, ZeroDivisionError("a defect"))
+    with pytest.raises(ZeroDivisionError, match="a defect"):
+        pick(Controller(scene), scene, eye_of(scene))
+
+
+@pytest.mark.parametrize("always", [False, True])
+def test_where_a_push_has_become_hopeless_the_tool_retreats_and_looks_again(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch, always: bool
+) -> None:
+    seen = list[int]()
+
+    def under_way(count: int, more: Any) -> bool:
+        if "unpushed" in more and (always or not seen):
+            seen.append(count)
+            return True
+        return False
+
+    failing(monkeypatch, under_way, InvalidRequestError("hopeless"))
+    eager = replace(CONTROL, changed=0.0)  # it predicts the push all the time
+    done = pick(Controller(scene, parameters=eager), scene, eye_of(scene), still, 60.0)
+    assert_sound(done)
+    assert len(seen) == (done.stages.count(RETREAT))
+    assert len(seen) > 1 if always else len(seen) == 1
+    assert done.reasons[done.stages.index(RETREAT)] == "hopeless"
+    assert done.stages[-1] in ((DONE, GAVE_UP) if always else (DONE,))
+    assert done.controller.tries == done.controller.parameters.tries - min(len(seen), 3)

@@ -1,0 +1,127 @@
+"""Picks in closed loop in the physics: what is picked, how smoothly, and what is left alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.control.benches import in_order
+
+from optipromp.control.controller import Controller, LoopStage
+from optipromp.control.look import Look
+from optipromp.core.execution.streaming import Stretch
+from optipromp.core.planning.task import posed
+from optipromp.core.trajectory import State
+from optipromp.laboratory.experiments.conditions import CONDITIONS, Situation
+from optipromp.laboratory.experiments.executed import executed
+from optipromp.laboratory.experiments.loops import picked
+from optipromp.laboratory.generate import generate
+from optipromp.laboratory.simulation import (
+    Detector,
+    Eye,
+    Loop,
+    SimulatedArm,
+    Simulation,
+    closed_loop,
+)
+from optipromp.laboratory.simulation.detector import Truth
+
+
+def situation(name: str, seed: int) -> Situation:
+    return CONDITIONS[name](generate("cluster", seed), seed)
+
+
+@pytest.fixture(scope="session")
+def noisy_pick() -> Loop:
+    """A pick with zero-mean errors of the first scene and of all looks."""
+    return picked(situation("zero-mean", 101), 101)
+
+
+def assert_sound(loop: Loop) -> None:
+    """Legal stages, no jump, and limits that are kept."""
+    controller = loop.controller
+    assert in_order(event.stage for event in controller.events)
+    assert len(loop.trace.times) == len(loop.trace.stages) == len(loop.trace.tracks)
+    start = State(posed(controller.scene, controller.robot)[1].q)
+    until = float(loop.run.outcome.duration)
+    curve = executed(loop.trace.stretches, controller.robot, start, until)
+    assert curve.takeovers > 10
+    assert curve.worst_jump <= 1e-6
+    assert curve.worst_limit <= 1.0
+
+
+def test_fruits_seen_exactly_are_picked() -> None:
+    loop = picked(situation("none", 100), 100)
+    assert_sound(loop)
+    assert (loop.result, loop.stage) == ("clean", LoopStage.DONE)
+    assert [event.stage for event in loop.controller.events] == ["go", "look", "go", "done"]
+
+
+def test_fruits_seen_with_errors_are_picked(noisy_pick: Loop) -> None:
+    assert_sound(noisy_pick)
+    assert (noisy_pick.result, noisy_pick.stage) == ("clean", LoopStage.DONE)
+
+
+def test_the_same_seed_gives_the_same_pick_to_the_bit(noisy_pick: Loop) -> None:
+    again = picked(situation("zero-mean", 101), 101)
+    assert again.controller.events == noisy_pick.controller.events
+    assert repr(again.run.outcome) == repr(noisy_pick.run.outcome)
+    for name, values in noisy_pick.run.rollout.arrays().items():
+        np.testing.assert_array_equal(again.run.rollout.arrays()[name], values)
+
+
+def test_a_neighbour_that_was_missed_is_seen_and_the_pick_is_clean() -> None:
+    given = situation("missed", 100)
+    (missed,) = {o.id for o in given.scene.objects} - {o.id for o in given.seen.objects}
+    loop = picked(given, 100)
+    assert_sound(loop)
+    assert (loop.result, loop.stage) == ("clean", LoopStage.DONE)
+    goes = [event.time for event in loop.controller.events if event.stage is LoopStage.GO]
+    row = int(np.searchsorted(loop.trace.times, goes[1]))  # from the camera point
+    found, true = loop.trace.tracks[row], loop.run.rollout
+    place = true.fruit_positions[np.searchsorted(true.times, goes[1]), true.fruit_ids.index(missed)]
+    assert np.linalg.norm(found.positions[found.confirmed] - place, axis=1).min() < 0.01
+    assert loop.trace.tracks[0].ids == ("ripe",)
+    assert loop.controller.plans[1].scene.pushables
+
+
+class Unseeing(Eye):
+    """An eye that shows everything but the target."""
+
+    def delivered(self, now: float) -> tuple[Look, ...]:
+        """See :class:`Eye`."""
+        return tuple(
+            replace(look, detections=tuple(x for x in look.detections if x.role != "target"))
+            for look in super().delivered(now)
+        )
+
+
+def test_a_target_that_is_never_seen_is_given_up_and_nothing_is_harmed() -> None:
+    given = situation("zero-mean", 101)
+    controller = Controller(given.seen)
+    eye = Unseeing(Detector(given.scene, controller.robot, given.detector, 101))
+    loop = closed_loop(Simulation(given.scene, 101, given.parameters), controller, eye)
+    assert_sound(loop)
+    assert (loop.result, loop.stage) == ("gave_up", LoopStage.GAVE_UP)
+    assert [str(cause) for cause in loop.run.outcome.causes] == ["not_picked"]
+
+
+def test_an_executor_follows_the_controller() -> None:
+    """The contract of executors: no stretch is refused or comes too late."""
+    given = situation("zero-mean", 101)
+    arm = SimulatedArm(given.scene, parameters=given.parameters, seed=101)
+    controller = Controller(given.seen, robot=arm.robot)
+    eye = Eye(Detector(given.scene, arm.robot, given.detector, 101))
+
+    def source(now: float, measured: State, reference: State) -> Stretch | None:
+        f = arm.simulation.fruits()
+        eye.see(now, measured.q, Truth(f.ids, f.positions, f.rotations, f.stem_ends))
+        for look in eye.delivered(now):
+            controller.see(look)
+        return controller(now, measured, reference)
+
+    done = arm.follow(source, period=controller.parameters.period)
+    assert done.finished, done.reason
+    assert (done.refused, done.missed) == ((), 0)
+    assert controller.stage is LoopStage.DONE
+    assert len(controller.cycles) > 200
+    assert arm.outcome().success
