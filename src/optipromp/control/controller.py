@@ -149,10 +149,9 @@ class Controller:
         """
         began = wall.perf_counter()
         self._driver.stands_at(reference.q)
-        looks, self._inbox = self._inbox, [look for look in self._inbox if look.time > time]
-        for look in looks:
-            if look.time > time:
-                continue
+        due = [look for look in self._inbox if look.time <= time]
+        self._inbox = [look for look in self._inbox if look.time > time]
+        for look in due:
             pushed = self._pushed(look.time)
             self.tracker.add(look, pushed)
             self._learn(look, pushed)
