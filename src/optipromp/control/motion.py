@@ -7,7 +7,8 @@ the swing of each fruit. Fruit i is at rest_i + sway + swing_i.
 
 Each displacement is a damped oscillator that white noise drives,
 x'' + 2 ζ ω x' + ω² x = w, discretised exactly: with the transition F over a time and the
-stationary covariance P = diag(σ², σ² ω²), the noise is P - F P Fᵀ. The acceleration of the sway s
+stationary covariance P = diag(σ², σ² ω²), the noise is P - F P Fᵀ. What the noise of the sway adds
+to the swings within a time is left out. The acceleration of the sway s
 drives every swing, as that of its support drives a pendulum: y'' + 2 ζ ω y' + ω² y = w - s''.
 
 With the dynamics R of a frequency of the sway, Y of a swing and the drive B (of -s'' on y''), the
