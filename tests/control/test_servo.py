@@ -65,7 +65,7 @@ class Followed:
             course = follow(route, phase, state, now, moved)
             out.failed += course is None
             course = course or out.courses[-1]
-            begin = vars(course.state_at(now)).values()
+            begin = vars(course.at(now)).values()
             for one, other in zip(begin, vars(state).values(), strict=True):
                 out.jump = max(out.jump, float(np.abs(one - other).max()))
             piece = cut(course.curve, now + PERIOD - course.begins)
@@ -73,7 +73,7 @@ class Followed:
             rates = judging.extremes(piece).largest / limits
             out.shares = np.maximum(out.shares, rates.max(axis=1))
             out.courses.append(course)
-            state, phase = course.state_at(now + PERIOD), course.phase_at(now + PERIOD)
+            state, phase = course.at(now + PERIOD), course.phase_at(now + PERIOD)
             if phase >= until:
                 return out
         raise AssertionError
@@ -84,7 +84,7 @@ class Followed:
         for k, course in enumerate(self.courses):
             now = PERIOD * (k + 0.5)
             phase = min(course.phase_at(now), route.duration)
-            point, _ = route.robot.tool_pose(course.state_at(now).q)
+            point, _ = route.robot.tool_pose(course.at(now).q)
             planned, _ = route.robot.tool_pose(route.trajectory.at(phase).q)
             weight = np.interp(phase, route.trajectory.times, route.weight)
             wanted = planned + weight * moves(np.array([now]))[0]
@@ -110,7 +110,7 @@ def test_a_plan_followed_a_hundred_times_does_not_drift(route: Route) -> None:
     last = done.courses[-1]
     end, _ = route.robot.tool_pose(route.trajectory.positions[-1])
     for late in (route.duration * 1.01, last.begins + last.curve.duration):
-        point, _ = route.robot.tool_pose(last.state_at(late).q)
+        point, _ = route.robot.tool_pose(last.at(late).q)
         assert np.linalg.norm(point - end) < 5e-5
     assert last.rate == 1.0
     assert last.phase == pytest.approx(last.begins)
@@ -133,11 +133,11 @@ def test_a_plant_that_jumps_is_met_again_within_the_limits(route: Route) -> None
         seen[0] = now = PERIOD * k
         course = follow(route, phase, state, now, moved) or course
         assert course is not None
-        assert course.state_at(now).near(state, 1e-9)
+        assert course.at(now).near(state, 1e-9)
         piece = cut(course.curve, now + PERIOD - course.begins)
         assert piece is not None
         shares = np.maximum(shares, (judging.extremes(piece).largest / limits).max(axis=1))
-        state, phase = course.state_at(now + PERIOD), course.phase_at(now + PERIOD)
+        state, phase = course.at(now + PERIOD), course.phase_at(now + PERIOD)
     assert shares.max() <= 1.0
     point, _ = robot.tool_pose(state.q)
     planned, _ = robot.tool_pose(route.trajectory.at(phase).q)
@@ -160,7 +160,7 @@ def test_a_course_ends_at_rest_and_a_route_is_weighed_by_its_approach(route: Rou
     moved = common(route, sines(0.8))
     course = follow(route, 1.0, route.trajectory.at(1.0), 5.0, moved)
     assert course is not None
-    last = course.state_at(5.0 + course.curve.duration)
+    last = course.at(5.0 + course.curve.duration)
     assert np.abs(last.velocity).max() < 1e-9
     assert course.phase_at(5.0) == 1.0
     assert course.phase_at(4.0) == 1.0

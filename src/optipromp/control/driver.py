@@ -9,7 +9,7 @@ import numpy as np
 
 from optipromp.control.parameters import LoopParameters
 from optipromp.control.plant import field_of
-from optipromp.control.servo import Course, Route, follow
+from optipromp.control.servo import Course, Displacement, Route, follow
 from optipromp.control.tracked import Tracked
 from optipromp.core import judging
 from optipromp.core.arrays import FloatArray, lengths
@@ -56,11 +56,11 @@ class Driver:
 
     def state(self, time: float) -> State:
         """Commanded state at a ``time`` [s]."""
-        return self._rest if self.course is None else self.course.state_at(time)
+        return self._rest if self.course is None else self.course.at(time)
 
     def rests(self, time: float) -> bool:
         """Whether the course has come to its end."""
-        return self.course is None or time >= self.course.begins + self.course.curve.duration
+        return self.course is None or self.course.ended(time)
 
     def phase(self, time: float) -> float:
         """Time in the route at a ``time`` [s]."""
@@ -84,7 +84,7 @@ class Driver:
         """The curve that comes to rest at once; the arm then waits at the begin of its route."""
         curve = stopped(self.robot, self.state(begins))
         self.course = Course(curve, begins, 0.0, math.inf)
-        return Stretch(curve, begins)
+        return self.course
 
     def set_out(self, route: Route, now: float, tracked: Tracked) -> Stretch:
         """Begin a route; where nothing leads onto it yet, come to rest and wait."""
@@ -96,19 +96,8 @@ class Driver:
     def take(self, route: Route, phase: float, now: float, tracked: Tracked) -> Stretch | None:
         """Follow a route from ``phase`` [s] on; None: nothing leads onto it, the course goes on."""
         begins = now + self._parameters.lead
-        if self.blind:
-            course: Course | None = Course(route.trajectory, begins, phase, 1.0)
-        else:
-            field = field_of(route.scene, tracked, self._parameters.field)
-            state = self.state(begins)
-            course = follow(route, phase, state, begins, field, self._parameters)
-            if course is not None and not self._safe(course.curve):
-                course = None
-        if course is None:
-            return None
-        self._shift = self._ahead(route, phase, begins, tracked)
-        self.course, self.route, self._followed = course, route, now
-        return Stretch(course.curve, begins)
+        field = field_of(route.scene, tracked, self._parameters.field)
+        return self._taken(route, phase, now, field, _ahead(route, phase, begins, field))
 
     def go_on(self, now: float, tracked: Tracked) -> Stretch | None:
         """Follow the route where the plant is now; None: the course goes on as it is."""
@@ -118,23 +107,39 @@ class Driver:
         if self.blind and not waits:
             return None
         phase = self.phase(begins)
-        if not waits and phase < route.duration:
-            shift = self._ahead(route, phase, begins, tracked)
-            if np.abs(shift - self._shift).max() < self._parameters.still:
-                return None
-        return self.take(route, phase, now, tracked)
-
-    def _ahead(self, route: Route, phase: float, begins: float, tracked: Tracked) -> FloatArray:
-        """Displacements (4, 3) of the next points of a route [m]."""
-        times = np.clip(phase + AHEAD, 0.0, route.duration)
-        row = np.searchsorted(route.trajectory.times, times).clip(max=len(route.points) - 1)
         field = field_of(route.scene, tracked, self._parameters.field)
-        return field.at(route.points[row], begins + np.maximum(times - phase, 0.0))
+        shift = _ahead(route, phase, begins, field)
+        follows = not waits and phase < route.duration
+        if follows and np.abs(shift - self._shift).max() < self._parameters.still:
+            return None
+        return self._taken(route, phase, now, field, shift)
+
+    def _taken(
+        self, route: Route, phase: float, now: float, field: Displacement, shift: FloatArray
+    ) -> Stretch | None:
+        """The course along a route in a ``field``; ``shift`` (4, 3): its displacements ahead."""
+        begins = now + self._parameters.lead
+        if self.blind:
+            course: Course | None = Course(route.trajectory, begins, phase, 1.0)
+        else:
+            course = follow(route, phase, self.state(begins), begins, field, self._parameters)
+        if course is None or not (self.blind or self._safe(course.curve)):
+            return None
+        self._shift = shift
+        self.course, self.route, self._followed = course, route, now
+        return course
 
     def _safe(self, curve: Trajectory) -> bool:
         """Whether a curve keeps the limits and touches nothing that stands, by the judge."""
         found = judging.judge(self._still, self.robot, curve, curve.at(0.0), begun=True)
         return all(v.kind in ("goal", "start", "motion") for v in found.violations)
+
+
+def _ahead(route: Route, phase: float, begins: float, field: Displacement) -> FloatArray:
+    """Displacements (4, 3) of the next points of a route [m]."""
+    times = np.clip(phase + AHEAD, 0.0, route.duration)
+    row = np.searchsorted(route.trajectory.times, times).clip(max=len(route.points) - 1)
+    return field.at(route.points[row], begins + np.maximum(times - phase, 0.0))
 
 
 def way_back(robot: Robot, q: FloatArray, speed: float) -> Trajectory:

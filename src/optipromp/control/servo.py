@@ -19,6 +19,7 @@ import numpy as np
 
 from optipromp.control.parameters import CONTROL, LoopParameters
 from optipromp.core.arrays import FloatArray, frozen
+from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning.result import Plan
 from optipromp.core.planning.timing import needs
 from optipromp.core.robots import ik
@@ -109,28 +110,20 @@ class Route:
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
-    """A curve that follows a route from a time on.
+class Course(Stretch):
+    """A stretch that follows a route.
 
     Attributes:
-        curve: of the arm, from the state at ``begins`` to rest.
-        begins: time of its first row [s].
         phase: time in the route at ``begins`` [s].
         rate: time of the curve over time of the route; infinite for an arm that waits.
     """
 
-    curve: Trajectory
-    begins: float
     phase: float
     rate: float
 
     def phase_at(self, time: float) -> float:
         """Time in the route at a ``time`` [s]."""
         return self.phase + max(time - self.begins, 0.0) / self.rate
-
-    def state_at(self, time: float) -> State:
-        """State of the arm at a ``time`` [s]."""
-        return self.curve.at(time - self.begins)
 
 
 def follow(
