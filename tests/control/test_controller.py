@@ -79,6 +79,25 @@ def test_a_pick_looks_goes_looks_again_and_goes(usual: Picked, scene: Scene) -> 
     assert usual.controller.tries == usual.controller.parameters.tries
 
 
+def test_a_fruit_that_is_first_seen_on_the_way_is_planned_for(scene: Scene) -> None:
+    """One look after the arm set out shows a fruit that hid; the arm stops, and plans anew."""
+    hidden = scene.pushables[0]
+    seen = replace(scene, objects=tuple(o for o in scene.objects if o.id != hidden.id))
+
+    def filtered(looks: tuple[Look, ...]) -> Iterable[Look]:
+        for look in looks:
+            shown = [o for o in look.detections if look.time > 0.3 or o.id != hidden.id]
+            yield replace(look, detections=tuple(shown))
+
+    done = pick(Controller(seen), scene, eye_of(scene), filtered=filtered)
+    assert_sound(done)
+    assert done.stages == [GO, LOOK, GO, LOOK, GO, DONE]
+    assert done.reasons[1].startswith("seen on the way: fruit-")
+    first, second = done.controller.plans[:2]
+    assert len(second.scene.pushables) == len(first.scene.pushables) + 1
+    assert done.controller.tries == done.controller.parameters.tries
+
+
 def test_without_fruits_known_it_looks_for_some_first(scene: Scene) -> None:
     done = pick(Controller(without_fruits(scene)), scene, eye_of(scene))
     assert_sound(done)

@@ -19,6 +19,7 @@ from optipromp.control.driver import Driver, way_back
 from optipromp.control.look import Look
 from optipromp.control.parameters import CONTROL, LoopParameters
 from optipromp.control.plant import (
+    appeared,
     changed,
     deviation,
     displaced,
@@ -213,7 +214,9 @@ class Controller:
         if target_row(tracked) is None:
             return False
         if not self._at_camera:
-            return self._known or (looked >= p.first_look and self._seen >= 3)
+            return (self._seen >= 3 and self._known) or (
+                looked >= p.first_look and (self._seen >= 3 or self._known)
+            )
         if looked < p.look or self._seen < 3:
             return False
         return looked > p.patient or settled(tracked, p.settled)
@@ -230,6 +233,9 @@ class Controller:
         if not self._at_camera and phase >= route.approach - BRAKING:
             self._at_camera = True
             self._enter(LoopStage.LOOK, now, "at the camera point")
+            return drive.brake(begins)
+        if not self._at_camera and (new := appeared(route.scene, tracked)):
+            self._enter(LoopStage.LOOK, now, f"seen on the way: {', '.join(new)}")
             return drive.brake(begins)
         if phase >= route.duration + p.hold:
             if self._missed(now, tracked):

@@ -125,6 +125,13 @@ def field_of(planned: Scene, tracked: Tracked, length: float) -> Displacement:
     return Displacement(places, lambda times: moved + tracked.moves(times)[:, rows], length)
 
 
+def appeared(planned: Scene, tracked: Tracked) -> list[str]:
+    """The confirmed fruits that a plan's scene does not have."""
+    before = {item.id for item in planned.objects}
+    sure = zip(tracked.ids, tracked.confirmed, strict=True)
+    return [name for name, confirmed in sure if confirmed and name not in before]
+
+
 def changed(planned: Scene, tracked: Tracked) -> float:
     """Largest motion of a fruit against the mean of all [m]; infinite for a new or lost fruit."""
     before = {o.id for o in planned.objects if o.role in ("target", "pushable")}
