@@ -15,6 +15,7 @@ from optipromp.control import controller as module
 from optipromp.control.controller import Controller, LoopStage
 from optipromp.control.look import Look
 from optipromp.control.parameters import CONTROL
+from optipromp.control.views import views
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning import plan
@@ -106,6 +107,21 @@ def test_without_fruits_known_it_looks_for_some_first(scene: Scene) -> None:
     assert away(done, scene) < 0.012
 
 
+def test_a_target_that_the_start_does_not_show_is_looked_for(scene: Scene) -> None:
+    """The tool is turned away by 50°; its camera sees 40° to each side."""
+    robot, state = posed(scene)
+    away_from = views(robot, state.q, replace(CONTROL, views=(50.0,)))
+    assert len(away_from) >= 2
+    for q in away_from[:2]:
+        turned = replace(scene, start=q)
+        done = pick(Controller(without_fruits(turned)), turned, eye_of(turned))
+        assert_sound(done)
+        assert done.stages[-4:] == [GO, LOOK, GO, DONE]
+        assert done.reasons[0] == "the target is not seen: to another view"
+        assert "at another view" in done.reasons
+        assert away(done, scene) < 0.012
+
+
 def test_the_same_seed_decides_the_same_to_the_bit(usual: Picked, scene: Scene) -> None:
     again = pick(Controller(scene), scene, eye_of(scene))
     assert again.controller.events == usual.controller.events
@@ -168,9 +184,14 @@ def test_without_a_target_it_gives_up_away_from_the_fruits(
     first = scene if known else without_fruits(scene)
     done = pick(Controller(first), scene, eye_of(scene), still, 20.0, filtered)
     assert_sound(done)
-    assert done.stages == ([GO, LOOK, GAVE_UP] if known else [GAVE_UP])
+    if known:
+        assert done.stages == [GO, LOOK, GAVE_UP]
+    else:  # it has looked from other views
+        turns = (len(done.stages) - 1) // 2
+        assert done.stages == [GO, LOOK] * turns + [GAVE_UP]
+        assert turns >= 4
     assert done.reasons[-1] == "the target is not seen"
-    assert done.time < 8.0
+    assert done.time < (8.0 if known else 18.0)
     assert nearest(done, scene) > 0.05
     assert not done.references[-1].moving
 

@@ -36,6 +36,7 @@ from optipromp.control.stages import Decision, LoopStage, excess, with_covarianc
 from optipromp.control.stiffness import Stiffness, by_wrench
 from optipromp.control.tracked import Tracked
 from optipromp.control.tracker import Tracker
+from optipromp.control.views import views
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.execution.streaming import Stretch
@@ -115,6 +116,7 @@ class Controller:
         self._factor = 1.0  # of the stems in the plan that is followed
         self._force: FloatArray | None = None
         self._learnt_at = np.full(3, np.inf)  # tool point of the last observation of the stems
+        self._views: list[FloatArray] | None = None  # that are left; None: none was needed
         self._trail: list[FloatArray] = []  # (k, n) configurations on the way from the camera
 
     def see(self, look: Look) -> None:
@@ -180,8 +182,8 @@ class Controller:
         p = self.parameters
         if self._job is None:
             if not self._seen_enough(now, tracked):
-                if now - self._since > p.longest_look:
-                    self._enter(LoopStage.GAVE_UP, now, "the target is not seen")
+                if now - self._since > (p.longest_look if self._views is None else p.look):
+                    return self._look_elsewhere(now, tracked)
                 return None
             begin = State(self._driver.state(now).q)
             stems, factor = self._stems()
@@ -221,15 +223,33 @@ class Controller:
             return False
         return looked > p.patient or settled(tracked, p.settled)
 
+    def _look_elsewhere(self, now: float, tracked: Tracked) -> Stretch | None:
+        """Go to another view of the start; give up where none is left."""
+        drive, q = self._driver, self._driver.state(now).q
+        if self._views is None:
+            self._views = [] if self._at_camera else views(self.robot, q, self.parameters)
+        while self._views:
+            way = np.array([q, self._views.pop(0)])
+            turn = way_back(self.robot, way, self.parameters.retreat_speed)
+            if drive.safe(turn):
+                self._enter(LoopStage.GO, now, "the target is not seen: to another view")
+                return drive.set_out(Route.back(self.robot, turn, drive.still), now, tracked)
+        self._enter(LoopStage.GAVE_UP, now, "the target is not seen")
+        return None
+
     def _go(self, now: float, tracked: Tracked) -> Stretch | None:
         p, drive = self.parameters, self._driver
         route, begins = drive.route, now + p.lead
         assert route is not None
-        assert route.plan is not None
         phase = drive.phase(begins)
         if drive.stuck(now):
             self._again(now, "nothing leads onto the path")
             return None
+        if route.plan is None:  # the way to another view
+            if phase < route.duration:
+                return drive.go_on(now, tracked)
+            self._enter(LoopStage.LOOK, now, "at another view")
+            return drive.brake(begins)
         if not self._at_camera and phase >= route.approach - BRAKING:
             self._at_camera = True
             self._enter(LoopStage.LOOK, now, "at the camera point")
