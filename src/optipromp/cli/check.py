@@ -196,7 +196,7 @@ def _scene(item: str) -> dict[str, Any]:
         "tool": scene.tool.kind if scene.tool is not None else None,
         "start": bound.start.tolist(),
         **by_role,
-        "goal": type(scene.goal).__name__ if scene.goal is not None else "the target",
+        "goal": ", ".join(type(goal).__name__ for goal in scene.goals) or "the target",
     }
 
 

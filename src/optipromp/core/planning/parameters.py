@@ -63,6 +63,10 @@ class GoalParameters(Checked):
     spare: int = parameter(
         3, "1", "choice", "with fewer free configurations, more starts are tried"
     )
+    poses: int = parameter(12, "1", "choice", "in a goal's region, beside its middle")
+    inside: float = parameter(
+        0.9, "1", "choice", "share of a goal's tolerances within which its poses lie"
+    )
     distinct: float = parameter(
         0.25, "rad", "choice", "least difference of a joint between two distinct configurations"
     )

@@ -39,7 +39,7 @@ from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import ToolPath, through
 from optipromp.core.pushing.rules import rule_paths
 from optipromp.core.pushing.searching import search
-from optipromp.core.scenes.scene import JointGoal, PoseGoal
+from optipromp.core.scenes.scene import PoseGoal
 from optipromp.core.trajectory import Trajectory
 
 
@@ -347,7 +347,7 @@ def following(task: Task, options: Searched, start: Start, arrays: Evaluation) -
     return Problem(
         robot, task.surroundings, costs, constraints, start.waypoints.count,
         cutoff=max(SOLVE.safety, options.static_clearance, options.avoid_clearance) + 1e-3,  # [m]
-        end_fixed=isinstance(task.goal, JointGoal), evaluation=arrays,
+        end_fixed=not isinstance(task.goal, PoseGoal), evaluation=arrays,
     )  # fmt: skip
 
 

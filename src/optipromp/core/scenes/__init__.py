@@ -9,6 +9,7 @@ from optipromp.core.scenes.scene import Approach as Approach
 from optipromp.core.scenes.scene import JointGoal as JointGoal
 from optipromp.core.scenes.scene import Pose as Pose
 from optipromp.core.scenes.scene import PoseGoal as PoseGoal
+from optipromp.core.scenes.scene import RegionGoal as RegionGoal
 from optipromp.core.scenes.scene import Role as Role
 from optipromp.core.scenes.scene import Scene as Scene
 from optipromp.core.scenes.scene import SceneObject as SceneObject

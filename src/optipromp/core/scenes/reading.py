@@ -21,13 +21,16 @@ from optipromp.core.geometry.shapes import (
 )
 from optipromp.core.robots.library import UNTRUSTED, Choice, robot_names
 from optipromp.core.robots.tools import make_tool
+from optipromp.core.scenes.goal_models import GoalModel, ToleranceModel
 from optipromp.core.scenes.rotations import IDENTITY
 from optipromp.core.scenes.scene import (
     STEM_RADIUS,
     Approach,
+    Goal,
     JointGoal,
     Pose,
     PoseGoal,
+    RegionGoal,
     Scene,
     SceneObject,
     Stem,
@@ -82,9 +85,15 @@ def scene_from_dict(
         where = ""
         _check_target_key(model, objects)
         approach = _approach(model, scale, default, frames["world"])
-        goal = _goal(model, scale, default, approach)
-        if isinstance(goal, PoseGoal) and model.scale is None:
-            _check_distance("goal.position", goal.position, told, reachable=False)
+        given = model.goal
+        goals = tuple(
+            _goal(one, scale, default)
+            for one in (given if isinstance(given, list) else [given])
+            if one is not None
+        )
+        for one in goals:
+            if not isinstance(one, JointGoal) and model.scale is None:
+                _check_distance("goal.position", one.position, told, reachable=False)
         return Scene(
             name=model.name,
             robot=model.robot if isinstance(model.robot, str) else model.robot.file,
@@ -93,7 +102,7 @@ def scene_from_dict(
             tool=_tool(model, scale, base_dir),
             start=None if model.start is None else np.array(model.start),
             approach=approach,
-            goal=goal,
+            goal=goals if isinstance(given, list) else next(iter(goals), None),
             options=_options(model, scale),
             base_dir=base_dir,
             base=Pose() if model.base is None else _pose(model.base, scale),
@@ -299,13 +308,22 @@ def _options(model: SceneModel, scale: float) -> dict[str, Any]:
     return out
 
 
-def _goal(
-    model: SceneModel, scale: float, frame: Pose, approach: Approach
-) -> JointGoal | PoseGoal | None:
-    given = model.goal
-    if given is None:
-        return None
+def _goal(given: GoalModel, scale: float, frame: Pose) -> Goal:
+    """The goal in the base frame."""
     if given.joints is not None:
         return JointGoal(np.array(given.joints))
-    axis = approach.direction if given.axis is None else frame.rotation @ np.array(given.axis)
-    return PoseGoal(frame @ (scale * np.array(given.position)), axis)
+    position = frame @ (scale * np.array(given.position))
+    axis = frame.rotation @ np.array(given.axis) if given.axis else None
+    if axis is not None and given.tolerance is None:
+        return PoseGoal(position, axis)
+    allowed = given.tolerance or ToleranceModel()
+    within = None if allowed.position is None else scale * np.array(allowed.position)
+    region = RegionGoal(
+        scale * np.array(given.position),
+        np.array(given.axis) if given.axis else None,
+        None if given.orientation is None else np.array(given.orientation),
+        float(within[0]) if within is not None and len(within) == 1 else within,
+        allowed.angle,
+        None if allowed.orientation is None else np.array(allowed.orientation),
+    )
+    return region if frame.is_identity else region.transformed(frame)
