@@ -35,8 +35,7 @@ LONG = {
     "page": "loop_replay page sources",
     "planning": (
         "follow goals many options paper paper_settings prediction regions requests risk "
-        "static_margin "
-        "underway verdict ways"
+        "static_margin underway verdict ways"
     ),
     "promp": "tasks",
     "pushing": "cup hanging long_fruits quasi_static",

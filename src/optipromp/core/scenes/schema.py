@@ -209,6 +209,7 @@ class RobotModel(Model):
     """A robot by its file; see :class:`optipromp.core.robots.library.Choice`."""
 
     file: Text
+    arm: Text | None = None
     tip: Text | None = None
     base: Text | None = None
     srdf: Text | None = None
