@@ -21,6 +21,7 @@ from optipromp.core.judging.clearance import Overlap, pushed_away, swept
 from optipromp.core.judging.curve import extremes
 from optipromp.core.judging.ends import ends
 from optipromp.core.judging.entered import entered, touching
+from optipromp.core.judging.keeping import left_path
 from optipromp.core.judging.near import nearest_static
 from optipromp.core.judging.passing import passing
 from optipromp.core.judging.speed import PUSHED, among_fruits, too_fast
@@ -173,6 +174,7 @@ def judge(
     rims = tips + (0.0 if robot.tool is None else robot.tool.depth) * axes
     passed = passing(scene, tips, rims, robot.gripper_radius)
     end, at_goal = ends(scene, robot, q[-1], tips[-1], axes[-1], trajectory.duration)
+    missed = [*end.missed, *left_path(scene, robot, times, fine, points)]
     motion, broken = _motion(robot, trajectory, start)
     instants = trajectory.times.tolist()
     astray = [
@@ -186,7 +188,7 @@ def judge(
         most = kinematics.MOST_CHECKS
         text = f"it moves too far to be checked between waypoints: {most} checks are not enough"
         violations.append(Violation("unchecked", text))
-    violations += [*end.missed, *(astray if stem_side else []), *broken]
+    violations += [*missed, *(astray if stem_side else []), *broken]
     speed, when = among_fruits(scene, robot, trajectory, waypoints, points, every) or (None, None)
     if too_fast(speed):
         text = (

@@ -9,8 +9,8 @@ class Violation:
 
     Args:
         kind: ``contact``, ``unchecked``, ``goal``, ``axis``, ``stem side``, ``limit``,
-            ``velocity``, ``acceleration``, ``jerk``, ``speed``, ``start``, ``motion``, ``drift`` or
-            ``stem``.
+            ``velocity``, ``acceleration``, ``jerk``, ``speed``, ``start``, ``motion``, ``drift``,
+            ``stem``, ``upright`` or ``plane``.
         message: the reason as a sentence, which is also ``str(violation)``.
         subject: the link, joint or object concerned; empty where there is none.
         time: of the largest amount [s]; None where the violation has no time.

@@ -84,6 +84,16 @@ class GoalParameters(Checked):
 
 
 @dataclass(frozen=True)
+class KeptParameters(Checked):
+    """Constraints of a path (``planning/kept.py``)."""
+
+    share: float = parameter(
+        0.9, "1", "choice", "of the limits at waypoints, so that the curve between them is inside"
+    )
+    reached: float = parameter(1e-4, "m", "choice", "largest error of inverse kinematics")
+
+
+@dataclass(frozen=True)
 class PickParameters(Checked):
     """How many paths are followed, and how they are compared (``planning/pick.py``)."""
 
@@ -263,6 +273,7 @@ class TimingParameters(Checked):
 WAYPOINT = WaypointParameters()
 FOLLOW = FollowParameters()
 GOAL = GoalParameters()
+KEPT = KeptParameters()
 PICK = PickParameters()
 SOLVE = SolveParameters()
 PRIMITIVE = PrimitiveParameters()

@@ -1,5 +1,8 @@
 """Scenes: objects with roles, their files, and the built-in scenarios."""
 
+from optipromp.core.scenes.constraints import HeldUpright as HeldUpright
+from optipromp.core.scenes.constraints import OnPlane as OnPlane
+from optipromp.core.scenes.constraints import PathConstraints as PathConstraints
 from optipromp.core.scenes.io import load_scene as load_scene
 from optipromp.core.scenes.io import save_scene as save_scene
 from optipromp.core.scenes.io import scene_from_dict as scene_from_dict

@@ -1,4 +1,4 @@
-"""The models of the goals in a scene file."""
+"""The models of the goals in a scene file, and of the path to them."""
 
 from __future__ import annotations
 
@@ -67,4 +67,33 @@ class GoalModel(Model):
                 f"has {both}: must have one of axis: [x, y, z], the tool axis; orientation: "
                 "[w, x, y, z], of the tool's frame; axis: free, where the tool may point anywhere"
             )
+        return self
+
+
+class UprightModel(Model):
+    """See :class:`optipromp.core.scenes.constraints.HeldUpright`."""
+
+    angle: Positive
+    axis: Vector | None = None
+    direction: Vector | None = None
+
+
+class PlaneModel(Model):
+    """See :class:`optipromp.core.scenes.constraints.OnPlane`."""
+
+    point: Vector
+    normal: Vector
+    within: Positive
+
+
+class PathModel(Model):
+    """What the tool keeps on its whole way to a goal."""
+
+    upright: UprightModel | None = None
+    plane: PlaneModel | None = None
+
+    @model_validator(mode="after")
+    def _something(self) -> PathModel:
+        if self.upright is None and self.plane is None:
+            raise refuse("must have upright, plane or both")
         return self

@@ -21,7 +21,8 @@ from optipromp.core.geometry.shapes import (
 )
 from optipromp.core.robots.library import UNTRUSTED, Choice, robot_names
 from optipromp.core.robots.tools import make_tool
-from optipromp.core.scenes.goal_models import GoalModel, ToleranceModel
+from optipromp.core.scenes.constraints import HeldUpright, OnPlane, PathConstraints
+from optipromp.core.scenes.goal_models import GoalModel, PathModel, ToleranceModel
 from optipromp.core.scenes.rotations import IDENTITY
 from optipromp.core.scenes.scene import (
     STEM_RADIUS,
@@ -103,6 +104,7 @@ def scene_from_dict(
             start=None if model.start is None else np.array(model.start),
             approach=approach,
             goal=goals if isinstance(given, list) else next(iter(goals), None),
+            path=_path(model.path, scale, default, frames["world"]),
             options=_options(model, scale),
             base_dir=base_dir,
             base=Pose() if model.base is None else _pose(model.base, scale),
@@ -333,3 +335,23 @@ def _goal(given: GoalModel, scale: float, frame: Pose) -> Goal:
         None if allowed.orientation is None else np.array(allowed.orientation),
     )
     return region if frame.is_identity else region.transformed(frame)
+
+
+def _path(
+    given: PathModel | None, scale: float, frame: Pose, world: Pose
+) -> PathConstraints | None:
+    """The constraints of the path in the base frame; upright is by default up in the world."""
+    if given is None:
+        return None
+    upright = plane = None
+    if given.upright is not None:
+        told, axis = given.upright, given.upright.axis
+        up = world.rotation[:, 2]
+        if told.direction is not None:
+            up = frame.rotation @ np.array(told.direction)
+        upright = HeldUpright(told.angle, np.array([0.0, 0.0, 1.0] if axis is None else axis), up)
+    if given.plane is not None:
+        point = frame @ (scale * np.array(given.plane.point))
+        normal = frame.rotation @ np.array(given.plane.normal)
+        plane = OnPlane(point, normal, scale * given.plane.within)
+    return PathConstraints(upright, plane)

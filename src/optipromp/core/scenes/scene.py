@@ -17,6 +17,7 @@ from optipromp.core.geometry.obstacles import Measures, Obstacles, measures, pac
 from optipromp.core.robots.library import NOTHING, Choice, load_arm
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import trusses
+from optipromp.core.scenes.constraints import PathConstraints
 from optipromp.core.scenes.goals import Goal, JointGoal, PoseGoal, RegionGoal, transformed
 from optipromp.core.scenes.objects import ROLES, STEM_RADIUS, Role, SceneObject, Stem
 from optipromp.core.scenes.pose import Pose
@@ -142,6 +143,7 @@ class Scene(Shown):
         start: (n,) configuration; None: the robot's home.
         approach: the target frame.
         goal: in place of a target; of several goals, in a tuple, one is to be reached.
+        path: what the tool keeps on its whole way to the goal; None: nothing.
         options: further settings of the planners.
         base_dir: folder where relative paths start.
         base: pose of the robot's base in the world. Only the direction of up depends on it.
@@ -165,6 +167,7 @@ class Scene(Shown):
     base: Pose = field(default_factory=Pose)
     camera: Pose | None = None
     choice: Choice = NOTHING
+    path: PathConstraints | None = None
 
     def __post_init__(self) -> None:
         named("name", self.name)
@@ -190,6 +193,8 @@ class Scene(Shown):
             raise InvalidSceneError(f"two targets, {targets[0]!r} and {targets[1]!r}: must be one")
         if targets and self.goal is not None:
             raise InvalidSceneError(f"target {targets[0]!r} and a goal: must be one or the other")
+        if targets and self.path is not None:
+            raise InvalidSceneError(f"target {targets[0]!r} and a path: path goes with a goal")
         if not targets and self.goal is None:
             raise InvalidSceneError(
                 "no target: one object must have role 'target' (or the scene a 'goal')"
@@ -301,6 +306,7 @@ class Scene(Shown):
             objects=tuple(item.transformed(pose) for item in self.objects),
             approach=self.approach.transformed(pose),
             goal=moved if isinstance(self.goal, tuple) else next(iter(moved), None),
+            path=None if self.path is None else self.path.transformed(pose),
             base=self.base @ pose.inverse(),
             camera=None if self.camera is None else pose @ self.camera,
         )

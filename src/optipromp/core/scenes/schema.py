@@ -20,7 +20,7 @@ from pydantic_core import ErrorDetails
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.shapes import PRIMITIVES
 from optipromp.core.robots.tools import TOOLS
-from optipromp.core.scenes.goal_models import GoalModel
+from optipromp.core.scenes.goal_models import GoalModel, PathModel
 from optipromp.core.scenes.models import (
     Model,
     NotNegative,
@@ -245,6 +245,7 @@ class SceneModel(Model):
         ]
         | None
     ) = None
+    path: PathModel | None = None
     base: PoseModel | None = None
     camera: PoseModel | None = None
     frame: Frame = "world"

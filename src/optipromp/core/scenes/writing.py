@@ -46,6 +46,9 @@ def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, An
     if scene.goal is not None:
         goals = [_goal_to_dict(goal) for goal in scene.goals]
         document["goal"] = goals if isinstance(scene.goal, tuple) else goals[0]
+    if scene.path is not None:
+        parts = {name: part for name, part in vars(scene.path).items() if part is not None}
+        document["path"] = {name: _plain(part, list(vars(part))) for name, part in parts.items()}
     stated = ["direction", "lateral", "camera_distance"]
     stated += [name for name in ("cone", "aside") if getattr(scene.approach, name) is not None]
     stated += [name for name in ("shift", "lead") if np.any(getattr(scene.approach, name))]
