@@ -126,7 +126,7 @@ PRIMITIVES["brick"], TOOLS["beaker"] = Brick, Beaker
 from optipromp.core.scenes import scene_from_dict, scene_to_dict
 brick = {"id": "b", "role": "static", "shape": {"brick": {"size": [0.1, 0.2, 0.3]}},
          "position": [0.5, 0.0, 0.2]}
-given = {"name": "s", "robot": "panda", "goal": {"position": [0.5, 0.0, 0.5]},
+given = {"name": "s", "robot": "panda", "goal": {"position": [0.5, 0.0, 0.5], "axis": "free"},
          "tool": {"kind": "beaker", "length": 0.2}, "objects": [brick]}
 scene = scene_from_dict(given)
 assert type(scene.objects[0].shape) is Brick, scene

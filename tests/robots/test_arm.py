@@ -1,5 +1,6 @@
 """Which joints are the arm and which link is the flange: by hand, by SRDF, by rule."""
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +13,7 @@ from typer.testing import CliRunner
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.library import Choice, load_arm, load_robot
+from optipromp.core.scenes import scene_from_dict, scene_to_dict
 from optipromp.readers.tree import words
 
 Writer = Callable[..., Path]
@@ -438,6 +440,33 @@ def test_srdf_given_beats_the_rule(write: Writer) -> None:
     both = groups(along("l", "column", "leftlink6"), along("r", "column", "rightlink6"))
     with pytest.raises(InvalidRobotError, match="2 arms are alike"):
         load_robot(path, srdf=write(both, "both.srdf"))
+
+
+def test_an_arm_of_two_is_chosen_by_its_name(write: Writer) -> None:
+    path = write(robot(*TWO))
+    for name in ("left", "right", "leftlink6"):
+        loaded, arm = load_arm(path, choice=Choice(arm=name))
+        assert (arm.tip, loaded.n_joints) == (f"{name.removesuffix('link6')}link6", 6)
+    both = groups(along("one", "column", "leftlink6"), along("two", "column", "rightlink6"))
+    own = write(both, "own.srdf")
+    assert load_arm(path, choice=Choice(arm="two", srdf=own))[1].tip == "rightlink6"
+    assert load_robot(path, arm="Left").joint_names[0] == "left1"
+    with pytest.raises(InvalidRobotError, match=r"no arm 'leftlink7'.*did you mean 'leftlink6'"):
+        load_robot(path, arm="leftlink7")
+    with pytest.raises(InvalidRobotError, match="2 arms are alike"):
+        load_robot(path, arm="link6")
+    with pytest.raises(InvalidRobotError, match="goes without a tip"):
+        load_robot(path, arm="left", tip="leftlink6")
+
+
+def test_a_scene_and_the_command_line_choose_the_arm_by_name(write: Writer) -> None:
+    path = write(robot(*TWO))
+    document = {"name": "s", "robot": {"file": path.name, "arm": "right"}}
+    scene = scene_from_dict(document | {"goal": {"joints": [0.1] * 6}}, base_dir=path.parent)
+    assert scene.load_robot().arm.tip == "rightlink6"
+    assert scene_to_dict(scene, base_dir=path.parent)["robot"] == document["robot"]
+    done = CliRunner().invoke(app, ["check", str(path), "--arm", "left", "--json"])
+    assert (done.exit_code, json.loads(done.stdout)["flange"]) == (0, "leftlink6")
 
 
 def test_robot_file_chooses(write: Writer) -> None:

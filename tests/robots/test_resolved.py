@@ -150,7 +150,7 @@ def test_what_cannot_be_saved_or_chosen(tmp_path: Path) -> None:
     with pytest.raises(InvalidRequestError, match=r"must end in \.robot"):
         save_robot(load_robot("panda"), tmp_path / "arm.yaml")
     save_robot(load_robot("panda"), tmp_path / "arm.robot")
-    with pytest.raises(InvalidRobotError, match="resolved: it takes no tip"):
+    with pytest.raises(InvalidRobotError, match="resolved: it takes no arm, tip"):
         load_robot(tmp_path / "arm.robot", tip="panda_link8")
 
 

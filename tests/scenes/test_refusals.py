@@ -111,7 +111,10 @@ NAN, INF = math.nan, math.inf
         (with_fruit(shape={"sphere": {"radius": 15}}), "radius 15 m is too large"),
         (with_fruit(stem={"root": [0.45, 0.0, 1020]}), "stem.root"),
         (with_object(position=[1e5, 0, 0], role="static"), "100000 m from the robot"),
-        (MINIMAL | {"objects": [], "goal": {"position": [0, 450, 0]}}, "goal.position"),
+        (
+            MINIMAL | {"objects": [], "goal": {"position": [0, 450, 0], "axis": "free"}},
+            "goal.position [0.0, 450.0, 0.0] is 450 m",
+        ),
     ],
 )
 def test_refuses(document, words):

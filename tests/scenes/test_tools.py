@@ -82,7 +82,11 @@ def test_a_mesh_is_read_with_its_scale(folder: Path) -> None:
 
 def test_lengths_are_scaled_and_turns_are_not(folder: Path) -> None:
     def tool(stated: dict[str, object]) -> object:
-        document = MINIMAL | {"scale": 0.001, "objects": [], "goal": {"position": [450, 0, 890]}}
+        document = MINIMAL | {
+            "scale": 0.001,
+            "objects": [],
+            "goal": {"position": [450, 0, 890], "axis": "free"},
+        }
         return resolve(scene_from_dict(document | {"tool": stated}, base_dir=folder)).robot.tool
 
     gripper = tool({"kind": "finger_gripper", "opening": 60, "depth": 10, "turn": 0.4})

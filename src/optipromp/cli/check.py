@@ -150,7 +150,8 @@ def check(
             write_atomically(out / "cover.png", png(cover_figure(robot)))
     elif named or out is not None:
         raise InvalidRequestError(
-            f"{item} is no robot but a {kind}: no --tip, --base, --srdf, --package-dir or --out"
+            f"{item} is no robot but a {kind}: "
+            "no --arm, --tip, --base, --srdf, --package-dir or --out"
         )
     else:
         summary = _SUMMARIES[kind](item)
@@ -196,7 +197,7 @@ def _scene(item: str) -> dict[str, Any]:
         "tool": scene.tool.kind if scene.tool is not None else None,
         "start": bound.start.tolist(),
         **by_role,
-        "goal": type(scene.goal).__name__ if scene.goal is not None else "the target",
+        "goal": ", ".join(type(goal).__name__ for goal in scene.goals) or "the target",
     }
 
 

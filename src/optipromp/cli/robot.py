@@ -51,6 +51,12 @@ class Named:
 class ArmOptions:
     """The options that choose the arm in a robot's file."""
 
+    arm: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Of the robot: a group, or a part of a name such as left."
+        ),
+    ] = None
     tip: Annotated[
         str | None, typer.Option(metavar="LINK", help="Of the robot: the flange link.")
     ] = None
@@ -74,5 +80,6 @@ class ArmOptions:
             self.base,
             self.srdf and self.srdf.absolute(),
             package_dirs=tuple(folder.absolute() for folder in self.package_dir or ()),
+            arm=self.arm,
         )
         return Named(robot, choice)

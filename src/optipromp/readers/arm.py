@@ -11,6 +11,7 @@ from dataclasses import replace
 
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.description import Arm
+from optipromp.core.scenes.values import suggest
 from optipromp.readers.srdf import Srdf
 from optipromp.readers.tree import (
     CENTRE,
@@ -31,7 +32,11 @@ NO_ARM = HEAD | TORSO | PALM | LEG  # words in the names of groups that are no a
 
 
 def choose_arm(
-    model: UrdfModel, tip: str | None = None, base: str | None = None, srdf: Srdf | None = None
+    model: UrdfModel,
+    tip: str | None = None,
+    base: str | None = None,
+    srdf: Srdf | None = None,
+    name: str | None = None,
 ) -> Arm:
     """The arm of ``model``.
 
@@ -41,10 +46,12 @@ def choose_arm(
         base: the link that the arm begins at; joints before it are held. None: beyond the links
             that carry more than the arm, such as a torso.
         srdf: groups of joints, some of which are arms.
+        name: of the arm: a group of the SRDF, or a part of the name of its group, its tip or all
+            its joints.
 
     Raises:
-        InvalidRobotError: a link does not exist, ``base`` is not before ``tip``, or several arms
-            are alike (the message lists them).
+        InvalidRobotError: a link does not exist, ``base`` is not before ``tip``, several arms are
+            alike (the message lists them), or no arm has the ``name``.
     """
     tree = Tree(model)
     for key, link in (("tip", tip), ("base", base)):
@@ -52,6 +59,8 @@ def choose_arm(
             known = ", ".join(list(model.links)[:20])
             what = "flange link" if key == "tip" else "base link"
             raise InvalidRobotError(f"{model.path}: no {what} '{link}'; links: {known}")
+    if name is not None and (tip is not None or base is not None):
+        raise InvalidRobotError(f"{model.path}: arm {name!r} goes without a tip and a base")
     if tip is not None:
         last = [joint for joint in tree.path(tip) if joint.kind != "fixed"][-1:]
         if base is None and last:
@@ -62,6 +71,8 @@ def choose_arm(
     found: list[Arm] = []
     if srdf is not None and base is None:
         found = _of_groups(tree, srdf)
+    if name is not None:
+        found = _named(tree, srdf, name, [*found, *_by_rule(tree, base)])
     if not found:
         found = _by_rule(tree, base)
     alike = [arm for arm in found if len(arm.joints) >= len(found[0].joints) - 1]
@@ -69,7 +80,7 @@ def choose_arm(
         listed = "; ".join(map(str, alike))
         raise InvalidRobotError(
             f"{model.path}: {len(alike)} arms are alike; choose one by its tip (tip= or --tip, or "
-            f"'flange:' in a robot file): {listed}"
+            f"'flange:' in a robot file) or its name (arm= or --arm): {listed}"
         )
     first = found[0]
     more = [str(arm) for arm in found[1:] if (arm.tip, arm.joints) != (first.tip, first.joints)]
@@ -77,6 +88,28 @@ def choose_arm(
     chains = {} if srdf is None else {name: _of_group(tree, srdf, name) for name in srdf.groups}
     groups = {name: chain.joints for name, chain in chains.items() if chain is not None}
     return replace(first, others=others, groups=groups)
+
+
+def _named(tree: Tree, srdf: Srdf | None, name: str, arms: Sequence[Arm]) -> list[Arm]:
+    """The arm of the group with this name, else all arms that it is a part of the name of."""
+    groups = {} if srdf is None else {key: _of_group(tree, srdf, key) for key in srdf.groups}
+    chains = {key: arm for key, arm in groups.items() if arm is not None}
+    if name in chains:
+        return [chains[name]]
+    called = {key: chain for key, chain in chains.items() if not words(key) & NO_ARM}
+    part = name.casefold()
+    said = list(called.items())
+    said += [(each, arm) for arm in arms for each in (arm.tip, _shared(arm.joints))]
+    found = {arm.joints: arm for text, arm in reversed(said) if part in text.casefold()}
+    if not found:
+        valid = dict.fromkeys([*called, *(arm.tip for arm in arms)])
+        raise InvalidRobotError(f"{tree.model.path}: no arm '{name}': {suggest(name, valid)}")
+    return sorted(found.values(), key=lambda arm: -len(arm.joints))
+
+
+def _shared(names: Sequence[str]) -> str:
+    """The words that all of some names have."""
+    return " ".join(sorted(frozenset.intersection(*map(words, names)))) if names else ""
 
 
 def _made(tree: Tree, tip: str, base: str | None, why: str) -> Arm:

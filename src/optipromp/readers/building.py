@@ -43,7 +43,11 @@ def build(
         raise InvalidRobotError(f"{path}: the robot's name '{name[:60]}' holds control characters")
     srdf = srdf or srdf_beside(model)
     tip, base = choice.tip or entry.flange, choice.base or entry.base
-    arm = choose_arm(model, tip, base, read_srdf(srdf) if srdf and tip is None else None)
+    named = choice.arm
+    if named is not None and choice.tip is None and choice.base is None:
+        tip = base = None  # the caller's choice precedes that of the file
+    groups = read_srdf(srdf) if srdf and tip is None else None
+    arm = choose_arm(model, tip, base, groups, named)
     chain = serial_chain(model, arm.tip, arm.base, {**entry.hold, **choice.hold})
     if len(chain.kinematics.kind) > MOST_JOINTS:
         raise InvalidRobotError(

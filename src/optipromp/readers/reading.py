@@ -169,7 +169,8 @@ def _cache_file(found: _Found, choice: Choice) -> Path | None:
     if folder is None or found.files is None:
         return None
     model, entry = found.model, found.entry.model_copy(update={"urdf": ""})
-    chosen = choice.tip, choice.base, sorted(choice.hold.items())
+    chosen = repr((choice.tip, choice.base, sorted(choice.hold.items())))
+    chosen += "" if choice.arm is None else f" {choice.arm}"
     digest = hashlib.sha256(f"{_VERSION} {entry!r} {chosen} {found.groups is None}".encode())
     try:
         if model is None:

@@ -15,21 +15,22 @@ from typing import Any
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, lengths
+from optipromp.core.arrays import lengths
 from optipromp.core.judging import kinematics
 from optipromp.core.judging.clearance import Overlap, pushed_away, swept
 from optipromp.core.judging.curve import extremes
+from optipromp.core.judging.ends import ends
 from optipromp.core.judging.entered import entered, touching
+from optipromp.core.judging.keeping import left_path
 from optipromp.core.judging.near import nearest_static
 from optipromp.core.judging.passing import passing
 from optipromp.core.judging.speed import PUSHED, among_fruits, too_fast
+from optipromp.core.judging.violation import Violation
 from optipromp.core.parameters import Checked, parameter
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.scene import JointGoal, PoseGoal, Scene
+from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
 
-GOAL_TOLERANCE = 1e-3  # [m], or [rad] for a goal in joints; method §5
-AXIS_TOLERANCE = np.deg2rad(2.0)  # [rad]; method §5
 ROUNDING = 1e-6  # [rad, rad/s, rad/s²] of start states, [-] of shares of a limit: files round
 RATES = ("velocity", "acceleration", "jerk")
 
@@ -70,8 +71,9 @@ class Metrics:
         clearance_pushable: smallest distance of the arm (B_d) to a pushable in its first place [m].
         clearance_self: smallest distance between links that are not neighbours [m].
         approach_speed: largest speed of the tool among pushables that hang [m/s].
-        goal_error: of the tool point at the end [m], or of a goal in joints [rad or m].
-        goal_axis_error: of the tool axis at the end [rad].
+        goal_error: of the tool point at the end [m], or of a goal in joints [rad or m]; of several
+            goals, that of the goal which is reached or missed least.
+        goal_axis_error: of the tool axis or the orientation at the end [rad].
         limit_violation: largest excess over a position limit [rad or m].
         max_step: largest step of a joint between waypoints [rad or m].
         path_length: in joint space [rad].
@@ -109,32 +111,6 @@ class Metrics:
         """The metrics as plain values for JSON."""
         ways = {name: way and list(way) for name, way in self.passage.items()}
         return vars(self) | {"passage": ways}
-
-
-@dataclass(frozen=True)
-class Violation:
-    """One reason why a trajectory is not valid.
-
-    Args:
-        kind: ``contact``, ``unchecked``, ``goal``, ``axis``, ``stem side``, ``limit``,
-            ``velocity``, ``acceleration``, ``jerk``, ``speed``, ``start``, ``motion``, ``drift`` or
-            ``stem``.
-        message: the reason as a sentence, which is also ``str(violation)``.
-        subject: the link, joint or object concerned; empty where there is none.
-        time: of the largest amount [s]; None where the violation has no time.
-        amount: size of the violation, in ``unit``; for a velocity, acceleration or jerk the share
-            of the limit.
-    """
-
-    kind: str
-    message: str
-    subject: str = ""
-    time: float | None = None
-    amount: float | None = None
-    unit: str = ""
-
-    def __str__(self) -> str:
-        return self.message
 
 
 @dataclass(frozen=True)
@@ -197,7 +173,8 @@ def judge(
     tips, axes = points[waypoints], every[waypoints]
     rims = tips + (0.0 if robot.tool is None else robot.tool.depth) * axes
     passed = passing(scene, tips, rims, robot.gripper_radius)
-    goal_error, axis_error, missed = _goal(scene, q[-1], tips[-1], axes[-1], trajectory.duration)
+    end, at_goal = ends(scene, robot, q[-1], tips[-1], axes[-1], trajectory.duration)
+    missed = [*end.missed, *left_path(scene, robot, times, fine, points)]
     motion, broken = _motion(robot, trajectory, start)
     instants = trajectory.times.tolist()
     astray = [
@@ -218,7 +195,7 @@ def judge(
             f"the tool moves at {speed:.3f} m/s among fruits (pushes are predicted for {PUSHED:g})"
         )
         violations.append(Violation("speed", text, "", when, speed, "m/s"))
-    notes += [] if stem_side else map(str, astray)
+    notes += at_goal if stem_side else [*at_goal, *map(str, astray)]
     near, room = None, distances["clearance_static"]
     if room is not None and room < JUDGE.static_margin:
         near = nearest_static(scene, robot, fine, times)
@@ -233,7 +210,7 @@ def judge(
     metrics = Metrics(
         M_p=passed.M_p, passage=passed.passage, stem_projection=passed.stem_projection,
         drift_shortfall=passed.drift_shortfall, stem_gap=passed.stem_gap,
-        approach_speed=speed, goal_error=goal_error, goal_axis_error=axis_error, **figures,
+        approach_speed=speed, goal_error=end.error, goal_axis_error=end.angle, **figures,
     )  # fmt: skip
     return Judgement(
         metrics, tuple(violations), tuple(contacts), tuple(notes), tuple(at_start), near
@@ -259,38 +236,6 @@ def paper_violations(scene: Scene, metrics: Metrics, tolerance: float = 1e-4) ->
             text = f"the line from the tool to {item.id} meets its stem"
             out.append(Violation("stem", text, item.id, None, item.stem.radius - gap, "m"))
     return out
-
-
-def _goal(
-    scene: Scene, last: FloatArray, tip: FloatArray, axis: FloatArray, time: float
-) -> tuple[float, float | None, list[Violation]]:
-    """Position error [m] (in joints [rad]), axis error [rad] and violations at the end."""
-    if isinstance(scene.goal, JointGoal):
-        error = float(np.max(np.abs(last - scene.goal.joints)))
-        text = f"the end is {error:.4f} rad from the goal configuration"
-        missed = Violation("goal", text, "", time, error, "rad")
-        return error, None, [missed] if error > GOAL_TOLERANCE else []
-    if isinstance(scene.goal, PoseGoal):
-        position, direction = scene.goal.position, scene.goal.axis
-    else:
-        assert scene.target is not None  # the schema asks for a target or a goal
-        position = scene.target.position + scene.approach.shift
-        direction = scene.frame[2]
-    error, angle = math.dist(tip, position), _angle(axis.tolist(), direction.tolist())
-    out = []
-    if error > GOAL_TOLERANCE:
-        text = f"the tool ends {error * 1e3:.1f} mm from the goal"
-        out.append(Violation("goal", text, "", time, error, "m"))
-    if angle > AXIS_TOLERANCE:
-        text = f"the tool axis ends {np.rad2deg(angle):.1f} degrees off the approach"
-        out.append(Violation("axis", text, "", time, angle, "rad"))
-    return error, angle, out
-
-
-def _angle(a: list[float], b: list[float]) -> float:
-    """Angle between two vectors [rad], exact for small angles too."""
-    cross = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-    return math.atan2(math.hypot(*cross), a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
 def _motion(

@@ -13,10 +13,11 @@ from optipromp.core.optimization.costs.obstacles import self_overlap
 from optipromp.core.optimization.evaluation import Evaluation
 from optipromp.core.planning import collision
 from optipromp.core.planning.parameters import GOAL
+from optipromp.core.planning.regions import poses
 from optipromp.core.planning.task import Task
 from optipromp.core.robots import ik
 from optipromp.core.robots.roll import level, rolled
-from optipromp.core.scenes.scene import JointGoal, PoseGoal
+from optipromp.core.scenes.scene import JointGoal, PoseGoal, RegionGoal
 
 
 def clearance(task: Task, q: FloatArray) -> FloatArray:
@@ -47,18 +48,40 @@ def find(task: Task, seed: int, starts: int = GOAL.starts) -> FloatArray:
     """
     if isinstance(task.goal, JointGoal):
         return task.goal.joints[None]
-    solutions = ik.solve(
+    if isinstance(task.goal, RegionGoal):
+        found = [_solved(task, *pose, seed, starts) for pose in poses(task.goal, seed)]
+        margin, room = (
+            np.concatenate([getattr(one, key) for one in found]) for key in ("margin", "clearance")
+        )
+        order = np.argsort(-np.minimum(margin / ik.WIDE, room / ik.ROOMY), kind="stable")
+        return _rolled_level(task, np.concatenate([one.joints for one in found])[order])
+    return _rolled_level(
+        task, _solved(task, task.goal.position, task.goal.axis, seed, starts).joints
+    )
+
+
+def _rolled_level(task: Task, q: FloatArray) -> FloatArray:
+    """Configurations with the hand level, unless the goal tells its roll."""
+    if isinstance(task.goal, RegionGoal) and task.goal.orientation is not None:
+        return q
+    return level(task.robot, q, task.scene.frame[0])
+
+
+def _solved(
+    task: Task, position: FloatArray, axis: FloatArray | None, seed: int, starts: int
+) -> ik.Solutions:
+    """Configurations at a pose; see :func:`optipromp.core.robots.ik.solve`."""
+    return ik.solve(
         task.robot,
-        task.goal.position,
-        task.goal.axis,
+        position,
+        axis,
         starts=starts,
         seed=seed,
         near=task.start[None],
         rest=task.start,
         distinct=0.1 if starts >= GOAL.many_starts else GOAL.distinct,
-        clearance=lambda q: clearance(task, level(task.robot, q, task.scene.frame[0])),
+        clearance=lambda q: clearance(task, _rolled_level(task, q)),
     )
-    return level(task.robot, solutions.joints, task.scene.frame[0])
 
 
 def nearest(task: Task, begin: FloatArray) -> FloatArray | None:
@@ -67,7 +90,7 @@ def nearest(task: Task, begin: FloatArray) -> FloatArray | None:
     Inverse kinematics follows the approach line to the goal. The line begins before the camera
     point, by the distance of the camera point to the lowest fruit.
     """
-    if isinstance(task.goal, JointGoal):
+    if not isinstance(task.goal, PoseGoal):
         return None
     robot, approach = task.robot, task.scene.approach
     before = task.camera - approach.camera_distance * task.scene.frame[2]
@@ -126,21 +149,23 @@ def choose(
     if (
         len(kept) < GOAL.spare
         and (starts >= GOAL.starts or not len(goals))
-        and isinstance(task.goal, PoseGoal)
+        and not isinstance(task.goal, JointGoal)
         and not (len(goals) and budget.spent())
     ):
         goals = find(task, seed, GOAL.more_starts)
         kept, blocked = free(task, goals)
     if not len(goals):
-        assert isinstance(task.goal, PoseGoal)
-        at = task.goal.position
+        assert not isinstance(task.goal, JointGoal)
+        at, how = task.goal.position, " along its axis"
+        if isinstance(task.goal, RegionGoal) and task.goal.axis is None:
+            how = "" if task.goal.orientation is None else " in its orientation"
         return (
             goals,
             False,
-            f"no configuration within the joint limits has the tool at {np.round(at, 4).tolist()} "
-            f"along its axis ({np.linalg.norm(at):.3g} m from the base)",
+            f"no configuration within the joint limits has the tool at {np.round(at, 4).tolist()}"
+            f"{how} ({np.linalg.norm(at):.3g} m from the base)",
         )
-    if not len(kept) and isinstance(task.goal, PoseGoal) and not budget.spent():
+    if not len(kept) and not isinstance(task.goal, JointGoal) and not budget.spent():
         goals = find(task, seed, GOAL.many_starts)
         kept, blocked = free(task, goals)
         if not len(kept) and not task.scene.pushables:  # a tool that pushes is not rolled

@@ -63,6 +63,10 @@ class GoalParameters(Checked):
     spare: int = parameter(
         3, "1", "choice", "with fewer free configurations, more starts are tried"
     )
+    poses: int = parameter(12, "1", "choice", "in a goal's region, beside its middle")
+    inside: float = parameter(
+        0.9, "1", "choice", "share of a goal's tolerances within which its poses lie"
+    )
     distinct: float = parameter(
         0.25, "rad", "choice", "least difference of a joint between two distinct configurations"
     )
@@ -77,6 +81,16 @@ class GoalParameters(Checked):
     nearest_margin: float = parameter(
         0.05, "rad or m", "choice", "least distance of that goal from the joint limits"
     )
+
+
+@dataclass(frozen=True)
+class KeptParameters(Checked):
+    """Constraints of a path (``planning/kept.py``)."""
+
+    share: float = parameter(
+        0.9, "1", "choice", "of the limits at waypoints, so that the curve between them is inside"
+    )
+    reached: float = parameter(1e-4, "m", "choice", "largest error of inverse kinematics")
 
 
 @dataclass(frozen=True)
@@ -259,6 +273,7 @@ class TimingParameters(Checked):
 WAYPOINT = WaypointParameters()
 FOLLOW = FollowParameters()
 GOAL = GoalParameters()
+KEPT = KeptParameters()
 PICK = PickParameters()
 SOLVE = SolveParameters()
 PRIMITIVE = PrimitiveParameters()

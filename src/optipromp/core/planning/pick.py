@@ -23,7 +23,7 @@ from optipromp.core.optimization.costs.obstacles import ClearanceCost, ObstacleC
 from optipromp.core.optimization.costs.tool import CorridorCost, GoalCost, LevelCost, UprightCost
 from optipromp.core.optimization.evaluation import Evaluation
 from optipromp.core.optimization.problem import Problem
-from optipromp.core.planning import follow, ways
+from optipromp.core.planning import follow, kept, ways
 from optipromp.core.planning.follow import Start
 from optipromp.core.planning.goals import clearance, narrow, passed_over
 from optipromp.core.planning.options import Searched
@@ -39,7 +39,7 @@ from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import ToolPath, through
 from optipromp.core.pushing.rules import rule_paths
 from optipromp.core.pushing.searching import search
-from optipromp.core.scenes.scene import JointGoal, PoseGoal
+from optipromp.core.scenes.scene import PoseGoal
 from optipromp.core.trajectory import Trajectory
 
 
@@ -92,7 +92,7 @@ def pick(
         least_harm = min(refused, key=lambda path: path.harm)
         return Harmful(replace(task, only=least_harm, sparing=False))
     free = ways.free_starts(solver.cleared, options, promp, goals, rng, budget)
-    only = first_valid(solver, chain(rest(task, options), free))
+    only = first_valid(solver, kept.starts(solver.cleared, chain(rest(task, options), free)))
     assert only is not None  # there is at least one goal configuration
     return outcome(only, None, clock() - began)
 
@@ -279,7 +279,7 @@ class Solver:
     ) -> None:
         self.task, self.options, self.budget, self.model = task, options, budget, model
         self.searched = model if options.prediction else None
-        self.cleared = pushed_aside(task)
+        self.cleared = kept.held(pushed_aside(task))
         self.without_margin: list[Judgement] = []
         self._arrays: dict[int, Evaluation] = {}
 
@@ -331,7 +331,10 @@ def following(task: Task, options: Searched, start: Start, arrays: Evaluation) -
     ]
     touch = ClearanceCost("touch", "static", SOLVE.must, SOLVE.touch_margin)
     constraints = limits_and_clearances(task, options, touch)
-    if isinstance(task.goal, PoseGoal):
+    path = task.scene.path
+    constraints += kept.costs(path, start.waypoints.count)
+    fixed = path is not None or not isinstance(task.goal, PoseGoal)
+    if isinstance(task.goal, PoseGoal) and not fixed:
         constraints.append(GoalCost(SOLVE.must, task.goal.position, task.goal.axis))
     if start.path is not None and isinstance(task.goal, PoseGoal):
         points, axes = robot.tool_pose(start.followed)
@@ -347,7 +350,7 @@ def following(task: Task, options: Searched, start: Start, arrays: Evaluation) -
     return Problem(
         robot, task.surroundings, costs, constraints, start.waypoints.count,
         cutoff=max(SOLVE.safety, options.static_clearance, options.avoid_clearance) + 1e-3,  # [m]
-        end_fixed=isinstance(task.goal, JointGoal), evaluation=arrays,
+        end_fixed=fixed, evaluation=arrays,
     )  # fmt: skip
 
 

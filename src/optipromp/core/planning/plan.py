@@ -105,17 +105,23 @@ def plan(
         began = clock()
         task = replace(resolve(scene, robot, state), risk=options.risk, seed=seed)
         task = replace(task, demonstrations=demonstrations, sparing=True)
+        tasks = [replace(task, goal=goal, others=()) for goal in (task.goal, *task.others)]
         if state is not None:
-            task = underway(task, previous, at, unpushed)
-            if task.same and previous is not None and previous.success:
-                task = replace(task, risk=max(task.risk, UNDERWAY.risk))
-        return _best_way(task, solver, options, began, progress or str)
+            tasks = [underway(each, previous, at, unpushed) for each in tasks]
+            if tasks[0].same and previous is not None and previous.success:
+                risk = max(task.risk, UNDERWAY.risk)
+                tasks = [replace(each, risk=risk) for each in tasks]
+        return _best_way(tasks, solver, options, began, progress or str)
 
 
 def _best_way(
-    task: Task, planner: Planner, options: PlanOptions, began: float, say: Callable[[str], object]
-) -> Plan:
+    tasks: list[Task], planner: Planner, options: PlanOptions, began: float,
+    say: Callable[[str], object],
+) -> Plan:  # fmt: skip
     """The first harmless plan: by the straight approach, or by another that the scene allows.
+
+    There are several ``tasks`` where the scene has several goals: all are tried, and of the valid
+    plans the shortest in time wins.
 
     At first the arm follows only paths that do no harm by themselves. Without a harmless plan, the
     path of least harm is followed too, and the best of all plans is returned. Other approaches are
@@ -123,12 +129,13 @@ def _best_way(
     """
     end = began + options.timeout
     attempt = functools.partial(_plan, planner=planner, options=options, end=end, say=say)
-    ways: Iterable[Task] = ()
-    if getattr(planner, "approaches", False) and not task.begun:
-        ways = approaches.others(task)
+    first, several = tasks[0], len(tasks) > 1
+    ways: Iterable[Task] = tasks[1:]
+    if not several and getattr(planner, "approaches", False) and not first.begun:
+        ways = approaches.others(first)
     made: list[Plan] = []
     harmful: list[Harmful] = []
-    for approach in itertools.chain([task], ways):
+    for approach in itertools.chain([first], ways):
         if (made or harmful) and clock() > end:
             break
         found = attempt(approach)
@@ -137,15 +144,24 @@ def _best_way(
             continue
         made.append(found)
         fast = getattr(planner, "timed", False) and judging.too_fast(found.metrics.approach_speed)
-        if fast or found.status not in RETRIED:
+        if not several and (fast or found.status not in RETRIED):
             break
     if harmful and not any(done.success for done in made):
         least = min(harmful, key=lambda answer: answer.harm)
         found = attempt(replace(least.task, sparing=False))
         assert isinstance(found, Plan)  # of a task that is not sparing
         made.append(found)
-    best = min(made, key=_badness)
+    best = min(made, key=_slowness if several else _badness)
+    if several and not best.success:
+        which = [each.goal for each in tasks].index(best.task.goal) + 1
+        best = replace(best, message=f"goal {which} of {len(tasks)}: {best.message}")
     return replace(best, time={**best.time, "total": clock() - began})
+
+
+def _slowness(made: Plan) -> tuple[bool, bool, float]:
+    """Sort key of the plans to different goals: validity, free configurations, then duration."""
+    nowhere = made.status in (Code.GOAL_UNREACHABLE, Code.GOAL_IN_COLLISION)
+    return not made.success, nowhere, made.trajectory.duration
 
 
 def _badness(made: Plan) -> tuple[bool, float]:

@@ -7,6 +7,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import Budget, clock
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.planning import goals, primitive
+from optipromp.core.planning.kept import held, keeps
 from optipromp.core.planning.options import (
     STRATEGIES,
     PaperOptions,
@@ -81,6 +82,9 @@ def goal_configurations(
     if task.entry is not None:
         near = task.start
     found, free, reason = goals.choose(task, task.seed, starts, near, budget)
+    if task.scene.path is not None and len(found):
+        found = found[keeps(held(task), found)]
+        reason = reason or "no configuration found at the goal keeps the path's constraints"
     return Chosen(found, free, reason, clock() - began)
 
 

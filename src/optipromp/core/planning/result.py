@@ -10,6 +10,7 @@ from optipromp.core.errors import Code
 from optipromp.core.files import plain
 from optipromp.core.judging import Judgement, Metrics, Overlap
 from optipromp.core.planning.options import PaperOptions, Strategy
+from optipromp.core.planning.regions import reached
 from optipromp.core.planning.task import Task
 from optipromp.core.pushing.model import Prediction, PushModel
 from optipromp.core.robots.model import Robot
@@ -230,6 +231,11 @@ class Plan(Shown):
         """The push model for the trajectory's last configuration; None where no model applies."""
         return self.task.push_model(self.trajectory.positions[-1])
 
+    @property
+    def goal(self) -> int | None:
+        """The index among the scene's goals of the goal that is reached; None: none."""
+        return reached(self.robot, self.scene.goals, self.trajectory.positions[-1])
+
     def _words(self) -> str:
         strategy = f" {self.strategy}" if self.strategy else ""
         return (
@@ -261,4 +267,6 @@ class Plan(Shown):
             "first": self.first,
             "via": [vars(via) for via in self.via],
         }
+        if len(self.scene.goals) > 1:
+            document["goal"] = self.goal
         return dict(plain(document))

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, lengths
-from optipromp.core.errors import InvalidRequestError, StartInvalidError
-from optipromp.core.judging import AXIS_TOLERANCE, GOAL_TOLERANCE
+from optipromp.core.errors import StartInvalidError
 from optipromp.core.optimization.evaluation import BodyPoints
 from optipromp.core.optimization.problem import Surroundings
+from optipromp.core.planning.regions import at_goal, goals_of, within_limits
 from optipromp.core.promp.model import ProMP
 from optipromp.core.pushing.model import Combined, Continued, PushModel
 from optipromp.core.pushing.packs import standing
@@ -24,10 +24,9 @@ from optipromp.core.pushing.stems.cup import flange_of
 from optipromp.core.pushing.stems.hanging import Hanging
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.tools import make_tool, with_tool
-from optipromp.core.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
+from optipromp.core.scenes.scene import Goal, PoseGoal, Scene, SceneObject
 from optipromp.core.trajectory import State, Trajectory
 
-LIMIT_TOLERANCE = 1e-9  # [rad or m] a joint this little beyond its limit is within it: rounding
 AMONG = 0.3  # [m] behind the target, within which the arm may meet objects that stand: a choice
 MOST_POINTS = 50_000  # of a tool's motion, which are 50 m at STEP: more than any arm's
 NEAR = 0.065  # [m] cells list obstacles this near to a body sphere: more than GOAL.room
@@ -41,7 +40,8 @@ class Task:
         scene: of the request.
         robot: with the scene's tool.
         state: of the arm at the start.
-        goal: a configuration, or a pose of the tool.
+        goal: a configuration, a pose of the tool, or a region of poses.
+        others: further goals, any of which may be reached instead.
         neighbours: pushables in the way, in the order in which the tool meets them.
         entry: (3,) tool point at the start, if the tool has begun its approach [m]; else None.
         passed: neighbours below the rim of a tool that has begun its approach.
@@ -60,8 +60,9 @@ class Task:
     scene: Scene
     robot: Robot
     state: State
-    goal: JointGoal | PoseGoal
+    goal: Goal
     neighbours: tuple[SceneObject, ...]
+    others: tuple[Goal, ...] = ()
     entry: FloatArray | None = None
     passed: tuple[SceneObject, ...] = ()
     running: Trajectory | None = None
@@ -130,12 +131,8 @@ class Task:
         return turning(self.goal.axis, lead, share)
 
     def at_goal(self, q: FloatArray) -> bool:
-        """Whether configuration ``q`` (n,) is at the goal, within the judge's tolerances."""
-        if isinstance(self.goal, JointGoal):
-            return bool(np.max(np.abs(q - self.goal.joints)) < GOAL_TOLERANCE)
-        point, axis = self.robot.tool_pose(q)
-        near = np.linalg.norm(point - self.goal.position) < GOAL_TOLERANCE
-        return bool(near and axis @ self.goal.axis > np.cos(AXIS_TOLERANCE))
+        """Whether configuration ``q`` (n,) is at the goal, within its tolerances."""
+        return at_goal(self.robot, self.goal, q)
 
 
 # Both caches compare robots by identity: an unchanged file gives the same robot object.
@@ -174,7 +171,7 @@ def posed(
             f"start has {start.size} values; {robot.name} has {robot.n_joints} joints: "
             f"{', '.join(robot.joint_names)}"
         )
-    _within_limits(robot, start, "start", StartInvalidError)
+    within_limits(robot, start, "start", StartInvalidError)
     if state is not None and (fast := np.abs(state.velocity) > robot.velocity).any():
         joint = int(np.argmax(fast))
         raise StartInvalidError(
@@ -192,15 +189,12 @@ def resolve(scene: Scene, robot: Robot | None = None, state: State | None = None
         OptiPrompError: what :func:`posed` raises.
     """
     robot, begin = posed(scene, robot, state)
-    if isinstance(scene.goal, JointGoal):
-        joints = robot.check_configuration(scene.goal.joints)
-        _within_limits(robot, joints, "goal", InvalidRequestError)
-    goal = scene.goal
-    if goal is None:
+    goals = goals_of(scene.goals, robot, begin.q)
+    if not goals:
         assert scene.aim is not None  # a scene has a target or a goal
-        goal = PoseGoal(scene.aim, scene.frame[2])
+        goals = (PoseGoal(scene.aim, scene.frame[2]),)
     near = neighbours(scene, robot.gripper_radius)
-    return Task(scene, robot, begin, goal, near, begun=state is not None)
+    return Task(scene, robot, begin, goals[0], near, goals[1:], begun=state is not None)
 
 
 def approached(task: Task, scene: Scene) -> Task:
@@ -208,17 +202,6 @@ def approached(task: Task, scene: Scene) -> Task:
     assert scene.aim is not None
     goal, near = PoseGoal(scene.aim, scene.frame[2]), neighbours(scene, task.robot.gripper_radius)
     return replace(task, scene=scene, goal=goal, neighbours=near)
-
-
-def _within_limits(robot: Robot, q: FloatArray, what: str, error: type) -> None:
-    over = np.maximum(robot.lower - q, q - robot.upper)
-    worst = int(np.argmax(over))
-    if over[worst] > LIMIT_TOLERANCE:
-        degrees = " (degrees? radians are needed)" if abs(q[worst]) > 4.0 * np.pi else ""
-        raise error(
-            f"{what}: {robot.joint_names[worst]} is {q[worst]:.4f}, outside its limits "
-            f"[{robot.lower[worst]:.4f}, {robot.upper[worst]:.4f}]{degrees}"
-        )
 
 
 @functools.lru_cache(maxsize=32)

@@ -28,7 +28,7 @@ from optipromp.core.pushing.packs import standing
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP, ToolPath, evenly, length
 from optipromp.core.robots import ik
-from optipromp.core.scenes.scene import JointGoal, PoseGoal
+from optipromp.core.scenes.scene import PoseGoal
 from optipromp.core.trajectory import State, Trajectory
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ def rest(task: Task, options: Searched) -> Iterator[Start]:
     if made is None or options.duration is not None:
         return
     on_curve = task.state.near(State(*made.rows(0)), UNDERWAY.exact)
-    if isinstance(task.goal, JointGoal):
+    if not isinstance(task.goal, PoseGoal):
         q, last = made.positions, made.n_waypoints - 1
         if on_curve and task.at_goal(q[-1]):
             yield Start(q, q, Waypoints(last + 1, last), None, made)

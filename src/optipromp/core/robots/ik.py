@@ -1,6 +1,7 @@
 r"""Inverse kinematics for a tool point and a tool axis; rotation about the axis stays free.
 
-Many starts run at once. Each is a damped Gauss-Newton descent on
+A whole orientation is given by two axes of the tool's frame, which count alike. Many starts run at
+once. Each is a damped Gauss-Newton descent on
 
 .. math:: \tfrac12\lVert p^\* - p(q)\rVert^2 + \tfrac12\ell^2\lVert a^\* - a(q)\rVert^2
           + \tfrac12 w\lVert (q - q_c)/(q_{max}-q_{min})\rVert^2
@@ -23,6 +24,8 @@ from optipromp.core.robots.model import Robot
 
 AXIS_LENGTH = 0.3  # [m] chosen: ℓ, lever that weighs an axis error against a position error
 POSITION_SOLVED = 1e-6  # [m] chosen: largest position error of a solution
+WIDE = 0.3  # [rad or m] chosen: margin from limits that counts as much as the clearance ROOMY
+ROOMY = 0.05  # [m] chosen
 AXIS_SOLVED = 1e-6  # [rad] chosen: largest axis error of a solution
 
 
@@ -93,19 +96,22 @@ def apart_from_earlier(q, turning, distinct):
 
 @kernel
 def descend(
-    kin, tool_point, tool_axis, positions, directions, axis_weight, lower, upper, center, weight,
+    kin, tool_point, tool_axes, positions, directions, axis_weight, lower, upper, center, weight,
     iterations, chained, q, position_error, axis_error,
 ):  # fmt: skip
-    """Run every start in ``q`` (M, n) to its pose (M, 3), (M, 3), in place; errors (M,) [m, rad].
+    """Run every start in ``q`` (M, n) to its pose, in place; errors (M,) [m, rad].
 
+    The pose is ``positions`` (M, 3) of the tool point, and ``directions`` (M, A, 3) of the
+    ``tool_axes`` (A, 3). The axis error is that of all A axes, as the root of a sum of squares.
     If ``chained``, each row but the first starts from the solution of the row before it.
     """
     n_starts, n = q.shape
     n_segments = kin.kind.shape[0]
     origins, axes = np.empty((n_segments, 3)), np.empty((n_segments, 3))
     rotations = np.empty((n_segments, 3, 3))
-    jp, ja = np.empty((3, n)), np.empty((3, n))
-    point, direction = np.empty(3), np.empty(3)
+    n_axes = tool_axes.shape[0]
+    jp, ja = np.empty((3, n)), np.empty((n_axes, 3, n))
+    point, direction = np.empty(3), np.empty((n_axes, 3))
     hessian, step, scale = np.empty((n, n)), np.empty(n), np.empty(n)
     for j in range(n):
         span = upper[j] - lower[j]
@@ -121,12 +127,14 @@ def descend(
             ep, ea = 0.0, 0.0
             for i in range(3):
                 point[i] = origins[n_segments - 1, i]
-                direction[i] = 0.0
                 for k in range(3):
                     point[i] += r[i, k] * tool_point[k]
-                    direction[i] += r[i, k] * tool_axis[k]
                 ep += (position[i] - point[i]) ** 2
-                ea += (axis[i] - direction[i]) ** 2
+                for a in range(n_axes):
+                    direction[a, i] = 0.0
+                    for k in range(3):
+                        direction[a, i] += r[i, k] * tool_axes[a, k]
+                    ea += (axis[a, i] - direction[a, i]) ** 2
             position_error[m] = np.sqrt(ep)
             axis_error[m] = 2.0 * np.arcsin(min(1.0, 0.5 * np.sqrt(ea))) if axis_weight > 0 else 0.0
             pull = weight[m] * max(0.0, 1.0 - iteration / (0.7 * iterations)) ** 2
@@ -134,19 +142,24 @@ def descend(
                 pull == 0.0 and position_error[m] < 1e-9 and axis_error[m] < 1e-8
             ):
                 break
-            tool_rows(kin, origins, axes, point, direction, jp, ja)
+            for a in range(n_axes):
+                tool_rows(kin, origins, axes, point, direction[a], jp, ja[a])
             residual = ep + axis_weight * ea
             for i in range(n):
                 g = 0.0
                 for k in range(3):
                     g += jp[k, i] * (position[k] - point[k])
-                    g += axis_weight * ja[k, i] * (axis[k] - direction[k])
+                    for a in range(n_axes):
+                        g += axis_weight * ja[a, k, i] * (axis[a, k] - direction[a, k])
                 g += pull * scale[i] * (center[m, i] - q[m, i])
                 step[i] = g
                 for j in range(i + 1):
                     h = 0.0
                     for k in range(3):
-                        h += jp[k, i] * jp[k, j] + axis_weight * ja[k, i] * ja[k, j]
+                        both = jp[k, i] * jp[k, j]
+                        for a in range(n_axes):
+                            both += axis_weight * ja[a, k, i] * ja[a, k, j]
+                        h += both
                     hessian[i, j] = h
                 hessian[i, i] += pull * scale[i] + damping * min(1.0, residual) + 1e-9
             for i in range(n):  # a joint held at its limit takes no part in this step
@@ -174,7 +187,7 @@ def each(
     Args:
         robot: the arm and its tool.
         positions: (m, 3) world [m].
-        axes: (m, 3) unit.
+        axes: (m, 3) unit, or (m, 2, 3); see :func:`solve`.
         near: (m, n) configurations the descents start from.
         iterations: of each descent, at most.
 
@@ -190,13 +203,19 @@ def _tracked(
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Descents from ``q`` (m, n), in place, without a pull: damped steps are short."""
     position_error, axis_error = np.empty(len(q)), np.empty(len(q))
+    directions = np.array(axes, dtype=np.float64)
+    directions = directions if directions.ndim == 3 else directions[:, None]
     descend(
-        robot.kinematics, robot.tool_point, robot.tool_axis,
-        np.array(positions, dtype=np.float64), np.array(axes, dtype=np.float64), AXIS_LENGTH**2,
-        robot.lower.copy(), robot.upper.copy(), q, np.zeros(len(q)), iterations, chained,
-        q, position_error, axis_error,
+        robot.kinematics, robot.tool_point, _tool_axes(robot, directions.shape[1]),
+        np.array(positions, dtype=np.float64), directions, AXIS_LENGTH**2, robot.lower.copy(),
+        robot.upper.copy(), q, np.zeros(len(q)), iterations, chained, q, position_error, axis_error,
     )  # fmt: skip
     return q, position_error + AXIS_LENGTH * axis_error
+
+
+def _tool_axes(robot: Robot, count: int) -> FloatArray:
+    """The first ``count`` (A, 3) of tool axis and y of the tool's frame, in the last segment's."""
+    return np.array([robot.tool_axis, robot.tool_rotation[:, 1]])[:count]
 
 
 def solve(
@@ -218,7 +237,8 @@ def solve(
     Args:
         robot: the arm and its tool.
         position: (3,) world [m].
-        axis: (3,) unit, world; None leaves the axis free.
+        axis: (3,) of the tool axis, world; None leaves the axis free. Or (2, 3): of the tool axis
+            and of y of the tool's frame, which determine a whole orientation.
         starts: random starts, besides the home configuration and ``near``.
         seed: of the random starts.
         near: (m, n) further starts, whose solutions stay close to them.
@@ -231,7 +251,7 @@ def solve(
         iterations: of each descent.
 
     Returns:
-        The solutions, ranked by the smaller of limit margin (in 0.3 rad) and clearance (in 0.05 m).
+        The solutions, ranked by the smaller of margin / :data:`WIDE` and clearance / :data:`ROOMY`.
         Empty when there is none.
 
     Raises:
@@ -239,11 +259,13 @@ def solve(
     """
     target = np.array(position, dtype=np.float64)
     direction = np.array([0.0, 0.0, 1.0]) if axis is None else np.array(axis, dtype=np.float64)
+    whole = direction.shape == (2, 3)
     for name, value in (("position", target), ("axis", direction)):
-        if value.shape != (3,) or not np.isfinite(value).all():
+        if (value.shape != (3,) and not (whole and name == "axis")) or not np.isfinite(value).all():
             raise InvalidRequestError(f"the goal {name} must be three finite numbers, got {value}")
-    length = float(np.linalg.norm(direction))
-    if length < 1e-9:
+    directions = direction.reshape(-1, 3)
+    length = np.array([[float(np.linalg.norm(one))] for one in directions])
+    if length.min() < 1e-9:
         raise InvalidRequestError("the goal axis has no length")
     n = robot.n_joints
     lower, upper = robot.lower + limit_margin, robot.upper - limit_margin
@@ -260,19 +282,20 @@ def solve(
     q = np.ascontiguousarray(np.clip(q, low, high))
     position_error, axis_error = np.empty(len(q)), np.empty(len(q))
     descend(
-        robot.kinematics, robot.tool_point, robot.tool_axis, np.full((len(q), 3), target),
-        np.full((len(q), 3), direction / length), AXIS_LENGTH**2 if axis is not None else 0.0,
-        lower, upper, center, weight, iterations, False, q, position_error, axis_error,
+        robot.kinematics, robot.tool_point, _tool_axes(robot, len(directions)),
+        np.full((len(q), 3), target), np.tile(directions / length, (len(q), 1, 1)),
+        AXIS_LENGTH**2 if axis is not None else 0.0, lower, upper, center, weight, iterations,
+        False, q, position_error, axis_error,
     )  # fmt: skip
     good = (position_error < POSITION_SOLVED) & (axis_error < AXIS_SOLVED)
     rested = robot.home if rest is None else rest
-    turning = _turning(robot)
-    q = _at_rest(robot, q[good], rested, axis is not None)
-    q[:, turning] -= 2.0 * np.pi * np.round((q - rested)[:, turning] / (2.0 * np.pi))
+    endless = turning(robot)
+    q = q[good] if whole else _at_rest(robot, q[good], rested, axis is not None)
+    q[:, endless] -= 2.0 * np.pi * np.round((q - rested)[:, endless] / (2.0 * np.pi))
     margin = np.min(np.minimum(q - robot.lower, robot.upper - q), axis=1, initial=np.inf)
     room = np.full(len(q), np.inf) if clearance is None or not len(q) else clearance(q)
-    order = np.argsort(-np.minimum(margin / 0.3, room / 0.05), kind="stable")
-    kept = order[apart_from_earlier(q[order], turning, distinct)]
+    order = np.argsort(-np.minimum(margin / WIDE, room / ROOMY), kind="stable")
+    kept = order[apart_from_earlier(q[order], endless, distinct)]
     return Solutions(q[kept], margin[kept], room[kept])
 
 
@@ -283,13 +306,13 @@ def _uniform(seed: int, shape: tuple[int, int]) -> FloatArray:
 
 
 @functools.lru_cache(maxsize=32)
-def _turning(robot: Robot) -> BoolArray:
+def turning(robot: Robot) -> BoolArray:
     """Whether a full turn of each joint (n,) changes nothing: it has no limits, and mimic joints
     follow it in whole turns."""
     kin = robot.kinematics
-    turning = np.isinf(robot.lower) & np.isinf(robot.upper)
-    turning[kin.dof[(kin.kind == PRISMATIC) | (kin.multiplier != np.round(kin.multiplier))]] = False
-    return frozen(turning, np.bool_)
+    endless = np.isinf(robot.lower) & np.isinf(robot.upper)
+    endless[kin.dof[(kin.kind == PRISMATIC) | (kin.multiplier != np.round(kin.multiplier))]] = False
+    return frozen(endless, np.bool_)
 
 
 def _at_rest(robot: Robot, q: FloatArray, rest: FloatArray, with_axis: bool) -> FloatArray:
@@ -309,7 +332,7 @@ def track(
     Args:
         robot: the arm and its tool.
         positions: (m, 3) world [m], in the order they are followed.
-        axes: (m, 3) unit.
+        axes: (m, 3) unit, or (m, 2, 3); see :func:`solve`.
         begin: (n,) configuration the first solution starts from.
         iterations: of each descent.
 

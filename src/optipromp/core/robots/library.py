@@ -43,6 +43,8 @@ class Choice:
         base: the link that the arm begins at.
         srdf: a file of groups of joints.
         hold: values [rad or m] of joints that are not of the arm, such as fingers.
+        arm: name of the arm, in place of ``tip`` and ``base``: a group of the SRDF, or a part
+            of the name of the arm's group, its tip or all its joints, such as ``left``.
         package_dirs: folders that hold packages. Relative paths start where the robot's does.
         untrusted: whether a file or a message named the robot, not the user. The robot's files must
             then lie where that file's may, and no xacro is expanded. Ignored by comparisons.
@@ -53,6 +55,7 @@ class Choice:
     srdf: str | Path | None = None
     hold: Mapping[str, float] = field(default_factory=dict)
     package_dirs: tuple[str | Path, ...] = ()
+    arm: str | None = None
     untrusted: bool = field(default=False, repr=False, compare=False)
 
 
@@ -69,6 +72,7 @@ def load_robot(
     srdf: str | Path | None = None,
     hold: Mapping[str, float] | None = None,
     package_dirs: Sequence[str | Path] = (),
+    arm: str | None = None,
 ) -> Robot:
     """A robot without a tool: a built-in one by name, or from a file.
 
@@ -88,6 +92,7 @@ def load_robot(
             other such joints stand at zero, or at the limit nearest to zero.
         package_dirs: folders that hold the packages of ``package://`` names, or are packages;
             searched before the folders above the URDF, AMENT_PREFIX_PATH and ROS_PACKAGE_PATH.
+        arm: name of the arm, in place of ``tip`` and ``base``; see :class:`Choice`.
 
     Raises:
         InvalidRobotError: no such robot (the message lists the built-in names), a description that
@@ -96,7 +101,7 @@ def load_robot(
             message lists them).
     """
     return load_arm(
-        name_or_path, base_dir, Choice(tip, base, srdf, hold or {}, tuple(package_dirs))
+        name_or_path, base_dir, Choice(tip, base, srdf, hold or {}, tuple(package_dirs), arm)
     )[0]
 
 
@@ -107,7 +112,8 @@ def load_arm(
     if isinstance(name_or_path, str) and name_or_path in robot_names():
         if choice != NOTHING:
             raise InvalidRobotError(
-                f"robot '{name_or_path}' is built in: it takes no tip, base, srdf, hold or packages"
+                f"robot '{name_or_path}' is built in: it takes no arm, tip, base, srdf, hold or "
+                "packages"
             )
         robot = _built_in(name_or_path)
         return robot, robot.arm
@@ -139,7 +145,7 @@ def _read(path: Path, choice: Choice, check: Check) -> Robot:
         return read(path, choice, check)
     if choice != NOTHING:
         raise InvalidRobotError(
-            f"{path} is resolved: it takes no tip, base, srdf, hold or packages"
+            f"{path} is resolved: it takes no arm, tip, base, srdf, hold or packages"
         )
     return read_resolved(path, check)
 

@@ -80,6 +80,12 @@ class Robot(Shown):
         """Number of moving segments (more than joints where joints mimic one another)."""
         return int(self.kinematics.kind.shape[0])
 
+    @property
+    def tool_rotation(self) -> FloatArray:
+        """(3, 3) the tool's frame in that of the last segment: z the tool axis, y the opening."""
+        turn = self.flange_rotation
+        return turn if self.tool is None else np.asarray(turn @ self.tool.rotation)
+
     def check_configuration(self, q: FloatArray) -> FloatArray:
         """Return a copy of ``q`` as a float array (..., n).
 

@@ -1,5 +1,8 @@
 """Scenes: objects with roles, their files, and the built-in scenarios."""
 
+from optipromp.core.scenes.constraints import HeldUpright as HeldUpright
+from optipromp.core.scenes.constraints import OnPlane as OnPlane
+from optipromp.core.scenes.constraints import PathConstraints as PathConstraints
 from optipromp.core.scenes.io import load_scene as load_scene
 from optipromp.core.scenes.io import save_scene as save_scene
 from optipromp.core.scenes.io import scene_from_dict as scene_from_dict
@@ -9,6 +12,7 @@ from optipromp.core.scenes.scene import Approach as Approach
 from optipromp.core.scenes.scene import JointGoal as JointGoal
 from optipromp.core.scenes.scene import Pose as Pose
 from optipromp.core.scenes.scene import PoseGoal as PoseGoal
+from optipromp.core.scenes.scene import RegionGoal as RegionGoal
 from optipromp.core.scenes.scene import Role as Role
 from optipromp.core.scenes.scene import Scene as Scene
 from optipromp.core.scenes.scene import SceneObject as SceneObject

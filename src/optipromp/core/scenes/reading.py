@@ -21,13 +21,17 @@ from optipromp.core.geometry.shapes import (
 )
 from optipromp.core.robots.library import UNTRUSTED, Choice, robot_names
 from optipromp.core.robots.tools import make_tool
+from optipromp.core.scenes.constraints import HeldUpright, OnPlane, PathConstraints
+from optipromp.core.scenes.goal_models import GoalModel, PathModel, ToleranceModel
 from optipromp.core.scenes.rotations import IDENTITY
 from optipromp.core.scenes.scene import (
     STEM_RADIUS,
     Approach,
+    Goal,
     JointGoal,
     Pose,
     PoseGoal,
+    RegionGoal,
     Scene,
     SceneObject,
     Stem,
@@ -82,9 +86,15 @@ def scene_from_dict(
         where = ""
         _check_target_key(model, objects)
         approach = _approach(model, scale, default, frames["world"])
-        goal = _goal(model, scale, default, approach)
-        if isinstance(goal, PoseGoal) and model.scale is None:
-            _check_distance("goal.position", goal.position, told, reachable=False)
+        given = model.goal
+        goals = tuple(
+            _goal(one, scale, default)
+            for one in (given if isinstance(given, list) else [given])
+            if one is not None
+        )
+        for one in goals:
+            if not isinstance(one, JointGoal) and model.scale is None:
+                _check_distance("goal.position", one.position, told, reachable=False)
         return Scene(
             name=model.name,
             robot=model.robot if isinstance(model.robot, str) else model.robot.file,
@@ -93,7 +103,8 @@ def scene_from_dict(
             tool=_tool(model, scale, base_dir),
             start=None if model.start is None else np.array(model.start),
             approach=approach,
-            goal=goal,
+            goal=goals if isinstance(given, list) else next(iter(goals), None),
+            path=_path(model.path, scale, default, frames["world"]),
             options=_options(model, scale),
             base_dir=base_dir,
             base=Pose() if model.base is None else _pose(model.base, scale),
@@ -116,7 +127,13 @@ def _choice(robot: str | RobotModel, base_dir: Path | None) -> Choice:
     for name in (robot.file, *([robot.srdf] if robot.srdf else []), *robot.package_dirs):
         _inside(name, base_dir)
     return Choice(
-        robot.tip, robot.base, robot.srdf, robot.hold, tuple(robot.package_dirs), untrusted=True
+        robot.tip,
+        robot.base,
+        robot.srdf,
+        robot.hold,
+        tuple(robot.package_dirs),
+        robot.arm,
+        untrusted=True,
     )
 
 
@@ -299,13 +316,42 @@ def _options(model: SceneModel, scale: float) -> dict[str, Any]:
     return out
 
 
-def _goal(
-    model: SceneModel, scale: float, frame: Pose, approach: Approach
-) -> JointGoal | PoseGoal | None:
-    given = model.goal
-    if given is None:
-        return None
+def _goal(given: GoalModel, scale: float, frame: Pose) -> Goal:
+    """The goal in the base frame."""
     if given.joints is not None:
         return JointGoal(np.array(given.joints))
-    axis = approach.direction if given.axis is None else frame.rotation @ np.array(given.axis)
-    return PoseGoal(frame @ (scale * np.array(given.position)), axis)
+    position = frame @ (scale * np.array(given.position))
+    axis = frame.rotation @ np.array(given.axis) if given.axis else None
+    if axis is not None and given.tolerance is None:
+        return PoseGoal(position, axis)
+    allowed = given.tolerance or ToleranceModel()
+    within = None if allowed.position is None else scale * np.array(allowed.position)
+    region = RegionGoal(
+        scale * np.array(given.position),
+        np.array(given.axis) if given.axis else None,
+        None if given.orientation is None else np.array(given.orientation),
+        float(within[0]) if within is not None and len(within) == 1 else within,
+        allowed.angle,
+        None if allowed.orientation is None else np.array(allowed.orientation),
+    )
+    return region if frame.is_identity else region.transformed(frame)
+
+
+def _path(
+    given: PathModel | None, scale: float, frame: Pose, world: Pose
+) -> PathConstraints | None:
+    """The constraints of the path in the base frame; upright is by default up in the world."""
+    if given is None:
+        return None
+    upright = plane = None
+    if given.upright is not None:
+        told, axis = given.upright, given.upright.axis
+        up = world.rotation[:, 2]
+        if told.direction is not None:
+            up = frame.rotation @ np.array(told.direction)
+        upright = HeldUpright(told.angle, np.array([0.0, 0.0, 1.0] if axis is None else axis), up)
+    if given.plane is not None:
+        point = frame @ (scale * np.array(given.plane.point))
+        normal = frame.rotation @ np.array(given.plane.normal)
+        plane = OnPlane(point, normal, scale * given.plane.within)
+    return PathConstraints(upright, plane)

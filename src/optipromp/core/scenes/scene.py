@@ -17,14 +17,16 @@ from optipromp.core.geometry.obstacles import Measures, Obstacles, measures, pac
 from optipromp.core.robots.library import NOTHING, Choice, load_arm
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import trusses
+from optipromp.core.scenes.constraints import PathConstraints
+from optipromp.core.scenes.goals import Goal, JointGoal, PoseGoal, RegionGoal, transformed
 from optipromp.core.scenes.objects import ROLES, STEM_RADIUS, Role, SceneObject, Stem
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.values import array, named, suggest, unit
 from optipromp.core.shown import Shown
 
 __all__ = [
-    "ROLES", "STEM_RADIUS", "Approach", "JointGoal", "Pose", "PoseGoal", "Role", "Scene",
-    "SceneObject", "Stem", "ToolSpec",
+    "ROLES", "STEM_RADIUS", "Approach", "Goal", "JointGoal", "Pose", "PoseGoal", "RegionGoal",
+    "Role", "Scene", "SceneObject", "Stem", "ToolSpec",
 ]  # fmt: skip
 
 WIDEST_CONE = 60.0
@@ -114,37 +116,6 @@ class Approach:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class JointGoal:
-    """A goal in joint space: ``joints`` (n,) [rad or m]."""
-
-    joints: FloatArray
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "joints", array("goal.joints", self.joints, None))
-
-
-@dataclass(frozen=True, eq=False)
-class PoseGoal:
-    """A goal for the tool, in the base frame.
-
-    Args:
-        position: (3,) of the tool point [m].
-        axis: (3,) of the tool axis; of any length above 0.
-    """
-
-    position: FloatArray
-    axis: FloatArray
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "position", array("goal.position", self.position, 3))
-        object.__setattr__(self, "axis", unit("goal.axis", self.axis))
-
-    def transformed(self, pose: Pose) -> PoseGoal:
-        """The same goal in another frame, in which its present frame has the ``pose``."""
-        return PoseGoal(pose @ self.position, pose.rotation @ self.axis)
-
-
 @dataclass(frozen=True)
 class ToolSpec:
     """The tool a scene asks for: ``kind`` and those ``parameters`` of its class that it states.
@@ -171,7 +142,8 @@ class Scene(Shown):
         tool: None: the robot's own.
         start: (n,) configuration; None: the robot's home.
         approach: the target frame.
-        goal: in place of a target.
+        goal: in place of a target; of several goals, in a tuple, one is to be reached.
+        path: what the tool keeps on its whole way to the goal; None: nothing.
         options: further settings of the planners.
         base_dir: folder where relative paths start.
         base: pose of the robot's base in the world. Only the direction of up depends on it.
@@ -189,17 +161,22 @@ class Scene(Shown):
     tool: ToolSpec | None = None
     start: FloatArray | None = None
     approach: Approach = field(default_factory=Approach)
-    goal: JointGoal | PoseGoal | None = None
+    goal: Goal | tuple[Goal, ...] | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
     base_dir: Path | None = None
     base: Pose = field(default_factory=Pose)
     camera: Pose | None = None
     choice: Choice = NOTHING
+    path: PathConstraints | None = None
 
     def __post_init__(self) -> None:
         named("name", self.name)
         object.__setattr__(self, "objects", tuple(self.objects))
         object.__setattr__(self, "options", dict(self.options))
+        if isinstance(self.goal, tuple | list):
+            object.__setattr__(self, "goal", tuple(self.goal))
+            if not self.goals:
+                raise InvalidSceneError("goal has no entries: must have at least one")
         if self.start is not None:
             object.__setattr__(self, "start", array("start", self.start, None))
         seen: dict[str, int] = {}
@@ -216,6 +193,8 @@ class Scene(Shown):
             raise InvalidSceneError(f"two targets, {targets[0]!r} and {targets[1]!r}: must be one")
         if targets and self.goal is not None:
             raise InvalidSceneError(f"target {targets[0]!r} and a goal: must be one or the other")
+        if targets and self.path is not None:
+            raise InvalidSceneError(f"target {targets[0]!r} and a path: path goes with a goal")
         if not targets and self.goal is None:
             raise InvalidSceneError(
                 "no target: one object must have role 'target' (or the scene a 'goal')"
@@ -244,6 +223,13 @@ class Scene(Shown):
     def target(self) -> SceneObject | None:
         """The object to reach; None if the scene has a goal instead."""
         return next(iter(self._by_role["target"]), None)
+
+    @property
+    def goals(self) -> tuple[Goal, ...]:
+        """The goals, one of which is to be reached; empty where there is a target."""
+        if self.goal is None:
+            return ()
+        return self.goal if isinstance(self.goal, tuple) else (self.goal,)
 
     @property
     def aim(self) -> FloatArray | None:
@@ -314,12 +300,13 @@ class Scene(Shown):
         The robot stands at the origin of the new frame. To move the robot by ``moved``, a pose in
         its present base frame, transform by ``moved.inverse()``. Joint values do not change.
         """
-        goal = self.goal
+        moved = tuple(transformed(goal, pose) for goal in self.goals)
         return replace(
             self,
             objects=tuple(item.transformed(pose) for item in self.objects),
             approach=self.approach.transformed(pose),
-            goal=goal.transformed(pose) if isinstance(goal, PoseGoal) else goal,
+            goal=moved if isinstance(self.goal, tuple) else next(iter(moved), None),
+            path=None if self.path is None else self.path.transformed(pose),
             base=self.base @ pose.inverse(),
             camera=None if self.camera is None else pose @ self.camera,
         )

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import functools
 import operator
-import reprlib
 from dataclasses import MISSING, fields
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
     Discriminator,
     Field,
     Tag,
@@ -19,83 +15,54 @@ from pydantic import (
     create_model,
     model_validator,
 )
-from pydantic_core import ErrorDetails, PydanticCustomError
+from pydantic_core import ErrorDetails
 
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.shapes import PRIMITIVES
 from optipromp.core.robots.tools import TOOLS
+from optipromp.core.scenes.goal_models import GoalModel, PathModel
+from optipromp.core.scenes.models import (
+    Model,
+    NotNegative,
+    Number,
+    Positive,
+    Quaternion,
+    Sizes,
+    Text,
+    Vector,
+    refuse,
+    short,
+)
 from optipromp.core.scenes.objects import Role
 from optipromp.core.scenes.values import suggest
-from optipromp.core.shown import LONGEST_NAME, printable
 
-
-def _refuse(what: str) -> PydanticCustomError:
-    return PydanticCustomError("scene", "{what}", {"what": what})
-
-
-def _printable(text: str) -> str:
-    if printable(text) != text:
-        raise _refuse(f"is '{printable(text)[:60]}': must hold no control characters")
-    return text
-
-
-_SHORT = reprlib.Repr()
-_SHORT.maxstring = _SHORT.maxother = 60
-
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0.0)]
-NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0)]
-Text = Annotated[
-    str, Field(strict=True, min_length=1, max_length=LONGEST_NAME), AfterValidator(_printable)
-]
-Sizes = Annotated[list[Positive], Field(min_length=3, max_length=3)]
-Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
-Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
 Frame = Literal["world", "base", "camera"]
 
 
-class _Model(BaseModel):
-    """Base of mappings, which refuse unknown keys by name."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _known_keys(cls, data: Any) -> Any:
-        if not isinstance(data, dict):
-            raise _refuse(
-                f"is {_short(data)}: must be a mapping with keys {', '.join(cls.model_fields)}"
-            )
-        for key in data:
-            if key not in cls.model_fields:
-                raise _refuse(f"unknown key {key!r}: {suggest(key, cls.model_fields)}")
-        return data
-
-
-class _OneOf(_Model):
+class _OneOf(Model):
     """A mapping with exactly one of its keys."""
 
     @model_validator(mode="after")
     def _exactly_one(self) -> _OneOf:
         given = [name for name in type(self).model_fields if name in self.model_fields_set]
         if len(given) != 1:
-            raise _refuse(
+            raise refuse(
                 f"has {' and '.join(given) or 'no key'}: must have exactly one of "
                 f"{', '.join(type(self).model_fields)}"
             )
         if getattr(self, given[0]) is None:
-            raise _refuse(f"{given[0]} is empty: must be a mapping")
+            raise refuse(f"{given[0]} is empty: must be a mapping")
         return self
 
 
-class MeshModel(_Model):
+class MeshModel(Model):
     """A mesh file; ``scale`` turns its unit into metres."""
 
     file: Text
     scale: Positive = 1.0
 
 
-class PointCloudModel(_Model):
+class PointCloudModel(Model):
     """A point cloud file; ``scale`` turns its unit into metres."""
 
     file: Text
@@ -103,11 +70,11 @@ class PointCloudModel(_Model):
     scale: Positive = 1.0
 
 
-def _sizes_model(shape: type) -> type[_Model]:
+def _sizes_model(shape: type) -> type[Model]:
     """The model of a shape without a file: each of its sizes, above 0."""
     kinds: dict[Any, Any] = {"float": Positive, float: Positive}
     keys: dict[str, Any] = {x.name: (kinds.get(x.type, Sizes), ...) for x in fields(shape)}
-    return create_model(f"{shape.__name__}Model", __base__=_Model, **keys)
+    return create_model(f"{shape.__name__}Model", __base__=Model, **keys)
 
 
 if TYPE_CHECKING:
@@ -120,14 +87,14 @@ else:
     )
 
 
-class PoseModel(_Model):
+class PoseModel(Model):
     """The pose of a frame in the world; see :class:`optipromp.core.scenes.pose.Pose`."""
 
     position: Vector
     orientation: Quaternion | None = None
 
 
-class StemModel(_Model):
+class StemModel(Model):
     """A stem: straight to a root, or along a direction, or a polyline, fruit first."""
 
     root: Vector | None = None
@@ -141,15 +108,15 @@ class StemModel(_Model):
     def _one_form(self) -> StemModel:
         forms = [self.root, self.direction, self.points]
         if sum(form is not None for form in forms) != 1:
-            raise _refuse("must have exactly one of root, direction (with length), points")
+            raise refuse("must have exactly one of root, direction (with length), points")
         if self.direction is not None and self.length is None:
-            raise _refuse("has direction and no length: must have both")
+            raise refuse("has direction and no length: must have both")
         if self.length is not None and self.direction is None:
-            raise _refuse("has length and no direction: length goes with direction")
+            raise refuse("has length and no direction: length goes with direction")
         return self
 
 
-class ObjectModel(_Model):
+class ObjectModel(Model):
     """One object."""
 
     id: Text
@@ -161,16 +128,16 @@ class ObjectModel(_Model):
     stem: StemModel | None = None
     covariance: Annotated[list[Vector], Field(min_length=3, max_length=3)] | None = None
     sigma: NotNegative | None = None
-    physical: dict[Text, Number] = {}
+    physical: dict[Text, Number] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _one_uncertainty(self) -> ObjectModel:
         if self.covariance is not None and self.sigma is not None:
-            raise _refuse("has covariance and sigma: must have one of them at most")
+            raise refuse("has covariance and sigma: must have one of them at most")
         return self
 
 
-class ApproachModel(_Model):
+class ApproachModel(Model):
     """The target frame; see :class:`optipromp.core.scenes.scene.Approach`."""
 
     direction: Vector | None = None
@@ -182,23 +149,7 @@ class ApproachModel(_Model):
     lead: Vector | None = None
 
 
-class GoalModel(_Model):
-    """A goal of the joints, or of the tool point and the tool axis."""
-
-    joints: Annotated[list[Number], Field(min_length=1)] | None = None
-    position: Vector | None = None
-    axis: Vector | None = None
-
-    @model_validator(mode="after")
-    def _one_form(self) -> GoalModel:
-        if (self.joints is None) == (self.position is None):
-            raise _refuse("must have either joints, or position (and axis)")
-        if self.joints is not None and self.axis is not None:
-            raise _refuse("has joints and axis: axis goes with position")
-        return self
-
-
-class _ToolModel(_Model):
+class _ToolModel(Model):
     """The tool on the flange; its keys are the parameters of the class of its kind."""
 
     kind: Text
@@ -210,7 +161,7 @@ class _ToolModel(_Model):
         for key in data:
             if key not in cls.model_fields:
                 which = suggest(key, own) if own else "it takes none"
-                raise _refuse(f"{key} is no parameter of {data['kind']}: {which}")
+                raise refuse(f"{key} is no parameter of {data['kind']}: {which}")
         return data
 
     @property
@@ -234,7 +185,7 @@ class MeshToolModel(_ToolModel):
     @model_validator(mode="after")
     def _one_form(self) -> MeshToolModel:
         if (self.file is None) == (self.parts is None):
-            raise _refuse("must have exactly one of file, parts")
+            raise refuse("must have exactly one of file, parts")
         return self
 
 
@@ -254,25 +205,26 @@ else:
     ToolModel = Annotated[functools.reduce(operator.or_, _models), Field(discriminator="kind")]
 
 
-class RobotModel(_Model):
+class RobotModel(Model):
     """A robot by its file; see :class:`optipromp.core.robots.library.Choice`."""
 
     file: Text
+    arm: Text | None = None
     tip: Text | None = None
     base: Text | None = None
     srdf: Text | None = None
-    hold: dict[Text, Number] = {}
-    package_dirs: list[Text] = []
+    hold: dict[Text, Number] = Field(default_factory=dict)
+    package_dirs: list[Text] = Field(default_factory=list)
 
 
-class OptionsModel(_Model):
+class OptionsModel(Model):
     """Settings of the planners that belong to a scene."""
 
     camera_point: bool | None = None
     drift_offset: NotNegative | dict[Text, NotNegative] | None = None
 
 
-class SceneModel(_Model):
+class SceneModel(Model):
     """A whole scene file."""
 
     format: Literal[1] = 1
@@ -285,13 +237,21 @@ class SceneModel(_Model):
     scale: Positive | None = None
     start: Annotated[list[Number], Field(min_length=1)] | None = None
     target: Text | None = None
-    goal: GoalModel | None = None
+    goal: (
+        Annotated[
+            Annotated[GoalModel, Tag("one")]
+            | Annotated[list[GoalModel], Field(min_length=1), Tag("several")],
+            Discriminator(lambda given: "several" if isinstance(given, list) else "one"),
+        ]
+        | None
+    ) = None
+    path: PathModel | None = None
     base: PoseModel | None = None
     camera: PoseModel | None = None
     frame: Frame = "world"
     approach: ApproachModel = ApproachModel()
     options: OptionsModel = OptionsModel()
-    objects: list[ObjectModel] = []
+    objects: list[ObjectModel] = Field(default_factory=list)
 
     @model_validator(mode="after")
     def _camera_is_known(self) -> SceneModel:
@@ -299,7 +259,7 @@ class SceneModel(_Model):
         stated |= {f"objects[{k}].frame": item.frame for k, item in enumerate(self.objects)}
         for name, frame in stated.items():
             if frame == "camera" and self.camera is None:
-                raise _refuse(
+                raise refuse(
                     f"{name} is 'camera' and the scene has no camera: give its pose in the world, "
                     "camera: {position: [x, y, z], orientation: [w, x, y, z]}"
                 )
@@ -330,8 +290,8 @@ def parse(document: Any, source: str) -> SceneModel:
 def _describe(error: ErrorDetails) -> str:
     path = ""
     for n, step in enumerate(error["loc"]):
-        if n == 1 and error["loc"][0] in ("robot", "tool"):
-            continue  # the kind of robot or tool, which is no key
+        if n == 1 and error["loc"][0] in ("robot", "tool", "goal"):
+            continue  # the kind of robot, tool or goal, which is no key
         path += f"[{step}]" if isinstance(step, int) else f".{step}" if path else str(step)
     value = error["input"]
     context = error.get("ctx", {})
@@ -360,12 +320,8 @@ def _describe(error: ErrorDetails) -> str:
     if kind == "union_tag_not_found":
         return f"{path}.kind is missing: valid are {', '.join(TOOLS)}"
     if kind == "union_tag_invalid":
-        return f"{path}.kind is {_short(value['kind'])}: {suggest(value['kind'], TOOLS)}"
+        return f"{path}.kind is {short(value['kind'])}: {suggest(value['kind'], TOOLS)}"
     if kind == "literal_error":
         words = str(context["expected"]).replace(" or ", ", ").split(",")
         wanted = suggest(value, [word.strip().strip("'") for word in words])
-    return f"{path} is {_short(value)}: {wanted or error['msg']}"
-
-
-def _short(value: object) -> str:
-    return _SHORT.repr(value)
+    return f"{path} is {short(value)}: {wanted or error['msg']}"

@@ -13,6 +13,7 @@ import numpy as np
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.shapes import PRIMITIVES, MeshShape, PointCloudShape, Shape
 from optipromp.core.robots.library import NOTHING
+from optipromp.core.scenes.goals import Goal, RegionGoal
 from optipromp.core.scenes.reading import check_magnitude
 from optipromp.core.scenes.scene import STEM_RADIUS, Scene, SceneObject, ToolSpec
 
@@ -43,7 +44,11 @@ def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, An
     if scene.target is not None:
         document["target"] = scene.target.id
     if scene.goal is not None:
-        document["goal"] = _plain(scene.goal, [item.name for item in fields(scene.goal)])
+        goals = [_goal_to_dict(goal) for goal in scene.goals]
+        document["goal"] = goals if isinstance(scene.goal, tuple) else goals[0]
+    if scene.path is not None:
+        parts = {name: part for name, part in vars(scene.path).items() if part is not None}
+        document["path"] = {name: _plain(part, list(vars(part))) for name, part in parts.items()}
     stated = ["direction", "lateral", "camera_distance"]
     stated += [name for name in ("cone", "aside") if getattr(scene.approach, name) is not None]
     stated += [name for name in ("shift", "lead") if np.any(getattr(scene.approach, name))]
@@ -54,6 +59,18 @@ def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, An
     if any(_looks_like_millimetres(item) for item in scene.objects):
         document["scale"] = 1.0  # states that lengths are metres; loading would refuse them else
     return document
+
+
+def _goal_to_dict(goal: Goal) -> dict[str, Any]:
+    entry = _plain(
+        goal, [item.name for item in fields(goal) if getattr(goal, item.name) is not None]
+    )
+    if isinstance(goal, RegionGoal):
+        keys = {"within": "position", "angle": "angle", "box": "orientation"}
+        tolerance = {key: entry.pop(name) for name, key in keys.items() if name in entry}
+        entry |= {"axis": "free"} if goal.direction is None else {}
+        entry |= {"tolerance": tolerance} if tolerance else {}
+    return entry
 
 
 def _plain(value: object, names: Sequence[str]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from optipromp.core.arrays import FloatArray, rotation
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry import distances, pack
 from optipromp.core.geometry.shapes import Sphere
-from optipromp.core.scenes.scene import PoseGoal, Scene, SceneObject
+from optipromp.core.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
 from optipromp.core.scenes.trusses import rooted
 from optipromp.laboratory.generate.plants import untold
 
@@ -110,8 +110,11 @@ def _eye(scene: Scene) -> FloatArray:
         return scene.camera.position
     if scene.target is not None:
         return np.asarray(scene.target.position - LOOK * scene.frame[2])
-    assert isinstance(scene.goal, PoseGoal)
-    return np.asarray(scene.goal.position - LOOK * scene.goal.axis)
+    of_tool = [goal for goal in scene.goals if not isinstance(goal, JointGoal)]
+    assert of_tool
+    goal = of_tool[0]
+    axis = goal.axis if isinstance(goal, PoseGoal) else goal.direction
+    return np.asarray(goal.position - LOOK * (scene.frame[2] if axis is None else axis))
 
 
 def hidden_share(scene: Scene, item: SceneObject, eye: FloatArray) -> float:

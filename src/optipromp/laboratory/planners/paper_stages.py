@@ -44,7 +44,7 @@ from optipromp.core.planning.result import Planned, Stage
 from optipromp.core.planning.task import Task
 from optipromp.core.planning.verdict import judged
 from optipromp.core.promp.model import ProMP
-from optipromp.core.scenes.scene import JointGoal, PoseGoal
+from optipromp.core.scenes.scene import PoseGoal
 from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.planners.paper_problem import Posed, further, posed_problems
 from optipromp.laboratory.planners.parameters import PAPER
@@ -204,7 +204,7 @@ def _joint(posed: Posed, budget: Budget) -> Solved:
     if isinstance(task.goal, PoseGoal):
         constraints.append(GoalCost(SOLVE.must, task.goal.position, task.goal.axis))
     terms = [*posed.functionals(), SmoothnessCost(options.smoothness), *options.costs]
-    problem = posed.problem(terms, constraints, ends=isinstance(task.goal, JointGoal))
+    problem = posed.problem(terms, constraints, ends=not isinstance(task.goal, PoseGoal))
     usual = schedule(options)
     if options.iterations is None:
         usual = replace(usual, iterations=PAPER.joint_iterations)

@@ -13,7 +13,7 @@ from optipromp.core.planning.task import Task
 from optipromp.core.planning.timing import shortest
 from optipromp.core.robots import ik
 from optipromp.core.robots.roll import level
-from optipromp.core.scenes.scene import JointGoal
+from optipromp.core.scenes.scene import PoseGoal
 
 SPEED = 0.1  # [m/s] of the tool after the camera point, as in the other planners
 STEP = 0.04  # [rad or m] largest motion of a joint between two waypoints: a choice
@@ -46,7 +46,7 @@ class Straight:
 def gently(task: Task, q: FloatArray) -> Planned:
     """The plan through waypoints ``q`` (T, n), from the camera point on no faster than SPEED."""
     first = None
-    if task.neighbours and not isinstance(task.goal, JointGoal):
+    if task.neighbours and isinstance(task.goal, PoseGoal):
         points, _ = task.robot.tool_pose(q)
         first = int(np.argmin(np.linalg.norm(points - task.camera, axis=1)))
     return Planned(shortest(task.robot, q, first, SPEED), first or 0)
@@ -56,10 +56,10 @@ def _parts(task: Task) -> tuple[FloatArray, FloatArray] | None:
     """Waypoints (m, n) from start to camera point, and on to the target; None where unreachable.
 
     Raises:
-        InvalidRequestError: the goal is a configuration.
+        InvalidRequestError: the goal is a configuration or a region.
     """
-    if isinstance(task.goal, JointGoal):
-        raise InvalidRequestError("straight needs a target to approach; the scene's goal is joints")
+    if not isinstance(task.goal, PoseGoal):
+        raise InvalidRequestError("straight needs a target, or a goal with position and axis alone")
     robot, goal, axis = task.robot, task.goal.position, task.goal.axis
     camera = task.camera
     point, pointing = robot.tool_pose(task.start)

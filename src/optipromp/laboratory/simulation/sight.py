@@ -13,7 +13,7 @@ from optipromp.core.geometry.shapes import Cylinder, Shape
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import from_quaternion
-from optipromp.core.scenes.scene import PoseGoal, Scene
+from optipromp.core.scenes.scene import JointGoal, Scene
 from optipromp.laboratory.simulation.detector_parameters import DetectorParameters
 
 RAYS = 24  # from the camera to a fruit: a choice; the hidden share has steps of 4 %
@@ -76,8 +76,8 @@ def standing_pose(scene: Scene, parameters: DetectorParameters) -> Pose:
         return scene.camera
     if scene.target is not None:
         seen = scene.target.position
-    elif isinstance(scene.goal, PoseGoal):
-        seen = scene.goal.position
+    elif of_tool := [goal for goal in scene.goals if not isinstance(goal, JointGoal)]:
+        seen = of_tool[0].position
     else:
         moving = [item.position for item in scene.objects if item.role != "static"]
         seen = np.mean(moving, axis=0) if moving else np.zeros(3)

@@ -1,0 +1,156 @@
+"""The end of a trajectory against the goals: one of them must be reached."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from optipromp.core.arrays import BoolArray, FloatArray
+from optipromp.core.compiled import kernel
+from optipromp.core.judging.kinematics import Body, body_of, segments
+from optipromp.core.judging.violation import Violation
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.goals import Goal, JointGoal, PoseGoal, RegionGoal
+from optipromp.core.scenes.scene import Scene
+
+GOAL_TOLERANCE = 1e-3  # [m], or [rad] for a goal in joints; method §5
+AXIS_TOLERANCE = np.deg2rad(2.0)  # [rad]; method §5
+BORDER = 1e-6  # [m or rad] beyond the border of a tolerance region: rounding
+
+
+class End(NamedTuple):
+    """The end of a trajectory against one goal.
+
+    Attributes:
+        error: of the tool point [m], or of the configuration [rad or m].
+        angle: of the tool axis or the orientation [rad]; None without one.
+        missed: the violations; none where the goal is reached.
+    """
+
+    error: float
+    angle: float | None
+    missed: list[Violation]
+
+
+def ends(
+    scene: Scene, robot: Robot, last: FloatArray, tip: FloatArray, axis: FloatArray, time: float
+) -> tuple[End, list[str]]:
+    """The end against the goal that it reaches, or else misses least; and notes.
+
+    Args:
+        scene: with the goals, or a target.
+        robot: with the scene's tool.
+        last: (n,) configuration at the end.
+        tip: (3,) tool point there [m].
+        axis: (3,) tool axis there.
+        time: of the end [s].
+    """
+    if scene.target is not None:
+        aim = scene.target.position + scene.approach.shift
+        return _pose(aim, scene.frame[2], tip, axis, time), []
+    found = [_against(goal, robot, last, tip, axis, time) for goal in scene.goals]
+    best = min(range(len(found)), key=lambda k: (len(found[k].missed), found[k].error))
+    several = len(found) > 1 and not found[best].missed
+    return found[best], [f"ends at goal {best + 1} of {len(found)}"] if several else []
+
+
+def _against(
+    goal: Goal, robot: Robot, last: FloatArray, tip: FloatArray, axis: FloatArray, time: float
+) -> End:
+    if isinstance(goal, PoseGoal):
+        return _pose(goal.position, goal.axis, tip, axis, time)
+    if isinstance(goal, RegionGoal):
+        return _region(goal, robot, last, tip, axis, time)
+    assert isinstance(goal, JointGoal)
+    off = last - goal.joints
+    turns = unlimited(robot)
+    off[turns] = np.mod(off[turns] + np.pi, 2.0 * np.pi) - np.pi
+    error = float(np.max(np.abs(off)))
+    text = f"the end is {error:.4f} rad from the goal configuration"
+    missed = Violation("goal", text, "", time, error, "rad")
+    return End(error, None, [missed] if error > GOAL_TOLERANCE else [])
+
+
+def _pose(
+    position: FloatArray, direction: FloatArray, tip: FloatArray, axis: FloatArray, time: float
+) -> End:
+    error, angle = math.dist(tip, position), between(axis.tolist(), direction.tolist())
+    out = []
+    if error > GOAL_TOLERANCE:
+        text = f"the tool ends {error * 1e3:.1f} mm from the goal"
+        out.append(Violation("goal", text, "", time, error, "m"))
+    if angle > AXIS_TOLERANCE:
+        text = f"the tool axis ends {np.rad2deg(angle):.1f} degrees off the approach"
+        out.append(Violation("axis", text, "", time, angle, "rad"))
+    return End(error, angle, out)
+
+
+def _region(
+    goal: RegionGoal, robot: Robot, last: FloatArray, tip: FloatArray, axis: FloatArray, time: float
+) -> End:
+    error, off, out = math.dist(tip, goal.position), tip - goal.position, []
+    within, box = goal.within, goal.extents
+    if box is not None:
+        over = float(np.max(np.abs(off @ box[1]) - box[0]))
+    else:
+        over = error - (GOAL_TOLERANCE if within is None else float(within))
+    if over > BORDER:
+        where = "the goal" if within is None else "the middle of the goal's region"
+        text = f"the tool ends {error * 1e3:.1f} mm from {where}, {over * 1e3:.1f} mm outside"
+        out.append(Violation("goal", text, "", time, error, "m"))
+    angle, what = None, "tool axis"
+    if goal.axis is not None:
+        angle = between(axis.tolist(), goal.axis.tolist())
+    elif goal.rotation is not None:
+        angle, what = turned_by(tool_frames(robot, last[None])[0], goal.rotation), "tool"
+    most = AXIS_TOLERANCE if goal.angle is None else math.radians(goal.angle)
+    if angle is not None and angle > most + BORDER:
+        text = (
+            f"the {what} ends {np.rad2deg(angle):.1f} degrees off the goal (at most "
+            f"{np.rad2deg(most):g})"
+        )
+        out.append(Violation("axis", text, "", time, angle, "rad"))
+    return End(error, angle, out)
+
+
+def between(a: list[float], b: list[float]) -> float:
+    """Angle between two vectors [rad], exact for small angles too."""
+    cross = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    return math.atan2(math.hypot(*cross), a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+def turned_by(a: FloatArray, b: FloatArray) -> float:
+    """Angle of the rotation between two frames (3, 3) [rad], exact for small angles too.
+
+    Its sine and cosine follow from the antisymmetric part and the trace of R = a bᵀ.
+    """
+    r = a @ b.T
+    twice = r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]
+    return math.atan2(math.hypot(*twice), float(np.trace(r)) - 1.0)
+
+
+def unlimited(robot: Robot) -> BoolArray:
+    """Whether each joint (n,) turns without limits, and all that it drives in whole turns."""
+    body = body_of(robot)
+    out = ~(np.isfinite(robot.lower) | np.isfinite(robot.upper))
+    for driver, slides, ratio in zip(body.driver, body.prismatic, body.ratio, strict=True):
+        out[driver] &= not slides and float(ratio).is_integer()
+    return np.asarray(out, dtype=np.bool_)
+
+
+def tool_frames(robot: Robot, q: FloatArray) -> FloatArray:
+    """Axes (M, 3, 3) of the tool's frame, in columns, at configurations ``q`` (M, n)."""
+    out = np.empty((len(q), 3, 3))
+    last_turns(body_of(robot), np.array(q, dtype=np.float64, order="C"), out)
+    turn = np.eye(3) if robot.tool is None else np.asarray(robot.tool.rotation)
+    return np.asarray(out @ robot.flange_rotation @ turn)
+
+
+@kernel
+def last_turns(body: Body, q: FloatArray, out: FloatArray) -> None:
+    """Rotations (M, 3, 3) of the last segment at ``q`` (M, n), in place."""
+    count = body.driver.shape[0]
+    turns, origins = np.empty((count, 3, 3)), np.empty((count, 3))
+    for m in range(len(q)):
+        segments(body, q[m], turns, origins)
+        out[m] = turns[count - 1]

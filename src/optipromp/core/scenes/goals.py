@@ -1,0 +1,160 @@
+"""Goals of a scene without a target: a configuration, a pose of the tool, a region of poses."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray, frozen
+from optipromp.core.errors import InvalidSceneError
+from optipromp.core.scenes.pose import Pose
+from optipromp.core.scenes.rotations import IDENTITY, from_quaternion, product, unit_quaternion
+from optipromp.core.scenes.values import array, unit
+
+WITHIN = 1e-3  # [m] distance of the tool point from a goal without a tolerance; method §5
+ANGLE = 2.0  # [degrees] the same of the tool's axis or orientation; method §5
+_MOST_ANGLE = 180.0  # [degrees] a larger tolerance has no meaning
+
+
+@dataclass(frozen=True, eq=False)
+class JointGoal:
+    """A goal in joint space: ``joints`` (n,) [rad or m].
+
+    A joint without limits may end any number of full turns away.
+    """
+
+    joints: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joints", array("goal.joints", self.joints, None))
+
+
+@dataclass(frozen=True, eq=False)
+class PoseGoal:
+    """A goal for the tool, in the base frame; the roll about the tool axis is free.
+
+    Args:
+        position: (3,) of the tool point [m].
+        axis: (3,) of the tool axis; of any length above 0.
+    """
+
+    position: FloatArray
+    axis: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", array("goal.position", self.position, 3))
+        object.__setattr__(self, "axis", unit("goal.axis", self.axis))
+
+    def transformed(self, pose: Pose) -> PoseGoal:
+        """The same goal in another frame, in which its present frame has the ``pose``."""
+        return PoseGoal(pose @ self.position, pose.rotation @ self.axis)
+
+
+@dataclass(frozen=True, eq=False)
+class RegionGoal:
+    """A goal for the tool, in the base frame: a region of tool points and of orientations.
+
+    The tool's frame has its origin at the tool point and its z axis along the tool axis; its y axis
+    is the direction in which fingers open. Without axis and orientation, the tool may point
+    anywhere.
+
+    Args:
+        position: (3,) of the tool point [m].
+        axis: (3,) of the tool axis, of any length above 0; the roll about it is free.
+        orientation: of the tool's frame, in place of ``axis``: quaternion (4,) ``w, x, y, z``, or
+            rotation matrix (3, 3).
+        within: largest distance of the tool point from ``position`` [m], or half extents (3,) of a
+            box about ``position`` [m]; None: :data:`WITHIN`.
+        angle: largest angle off axis or orientation [degrees]; None: :data:`ANGLE`.
+        box: orientation of the box, as ``orientation``; None: that of the tool at the goal, and
+            without one the base frame's.
+
+    Raises:
+        InvalidSceneError: a value is out of range, or axis and orientation are both given.
+    """
+
+    position: FloatArray
+    axis: FloatArray | None = None
+    orientation: FloatArray | None = None
+    within: float | FloatArray | None = None
+    angle: float | None = None
+    box: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        if self.axis is not None and self.orientation is not None:
+            raise InvalidSceneError("goal has axis and orientation: must have one of them at most")
+        free = self.axis is None and self.orientation is None
+        if self.angle is not None and (free or not 0.0 < self.angle <= _MOST_ANGLE):
+            wanted = "an axis or an orientation" if free else f"above 0 and at most {_MOST_ANGLE:g}"
+            verb = "goes with" if free else "must be"
+            raise InvalidSceneError(f"goal.tolerance.angle is {self.angle:g}: {verb} {wanted}")
+        sizes = np.atleast_1d(np.array(WITHIN if self.within is None else self.within, dtype=float))
+        if sizes.shape not in ((1,), (3,)) or not (np.isfinite(sizes) & (sizes > 0.0)).all():
+            raise InvalidSceneError(
+                f"goal.tolerance.position is {np.squeeze(sizes).tolist()}: must be a distance "
+                "above 0 [m] or three half extents [x, y, z]"
+            )
+        if self.box is not None and len(sizes) == 1:
+            raise InvalidSceneError("goal.tolerance.orientation: goes with half extents [x, y, z]")
+        object.__setattr__(self, "position", array("goal.position", self.position, 3))
+        if len(sizes) == 3:
+            object.__setattr__(self, "within", frozen(sizes))
+        if self.axis is not None:
+            object.__setattr__(self, "axis", unit("goal.axis", self.axis))
+        for name in ("orientation", "box"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, unit_quaternion(getattr(self, name)))
+
+    @property
+    def rotation(self) -> FloatArray | None:
+        """(3, 3) of the tool's frame, whose columns are its axes; None without an orientation."""
+        return None if self.orientation is None else from_quaternion(self.orientation)
+
+    @property
+    def direction(self) -> FloatArray | None:
+        """(3,) of the tool axis; None where the tool may point anywhere."""
+        turned = self.rotation
+        return self.axis if turned is None else frozen(turned[:, 2])
+
+    @property
+    def extents(self) -> tuple[FloatArray, FloatArray] | None:
+        """Half extents (3,) [m] and axes (3, 3), in columns, of the box; None: a ball."""
+        if not isinstance(self.within, np.ndarray):
+            return None
+        given = self.orientation if self.box is None else self.box
+        return self.within, from_quaternion(IDENTITY if given is None else given)
+
+    @property
+    def radius(self) -> float:
+        """Radius of the ball [m], or half the diagonal of the box."""
+        within = WITHIN if self.within is None else self.within
+        return float(within) if isinstance(within, int | float) else math.hypot(*within)
+
+    @property
+    def tilt(self) -> float:
+        """Largest angle off axis or orientation [rad]."""
+        return math.radians(ANGLE if self.angle is None else self.angle)
+
+    def transformed(self, pose: Pose) -> RegionGoal:
+        """The same goal in another frame, in which its present frame has the ``pose``."""
+        box = None if self.box is None else product(pose.orientation, self.box)
+        if box is None and self.orientation is None and isinstance(self.within, np.ndarray):
+            box = pose.orientation
+        turned = self.orientation
+        return RegionGoal(
+            pose @ self.position,
+            None if self.axis is None else pose.rotation @ self.axis,
+            None if turned is None else product(pose.orientation, turned),
+            self.within, self.angle, box,
+        )  # fmt: skip
+
+
+Goal = JointGoal | PoseGoal | RegionGoal
+"""A goal of a scene without a target."""
+
+
+def transformed(goal: Goal, pose: Pose) -> Goal:
+    """The same goal in another frame, in which its present frame has the ``pose``."""
+    return goal if isinstance(goal, JointGoal) else goal.transformed(pose)

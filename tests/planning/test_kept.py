@@ -1,0 +1,128 @@
+"""Constraints of the way to a goal: a cup held upright, a plane; what the judge says of them."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.planning.builders import assert_success
+from typer.testing import CliRunner
+
+from optipromp.cli.main import app
+from optipromp.core.errors import Code, InvalidSceneError
+from optipromp.core.planning import Plan, judge, plan
+from optipromp.core.scenes import Pose, Scene, save_scene, scene_from_dict, scene_to_dict
+
+DOWN = [0, 0, -1]
+BLOCK = {
+    "id": "box", "role": "static", "shape": {"box": {"size": [0.2, 0.2, 0.4]}},
+    "position": [0.5, 0.0, 0.2],
+}  # fmt: skip
+ASIDE = {"position": [0.3, 0.5, 0.4], "axis": DOWN}
+LEVEL = {"position": [0.45, 0.5, 0.502], "axis": "free"}
+CUP = {"upright": {"axis": DOWN, "angle": 5}}
+PLANE = {"plane": {"point": [0, 0, 0.504], "normal": [0, 0, 1], "within": 0.006}}
+
+
+def scene(goal: Any, path: Any = None) -> Scene:
+    given = {
+        "name": "s", "robot": "panda", "objects": [BLOCK], "goal": goal,
+        "start": [0, -0.3, 0, -2.2, 0, 1.9, 0.8],
+    }  # fmt: skip
+    return scene_from_dict(given if path is None else given | {"path": path})
+
+
+def frames(made: Plan) -> tuple[np.ndarray, np.ndarray]:
+    """Tool points (m, 3) and axes of the tool's frame (m, 3, 3), every 5 ms."""
+    count = int(made.trajectory.duration / 0.005)
+    q, _, _ = made.trajectory.sample(np.linspace(0.0, made.trajectory.duration, count))
+    _, turns = made.robot.segment_frames(q)
+    return made.robot.tool_pose(q)[0], turns[:, -1] @ made.robot.flange_rotation
+
+
+@pytest.mark.parametrize(
+    ("goal", "path", "kind"),
+    [
+        (ASIDE, CUP, "upright"),
+        (
+            {"position": [0.3, -0.5, 0.4], "orientation": [0, 1, 0, 0]},
+            {"upright": {"axis": [0, 1, 0], "direction": [-0.717, -0.697, 0], "angle": 50}},
+            "",
+        ),
+        (LEVEL, PLANE, "plane"),
+        (ASIDE, CUP | {"plane": {"point": [0, 0, 0.45], "normal": [0, 0, 1], "within": 0.06}}, ""),
+    ],
+)
+def test_what_the_path_says_is_kept_on_the_whole_way(goal: Any, path: Any, kind: str) -> None:
+    free, bound = scene(goal), scene(goal, path)
+    made = plan(bound)
+    assert_success(made)
+    points, axes = frames(made)
+    if "upright" in path:
+        told = path["upright"]
+        up = np.array(told.get("direction", [0, 0, 1])) / np.linalg.norm(told.get("direction", 1))
+        lean = np.arccos(np.clip(axes @ np.array(told["axis"]) @ up, -1.0, 1.0))
+        assert np.rad2deg(lean.max()) < told["angle"]
+    if "plane" in path:
+        off = np.abs(points[:, 2] - path["plane"]["point"][2])
+        assert off.max() < path["plane"]["within"]
+    if kind:  # without the path another motion is planned, in which the judge finds it
+        found = judge(bound, plan(free).trajectory)
+        assert found.status is Code.INVALID_PLAN
+        assert [v.kind for v in found.judgement.violations] == [kind]
+        assert f"path.{kind}" in found.message
+        assert found.judgement.violations[0].time is not None
+
+
+def test_a_start_that_breaks_the_path_is_no_success() -> None:
+    made = plan(scene(ASIDE, {"upright": {"axis": [0, 0, 1], "angle": 20}}))
+    assert made.status in (Code.GOAL_UNREACHABLE, Code.INVALID_PLAN)
+    assert "path" in made.message
+
+
+def test_a_saved_path_is_the_same_path_and_turns_with_the_frame(tmp_path: Path) -> None:
+    bound = scene(ASIDE, CUP | PLANE)
+    told = scene_to_dict(bound)
+    assert scene_to_dict(scene_from_dict(told)) == told
+    half = math.sqrt(0.5)
+    moved = bound.transformed(Pose(np.array([0.1, 0.2, 0.3]), np.array([half, half, 0.0, 0.0])))
+    assert moved.path is not None
+    assert moved.path.upright is not None
+    assert moved.path.plane is not None
+    np.testing.assert_allclose(moved.path.upright.direction, [0.0, -1.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(moved.path.upright.axis, DOWN)
+    np.testing.assert_allclose(moved.path.plane.point, [0.1, -0.304, 0.3], atol=1e-12)
+    save_scene(scene(ASIDE, CUP), tmp_path / "s.yaml")
+    arguments = ["plan", str(tmp_path / "s.yaml"), "--json", "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(app, arguments)
+    assert (done.exit_code, json.loads(done.stdout)["status"]) == (0, "success")
+    assert CliRunner().invoke(app, ["check", str(tmp_path / "out")]).exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("path", "words"),
+    [
+        ({}, "path: must have upright, plane or both"),
+        ({"upright": {"angle": 120}}, "path.upright.angle is 120: must be above 0 and at most 90"),
+        ({"upright": {}}, "path.upright.angle is missing"),
+        ({"upright": {"angle": 5, "axes": DOWN}}, "did you mean 'axis'"),
+        (
+            {"plane": {"point": [0, 0, 0], "normal": [0, 0, 0], "within": 1}},
+            "must have a direction",
+        ),
+        ({"upright": {"angle": 5, "axis": [0, 0, 0]}}, "path.upright.axis is"),
+    ],
+)
+def test_refusals_of_a_path(path: Any, words: str) -> None:
+    with pytest.raises(InvalidSceneError) as refused:
+        scene(ASIDE, path)
+    assert words in str(refused.value)
+
+
+def test_a_path_goes_with_a_goal() -> None:
+    fruit = {"id": "f", "role": "target", "shape": {"sphere": {"radius": 0.02}},
+             "position": [0.4, 0.0, 0.6]}  # fmt: skip
+    with pytest.raises(InvalidSceneError, match="path goes with a goal"):
+        scene_from_dict({"name": "s", "robot": "panda", "objects": [fruit], "path": CUP})
