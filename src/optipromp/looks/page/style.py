@@ -18,6 +18,7 @@ STYLE = f"""<style>
   .mantine-Slider-root, .mantine-Slider-trackContainer {{ min-height: {TOUCH}px; }}
   .mantine-Tabs-tab {{ min-height: {TOUCH}px; flex-grow: 1; font-size: 15px; }}
   .mantine-ActionIcon-root {{ width: {TOUCH}px; height: {TOUCH}px; }}
+  .mantine-NumberInput-controls {{ display: none; }}
   .mantine-Select-option {{ min-height: {TOUCH}px; }}
   .mantine-Checkbox-inner, .mantine-Checkbox-input {{ width: {TOUCH}px; height: {TOUCH}px; }}
   .status {{ max-height: 7.5em !important; }}
