@@ -32,7 +32,7 @@ LONG = {
     "experiments": "baselines loops study variations",
     "geometry": "grids",
     "looks": "looks",
-    "page": "loop_replay page sources",
+    "page": "first_sight loop_replay page sources words",
     "planning": (
         "follow goals many options paper paper_settings prediction regions requests risk "
         "static_margin underway verdict ways"
