@@ -116,8 +116,9 @@ def _choice(robot: str | RobotModel, base_dir: Path | None) -> Choice:
     for name in (robot.file, *([robot.srdf] if robot.srdf else []), *robot.package_dirs):
         _inside(name, base_dir)
     return Choice(
-        robot.tip, robot.base, robot.srdf, robot.hold, tuple(robot.package_dirs), untrusted=True
-    )
+        robot.tip, robot.base, robot.srdf, robot.hold, tuple(robot.package_dirs), robot.args,
+        untrusted=True,
+    )  # fmt: skip
 
 
 def _frames(model: SceneModel, scale: float) -> dict[str, Pose]:

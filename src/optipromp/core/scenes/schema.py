@@ -51,6 +51,12 @@ Text = Annotated[
 Sizes = Annotated[list[Positive], Field(min_length=3, max_length=3)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
+Argument = (
+    Annotated[bool, Field(strict=True)]
+    | Annotated[int, Field(strict=True)]
+    | Number
+    | Annotated[str, Field(strict=True, max_length=LONGEST_NAME), AfterValidator(_printable)]
+)
 Frame = Literal["world", "base", "camera"]
 
 
@@ -263,6 +269,7 @@ class RobotModel(_Model):
     srdf: Text | None = None
     hold: dict[Text, Number] = {}
     package_dirs: list[Text] = []
+    args: dict[Text, Argument] = {}
 
 
 class OptionsModel(_Model):

@@ -80,6 +80,7 @@ def _robot(scene: Scene, base_dir: Path | None) -> str | dict[str, Any]:
     chosen = vars(scene.choice) | {
         "srdf": None if scene.choice.srdf is None else moved(scene.choice.srdf),
         "hold": dict(scene.choice.hold),
+        "args": dict(scene.choice.args),
         "package_dirs": [moved(folder) for folder in scene.choice.package_dirs],
     }
     del chosen["untrusted"]
