@@ -99,8 +99,43 @@ def test_the_cup_stands_before_the_fingers_of_the_robot(tmp_path) -> None:
 def test_a_robot_that_cannot_reach_is_refused(tmp_path) -> None:
     path = tmp_path / "small.urdf"
     path.write_text(six(0.2))
-    with pytest.raises(InvalidRequestError, match="no place of its base"):
+    with pytest.raises(InvalidRequestError, match=r"cluster-0: six .*no place.* by \d+ mm"):
         generate("cluster", 0, path)
+    path.write_text(six().replace('axis xyz="0 1 0"', 'axis xyz="0 0 1"'))
+    with pytest.raises(InvalidRequestError, match=r"no place.*the tool|degrees off"):
+        generate("cluster", 0, path)  # all axes are upright
+
+
+@pytest.mark.filterwarnings("ignore:no built-in demonstrations")
+def test_the_base_is_placed_for_each_scene_where_no_place_serves_all() -> None:
+    """The SCARA lifts by 0.51 m; its base stands elsewhere before each scene."""
+    scenes = [generate("cluster", seed, "scara") for seed in (0, 1, 3)]
+    assert len({tuple(scene.base.position.round(3)) for scene in scenes}) == 3
+    for seed, scene in zip((0, 1, 3), scenes, strict=True):
+        task, target = resolve(scene), scene.target
+        assert target is not None
+        point, axis = task.robot.tool_pose(scene.start)
+        assert axis @ scene.up == pytest.approx(1.0)
+        lowest = min(item.position @ scene.up - item.radius for item in scene.objects)
+        assert point @ scene.up < lowest
+        assert scene.approach.camera_distance < 0.1  # its reach is less than the Panda's
+        radii = [item.radius for item in scene.objects]  # fruits do not shrink
+        assert min(radii) >= bunches.FRUIT_RADII[0]
+        again = generate("cluster", seed, "scara")
+        assert np.array_equal(again.positions, scene.positions)
+
+
+@pytest.mark.filterwarnings("ignore:no built-in demonstrations")
+@pytest.mark.parametrize("reach", [0.6, 0.45])
+def test_a_small_arm_picks(tmp_path, reach) -> None:
+    pytest.importorskip("mujoco")
+    from optipromp.laboratory.simulation import simulate
+
+    path = tmp_path / "small.urdf"
+    path.write_text(six(reach))
+    made = plan(generate("cluster", 2, path))
+    assert made.success, made.message
+    assert simulate(made).success
 
 
 def test_shelves_are_for_the_panda(arm) -> None:
