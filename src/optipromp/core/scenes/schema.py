@@ -204,10 +204,18 @@ class GoalModel(_Model):
         return self
 
 
+class MountModel(_Model):
+    """The pose of a tool in the flange frame."""
+
+    position: Vector = [0.0, 0.0, 0.0]
+    orientation: Quaternion = [1.0, 0.0, 0.0, 0.0]
+
+
 class _ToolModel(_Model):
     """The tool on the flange; its keys are the parameters of the class of its kind."""
 
     kind: Text
+    mount: MountModel | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -222,7 +230,7 @@ class _ToolModel(_Model):
     @property
     def given(self) -> dict[str, Any]:
         """The parameters in the file."""
-        return self.model_dump(exclude={"kind"}, exclude_none=True)
+        return self.model_dump(exclude={"kind", "mount"}, exclude_none=True)
 
 
 class MeshToolModel(_ToolModel):
@@ -231,6 +239,7 @@ class MeshToolModel(_ToolModel):
     kind: Literal["mesh"]
     file: Text | None = None
     parts: Annotated[list[Text], Field(min_length=1)] | None = None
+    fingers: Annotated[list[Text], Field(min_length=2)] | None = None
     scale: Positive = 1.0
     tool_point: Vector
     tool_axis: Vector | None = None
@@ -239,8 +248,9 @@ class MeshToolModel(_ToolModel):
 
     @model_validator(mode="after")
     def _one_form(self) -> MeshToolModel:
-        if (self.file is None) == (self.parts is None):
-            raise _refuse("must have exactly one of file, parts")
+        given = [self.file is not None, self.parts is not None]
+        if sum(given) != 1 and not (self.fingers is not None and not any(given)):
+            raise _refuse("must have exactly one of file, parts; with fingers, at most one")
         return self
 
 
