@@ -12,10 +12,19 @@ from typer.testing import CliRunner
 
 from optipromp.cli.main import app
 from optipromp.core.planning import plan
-from optipromp.core.robots import FingerGripper, MeshTool, Scissor, load_robot, with_tool
+from optipromp.core.robots import FingerGripper, MeshTool, Scissor, ik, load_robot, with_tool
 from optipromp.core.robots.mounted import Mounted
+from optipromp.core.robots.roll import level
 from optipromp.core.robots.tools import make_tool
-from optipromp.core.scenes import ToolSpec, load_scene, save_scene, scene_to_dict
+from optipromp.core.scenes import (
+    JointGoal,
+    PoseGoal,
+    ToolSpec,
+    load_scene,
+    save_scene,
+    scene_to_dict,
+)
+from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import Cause, simulate
 
@@ -80,29 +89,35 @@ def test_a_stem_between_the_blades_that_is_not_the_targets_is_told() -> None:
     assert not run.success
 
 
-@pytest.mark.filterwarnings("ignore:no built-in demonstrations")
-def test_a_goal_on_a_stem_is_cut_through_the_command_line(tmp_path, monkeypatch) -> None:
-    """Without a target the stem nearest the goal is meant; the blades come from the side."""
+def test_a_scissor_cuts_through_the_command_line(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    scene = alone(generate("limp", 3))
-    document = scene_to_dict(scene)
-    ripe = document["objects"][0] | {"role": "pushable"}
-    points = np.array(scene.target.stem.points)
-    at = points[0] + 0.04 * (points[1] - points[0]) / np.linalg.norm(points[1] - points[0])
-    ways = [[1.0, 0.0, 0.0]]
-    del document["target"], document["start"]
-    document |= {
-        "objects": [ripe], "tool": {"kind": "scissor", "opening": 0.05},
-        "goal": {"position": at.tolist(), "axis": ways[0]},
-        "approach": {"direction": ways[0], "lateral": [0.0, 1.0, 0.0]},
-    }  # fmt: skip
-    Path("scene.yaml").write_text(yaml.safe_dump(document))
+    save_scene(above(replace(alone(generate("limp", 3)), tool=SHEAR), 0.032), "scene.yaml")
     result = CliRunner().invoke(app, ["simulate", "scene.yaml", "--out", "run"])
     outcome = json.loads(next(Path("run").rglob("outcome.json")).read_text())
     assert outcome["cut"]["stems"] == ["ripe"], result.output
-    assert outcome["picked"]
     assert outcome["success"], outcome["message"]
     assert result.exit_code == 0
+
+
+def test_blades_from_the_side_cut_the_stem_nearest_the_goal() -> None:
+    """A scene with a goal in place of a target; the arm moves straight to it."""
+    scene = alone(generate("limp", 3))
+    ripe, way = scene.target, np.array([1.0, 0.0, 0.0])
+    at = ripe.position + 0.05 * ripe.stem.vector / np.linalg.norm(ripe.stem.vector)
+    robot = with_tool(load_robot("panda"), Scissor(0.05))
+    begin = level(robot, ik.solve(robot, at - 0.12 * way, way).joints, scene.up)[:1]
+    line = at + np.linspace(-0.12, 0.0, 25)[:, None] * way
+    q, errors = ik.track(robot, line, np.tile(way, (25, 1)), begin[0])
+    assert errors.max() < 1e-4
+    motion = Trajectory.through(level(robot, q, scene.up, path=True), 4.0, robot.joint_names)
+    for goal in (PoseGoal(at, way), JointGoal(motion.positions[-1])):
+        fruit = replace(ripe, role="pushable")
+        run = simulate(motion, replace(scene, objects=(fruit,), goal=goal), robot=robot)
+        assert run.success, run.outcome.message
+        assert run.outcome.picked
+        assert run.outcome.cut is not None
+        assert run.outcome.cut.stems == ("ripe",)
+        assert run.outcome.target is None
 
 
 def test_only_scissors_report_a_cut() -> None:

@@ -11,7 +11,7 @@ from optipromp.core.robots.grippers import Scissor
 from optipromp.core.robots.mounted import unmounted
 from optipromp.core.robots.suction import Suction
 from optipromp.core.scenes.rotations import from_quaternion
-from optipromp.core.scenes.scene import PoseGoal, Scene
+from optipromp.core.scenes.scene import JointGoal
 from optipromp.laboratory.simulation.rollout import Rollout
 from optipromp.laboratory.simulation.world import Fruit, World
 
@@ -60,17 +60,21 @@ def on_lip(world: World, rollout: Rollout, fruit: Fruit) -> BoolArray:
     return touched
 
 
-def wanted(scene: Scene) -> str | None:
+def wanted(world: World) -> str | None:
     """The fruit whose stem is to be cut: the target, else the one whose stem is nearest the goal.
 
-    None for a goal in joints, and where no fruit has a stem.
+    None where no fruit has a stem.
     """
+    scene, goal = world.scene, world.scene.goal
     if scene.target is not None:
         return scene.target.id
-    if not isinstance(scene.goal, PoseGoal):
-        return None
+    if isinstance(goal, JointGoal):
+        place = world.robot.tool_pose(goal.joints)[0]
+    else:
+        assert goal is not None
+        place = goal.position
     near = {
-        item.id: float(np.linalg.norm(_along(item.stem.points) - scene.goal.position, axis=1).min())
+        item.id: float(np.linalg.norm(_along(item.stem.points) - place, axis=1).min())
         for item in scene.objects
         if item.stem is not None
     }

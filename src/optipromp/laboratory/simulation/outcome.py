@@ -215,7 +215,7 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
     displacement = None if target is None else float(moved[target].max())
     tool = world.robot.tool
     if rollout.cut is not None:
-        aimed = wanted(world.scene)
+        aimed = wanted(world)
         picked = None if aimed is None else aimed in rollout.cut.stems
     elif target is not None and (tool is None or tool.mouth[0] > 0.0 or suction_of(world)):
         mine = inside[target]
@@ -264,7 +264,7 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
         return replace(facts, cause=causes[0], causes=causes, message="; ".join(words) + note)
     told = f"the target alone is {inside_words(world)}, nothing was harmed"
     if picked is not None and facts.cut is not None:
-        told = f"the stem of {wanted(world.scene)} alone is cut, nothing was harmed"
+        told = f"the stem of {wanted(world)} alone is cut, nothing was harmed"
     if picked is None:
         told = "the motion was executed, nothing was harmed"
     return replace(facts, success=True, message=told + note)
@@ -282,7 +282,7 @@ def _failures(outcome: Outcome, world: World) -> Iterator[tuple[Cause, str]]:
     if outcome.torn:
         yield Cause.TORN, f"torn off: {', '.join(outcome.torn)}"
     if outcome.cut is not None:
-        shut_on = [f"the stem of {i}" for i in outcome.cut.stems if i != wanted(world.scene)]
+        shut_on = [f"the stem of {i}" for i in outcome.cut.stems if i != wanted(world)]
         shut_on += list(outcome.cut.fruits)
         if shut_on:
             yield Cause.CUT_OTHER, f"the blades closed on {', '.join(shut_on)}"
@@ -305,7 +305,7 @@ def _failures(outcome: Outcome, world: World) -> Iterator[tuple[Cause, str]]:
     if outcome.tracking_error > limits.tracking_error:
         yield Cause.TRACKING, f"the tool was {1e3 * outcome.tracking_error:.0f} mm off its path"
     if outcome.picked is False and outcome.cut is not None:
-        yield Cause.NOT_PICKED, f"the stem of {wanted(world.scene)} is not cut"
+        yield Cause.NOT_PICKED, f"the stem of {wanted(world)} is not cut"
     elif outcome.picked is False:
         yield Cause.NOT_PICKED, f"the target is not {inside_words(world)}"
 
