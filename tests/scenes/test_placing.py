@@ -6,7 +6,10 @@ import pytest
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning import plan
 from optipromp.core.planning.task import resolve
+from optipromp.core.robots import load_robot
+from optipromp.core.robots.library import NOTHING
 from optipromp.laboratory.generate import bunches, generate
+from optipromp.laboratory.generate.fitting import fitted
 
 SIX = (  # joint axis, length of the link beyond it [m]
     ("0 0 1", 0.20), ("0 1 0", 0.40), ("0 1 0", 0.35), ("0 1 0", 0.10), ("0 0 1", 0.08),
@@ -136,6 +139,25 @@ def test_a_small_arm_picks(tmp_path, reach) -> None:
     made = plan(generate("cluster", 2, path))
     assert made.success, made.message
     assert simulate(made).success
+
+
+@pytest.mark.filterwarnings("ignore:no built-in demonstrations")
+@pytest.mark.parametrize("turn", ["0 1.5708 0", "0 0 0.3"])
+def test_a_flange_across_the_wrist_gets_a_mount(tmp_path, turn) -> None:
+    """The last joint rolls the hand about y of its link; the flange's z is across it."""
+    path = tmp_path / "across.urdf"
+    text = six().replace('<child link="tool0"/><origin xyz="0 0 0.06"/>',
+                         f'<child link="tool0"/><origin xyz="0 0.06 0" rpy="{turn}"/>')  # fmt: skip
+    assert turn in text
+    path.write_text(text)
+    arm = load_robot(path)
+    last = arm.kinematics.axis[-1]
+    assert abs(arm.flange_rotation[:, 2] @ last) < 0.01
+    scene = fitted(generate("cluster", 5), arm, str(path), NOTHING)
+    robot = resolve(scene).robot
+    assert robot.tool_axis @ last == pytest.approx(1.0)  # to the side on which the flange is
+    assert robot.tool_pose(scene.start)[1] @ scene.up == pytest.approx(1.0)
+    assert plan(scene).success
 
 
 def test_shelves_are_for_the_panda(arm) -> None:

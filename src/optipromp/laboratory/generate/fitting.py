@@ -17,6 +17,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.geometry.distances import distances
 from optipromp.core.robots import ik
+from optipromp.core.robots.kernels import PRISMATIC
 from optipromp.core.robots.library import Choice
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.tools import make_tool, with_tool
@@ -29,6 +30,7 @@ REACH = 0.855  # [m] of the Panda from its shoulder, published: the scenes are s
 SAMPLES = 40_000  # configurations, chosen: of an arm of six joints 1.4 % stand upright
 UPRIGHT = 0.9  # [1] chosen: cosine from the approach of an axis that is turned to the approach
 MOST = 1_500  # upright configurations, chosen
+ACROSS = 0.1  # [1] chosen: cosine of the angle between two axes that are across each other
 CELLS = 0.08  # [m] chosen: of an arm of the Panda's reach, between two places of its target
 EACH = 4  # postures a cell, chosen: on different branches
 BELOW = 0.03  # [m] chosen, for such an arm: of the start below the camera point
@@ -106,6 +108,21 @@ def _sampled(robot: Robot, count: int) -> FloatArray:
     return np.asarray(np.random.default_rng(0).uniform(low, high, (count, robot.n_joints)))
 
 
+def mount_of(arm: Robot) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+    """The mount that turns a tool to the last joint's axis, where the flange's z is across it.
+
+    Position [m] and orientation, a quaternion w, x, y, z; None where z is not across the axis.
+    """
+    last, body = arm.kinematics.axis[-1], arm.spheres.center[arm.spheres.distal]
+    ahead = float(np.vstack([body, arm.flange_translation]).mean(axis=0) @ last)
+    axis, across = arm.flange_rotation.T @ last, np.array([0.0, 0.0, 1.0])
+    axis = -axis if ahead < 0.0 else axis  # to the side on which the last link is
+    if arm.kinematics.kind[-1] == PRISMATIC or abs(axis[2]) > ACROSS:
+        return None
+    turn = np.append(1.0 + axis[2], np.cross(across, axis))
+    return (0.0, 0.0, 0.0), tuple((turn / np.linalg.norm(turn)).tolist())
+
+
 def work_of(scene: Scene, arm: Robot) -> Work:
     """The working distances of a scene of the Panda for another arm."""
     target, (_, _, up) = scene.target, scene.frame
@@ -147,12 +164,15 @@ def fitted(scene: Scene, arm: Robot, named: str, choice: Choice) -> Scene:
     assert scene.tool is not None
     work = work_of(scene, arm)
     spheres, at_flange = arm.spheres, arm.spheres.distal
-    before = (spheres.center - arm.flange_translation) @ arm.tool_axis + spheres.radius
+    mount = mount_of(arm)
+    own = {**scene.tool.parameters, **({} if mount is None else {"mount": mount})}
+    axis = arm.flange_rotation @ make_tool(scene.tool.kind, own).rotation[:, 2]
+    before = (spheres.center - arm.flange_translation) @ axis + spheres.radius
     neck = max(work.scale * bunches.NECK, float(before[at_flange].max(initial=0.0)))
     lengthened = 0
     while True:
         neck = round(float(np.ceil(neck / NECKS - 1e-9)) * NECKS, 3)
-        parameters = {**scene.tool.parameters, "length": neck}
+        parameters = {**own, "length": neck}
         found = _best(scene, with_tool(arm, make_tool(scene.tool.kind, parameters)), work)
         if isinstance(found, Placed):
             break
