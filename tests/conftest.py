@@ -41,12 +41,14 @@ LONG = {
     "pushing": "cup hanging long_fruits quasi_static",
     "reports": "browser reports",
     "robots": (
-        "arm fit kinematics_against_pinocchio mjcf pairs panda_cover refusals spheres untrusted"
+        "arm fit kinematics_against_pinocchio mjcf pairs panda_cover refusals spheres untrusted "
+        "xacro"
     ),
     "ros": "bags loop recordings",
     "scenes": "generate placing trusses",
     "simulation": (
-        "disturbances export hand loop loop_film physics pictures runs second_engine tools trusses"
+        "disturbances export grasps hand loop loop_film physics pictures runs second_engine tools "
+        "trusses"
     ),
     ".": "kernel_cache plan_folders",
     "viewer": "figures",

@@ -50,7 +50,14 @@ def test_list_as_json_is_one_document() -> None:
     assert result.exit_code == 0
     assert {"panda", "scara"} <= set(document["robots"])
     assert {f"scenario-{i}" for i in (1, 2, 3, 4)} <= set(document["scenes"])
-    assert document["tools"] == ["cup", "franka_hand", "finger_gripper", "scissor", "mesh"]
+    assert document["tools"] == [
+        "cup",
+        "franka_hand",
+        "finger_gripper",
+        "scissor",
+        "suction",
+        "mesh",
+    ]
     assert document["planners"][:3] == ["promp", "i-promp", "opti-promp"]
 
 

@@ -150,8 +150,8 @@ def check(
             write_atomically(out / "cover.png", png(cover_figure(robot)))
     elif named or out is not None:
         raise InvalidRequestError(
-            f"{item} is no robot but a {kind}: "
-            "no --arm, --tip, --base, --srdf, --package-dir or --out"
+            f"{item} is no robot but a {kind}: no --arm, --tip, --base, --srdf, --package-dir, "
+            "--robot-arg or --out"
         )
     else:
         summary = _SUMMARIES[kind](item)

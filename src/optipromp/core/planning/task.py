@@ -23,6 +23,7 @@ from optipromp.core.pushing.stems import hanging
 from optipromp.core.pushing.stems.cup import flange_of
 from optipromp.core.pushing.stems.hanging import Hanging
 from optipromp.core.robots.model import Robot
+from optipromp.core.robots.suction import PRESS
 from optipromp.core.robots.tools import make_tool, with_tool
 from optipromp.core.scenes.scene import Goal, PoseGoal, Scene, SceneObject
 from optipromp.core.trajectory import State, Trajectory
@@ -163,7 +164,10 @@ def posed(
     if robot is None:
         robot, tool = scene.load_robot(), scene.tool
         if tool is not None:
-            robot = _equip(robot, tool.kind, tuple(sorted(tool.parameters.items())))
+            parameters = dict(tool.parameters)
+            if tool.kind == "suction" and scene.target is not None:
+                parameters.setdefault("fruit", max(scene.target.radius - PRESS, 0.0))
+            robot = _equip(robot, tool.kind, tuple(sorted(parameters.items())))
     start = robot.home if scene.start is None else scene.start
     start = start if state is None else state.q
     if start.shape != (robot.n_joints,):

@@ -20,7 +20,9 @@ from optipromp.core.robots.cup_cover import NECK_RADIUS, cover_cup
 from optipromp.core.robots.grippers import FingerGripper, Scissor
 from optipromp.core.robots.mesh_tool import MeshTool
 from optipromp.core.robots.model import BodySpheres, Robot
+from optipromp.core.robots.mounted import Mounted
 from optipromp.core.robots.self_collision import candidate_pairs, drop_always_touching
+from optipromp.core.robots.suction import Suction
 from optipromp.core.robots.tool_geometry import Part, Solid, rectangle
 from optipromp.core.robots.tool_protocol import (
     LARGEST,
@@ -253,6 +255,7 @@ TOOLS: dict[str, type[Tool]] = {
     "franka_hand": FrankaHand,
     "finger_gripper": FingerGripper,
     "scissor": Scissor,
+    "suction": Suction,
     "mesh": MeshTool,
 }
 """Classes of tools by their kind in scene files."""
@@ -261,14 +264,20 @@ TOOLS: dict[str, type[Tool]] = {
 def make_tool(kind: str, parameters: Mapping[str, Any]) -> Tool:
     """A tool of one of the :data:`TOOLS` from its parameters.
 
+    The parameter ``mount``, of every kind, is a position and an orientation in the flange frame
+    (:class:`optipromp.core.robots.mounted.Mounted`).
+
     Raises:
         InvalidSceneError: another kind.
         InvalidRequestError: parameters that make no tool.
     """
     if kind not in TOOLS:
         raise InvalidSceneError(f"tool.kind is {kind!r}; valid are {', '.join(TOOLS)}")
+    own = dict(parameters)
+    mount = own.pop("mount", None)
     try:
-        return TOOLS[kind](**parameters)
+        tool = TOOLS[kind](**own)
+        return tool if mount is None else Mounted(tool, *mount)
     except TypeError as error:  # a parameter that the kind does not have, or lacks
         raise InvalidRequestError(f"tool {kind}: {error}") from None
 

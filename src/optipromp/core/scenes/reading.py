@@ -127,14 +127,9 @@ def _choice(robot: str | RobotModel, base_dir: Path | None) -> Choice:
     for name in (robot.file, *([robot.srdf] if robot.srdf else []), *robot.package_dirs):
         _inside(name, base_dir)
     return Choice(
-        robot.tip,
-        robot.base,
-        robot.srdf,
-        robot.hold,
-        tuple(robot.package_dirs),
-        robot.arm,
-        untrusted=True,
-    )
+        robot.tip, robot.base, robot.srdf, robot.hold, tuple(robot.package_dirs), robot.arm,
+        robot.args, untrusted=True,
+    )  # fmt: skip
 
 
 def _frames(model: SceneModel, scale: float) -> dict[str, Pose]:
@@ -271,14 +266,22 @@ def _tool(model: SceneModel, scale: float, base_dir: Path | None) -> ToolSpec | 
     if isinstance(model.tool, MeshToolModel):
         from optipromp.core.geometry.loading import load_mesh
 
-        files = given.pop("parts", None) or [given.pop("file")]
         unit = given.pop("scale")
-        meshes = tuple(load_mesh(_inside(file, base_dir), unit) for file in files)
+
+        def loaded(files: list[str]) -> tuple[MeshShape, ...]:
+            return tuple(load_mesh(_inside(file, base_dir), unit) for file in files)
+
+        whole = [given.pop("file")] if "file" in given else given.pop("parts", [])
+        meshes, sides = loaded(whole), loaded(given.pop("fingers", []))
         axis = {"tool_axis": tuple(given.pop("tool_axis"))} if "tool_axis" in given else {}
         point = tuple(scale * value for value in given.pop("tool_point"))
         fixed = {"meshes": meshes, "tool_point": point, **axis}
+        fixed |= {"finger_meshes": sides} if sides else {}
     else:
-        fixed = {"turn": given.pop("turn")} if "turn" in given else {}
+        fixed = {name: given.pop(name) for name in ("turn", "angle") if name in given}
+    if (mount := model.tool.mount) is not None:
+        at = tuple(scale * value for value in mount.position)
+        fixed["mount"] = at, tuple(mount.orientation)
     spec = ToolSpec(model.tool.kind, {**fixed, **{k: scale * v for k, v in given.items()}})
     try:
         make_tool(spec.kind, spec.parameters)

@@ -22,6 +22,7 @@ from optipromp.core.geometry.shapes import PRIMITIVES
 from optipromp.core.robots.tools import TOOLS
 from optipromp.core.scenes.goal_models import GoalModel, PathModel
 from optipromp.core.scenes.models import (
+    Argument,
     Model,
     NotNegative,
     Number,
@@ -149,10 +150,18 @@ class ApproachModel(Model):
     lead: Vector | None = None
 
 
+class MountModel(Model):
+    """The pose of a tool in the flange frame."""
+
+    position: Vector = Field(default_factory=lambda: [0.0, 0.0, 0.0])
+    orientation: Quaternion = Field(default_factory=lambda: [1.0, 0.0, 0.0, 0.0])
+
+
 class _ToolModel(Model):
     """The tool on the flange; its keys are the parameters of the class of its kind."""
 
     kind: Text
+    mount: MountModel | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -167,7 +176,7 @@ class _ToolModel(Model):
     @property
     def given(self) -> dict[str, Any]:
         """The parameters in the file."""
-        return self.model_dump(exclude={"kind"}, exclude_none=True)
+        return self.model_dump(exclude={"kind", "mount"}, exclude_none=True)
 
 
 class MeshToolModel(_ToolModel):
@@ -176,6 +185,7 @@ class MeshToolModel(_ToolModel):
     kind: Literal["mesh"]
     file: Text | None = None
     parts: Annotated[list[Text], Field(min_length=1)] | None = None
+    fingers: Annotated[list[Text], Field(min_length=2)] | None = None
     scale: Positive = 1.0
     tool_point: Vector
     tool_axis: Vector | None = None
@@ -184,8 +194,9 @@ class MeshToolModel(_ToolModel):
 
     @model_validator(mode="after")
     def _one_form(self) -> MeshToolModel:
-        if (self.file is None) == (self.parts is None):
-            raise refuse("must have exactly one of file, parts")
+        given = [self.file is not None, self.parts is not None]
+        if sum(given) != 1 and not (self.fingers is not None and not any(given)):
+            raise refuse("must have exactly one of file, parts; with fingers, at most one")
         return self
 
 
@@ -215,6 +226,7 @@ class RobotModel(Model):
     srdf: Text | None = None
     hold: dict[Text, Number] = Field(default_factory=dict)
     package_dirs: list[Text] = Field(default_factory=list)
+    args: dict[Text, Argument] = Field(default_factory=dict)
 
 
 class OptionsModel(Model):

@@ -97,6 +97,7 @@ def _robot(scene: Scene, base_dir: Path | None) -> str | dict[str, Any]:
     chosen = vars(scene.choice) | {
         "srdf": None if scene.choice.srdf is None else moved(scene.choice.srdf),
         "hold": dict(scene.choice.hold),
+        "args": dict(scene.choice.args),
         "package_dirs": [moved(folder) for folder in scene.choice.package_dirs],
     }
     del chosen["untrusted"]
@@ -153,11 +154,18 @@ def _shape_to_dict(shape: Shape, base_dir: Path | None) -> dict[str, Any]:
 
 def _tool_to_dict(tool: ToolSpec, base_dir: Path | None) -> dict[str, Any]:
     out: dict[str, Any] = {"kind": tool.kind, **tool.parameters}
-    meshes = out.pop("meshes", ())
+    meshes, fingers = out.pop("meshes", ()), out.pop("finger_meshes", ())
+    mount = out.pop("mount", None)
     out |= {name: list(value) for name, value in out.items() if isinstance(value, tuple)}
-    if meshes:
-        shapes = [_shape_to_dict(mesh, base_dir)["mesh"] for mesh in meshes]
-        files = [shape["file"] for shape in shapes]
+    if mount is not None:
+        out["mount"] = {"position": list(mount[0]), "orientation": list(mount[1])}
+    files, sides = (
+        [_shape_to_dict(mesh, base_dir)["mesh"]["file"] for mesh in each]
+        for each in (meshes, fingers)
+    )
+    if files:
         out |= {"file": files[0]} if len(files) == 1 else {"parts": files}
-        out |= {"scale": meshes[0].scale} if meshes[0].scale != 1.0 else {}
+    out |= {"fingers": sides} if sides else {}
+    for mesh in (*meshes, *fingers)[:1]:
+        out |= {"scale": mesh.scale} if mesh.scale != 1.0 else {}
     return out

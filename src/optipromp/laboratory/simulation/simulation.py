@@ -277,6 +277,7 @@ class Simulation:
         """Stand still for ``control.hold`` at the last reference, then judge all that happened."""
         self.reference = State(self.reference.q)
         moved, control = self.time, self.parameters.control
+        self._run.close()
         for _ in range(round(control.hold * control.rate)):
             if self.broken or not self._step():
                 break
