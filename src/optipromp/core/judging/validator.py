@@ -22,7 +22,7 @@ from optipromp.core.judging.curve import extremes
 from optipromp.core.judging.entered import entered, touching
 from optipromp.core.judging.near import nearest_static
 from optipromp.core.judging.passing import passing
-from optipromp.core.judging.speed import PUSHED, among_fruits, too_fast
+from optipromp.core.judging.speed import among_fruits, largest, stands, too_fast
 from optipromp.core.parameters import Checked, parameter
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import JointGoal, PoseGoal, Scene
@@ -69,7 +69,7 @@ class Metrics:
         clearance_avoid_tool: smallest distance of last link and tool to an object to avoid [m].
         clearance_pushable: smallest distance of the arm (B_d) to a pushable in its first place [m].
         clearance_self: smallest distance between links that are not neighbours [m].
-        approach_speed: largest speed of the tool among pushables that hang [m/s].
+        approach_speed: largest speed of the tool among pushables [m/s].
         goal_error: of the tool point at the end [m], or of a goal in joints [rad or m].
         goal_axis_error: of the tool axis at the end [rad].
         limit_violation: largest excess over a position limit [rad or m].
@@ -213,9 +213,11 @@ def judge(
         violations.append(Violation("unchecked", text))
     violations += [*missed, *(astray if stem_side else []), *broken]
     speed, when = among_fruits(scene, robot, trajectory, waypoints, points, every) or (None, None)
-    if too_fast(speed):
+    if too_fast(scene, speed):
+        among = "objects that stand" if stands(scene) else "fruits"
         text = (
-            f"the tool moves at {speed:.3f} m/s among fruits (pushes are predicted for {PUSHED:g})"
+            f"the tool moves at {speed:.3f} m/s among {among} (pushes are predicted for "
+            f"{largest(scene):g})"
         )
         violations.append(Violation("speed", text, "", when, speed, "m/s"))
     notes += [] if stem_side else map(str, astray)

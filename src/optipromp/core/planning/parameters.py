@@ -254,6 +254,33 @@ class TimingParameters(Checked):
     parts: int = parameter(
         4, "1", "choice", "of an interval, for which the tool's speed is checked"
     )
+    beside: float = parameter(
+        0.015,
+        "m",
+        "choice",
+        "distance from the first place of an object that stands, in which the tool is slower: 2.5 "
+        "standard deviations of its position; the judge's is 0.01",
+    )
+    ahead: float = parameter(
+        0.02,
+        "m",
+        "measured",
+        "way before a push in which the tool is slow: a quarter of pushed packs is 13 mm off",
+    )
+    quickest: float = parameter(
+        30.0, "1", "choice", "largest rate at which a slow trajectory is led where nothing is near"
+    )
+    grade: float = parameter(
+        1.2, "1", "choice", "largest ratio of the rates at two neighbouring waypoints"
+    )
+    last: float = parameter(
+        0.04,
+        "m",
+        "choice",
+        "way before the end on which the tool brakes slowly: it meets the target",
+    )
+    still: float = parameter(1e-6, "m/s", "choice", "speed of a tool that hardly moves")
+    paces: int = parameter(100, "1", "choice", "trials of the rates until all limits are kept")
 
 
 WAYPOINT = WaypointParameters()

@@ -136,7 +136,8 @@ def _best_way(
             harmful.append(found)
             continue
         made.append(found)
-        fast = getattr(planner, "timed", False) and judging.too_fast(found.metrics.approach_speed)
+        speed = found.metrics.approach_speed
+        fast = getattr(planner, "timed", False) and judging.too_fast(approach.scene, speed)
         if fast or found.status not in RETRIED:
             break
     if harmful and not any(done.success for done in made):
