@@ -20,6 +20,7 @@ from optipromp.core.judging import kinematics
 from optipromp.core.judging.clearance import Overlap, pushed_away, swept
 from optipromp.core.judging.curve import extremes
 from optipromp.core.judging.entered import entered, touching
+from optipromp.core.judging.moving import met
 from optipromp.core.judging.near import nearest_static
 from optipromp.core.judging.passing import passing
 from optipromp.core.judging.speed import among_fruits, largest, stands, too_fast
@@ -190,9 +191,10 @@ def judge(
     q = trajectory.positions
     times, fine, waypoints, complete = kinematics.refined(robot, trajectory)
     distances, contacts, points, every = swept(scene, robot, fine, times)
+    away, moving = met(scene, robot, trajectory, waypoints)
     contacts, notes = pushed_away(scene, robot, fine, contacts)
     inside = [] if begun else entered(scene, robot, q[0], points[0], every[0])
-    contacts += inside
+    contacts += [*inside, *moving]
     at_start = touching(scene, robot, q[0], begun=begun) if contacts else []
     tips, axes = points[waypoints], every[waypoints]
     rims = tips + (0.0 if robot.tool is None else robot.tool.depth) * axes
@@ -231,6 +233,9 @@ def judge(
             )
         else:
             near = None
+    if away is not None:
+        closest = distances["clearance_static"]
+        distances["clearance_static"] = away if closest is None else min(closest, away)
     figures: dict[str, Any] = {**distances, **motion}
     metrics = Metrics(
         M_p=passed.M_p, passage=passed.passage, stem_projection=passed.stem_projection,

@@ -283,6 +283,20 @@ class TimingParameters(Checked):
     paces: int = parameter(100, "1", "choice", "trials of the rates until all limits are kept")
 
 
+@dataclass(frozen=True)
+class InTimeParameters(Checked):
+    """Plans among objects that move (``planning/in_time.py``)."""
+
+    horizon: float = parameter(
+        20.0, "s", "choice", "for which the places of an object that moves are avoided at first"
+    )
+    spacing: float = parameter(0.25, "radii of the object", "choice", "between two of these places")
+    most: int = parameter(200, "1", "choice", "number of these places")
+    room: float = parameter(0.01, "m", "choice", "from objects that move, where there is a way")
+    wait: float = parameter(0.25, "s", "choice", "between two times of departure that are tried")
+    longest: float = parameter(20.0, "s", "choice", "wait at the start")
+
+
 WAYPOINT = WaypointParameters()
 FOLLOW = FollowParameters()
 GOAL = GoalParameters()
@@ -292,4 +306,5 @@ PRIMITIVE = PrimitiveParameters()
 TREE = TreeParameters()
 TIMING = TimingParameters()
 APPROACH = ApproachParameters()
+IN_TIME = InTimeParameters()
 UNDERWAY = UnderwayParameters()

@@ -149,6 +149,13 @@ class StemModel(_Model):
         return self
 
 
+class MotionModel(_Model):
+    """See :class:`optipromp.core.scenes.motion.Motion`."""
+
+    times: Annotated[list[Number], Field(min_length=2)]
+    positions: Annotated[list[Vector], Field(min_length=2)]
+
+
 class ObjectModel(_Model):
     """One object."""
 
@@ -162,11 +169,15 @@ class ObjectModel(_Model):
     covariance: Annotated[list[Vector], Field(min_length=3, max_length=3)] | None = None
     sigma: NotNegative | None = None
     physical: dict[Text, Number] = {}
+    velocity: Vector | None = None
+    motion: MotionModel | None = None
 
     @model_validator(mode="after")
     def _one_uncertainty(self) -> ObjectModel:
         if self.covariance is not None and self.sigma is not None:
             raise _refuse("has covariance and sigma: must have one of them at most")
+        if self.velocity is not None and self.motion is not None:
+            raise _refuse("has velocity and motion: must have one of them at most")
         return self
 
 
