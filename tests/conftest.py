@@ -34,7 +34,7 @@ LONG = {
     "looks": "looks",
     "page": "loop_replay page sources",
     "planning": (
-        "follow goals many options paper paper_settings prediction requests risk static_margin "
+        "follow goals many moving options paper paper_settings prediction requests risk static_margin "
         "underway verdict ways"
     ),
     "promp": "tasks",

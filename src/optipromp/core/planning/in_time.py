@@ -111,18 +111,18 @@ def _waits(task: Task) -> Iterator[float]:
 
 def _in(task: Task, made: Plan, wait: float) -> Plan:
     """A plan, judged among the objects that move, after a time to ``wait`` [s]."""
-    trajectory, first = made.trajectory, made.first
+    curves, first = [made.trajectory, made.initial, made.followed], made.first
     if wait > 0.0:
-        trajectory = waited(task.robot, trajectory, wait)
-        first += 1
+        curves, first = [waited(task.robot, curve, wait) for curve in curves], first + 1
+    trajectory, initial, followed = curves
     found = verdict(task, trajectory)
     status, message = found.status, found.message
     if status is not Code.SUCCESS and made.status not in JUDGED:
         status, message = made.status, made.message
     return replace(
-        made, task=task, trajectory=trajectory, first=first, status=status, message=message,
-        metrics=found.judgement.metrics, contacts=found.judgement.contacts,
-        prediction=found.prediction,
+        made, task=task, trajectory=trajectory, initial=initial, followed=followed, first=first,
+        status=status, message=message, metrics=found.judgement.metrics,
+        contacts=found.judgement.contacts, prediction=found.prediction,
     )  # fmt: skip
 
 

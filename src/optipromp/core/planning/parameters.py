@@ -262,7 +262,7 @@ class TimingParameters(Checked):
         "standard deviations of its position; the judge's is 0.01",
     )
     ahead: float = parameter(
-        0.02,
+        0.015,
         "m",
         "measured",
         "way before a push in which the tool is slow: a quarter of pushed packs is 13 mm off",
@@ -279,6 +279,7 @@ class TimingParameters(Checked):
         "choice",
         "way before the end on which the tool brakes slowly: it meets the target",
     )
+    meeting: float = parameter(0.5, "1", "choice", "share of its largest speed at the target")
     still: float = parameter(1e-6, "m/s", "choice", "speed of a tool that hardly moves")
     paces: int = parameter(100, "1", "choice", "trials of the rates until all limits are kept")
 

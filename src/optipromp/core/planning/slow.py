@@ -60,7 +60,7 @@ def paced(
     see :func:`optipromp.core.planning.timing.timed`. Where objects stand, a trajectory that is slow
     on its whole path is quickened where nothing is pushed. Beside the first places of these
     objects, the tool keeps to ``PUSH.standing.beside``. Near the target the tool keeps
-    the profile of its speed, which brakes.
+    the profile of its speed, which brakes, or ``TIMING.meeting`` of its largest speed.
     """
     slow = slowly(task, q, first)
     if not (stands(task) and isinstance(slow, np.ndarray)) or options.duration is not None:
@@ -73,7 +73,8 @@ def paced(
     points, _ = task.robot.tool_pose(q[1:])
     last = lengths(points - points[-1]) < TIMING.last
     usual = np.where(last, np.median(own[slow]) if slow.any() else limit, 0.0)
-    made = quickened(task.robot, even, np.where(slow, limit / np.maximum(own, usual), aside))
+    slowest = np.maximum(own, np.minimum(usual, own / TIMING.meeting))
+    made = quickened(task.robot, even, np.where(slow, limit / slowest, aside))
     if not task.state.moving:
         return made
     return joined(task.robot, task.state, made, slow, options.corridor)
