@@ -18,7 +18,7 @@ from optipromp.core.planning.in_time import later
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import Scene, SceneObject
 from optipromp.core.scenes.io import save_scene
-from optipromp.core.scenes.motion import Motion
+from optipromp.core.scenes.motion import ObjectMotion
 from optipromp.core.scenes.scene import JointGoal
 from optipromp.core.trajectory import Trajectory
 
@@ -44,7 +44,7 @@ def middle(direct: Plan) -> np.ndarray:
     return direct.robot.tool_pose(direct.trajectory.at(1.0).q[None])[0][0]
 
 
-def place(motion: Motion, t: float) -> np.ndarray:
+def place(motion: ObjectMotion, t: float) -> np.ndarray:
     """Position at a time, by its own interpolation."""
     if t <= motion.times[0]:
         return motion.positions[0]
@@ -74,14 +74,16 @@ def gap(robot: Robot, made: Trajectory, item: SceneObject, count: int = 3000) ->
 
 def poking(middle: np.ndarray, at: float = 1.0) -> SceneObject:
     """A ball that comes from outside, is at ``middle`` at a time, and goes back."""
-    motion = Motion(np.array([0.0, at, 2.0 * at]), np.array([middle + OUT, middle, middle + OUT]))
+    motion = ObjectMotion(
+        np.array([0.0, at, 2.0 * at]), np.array([middle + OUT, middle, middle + OUT])
+    )
     return SceneObject("ball", "static", Sphere(0.06), middle + OUT, motion=motion)
 
 
 def gate(middle: np.ndarray) -> SceneObject:
     """A wall through ``middle`` that rises between 3 s and 4 s."""
     places = np.array([middle, middle, middle + [0.0, 0.0, 3.0]])
-    motion = Motion(np.array([0.0, 3.0, 4.0]), places)
+    motion = ObjectMotion(np.array([0.0, 3.0, 4.0]), places)
     return SceneObject("gate", "static", Box((2.0, 0.05, 2.5)), middle, motion=motion)
 
 
@@ -126,7 +128,7 @@ def test_the_arm_waits_for_a_gate_that_leaves_no_way_round(bare: Scene, middle: 
     assert 3.0 < made.trajectory.duration < 6.0
     early = made.trajectory.at(2.9)
     assert np.abs(early.q - made.task.start).max() < 1.0  # it has not passed yet
-    shut = Motion(np.array([0.0, 1.0]), np.array([middle, middle]))
+    shut = ObjectMotion(np.array([0.0, 1.0]), np.array([middle, middle]))
     closed = optipromp.plan(replace(bare, objects=(replace(wall, motion=shut),)))
     assert not closed.success
 
@@ -166,7 +168,7 @@ def test_where_an_obstacle_appears_the_arm_brakes_and_plans_from_there(
     _, velocity, acceleration = made.sample(times)
     assert (np.abs(velocity) <= robot.velocity * 1.001).all()
     assert (np.abs(acceleration) <= robot.acceleration * 1.001).all()
-    still = replace(new, motion=Motion(np.array([0.0, 1.0]), np.array([end, end])))
+    still = replace(new, motion=ObjectMotion(np.array([0.0, 1.0]), np.array([end, end])))
     assert gap(robot, made, still) > 0.0
     assert gap(robot, direct.trajectory, still) < 0.0
     with pytest.raises(InvalidRequestError, match="lasts from 0 to"):
@@ -213,7 +215,9 @@ def test_a_moving_object_through_the_command_line(tmp_path: Path) -> None:
     point = usual.robot.tool_pose(half.q[None])[0][0]
     at = 0.3 * usual.trajectory.duration
     away = np.array([0.0, -0.6, 0.0])
-    motion = Motion(np.array([0.0, at, 2.0 * at]), np.array([point + away, point, point + away]))
+    motion = ObjectMotion(
+        np.array([0.0, at, 2.0 * at]), np.array([point + away, point, point + away])
+    )
     box = SceneObject("cart", "static", Box((0.06, 0.06, 0.06)), point + away, motion=motion)
     crossed = replace(scene, name="crossed", objects=(*scene.objects, box))
     path = tmp_path / "crossed.yaml"

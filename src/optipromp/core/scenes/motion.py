@@ -16,7 +16,7 @@ FOR_EVER = 600.0  # [s] a choice: for so long an object with a velocity moves
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class ObjectMotion:
     """A curve of straight pieces. Before and after it, the object stands at the curve's ends.
 
     Time 0 is the begin of a plan's trajectory. The object does not turn.
@@ -61,10 +61,10 @@ class Motion:
         gone = lengths(np.diff(self.positions, axis=0))
         return float((gone / np.diff(self.times)).max())
 
-    def later(self, time: float) -> Motion:
+    def later(self, time: float) -> ObjectMotion:
         """The same motion for one to whom ``time`` [s] is time 0."""
         return replace(self, times=self.times - time)
 
-    def transformed(self, pose: Pose) -> Motion:
+    def transformed(self, pose: Pose) -> ObjectMotion:
         """The same motion in another frame, in which its present frame has the ``pose``."""
         return replace(self, positions=frozen([pose @ place for place in self.positions]))

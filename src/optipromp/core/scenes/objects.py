@@ -13,7 +13,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.shapes import Shape
-from optipromp.core.scenes.motion import Motion
+from optipromp.core.scenes.motion import ObjectMotion
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import IDENTITY, from_quaternion, product, unit_quaternion
 from optipromp.core.scenes.values import array, named, suggest, unit
@@ -134,7 +134,7 @@ class SceneObject:
     covariance: FloatArray | None = None
     physical: Mapping[str, float] = field(default_factory=dict)
     sigma: InitVar[float | None] = None
-    motion: Motion | None = None
+    motion: ObjectMotion | None = None
 
     def __post_init__(self, sigma: float | None) -> None:
         named("id", self.id)

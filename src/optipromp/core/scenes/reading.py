@@ -21,7 +21,7 @@ from optipromp.core.geometry.shapes import (
 )
 from optipromp.core.robots.library import UNTRUSTED, Choice, robot_names
 from optipromp.core.robots.tools import make_tool
-from optipromp.core.scenes.motion import Motion
+from optipromp.core.scenes.motion import ObjectMotion
 from optipromp.core.scenes.rotations import IDENTITY
 from optipromp.core.scenes.scene import (
     STEM_RADIUS,
@@ -160,12 +160,12 @@ def _object(
     )
 
 
-def _motion(item: ObjectModel, scale: float) -> Motion | None:
+def _motion(item: ObjectModel, scale: float) -> ObjectMotion | None:
     if item.velocity is not None:
-        return Motion.steady(scale * np.array(item.position), scale * np.array(item.velocity))
+        return ObjectMotion.steady(scale * np.array(item.position), scale * np.array(item.velocity))
     if item.motion is None:
         return None
-    return Motion(np.array(item.motion.times), scale * np.array(item.motion.positions))
+    return ObjectMotion(np.array(item.motion.times), scale * np.array(item.motion.positions))
 
 
 def _stem(model: StemModel, scale: float, position: FloatArray) -> Stem:

@@ -150,7 +150,7 @@ class StemModel(_Model):
 
 
 class MotionModel(_Model):
-    """See :class:`optipromp.core.scenes.motion.Motion`."""
+    """See :class:`optipromp.core.scenes.motion.ObjectMotion`."""
 
     times: Annotated[list[Number], Field(min_length=2)]
     positions: Annotated[list[Vector], Field(min_length=2)]
