@@ -66,6 +66,7 @@ def objects_of(scene: Scene) -> tuple[Objects, tuple[SceneObject, ...]]:
     role = np.full(len(scene.objects), -1)
     for name, code in ROLES.items():
         role[scene.rows(name)] = code
+    role[[item.motion is not None for item in scene.objects]] = -1  # see judging/moving.py
     kind, size, bound = measured([item.shape for item in scene.objects])
     owner, middle, turn, capsule = _stems(scene)
     rows = np.concatenate([np.arange(len(role)), len(role) + owner])

@@ -19,6 +19,7 @@ from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.optimization.kernels import add_stiffness
 from optipromp.core.planning import approaches, tree
 from optipromp.core.planning.functionals import functional_values
+from optipromp.core.planning.in_time import later, moves, plan_in_time
 from optipromp.core.planning.options import PaperOptions, PlanOptions, Strategy
 from optipromp.core.planning.parameters import UNDERWAY
 from optipromp.core.planning.planner import Planner, label
@@ -61,7 +62,8 @@ def plan(
     """Plan a reach in a scene, from rest or from a motion that runs.
 
     Args:
-        scene: a scene, the name of a built-in scene, or the path of a scene file.
+        scene: a scene, the name of a built-in scene, or the path of a scene file. The motion of its
+            objects begins with the plan, or with ``previous`` where that is given.
         robot: with its tool (:func:`optipromp.core.robots.tools.with_tool`), in place of the
             scene's.
         planner: a planner with its settings, such as :class:`OptiProMP`, or any object that
@@ -102,6 +104,7 @@ def plan(
     with _threads().limit(limits=1, user_api="blas"):  # small matrices gain nothing from threads
         state = begun(start_state, previous, at)
         scene = scene if isinstance(scene, Scene) else load_scene(scene)
+        scene = scene if at is None else later(scene, at)
         began = clock()
         task = replace(resolve(scene, robot, state), risk=options.risk, seed=seed)
         task = replace(task, demonstrations=demonstrations, sparing=True)
@@ -111,7 +114,14 @@ def plan(
             if tasks[0].same and previous is not None and previous.success:
                 risk = max(task.risk, UNDERWAY.risk)
                 tasks = [replace(each, risk=risk) for each in tasks]
-        return _best_way(tasks, solver, options, began, progress or str)
+        way = functools.partial(
+            _best_way, planner=solver, options=options, began=began, say=progress or str
+        )
+        if moves(scene):
+            return min(
+                (plan_in_time(each, lambda one: way([one])) for each in tasks), key=_slowness
+            )
+        return way(tasks)
 
 
 def _best_way(
@@ -143,7 +153,8 @@ def _best_way(
             harmful.append(found)
             continue
         made.append(found)
-        fast = getattr(planner, "timed", False) and judging.too_fast(found.metrics.approach_speed)
+        speed = found.metrics.approach_speed
+        fast = getattr(planner, "timed", False) and judging.too_fast(approach.scene, speed)
         if not several and (fast or found.status not in RETRIED):
             break
     if harmful and not any(done.success for done in made):

@@ -106,7 +106,7 @@ class Task:
         It depends on the configuration ``goal`` (n,) of the arm at the target where objects stand,
         because they may meet the arm. It is made once, or then once for each ``goal``.
         """
-        key = goal.tobytes() if _stands(self) else b""
+        key = goal.tobytes() if stands(self) else b""
         if key not in self._models:
             self._models[key] = _push_model(self, goal)
         return self._models[key]
@@ -240,7 +240,7 @@ def _push_model(task: Task, goal: FloatArray) -> PushModel | None:
     if tool is None or not isinstance(task.goal, PoseGoal):
         return None
     models: list[PushModel] = []
-    if _stands(task):
+    if stands(task):
         rings = rings_of(task.robot)
         models.append(Standing(scene, tool, wrist(task, goal), rings=rings, risk=task.risk))
     if hanging.applies(scene, tool, task.neighbours or task.passed):
@@ -269,10 +269,10 @@ def spaced(points: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray
 
 def pushed_aside(task: Task) -> Task:
     """The task without the objects that stand: the tool pushes them aside before the arm comes."""
-    return replace(task, scene=emptied(task.scene)) if _stands(task) else task
+    return replace(task, scene=emptied(task.scene)) if stands(task) else task
 
 
-def _stands(task: Task) -> bool:
+def stands(task: Task) -> bool:
     """Whether the push model of standing objects applies."""
     return isinstance(task.goal, PoseGoal) and standing.applies(task.scene, task.robot.tool)
 

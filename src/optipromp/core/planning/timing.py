@@ -18,7 +18,7 @@ import numpy as np
 from optipromp.core.arrays import BoolArray, FloatArray, frozen, lengths
 from optipromp.core.planning.options import Searched
 from optipromp.core.planning.parameters import TIMING, UNDERWAY
-from optipromp.core.planning.task import Task
+from optipromp.core.planning.task import Task, stands
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP, along, evenly, length
 from optipromp.core.robots.model import Robot
@@ -38,43 +38,16 @@ def timed(
     """Waypoints (T, n) as a trajectory of ``options.duration``, or of the shortest duration.
 
     In the ``slow`` intervals of the shortest trajectory the tool's speed stays below
-    ``options.approach_speed``, or else below ``speed`` [m/s] (None: that of hanging fruits).
+    ``options.approach_speed``, or else below ``speed`` [m/s] (None: that of the push model).
     """
-    limit = options.approach_speed or speed or PUSH.hanging.speed
+    usual = PUSH.standing.speed if stands(task) else PUSH.hanging.speed
+    limit = options.approach_speed or speed or usual
     made = shortest(task.robot, q, None if options.duration else slow, limit)
     if options.duration is not None:
         made = made.slowed(options.duration / made.duration)
     if not task.state.moving:
         return made
     return joined(task.robot, task.state, made, slow, options.corridor)
-
-
-def slowly(task: Task, q: FloatArray, first: int | None) -> Slow:
-    """The intervals between waypoints (T, n) in which the tool is to be slow.
-
-    All intervals from waypoint ``first`` on (None: none of these), and the intervals before it in
-    which the tool is near a hanging pushable. There the tool counts as a cylinder with the
-    gripper's radius, up to the rim.
-    """
-    robot, target, near = task.robot, task.scene.target, np.zeros(len(q), dtype=bool)
-    tool, hangs = robot.tool, target is not None and target.stem is not None
-    if tool is None or not hangs:
-        return first
-    points, axes = robot.tool_pose(q)
-    low, high = points.min(axis=0), points.max(axis=0)
-    for fruit in task.scene.pushables:
-        reach = fruit.radius + TIMING.among
-        far = reach + tool.reach + robot.gripper_radius
-        apart = (fruit.position + far < low) | (fruit.position - far > high)
-        if fruit.stem is None or apart.any():
-            continue
-        off = fruit.position - points
-        along = np.einsum("ti,ti->t", off, axes)
-        aside = lengths(off - along[:, None] * axes)
-        level = (along < tool.depth + reach) & (along > -tool.reach - reach)
-        near |= level & (aside < robot.gripper_radius + reach)
-    among, path = near[1:] | near[:-1], intervals(first, len(q))
-    return among | path if (among & ~path).any() else first
 
 
 def shortest(robot: Robot, q: FloatArray, slow: Slow = None, speed: float = np.inf) -> Trajectory:
@@ -102,7 +75,7 @@ def shortest(robot: Robot, q: FloatArray, slow: Slow = None, speed: float = np.i
     best = min(ramped, key=duration)
     made = best
     for _ in range(TIMING.refinements):
-        need = _smoothed(needs(robot, made))
+        need = smoothed(needs(robot, made))
         widths = np.diff(made.times) * np.clip(need**TIMING.gain, TIMING.shrink, TIMING.widen)
         made = _within(robot, q, np.append(0.0, np.cumsum(widths)), least)
         best = min(best, made, key=duration)
@@ -355,7 +328,7 @@ def _ramped(count: int, ramp: float) -> FloatArray:
     return frozen(np.where(gone <= 0.5, since(gone), 1.0 + ramp - since(1.0 - gone)))
 
 
-def _smoothed(values: FloatArray) -> FloatArray:
+def smoothed(values: FloatArray) -> FloatArray:
     """The largest of each three neighbours (m,), then their mean."""
     p = np.pad(values, 1, mode="edge")
     p = np.pad(np.maximum(np.maximum(p[:-2], p[1:-1]), p[2:]), 1, mode="edge")

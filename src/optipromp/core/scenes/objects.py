@@ -13,6 +13,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.shapes import Shape
+from optipromp.core.scenes.motion import ObjectMotion
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import IDENTITY, from_quaternion, product, unit_quaternion
 from optipromp.core.scenes.values import array, named, suggest, unit
@@ -117,6 +118,7 @@ class SceneObject:
             of the standard deviation of the logarithm of the stiffness.
         sigma: in place of ``covariance``: standard deviation of each coordinate of the detected
             position [m]. It is converted to a covariance, and the attribute reads None.
+        motion: of a static object; at time 0 the object is at its ``position``.
 
     Raises:
         InvalidSceneError: the role is unknown, a fruit is a half space, a value is not finite or of
@@ -132,6 +134,7 @@ class SceneObject:
     covariance: FloatArray | None = None
     physical: Mapping[str, float] = field(default_factory=dict)
     sigma: InitVar[float | None] = None
+    motion: ObjectMotion | None = None
 
     def __post_init__(self, sigma: float | None) -> None:
         named("id", self.id)
@@ -149,6 +152,14 @@ class SceneObject:
                 raise InvalidSceneError(
                     f"stem.points[0] is {gap:.3g} m from the fruit's position: a stem must start "
                     "at its fruit"
+                )
+        if self.motion is not None:
+            if self.role != "static":
+                raise InvalidSceneError(f"a {self.role} has a motion: must be of a static object")
+            off = float(np.linalg.norm(self.motion.at(np.zeros(1))[0] - self.position))
+            if off > 1e-6:  # [m] rounding
+                raise InvalidSceneError(
+                    f"motion is {off:.3g} m from position at time 0: must be there"
                 )
         object.__setattr__(self, "physical", _checked(self.physical))
 
@@ -173,6 +184,7 @@ class SceneObject:
             orientation=product(pose.orientation, self.orientation),
             stem=None if self.stem is None else self.stem.transformed(pose),
             covariance=spread,
+            motion=None if self.motion is None else self.motion.transformed(pose),
         )
 
     @property

@@ -23,6 +23,7 @@ from optipromp.core.robots.library import UNTRUSTED, Choice, robot_names
 from optipromp.core.robots.tools import make_tool
 from optipromp.core.scenes.constraints import HeldUpright, OnPlane, PathConstraints
 from optipromp.core.scenes.goal_models import GoalModel, PathModel, ToleranceModel
+from optipromp.core.scenes.motion import ObjectMotion
 from optipromp.core.scenes.rotations import IDENTITY
 from optipromp.core.scenes.scene import (
     STEM_RADIUS,
@@ -166,8 +167,17 @@ def _object(
         stem=None if item.stem is None else _stem(item.stem, scale, position),
         covariance=None if item.covariance is None else scale**2 * np.array(item.covariance),
         physical=item.physical,
+        motion=_motion(item, scale),
         sigma=None if item.sigma is None else scale * item.sigma,
     )
+
+
+def _motion(item: ObjectModel, scale: float) -> ObjectMotion | None:
+    if item.velocity is not None:
+        return ObjectMotion.steady(scale * np.array(item.position), scale * np.array(item.velocity))
+    if item.motion is None:
+        return None
+    return ObjectMotion(np.array(item.motion.times), scale * np.array(item.motion.positions))
 
 
 def _stem(model: StemModel, scale: float, position: FloatArray) -> Stem:

@@ -117,6 +117,13 @@ class StemModel(Model):
         return self
 
 
+class MotionModel(Model):
+    """See :class:`optipromp.core.scenes.motion.ObjectMotion`."""
+
+    times: Annotated[list[Number], Field(min_length=2)]
+    positions: Annotated[list[Vector], Field(min_length=2)]
+
+
 class ObjectModel(Model):
     """One object."""
 
@@ -130,11 +137,15 @@ class ObjectModel(Model):
     covariance: Annotated[list[Vector], Field(min_length=3, max_length=3)] | None = None
     sigma: NotNegative | None = None
     physical: dict[Text, Number] = Field(default_factory=dict)
+    velocity: Vector | None = None
+    motion: MotionModel | None = None
 
     @model_validator(mode="after")
     def _one_uncertainty(self) -> ObjectModel:
         if self.covariance is not None and self.sigma is not None:
             raise refuse("has covariance and sigma: must have one of them at most")
+        if self.velocity is not None and self.motion is not None:
+            raise refuse("has velocity and motion: must have one of them at most")
         return self
 
 

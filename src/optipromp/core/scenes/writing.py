@@ -131,6 +131,8 @@ def _object_to_dict(item: SceneObject, base_dir: Path | None) -> dict[str, Any]:
             entry["stem"]["parent"] = item.stem.parent
     if item.covariance is not None:
         entry["covariance"] = item.covariance.tolist()
+    if item.motion is not None:
+        entry["motion"] = _plain(item.motion, ("times", "positions"))
     if item.physical:
         entry["physical"] = dict(item.physical)
     return entry

@@ -35,6 +35,11 @@ class Execution:
         p = world.parameters
         moved = world.motion
         self.carriages = None if moved is None else Carriages(world, moved, self.data)
+        self.movers = [
+            (int(self.model.body(f"static:{item.id}").mocapid[0]), item.motion)
+            for item in world.scene.objects
+            if item.motion is not None
+        ]
         self.log = ContactLog(world, p.thresholds.stem_force)
         self.stems = StemWatch(world)
         self.step = p.engine.timestep
@@ -110,6 +115,9 @@ class Execution:
             q, rate, acceleration, after = self._delayed(q, rate, acceleration, after)
         if self.carriages is not None:
             self.carriages.drive(self.data, self.steps)
+        for body, motion in self.movers:
+            at = motion.at(np.array([0.0, self.steps * self.step]))
+            self.data.mocap_pos[body] = at[1] - at[0]
         self.mujoco.mj_step1(self.model, self.data)
         if self.steps % self.tick == 0:
             self._control(q, rate, acceleration)

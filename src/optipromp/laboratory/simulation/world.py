@@ -274,7 +274,7 @@ class _Draft:
 
     def _static(self, obj: SceneObject) -> None:
         p = self.parameters.thing
-        body = self.spec.worldbody.add_body(name=f"static:{obj.id}")
+        body = self.spec.worldbody.add_body(name=f"static:{obj.id}", mocap=obj.motion is not None)
         add_shape(
             self.spec, body, obj.shape, f"static:{obj.id}", obj.rotation, obj.position,
             rgba=STATIC_COLOUR, friction=[obj.physical.get("friction", p.friction), 0.005, 1e-4],
