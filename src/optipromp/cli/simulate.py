@@ -79,7 +79,7 @@ def simulate(
     """Execute a plan in the physics simulation and judge what happened there.
 
     The exit code is 0 only when the target alone ended in the gripper and nothing was harmed; 1
-    otherwise; 2 when the input is wrong. Needs the extra 'sim': pip install 'optipromp\\[sim]'.
+    otherwise; 2 when the input is wrong. Needs the extra 'sim': pip install -e '.\\[sim]'.
 
     [bold]Examples[/bold]
 

@@ -81,7 +81,7 @@ def _needed() -> Any:
     renderer = _renderer()
     if renderer is None:
         raise InvalidRequestError(
-            "nothing that draws is installed: install optipromp as a package (pip install), "
-            "so that its parts are found"
+            "nothing that draws is installed: install optipromp as a package, by "
+            "pip install -e . in the clone of OptI-ProMP, so that its parts are found"
         )
     return renderer

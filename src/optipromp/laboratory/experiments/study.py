@@ -19,7 +19,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, installed_by
 from optipromp.core.files import check_folder, json_text, write_atomically
 from optipromp.core.planning import PlanOptions
 from optipromp.core.planning.planner import factory
@@ -330,7 +330,7 @@ def run_study(
     if workers is not None and workers < 1:
         raise InvalidRequestError(f"workers is {workers}; it must be at least 1")
     if find_spec("mujoco") is None:
-        raise InvalidRequestError("a study needs MuJoCo: pip install 'optipromp[sim]'")
+        raise InvalidRequestError(f"a study needs MuJoCo: {installed_by('sim')}")
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     with _locked(folder / LOCK):

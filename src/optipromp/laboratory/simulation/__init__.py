@@ -1,6 +1,6 @@
 """The simulation: a scene as a MuJoCo world, the execution of a plan in it, and its outcome.
 
-Needs the extra ``sim``: ``pip install 'optipromp[sim]'``.
+Needs the extra ``sim``: ``pip install -e '.[sim]'`` in the clone.
 """
 
 from optipromp.laboratory.simulation.arm_executor import SimulatedArm as SimulatedArm
