@@ -29,7 +29,7 @@ LONG = {
     "control": "controller driver servo tracker tracks",
     "cli": "folder generate_study markup plan process simulate_closed_loop",
     "execution": "executor franka streaming streaming_trouble trouble",
-    "experiments": "baselines loops study variations",
+    "experiments": "baselines loops own_scenes study variations",
     "geometry": "grids",
     "looks": "looks",
     "page": "loop_replay page sources",
@@ -46,7 +46,8 @@ LONG = {
     "ros": "bags loop recordings",
     "scenes": "generate placing trusses",
     "simulation": (
-        "disturbances export hand loop loop_film physics pictures runs second_engine tools trusses"
+        "disturbances export hand loop loop_film physics pictures runs second_engine shown tools "
+        "trusses"
     ),
     ".": "kernel_cache plan_folders",
     "viewer": "figures",
