@@ -95,10 +95,7 @@ class Study:
 
     @classmethod
     def of_files(cls, files: Sequence[Path], **given: Any) -> "Study":
-        """A study of scene files in place of presets; by default of their own robots, and seed 0.
-
-        Raises InvalidRequestError as :class:`Study`, and InvalidSceneError of a file.
-        """
+        """A study of scene files, by default of their own robots and of seed 0; refuses others."""
         for file in files:
             load_scene(file)
         names = tuple(file.name for file in files)

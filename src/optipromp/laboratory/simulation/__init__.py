@@ -31,3 +31,4 @@ from optipromp.laboratory.simulation.rollout import Rollout as Rollout
 from optipromp.laboratory.simulation.simulation import FruitStates as FruitStates
 from optipromp.laboratory.simulation.simulation import Simulation as Simulation
 from optipromp.laboratory.simulation.simulation import Touch as Touch
+from optipromp.laboratory.simulation.stem_file import stem_mjcf as stem_mjcf
