@@ -58,7 +58,8 @@ def _check_types(options: object, prefix: str) -> None:
         wanted = str(hint).replace("typing.", "") if get_origin(hint) else hint.__name__
         words = [word for one in (hint, *get_args(hint)) for word in _words(one)]
         if words and isinstance(value, str) and value not in words:
-            raise InvalidRequestError(f"{prefix}{item.name} is {value!r}; {suggest(value, words)}")
+            told = f"it must be one of these: {suggest(value, words)}"
+            raise InvalidRequestError(f"{prefix}{item.name} is {value}; {told}")
         _need(options, prefix, _fits(value, hint), item.name, f"of type {wanted}")
         for number in _numbers(value):
             if _fits(number, float):
