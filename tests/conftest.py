@@ -46,7 +46,7 @@ LONG = {
     "ros": "bags loop recordings",
     "scenes": "generate placing trusses",
     "simulation": (
-        "disturbances export hand loop loop_film physics pictures runs second_engine shown shown tools "
+        "disturbances export hand loop loop_film physics pictures runs second_engine shown tools "
         "trusses"
     ),
     ".": "kernel_cache plan_folders",

@@ -11,7 +11,7 @@ from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.world import World
 
 
-class Moved(NamedTuple):
+class Displaced(NamedTuple):
     """An object at its place of a moment."""
 
     item: SceneObject
@@ -27,14 +27,14 @@ class Moving:
         self.world, self._data = world, world.data(world.robot.home)
         self._items = {item.id: item for item in world.scene.objects}
 
-    def at(self, state: FloatArray) -> Iterator[Moved]:
+    def at(self, state: FloatArray) -> Iterator[Displaced]:
         """The objects where MuJoCo's generalised positions are ``state`` (nq,)."""
         data = self._data
         data.qpos[:] = state
         engine().mj_kinematics(self.world.model, data)
         for fruit in self.world.shown:
             place, turn = np.array(data.xpos[fruit.body]), data.xmat[fruit.body].reshape(3, 3)
-            yield Moved(self._items[fruit.id], place, turn, self._stem(fruit))
+            yield Displaced(self._items[fruit.id], place, turn, self._stem(fruit))
 
     def _stem(self, fruit: Any) -> FloatArray | None:
         """The present points (k, 3) of a fruit's stem, root first [m]; None without a stem."""
