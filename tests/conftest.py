@@ -29,7 +29,7 @@ LONG = {
     "control": "controller driver servo tracker tracks",
     "cli": "folder generate_study markup plan process simulate_closed_loop",
     "execution": "executor franka streaming streaming_trouble trouble",
-    "experiments": "baselines loops study variations",
+    "experiments": "baselines loops own_scenes study variations",
     "geometry": "grids",
     "looks": "looks",
     "page": "first_sight loop_replay page sources words",
@@ -47,7 +47,8 @@ LONG = {
     "ros": "bags loop recordings",
     "scenes": "generate placing trusses",
     "simulation": (
-        "disturbances export grasps hand loop loop_film physics pictures runs second_engine tools "
+        "disturbances export grasps hand loop loop_film physics pictures runs second_engine shown "
+        "tools "
         "trusses"
     ),
     ".": "kernel_cache plan_folders",

@@ -114,9 +114,17 @@ def test_check_tells_the_body_of_a_robot(tmp_path: Path, monkeypatch: pytest.Mon
     assert shown["links"] == "a, b, c, and 1 more (--json)"
     assert shown["joints"] == "ab, bc, cd"
     assert (tmp_path / "out" / "cover.png").read_bytes().startswith(b"\x89PNG")
-    refused = runner.invoke(app, ["check", "scenario-1", "--out", str(tmp_path)])
+
+
+def test_check_leaves_pictures_of_a_scene(tmp_path: Path, demonstrations: Path) -> None:
+    done = runner.invoke(app, ["check", "scenario-4", "--out", str(tmp_path)])
+    assert done.exit_code == 0, done.stderr
+    assert (tmp_path / "scene.png").read_bytes().startswith(b"\x89PNG")
+    assert b"</html>" in (tmp_path / "scene.html").read_bytes()[-200:].lower()
+    other = ["check", str(demonstrations), "--out", str(tmp_path)]
+    refused = runner.invoke(app, other)
     assert refused.exit_code == 2
-    assert "--out" in refused.stderr
+    assert "no --out" in refused.stderr
 
 
 def test_check_summarises_demonstrations(demonstrations: Path) -> None:

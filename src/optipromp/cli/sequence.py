@@ -16,12 +16,14 @@ if TYPE_CHECKING:
 ORDER = "sequence.json"
 
 
-def plan_targets(scene: Scene, targets: str, request: Request, output: Output) -> Report:
+def plan_targets(
+    scene: Scene, targets: str, request: Request, output: Output, progress: bool | None = None
+) -> Report:
     """Plan the picks of ``targets`` (ids, separated by commas), and write each plan."""
     from optipromp.core.planning.sequence import plan_sequence
 
     ids = [part.strip() for part in targets.split(",") if part.strip()]
-    with waiting(f"planning {scene.name} ...") as say:
+    with waiting(f"planning {scene.name}", progress) as say:
         found = plan_sequence(scene, ids, progress=say, **vars(request))
     document, out = found.to_dict(), output.out
     written = []

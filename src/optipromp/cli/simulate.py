@@ -79,7 +79,7 @@ def simulate(
     """Execute a plan in the physics simulation and judge what happened there.
 
     The exit code is 0 only when the target alone ended in the gripper and nothing was harmed; 1
-    otherwise; 2 when the input is wrong. Needs the extra 'sim': pip install 'optipromp\\[sim]'.
+    otherwise; 2 when the input is wrong. Needs the extra 'sim': pip install -e '.\\[sim]'.
 
     [bold]Examples[/bold]
 
@@ -204,37 +204,11 @@ def _leave(
 
 
 def _shown(run: "Run", told: str) -> list[str]:
+    from optipromp.laboratory.simulation.words import run_rows
+
     verdict = "picked" if run.success else f"failed: {run.outcome.cause}"
     return [
         f"{run.scene.name}  {told}  {verdict}",
         run.outcome.message,
-        *(f"  {name:<26}{words}" for name, words in _rows(run)),
+        *(f"  {name:<26}{words}" for name, words in run_rows(run)),
     ]
-
-
-def _rows(run: "Run") -> list[tuple[str, str]]:
-    rows, outcome = [], run.outcome
-    if outcome.picked is not None:
-        at = "" if outcome.swallowed_at is None else f" since {outcome.swallowed_at:.2f} s"
-        rows.append(("target taken in", ("yes" if outcome.picked else "no") + at))
-    if outcome.target_displacement is not None:
-        rows.append(("target moved before", f"{1e3 * outcome.target_displacement:.1f} mm"))
-    for id_, force in outcome.peak_force.items():
-        words = [f"at most {force:.2f} N"]
-        if id_ in outcome.stem_tension:
-            words.append(f"stem pulled {outcome.stem_tension[id_]:.2f} N")
-        if outcome.stem_force.get(id_, 0.0) > 0.0:
-            words.append(f"stem pressed {outcome.stem_force[id_]:.2f} N")
-        words.append(f"moved {1e3 * outcome.displacement[id_]:.0f} mm")
-        rows.append((id_, ", ".join(words)))
-    for what, contacts in (
-        ("static", outcome.static_contacts),
-        ("cluster", outcome.avoid_contacts + outcome.tool_avoid_contacts),
-    ):
-        for c in contacts:
-            spell = f"{c.peak_force:.2f} N for {c.duration:.2f} s from {c.first:.2f} s"
-            rows.append((f"{c.link} on {c.other}", f"{spell} ({what})"))
-    rows.append(("tracking error", f"{1e3 * outcome.tracking_error:.2f} mm"))
-    speed = f"{run.real_time_factor:.1f} times as fast as it was"
-    rows.append(("motion", f"{outcome.duration:.2f} s, simulated {speed}"))
-    return rows

@@ -39,7 +39,7 @@ def view(
     """Open a page that shows a plan in 3-D and lets you move things and plan again.
 
     It listens on this machine only, unless --host says otherwise, and runs
-    until Ctrl-C. Needs the extra 'view': pip install 'optipromp\\[view]'.
+    until Ctrl-C. Needs the extra 'view': pip install -e '.\\[view]'.
 
     [bold]Examples[/bold]
 

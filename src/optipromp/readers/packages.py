@@ -10,7 +10,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
 
-from optipromp.core.errors import InvalidRobotError
+from optipromp.core.errors import InvalidRobotError, installed_by
 from optipromp.core.files import (
     ALLOW_XACRO,
     LARGEST_TEXT,
@@ -145,8 +145,8 @@ def expanded(
         )
     if find_spec("xacro") is None or find_spec("xacrodoc") is None:
         raise InvalidRobotError(
-            f"{path}: reading xacro needs xacrodoc (pip install 'optipromp[xacro]'); or expand it "
-            f"first: {short}"
+            f"{path}: reading xacro needs xacrodoc ({installed_by('xacro')}); or expand "
+            f"it first: {short}"
         )
     text = read_bytes(path, InvalidRobotError, LARGEST_TEXT).decode("utf-8", "replace")
     names = {name for pair in _FOUND_BY_NAME.findall(text) for name in pair if name}

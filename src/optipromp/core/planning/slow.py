@@ -11,6 +11,7 @@ import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, lengths
 from optipromp.core.optimization.evaluation import Evaluation
+from optipromp.core.planning.fastest import needs, smoothed
 from optipromp.core.planning.options import Searched
 from optipromp.core.planning.parameters import TIMING
 from optipromp.core.planning.task import Task, stands
@@ -18,9 +19,7 @@ from optipromp.core.planning.timing import (
     Slow,
     intervals,
     joined,
-    needs,
     shortest,
-    smoothed,
     timed,
     tool_speeds,
 )

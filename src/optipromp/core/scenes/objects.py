@@ -187,6 +187,24 @@ class SceneObject:
             motion=None if self.motion is None else self.motion.transformed(pose),
         )
 
+    def at(self, position: FloatArray, id: str | None = None) -> SceneObject:
+        """A copy of the object at another position; its stem is moved along.
+
+        The orientation, the covariance and the stem's parent stay. Fruits of a truss are moved
+        together: a scene refuses a stem whose root has left the stem that it grows from.
+
+        Args:
+            position: (3,) of the local origin of the copy, in the robot's base frame [m].
+            id: of the copy, as ids are unique in a scene; None: the same.
+
+        Raises:
+            InvalidSceneError: a position of another shape, or one that is not finite.
+        """
+        to, stem = array("position", position, 3), self.stem
+        if stem is not None:
+            stem = replace(stem, points=stem.points + (to - self.position))
+        return replace(self, id=self.id if id is None else id, position=to, stem=stem)
+
     @property
     def radius(self) -> float:
         """Radius [m] of a ball about ``position`` that contains the shape."""

@@ -2,24 +2,16 @@
 
 from __future__ import annotations
 
-import difflib
 import math
-from collections.abc import Iterable
 
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.shapes import FARTHEST
-from optipromp.core.shown import is_name, no_name
+from optipromp.core.shown import is_name, no_name, suggest
 
-
-def suggest(name: object, valid: Iterable[str]) -> str:
-    """``valid are ...``, and ``did you mean ...?`` if a valid name is close to ``name``."""
-    names = list(valid)
-    near = difflib.get_close_matches(str(name), names, n=1)
-    question = f"; did you mean {near[0]!r}?" if near else ""
-    return f"valid are {', '.join(names)}{question}"
+__all__ = ["array", "named", "suggest", "unit"]
 
 
 def named(what: str, text: object) -> None:

@@ -1,22 +1,28 @@
 """``simulate``: the entry point of the simulation."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning import Plan
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
+from optipromp.core.shown import Shown
 from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.simulation.outcome import Outcome
 from optipromp.laboratory.simulation.parameters import SimulationParameters
 from optipromp.laboratory.simulation.rollout import Rollout
 from optipromp.laboratory.simulation.simulation import Simulation
 
+if TYPE_CHECKING:
+    from optipromp.looks.viewer.notebook import View3D
 
-@dataclass(frozen=True, eq=False)
-class Run:
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Run(Shown):
     """An executed plan.
 
     Attributes:
@@ -46,6 +52,28 @@ class Run:
     def real_time_factor(self) -> float:
         """Simulated time over wall time."""
         return float(self.rollout.times[-1]) / max(self.seconds, 1e-9)
+
+    def _words(self) -> str:
+        told = "picked" if self.success else f"failed, {self.outcome.cause}"
+        return f"in {self.scene.name}: {told}, {self.outcome.duration:.2f} s"
+
+    def _table(self) -> Sequence[tuple[str, str]]:
+        from optipromp.laboratory.simulation.words import run_rows
+
+        return [("message", self.outcome.message), *run_rows(self)]
+
+    def show(self) -> "View3D":
+        """A 3-D view for notebooks: arm, fruits and stems as they moved, to turn and play.
+
+        ``open()`` opens it in a browser. ``save(path)`` writes one HTML file that needs no network.
+
+        Raises:
+            InvalidRequestError: viser is not installed.
+        """
+        from optipromp.laboratory.simulation.words import run_page
+        from optipromp.looks.viewer.notebook import View3D
+
+        return View3D(run_page(self))
 
 
 def simulate(
