@@ -71,7 +71,7 @@ NOTHING = Choice()
 UNTRUSTED = Choice(untrusted=True)
 
 
-class Chosen(TypedDict, total=False):
+class ChoiceKeys(TypedDict, total=False):
     """The keywords of :func:`load_robot`; see :class:`Choice`."""
 
     tip: str | None
@@ -84,7 +84,7 @@ class Chosen(TypedDict, total=False):
 
 
 def load_robot(
-    name_or_path: str | Path, base_dir: Path | None = None, **choice: Unpack[Chosen]
+    name_or_path: str | Path, base_dir: Path | None = None, **choice: Unpack[ChoiceKeys]
 ) -> Robot:
     """A robot without a tool: a built-in one by name, or from a file.
 
@@ -112,7 +112,7 @@ def load_robot(
             :data:`optipromp.core.files.ALLOW_XACRO` is not set, or several arms that are alike (the
             message lists them).
     """
-    if unknown := choice.keys() - Chosen.__optional_keys__:
+    if unknown := choice.keys() - ChoiceKeys.__optional_keys__:
         raise TypeError(f"load_robot has no argument {', '.join(sorted(unknown))}")
     given = Choice(
         choice.get("tip"),

@@ -75,7 +75,7 @@ class Work:
         return float(np.linalg.norm(self.way[self.start] - self.way[0]))
 
 
-class Placed(NamedTuple):
+class Fitted(NamedTuple):
     """The pose of the preset's base in the robot's, and the configuration (n,) at the start."""
 
     pose: Pose
@@ -85,7 +85,7 @@ class Placed(NamedTuple):
 NECK = "links below the fruits"
 
 
-class Failed(NamedTuple):
+class Unfit(NamedTuple):
     """A requirement that a candidate fails; later ones are nearer to a fit, and so are less."""
 
     order: int
@@ -174,7 +174,7 @@ def fitted(scene: Scene, arm: Robot, named: str, choice: Choice) -> Scene:
         neck = round(float(np.ceil(neck / NECKS - 1e-9)) * NECKS, 3)
         parameters = {**own, "length": neck}
         found = _best(scene, with_tool(arm, make_tool(scene.tool.kind, parameters)), work)
-        if isinstance(found, Placed):
+        if isinstance(found, Fitted):
             break
         if found.requirement != NECK or lengthened == LENGTHENED:
             told = f"{arm.name} can work there from no place of its base: {found.told}"
@@ -188,15 +188,15 @@ def fitted(scene: Scene, arm: Robot, named: str, choice: Choice) -> Scene:
     )  # fmt: skip
 
 
-def _best(scene: Scene, robot: Robot, work: Work) -> Placed | Failed:
+def _best(scene: Scene, robot: Robot, work: Work) -> Fitted | Unfit:
     """The best place for a scene."""
     up = scene.frame[2]
     best, found = -np.inf, None
     low = max(work.drop, LEAST_DROP)
     upright = _upright(robot, up, work.scale * CELLS, low)
-    if isinstance(upright, Failed):
+    if isinstance(upright, Unfit):
         return upright
-    failed = Failed(0, 0.0, "", "")
+    failed = Unfit(0, 0.0, "", "")
     axes = np.tile(up, (len(work.way), 1))
     for point, begin in zip(*upright, strict=True):
         shift = point - work.way[0]
@@ -207,21 +207,21 @@ def _best(scene: Scene, robot: Robot, work: Work) -> Placed | Failed:
                 failed = now
             continue
         if (score := spare(robot, q, low)) > best:
-            best, found = score, Placed(Pose(shift), q[work.start])
+            best, found = score, Fitted(Pose(shift), q[work.start])
     return failed if found is None else found
 
 
 def _failure(
     scene: Scene, robot: Robot, work: Work, shift: FloatArray, q: FloatArray, errors: FloatArray
-) -> Failed | None:
+) -> Unfit | None:
     """The first requirement that configurations (P, n) along the way fail."""
     whole = f"on the way of {1e3 * work.down:.0f} mm from the start to the target, and aside of it,"
     if (off := float(errors.max())) > MISS:
         told = f"{whole} the tool is off by {1e3 * off:.0f} mm at least"
-        return Failed(1, off, "way to the target", told)
+        return Unfit(1, off, "way to the target", told)
     if (touch := -float(robot.self_gaps(q).min(initial=np.inf))) > 0.0:
         told = f"{whole} links overlap by {1e3 * touch:.0f} mm at least"
-        return Failed(2, touch, "room between links", told)
+        return Unfit(2, touch, "room between links", told)
     solid = scene.obstacles("static", "avoid")
     if len(solid.kind):
         spheres = robot.spheres
@@ -231,23 +231,23 @@ def _failure(
         least = float(gaps[work.start].min()), float(gaps[:, ~spheres.distal].min(initial=np.inf))
         if (entered := -min(least)) > 0.0:
             told = f"{whole} links enter obstacles by {1e3 * entered:.0f} mm at least"
-            return Failed(3, entered, "clearance from obstacles", told)
+            return Unfit(3, entered, "clearance from obstacles", told)
     if (above := work.drop - lowest(robot, q)) > 0.0:
         told = (
             f"links beside the tool reach {1e3 * above:.0f} mm above the lowest fruit, which hangs "
             f"{1e3 * work.drop:.0f} mm below the target"
         )
-        return Failed(4, above, NECK, told)
+        return Unfit(4, above, NECK, told)
     return None
 
 
 def _upright(
     robot: Robot, up: FloatArray, cell: float, low: float
-) -> tuple[FloatArray, FloatArray] | Failed:
+) -> tuple[FloatArray, FloatArray] | Unfit:
     """Tool points (K, 3) at which the tool stands along ``up``, and configurations (K, n).
 
     Of each cell of distance and height, of edge ``cell`` [m], they are the :data:`EACH` with the
-    most to spare, ``low`` as of :func:`spare`. Failed if there are none.
+    most to spare, ``low`` as of :func:`spare`. Unfit if there are none.
     """
     q = _sampled(robot, SAMPLES)
     points, axes = robot.tool_pose(q)
@@ -257,18 +257,18 @@ def _upright(
     if not len(q):
         off = float(np.degrees(np.arccos(min(1.0, (axes @ up).max()))))
         told = f"the tool is {off:.0f} degrees off the approach at least (of {SAMPLES} postures)"
-        return Failed(0, off, direction, told)
+        return Unfit(0, off, direction, told)
     q, errors = ik.each(robot, points, np.tile(up, (len(q), 1)), q)
     upright = errors < MISS
     if not upright.any():
         told = f"the tool cannot stand along the approach (of {len(q)} postures within 26 degrees)"
-        return Failed(0, float(errors.min()), direction, told)
+        return Unfit(0, float(errors.min()), direction, told)
     gaps = robot.self_gaps(q).min(axis=1, initial=np.inf)
     good = upright & (gaps > 0.0)
     if not good.any():
         overlap = -float(gaps[upright].max())
         told = f"links overlap by {1e3 * overlap:.0f} mm at least where the tool is upright"
-        return Failed(0, overlap, "room between links", told)
+        return Unfit(0, overlap, "room between links", told)
     points, q = points[good], q[good]
     score = np.array([spare(robot, each[None], low) for each in q])
     cells: dict[tuple[int, ...], list[int]] = {}

@@ -12,7 +12,7 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.trajectory import Trajectory
 
 
-class Cut(NamedTuple):
+class StemCut(NamedTuple):
     """What a scissor did when it closed.
 
     Attributes:
@@ -74,7 +74,7 @@ class Rollout:
     torn_at: Mapping[str, float] = field(default_factory=dict)
     tracking_error: float = 0.0
     joint_error: float = 0.0
-    cut: Cut | None = None
+    cut: StemCut | None = None
 
     def arrays(self) -> dict[str, FloatArray]:
         """The records as arrays by name, for an NPZ file."""

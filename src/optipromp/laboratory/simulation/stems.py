@@ -7,7 +7,7 @@ import numpy as np
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.laboratory.simulation.grasps import between_blades, carried_by
 from optipromp.laboratory.simulation.kernels import note_pulls
-from optipromp.laboratory.simulation.rollout import Cut
+from optipromp.laboratory.simulation.rollout import StemCut
 from optipromp.laboratory.simulation.trusses import tops
 from optipromp.laboratory.simulation.world import Fruit, World
 
@@ -64,7 +64,7 @@ class StemWatch:
         if torn:
             self._cut(data, gone)
 
-    def close(self, data: Any) -> Cut:
+    def close(self, data: Any) -> StemCut:
         """Close the blades of the scissor: fruits beyond the stems between them come off."""
         pieces, between = between_blades(self._world, data)
         beyond = carried_by(self._world, pieces)
@@ -76,7 +76,7 @@ class StemWatch:
         if off:
             self._cut(data, gone)
             self.torn = {key: time for key, time in self.torn.items() if key not in off}
-        return Cut(tuple(off), tuple(between), float(data.time))
+        return StemCut(tuple(off), tuple(between), float(data.time))
 
     def _cut(self, data: Any, gone: BoolArray) -> None:
         for i in np.flatnonzero(gone):
