@@ -15,7 +15,7 @@ from optipromp.laboratory.simulation.contacts import ContactLog, pressing
 from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.grasps import scissor_of
 from optipromp.laboratory.simulation.kernels import is_sound
-from optipromp.laboratory.simulation.rollout import Cut, Rollout, used
+from optipromp.laboratory.simulation.rollout import Rollout, StemCut, used
 from optipromp.laboratory.simulation.stems import StemWatch
 from optipromp.laboratory.simulation.world import World
 
@@ -55,7 +55,7 @@ class Execution:
         self.records: list[tuple[Any, ...]] = []
         self.contacts: list[FloatArray] = []
         self.steps = 0
-        self.cut: Cut | None = None
+        self.cut: StemCut | None = None
         self.warnings: tuple[str, ...] = ()
         shown, entities = world.shown, world.entities
         self.fruit_entities = np.array([f.entity for f in shown], dtype=np.int64)
