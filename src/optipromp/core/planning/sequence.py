@@ -8,6 +8,7 @@ from typing import Any
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.planning.plan import plan
 from optipromp.core.planning.result import Plan
+from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Role, Scene
 from optipromp.core.scenes.trusses import rooted
@@ -123,7 +124,13 @@ def aimed(scene: Scene, target: str, picked: Sequence[str] = ()) -> Scene:
         for item in scene.objects
         if item.id not in picked
     )
-    return replace(scene, name=f"{scene.name}-{target}", objects=rooted(objects), goal=None)
+    return replace(
+        scene,
+        name=f"{scene.name}-{target}",
+        objects=rooted(objects),
+        goal=None,
+        may_touch=pairs_among(scene.may_touch, picked),
+    )
 
 
 def _check(scene: Scene, targets: Sequence[str]) -> None:

@@ -6,6 +6,7 @@ from optipromp.core.scenes.io import scene_from_dict as scene_from_dict
 from optipromp.core.scenes.io import scene_names as scene_names
 from optipromp.core.scenes.io import scene_to_dict as scene_to_dict
 from optipromp.core.scenes.scene import Approach as Approach
+from optipromp.core.scenes.scene import Attached as Attached
 from optipromp.core.scenes.scene import JointGoal as JointGoal
 from optipromp.core.scenes.scene import Pose as Pose
 from optipromp.core.scenes.scene import PoseGoal as PoseGoal

@@ -15,7 +15,7 @@ from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.shapes import Shape
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import IDENTITY, from_quaternion, product, unit_quaternion
-from optipromp.core.scenes.values import array, named, suggest, unit
+from optipromp.core.scenes.values import array, keep, named, suggest, unit
 
 Role: TypeAlias = Literal["target", "pushable", "avoid", "static"]
 ROLES: tuple[Role, ...] = get_args(Role)
@@ -117,10 +117,12 @@ class SceneObject:
             of the standard deviation of the logarithm of the stiffness.
         sigma: in place of ``covariance``: standard deviation of each coordinate of the detected
             position [m]. It is converted to a covariance, and the attribute reads None.
+        padding: of a static object: distance that the robot keeps from it [m]; None: the scene's.
 
     Raises:
         InvalidSceneError: the role is unknown, a fruit is a half space, a value is not finite or of
-            the wrong shape, or a stem starts away from its fruit.
+            the wrong shape, a padding is negative or the object is not static, or a stem starts
+            away from its fruit.
     """
 
     id: str
@@ -132,6 +134,7 @@ class SceneObject:
     covariance: FloatArray | None = None
     physical: Mapping[str, float] = field(default_factory=dict)
     sigma: InitVar[float | None] = None
+    padding: float | None = None
 
     def __post_init__(self, sigma: float | None) -> None:
         named("id", self.id)
@@ -139,6 +142,13 @@ class SceneObject:
             raise InvalidSceneError(f"role {self.role!r} is unknown: {suggest(self.role, ROLES)}")
         if self.role in ("target", "pushable") and math.isinf(self.radius):
             raise InvalidSceneError(f"a {self.role} cannot be a half_space: it has no end")
+        if self.padding is not None:
+            object.__setattr__(self, "padding", keep("padding", self.padding))
+            if self.role != "static":
+                raise InvalidSceneError(
+                    f"padding is {self.padding:g} and the role is {self.role}: padding goes with "
+                    "static objects"
+                )
         object.__setattr__(self, "position", array("position", self.position, 3))
         object.__setattr__(self, "orientation", unit_quaternion(self.orientation))
         if self.covariance is not None or sigma is not None:

@@ -25,6 +25,7 @@ from optipromp.core.scenes.rotations import IDENTITY
 from optipromp.core.scenes.scene import (
     STEM_RADIUS,
     Approach,
+    Attached,
     JointGoal,
     Pose,
     PoseGoal,
@@ -34,6 +35,7 @@ from optipromp.core.scenes.scene import (
     ToolSpec,
 )
 from optipromp.core.scenes.schema import (
+    AttachedModel,
     MeshToolModel,
     ObjectModel,
     PoseModel,
@@ -98,6 +100,9 @@ def scene_from_dict(
             base_dir=base_dir,
             base=Pose() if model.base is None else _pose(model.base, scale),
             camera=None if model.camera is None else frames["camera"],
+            attached=tuple(_attached(item, scale, base_dir, shapes) for item in model.attached),
+            may_touch=tuple((a, b) for a, b in model.may_touch),
+            padding=scale * model.padding,
         )
     except InvalidSceneError as error:
         raise InvalidSceneError(f"{source}: {where}{error.message}") from None
@@ -155,7 +160,19 @@ def _object(
         covariance=None if item.covariance is None else scale**2 * np.array(item.covariance),
         physical=item.physical,
         sigma=None if item.sigma is None else scale * item.sigma,
+        padding=None if item.padding is None else scale * item.padding,
     )
+
+
+def _attached(
+    item: AttachedModel,
+    scale: float,
+    base_dir: Path | None,
+    shapes: dict[tuple[object, ...], Shape],
+) -> Attached:
+    """The attached shape, whose values are in the tool axes whatever the scene's frame."""
+    shape, at = _shape(item.shape, scale, base_dir, shapes), scale * np.array(item.position)
+    return Attached(item.id, shape, at, _orientation(item.orientation), item.mass)
 
 
 def _stem(model: StemModel, scale: float, position: FloatArray) -> Stem:

@@ -161,6 +161,7 @@ class ObjectModel(_Model):
     stem: StemModel | None = None
     covariance: Annotated[list[Vector], Field(min_length=3, max_length=3)] | None = None
     sigma: NotNegative | None = None
+    padding: NotNegative | None = None
     physical: dict[Text, Number] = {}
 
     @model_validator(mode="after")
@@ -168,6 +169,16 @@ class ObjectModel(_Model):
         if self.covariance is not None and self.sigma is not None:
             raise _refuse("has covariance and sigma: must have one of them at most")
         return self
+
+
+class AttachedModel(_Model):
+    """A shape that moves with the tool; see :class:`optipromp.core.scenes.held.Attached`."""
+
+    id: Text
+    shape: ShapeModel
+    position: Vector = [0.0, 0.0, 0.0]
+    orientation: Quaternion | None = None
+    mass: Positive | None = None
 
 
 class ApproachModel(_Model):
@@ -292,6 +303,9 @@ class SceneModel(_Model):
     approach: ApproachModel = ApproachModel()
     options: OptionsModel = OptionsModel()
     objects: list[ObjectModel] = []
+    attached: list[AttachedModel] = []
+    may_touch: list[Annotated[list[Text], Field(min_length=2, max_length=2)]] = []
+    padding: NotNegative = 0.0
 
     @model_validator(mode="after")
     def _camera_is_known(self) -> SceneModel:

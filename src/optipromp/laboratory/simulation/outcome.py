@@ -252,7 +252,11 @@ def _failures(outcome: Outcome, world: World) -> Iterator[tuple[Cause, str]]:
     limits = world.parameters.thresholds
     if outcome.warnings:
         yield Cause.UNSTABLE, "the simulation broke down: " + "; ".join(outcome.warnings)
-    hits = [c for c in outcome.static_contacts if c.peak_force > limits.static_force]
+    hits = [
+        c
+        for c in outcome.static_contacts
+        if c.peak_force > limits.static_force and not world.scene.may_meet(c.link, c.other)
+    ]
     if hits:
         worst = max(hits, key=lambda c: c.peak_force)
         yield Cause.STATIC_CONTACT, f"{worst.link} presses {worst.other} with {_force(worst)}"
@@ -264,7 +268,11 @@ def _failures(outcome: Outcome, world: World) -> Iterator[tuple[Cause, str]]:
     if outcome.swallowed_others:
         others = ", ".join(outcome.swallowed_others)
         yield Cause.SWALLOWED_OTHER, f"also {inside_words(world)}: {others}"
-    hits = [c for c in outcome.avoid_contacts if c.peak_force > limits.avoid_force]
+    hits = [
+        c
+        for c in outcome.avoid_contacts
+        if c.peak_force > limits.avoid_force and not world.scene.may_meet(c.link, c.other)
+    ]
     if hits:
         worst = max(hits, key=lambda c: c.peak_force)
         yield Cause.AVOID_CONTACT, f"{worst.link} presses {worst.other} with {_force(worst)}"
