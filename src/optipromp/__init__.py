@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from optipromp.core.planning import PlanOptions as PlanOptions
     from optipromp.core.planning import Verdict as Verdict
     from optipromp.core.planning import judge as judge
+    from optipromp.core.planning.legs import Picked as Picked
+    from optipromp.core.planning.legs import plan_pick as plan_pick
     from optipromp.core.planning.many import plan_many as plan_many
     from optipromp.core.planning.plan import plan as plan
     from optipromp.core.planning.sequence import PickSequence as PickSequence
@@ -63,12 +65,14 @@ _HOMES = {
         "OptiProMP",
         "PaperOptions",
         "PickSequence",
+        "Picked",
         "Plan",
         "PlanOptions",
         "Verdict",
         "judge",
         "plan",
         "plan_many",
+        "plan_pick",
         "plan_sequence",
     ),
     "core.promp": (

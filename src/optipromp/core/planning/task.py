@@ -60,6 +60,7 @@ class Task:
         demonstrations: of the request: a ProMP, or a file to learn one from; None: the robot's own.
         only: the tool path to follow; None: a search finds the paths.
         sparing: whether the planner may answer :class:`Harmful` instead of following a path.
+        back: the push model of a retreat, for its whole motion; None: the task is none.
         begun: whether ``state`` replaces the scene's start: the tool may be among fruits already.
     """
 
@@ -79,6 +80,7 @@ class Task:
     seed: int = 0
     demonstrations: ProMP | str | Path | None = None
     only: ToolPath | None = None
+    back: PushModel | None = None
     sparing: bool = False
 
     @property
@@ -110,6 +112,8 @@ class Task:
         It depends on the configuration ``goal`` (n,) of the arm at the target where objects stand,
         because they may meet the arm. It is made once, or then once for each ``goal``.
         """
+        if self.back is not None:
+            return self.back
         key = goal.tobytes() if _stands(self) else b""
         if key not in self._models:
             self._models[key] = _push_model(self, goal)
@@ -197,7 +201,10 @@ def posed(
         if spec or scene.attached or scene.may_touch:
             robot = _equip(robot, spec, scene.attached, scene.may_touch)
     if state is None:
-        check_names(scene.may_touch, [item.id for item in scene.objects], robot.link_names)
+        links = robot.link_names
+        if scene.place is not None and scene.target is not None:
+            links = (*links, scene.target.id)  # which the tool holds after the pick
+        check_names(scene.may_touch, [item.id for item in scene.objects], links)
     start = robot.home if scene.start is None else scene.start
     start = start if state is None else state.q
     if start.shape != (robot.n_joints,):

@@ -1,5 +1,6 @@
 """Scenes: objects with roles, their files, and the built-in scenarios."""
 
+from optipromp.core.scenes.held import Place as Place
 from optipromp.core.scenes.io import load_scene as load_scene
 from optipromp.core.scenes.io import save_scene as save_scene
 from optipromp.core.scenes.io import scene_from_dict as scene_from_dict

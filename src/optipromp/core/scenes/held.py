@@ -15,11 +15,14 @@ from optipromp.core.geometry.shapes import MeshShape, PointCloudShape, Shape, is
 from optipromp.core.robots.laden import Load
 from optipromp.core.robots.meshes import pieces
 from optipromp.core.robots.tool_geometry import Solid
+from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import IDENTITY, unit_quaternion
-from optipromp.core.scenes.values import array, named, suggest
+from optipromp.core.scenes.values import array, keep, named, suggest, unit
 
 TOOL = "tool"
 """Name of the tool in ``may_touch``."""
+RETREAT = 0.1
+"""Default distance of a retreat [m], chosen: about the length of a tool's path among fruits."""
 Pair = tuple[str, str]
 
 
@@ -84,6 +87,32 @@ class Attached:
             for k, shape in enumerate(self._shapes())
         )
         return Load(self.id, tuple(solids), self.mass or 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where the tool brings the target after the pick, in the base frame.
+
+    Args:
+        position: (3,) of the tool point at the end [m].
+        axis: (3,) of the tool axis there; of any length above 0.
+        retreat: distance of the tool's retreat from the place of the pick [m].
+    """
+
+    position: FloatArray
+    axis: FloatArray
+    retreat: float = RETREAT
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", array("place.position", self.position, 3))
+        object.__setattr__(self, "axis", unit("place.axis", self.axis))
+        object.__setattr__(self, "retreat", keep("place.retreat", self.retreat))
+        if not self.retreat > 0.0:
+            raise InvalidSceneError("place.retreat is 0: must be above 0 [m]")
+
+    def transformed(self, pose: Pose) -> Place:
+        """The same place in another frame, in which its present frame has the ``pose``."""
+        return Place(pose @ self.position, pose.rotation @ self.axis, self.retreat)
 
 
 def checked(

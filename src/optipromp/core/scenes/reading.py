@@ -21,6 +21,7 @@ from optipromp.core.geometry.shapes import (
 )
 from optipromp.core.robots.library import UNTRUSTED, Choice, robot_names
 from optipromp.core.robots.tools import make_tool
+from optipromp.core.scenes.held import RETREAT, Place
 from optipromp.core.scenes.rotations import IDENTITY
 from optipromp.core.scenes.scene import (
     STEM_RADIUS,
@@ -38,6 +39,7 @@ from optipromp.core.scenes.schema import (
     AttachedModel,
     MeshToolModel,
     ObjectModel,
+    PlaceModel,
     PoseModel,
     RobotModel,
     SceneModel,
@@ -103,6 +105,7 @@ def scene_from_dict(
             attached=tuple(_attached(item, scale, base_dir, shapes) for item in model.attached),
             may_touch=tuple((a, b) for a, b in model.may_touch),
             padding=scale * model.padding,
+            place=None if model.place is None else _place(model.place, scale, default),
         )
     except InvalidSceneError as error:
         raise InvalidSceneError(f"{source}: {where}{error.message}") from None
@@ -314,6 +317,12 @@ def _options(model: SceneModel, scale: float) -> dict[str, Any]:
     elif offset is not None:
         out["drift_offset"] = scale * offset
     return out
+
+
+def _place(given: PlaceModel, scale: float, frame: Pose) -> Place:
+    away = RETREAT if given.retreat is None else scale * given.retreat
+    axis = frame.rotation @ np.array(given.axis)
+    return Place(frame @ (scale * np.array(given.position)), axis, away)
 
 
 def _goal(

@@ -17,7 +17,7 @@ from optipromp.core.geometry.obstacles import Measures, Obstacles, measures, pac
 from optipromp.core.robots.library import NOTHING, Choice, load_arm
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import trusses
-from optipromp.core.scenes.held import Attached, Pair, checked
+from optipromp.core.scenes.held import Attached, Pair, Place, checked
 from optipromp.core.scenes.objects import ROLES, STEM_RADIUS, Role, SceneObject, Stem
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.values import array, keep, named, suggest, unit
@@ -181,6 +181,7 @@ class Scene(Shown):
         attached: shapes that move with the tool.
         may_touch: pairs of a link, an attached shape or ``tool``, and an object or another of
             these; neither the planner nor the judge minds their contact.
+        place: where the tool is to bring the target after the pick.
         padding: distance that the robot keeps from static objects [m]; an object may state another.
 
     Raises:
@@ -203,6 +204,7 @@ class Scene(Shown):
     attached: tuple[Attached, ...] = ()
     may_touch: tuple[Pair, ...] = ()
     padding: float = 0.0
+    place: Place | None = None
 
     def __post_init__(self) -> None:
         named("name", self.name)
@@ -227,6 +229,8 @@ class Scene(Shown):
         targets = [item.id for item in self.objects if item.role == "target"]
         if len(targets) > 1:
             raise InvalidSceneError(f"two targets, {targets[0]!r} and {targets[1]!r}: must be one")
+        if self.place is not None and not targets:
+            raise InvalidSceneError("place and no target: must have a target, which is placed")
         if targets and self.goal is not None:
             raise InvalidSceneError(f"target {targets[0]!r} and a goal: must be one or the other")
         if not targets and self.goal is None:
@@ -335,6 +339,7 @@ class Scene(Shown):
             goal=goal.transformed(pose) if isinstance(goal, PoseGoal) else goal,
             base=self.base @ pose.inverse(),
             camera=None if self.camera is None else pose @ self.camera,
+            place=None if self.place is None else self.place.transformed(pose),
         )
 
     @cached_property

@@ -181,6 +181,14 @@ class AttachedModel(_Model):
     mass: Positive | None = None
 
 
+class PlaceModel(_Model):
+    """Where the target is brought; see :class:`optipromp.core.scenes.held.Place`."""
+
+    position: Vector
+    axis: Vector
+    retreat: Positive | None = None
+
+
 class ApproachModel(_Model):
     """The target frame; see :class:`optipromp.core.scenes.scene.Approach`."""
 
@@ -306,6 +314,7 @@ class SceneModel(_Model):
     attached: list[AttachedModel] = []
     may_touch: list[Annotated[list[Text], Field(min_length=2, max_length=2)]] = []
     padding: NotNegative = 0.0
+    place: PlaceModel | None = None
 
     @model_validator(mode="after")
     def _camera_is_known(self) -> SceneModel:

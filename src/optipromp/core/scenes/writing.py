@@ -51,6 +51,8 @@ def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, An
     if scene.options:
         document["options"] = dict(scene.options)
     document["objects"] = [_object_to_dict(item, base_dir) for item in scene.objects]
+    if scene.place is not None:
+        document["place"] = _plain(scene.place, ["position", "axis", "retreat"])
     if scene.attached:
         document["attached"] = [_attached(item, base_dir) for item in scene.attached]
     if scene.may_touch:
