@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from optipromp.core.errors import Code as Code
     from optipromp.core.errors import OptiPrompError as OptiPrompError
     from optipromp.core.judging import Metrics as Metrics
+    from optipromp.core.output import load_pick as load_pick
     from optipromp.core.output import load_plan as load_plan
+    from optipromp.core.output import write_pick as write_pick
     from optipromp.core.output import write_plan as write_plan
     from optipromp.core.planning import IProMP as IProMP
     from optipromp.core.planning import OptiProMP as OptiProMP
@@ -59,7 +61,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "core.errors": ("Code", "OptiPrompError"),
     "core.judging": ("Metrics",),
-    "core.output": ("load_plan", "write_plan"),
+    "core.output": ("load_pick", "load_plan", "write_pick", "write_plan"),
     "core.planning": (
         "IProMP",
         "OptiProMP",

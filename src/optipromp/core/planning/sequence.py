@@ -53,6 +53,11 @@ class PickSequence:
         return tuple(_target(pick) for pick in self.picks)
 
     @property
+    def whole(self) -> Sequence[Plan | Picked]:
+        """The picks with all their legs; in a scene without a place, their plans."""
+        return self.placed or self.picks
+
+    @property
     def success(self) -> bool:
         """Whether every ripe fruit is picked."""
         return not self.left
@@ -65,8 +70,8 @@ class PickSequence:
             "success": self.success,
             "order": list(self.order),
             "picks": [
-                {"target": _target(reach), **made.to_dict()}
-                for reach, made in zip(self.picks, self.placed or self.picks, strict=True)
+                {"target": id_, **made.to_dict()}
+                for id_, made in zip(self.order, self.whole, strict=True)
             ],
             "left": [vars(left) for left in self.left],
         }
@@ -87,11 +92,11 @@ def plan_sequence(
     picked fruit is in no other's way, so that no order picks more fruits than this one, as far as
     the planner knows.
 
-    Every pick starts at the scene's start: the arm lays a fruit down and comes back. In a scene with
-    a ``place`` each pick has the legs of :func:`optipromp.core.planning.legs.plan_pick`, and starts
-    where the pick before it ended, at the place. A fruit whose retreat or carry fails gives way to
-    the next best. Pushed fruits are assumed to hang at rest again before the next pick. Stems that grow from the stem of a
-    picked fruit are held at their roots from then on.
+    Every pick starts at the scene's start: the arm lays a fruit down and comes back. In a scene
+    with a ``place`` each pick has the legs of :func:`optipromp.core.planning.legs.plan_pick`, and
+    starts where the pick before it ended, at the place. A fruit whose retreat or carry fails gives
+    way to the next best. Pushed fruits are assumed to hang at rest again before the next pick.
+    Stems that grow from the stem of a picked fruit are held at their roots from then on.
 
     Args:
         scene: a scene, the name of a built-in scene, or the path of a scene file.

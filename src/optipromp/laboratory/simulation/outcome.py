@@ -28,6 +28,7 @@ class Cause(StrEnum):
     LIMIT = "limit"  # a joint left its range
     TRACKING = "tracking"  # the arm could not follow
     NOT_PICKED = "not_picked"  # the target is not in the cup, or between the fingers
+    NOT_PLACED = "not_placed"  # the target is not at its place
 
 
 @dataclass(frozen=True)
@@ -88,6 +89,10 @@ class Outcome:
         warnings: of MuJoCo, or of a value that is not finite.
         target: id of the target; None for a scene without one.
         causes: all causes of the failure, in the order of :class:`Cause`.
+        placed: whether the target was brought to its place; None for a motion that is no pick in
+            several legs.
+        placed_off: distance of the target's centre from its place at the end [m]; None where it
+            was not brought there.
     """
 
     success: bool
@@ -117,6 +122,8 @@ class Outcome:
     warnings: tuple[str, ...] = ()
     target: str | None = None
     causes: tuple[Cause, ...] = ()
+    placed: bool | None = None
+    placed_off: float | None = None
 
     @property
     def unripe_peak_force(self) -> float:
