@@ -34,8 +34,8 @@ LONG = {
     "looks": "looks",
     "page": "loop_replay page sources",
     "planning": (
-        "follow goals many options paper paper_settings prediction requests risk static_margin "
-        "underway verdict ways"
+        "follow goals legs many options paper paper_settings prediction requests risk "
+        "static_margin underway verdict ways"
     ),
     "promp": "tasks",
     "pushing": "cup hanging long_fruits quasi_static",

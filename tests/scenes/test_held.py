@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.core.errors import InvalidSceneError
+from optipromp.core.errors import InvalidRequestError, InvalidSceneError
 from optipromp.core.geometry import HalfSpace, Sphere
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes import Attached, SceneObject, load_scene, save_scene, scene_from_dict
@@ -95,3 +95,24 @@ def test_an_attached_shape_has_an_end_and_a_mass_above_0() -> None:
         Attached("floor", HalfSpace())
     with pytest.raises(InvalidSceneError, match="mass is 0"):
         Attached("ball", Sphere(0.01), mass=0.0)
+
+
+def test_a_robot_that_is_given_holds_what_the_scene_says_once() -> None:
+    scene = scene_from_dict(DOCUMENT)
+    bare, _ = posed(replace(scene, attached=(), may_touch=()))
+    given, _ = posed(scene, bare)
+    own, _ = posed(scene)
+    assert given.link_names == own.link_names
+    assert (given.spheres.center == own.spheres.center).all()
+    strict, _ = posed(replace(scene, may_touch=()))
+    assert len(given.self_pairs) == len(own.self_pairs) < len(strict.self_pairs)
+    assert posed(scene, given)[0] is given
+
+
+def test_an_attached_shape_has_no_name_of_a_link_and_needs_a_tool() -> None:
+    scene = replace(scene_from_dict(DOCUMENT), may_touch=())
+    named_as_link = replace(scene, attached=(Attached("link5", Sphere(0.01)),))
+    with pytest.raises(InvalidRequestError, match="'link5' is the name of a link"):
+        posed(named_as_link)
+    with pytest.raises(InvalidRequestError, match="has no tool"):
+        posed(replace(scene, tool=None))

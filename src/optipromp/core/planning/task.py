@@ -24,7 +24,7 @@ from optipromp.core.pushing.rules import neighbours
 from optipromp.core.pushing.stems import hanging
 from optipromp.core.pushing.stems.cup import flange_of
 from optipromp.core.pushing.stems.hanging import Hanging
-from optipromp.core.robots.laden import Laden
+from optipromp.core.robots.laden import Laden, loads_of
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.self_collision import letting_touch
 from optipromp.core.robots.tools import make_tool, with_tool
@@ -176,7 +176,10 @@ def laden(robot: Robot, attached: Sequence[Attached]) -> Robot:
             f"attached {attached[0].id!r}: {robot.name} has no tool; give the scene a tool, "
             "in whose axes the shape stands"
         )
-    return with_tool(robot, Laden(robot.tool, tuple(item.load for item in attached)))
+    loads = tuple(item.load for item in attached)
+    if isinstance(robot.tool, Laden):
+        return with_tool(robot, Laden(robot.tool.tool, (*robot.tool.loads, *loads)))
+    return with_tool(robot, Laden(robot.tool, loads))
 
 
 def posed(
@@ -186,7 +189,7 @@ def posed(
 
     Args:
         scene: with a robot, a tool and a start.
-        robot: with its tool, in place of the scene's robot and tool.
+        robot: with its tool, in place of the scene's robot and tool. It is given what is attached.
         state: of the arm, in place of the scene's start.
 
     Raises:
@@ -195,11 +198,14 @@ def posed(
         StartInvalidError: wrong joint count, or outside the joint limits.
         InvalidRequestError: a tool that cannot be made or mounted.
     """
+    spec = None
     if robot is None:
         robot, tool = scene.load_robot(), scene.tool
         spec = None if tool is None else (tool.kind, tuple(sorted(tool.parameters.items())))
-        if spec or scene.attached or scene.may_touch:
-            robot = _equip(robot, spec, scene.attached, scene.may_touch)
+    held = {load.id for load in loads_of(robot.tool)}
+    attached = tuple(item for item in scene.attached if item.id not in held)
+    if spec or attached or scene.may_touch:
+        robot = _equip(robot, spec, attached, scene.may_touch)
     if state is None:
         links = robot.link_names
         if scene.place is not None and scene.target is not None:
