@@ -27,7 +27,7 @@ from optipromp.core.files import is_folder
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from optipromp.core.planning import Plan, PlanOptions
+    from optipromp.core.planning import Picked, Plan, PlanOptions
     from optipromp.core.promp import ProMP
     from optipromp.core.scenes.scene import Scene
 
@@ -172,15 +172,26 @@ class Output:
         from optipromp.core.output import write_plan
 
         written = write_plan(result, folder, rate=self.rate)  # before the figures, which may fail
+        return *written, *self.draw(result, folder, figures=figures)
+
+    def write_legs(self, result: "Picked", folder: Path, *, figures: bool) -> tuple[str, ...]:
+        """Write all legs of a pick, and the figures of its reach; see :meth:`write`."""
+        from optipromp.core.output import write_pick
+
+        written = write_pick(result, folder, rate=self.rate)
+        return *written, *self.draw(result.reach, folder, figures=figures)
+
+    def draw(self, result: "Plan", folder: Path, *, figures: bool) -> tuple[str, ...]:
+        """Draw figures of a plan if they are wanted; their names."""
         if not (figures if self.figures is None else self.figures):
-            return written
+            return ()
         from optipromp.core.files import write_atomically
         from optipromp.looks.viewer.figures import plan_figures
 
         pictures = plan_figures(result)
         for name, content in pictures.items():
             write_atomically(folder / name, content)
-        return *written, *pictures
+        return tuple(pictures)
 
 
 def failed_plan(error: OptiPrompError, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -265,6 +276,10 @@ def plan_one(
     from optipromp.core.output import load_plan
     from optipromp.core.planning import plan as make_plan
 
+    if scene.place is not None:
+        if variant.previous is not None:
+            raise InvalidRequestError("--previous goes with a scene without a place")
+        return plan_legs(scene, request, output, progress)
     running = None if variant.previous is None else load_plan(variant.previous)
     with waiting(f"planning {scene.name}", progress) as say:
         result = make_plan(scene, progress=say, previous=running, at=variant.at, **vars(request))
@@ -273,6 +288,32 @@ def plan_one(
         with waiting("drawing", progress):
             written = output.write(result, output.out, figures=True)
     return Report(result.to_dict(), shown(result, written, output.out), exit_code(result.status))
+
+
+def plan_legs(
+    scene: "Scene", request: Request, output: Output, progress: bool | None = None
+) -> Report:
+    """Plan the pick of ``scene`` with all its legs, and write it."""
+    from optipromp.core.planning import plan_pick
+
+    with waiting(f"planning {scene.name}", progress) as say:
+        result = plan_pick(scene, progress=say, **vars(request))
+    written: tuple[str, ...] = ()
+    if output.out is not None:
+        with waiting("drawing"):
+            written = output.write_legs(result, output.out, figures=True)
+    lines = [*shown(result.reach, (), None), *legs_shown(result)]
+    if output.out is not None:
+        lines.append(f"wrote {', '.join(written)} to {output.out}")
+    return Report(result.to_dict(), lines, exit_code(result.status))
+
+
+def legs_shown(result: "Picked") -> Shown:
+    """The status of a pick, and a line for each of its legs."""
+    yield headline(("all legs  ", "bold"), (result.status, "bold"), f"  {result.message}")
+    for name, leg in result.legs.items():
+        harm = "" if leg.prediction is None else f", harm {leg.prediction.harm:.2f}"
+        yield f"  {name:<10}{leg.status}, {leg.trajectory.duration:.2f} s{harm}"
 
 
 def shown(plan: "Plan", written: tuple[str, ...], out: Path | None) -> Shown:

@@ -56,7 +56,7 @@ def view(
 
     source = open_source(item, beside)
     say_if_compiling()
-    with waiting("loading ..."):
+    with waiting("loading"):
         warm_up()  # so that the first plan does not wait for it
     page = Page(source, host=host, port=port, out=out)
     try:

@@ -16,7 +16,7 @@ from optipromp.core.geometry.shapes import Shape
 from optipromp.core.scenes.motion import ObjectMotion
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import IDENTITY, from_quaternion, product, unit_quaternion
-from optipromp.core.scenes.values import array, named, suggest, unit
+from optipromp.core.scenes.values import array, keep, named, suggest, unit
 
 Role: TypeAlias = Literal["target", "pushable", "avoid", "static"]
 ROLES: tuple[Role, ...] = get_args(Role)
@@ -119,10 +119,12 @@ class SceneObject:
         sigma: in place of ``covariance``: standard deviation of each coordinate of the detected
             position [m]. It is converted to a covariance, and the attribute reads None.
         motion: of a static object; at time 0 the object is at its ``position``.
+        padding: of a static object: distance that the robot keeps from it [m]; None: the scene's.
 
     Raises:
         InvalidSceneError: the role is unknown, a fruit is a half space, a value is not finite or of
-            the wrong shape, or a stem starts away from its fruit.
+            the wrong shape, a padding is negative or the object is not static, or a stem starts
+            away from its fruit.
     """
 
     id: str
@@ -135,6 +137,7 @@ class SceneObject:
     physical: Mapping[str, float] = field(default_factory=dict)
     sigma: InitVar[float | None] = None
     motion: ObjectMotion | None = None
+    padding: float | None = None
 
     def __post_init__(self, sigma: float | None) -> None:
         named("id", self.id)
@@ -142,6 +145,13 @@ class SceneObject:
             raise InvalidSceneError(f"role {self.role!r} is unknown: {suggest(self.role, ROLES)}")
         if self.role in ("target", "pushable") and math.isinf(self.radius):
             raise InvalidSceneError(f"a {self.role} cannot be a half_space: it has no end")
+        if self.padding is not None:
+            object.__setattr__(self, "padding", keep("padding", self.padding))
+            if self.role != "static":
+                raise InvalidSceneError(
+                    f"padding is {self.padding:g} and the role is {self.role}: padding goes with "
+                    "static objects"
+                )
         object.__setattr__(self, "position", array("position", self.position, 3))
         object.__setattr__(self, "orientation", unit_quaternion(self.orientation))
         if self.covariance is not None or sigma is not None:

@@ -23,11 +23,13 @@ from optipromp.core.robots.library import UNTRUSTED, Choice, robot_names
 from optipromp.core.robots.tools import make_tool
 from optipromp.core.scenes.constraints import HeldUpright, OnPlane, PathConstraints
 from optipromp.core.scenes.goal_models import GoalModel, PathModel, ToleranceModel
+from optipromp.core.scenes.held import RETREAT, Place
 from optipromp.core.scenes.motion import ObjectMotion
 from optipromp.core.scenes.rotations import IDENTITY
 from optipromp.core.scenes.scene import (
     STEM_RADIUS,
     Approach,
+    Attached,
     Goal,
     JointGoal,
     Pose,
@@ -39,8 +41,10 @@ from optipromp.core.scenes.scene import (
     ToolSpec,
 )
 from optipromp.core.scenes.schema import (
+    AttachedModel,
     MeshToolModel,
     ObjectModel,
+    PlaceModel,
     PoseModel,
     RobotModel,
     SceneModel,
@@ -110,6 +114,10 @@ def scene_from_dict(
             base_dir=base_dir,
             base=Pose() if model.base is None else _pose(model.base, scale),
             camera=None if model.camera is None else frames["camera"],
+            attached=tuple(_attached(item, scale, base_dir, shapes) for item in model.attached),
+            may_touch=tuple((a, b) for a, b in model.may_touch),
+            padding=scale * model.padding,
+            place=None if model.place is None else _place(model.place, scale, default),
         )
     except InvalidSceneError as error:
         raise InvalidSceneError(f"{source}: {where}{error.message}") from None
@@ -169,6 +177,7 @@ def _object(
         physical=item.physical,
         motion=_motion(item, scale),
         sigma=None if item.sigma is None else scale * item.sigma,
+        padding=None if item.padding is None else scale * item.padding,
     )
 
 
@@ -178,6 +187,17 @@ def _motion(item: ObjectModel, scale: float) -> ObjectMotion | None:
     if item.motion is None:
         return None
     return ObjectMotion(np.array(item.motion.times), scale * np.array(item.motion.positions))
+
+
+def _attached(
+    item: AttachedModel,
+    scale: float,
+    base_dir: Path | None,
+    shapes: dict[tuple[object, ...], Shape],
+) -> Attached:
+    """The attached shape, whose values are in the tool axes whatever the scene's frame."""
+    shape, at = _shape(item.shape, scale, base_dir, shapes), scale * np.array(item.position)
+    return Attached(item.id, shape, at, _orientation(item.orientation), item.mass)
 
 
 def _stem(model: StemModel, scale: float, position: FloatArray) -> Stem:
@@ -327,6 +347,12 @@ def _options(model: SceneModel, scale: float) -> dict[str, Any]:
     elif offset is not None:
         out["drift_offset"] = scale * offset
     return out
+
+
+def _place(given: PlaceModel, scale: float, frame: Pose) -> Place:
+    away = RETREAT if given.retreat is None else scale * given.retreat
+    axis = frame.rotation @ np.array(given.axis)
+    return Place(frame @ (scale * np.array(given.position)), axis, away)
 
 
 def _goal(given: GoalModel, scale: float, frame: Pose) -> Goal:

@@ -136,6 +136,7 @@ class ObjectModel(Model):
     stem: StemModel | None = None
     covariance: Annotated[list[Vector], Field(min_length=3, max_length=3)] | None = None
     sigma: NotNegative | None = None
+    padding: NotNegative | None = None
     physical: dict[Text, Number] = Field(default_factory=dict)
     velocity: Vector | None = None
     motion: MotionModel | None = None
@@ -147,6 +148,24 @@ class ObjectModel(Model):
         if self.velocity is not None and self.motion is not None:
             raise refuse("has velocity and motion: must have one of them at most")
         return self
+
+
+class AttachedModel(Model):
+    """A shape that moves with the tool; see :class:`optipromp.core.scenes.held.Attached`."""
+
+    id: Text
+    shape: ShapeModel
+    position: Vector = Field(default_factory=lambda: [0.0, 0.0, 0.0])
+    orientation: Quaternion | None = None
+    mass: Positive | None = None
+
+
+class PlaceModel(Model):
+    """Where the target is brought; see :class:`optipromp.core.scenes.held.Place`."""
+
+    position: Vector
+    axis: Vector
+    retreat: Positive | None = None
 
 
 class ApproachModel(Model):
@@ -275,6 +294,12 @@ class SceneModel(Model):
     approach: ApproachModel = ApproachModel()
     options: OptionsModel = OptionsModel()
     objects: list[ObjectModel] = Field(default_factory=list)
+    attached: list[AttachedModel] = Field(default_factory=list)
+    may_touch: list[Annotated[list[Text], Field(min_length=2, max_length=2)]] = Field(
+        default_factory=list
+    )
+    padding: NotNegative = 0.0
+    place: PlaceModel | None = None
 
     @model_validator(mode="after")
     def _camera_is_known(self) -> SceneModel:

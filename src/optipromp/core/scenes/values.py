@@ -20,6 +20,17 @@ def named(what: str, text: object) -> None:
         raise InvalidSceneError(f"{what} is {no_name(str(text))}")
 
 
+LARGEST_PADDING = 1.0  # [m] chosen: a larger one is a number in millimetres
+
+
+def keep(name: str, value: object) -> float:
+    """``value`` as a distance to be kept [m]; refused below 0 or above :data:`LARGEST_PADDING`."""
+    number = value if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+    if not 0.0 <= number <= LARGEST_PADDING:
+        raise InvalidSceneError(f"{name} is {value!r}: must be 0 to {LARGEST_PADDING:g} [m]")
+    return float(number)
+
+
 def array(name: str, values: object, *shape: int | None) -> FloatArray:
     """``values`` as a read-only array; refused if not finite or not of ``shape`` (None: any)."""
     array = frozen(values)

@@ -16,9 +16,11 @@ from typing import Any
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, frame_along
+from optipromp.core.robots.laden import loads_of
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.rotations import product, to_quaternion
 from optipromp.core.scenes.scene import Scene
+from optipromp.laboratory.simulation.arm import held_body
 from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.fruits import BuiltFruit
 from optipromp.laboratory.simulation.parameters import DisturbanceParameters, SimulationParameters
@@ -63,7 +65,9 @@ def mjcf(
     world = build(scene, robot, calm, seed)
     spec, q = world.spec, robot.check_configuration(start)
     joints = _name_joints(spec, world)
-    for body in ["tool"] * (robot.tool is not None) + [f"segment:{s}" for s in range(len(joints))]:
+    held = [held_body(load.id) for load in loads_of(robot.tool)]
+    tool = ["tool", *held] if robot.tool is not None else []
+    for body in [*tool, *(f"segment:{s}" for s in range(len(joints)))]:
         spec.body(body).gravcomp = 1.0
     _add_actuators(spec, world, joints, q)
     bends = {name: bend for fruit in world.fruits for name, bend in relaxed(spec, fruit.built)}

@@ -10,7 +10,7 @@ import numpy as np
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.laboratory.simulation.contacts import ContactLog
 from optipromp.laboratory.simulation.grasps import on_lip, suction_of, wanted
-from optipromp.laboratory.simulation.rollout import Cut, Rollout
+from optipromp.laboratory.simulation.rollout import Rollout, StemCut
 from optipromp.laboratory.simulation.world import World
 
 BARE = 0.02  # [m] without a tool, an object this near the tool point counts as picked: a choice
@@ -30,6 +30,7 @@ class Cause(StrEnum):
     LIMIT = "limit"  # a joint left its range
     TRACKING = "tracking"  # the arm could not follow
     NOT_PICKED = "not_picked"  # the target is not in the tool; of a scissor: its stem is not cut
+    NOT_PLACED = "not_placed"  # the target is not at its place
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,10 @@ class Outcome:
         target: id of the target; None for a scene without one.
         causes: all causes of the failure, in the order of :class:`Cause`.
         cut: what a scissor did when it closed; None for another tool.
+        placed: whether the target was brought to its place; None for a motion that is no pick in
+            several legs.
+        placed_off: distance of the target's centre from its place at the end [m]; None where it
+            was not brought there.
     """
 
     success: bool
@@ -122,7 +127,9 @@ class Outcome:
     warnings: tuple[str, ...] = ()
     target: str | None = None
     causes: tuple[Cause, ...] = ()
-    cut: Cut | None = None
+    cut: StemCut | None = None
+    placed: bool | None = None
+    placed_off: float | None = None
 
     @property
     def unripe_peak_force(self) -> float:
@@ -138,7 +145,7 @@ class Outcome:
         document["unripe_peak_force"] = self.unripe_peak_force
         cut = document.pop("cut")
         if self.cut is not None:
-            document["cut"] = dict(zip(Cut._fields, cut, strict=True))
+            document["cut"] = dict(zip(StemCut._fields, cut, strict=True))
         return document
 
 
@@ -275,7 +282,11 @@ def _failures(outcome: Outcome, world: World) -> Iterator[tuple[Cause, str]]:
     limits = world.parameters.thresholds
     if outcome.warnings:
         yield Cause.UNSTABLE, "the simulation broke down: " + "; ".join(outcome.warnings)
-    hits = [c for c in outcome.static_contacts if c.peak_force > limits.static_force]
+    hits = [
+        c
+        for c in outcome.static_contacts
+        if c.peak_force > limits.static_force and not world.scene.may_meet(c.link, c.other)
+    ]
     if hits:
         worst = max(hits, key=lambda c: c.peak_force)
         yield Cause.STATIC_CONTACT, f"{worst.link} presses {worst.other} with {_force(worst)}"
@@ -292,7 +303,11 @@ def _failures(outcome: Outcome, world: World) -> Iterator[tuple[Cause, str]]:
     if outcome.swallowed_others:
         others = ", ".join(outcome.swallowed_others)
         yield Cause.SWALLOWED_OTHER, f"also {inside_words(world)}: {others}"
-    hits = [c for c in outcome.avoid_contacts if c.peak_force > limits.avoid_force]
+    hits = [
+        c
+        for c in outcome.avoid_contacts
+        if c.peak_force > limits.avoid_force and not world.scene.may_meet(c.link, c.other)
+    ]
     if hits:
         worst = max(hits, key=lambda c: c.peak_force)
         yield Cause.AVOID_CONTACT, f"{worst.link} presses {worst.other} with {_force(worst)}"

@@ -78,6 +78,13 @@ class StemWatch:
             self.torn = {key: time for key, time in self.torn.items() if key not in off}
         return StemCut(tuple(off), tuple(between), float(data.time))
 
+    def cut(self, data: Any, fruit: Fruit) -> None:
+        """Cut the stem of a fruit on purpose: it does not count as torn."""
+        mine = np.array([one.built.key == fruit.built.key for one in self._fruits], dtype=np.bool_)
+        if mine.any():
+            self._cut(data, mine)
+            del self.torn[fruit.built.key]
+
     def _cut(self, data: Any, gone: BoolArray) -> None:
         for i in np.flatnonzero(gone):
             fruit, key = self._fruits[i], self._fruits[i].built.key

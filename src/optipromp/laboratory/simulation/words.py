@@ -20,6 +20,9 @@ def run_rows(run: "Run") -> list[tuple[str, str]]:
         rows.append(("target taken in", ("yes" if outcome.picked else "no") + at))
     if outcome.target_displacement is not None:
         rows.append(("target moved before", f"{1e3 * outcome.target_displacement:.1f} mm"))
+    if outcome.placed is not None:
+        at = "" if outcome.placed_off is None else f", {1e3 * outcome.placed_off:.1f} mm off"
+        rows.append(("target placed", ("yes" if outcome.placed else "no") + at))
     for id_, force in outcome.peak_force.items():
         words = [f"at most {force:.2f} N"]
         if id_ in outcome.stem_tension:

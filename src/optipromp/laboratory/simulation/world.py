@@ -24,6 +24,7 @@ from optipromp.laboratory.simulation.disturbances import (
 from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.entities import NOBODY, Entity, layers
 from optipromp.laboratory.simulation.fruits import BuiltFruit, add_fruit, bows, trusses_of
+from optipromp.laboratory.simulation.grip import add_grip
 from optipromp.laboratory.simulation.parameters import SimulationParameters
 from optipromp.laboratory.simulation.parting import apart
 from optipromp.laboratory.simulation.solids import add_shape
@@ -212,6 +213,7 @@ class _Draft:
                 self._static(obj)
             elif parameters.thing.avoid_as == "soft":
                 self._soft(obj)
+        add_grip(self.spec, scene, robot)
         if parameters.thing.avoid_as == "fruits":
             rng = np.random.default_rng(seed)
             for obj in scene.avoid:
