@@ -186,3 +186,9 @@ def test_a_pick_needs_a_place_and_a_target() -> None:
         scene_from_dict(document)
     with pytest.raises(InvalidSceneError, match=r"place\.axis is missing"):
         scene_from_dict(document | {"place": {"position": [0.4, 0, 0.4]}})
+
+
+def test_a_pick_of_what_stands_is_refused() -> None:
+    """The simulation would press it against the board: nothing lifts it yet."""
+    with pytest.raises(InvalidRequestError, match="lift"):
+        plan_pick(replace(generate("shelf", 1), place=PLACE))

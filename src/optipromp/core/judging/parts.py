@@ -12,7 +12,7 @@ from optipromp.core.robots.model import BodySpheres, Robot
 from optipromp.core.scenes.scene import Scene, SceneObject
 
 
-class Part(NamedTuple):
+class BodyPart(NamedTuple):
     """Objects that a scene treats alike, and the robot that must not touch them.
 
     Attributes:
@@ -25,10 +25,10 @@ class Part(NamedTuple):
 
 
 @functools.lru_cache(maxsize=8)
-def parts_of(scene: Scene, robot: Robot) -> tuple[Part, ...]:
+def parts_of(scene: Scene, robot: Robot) -> tuple[BodyPart, ...]:
     """The parts of a scene. The first has the whole robot, with its pairs of spheres."""
     if not scene.may_touch and not scene.padding and all(o.padding is None for o in scene.static):
-        return (Part(robot, None),)
+        return (BodyPart(robot, None),)
     groups: dict[tuple[frozenset[str], float], list[int]] = {(frozenset(), 0.0): []}
     for row, item in enumerate(scene.objects):
         key = spared(scene, robot, item), scene.padding_of(item)
@@ -36,11 +36,11 @@ def parts_of(scene: Scene, robot: Robot) -> tuple[Part, ...]:
     out = []
     for (links, padding), rows in groups.items():
         if not links and not padding:
-            out.append(Part(robot, frozenset(rows)))
+            out.append(BodyPart(robot, frozenset(rows)))
             continue
         kept = _without(robot, links, padding)
         if len(kept.spheres.radius):
-            out.append(Part(kept, frozenset(rows)))
+            out.append(BodyPart(kept, frozenset(rows)))
     return tuple(out)
 
 

@@ -29,6 +29,7 @@ from optipromp.core.planning.task import Task, laden, tool_motion
 from optipromp.core.planning.timing import shortest
 from optipromp.core.planning.verdict import led, verdict, whole
 from optipromp.core.pushing.model import Continued, PushModel
+from optipromp.core.pushing.packs import standing
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems.cup import flange_of
 from optipromp.core.pushing.stems.hanging import Hanging
@@ -147,6 +148,11 @@ def after(reach: Plan, progress: Callable[[str], None] | None = None, **request:
     assert place is not None
     if reach.robot.tool is None:
         raise InvalidRequestError(f"{reach.robot.name} has no tool, which would hold the target")
+    if standing.applies(reach.scene, reach.robot.tool):
+        raise InvalidRequestError(
+            f"place: {reach.scene.name} has objects that stand, and a lift of the target is not "
+            "planned yet; leave place out, and plan the reach alone"
+        )
     if reach.success:
         (progress or str)("retreat")
         legs[RETREAT] = retreat(reach)

@@ -61,7 +61,7 @@ def specials(
             )  # fmt: skip
 
 
-class Apart(NamedTuple):
+class RoomApart(NamedTuple):
     """All special obstacles: static ones, then those to avoid, then those to push.
 
     ``room`` (L, K) is minus infinity also between the last link or the tool and all that is not
@@ -73,7 +73,7 @@ class Apart(NamedTuple):
 
 
 @functools.lru_cache(maxsize=4)
-def apart(scene: Scene, robot: Robot, far: float) -> Apart:
+def apart(scene: Scene, robot: Robot, far: float) -> RoomApart:
     """The special obstacles within ``far`` [m] of the base, for the search of ways."""
     found = [scene.around(np.zeros(3), far, role) for role in ("static", "avoid", "pushable")]
     kept = [rows[is_special(scene, robot, rows)] for rows in found]
@@ -83,4 +83,4 @@ def apart(scene: Scene, robot: Robot, far: float) -> Apart:
     distal = np.isin(links, robot.spheres.link[robot.spheres.distal])
     role = np.repeat(np.arange(3), [len(one) for one in kept])
     room[np.ix_(distal, role > 0)] = -np.inf
-    return Apart(scene.packed(rows), np.ascontiguousarray(room))
+    return RoomApart(scene.packed(rows), np.ascontiguousarray(room))
