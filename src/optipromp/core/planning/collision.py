@@ -42,7 +42,7 @@ class Collider(NamedTuple):
     static: Obstacles
     dynamic: Obstacles
     shared: int
-    special: Obstacles  # see :class:`optipromp.core.planning.special.Apart`
+    special: Obstacles  # see :class:`optipromp.core.planning.special.RoomApart`
     room: FloatArray  # (L, K) [m] of the special obstacles
     common: FloatArray  # (L, 0): the other obstacles have no room
     lever: FloatArray  # (n,) [m per rad or m] :func:`levers`
