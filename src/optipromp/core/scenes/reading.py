@@ -22,7 +22,8 @@ from optipromp.core.geometry.shapes import (
 from optipromp.core.robots.library import UNTRUSTED, Choice, robot_names
 from optipromp.core.robots.tools import make_tool
 from optipromp.core.scenes.constraints import HeldUpright, OnPlane, PathConstraints
-from optipromp.core.scenes.goal_models import GoalModel, PathModel, ToleranceModel
+from optipromp.core.scenes.goal_models import GoalModel, LinesModel, PathModel, ToleranceModel
+from optipromp.core.scenes.lines import LINE_WITHIN, Lines
 from optipromp.core.scenes.rotations import IDENTITY
 from optipromp.core.scenes.scene import (
     STEM_RADIUS,
@@ -95,6 +96,9 @@ def scene_from_dict(
         for one in goals:
             if not isinstance(one, JointGoal) and model.scale is None:
                 _check_distance("goal.position", one.position, told, reachable=False)
+        lines = _lines(model.waypoints, scale, default)
+        for k, point in enumerate([] if lines is None or model.scale is not None else lines.points):
+            _check_distance(f"waypoints[{k}].position", point.position, told, reachable=False)
         return Scene(
             name=model.name,
             robot=model.robot if isinstance(model.robot, str) else model.robot.file,
@@ -105,6 +109,7 @@ def scene_from_dict(
             approach=approach,
             goal=goals if isinstance(given, list) else next(iter(goals), None),
             path=_path(model.path, scale, default, frames["world"]),
+            waypoints=lines,
             options=_options(model, scale),
             base_dir=base_dir,
             base=Pose() if model.base is None else _pose(model.base, scale),
@@ -335,6 +340,26 @@ def _goal(given: GoalModel, scale: float, frame: Pose) -> Goal:
         None if allowed.orientation is None else np.array(allowed.orientation),
     )
     return region if frame.is_identity else region.transformed(frame)
+
+
+def _lines(given: LinesModel | None, scale: float, frame: Pose) -> Lines | None:
+    """The way points in the base frame."""
+    if given is None:
+        return None
+    points = []
+    for k, one in enumerate(given.points):
+        try:
+            pose = RegionGoal(
+                scale * np.array(one.position),
+                np.array(one.axis) if one.axis else None,
+                None if one.orientation is None else np.array(one.orientation),
+            )
+        except InvalidSceneError as error:
+            words = error.message.removeprefix("goal.")
+            raise InvalidSceneError(f"waypoints[{k}].{words}") from None
+        points.append(pose if frame.is_identity else pose.transformed(frame))
+    within = LINE_WITHIN if given.within is None else scale * given.within
+    return Lines(tuple(points), None if given.speed is None else scale * given.speed, within)
 
 
 def _path(

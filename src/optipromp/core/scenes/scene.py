@@ -19,6 +19,7 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import trusses
 from optipromp.core.scenes.constraints import PathConstraints
 from optipromp.core.scenes.goals import Goal, JointGoal, PoseGoal, RegionGoal, transformed
+from optipromp.core.scenes.lines import Lines, check_lines
 from optipromp.core.scenes.objects import ROLES, STEM_RADIUS, Role, SceneObject, Stem
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.values import array, named, suggest, unit
@@ -144,6 +145,7 @@ class Scene(Shown):
         approach: the target frame.
         goal: in place of a target; of several goals, in a tuple, one is to be reached.
         path: what the tool keeps on its whole way to the goal; None: nothing.
+        waypoints: poses through which the tool goes to the goal, along straight lines; None: none.
         options: further settings of the planners.
         base_dir: folder where relative paths start.
         base: pose of the robot's base in the world. Only the direction of up depends on it.
@@ -168,6 +170,7 @@ class Scene(Shown):
     camera: Pose | None = None
     choice: Choice = NOTHING
     path: PathConstraints | None = None
+    waypoints: Lines | None = None
 
     def __post_init__(self) -> None:
         named("name", self.name)
@@ -195,6 +198,8 @@ class Scene(Shown):
             raise InvalidSceneError(f"target {targets[0]!r} and a goal: must be one or the other")
         if targets and self.path is not None:
             raise InvalidSceneError(f"target {targets[0]!r} and a path: path goes with a goal")
+        if self.waypoints is not None:
+            check_lines(self.waypoints, self.goals)
         if not targets and self.goal is None:
             raise InvalidSceneError(
                 "no target: one object must have role 'target' (or the scene a 'goal')"
@@ -307,6 +312,7 @@ class Scene(Shown):
             approach=self.approach.transformed(pose),
             goal=moved if isinstance(self.goal, tuple) else next(iter(moved), None),
             path=None if self.path is None else self.path.transformed(pose),
+            waypoints=None if self.waypoints is None else self.waypoints.transformed(pose),
             base=self.base @ pose.inverse(),
             camera=None if self.camera is None else pose @ self.camera,
         )
