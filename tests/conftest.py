@@ -34,7 +34,7 @@ LONG = {
     "looks": "looks",
     "page": "loop_replay page sources",
     "planning": (
-        "follow goals many options paper paper_settings prediction regions requests risk "
+        "follow goals lines many options paper paper_settings prediction regions requests risk "
         "static_margin underway verdict ways"
     ),
     "promp": "tasks",
