@@ -90,6 +90,24 @@ def test_the_orientation_turns_evenly_and_the_tool_is_no_faster_than_asked() -> 
     assert "waypoints.speed: at most 0.1" in found.message
 
 
+def test_a_turn_in_place() -> None:
+    """The whole turn is a line too, although the tool point stays."""
+    turned = [{"position": LAST, "orientation": [0, HALF, HALF, 0]}]
+    asked = scene({"points": turned, "speed": 0.1}, {"position": LAST, "orientation": [0, 1, 0, 0]})
+    made = plan(asked)
+    assert_success(made)
+    _, points, turns = tool(made)
+    way = turns[np.linalg.norm(points - LAST, axis=1) < 1e-4]
+    assert way[:, 0, 1].max() > 0.999  # the fingers turn from x to -y
+    assert way[:, 1, 1].min() < -0.999
+    tipped = math.sin(math.radians(10.0)), -math.cos(math.radians(10.0))  # of half turns
+    other = scene(
+        [turned[0] | {"orientation": [0, *tipped, 0]}],
+        {"position": LAST, "orientation": [0, 1, 0, 0]},
+    )
+    assert "is turned" in judge(other, made.trajectory).message
+
+
 def test_a_free_axis_and_a_duration() -> None:
     free = scene([{"position": CORNERS[0], "axis": "free"}], {"position": LAST, "axis": "free"})
     made = plan(free, options=PlanOptions(duration=6.0))
@@ -119,6 +137,10 @@ def test_the_judge_names_line_way_point_amount_and_time() -> None:
     found = judge(asked, free.trajectory)
     assert [v.kind for v in found.judgement.violations] == ["line"]
     assert "waypoints[" in found.message
+    other_order = judge(scene(POINTS[::-1]), made.trajectory).judgement.violations
+    assert [v.kind for v in other_order] == ["line"]
+    assert other_order[0].amount is not None
+    assert other_order[0].amount > 0.05
     q = np.array(made.trajectory.positions)
     middle = made.first + 15
     q[middle - 4 : middle + 5, 3] += 0.01 * np.hanning(9)

@@ -120,7 +120,11 @@ def along_lines(task: Task, promp: ProMP, options: Searched, budget: Budget) -> 
         return Failed(Code.GOAL_UNREACHABLE, f"waypoints[0]: {reason or 'it is not free'}")
     near = np.abs(found - task.start).max(axis=1) < LINE.near
     found = np.where(near[:, None] & (not task.state.moving), task.start, found)
-    branches = [followed(task, legs, begin) for begin in found]
+    branches: list[Branch] = []
+    for begin in found:
+        branches.append(followed(task, legs, begin))
+        if budget.spent() and any(not one.why for one in branches):
+            break
     whole = sorted((one for one in branches if not one.why), key=lambda x: x.turns(task.start))
     if not whole:
         return Failed(Code.GOAL_UNREACHABLE, _refusal(branches, legs))

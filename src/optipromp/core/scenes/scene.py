@@ -198,12 +198,12 @@ class Scene(Shown):
             raise InvalidSceneError(f"target {targets[0]!r} and a goal: must be one or the other")
         if targets and self.path is not None:
             raise InvalidSceneError(f"target {targets[0]!r} and a path: path goes with a goal")
-        if self.waypoints is not None:
-            check_lines(self.waypoints, self.goals)
         if not targets and self.goal is None:
             raise InvalidSceneError(
                 "no target: one object must have role 'target' (or the scene a 'goal')"
             )
+        if self.waypoints is not None:
+            check_lines(self.waypoints, self.goals)
 
     def _words(self) -> str:
         counts = {role: len(rows) for role, rows in self._rows.items() if len(rows)}
