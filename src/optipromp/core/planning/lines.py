@@ -116,8 +116,10 @@ def along_lines(task: Task, promp: ProMP, options: Searched, budget: Budget) -> 
     budget.say("inverse kinematics along the lines")
     found = free(first, goals.find(first, task.seed, GOAL.many_starts), LINE.branches)
     if not len(found):
-        _, _, reason = goals.choose(first, task.seed, budget=budget)
-        return Failed(Code.GOAL_UNREACHABLE, f"waypoints[0]: {reason or 'it is not free'}")
+        found, clear, reason = goals.choose(first, task.seed, budget=budget)
+        if not clear:
+            code = Code.GOAL_IN_COLLISION if len(found) else Code.GOAL_UNREACHABLE
+            return Failed(code, f"waypoints[0]: {reason}")
     near = np.abs(found - task.start).max(axis=1) < LINE.near
     found = np.where(near[:, None] & (not task.state.moving), task.start, found)
     branches: list[Branch] = []

@@ -107,7 +107,7 @@ class LineParameters(Checked):
     branches: int = parameter(60, "1", "choice", "of the first way point that are followed")
     tries: int = parameter(6, "1", "choice", "branches to which a free motion is planned")
     near: float = parameter(
-        1e-4, "rad or m", "choice", "distance of a branch from the start that counts as none"
+        1e-5, "rad or m", "choice", "distance of a branch from the start that counts as none"
     )
     share: float = parameter(
         0.5, "1", "choice", "of the allowed distance from a line that the planner uses"

@@ -13,7 +13,7 @@ from optipromp.core.errors import InvalidSceneError
 from optipromp.core.scenes.goals import Goal, JointGoal, PoseGoal, RegionGoal
 from optipromp.core.scenes.pose import Pose
 
-LINE_WITHIN = 5e-4  # [m] distance from a line without a stated one: a choice, as industrial arms do
+LINE_WITHIN = 5e-4  # [m] distance from the lines where the scene states none: a choice
 _MOST_TURN = 179.0  # [degrees] a half turn between two way points could go either way
 _LEAST = 1e-6  # [m, rad] a line that is shorter in both is none
 
