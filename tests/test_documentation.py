@@ -18,7 +18,7 @@ PUBLIC = (
     "optipromp", "optipromp.core.geometry", "optipromp.core.scenes", "optipromp.core.robots",
     "optipromp.core.promp", "optipromp.core.pushing", "optipromp.core.optimization.costs",
     "optipromp.core.planning", "optipromp.ros", "optipromp.core.execution", "optipromp.control",
-    "optipromp.laboratory.simulation",
+    "optipromp.laboratory.simulation", "optipromp.timing",
 )  # fmt: skip
 UNSHOWN = {  # aliases and constants, and kernels that no user calls
     "DriftRule", "Message", "PLANNERS", "Role", "STRATEGIES", "Shape", "Strategy",
@@ -51,7 +51,7 @@ def test_the_scenes_that_are_shown_are_scenes(tmp_path: Path) -> None:
     for text in texts:
         (tmp_path / "shown.yaml").write_text(text)
         names.append(load_scene(tmp_path / "shown.yaml").name)
-    assert names == ["table-top", "row-7", "free-space", "full-cup", "seam"]
+    assert names == ["table-top", "row-7", "free-space", "full-cup", "seam", "punnet-in-hand"]
 
 
 @pytest.mark.parametrize("package", PUBLIC)
@@ -95,3 +95,15 @@ def test_every_file_that_the_page_on_reading_names_is_there() -> None:
     assert len(named) > 40
     places = ROOT / "src/optipromp", ROOT
     assert not [name for name in named if not any((top / name).is_file() for top in places)]
+
+
+def test_nothing_tells_to_install_this_package_from_an_index() -> None:
+    """It is on none, so such a command would install a stranger, or nothing."""
+    wrong = re.compile(r"pip install [^\n]*?(?<![\w/.-])optipromp\b(?!\.)")
+    assert wrong.search("run pip install -q 'optipromp[sim]'")
+    pages = ["README.md", "CONTRIBUTING.md", "pyproject.toml"]
+    for folder, kind in (("src", "py"), ("docs", "md"), ("examples", "py"), ("scripts", "py")):
+        pages += [str(path.relative_to(ROOT)) for path in (ROOT / folder).rglob(f"*.{kind}")]
+    assert len(pages) > 250
+    texts = {page: (ROOT / page).read_text(encoding="utf-8") for page in pages}
+    assert [page for page, text in texts.items() if wrong.search(text)] == []

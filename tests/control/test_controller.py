@@ -15,6 +15,7 @@ from optipromp.control import controller as module
 from optipromp.control.controller import Controller, LoopStage
 from optipromp.control.look import Look
 from optipromp.control.parameters import CONTROL
+from optipromp.control.views import views
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning import plan
@@ -79,12 +80,46 @@ def test_a_pick_looks_goes_looks_again_and_goes(usual: Picked, scene: Scene) -> 
     assert usual.controller.tries == usual.controller.parameters.tries
 
 
+def test_a_fruit_that_is_first_seen_on_the_way_is_planned_for(scene: Scene) -> None:
+    """One look after the arm set out shows a fruit that hid; the arm stops, and plans anew."""
+    hidden = scene.pushables[0]
+    seen = replace(scene, objects=tuple(o for o in scene.objects if o.id != hidden.id))
+
+    def filtered(looks: tuple[Look, ...]) -> Iterable[Look]:
+        for look in looks:
+            shown = [o for o in look.detections if look.time > 0.3 or o.id != hidden.id]
+            yield replace(look, detections=tuple(shown))
+
+    done = pick(Controller(seen), scene, eye_of(scene), filtered=filtered)
+    assert_sound(done)
+    assert done.stages == [GO, LOOK, GO, LOOK, GO, DONE]
+    assert done.reasons[1].startswith("seen on the way: fruit-")
+    first, second = done.controller.plans[:2]
+    assert len(second.scene.pushables) == len(first.scene.pushables) + 1
+    assert done.controller.tries == done.controller.parameters.tries
+
+
 def test_without_fruits_known_it_looks_for_some_first(scene: Scene) -> None:
     done = pick(Controller(without_fruits(scene)), scene, eye_of(scene))
     assert_sound(done)
     assert done.stages == [GO, LOOK, GO, DONE]
     assert done.controller.events[0].time >= done.controller.parameters.first_look
     assert away(done, scene) < 0.012
+
+
+def test_a_target_that_the_start_does_not_show_is_looked_for(scene: Scene) -> None:
+    """The tool is turned away by 50°; its camera sees 40° to each side."""
+    robot, state = posed(scene)
+    away_from = views(robot, state.q, replace(CONTROL, views=(50.0,)))
+    assert len(away_from) >= 2
+    for q in away_from[:2]:
+        turned = replace(scene, start=q)
+        done = pick(Controller(without_fruits(turned)), turned, eye_of(turned))
+        assert_sound(done)
+        assert done.stages[-4:] == [GO, LOOK, GO, DONE]
+        assert done.reasons[0] == "the target is not seen: to another view"
+        assert "at another view" in done.reasons
+        assert away(done, scene) < 0.012
 
 
 def test_the_same_seed_decides_the_same_to_the_bit(usual: Picked, scene: Scene) -> None:
@@ -149,9 +184,14 @@ def test_without_a_target_it_gives_up_away_from_the_fruits(
     first = scene if known else without_fruits(scene)
     done = pick(Controller(first), scene, eye_of(scene), still, 20.0, filtered)
     assert_sound(done)
-    assert done.stages == ([GO, LOOK, GAVE_UP] if known else [GAVE_UP])
+    if known:
+        assert done.stages == [GO, LOOK, GAVE_UP]
+    else:  # it has looked from other views
+        turns = (len(done.stages) - 1) // 2
+        assert done.stages == [GO, LOOK] * turns + [GAVE_UP]
+        assert turns >= 4
     assert done.reasons[-1] == "the target is not seen"
-    assert done.time < 8.0
+    assert done.time < (8.0 if known else 18.0)
     assert nearest(done, scene) > 0.05
     assert not done.references[-1].moving
 

@@ -7,7 +7,7 @@ import pytest
 
 from optipromp.control import Look, Tracker
 from optipromp.control.parameters import CONTROL
-from optipromp.control.plant import changed, displaced, scene_of, target_row, unseen
+from optipromp.control.plant import appeared, changed, displaced, scene_of, target_row, unseen
 from optipromp.control.stiffness import FACTORS, Stiffness, assumed, by_wrench
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.pushing.stems.bending import stems
@@ -68,7 +68,10 @@ def test_a_common_motion_is_no_change_of_the_fruits_against_each_other() -> None
 
 def test_a_new_fruit_is_a_change() -> None:
     fewer = replace(SCENE, objects=FRUITS[:2])
-    assert changed(fewer, looked("ripe", "n1", "n2").at(1.0)) == np.inf
+    tracked = looked("ripe", "n1", "n2").at(1.0)
+    assert changed(fewer, tracked) == np.inf
+    assert appeared(fewer, tracked) == ["n2"]
+    assert appeared(SCENE, tracked) == []
 
 
 @pytest.mark.parametrize("true", [0.4, 1.0, 2.5])

@@ -28,7 +28,9 @@ class Opened:
 
     def press(self, label: str) -> None:
         """Press a button, and wait until all it causes is done."""
-        self.tab.get_by_role("button", name=label, exact=True).dispatch_event("click")
+        button = self.tab.get_by_role("button", name=label, exact=True)
+        self.until(button.is_enabled, f"{label} stays disabled")
+        button.dispatch_event("click")
         time.sleep(0.3)
         self.settle()
 
@@ -77,12 +79,14 @@ def opener(
     pages: list[Any] = []
     tabs: list[Any] = []
 
-    def open_page(source: Any = None, page: Any = None, out: Path | None = None) -> Opened:
+    def open_page(
+        source: Any = None, page: Any = None, out: Path | None = None, **screen: Any
+    ) -> Opened:
         if page is None:
             page = Page(source, out=out or tmp_path_factory.mktemp("saved"))
             pages.append(page)
         before, errors = set(page.windows), []
-        tab = chromium.new_page(viewport=SMALL)
+        tab = chromium.new_page(**({"viewport": SMALL} | screen))
         tabs.append(tab)
         tab.on("pageerror", lambda error: errors.append(str(error)))
         tab.goto(page.url)

@@ -21,6 +21,7 @@ from optipromp.core.scenes.io import load_scene
 from optipromp.looks.page import arrange, content
 from optipromp.looks.page.look import look
 from optipromp.looks.page.sources import Source, open_source
+from optipromp.looks.viewer.plain import head
 
 
 @pytest.fixture(scope="module")
@@ -57,8 +58,8 @@ def on_screen(opened: Opened, point) -> tuple[float, float]:
 def test_page_shows_the_plan_that_the_library_makes(opened: Opened) -> None:
     made = plan(load_scene("scenario-3"))
     assert np.array_equal(opened.window.plan.trajectory.positions, made.trajectory.positions)
-    opened.told("success")
-    opened.told("planned in")
+    opened.told("This plan works")
+    opened.told("Planned in")
     opened.listed("clearance, arm to avoid", f"{1e3 * made.metrics.clearance_avoid:.1f} mm")
     opened.listed("duration", f"{made.metrics.duration:.2f} s with")
     for name in ("initial bundle/tube", "candidate paths/all", "trajectories/optimised",
@@ -127,13 +128,14 @@ def test_while_dragging_the_plan_follows_and_release_plans_in_full(opened: Opene
     opened.do(window.reset)
 
 
-def test_an_impossible_arrangement_says_what_the_command_line_says(opened: Opened) -> None:
+def test_an_impossible_arrangement_says_why(opened: Opened) -> None:
     window = opened.window
     opened.do(lambda: window.select("n1: stem root"))
     fruit = window.scene.pushables[0]
     window.dragged(fruit.position, "end", time.perf_counter())
     opened.settle()
-    opened.told("error INVALID_SCENE: stem piece 0 has no length")
+    opened.told("The scene cannot be used")
+    opened.told("Stem piece 0 has no length")
     assert np.allclose(node(opened, "message/text").position, fruit.stem.root)
     opened.do(window.reset)
     assert node(opened, "message/text") is None
@@ -142,7 +144,7 @@ def test_an_impossible_arrangement_says_what_the_command_line_says(opened: Opene
 def test_a_plan_that_fails_is_red_at_what_it_touches(opened: Opened) -> None:
     window = opened.window
     opened.do(lambda: window.open(load_scene("scenario-1")))
-    opened.told("GOAL_IN_COLLISION")
+    opened.told("At the goal the arm would touch what it must not")
     table = window.scene.objects[[o.id for o in window.scene.objects].index("table-top")]
     assert np.allclose(node(opened, "message/text").position, table.position)
     opened.listed("target", "10.9 mm off", red=True)
@@ -162,7 +164,7 @@ def test_controls_change_the_plan(opened: Opened) -> None:
     assert np.allclose(window.plan.scene.target.covariance, 25e-6 * np.eye(3))
     opened.do(lambda: panel._set(planner="i-promp"))
     assert window.plan.planner == "i-promp"
-    opened.told(str(window.plan.status))
+    opened.told(head(window.plan.status))
     opened.do(lambda: panel._safely(lambda v: panel._option(max_step=v), -1.0))
     opened.told("max_step")
     opened.do(lambda: panel._set(planner="opti-promp"))

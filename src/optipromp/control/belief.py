@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from optipromp.control.association import Pairing, common_shift, paired, visible
-from optipromp.control.motion import Oscillators, PlantState
+from optipromp.control.motion import Layout, Oscillators, PlantState
 from optipromp.control.tracks import Frame, Seen, Track, TrackerParameters, new_track, push_noise
 from optipromp.core.arrays import BoolArray, FloatArray, lengths
 from optipromp.core.geometry.obstacles import Obstacles
@@ -126,10 +126,7 @@ def step(belief: Belief, event: Arrival, world: Setting) -> tuple[Belief, Record
     state, record = _corrected(state, pairs, event, expected, (push, pushes), belief, given)
     if belief.time > -math.inf and given.learning > 0.0:
         share = -math.expm1(-(event.time - belief.time) / given.learning)
-        least = np.full(
-            2 * state.layout.bank, (given.least_sway * given.sway) ** 2 / state.layout.bank
-        )
-        state = state.learnt(share, least)
+        state = state.learnt(share, _amplitudes(state.layout, given))
     if shaken:
         record = Record(event.time, (), np.zeros(0))
     tracks = _counted(tracks, pairs, event, push, looked_at, world)
@@ -140,6 +137,15 @@ def step(belief: Belief, event: Arrival, world: Setting) -> tuple[Belief, Record
 def _white(spread: FloatArray, given: TrackerParameters) -> FloatArray:
     """The part (..., 3, 3) of a detection's covariance that looks average out [m²]."""
     return np.asarray((1.0 - given.steady) * spread + given.grain**2 * np.eye(3))
+
+
+def _amplitudes(layout: Layout, given: TrackerParameters) -> tuple[FloatArray, FloatArray]:
+    """Least and most variances (m,) of the oscillators [m²]."""
+    sizes = [2 * layout.bank, 2 * layout.count]
+    each = np.repeat([given.sway**2 / max(layout.bank, 1), given.swing**2], sizes)
+    most = given.most_swing**2 * each
+    most[: sizes[0]] = np.inf
+    return given.least_sway**2 * each, most
 
 
 def _swings(tracks: tuple[Track, ...], given: TrackerParameters) -> Oscillators:

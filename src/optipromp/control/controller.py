@@ -19,10 +19,11 @@ from optipromp.control.driver import Driver, way_back
 from optipromp.control.look import Look
 from optipromp.control.parameters import CONTROL, LoopParameters
 from optipromp.control.plant import (
+    appeared,
     changed,
-    deviation,
     displaced,
     gave_way,
+    outside,
     pushed_by,
     scene_of,
     settled,
@@ -35,6 +36,7 @@ from optipromp.control.stages import Decision, LoopStage, excess, with_covarianc
 from optipromp.control.stiffness import Stiffness, by_wrench
 from optipromp.control.tracked import Tracked
 from optipromp.control.tracker import Tracker
+from optipromp.control.views import views
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.execution.streaming import Stretch
@@ -114,6 +116,7 @@ class Controller:
         self._factor = 1.0  # of the stems in the plan that is followed
         self._force: FloatArray | None = None
         self._learnt_at = np.full(3, np.inf)  # tool point of the last observation of the stems
+        self._views: list[FloatArray] | None = None  # that are left; None: none was needed
         self._trail: list[FloatArray] = []  # (k, n) configurations on the way from the camera
 
     def see(self, look: Look) -> None:
@@ -179,8 +182,8 @@ class Controller:
         p = self.parameters
         if self._job is None:
             if not self._seen_enough(now, tracked):
-                if now - self._since > p.longest_look:
-                    self._enter(LoopStage.GAVE_UP, now, "the target is not seen")
+                if now - self._since > (p.longest_look if self._views is None else p.look):
+                    return self._look_elsewhere(now, tracked)
                 return None
             begin = State(self._driver.state(now).q)
             stems, factor = self._stems()
@@ -213,26 +216,49 @@ class Controller:
         if target_row(tracked) is None:
             return False
         if not self._at_camera:
-            return self._known or (looked >= p.first_look and self._seen >= 3)
+            return (self._seen >= 3 and self._known) or (
+                looked >= p.first_look and (self._seen >= 3 or self._known)
+            )
         if looked < p.look or self._seen < 3:
             return False
         return looked > p.patient or settled(tracked, p.settled)
+
+    def _look_elsewhere(self, now: float, tracked: Tracked) -> Stretch | None:
+        """Go to another view of the start; give up where none is left."""
+        drive, q = self._driver, self._driver.state(now).q
+        if self._views is None:
+            self._views = [] if self._at_camera else views(self.robot, q, self.parameters)
+        while self._views:
+            way = np.array([q, self._views.pop(0)])
+            turn = way_back(self.robot, way, self.parameters.retreat_speed)
+            if drive.safe(turn):
+                self._enter(LoopStage.GO, now, "the target is not seen: to another view")
+                return drive.set_out(Route.back(self.robot, turn, drive.still), now, tracked)
+        self._enter(LoopStage.GAVE_UP, now, "the target is not seen")
+        return None
 
     def _go(self, now: float, tracked: Tracked) -> Stretch | None:
         p, drive = self.parameters, self._driver
         route, begins = drive.route, now + p.lead
         assert route is not None
-        assert route.plan is not None
         phase = drive.phase(begins)
         if drive.stuck(now):
             self._again(now, "nothing leads onto the path")
             return None
+        if route.plan is None:  # the way to another view
+            if phase < route.duration:
+                return drive.go_on(now, tracked)
+            self._enter(LoopStage.LOOK, now, "at another view")
+            return drive.brake(begins)
         if not self._at_camera and phase >= route.approach - BRAKING:
             self._at_camera = True
             self._enter(LoopStage.LOOK, now, "at the camera point")
             return drive.brake(begins)
+        if not self._at_camera and (new := appeared(route.scene, tracked)):
+            self._enter(LoopStage.LOOK, now, f"seen on the way: {', '.join(new)}")
+            return drive.brake(begins)
         if phase >= route.duration + p.hold:
-            if self._missed(now, tracked):
+            if outside(self.robot, drive.state(now).q, tracked):
                 return self._retreat(now, tracked, route.duration, "the target is not inside")
             self._enter(LoopStage.DONE, now, "at the target")
             return drive.brake(begins)
@@ -267,20 +293,6 @@ class Controller:
             return
         self.tries -= 1
         self._enter(LoopStage.LOOK, now, why)
-
-    def _missed(self, now: float, tracked: Tracked) -> bool:
-        """Whether the target is outside of the tool, as far as the looks tell."""
-        tool, row = self.robot.tool, target_row(tracked)
-        if tool is None:
-            return False
-        if row is None:
-            return True
-        point, axis = self.robot.tool_pose(self._driver.state(now).q)
-        away = tracked.positions[row] - point
-        along = float(away @ axis)
-        aside = float(np.linalg.norm(away - along * axis))
-        spread = deviation(tracked, row)
-        return aside > max(tool.mouth[1], 0.01) + spread or along > tool.depth + spread
 
     def _watch(self, now: float, tracked: Tracked, made: Plan, phase: float) -> Stretch | None:
         """Predict the push under way, and plan anew, where something changed."""

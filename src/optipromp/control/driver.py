@@ -14,7 +14,8 @@ from optipromp.control.tracked import Tracked
 from optipromp.core import judging
 from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.execution.streaming import Stretch
-from optipromp.core.planning.timing import needs, stopped
+from optipromp.core.planning.fastest import needs
+from optipromp.core.planning.timing import stopped
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import JointGoal, Scene
 from optipromp.core.trajectory import State, Trajectory
@@ -34,6 +35,7 @@ class Driver:
     Attributes:
         course: that runs; None: the arm has not moved.
         route: that the course follows, or that the arm waits for; None: there is none.
+        still: the scene of what stands still; its goal is the begin.
         blind: whether routes are followed as they are, whatever the plant does.
     """
 
@@ -42,7 +44,7 @@ class Driver:
     ) -> None:
         still = tuple(item for item in scene.objects if item.role in ("static", "avoid"))
         rest = JointGoal(state.q)
-        self._still = replace(scene, objects=still, goal=rest, waypoints=None)
+        self.still = replace(scene, objects=still, goal=rest, waypoints=None)
         self.robot, self._rest, self._parameters = robot, State(state.q), parameters
         self.course: Course | None = None
         self.route: Route | None = None
@@ -124,15 +126,15 @@ class Driver:
             course: Course | None = Course(route.trajectory, begins, phase, 1.0)
         else:
             course = follow(route, phase, self.state(begins), begins, field, self._parameters)
-        if course is None or not (self.blind or self._safe(course.curve)):
+        if course is None or not (self.blind or self.safe(course.curve)):
             return None
         self._shift = shift
         self.course, self.route, self._followed = course, route, now
         return course
 
-    def _safe(self, curve: Trajectory) -> bool:
+    def safe(self, curve: Trajectory) -> bool:
         """Whether a curve keeps the limits and touches nothing that stands, by the judge."""
-        found = judging.judge(self._still, self.robot, curve, curve.at(0.0), begun=True)
+        found = judging.judge(self.still, self.robot, curve, curve.at(0.0), begun=True)
         return all(v.kind in ("goal", "start", "motion") for v in found.violations)
 
 

@@ -233,25 +233,27 @@ class PlantState:
         return PlantState(layout, fewer, self.mean[kept], self.covariance[np.ix_(kept, kept)])
 
     def turned(self, swings: Oscillators) -> "PlantState":
-        """The state with other ``swings`` of its fruits."""
-        oscillators = self.oscillators.first(2 * self.layout.bank).joined(swings)
+        """The state with other frequencies of its fruits' ``swings``; amplitudes stay."""
+        bank = 2 * self.layout.bank
+        swings = Oscillators(swings.omega, swings.zeta, self.oscillators.sigma[bank:])
+        oscillators = self.oscillators.first(bank).joined(swings)
         return PlantState(self.layout, oscillators, self.mean, self.covariance)
 
-    def learnt(self, share: float, least: FloatArray) -> "PlantState":
-        """The state with amplitudes of the sway that follow what was seen.
+    def learnt(self, share: float, bounds: tuple[FloatArray, FloatArray]) -> "PlantState":
+        """The state with amplitudes of sway and swings that follow what was seen.
 
-        The variance of each frequency moves by ``share`` towards its posterior energy,
-        the mean over both axes of (x² + v² / ω²) / 2, as expectation maximisation does, and is at
-        least ``least`` (2 K,) [m²].
+        The variance of each oscillator moves by ``share`` towards its posterior energy,
+        the mean over both axes of (x² + v² / ω²) / 2, as expectation maximisation does, and stays
+        within ``bounds``, two (m,) [m²]. All swings have the mean of their energies.
         """
         bank, m = 2 * self.layout.bank, self.layout.half
         own = self.oscillators
         moments = self.mean**2 + self.covariance.diagonal()
-        energy = 0.5 * (moments[:bank] + moments[m : m + bank] / own.omega[:bank] ** 2)
+        energy = 0.5 * (moments[:m] + moments[m : 2 * m] / own.omega**2)
         energy = np.repeat(energy.reshape(-1, 2).mean(axis=1), 2)
-        variance = own.sigma**2
-        variance[:bank] += share * (energy - variance[:bank])
-        variance[:bank] = np.maximum(variance[:bank], least)
+        if m > bank:
+            energy[bank:] = energy[bank:].mean()
+        variance = np.clip(own.sigma**2 + share * (energy - own.sigma**2), *bounds)
         oscillators = Oscillators(own.omega, own.zeta, np.sqrt(variance))
         return PlantState(self.layout, oscillators, self.mean, self.covariance)
 

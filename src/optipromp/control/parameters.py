@@ -26,8 +26,9 @@ class LoopParameters(Checked):
         0.004, "m", "choice", "standard deviation of rests with which a look from there is enough"
     )
     patient: float = parameter(2.5, "s", "choice", "longest look from there at a plant that sways")
-    longest_look: float = parameter(
-        3.0, "s", "choice", "of looking for a target that is not seen, then the run ends"
+    longest_look: float = parameter(3.0, "s", "choice", "of looking for a target from the start")
+    views: tuple[float, ...] = parameter(
+        (25.0, 50.0), "deg", "choice", "turns of the tool to four sides, to look for a target"
     )
     known: float = parameter(
         0.003, "m", "choice", "standard deviation of a fruit that a scene states without one"

@@ -14,6 +14,7 @@ from optipromp.control.servo import Displacement, Route
 from optipromp.control.stiffness import Stiffness
 from optipromp.core.arrays import FloatArray
 from optipromp.core.planning.task import spaced
+from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject, Stem
 from optipromp.core.scenes.trusses import rooted
 
@@ -78,6 +79,19 @@ def deviation(tracked: Tracked, row: int) -> float:
     return float(np.sqrt(np.linalg.eigvalsh(tracked.covariance[row])[-1]))
 
 
+def outside(robot: Robot, q: FloatArray, tracked: Tracked) -> bool:
+    """Whether the target is outside of the tool at ``q`` (n,), as far as the looks tell."""
+    tool, row = robot.tool, target_row(tracked)
+    if tool is None or row is None:
+        return tool is not None
+    point, axis = robot.tool_pose(q)
+    away = tracked.positions[row] - point
+    along = float(away @ axis)
+    aside = float(np.linalg.norm(away - along * axis))
+    spread = deviation(tracked, row)
+    return aside > max(tool.mouth[1], 0.01) + spread or along > tool.depth + spread
+
+
 def unseen(tracked: Tracked, eye: FloatArray, since: float) -> dict[str, str | None]:
     """The confirmed fruits that no look has shown ``since`` a time [s], and what hides each.
 
@@ -123,6 +137,13 @@ def field_of(planned: Scene, tracked: Tracked, length: float) -> Displacement:
     """The displacement of the plant against a plan's scene."""
     places, moved, rows = displaced(planned, tracked)
     return Displacement(places, lambda times: moved + tracked.moves(times)[:, rows], length)
+
+
+def appeared(planned: Scene, tracked: Tracked) -> list[str]:
+    """The confirmed fruits that a plan's scene does not have."""
+    before = {item.id for item in planned.objects}
+    sure = zip(tracked.ids, tracked.confirmed, strict=True)
+    return [name for name, confirmed in sure if confirmed and name not in before]
 
 
 def changed(planned: Scene, tracked: Tracked) -> float:

@@ -21,26 +21,26 @@ from optipromp.core.geometry.shapes import (
 )
 from optipromp.core.robots.library import UNTRUSTED, Choice, robot_names
 from optipromp.core.robots.tools import make_tool
-from optipromp.core.scenes.constraints import HeldUpright, OnPlane, PathConstraints
-from optipromp.core.scenes.goal_models import GoalModel, LinesModel, PathModel, ToleranceModel
-from optipromp.core.scenes.lines import LINE_WITHIN, Lines
+from optipromp.core.scenes.goal_reading import goal_of, lines_of, path_of
+from optipromp.core.scenes.held import RETREAT, Place
+from optipromp.core.scenes.motion import ObjectMotion
 from optipromp.core.scenes.rotations import IDENTITY
 from optipromp.core.scenes.scene import (
     STEM_RADIUS,
     Approach,
-    Goal,
+    Attached,
     JointGoal,
     Pose,
-    PoseGoal,
-    RegionGoal,
     Scene,
     SceneObject,
     Stem,
     ToolSpec,
 )
 from optipromp.core.scenes.schema import (
+    AttachedModel,
     MeshToolModel,
     ObjectModel,
+    PlaceModel,
     PoseModel,
     RobotModel,
     SceneModel,
@@ -89,14 +89,14 @@ def scene_from_dict(
         approach = _approach(model, scale, default, frames["world"])
         given = model.goal
         goals = tuple(
-            _goal(one, scale, default)
+            goal_of(one, scale, default)
             for one in (given if isinstance(given, list) else [given])
             if one is not None
         )
         for one in goals:
             if not isinstance(one, JointGoal) and model.scale is None:
                 _check_distance("goal.position", one.position, told, reachable=False)
-        lines = _lines(model.waypoints, scale, default)
+        lines = lines_of(model.waypoints, scale, default)
         for k, point in enumerate([] if lines is None or model.scale is not None else lines.points):
             _check_distance(f"waypoints[{k}].position", point.position, told, reachable=False)
         return Scene(
@@ -108,12 +108,16 @@ def scene_from_dict(
             start=None if model.start is None else np.array(model.start),
             approach=approach,
             goal=goals if isinstance(given, list) else next(iter(goals), None),
-            path=_path(model.path, scale, default, frames["world"]),
+            path=path_of(model.path, scale, default, frames["world"]),
             waypoints=lines,
             options=_options(model, scale),
             base_dir=base_dir,
             base=Pose() if model.base is None else _pose(model.base, scale),
             camera=None if model.camera is None else frames["camera"],
+            attached=tuple(_attached(item, scale, base_dir, shapes) for item in model.attached),
+            may_touch=tuple((a, b) for a, b in model.may_touch),
+            padding=scale * model.padding,
+            place=None if model.place is None else _place(model.place, scale, default),
         )
     except InvalidSceneError as error:
         raise InvalidSceneError(f"{source}: {where}{error.message}") from None
@@ -132,14 +136,9 @@ def _choice(robot: str | RobotModel, base_dir: Path | None) -> Choice:
     for name in (robot.file, *([robot.srdf] if robot.srdf else []), *robot.package_dirs):
         _inside(name, base_dir)
     return Choice(
-        robot.tip,
-        robot.base,
-        robot.srdf,
-        robot.hold,
-        tuple(robot.package_dirs),
-        robot.arm,
-        untrusted=True,
-    )
+        robot.tip, robot.base, robot.srdf, robot.hold, tuple(robot.package_dirs), robot.arm,
+        robot.args, untrusted=True,
+    )  # fmt: skip
 
 
 def _frames(model: SceneModel, scale: float) -> dict[str, Pose]:
@@ -176,8 +175,29 @@ def _object(
         stem=None if item.stem is None else _stem(item.stem, scale, position),
         covariance=None if item.covariance is None else scale**2 * np.array(item.covariance),
         physical=item.physical,
+        motion=_motion(item, scale),
         sigma=None if item.sigma is None else scale * item.sigma,
+        padding=None if item.padding is None else scale * item.padding,
     )
+
+
+def _motion(item: ObjectModel, scale: float) -> ObjectMotion | None:
+    if item.velocity is not None:
+        return ObjectMotion.steady(scale * np.array(item.position), scale * np.array(item.velocity))
+    if item.motion is None:
+        return None
+    return ObjectMotion(np.array(item.motion.times), scale * np.array(item.motion.positions))
+
+
+def _attached(
+    item: AttachedModel,
+    scale: float,
+    base_dir: Path | None,
+    shapes: dict[tuple[object, ...], Shape],
+) -> Attached:
+    """The attached shape, whose values are in the tool axes whatever the scene's frame."""
+    shape, at = _shape(item.shape, scale, base_dir, shapes), scale * np.array(item.position)
+    return Attached(item.id, shape, at, _orientation(item.orientation), item.mass)
 
 
 def _stem(model: StemModel, scale: float, position: FloatArray) -> Stem:
@@ -276,14 +296,22 @@ def _tool(model: SceneModel, scale: float, base_dir: Path | None) -> ToolSpec | 
     if isinstance(model.tool, MeshToolModel):
         from optipromp.core.geometry.loading import load_mesh
 
-        files = given.pop("parts", None) or [given.pop("file")]
         unit = given.pop("scale")
-        meshes = tuple(load_mesh(_inside(file, base_dir), unit) for file in files)
+
+        def loaded(files: list[str]) -> tuple[MeshShape, ...]:
+            return tuple(load_mesh(_inside(file, base_dir), unit) for file in files)
+
+        whole = [given.pop("file")] if "file" in given else given.pop("parts", [])
+        meshes, sides = loaded(whole), loaded(given.pop("fingers", []))
         axis = {"tool_axis": tuple(given.pop("tool_axis"))} if "tool_axis" in given else {}
         point = tuple(scale * value for value in given.pop("tool_point"))
         fixed = {"meshes": meshes, "tool_point": point, **axis}
+        fixed |= {"finger_meshes": sides} if sides else {}
     else:
-        fixed = {"turn": given.pop("turn")} if "turn" in given else {}
+        fixed = {name: given.pop(name) for name in ("turn", "angle") if name in given}
+    if (mount := model.tool.mount) is not None:
+        at = tuple(scale * value for value in mount.position)
+        fixed["mount"] = at, tuple(mount.orientation)
     spec = ToolSpec(model.tool.kind, {**fixed, **{k: scale * v for k, v in given.items()}})
     try:
         make_tool(spec.kind, spec.parameters)
@@ -321,62 +349,7 @@ def _options(model: SceneModel, scale: float) -> dict[str, Any]:
     return out
 
 
-def _goal(given: GoalModel, scale: float, frame: Pose) -> Goal:
-    """The goal in the base frame."""
-    if given.joints is not None:
-        return JointGoal(np.array(given.joints))
-    position = frame @ (scale * np.array(given.position))
-    axis = frame.rotation @ np.array(given.axis) if given.axis else None
-    if axis is not None and given.tolerance is None:
-        return PoseGoal(position, axis)
-    allowed = given.tolerance or ToleranceModel()
-    within = None if allowed.position is None else scale * np.array(allowed.position)
-    region = RegionGoal(
-        scale * np.array(given.position),
-        np.array(given.axis) if given.axis else None,
-        None if given.orientation is None else np.array(given.orientation),
-        float(within[0]) if within is not None and len(within) == 1 else within,
-        allowed.angle,
-        None if allowed.orientation is None else np.array(allowed.orientation),
-    )
-    return region if frame.is_identity else region.transformed(frame)
-
-
-def _lines(given: LinesModel | None, scale: float, frame: Pose) -> Lines | None:
-    """The way points in the base frame."""
-    if given is None:
-        return None
-    points = []
-    for k, one in enumerate(given.points):
-        try:
-            pose = RegionGoal(
-                scale * np.array(one.position),
-                np.array(one.axis) if one.axis else None,
-                None if one.orientation is None else np.array(one.orientation),
-            )
-        except InvalidSceneError as error:
-            words = error.message.removeprefix("goal.")
-            raise InvalidSceneError(f"waypoints[{k}].{words}") from None
-        points.append(pose if frame.is_identity else pose.transformed(frame))
-    within = LINE_WITHIN if given.within is None else scale * given.within
-    return Lines(tuple(points), None if given.speed is None else scale * given.speed, within)
-
-
-def _path(
-    given: PathModel | None, scale: float, frame: Pose, world: Pose
-) -> PathConstraints | None:
-    """The constraints of the path in the base frame; upright is by default up in the world."""
-    if given is None:
-        return None
-    upright = plane = None
-    if given.upright is not None:
-        told, axis = given.upright, given.upright.axis
-        up = world.rotation[:, 2]
-        if told.direction is not None:
-            up = frame.rotation @ np.array(told.direction)
-        upright = HeldUpright(told.angle, np.array([0.0, 0.0, 1.0] if axis is None else axis), up)
-    if given.plane is not None:
-        point = frame @ (scale * np.array(given.plane.point))
-        normal = frame.rotation @ np.array(given.plane.normal)
-        plane = OnPlane(point, normal, scale * given.plane.within)
-    return PathConstraints(upright, plane)
+def _place(given: PlaceModel, scale: float, frame: Pose) -> Place:
+    away = RETREAT if given.retreat is None else scale * given.retreat
+    axis = frame.rotation @ np.array(given.axis)
+    return Place(frame @ (scale * np.array(given.position)), axis, away)

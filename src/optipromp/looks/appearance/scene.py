@@ -45,7 +45,7 @@ def object_parts(scene: Scene, item: SceneObject) -> tuple[Part, ...]:
     faces = item.shape.surface()
     if isinstance(item.shape, Sphere) and item.radius > LARGE:
         faces = sphere(np.zeros(3), item.radius, 48)
-    name, colour = f"{item.role}:{item.id}", _colour(scene, item)
+    name, colour = f"{item.role}:{item.id}", colour_of(scene, item)
     body = Part.of(name, faces, colour, opacity=opacity, owner=item.id)
     if item.stem is None or isinstance(item.shape, MeshShape | PointCloudShape):
         return (body,)
@@ -63,7 +63,8 @@ def stem_part(item: SceneObject) -> Part:
     return Part.of(f"stem:{item.id}", faces, STEM, owner=item.id)
 
 
-def _colour(scene: Scene, item: SceneObject) -> str:
+def colour_of(scene: Scene, item: SceneObject) -> str:
+    """The colour ``#rrggbb`` of an object of a scene."""
     if item.role != "pushable":
         return ROLES[item.role]
     colours = PUSHABLES if item.stem is None else UNRIPE

@@ -112,13 +112,6 @@ def with_sigma(scene: Scene, value: float) -> Scene:
     return replace(scene, objects=tuple(objects))
 
 
-def complaint(found: Plan | OptiPrompError) -> str:
-    """A failure in the words of the command line; empty for a success."""
-    if isinstance(found, OptiPrompError):
-        return f"error {found.code}: {' '.join(found.message.split())}"
-    return "" if found.success else f"{found.status}: {found.message}"
-
-
 def culprit(scene: Scene, found: Plan | OptiPrompError, dragged: Grip | None) -> FloatArray:
     """The position (3,) of the cause of a failure [m].
 

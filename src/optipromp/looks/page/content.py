@@ -190,6 +190,14 @@ class PushedPlaces:
         """The places nearest in time."""
         return self.places[int(np.abs(self.times - now).argmin())]
 
+    def shifts(self) -> dict[str, float]:
+        """The largest distance by which each object is pushed, by id [m]."""
+        found: dict[str, float] = {}
+        for row in self.places:
+            for each in row:
+                found[each.item.id] = max(found.get(each.item.id, 0.0), each.shift)
+        return found
+
 
 def pushed(plan: Plan) -> PushedPlaces:
     """The predicted places of the scene's objects along a plan."""

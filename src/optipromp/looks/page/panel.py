@@ -1,7 +1,6 @@
 """The controls of a window: state, clock, planning, moving, layers, charts."""
 
 import functools
-import html
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -14,12 +13,14 @@ from optipromp.core.planning import STRATEGIES, planner_names
 from optipromp.core.shown import is_name
 from optipromp.looks.page import arrange
 from optipromp.looks.page.content import charts
+from optipromp.looks.page.legend import legend, planned, replayed, things
 from optipromp.looks.page.plots import Plots
 from optipromp.looks.page.stage import LAYERS
+from optipromp.looks.page.style import STYLE
 from optipromp.looks.page.table import table
 from optipromp.looks.page.tabs import RecordTab, ReplayTab
+from optipromp.looks.page.telling import Told
 from optipromp.looks.page.window import Window
-from optipromp.looks.viewer.drawn import GREEN, RED
 
 SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1": 1.0, "2": 2.0}
 TIME_STEP = 0.02  # [s] of a single step
@@ -41,9 +42,12 @@ class Panel:
         self.window, self.gui = window, window.client.gui
         self.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
         self.gui.set_panel_label(f"OptI-ProMP: {window.scene.name}")
+        self.buttons: list[Any] = []
+        self.gui.add_html(STYLE)
         self.status = self.gui.add_html("")
-        window.say = self._say
+        window.say, window.occupy = self._say, self._occupy
         self._clock()
+        self.legend = self.gui.add_html("")
         self.tabs = self.gui.add_tab_group()
         for label, build in (
             ("Plan", self._planning),
@@ -59,16 +63,31 @@ class Panel:
             ReplayTab(self)
         window.told.append(self._refresh)
         window.clocked.append(self._mark)
+        window.staged.append(self._explain)
 
-    def _say(self, text: str, bad: bool) -> None:
-        words = html.escape(text).replace("  \n", "<br>")
-        first, _, rest = words.partition("**, ")
-        words = f"<b>{first.lstrip('*')}</b>, {rest}" if rest else words
-        colour = RED if bad else GREEN
-        self.status.content = (
-            f'<div class="status" style="padding:0.3em 1em;border-left:4px solid {colour};'
-            f'font-size:0.9em;line-height:1.35;max-height:9em;overflow-y:auto">{words}</div>'
-        )
+    def _say(self, told: Told) -> None:
+        self.status.content = told.html()
+
+    def _occupy(self, on: bool) -> None:
+        for button in self.buttons:
+            button.disabled = on
+
+    def button(self, label: str, act: Callable[[], None]) -> None:
+        """Add a button that posts ``act``; it cannot be pressed while something is under way."""
+        self.buttons.append(self.gui.add_button(label))
+        self.on(self.buttons[-1], label, lambda _: act())
+
+    def _explain(self) -> None:
+        """Update the legend."""
+        window = self.window
+        entries = things(window.scene)
+        if window.replayed:
+            runs = [replay for replay, _ in window.replayed]
+            entries = things(runs[0].scene)
+            entries += replayed(looks=any(run.record is not None for run in runs))
+        elif window.plan is not None and window.plan.scene is window.scene:
+            entries += planned(window.plan, list(filter(window.stage.visible, LAYERS)))
+        self.legend.content = legend(entries)
 
     def on(self, control: Any, kind: str, act: Callable[[Any], None]) -> None:
         """Post ``act`` with the new value when the user changes a control."""
@@ -136,8 +155,7 @@ class Panel:
                 default = round(getattr(window.options, name) * factor, 6)
                 number = gui.add_number(label, default, min=least, max=most, step=step)
                 self.on(number, name, self._scaled(name, factor))
-        again = gui.add_button("plan again")
-        self.on(again, "again", lambda _: window.replan())
+        self.button("plan again", window.replan)
         self.table = gui.add_html("")
 
     def _scaled(self, name: str, factor: float) -> Callable[[float], None]:
@@ -161,12 +179,10 @@ class Panel:
         self.on(self.choice, "select", lambda v: window.select("" if v == NOTHING else v))
         self.place = gui.add_vector3("place [m]", (0.0, 0.0, 0.0), step=0.001)
         self.on(self.place, "place", self._placed)
-        reset = gui.add_button("scene as it was")
-        self.on(reset, "reset", lambda _: window.reset())
+        self.button("scene as it was", window.reset)
         self.name = gui.add_text("name", window.scene.name)
-        save_scene, save_plan = gui.add_button("save scene"), gui.add_button("save plan")
-        self.on(save_scene, "save scene", lambda _: self._save_scene())
-        self.on(save_plan, "save plan", lambda _: self._save_plan())
+        self.button("save scene", self._save_scene)
+        self.button("save plan", self._save_plan)
         self.saved = gui.add_markdown("")
 
     def _placed(self, value: tuple[float, float, float]) -> None:
@@ -209,18 +225,13 @@ class Panel:
         for name in LAYERS:
             box = self.gui.add_checkbox(name, window.stage.visible(name))
             self.on(box, name, functools.partial(self._layer, name))
-        self.gui.add_markdown(
-            "Orange: the conditioned primitive and its tube of two standard deviations; violet: "
-            "the followed path; blue: the optimised motion. Candidates are green without "
-            "predicted harm, red where it is above what is allowed. Body spheres are red in "
-            "touch and green from 50 mm on."
-        )
 
     def _layer(self, name: str, shown: bool) -> None:
         window = self.window
         window.stage.layer(name, shown)
         if name == "pushed objects" and not shown and window.plan is not None:
             window.stage.show(window.plan.scene, window.plan.robot)
+        self._explain()
         window.go(window.now)
 
     def _charts(self) -> None:

@@ -22,10 +22,11 @@ _LINE_POINTS = 60  # points of a motion's line
 _BALL_CORNERS = 10  # corners around a body sphere
 _ARROW = {"shaft_radius": 0.0025, "head_radius": 0.006, "head_length": 0.014}  # [m]
 _FORCE = 0.02  # [m/N] length of a force's arrow
-_SIDE = (32, 90, 167)
-_SURE, _UNSURE = (26, 90, 255), (120, 120, 120)  # tracked fruits
+SIDE = (32, 90, 167)
+SPREAD = 0.18  # opacity of a primitive's tube
+SURE, UNSURE = (26, 90, 255), (120, 120, 120)  # tracked fruits
 _GLASS = 0.45  # opacity of fruits that tracks are drawn in
-_AHEAD, _BACK = ("#0d73f2", "#d91abf", "#009e73", "#7340e6"), "#f28000"  # of the path ahead
+AHEAD, BACK = ("#0d73f2", "#d91abf", "#009e73", "#7340e6"), "#f28000"  # of the path ahead
 
 PLANNED = (
     "initial bundle", "candidate paths", "trajectories", "passing sides", "pushed objects",
@@ -120,7 +121,7 @@ class PlanNodes(Nodes):
             return
         corners, faces = tube(found.mean, found.radius)
         self._add(f"{layer}|tube", self.api.add_mesh_simple, corners, faces, color=rgb(PRIMITIVE),
-                  opacity=0.18, side="double", **FLAT)  # fmt: skip
+                  opacity=SPREAD, side="double", **FLAT)  # fmt: skip
         samples = np.stack([found.samples[:, :-1], found.samples[:, 1:]], axis=2)
         self._add(f"{layer}|samples", self.api.add_line_segments,
                   samples.reshape(-1, 2, 3).astype(np.float32), rgb(PRIMITIVE), thickness=1.0,
@@ -146,7 +147,7 @@ class PlanNodes(Nodes):
         self.drop("passing sides")
         if found:
             points = np.array([[begin, end] for _, begin, end in found], dtype=np.float32)
-            self._add("passing sides|all", self.api.add_arrows, points, _SIDE, **_ARROW)
+            self._add("passing sides|all", self.api.add_arrows, points, SIDE, **_ARROW)
 
     def via(self, points: Sequence[tuple[str, FloatArray, str]]) -> None:
         """Show the tool points that a primitive was conditioned on."""
@@ -198,7 +199,7 @@ class PlanNodes(Nodes):
             node = None
         if not len(places):
             return
-        colours = np.where(confirmed[:, None], _SURE, _UNSURE).astype(np.uint8)
+        colours = np.where(confirmed[:, None], SURE, UNSURE).astype(np.uint8)
         if node is None:
             ball = _ball()
             self._add("tracks|all", self.api.add_batched_meshes_simple, ball.vertices, ball.faces,
@@ -219,7 +220,7 @@ class PlanNodes(Nodes):
         """Show the path ahead of the tool through points (k, 3) [m], in the colour of its plan."""
         self.drop("path ahead")
         if len(points) > 1:
-            colour = _BACK if retreat else _AHEAD[plan % len(_AHEAD)]
+            colour = BACK if retreat else AHEAD[plan % len(AHEAD)]
             self._shown["path ahead|line"] = self.line(
                 "path ahead", points, colour, 4.0, visible=self.visible("path ahead")
             )

@@ -1,8 +1,7 @@
 """The tabs for recording demonstrations and for replaying executed plans."""
 
 import warnings
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
@@ -33,7 +32,7 @@ class RecordTab:
             ("learn and show the band", self.learn),
             ("forget what was learnt", self.forget),
         ):
-            panel.on(gui.add_button(label), label, _ignoring(act))
+            panel.button(label, act)
 
     def start(self) -> None:
         """Move the arm to the scene's start, and show the handle at the tool."""
@@ -113,7 +112,7 @@ class ReplayTab:
 
     def __init__(self, panel: "Panel") -> None:
         self.window, gui = panel.window, panel.gui
-        panel.on(gui.add_button("execute this plan"), "execute", lambda _: self.window.execute())
+        panel.button("execute this plan", self.window.execute)
         self.choice = gui.add_dropdown("replay", ("none",))
         self.second = gui.add_dropdown("beside", ("none",))
         for control in (self.choice, self.second):
@@ -138,7 +137,3 @@ class ReplayTab:
         text = self.window.forces if now else ""
         if self.forces.content != text:
             self.forces.content = text
-
-
-def _ignoring(act: Callable[[], None]) -> Callable[[Any], None]:
-    return lambda _: act()

@@ -1,8 +1,9 @@
 """One browser window: its scene, its plan, its clock and its controls; nothing is shared."""
 
+import contextlib
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,14 +14,18 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.planning import Plan, PlanOptions, planner_names
 from optipromp.core.planning import plan as make_plan
+from optipromp.core.planning.task import posed
 from optipromp.core.scenes.scene import Scene
 from optipromp.looks.page import arrange, content
 from optipromp.looks.page.look import look
 from optipromp.looks.page.replay import ROLLOUTS_APART, Replay, execute
 from optipromp.looks.page.sources import Source
 from optipromp.looks.page.stage import PlanNodes
+from optipromp.looks.page.telling import Told, Tone, busy, of_error, of_plan, of_runs
 from optipromp.looks.page.worker import Worker
 from optipromp.looks.viewer.drawn import conditioned_on, moment
+from optipromp.looks.viewer.plain import complaint, without_codes
+from optipromp.looks.viewer.words import seconds
 
 HASTE = 0.08  # [s] of a plan during a drag, at most; of 0.15 s until the screen shows it
 _planning = threading.Lock()  # windows plan one after another: two at once gain nothing
@@ -51,11 +56,14 @@ class Window:
         self.near: content.Clearances | None = None
         self.chart_times: FloatArray = np.zeros(0)
         self._pushed: content.PushedPlaces | None = None
+        self._how = ""  # the plan was made, in words
         self._gizmo: Any = None
         self.dragging: Callable[[FloatArray, str], None] | None = None
         self.since = 0.0  # [s] when the drag that is answered next was received
         # callbacks of the panel
-        self.say: Callable[[str, bool], None] = lambda text, bad: None
+        self.say: Callable[[Told], None] = lambda told: None
+        self.occupy: Callable[[bool], None] = lambda on: None  # before and after long work
+        self.staged: list[Callable[[], None]] = []  # after a change of what is shown
         self.told: list[Callable[[], None]] = []  # after a plan and all that belongs to it
         self.clocked: list[Callable[[], None]] = []  # after a change of the time
         self.replays: list[Replay] = list(source.replays)
@@ -78,14 +86,45 @@ class Window:
         self.now = 0.0
         self.select("")
         self.replay(())
-        look(self.client.camera, scene)
+        self._begin(scene)
         if plan is None:
             self.replan()
         else:
             if plan.planner in planner_names():
                 self.settings["planner"] = plan.planner
-            self._show(plan, f"**{plan.status}**, as it was saved")
+            self._show(plan, "as it was saved")
             self.details()
+
+    def _begin(self, scene: Scene) -> None:
+        """Show a scene with the arm at its start, while there is no plan yet."""
+        tool = None
+        with self.client.atomic():
+            try:
+                robot, state = posed(scene)
+            except OptiPrompError:
+                pass  # planning tells it
+            else:
+                tool = robot.tool_pose(state.q)[0]
+                self.stage.show(scene, robot)
+                self.stage.pose(state.q)
+            look(self.client.camera, scene, tool)
+            self._stage()
+
+    def _stage(self) -> None:
+        for staged in self.staged:
+            staged()
+
+    @contextlib.contextmanager
+    def working(self, words: str = "") -> Iterator[None]:
+        """Say that something is under way, and :attr:`occupy` the controls until it ends."""
+        if words:
+            self.say(busy(words))
+        self.occupy(True)
+        self.client.flush()
+        try:
+            yield
+        finally:
+            self.occupy(False)
 
     # -- planning -------------------------------------------------------------------------------
 
@@ -97,29 +136,28 @@ class Window:
         if live:
             options = replace(options, timeout=min(HASTE, options.timeout))
         try:
-            with _planning:
+            with contextlib.nullcontext() if live else self.working("planning"), _planning:
                 plan = make_plan(self.scene, options=options, **self.settings)
         except OptiPrompError as error:
             self.refuse(error)
             return
-        took = 1e3 * (time.perf_counter() - began)
-        words = f"**{plan.status}**, planned in {took:.0f} ms"
+        words = f"planned in {seconds(time.perf_counter() - began)}"
         if since is not None:
-            words += f", {1e3 * (time.perf_counter() - since):.0f} ms after the drag"
+            words += f", {seconds(time.perf_counter() - since)} after the drag"
         self._show(plan, words, haste=live)
         if not live:
             self.post("details", self.details)
 
     def refuse(self, error: OptiPrompError) -> None:
         """Show an error of the scene or the request, at its cause in the scene."""
-        words = arrange.complaint(error)
         with self.client.atomic():
-            self.stage.say(words, arrange.culprit(self.scene, error, self.selected))
-            self.say(words, True)
+            at = arrange.culprit(self.scene, error, self.selected)
+            self.stage.say(complaint(error), at)
+            self.say(of_error(error))
 
     def _show(self, plan: Plan, words: str, *, haste: bool = False) -> None:
         self.plan, self._pushed, self.near, self.stage.near = plan, None, None, None
-        wrong = arrange.complaint(plan)
+        self._how, wrong = words, complaint(plan)
         with self.client.atomic():
             self.stage.show(plan.scene, plan.robot, haste=haste)
             self.stage.trajectories(plan)
@@ -131,14 +169,17 @@ class Window:
                 self.stage.via(conditioned_on(plan))
                 if self.now == 0.0:
                     self.now = moment(plan).time
+                self._stage()
             self.go(self.now)
-            self.say(words + (f"  \n{wrong}" if wrong else ""), bool(wrong))
+            self.say(of_plan(plan, words, {}))
 
     def details(self) -> None:
         """Show the bundle, candidates, predicted pushes and clearances of the plan."""
-        plan = self.plan
-        if plan is None:
-            return
+        if self.plan is not None:
+            with self.working():
+                self._details(self.plan)
+
+    def _details(self, plan: Plan) -> None:
         self.chart_times = np.linspace(0.0, plan.trajectory.duration, content.CHART_ROWS)
         q = plan.trajectory.sample(self.chart_times)[0]
         self.near = content.clearances(plan.scene, plan.robot, q)
@@ -151,6 +192,8 @@ class Window:
             threshold = plan.prediction.threshold if plan.prediction else 1.0
             self.stage.candidates(tried, threshold)
             self.stage.ghosts(self._pushed.places[-1])
+            if not self.replayed:
+                self.say(of_plan(plan, self._how, self._pushed.shifts()))
             for told in self.told:
                 told()
             self.go(self.now)
@@ -169,7 +212,7 @@ class Window:
         self.now = float(np.clip(now, 0.0, self.duration))
         if self.replayed:
             told = [f"**{r.name}**  \n{r.show(stage, self.now)}" for r, stage in self.replayed]
-            self.forces = "\n\n".join(told)
+            self.forces = without_codes("\n\n".join(told))
         elif self.plan is not None:
             self._place(self.plan)
         for clocked in self.clocked:
@@ -202,8 +245,7 @@ class Window:
         plan = self.plan
         if plan is None:
             return
-        self.say(f"executing {plan.planner} in the simulation ...", False)
-        with _planning:
+        with self.working(f"executing {plan.planner} in the simulation"), _planning:
             self.replays.append(execute(plan, f"{len(self.replays) + 1}: {plan.planner}"))
         self.replay(self.replays[-1:])
 
@@ -222,7 +264,8 @@ class Window:
         if chosen:
             scene = chosen[0].scene
             apart = -ROLLOUTS_APART * scene.frame[1]
-            look(self.client.camera, scene, apart if len(chosen) > 1 else None)
+            tool = chosen[0].robot.tool_pose(chosen[0].arrays["q"][0])[0]
+            look(self.client.camera, scene, tool, apart if len(chosen) > 1 else None)
             there = scene.base.rotation @ apart
             stages = [self.stage, *(PlanNodes(self.client.scene, "b", there) for _ in chosen[1:])]
             with self.client.atomic():
@@ -231,13 +274,13 @@ class Window:
                     stage.glass(replay.record is not None)
                     stage.say(replay.message, None)
                 self.replayed = tuple(zip(chosen, stages, strict=True))
-                self.say(
-                    "  \n".join(f"{r.name}: {r.message}" for r in chosen),
-                    not all(r.success for r in chosen),
-                )
+                self.say(of_runs(chosen))
+                self._stage()
                 self.go(0.0)
         elif self.plan is not None:
             self.stage.show(self.plan.scene, self.plan.robot)
+            self.say(of_plan(self.plan, self._how, self._pushed.shifts() if self._pushed else {}))
+            self._stage()
             self.go(self.now)
 
     # -- moving things --------------------------------------------------------------------------
@@ -309,7 +352,7 @@ class Window:
         self.replan()
 
     def _failed(self, error: Exception) -> None:
-        self.say(f"error: {type(error).__name__}: {error}", True)
+        self.say(Told("Something broke", (f"error: {type(error).__name__}: {error}",), Tone.BAD))
 
     def close(self) -> None:
         """End the window's thread."""

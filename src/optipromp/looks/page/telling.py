@@ -1,0 +1,82 @@
+"""What the page tells above its tabs, as HTML."""
+
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from optipromp.core.errors import OptiPrompError
+from optipromp.core.planning import Plan
+from optipromp.looks.page.replay import Replay
+from optipromp.looks.viewer.drawn import GREEN, OPTIMISED, RED
+from optipromp.looks.viewer.plain import head, sentence, sentences, without_codes
+
+
+class Tone(StrEnum):
+    """How a message is meant, as the colour of its bar."""
+
+    GOOD = GREEN
+    BAD = RED
+    BUSY = OPTIMISED
+
+
+@dataclass(frozen=True)
+class Told:
+    """A message of the page.
+
+    Attributes:
+        head: the first words, in bold type.
+        lines: further sentences, each on a line of its own.
+        tone: good, bad, or under way.
+        code: for programs and bug reports, shown while the mouse is over the message.
+    """
+
+    head: str
+    lines: tuple[str, ...] = ()
+    tone: Tone = Tone.GOOD
+    code: str = ""
+
+    def html(self) -> str:
+        """The message as one block."""
+        lines = "".join(f"<div>{html.escape(line)}</div>" for line in self.lines)
+        title = f' title="{html.escape(self.code)}"' if self.code else ""
+        return (
+            f'<div class="status" role="status"{title} style="padding:0.3em 1em;'
+            f"border-left:4px solid {self.tone};font-size:0.9em;line-height:1.35;"
+            f'max-height:12em;overflow-y:auto"><b>{html.escape(self.head)}</b>{lines}</div>'
+        )
+
+
+def busy(words: str) -> Told:
+    """A message that something is under way."""
+    return Told(f"{words} …", tone=Tone.BUSY)
+
+
+def of_error(error: OptiPrompError) -> Told:
+    """An error of the scene or the request."""
+    return Told(head(error.code), (_why(error),), Tone.BAD, str(error.code))
+
+
+def of_runs(runs: Sequence[Replay]) -> Told:
+    """Executed plans: the outcome of each."""
+    good = all(run.success for run in runs)
+    lines = tuple(f"{run.name}: {without_codes(run.message)}" for run in runs)
+    return Told("Executed" if good else "Executed, not as wanted", lines,
+                Tone.GOOD if good else Tone.BAD)  # fmt: skip
+
+
+def of_plan(plan: Plan, how: str, shifts: dict[str, float]) -> Told:
+    """A plan: how it was made, what it does, or why it failed.
+
+    Args:
+        plan: that is shown.
+        how: where it comes from, or how long it took.
+        shifts: predicted pushes by object [m].
+    """
+    lines = sentences(plan, shifts) if plan.success else (_why(plan),)
+    tone = Tone.GOOD if plan.success else Tone.BAD
+    return Told(head(plan.status), (*lines, f"{sentence(how)}."), tone, str(plan.status))
+
+
+def _why(found: Plan | OptiPrompError) -> str:
+    return sentence(without_codes(" ".join(found.message.split())))

@@ -1,0 +1,184 @@
+"""The page as it opens on a desk and on a phone, in a real browser."""
+
+import re
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+pytest.importorskip("viser")
+
+from tests.page.conftest import Opened
+
+from optipromp.core.scenes.io import load_scene
+from optipromp.looks.page import look, window
+from optipromp.looks.page.sources import Source
+
+DESK = {"viewport": {"width": 1280, "height": 800}}
+PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+TABS = ("Plan", "Move", "Show", "Plots", "Record", "Replay")
+TOUCHED = """
+() => [...document.querySelectorAll(
+    'button, [role=tab], input:not([type=hidden]), .mantine-Slider-root')]
+  .filter(e => !e.closest('.mantine-Notification-root'))
+  .map(e => [e.className + ' ' + (e.innerText || e.value || ''), e.getBoundingClientRect()])
+  .filter(([, box]) => box.width > 0 && box.height > 0)
+  .map(([name, box]) => [name, box.left, box.right, box.height])
+"""
+OVERFLOW = """
+() => [document.documentElement.scrollWidth, document.body.scrollWidth,
+       ...[...document.querySelectorAll('.mantine-Paper-root *')]
+         .filter(e => e.getBoundingClientRect().width > 0 && !e.closest('.mantine-Tabs-list'))
+         .map(e => e.getBoundingClientRect().right)]
+"""
+
+
+@pytest.fixture(scope="module")
+def desk(opener: Callable[..., Opened]) -> Opened:
+    return opener(Source(load_scene("scenario-3")), **DESK)
+
+
+@pytest.fixture(scope="module")
+def phone(opener: Callable[..., Opened]) -> Opened:
+    return opener(Source(load_scene("scenario-3")), **PHONE)
+
+
+def outlines(opened: Opened) -> np.ndarray:
+    """Where the outlines of target, pushables and tool at the start are in the tab (N, 2)."""
+    import viser.transforms as turns
+
+    shown, camera = opened.window, opened.window.client.camera
+    size = opened.tab.viewport_size
+    tool = shown.plan.robot.tool_pose(shown.plan.trajectory.positions[0])[0]
+    centres = [*(o.position for o in shown.scene.objects if o.role in ("target", "pushable")), tool]
+    radii = [o.radius for o in shown.scene.objects if o.role in ("target", "pushable")]
+    axes = turns.SO3(np.array(camera.wxyz)).as_matrix()
+    points = (shown.scene.base @ np.array(centres) - camera.position) @ axes
+    angle = np.linspace(0.0, 2.0 * np.pi, 24)
+    ring = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+    points = (points[:, None] + np.array([*radii, 0.0])[:, None, None] * ring).reshape(-1, 3)
+    scale = 0.5 * size["height"] / np.tan(0.5 * camera.fov)
+    middle = 0.5 * np.array([size["width"], size["height"]])
+    return middle + scale * points[:, :2] / points[:, 2:]
+
+
+def test_the_desk_sees_the_cluster_beside_the_panel(desk: Opened) -> None:
+    panel = desk.tab.locator(".status").bounding_box()
+    seen = outlines(desk)
+    assert (seen > 0.0).all()
+    assert seen[:, 0].max() < panel["x"]
+    assert seen[:, 1].max() < desk.tab.viewport_size["height"]
+    assert np.ptp(seen[:, 1]) > 0.6 * desk.tab.viewport_size["height"]
+
+
+def test_the_phone_sees_the_cluster_above_the_panel(phone: Opened) -> None:
+    panel = phone.tab.locator(".mantine-Paper-root").filter(has=phone.tab.locator(".status"))
+    top = panel.first.bounding_box()["y"]
+    assert top > 0.45 * phone.tab.viewport_size["height"]
+    seen = outlines(phone)
+    assert (seen > 0.0).all()
+    assert seen[:, 0].max() < phone.tab.viewport_size["width"]
+    assert seen[:, 1].max() < top
+    assert np.ptp(seen[:, 1]) > 0.6 * top
+
+
+@pytest.mark.parametrize("screen", ["desk", "phone"])
+def test_words_and_legend_stand_before_the_numbers(
+    screen: str, request: pytest.FixtureRequest
+) -> None:
+    opened = request.getfixturevalue(screen)
+    opened.told("Passes n1 at 62 mm, pushes it")
+    opened.told("no harm")
+    words, legend, numbers = (
+        opened.tab.locator(name).bounding_box() for name in (".status", ".legend", "table")
+    )
+    assert words["y"] < legend["y"] < numbers["y"]
+    shown = opened.tab.locator(".legend").inner_text()
+    for entry in ("target", "may be pushed aside", "the arm keeps away", "tool path",
+                  "predicted push"):  # fmt: skip
+        assert entry in shown, entry
+    opened.panel._layer("trajectories", False)
+    opened.until(lambda: "tool path" not in opened.tab.locator(".legend").inner_text(), "it stays")
+    opened.panel._layer("trajectories", True)
+
+
+def buttons(opened: Opened) -> dict[str, bool]:
+    """Whether each button of the panel that is not the clock's is enabled, by its words."""
+    found = opened.tab.locator("button.mantine-Button-root")
+    names = ("play", "pause", "◀ step", "step ▶")
+    return {
+        b.inner_text(): b.is_enabled() for b in found.all() if b.inner_text() not in (*names, "")
+    }
+
+
+def test_while_it_plans_it_says_so_and_no_button_can_be_pressed(desk: Opened) -> None:
+    desk.show("Plan")
+    with window._planning:  # as if another window planned
+        desk.tab.get_by_role("button", name="plan again").click(force=True)
+        desk.told("planning …")
+        desk.until(lambda: not any(buttons(desk).values()), "buttons stay enabled")
+        assert "plan again" in buttons(desk)
+        for tab, label in (("Record", "start recording"), ("Replay", "execute this plan")):
+            desk.show(tab)
+            desk.until(lambda label=label: buttons(desk).get(label) is False, label)
+    desk.told("This plan works")
+    desk.settle()
+    desk.show("Plan")
+    desk.until(lambda: all(buttons(desk).values()), "buttons stay disabled")
+
+
+def test_a_new_scene_is_seen_before_it_is_planned(desk: Opened) -> None:
+    def fruit() -> bool:
+        return desk.window.client.scene.get_handle_by_name("/a/things/target:ripe") is not None
+
+    with window._planning:
+        desk.window.post("other", lambda: desk.window.open(load_scene("scenario-1")))
+        desk.told("planning …")
+        desk.until(
+            lambda: "fixed, not to be touched" in desk.tab.locator(".legend").inner_text(), "legend"
+        )
+        assert fruit()
+    desk.settle()
+
+
+def test_a_failure_has_words_in_the_place_of_its_code(desk: Opened) -> None:
+    desk.do(lambda: desk.window.open(load_scene("scenario-1")))
+    assert desk.window.plan.status == "GOAL_IN_COLLISION"
+    desk.told("At the goal the arm would touch what it must not")
+    seen = desk.tab.locator("body").inner_text()
+    assert not re.findall(r"[A-Z]{3,}_[A-Z_]+|SUCCESS|TIMEOUT", seen)
+    assert desk.tab.locator(".status").get_attribute("title") == "GOAL_IN_COLLISION"
+    desk.do(lambda: desk.window.open(load_scene("scenario-3")))
+
+
+@pytest.mark.parametrize("tab", TABS)
+def test_a_phone_needs_no_sideways_scrolling_and_fingers_hit(phone: Opened, tab: str) -> None:
+    phone.show(tab)
+    phone.tab.wait_for_timeout(300)
+    width = phone.tab.viewport_size["width"]
+    assert max(phone.tab.evaluate(OVERFLOW)) <= width + 0.5
+    found = phone.tab.evaluate(TOUCHED)
+    assert len(found) > 10
+    for name, left, right, height in found:
+        assert height >= 40.0, name
+        assert left >= -0.5, name
+        assert right <= width + 0.5, name
+
+
+def test_a_phone_reaches_the_last_control(phone: Opened) -> None:
+    phone.show("Plan")
+    phone.settle()
+    button = phone.tab.get_by_role("button", name="plan again")
+    button.scroll_into_view_if_needed()
+    box = button.bounding_box()
+    assert box["y"] + box["height"] <= phone.tab.viewport_size["height"]
+    before = phone.window.plan
+    button.tap()
+    phone.until(lambda: phone.window.plan is not before, "the tap does nothing")
+    phone.settle()
+    assert phone.errors == []
+
+
+def test_the_view_of_a_phone_is_the_same_as_the_sheets(phone: Opened) -> None:
+    assert phone.tab.viewport_size["width"] <= look.NARROW
+    assert phone.window.client.camera.image_width == phone.tab.viewport_size["width"]
