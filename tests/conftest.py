@@ -34,8 +34,8 @@ LONG = {
     "looks": "looks",
     "page": "first_sight loop_replay page sources words",
     "planning": (
-        "follow goals legs many moving options paper paper_settings prediction regions requests "
-        "risk "
+        "follow goals legs lines many moving options paper paper_settings prediction regions "
+        "requests risk "
         "static_margin underway verdict ways"
     ),
     "promp": "tasks",

@@ -198,7 +198,7 @@ def test_an_obstacle_that_appears_too_late_is_told(bare: Scene, direct: Plan) ->
 def test_bad_motions_are_refused(tmp_path: Path, change: dict[str, object], words: str) -> None:
     item = {"id": "a", "role": "static", "shape": {"sphere": {"radius": 0.1}}, "position": [0] * 3}
     document = {
-        "name": "x", "robot": "panda", "goal": {"position": [0.5, 0.0, 0.5]},
+        "name": "x", "robot": "panda", "goal": {"position": [0.5, 0.0, 0.5], "axis": "free"},
         "objects": [item | change],
     }  # fmt: skip
     path = tmp_path / "scene.yaml"

@@ -12,7 +12,7 @@ from optipromp import judge, plan
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.planning.task import resolve
 from optipromp.core.robots.library import Choice
-from optipromp.core.scenes import JointGoal, Pose, PoseGoal, Scene, load_scene
+from optipromp.core.scenes import JointGoal, Pose, PoseGoal, RegionGoal, Scene, load_scene
 from optipromp.ros import (
     LiveScene,
     Recorded,
@@ -198,10 +198,11 @@ def test_a_pose_of_the_flange_is_that_of_the_tool(seed: int, offset) -> None:
     goal = read_goal(
         [pose_goal(place, flange, "fr3_flange", offset)], LiveScene.of(SCENE, PREFIX), PREFIX
     )
-    assert isinstance(goal, PoseGoal)
+    assert isinstance(goal, RegionGoal)
     point, axis = ROBOT.tool_pose(q)
     np.testing.assert_allclose(goal.position, point, atol=1e-9)
-    np.testing.assert_allclose(goal.axis, axis, atol=1e-9)
+    np.testing.assert_allclose(goal.rotation, rotations[-1] @ ROBOT.tool_rotation, atol=1e-9)
+    np.testing.assert_allclose(goal.direction, axis, atol=1e-9)
 
 
 def test_a_pose_of_the_tool_is_reached() -> None:
@@ -216,6 +217,18 @@ def test_a_pose_of_the_tool_is_reached() -> None:
     at, along = ROBOT.tool_pose(found.trajectory.points[-1].positions)
     assert np.linalg.norm(at - wanted) < 2e-3
     assert along @ axis > 0.999
+    last = ROBOT.segment_frames(found.trajectory.points[-1].positions)[1][-1]
+    np.testing.assert_allclose(last @ ROBOT.tool_rotation, turn, atol=0.04)
+
+
+def test_a_wide_tolerance_about_z_frees_the_roll() -> None:
+    asked = pose_goal((0.3, 0.1, 0.5), np.eye(3), "tool")
+    world = LiveScene.of(SCENE)
+    assert isinstance(read_goal([asked], world), RegionGoal)
+    asked.orientation_constraints[0].absolute_z_axis_tolerance = 3.15
+    goal = read_goal([asked], world)
+    assert isinstance(goal, PoseGoal)
+    np.testing.assert_allclose(goal.axis, [0.0, 0.0, 1.0], atol=1e-12)
 
 
 @pytest.mark.parametrize(

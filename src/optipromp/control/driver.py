@@ -43,7 +43,8 @@ class Driver:
         self, scene: Scene, robot: Robot, state: State, parameters: LoopParameters
     ) -> None:
         still = tuple(item for item in scene.objects if item.role in ("static", "avoid"))
-        self.still = replace(scene, objects=still, goal=JointGoal(state.q))
+        rest = JointGoal(state.q)
+        self.still = replace(scene, objects=still, goal=rest, waypoints=None)
         self.robot, self._rest, self._parameters = robot, State(state.q), parameters
         self.course: Course | None = None
         self.route: Route | None = None

@@ -1,5 +1,6 @@
 """Goals of ``moveit_msgs/Constraints``: joints, or a pose of the tool or the flange."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -7,25 +8,26 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.scene import JointGoal, PoseGoal
+from optipromp.core.scenes.rotations import to_quaternion
+from optipromp.core.scenes.scene import JointGoal, PoseGoal, RegionGoal
 from optipromp.core.trajectory_files import columns
 from optipromp.ros.live import LiveScene, in_base
 from optipromp.ros.shapes import quaternion, vector
 from optipromp.ros.types import Message
 
 TOOL = "tool"
-"""Name of the frame at the tool point whose z axis is the tool axis."""
+"""Name of the frame at the tool point: z along the tool axis, y along the opening of fingers."""
 
 
 def read_goal(
     constraints: Sequence[Message], world: LiveScene, prefix: str = ""
-) -> JointGoal | PoseGoal | None:
+) -> JointGoal | PoseGoal | RegionGoal | None:
     """The goal of ``goal_constraints``; None where there are none.
 
     Joint constraints state a configuration. One position and one orientation constraint state a
     pose of the frame ``tool``, or of the robot's last link (its flange). The goal is the tool point
-    and the tool axis of that pose; the turn about the axis is free. The tolerances of the
-    constraints are ignored.
+    and the orientation of the tool of that pose. With an ``absolute_z_axis_tolerance`` of π or more
+    about the tool axis, the turn about the axis is free. The other tolerances are ignored.
 
     Args:
         constraints: ``moveit_msgs/Constraints``, one at most.
@@ -62,7 +64,9 @@ def read_goal(
     return _pose_goal(places[0], turns[0], world, prefix)
 
 
-def _pose_goal(place: Message, turn: Message, world: LiveScene, prefix: str) -> PoseGoal:
+def _pose_goal(
+    place: Message, turn: Message, world: LiveScene, prefix: str
+) -> PoseGoal | RegionGoal:
     robot = world.robot
     flange = prefix + [name for name in robot.link_names if name != TOOL][-1]
     for what, item in (("position", place), ("orientation", turn)):
@@ -81,7 +85,12 @@ def _pose_goal(place: Message, turn: Message, world: LiveScene, prefix: str) -> 
     rotation = (turned @ Pose(orientation=quaternion(turn.orientation))).rotation
     origin = at @ vector(poses[0].position) - rotation @ vector(place.target_point_offset)
     if place.link_name == TOOL:
-        return PoseGoal(origin, rotation[:, 2])
-    segment: FloatArray = rotation @ robot.flange_rotation.T
-    point = origin + segment @ (robot.tool_point - robot.flange_translation)
-    return PoseGoal(point, segment @ robot.tool_axis)
+        point, frame = origin, rotation
+    else:
+        segment: FloatArray = rotation @ robot.flange_rotation.T
+        point = origin + segment @ (robot.tool_point - robot.flange_translation)
+        frame = segment @ robot.tool_rotation
+    free = turn.absolute_z_axis_tolerance >= math.pi  # about z of the link that is named
+    if free and rotation[:, 2] @ frame[:, 2] > 1.0 - 1e-9:  # rounding
+        return PoseGoal(point, frame[:, 2])
+    return RegionGoal(point, orientation=to_quaternion(frame))

@@ -10,7 +10,7 @@ from optipromp.core.planning.task import posed
 from optipromp.core.robots.library import UNTRUSTED, load_arm
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.scene import JointGoal, PoseGoal, Scene
+from optipromp.core.scenes.scene import Goal, Scene
 from optipromp.ros.joints import joint_positions
 from optipromp.ros.scenes import COLLISION_OBJECT, Held, object_id, read_held
 from optipromp.ros.shapes import read_pose
@@ -83,7 +83,7 @@ class LiveScene:
         """The robot's joints, n names."""
         return self.robot.joint_names
 
-    def scene(self, goal: JointGoal | PoseGoal | None = None) -> Scene:
+    def scene(self, goal: Goal | None = None) -> Scene:
         """The scene.
 
         Args:
@@ -96,12 +96,12 @@ class LiveScene:
         names = {item.name for item in fields(Scene)} - {"objects"}
         known = {name: self.stated[name] for name in names & self.stated.keys()}
         if goal is not None:
-            known["goal"] = goal
+            known |= {"goal": goal, "waypoints": None}
             objects = tuple(
                 replace(item, role="avoid") if item.role == "target" else item for item in objects
             )
         elif any(item.role == "target" for item in objects):
-            known["goal"] = None
+            known |= {"goal": None, "waypoints": None}
         return Scene(objects=objects, **known)
 
     def heard(self, item: Message) -> "LiveScene":

@@ -208,7 +208,8 @@ class PickLoop:
 def without_fruits(scene: Scene) -> Scene:
     """The scene with robot and what stands still, and no fruits; its goal is its start."""
     still = tuple(item for item in scene.objects if item.role in ("static", "avoid"))
-    return replace(scene, objects=still, goal=JointGoal(posed(scene)[1].q))
+    rest = JointGoal(posed(scene)[1].q)
+    return replace(scene, objects=still, goal=rest, waypoints=None)
 
 
 def moving(robot: Robot, q: FloatArray) -> tuple[Pose, Pose]:

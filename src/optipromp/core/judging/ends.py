@@ -140,17 +140,24 @@ def unlimited(robot: Robot) -> BoolArray:
 
 def tool_frames(robot: Robot, q: FloatArray) -> FloatArray:
     """Axes (M, 3, 3) of the tool's frame, in columns, at configurations ``q`` (M, n)."""
-    out = np.empty((len(q), 3, 3))
-    last_turns(body_of(robot), np.array(q, dtype=np.float64, order="C"), out)
+    return tool_poses(robot, q)[1]
+
+
+def tool_poses(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Tool points (M, 3) [m] and axes (M, 3, 3) of the tool's frame at ``q`` (M, n)."""
+    turns, origins, body = np.empty((len(q), 3, 3)), np.empty((len(q), 3)), body_of(robot)
+    last_poses(body, np.array(q, dtype=np.float64, order="C"), turns, origins)
     turn = np.eye(3) if robot.tool is None else np.asarray(robot.tool.rotation)
-    return np.asarray(out @ robot.flange_rotation @ turn)
+    frames = np.asarray(turns @ robot.flange_rotation @ turn)
+    return np.asarray(origins + turns @ body.tool[0]), frames
 
 
 @kernel
-def last_turns(body: Body, q: FloatArray, out: FloatArray) -> None:
-    """Rotations (M, 3, 3) of the last segment at ``q`` (M, n), in place."""
+def last_poses(body: Body, q: FloatArray, out: FloatArray, at: FloatArray) -> None:
+    """Rotations (M, 3, 3) and origins (M, 3) of the last segment at ``q`` (M, n), in place."""
     count = body.driver.shape[0]
     turns, origins = np.empty((count, 3, 3)), np.empty((count, 3))
     for m in range(len(q)):
         segments(body, q[m], turns, origins)
         out[m] = turns[count - 1]
+        at[m] = origins[count - 1]

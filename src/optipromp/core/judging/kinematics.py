@@ -141,15 +141,15 @@ def refined(robot: Robot, trajectory: Trajectory) -> tuple[FloatArray, FloatArra
     turns = powers.sum(axis=2)[:, kin.dof] @ np.abs(kin.multiplier)  # upper bounds [rad or m]
     uneven = powers[:, :, 1:].sum(axis=2).max(axis=1)
     parts = np.ceil(np.maximum(turns / LARGEST_TURN, np.sqrt(uneven / UNEVEN)))
-    coarse, fits = _fitting(np.maximum(parts, 1.0))
+    coarse, fits = fitting(np.maximum(parts, 1.0))
     _, placed, rows = along(trajectory, coarse)
     parts = np.empty(len(placed) - 1)
     divisions(body_of(robot), placed, parts)
-    fine, complete = _fitting(np.asarray(coarse * np.maximum.reduceat(parts, rows[:-1])))
+    fine, complete = fitting(np.asarray(coarse * np.maximum.reduceat(parts, rows[:-1])))
     return *along(trajectory, fine), fits and complete
 
 
-def _fitting(parts: FloatArray) -> tuple[IntArray, bool]:
+def fitting(parts: FloatArray) -> tuple[IntArray, bool]:
     """``parts`` (T-1,), reduced to :data:`MOST_CHECKS` in total; whether none was removed."""
     total = float(parts.sum())
     if total > MOST_CHECKS:

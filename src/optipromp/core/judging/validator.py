@@ -22,6 +22,7 @@ from optipromp.core.judging.curve import extremes
 from optipromp.core.judging.ends import ends
 from optipromp.core.judging.entered import entered, touching
 from optipromp.core.judging.keeping import left_path
+from optipromp.core.judging.lines import left_lines
 from optipromp.core.judging.moving import met
 from optipromp.core.judging.near import nearest_static
 from optipromp.core.judging.passing import passing
@@ -177,6 +178,7 @@ def judge(
     passed = passing(scene, tips, rims, robot.gripper_radius)
     end, at_goal = ends(scene, robot, q[-1], tips[-1], axes[-1], trajectory.duration)
     missed = [*end.missed, *left_path(scene, robot, times, fine, points)]
+    missed += left_lines(scene, robot, trajectory, points, waypoints)
     motion, broken = _motion(robot, trajectory, start)
     instants = trajectory.times.tolist()
     astray = [

@@ -10,7 +10,7 @@ class Violation:
     Args:
         kind: ``contact``, ``unchecked``, ``goal``, ``axis``, ``stem side``, ``limit``,
             ``velocity``, ``acceleration``, ``jerk``, ``speed``, ``start``, ``motion``, ``drift``,
-            ``stem``, ``upright`` or ``plane``.
+            ``stem``, ``upright``, ``plane``, ``line`` or ``line speed``.
         message: the reason as a sentence, which is also ``str(violation)``.
         subject: the link, joint or object concerned; empty where there is none.
         time: of the largest amount [s]; None where the violation has no time.

@@ -73,12 +73,27 @@ def free(task: Task, q: FloatArray, most: int | None = None) -> FloatArray:
 
     Stems count as obstacles. The last link and the tool may touch all but static objects.
     """
-    body = collider(task, 0)
-    body = body._replace(dynamic=appended(body.dynamic, _stems(task.scene)))
+    body = _among_stems(task)
     q = np.array(q, dtype=np.float64, order="C")  # always writable: kernels compile once
     room = np.empty(task.robot.n_joints)
     found = (i for i in range(len(q)) if open_edge(body, q[i], q[i], room))
     return np.asarray(q[list(islice(found, most))])
+
+
+def open_until(task: Task, q: FloatArray) -> int:
+    """The first of configurations ``q`` (m, n), in their order, that a free motion cannot reach.
+
+    ``m`` where the whole motion is free. What is touched, and what not, is as in :func:`free`.
+    """
+    body, room = _among_stems(task), np.empty(task.robot.n_joints)
+    q = np.array(q, dtype=np.float64, order="C")
+    edges = (i for i in range(len(q)) if not open_edge(body, q[max(i - 1, 0)], q[i], room))
+    return next(edges, len(q))
+
+
+def _among_stems(task: Task) -> Collider:
+    body = collider(task, 0)
+    return body._replace(dynamic=appended(body.dynamic, _stems(task.scene)))
 
 
 @functools.lru_cache(maxsize=4)

@@ -94,6 +94,29 @@ class KeptParameters(Checked):
 
 
 @dataclass(frozen=True)
+class LineParameters(Checked):
+    """Straight lines between way points (``planning/lines.py``)."""
+
+    step: float = parameter(5e-3, "m", "choice", "largest step of the tool between two waypoints")
+    turn: float = parameter(0.03, "rad", "choice", "largest turn of the tool between two waypoints")
+    fewest: int = parameter(20, "1", "choice", "least number of waypoints of a line")
+    tracked: float = parameter(1e-5, "m", "choice", "largest error of inverse kinematics")
+    jump: float = parameter(
+        0.3, "rad or m", "choice", "motion of a joint between two waypoints that is another branch"
+    )
+    branches: int = parameter(60, "1", "choice", "of the first way point that are followed")
+    tries: int = parameter(6, "1", "choice", "branches to which a free motion is planned")
+    near: float = parameter(
+        1e-5, "rad or m", "choice", "distance of a branch from the start that counts as none"
+    )
+    share: float = parameter(
+        0.5, "1", "choice", "of the allowed distance from a line that the planner uses"
+    )
+    refinements: int = parameter(3, "1", "choice", "of a line's waypoints, each to twice as many")
+    parts: int = parameter(4, "1", "choice", "of an interval, for which line and speed are checked")
+
+
+@dataclass(frozen=True)
 class PickParameters(Checked):
     """How many paths are followed, and how they are compared (``planning/pick.py``)."""
 
@@ -316,6 +339,7 @@ WAYPOINT = WaypointParameters()
 FOLLOW = FollowParameters()
 GOAL = GoalParameters()
 KEPT = KeptParameters()
+LINE = LineParameters()
 PICK = PickParameters()
 SOLVE = SolveParameters()
 PRIMITIVE = PrimitiveParameters()

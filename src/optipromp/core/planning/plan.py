@@ -268,7 +268,8 @@ def _plan(
     budget = Budget(end, np.inf if options.effort is None else options.effort, say)
     stay = _stay(task)
     touching = judging.touching(task.scene, task.robot, task.start, begun=task.begun)
-    there = task.running is None and all(task.at_goal(q) for q in stay.trajectory.positions)
+    resting = task.running is None and task.scene.waypoints is None
+    there = resting and all(task.at_goal(q) for q in stay.trajectory.positions)
     found: Planned | Failed | Harmful = stay
     if touching:
         found = Failed(Code.START_IN_COLLISION, "at the start " + "; ".join(map(str, touching)))

@@ -8,6 +8,7 @@ from optipromp.core.budget import Budget, clock
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.planning import goals, primitive
 from optipromp.core.planning.kept import held, keeps
+from optipromp.core.planning.lines import along_lines
 from optipromp.core.planning.options import (
     STRATEGIES,
     PaperOptions,
@@ -104,6 +105,8 @@ class OptiProMP(Searched):
     def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
         """See :class:`optipromp.core.planning.planner.Planner`."""
         promp = learnt(task, task.demonstrations)
+        if task.scene.waypoints is not None:
+            return along_lines(task, promp, self, budget)
         chosen = goal_configurations(pushed_aside(task), budget)
         if not len(chosen.q):
             return chosen.failed

@@ -198,16 +198,17 @@ def each(
 
 
 def _tracked(
-    robot: Robot, positions: FloatArray, axes: FloatArray, q: FloatArray, iterations: int,
+    robot: Robot, positions: FloatArray, axes: FloatArray | None, q: FloatArray, iterations: int,
     chained: bool,
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Descents from ``q`` (m, n), in place, without a pull: damped steps are short."""
     position_error, axis_error = np.empty(len(q)), np.empty(len(q))
-    directions = np.array(axes, dtype=np.float64)
+    directions = np.zeros((len(q), 3)) if axes is None else np.array(axes, dtype=np.float64)
     directions = directions if directions.ndim == 3 else directions[:, None]
+    weight = 0.0 if axes is None else AXIS_LENGTH**2
     descend(
         robot.kinematics, robot.tool_point, _tool_axes(robot, directions.shape[1]),
-        np.array(positions, dtype=np.float64), directions, AXIS_LENGTH**2, robot.lower.copy(),
+        np.array(positions, dtype=np.float64), directions, weight, robot.lower.copy(),
         robot.upper.copy(), q, np.zeros(len(q)), iterations, chained, q, position_error, axis_error,
     )  # fmt: skip
     return q, position_error + AXIS_LENGTH * axis_error
@@ -325,14 +326,15 @@ def _at_rest(robot: Robot, q: FloatArray, rest: FloatArray, with_axis: bool) -> 
 
 
 def track(
-    robot: Robot, positions: FloatArray, axes: FloatArray, begin: FloatArray, iterations: int = 30
-) -> tuple[FloatArray, FloatArray]:
+    robot: Robot, positions: FloatArray, axes: FloatArray | None, begin: FloatArray,
+    iterations: int = 30,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Follow task points in their order from a known configuration, on its branch.
 
     Args:
         robot: the arm and its tool.
         positions: (m, 3) world [m], in the order they are followed.
-        axes: (m, 3) unit, or (m, 2, 3); see :func:`solve`.
+        axes: (m, 3) unit, or (m, 2, 3); see :func:`solve`. None leaves the axis free.
         begin: (n,) configuration the first solution starts from.
         iterations: of each descent.
 

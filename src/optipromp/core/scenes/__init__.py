@@ -9,6 +9,7 @@ from optipromp.core.scenes.io import save_scene as save_scene
 from optipromp.core.scenes.io import scene_from_dict as scene_from_dict
 from optipromp.core.scenes.io import scene_names as scene_names
 from optipromp.core.scenes.io import scene_to_dict as scene_to_dict
+from optipromp.core.scenes.lines import Lines as Lines
 from optipromp.core.scenes.motion import ObjectMotion as ObjectMotion
 from optipromp.core.scenes.scene import Approach as Approach
 from optipromp.core.scenes.scene import Attached as Attached

@@ -32,6 +32,19 @@ def _three(given: list[float]) -> list[float]:
     return given
 
 
+Axis = Annotated[list[Number], BeforeValidator(_free), AfterValidator(_three)]
+
+
+def _turn(axis: list[float] | None, orientation: list[float] | None) -> None:
+    """Refuse a pose unless it has exactly one of axis and orientation."""
+    if (axis is None) == (orientation is None):
+        both = "axis and orientation" if axis is not None else "position alone"
+        raise refuse(
+            f"has {both}: must have one of axis: [x, y, z], the tool axis; orientation: "
+            "[w, x, y, z], of the tool's frame; axis: free, where the tool may point anywhere"
+        )
+
+
 def _number_or_list(given: Any) -> Any:
     return given if isinstance(given, list) else [given]
 
@@ -49,7 +62,7 @@ class GoalModel(Model):
 
     joints: Annotated[list[Number], Field(min_length=1)] | None = None
     position: Vector | None = None
-    axis: Annotated[list[Number], BeforeValidator(_free), AfterValidator(_three)] | None = None
+    axis: Axis | None = None
     orientation: Quaternion | None = None
     tolerance: ToleranceModel | None = None
 
@@ -61,13 +74,30 @@ class GoalModel(Model):
             for name in ("axis", "orientation", "tolerance"):
                 if getattr(self, name) is not None:
                     raise refuse(f"has joints and {name}: {name} goes with position")
-        elif (self.axis is None) == (self.orientation is None):
-            both = "axis and orientation" if self.axis is not None else "position alone"
-            raise refuse(
-                f"has {both}: must have one of axis: [x, y, z], the tool axis; orientation: "
-                "[w, x, y, z], of the tool's frame; axis: free, where the tool may point anywhere"
-            )
+        else:
+            _turn(self.axis, self.orientation)
         return self
+
+
+class WaypointModel(Model):
+    """A pose of the tool before the goal; see :class:`optipromp.core.scenes.lines.Lines`."""
+
+    position: Vector
+    axis: Axis | None = None
+    orientation: Quaternion | None = None
+
+    @model_validator(mode="after")
+    def _one_form(self) -> WaypointModel:
+        _turn(self.axis, self.orientation)
+        return self
+
+
+class LinesModel(Model):
+    """See :class:`optipromp.core.scenes.lines.Lines`."""
+
+    points: Annotated[list[WaypointModel], Field(min_length=1)]
+    speed: Positive | None = None
+    within: Positive | None = None
 
 
 class UprightModel(Model):

@@ -21,8 +21,7 @@ from optipromp.core.geometry.shapes import (
 )
 from optipromp.core.robots.library import UNTRUSTED, Choice, robot_names
 from optipromp.core.robots.tools import make_tool
-from optipromp.core.scenes.constraints import HeldUpright, OnPlane, PathConstraints
-from optipromp.core.scenes.goal_models import GoalModel, PathModel, ToleranceModel
+from optipromp.core.scenes.goal_reading import goal_of, lines_of, path_of
 from optipromp.core.scenes.held import RETREAT, Place
 from optipromp.core.scenes.motion import ObjectMotion
 from optipromp.core.scenes.rotations import IDENTITY
@@ -30,11 +29,8 @@ from optipromp.core.scenes.scene import (
     STEM_RADIUS,
     Approach,
     Attached,
-    Goal,
     JointGoal,
     Pose,
-    PoseGoal,
-    RegionGoal,
     Scene,
     SceneObject,
     Stem,
@@ -93,13 +89,16 @@ def scene_from_dict(
         approach = _approach(model, scale, default, frames["world"])
         given = model.goal
         goals = tuple(
-            _goal(one, scale, default)
+            goal_of(one, scale, default)
             for one in (given if isinstance(given, list) else [given])
             if one is not None
         )
         for one in goals:
             if not isinstance(one, JointGoal) and model.scale is None:
                 _check_distance("goal.position", one.position, told, reachable=False)
+        lines = lines_of(model.waypoints, scale, default)
+        for k, point in enumerate([] if lines is None or model.scale is not None else lines.points):
+            _check_distance(f"waypoints[{k}].position", point.position, told, reachable=False)
         return Scene(
             name=model.name,
             robot=model.robot if isinstance(model.robot, str) else model.robot.file,
@@ -109,7 +108,8 @@ def scene_from_dict(
             start=None if model.start is None else np.array(model.start),
             approach=approach,
             goal=goals if isinstance(given, list) else next(iter(goals), None),
-            path=_path(model.path, scale, default, frames["world"]),
+            path=path_of(model.path, scale, default, frames["world"]),
+            waypoints=lines,
             options=_options(model, scale),
             base_dir=base_dir,
             base=Pose() if model.base is None else _pose(model.base, scale),
@@ -353,44 +353,3 @@ def _place(given: PlaceModel, scale: float, frame: Pose) -> Place:
     away = RETREAT if given.retreat is None else scale * given.retreat
     axis = frame.rotation @ np.array(given.axis)
     return Place(frame @ (scale * np.array(given.position)), axis, away)
-
-
-def _goal(given: GoalModel, scale: float, frame: Pose) -> Goal:
-    """The goal in the base frame."""
-    if given.joints is not None:
-        return JointGoal(np.array(given.joints))
-    position = frame @ (scale * np.array(given.position))
-    axis = frame.rotation @ np.array(given.axis) if given.axis else None
-    if axis is not None and given.tolerance is None:
-        return PoseGoal(position, axis)
-    allowed = given.tolerance or ToleranceModel()
-    within = None if allowed.position is None else scale * np.array(allowed.position)
-    region = RegionGoal(
-        scale * np.array(given.position),
-        np.array(given.axis) if given.axis else None,
-        None if given.orientation is None else np.array(given.orientation),
-        float(within[0]) if within is not None and len(within) == 1 else within,
-        allowed.angle,
-        None if allowed.orientation is None else np.array(allowed.orientation),
-    )
-    return region if frame.is_identity else region.transformed(frame)
-
-
-def _path(
-    given: PathModel | None, scale: float, frame: Pose, world: Pose
-) -> PathConstraints | None:
-    """The constraints of the path in the base frame; upright is by default up in the world."""
-    if given is None:
-        return None
-    upright = plane = None
-    if given.upright is not None:
-        told, axis = given.upright, given.upright.axis
-        up = world.rotation[:, 2]
-        if told.direction is not None:
-            up = frame.rotation @ np.array(told.direction)
-        upright = HeldUpright(told.angle, np.array([0.0, 0.0, 1.0] if axis is None else axis), up)
-    if given.plane is not None:
-        point = frame @ (scale * np.array(given.plane.point))
-        normal = frame.rotation @ np.array(given.plane.normal)
-        plane = OnPlane(point, normal, scale * given.plane.within)
-    return PathConstraints(upright, plane)

@@ -20,6 +20,7 @@ from optipromp.core.scenes import trusses
 from optipromp.core.scenes.constraints import PathConstraints
 from optipromp.core.scenes.goals import Goal, JointGoal, PoseGoal, RegionGoal, transformed
 from optipromp.core.scenes.held import Attached, Pair, Place, checked
+from optipromp.core.scenes.lines import Lines, check_lines
 from optipromp.core.scenes.objects import ROLES, STEM_RADIUS, Role, SceneObject, Stem
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.values import array, keep, named, suggest, unit
@@ -145,6 +146,7 @@ class Scene(Shown):
         approach: the target frame.
         goal: in place of a target; of several goals, in a tuple, one is to be reached.
         path: what the tool keeps on its whole way to the goal; None: nothing.
+        waypoints: poses through which the tool goes to the goal, along straight lines; None: none.
         options: further settings of the planners.
         base_dir: folder where relative paths start.
         base: pose of the robot's base in the world. Only the direction of up depends on it.
@@ -174,6 +176,7 @@ class Scene(Shown):
     camera: Pose | None = None
     choice: Choice = NOTHING
     path: PathConstraints | None = None
+    waypoints: Lines | None = None
     attached: tuple[Attached, ...] = ()
     may_touch: tuple[Pair, ...] = ()
     padding: float = 0.0
@@ -216,6 +219,8 @@ class Scene(Shown):
             raise InvalidSceneError(
                 "no target: one object must have role 'target' (or the scene a 'goal')"
             )
+        if self.waypoints is not None:
+            check_lines(self.waypoints, self.goals)
 
     def _words(self) -> str:
         counts = {role: len(rows) for role, rows in self._rows.items() if len(rows)}
@@ -324,6 +329,7 @@ class Scene(Shown):
             approach=self.approach.transformed(pose),
             goal=moved if isinstance(self.goal, tuple) else next(iter(moved), None),
             path=None if self.path is None else self.path.transformed(pose),
+            waypoints=None if self.waypoints is None else self.waypoints.transformed(pose),
             base=self.base @ pose.inverse(),
             camera=None if self.camera is None else pose @ self.camera,
             place=None if self.place is None else self.place.transformed(pose),

@@ -8,6 +8,7 @@ from dataclasses import MISSING, fields
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import (
+    BeforeValidator,
     Discriminator,
     Field,
     Tag,
@@ -20,7 +21,7 @@ from pydantic_core import ErrorDetails
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.shapes import PRIMITIVES
 from optipromp.core.robots.tools import TOOLS
-from optipromp.core.scenes.goal_models import GoalModel, PathModel
+from optipromp.core.scenes.goal_models import GoalModel, LinesModel, PathModel
 from optipromp.core.scenes.models import (
     Argument,
     Model,
@@ -266,6 +267,11 @@ class OptionsModel(Model):
     drift_offset: NotNegative | dict[Text, NotNegative] | None = None
 
 
+def _points(given: Any) -> Any:
+    """A list of way points as the mapping that holds them."""
+    return {"points": given} if isinstance(given, list) else given
+
+
 class SceneModel(Model):
     """A whole scene file."""
 
@@ -288,6 +294,7 @@ class SceneModel(Model):
         | None
     ) = None
     path: PathModel | None = None
+    waypoints: Annotated[LinesModel, BeforeValidator(_points)] | None = None
     base: PoseModel | None = None
     camera: PoseModel | None = None
     frame: Frame = "world"

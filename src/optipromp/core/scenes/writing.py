@@ -49,6 +49,10 @@ def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, An
     if scene.path is not None:
         parts = {name: part for name, part in vars(scene.path).items() if part is not None}
         document["path"] = {name: _plain(part, list(vars(part))) for name, part in parts.items()}
+    if scene.waypoints is not None:
+        points = [_goal_to_dict(point) for point in scene.waypoints.points]
+        told = {"speed": scene.waypoints.speed, "within": scene.waypoints.within}
+        document["waypoints"] = {"points": points} | {k: v for k, v in told.items() if v}
     stated = ["direction", "lateral", "camera_distance"]
     stated += [name for name in ("cone", "aside") if getattr(scene.approach, name) is not None]
     stated += [name for name in ("shift", "lead") if np.any(getattr(scene.approach, name))]
