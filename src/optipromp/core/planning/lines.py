@@ -35,7 +35,7 @@ from optipromp.core.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
+class StraightLine:
     """A straight line of the tool between the poses ``a`` and ``b``."""
 
     a: RegionGoal
@@ -111,7 +111,7 @@ def along_lines(task: Task, promp: ProMP, options: Searched, budget: Budget) -> 
             "its way"
         )
     began, poses = clock(), lines.to(task.goal)
-    legs = [Line(a, b) for a, b in pairwise(poses)]
+    legs = [StraightLine(a, b) for a, b in pairwise(poses)]
     first = replaced(task, scene=replaced(task.scene, goal=poses[0], waypoints=None), goal=poses[0])
     budget.say("inverse kinematics along the lines")
     found = free(first, goals.find(first, task.seed, GOAL.many_starts), LINE.branches)
@@ -141,7 +141,7 @@ def along_lines(task: Task, promp: ProMP, options: Searched, budget: Budget) -> 
     return replaced(best, time={"inverse kinematics": seconds, **best.time})
 
 
-def followed(task: Task, legs: list[Line], begin: FloatArray) -> Branch:
+def followed(task: Task, legs: list[StraightLine], begin: FloatArray) -> Branch:
     """How far the lines can be followed from a configuration ``begin`` (n,)."""
     done: list[FloatArray] = []
     for leg in legs:
@@ -153,7 +153,9 @@ def followed(task: Task, legs: list[Line], begin: FloatArray) -> Branch:
     return Branch(done[0][0], tuple(done))
 
 
-def _track(task: Task, leg: Line, begin: FloatArray, count: int) -> tuple[FloatArray, float, str]:
+def _track(
+    task: Task, leg: StraightLine, begin: FloatArray, count: int
+) -> tuple[FloatArray, float, str]:
     """Waypoints (count, n) of a line from rest to rest, and where it ends early, with the reason.
 
     The tool's speed rises and falls smoothly over equal times between the waypoints.
@@ -192,7 +194,7 @@ def _track(task: Task, leg: Line, begin: FloatArray, count: int) -> tuple[FloatA
     return q, float(share[row]), why
 
 
-def _refusal(branches: list[Branch], legs: list[Line]) -> str:
+def _refusal(branches: list[Branch], legs: list[StraightLine]) -> str:
     """The reason why no branch leads to the goal: that of the branch which leads farthest."""
     best = max(branches, key=lambda one: (len(one.lines), one.done))
     k, count = len(best.lines), len(legs)
@@ -208,7 +210,7 @@ def _refusal(branches: list[Branch], legs: list[Line]) -> str:
 
 
 def _motion(
-    task: Task, first: Task, legs: list[Line], branch: Branch,
+    task: Task, first: Task, legs: list[StraightLine], branch: Branch,
     how: tuple[ProMP, Searched, Budget],
 ) -> Planned:  # fmt: skip
     """The motion to a branch and along the lines, judged."""
@@ -242,7 +244,7 @@ def _wrong(made: Planned) -> int:
     return len(made.judgement.violations)
 
 
-def timed_line(task: Task, leg: Line, q: FloatArray, lines: Lines) -> Trajectory:
+def timed_line(task: Task, leg: StraightLine, q: FloatArray, lines: Lines) -> Trajectory:
     """The shortest trajectory along a line, from rest to rest, near enough and slow enough.
 
     Args:
