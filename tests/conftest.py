@@ -48,7 +48,7 @@ LONG = {
     "simulation": (
         "disturbances export hand loop loop_film physics pictures runs second_engine tools trusses"
     ),
-    ".": "kernel_cache plan_folders",
+    ".": "kernel_cache new_user plan_folders",
     "viewer": "figures",
 }
 """Test files that take more than 3 s, by folder; ``pytest -m quick`` leaves them out."""
