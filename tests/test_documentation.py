@@ -16,6 +16,7 @@ from optipromp.core.errors import Code
 from optipromp.core.planning import PlanOptions
 from optipromp.core.pushing.calibration import DETECTED, KNOWN, PACKS
 from optipromp.core.scenes import load_scene
+from optipromp.laboratory.simulation import SimulationParameters
 from optipromp.laboratory.simulation.outcome import Cause
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -142,6 +143,11 @@ def test_every_message_of_the_page_on_troubleshooting_is_one_of_ours() -> None:
     assert len(named) > 35
     assert [words for words in named if words not in source and words not in causes] == []
     assert {str(code) for code in Code if "PLAN" in code or "COLLISION" in code} <= set(named)
+    most = SimulationParameters().thresholds
+    assert f"more than {most.stem_force:g} N for longer than {most.stem_time:g} s" in page
+    assert f"A fruit was pressed by more than {most.fruit_force:g} N" in page
+    assert f"Something solid was pressed by more than {most.static_force:g} N" in page
+    assert f"more than {1e3 * most.tracking_error:g} mm off its path" in page
 
 
 @pytest.mark.parametrize("name", ["my_crop", "my_loop", "my_robot"])
