@@ -29,24 +29,28 @@ LONG = {
     "control": "controller driver servo tracker tracks",
     "cli": "folder generate_study markup plan process simulate_closed_loop",
     "execution": "executor franka streaming streaming_trouble trouble",
-    "experiments": "baselines loops study variations",
+    "experiments": "baselines loops own_scenes study variations",
     "geometry": "grids",
     "looks": "looks",
     "page": "first_sight loop_replay page sources words",
     "planning": (
-        "follow goals many options paper paper_settings prediction regions requests risk "
+        "follow goals legs many moving options paper paper_settings prediction regions requests "
+        "risk "
         "static_margin underway verdict ways"
     ),
     "promp": "tasks",
     "pushing": "cup hanging long_fruits quasi_static",
     "reports": "browser reports",
     "robots": (
-        "arm fit kinematics_against_pinocchio mjcf pairs panda_cover refusals spheres untrusted"
+        "arm fit kinematics_against_pinocchio mjcf pairs panda_cover refusals spheres untrusted "
+        "xacro"
     ),
     "ros": "bags loop recordings",
     "scenes": "generate placing trusses",
     "simulation": (
-        "disturbances export hand loop loop_film physics pictures runs second_engine tools trusses"
+        "disturbances export grasps hand loop loop_film physics pictures runs second_engine shown "
+        "tools "
+        "trusses"
     ),
     ".": "kernel_cache new_user plan_folders",
     "viewer": "figures",

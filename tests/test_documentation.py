@@ -24,7 +24,7 @@ PUBLIC = (
     "optipromp", "optipromp.core.geometry", "optipromp.core.scenes", "optipromp.core.robots",
     "optipromp.core.promp", "optipromp.core.pushing", "optipromp.core.optimization.costs",
     "optipromp.core.planning", "optipromp.ros", "optipromp.core.execution", "optipromp.control",
-    "optipromp.laboratory.simulation",
+    "optipromp.laboratory.simulation", "optipromp.timing",
 )  # fmt: skip
 UNSHOWN = {  # aliases and constants, and kernels that no user calls
     "DriftRule", "Message", "PLANNERS", "Role", "STRATEGIES", "Shape", "Strategy",
@@ -57,7 +57,7 @@ def test_the_scenes_that_are_shown_are_scenes(tmp_path: Path) -> None:
     for text in texts:
         (tmp_path / "shown.yaml").write_text(text)
         names.append(load_scene(tmp_path / "shown.yaml").name)
-    assert names == ["table-top", "row-7", "free-space", "full-cup"]
+    assert names == ["table-top", "row-7", "free-space", "full-cup", "punnet-in-hand"]
 
 
 @pytest.mark.parametrize("package", PUBLIC)
@@ -182,3 +182,15 @@ def test_every_picture_of_the_documentation_has_its_command() -> None:
         text = page.read_text("utf-8")
         if re.search(r"!\[[^\]]*\]\([^)]+\.(?:png|gif)\)", text):
             assert re.search(r"`(?:optipromp|python) [^`]+`", text), page
+
+
+def test_nothing_tells_to_install_this_package_from_an_index() -> None:
+    """It is on none, so such a command would install a stranger, or nothing."""
+    wrong = re.compile(r"pip install [^\n]*?(?<![\w/.-])optipromp\b(?!\.)")
+    assert wrong.search("run pip install -q 'optipromp[sim]'")
+    pages = ["README.md", "CONTRIBUTING.md", "pyproject.toml"]
+    for folder, kind in (("src", "py"), ("docs", "md"), ("examples", "py"), ("scripts", "py")):
+        pages += [str(path.relative_to(ROOT)) for path in (ROOT / folder).rglob(f"*.{kind}")]
+    assert len(pages) > 250
+    texts = {page: (ROOT / page).read_text(encoding="utf-8") for page in pages}
+    assert [page for page, text in texts.items() if wrong.search(text)] == []

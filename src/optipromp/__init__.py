@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from optipromp.core.errors import Code as Code
     from optipromp.core.errors import OptiPrompError as OptiPrompError
     from optipromp.core.judging import Metrics as Metrics
+    from optipromp.core.output import load_pick as load_pick
     from optipromp.core.output import load_plan as load_plan
+    from optipromp.core.output import write_pick as write_pick
     from optipromp.core.output import write_plan as write_plan
     from optipromp.core.planning import IProMP as IProMP
     from optipromp.core.planning import OptiProMP as OptiProMP
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
     from optipromp.core.planning import PlanOptions as PlanOptions
     from optipromp.core.planning import Verdict as Verdict
     from optipromp.core.planning import judge as judge
+    from optipromp.core.planning.legs import Picked as Picked
+    from optipromp.core.planning.legs import plan_pick as plan_pick
     from optipromp.core.planning.many import plan_many as plan_many
     from optipromp.core.planning.plan import plan as plan
     from optipromp.core.planning.sequence import PickSequence as PickSequence
@@ -57,18 +61,20 @@ if TYPE_CHECKING:
 _HOMES = {
     "core.errors": ("Code", "OptiPrompError"),
     "core.judging": ("Metrics",),
-    "core.output": ("load_plan", "write_plan"),
+    "core.output": ("load_pick", "load_plan", "write_pick", "write_plan"),
     "core.planning": (
         "IProMP",
         "OptiProMP",
         "PaperOptions",
         "PickSequence",
+        "Picked",
         "Plan",
         "PlanOptions",
         "Verdict",
         "judge",
         "plan",
         "plan_many",
+        "plan_pick",
         "plan_sequence",
     ),
     "core.promp": (

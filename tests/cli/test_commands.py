@@ -50,7 +50,14 @@ def test_list_as_json_is_one_document() -> None:
     assert result.exit_code == 0
     assert {"panda", "scara"} <= set(document["robots"])
     assert {f"scenario-{i}" for i in (1, 2, 3, 4)} <= set(document["scenes"])
-    assert document["tools"] == ["cup", "franka_hand", "finger_gripper", "scissor", "mesh"]
+    assert document["tools"] == [
+        "cup",
+        "franka_hand",
+        "finger_gripper",
+        "scissor",
+        "suction",
+        "mesh",
+    ]
     assert document["planners"][:3] == ["promp", "i-promp", "opti-promp"]
 
 
@@ -107,9 +114,17 @@ def test_check_tells_the_body_of_a_robot(tmp_path: Path, monkeypatch: pytest.Mon
     assert shown["links"] == "a, b, c, and 1 more (--json)"
     assert shown["joints"] == "ab, bc, cd"
     assert (tmp_path / "out" / "cover.png").read_bytes().startswith(b"\x89PNG")
-    refused = runner.invoke(app, ["check", "scenario-1", "--out", str(tmp_path)])
+
+
+def test_check_leaves_pictures_of_a_scene(tmp_path: Path, demonstrations: Path) -> None:
+    done = runner.invoke(app, ["check", "scenario-4", "--out", str(tmp_path)])
+    assert done.exit_code == 0, done.stderr
+    assert (tmp_path / "scene.png").read_bytes().startswith(b"\x89PNG")
+    assert b"</html>" in (tmp_path / "scene.html").read_bytes()[-200:].lower()
+    other = ["check", str(demonstrations), "--out", str(tmp_path)]
+    refused = runner.invoke(app, other)
     assert refused.exit_code == 2
-    assert "--out" in refused.stderr
+    assert "no --out" in refused.stderr
 
 
 def test_check_summarises_demonstrations(demonstrations: Path) -> None:

@@ -27,7 +27,9 @@ def read(text: str) -> Any:
 def test_generated_scenes_are_planned_each_into_its_folder(tmp_path: Path) -> None:
     scenes, plans = tmp_path / "scenes", tmp_path / "plans"
     assert call("generate", "--preset", "table-top", "--count", 3, "--out", scenes)[0] == 0
-    code, stdout, stderr = call("plan", scenes, "--out", plans, "--json", "--workers", 2)
+    code, stdout, stderr = call(
+        "plan", scenes, "--out", plans, "--json", "--progress", "--workers", 2
+    )
     document = read(stdout)
     assert "3 of 3 planned" in stderr
     assert [Path(record["file"]) for record in document["scenes"]] == sorted(scenes.iterdir())

@@ -278,13 +278,16 @@ def test_m_c_over_joint_origins_is_to_the_core() -> None:
 
 
 def test_the_first_use_compiles_every_kernel_of_a_plan_and_says_so(tmp_path: Path) -> None:
-    code = "from optipromp.cli.console import say_if_compiling as say; say()"
+    code = "from optipromp.cli.console import say_if_compiling as say; say(True)"
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
     )
     assert done.stdout == ""
-    assert done.stderr.startswith("compiling kernels, once")
+    first, *steps = done.stderr.splitlines()
+    assert first.startswith("compiling kernels, once")
+    assert re.fullmatch(r" +\d+ s  compiling the kernels of arm and obstacles", steps[0])
+    assert steps[-1].endswith("compiling the last kernels") or len(steps) > 1
     compiled = set(tmp_path.rglob("*.nbc"))
     assert any("summed_score" in file.name for file in compiled)  # the other process's share
     command = [sys.executable, "-m", "optipromp", "plan", "scenario-4", "--json"]
@@ -307,3 +310,45 @@ def test_a_plan_goes_on_from_one_that_runs(tmp_path: Path) -> None:
     code, _, stderr = call("plan", "scenario-3", "--at", "3")
     assert code == 2
     assert "previous and at go together" in stderr
+
+
+def test_a_failed_plan_prints_why_and_nothing_else(tmp_path: Path) -> None:
+    code, stdout, stderr = call("plan", "scenario-1")
+    assert code == 1
+    status, why = stdout.splitlines()
+    assert "GOAL_IN_COLLISION" in status
+    assert "table-top" in why
+    assert stderr == ""
+    code, stdout, _ = call("plan", "scenario-1", "--out", str(tmp_path), "--no-figures")
+    assert (code, len(stdout.splitlines())) == (1, 3)
+    assert stdout.splitlines()[-1].startswith("wrote trajectory.csv")
+    assert "clearance, static" in call("plan", "scenario-4")[1]  # a success has its figures
+
+
+def test_progress_is_told_where_it_is_asked_for(tmp_path: Path) -> None:
+    """Of a plan whose robot takes long to read."""
+    slow = (
+        "import sys, time; from optipromp.core.planning import planner;"
+        "import optipromp.core.planning.plan;"
+        "plan = sys.modules['optipromp.core.planning.plan'];"
+        "usual = plan.resolve;"
+        "plan.resolve = lambda *given: (time.sleep(2.6), usual(*given))[1];"
+        "from optipromp.cli.main import main; main()"
+    )
+    found = {}
+    for name, options in {
+        "asked": ("--progress",),
+        "json": ("--json",),
+        "both": ("--json", "--progress"),
+        "pipe": (),
+    }.items():
+        words = [sys.executable, "-c", slow, "plan", "scenario-4", *options]
+        done = subprocess.run(words, capture_output=True, text=True, check=True)
+        found[name] = done.stderr
+        if "--json" in options:
+            assert read(done.stdout)["status"] == "success"
+    for name in ("asked", "both"):
+        first, *rest = found[name].splitlines()
+        assert re.fullmatch(r" +\d s  reading scene and robot", first)
+        assert all(re.fullmatch(r" +\d+ s  [a-z ()]+", line) for line in rest)
+    assert found["json"] == found["pipe"] == ""

@@ -68,4 +68,4 @@ def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     result = invoke("scenario-3")
     assert result.exit_code == 2
-    assert "pip install 'optipromp[sim]'" in result.stderr
+    assert "pip install -e '.[sim]'" in result.stderr

@@ -150,5 +150,9 @@ def test_xacro_without_the_extra(write: Writer, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setitem(sys.modules, "xacrodoc", None)
     with pytest.raises(InvalidRobotError) as caught:
         load_robot(write(XACRO, "robot.urdf.xacro"))
-    for word in ("robot.urdf.xacro", "optipromp[xacro]", "xacro robot.urdf.xacro > robot.urdf"):
+    for word in (
+        "robot.urdf.xacro",
+        "pip install -e '.[xacro]'",
+        "xacro robot.urdf.xacro > robot.urdf",
+    ):
         assert word in caught.value.message

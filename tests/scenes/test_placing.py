@@ -6,7 +6,10 @@ import pytest
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning import plan
 from optipromp.core.planning.task import resolve
+from optipromp.core.robots import load_robot
+from optipromp.core.robots.library import NOTHING
 from optipromp.laboratory.generate import bunches, generate
+from optipromp.laboratory.generate.fitting import fitted
 
 SIX = (  # joint axis, length of the link beyond it [m]
     ("0 0 1", 0.20), ("0 1 0", 0.40), ("0 1 0", 0.35), ("0 1 0", 0.10), ("0 0 1", 0.08),
@@ -99,8 +102,62 @@ def test_the_cup_stands_before_the_fingers_of_the_robot(tmp_path) -> None:
 def test_a_robot_that_cannot_reach_is_refused(tmp_path) -> None:
     path = tmp_path / "small.urdf"
     path.write_text(six(0.2))
-    with pytest.raises(InvalidRequestError, match="no place of its base"):
+    with pytest.raises(InvalidRequestError, match=r"cluster-0: six .*no place.* by \d+ mm"):
         generate("cluster", 0, path)
+    path.write_text(six().replace('axis xyz="0 1 0"', 'axis xyz="0 0 1"'))
+    with pytest.raises(InvalidRequestError, match=r"no place.*the tool|degrees off"):
+        generate("cluster", 0, path)  # all axes are upright
+
+
+@pytest.mark.filterwarnings("ignore:no built-in demonstrations")
+def test_the_base_is_placed_for_each_scene_where_no_place_serves_all() -> None:
+    """The SCARA lifts by 0.51 m; its base stands elsewhere before each scene."""
+    scenes = [generate("cluster", seed, "scara") for seed in (0, 1, 3)]
+    assert len({tuple(scene.base.position.round(3)) for scene in scenes}) == 3
+    for seed, scene in zip((0, 1, 3), scenes, strict=True):
+        task, target = resolve(scene), scene.target
+        assert target is not None
+        point, axis = task.robot.tool_pose(scene.start)
+        assert axis @ scene.up == pytest.approx(1.0)
+        lowest = min(item.position @ scene.up - item.radius for item in scene.objects)
+        assert point @ scene.up < lowest
+        assert scene.approach.camera_distance < 0.1  # its reach is less than the Panda's
+        radii = [item.radius for item in scene.objects]  # fruits do not shrink
+        assert min(radii) >= bunches.FRUIT_RADII[0]
+        again = generate("cluster", seed, "scara")
+        assert np.array_equal(again.positions, scene.positions)
+
+
+@pytest.mark.filterwarnings("ignore:no built-in demonstrations")
+@pytest.mark.parametrize("reach", [0.6, 0.45])
+def test_a_small_arm_picks(tmp_path, reach) -> None:
+    pytest.importorskip("mujoco")
+    from optipromp.laboratory.simulation import simulate
+
+    path = tmp_path / "small.urdf"
+    path.write_text(six(reach))
+    made = plan(generate("cluster", 2, path))
+    assert made.success, made.message
+    assert simulate(made).success
+
+
+@pytest.mark.filterwarnings("ignore:no built-in demonstrations")
+@pytest.mark.parametrize("turn", ["0 1.5708 0", "0 0 0.3"])
+def test_a_flange_across_the_wrist_gets_a_mount(tmp_path, turn) -> None:
+    """The last joint rolls the hand about y of its link; the flange's z is across it."""
+    path = tmp_path / "across.urdf"
+    text = six().replace('<child link="tool0"/><origin xyz="0 0 0.06"/>',
+                         f'<child link="tool0"/><origin xyz="0 0.06 0" rpy="{turn}"/>')  # fmt: skip
+    assert turn in text
+    path.write_text(text)
+    arm = load_robot(path)
+    last = arm.kinematics.axis[-1]
+    assert abs(arm.flange_rotation[:, 2] @ last) < 0.01
+    scene = fitted(generate("cluster", 5), arm, str(path), NOTHING)
+    robot = resolve(scene).robot
+    assert robot.tool_axis @ last == pytest.approx(1.0)  # to the side on which the flange is
+    assert robot.tool_pose(scene.start)[1] @ scene.up == pytest.approx(1.0)
+    assert plan(scene).success
 
 
 def test_shelves_are_for_the_panda(arm) -> None:

@@ -26,6 +26,8 @@ STATED = {
     "franka_hand": {"kind": "franka_hand"},
     "finger_gripper": {"kind": "finger_gripper", "opening": 0.06, "turn": 0.4},
     "scissor": {"kind": "scissor", "opening": 0.05},
+    "suction": {"kind": "suction", "radius": 0.012, "angle": 20.0,
+                "mount": {"position": [0.0, 0.01, 0.0], "orientation": [0.6, 0.0, 0.8, 0.0]}},
     "mesh": MESH,
     "mesh of parts": {"kind": "mesh", "parts": ["bar.obj", "parts/other.obj"],
                       "tool_point": [0.0, 0.0, 0.118], "tool_axis": [0.0, 0.1, 1.0]},
@@ -117,7 +119,13 @@ def test_a_mesh_from_memory_cannot_be_saved(tmp_path: Path) -> None:
     ("tool", "words"),
     [
         (5, ["tool is 5", "a mapping"]),
-        ({}, ["tool.kind is missing: valid are cup, franka_hand, finger_gripper, scissor, mesh"]),
+        (
+            {},
+            [
+                "tool.kind is missing: valid are cup, franka_hand, finger_gripper, scissor, "
+                "suction, mesh"
+            ],
+        ),
         ({"kind": "scissors"}, ["tool.kind is 'scissors'", "did you mean 'scissor'"]),
         ({"kind": 3}, ["tool.kind is 3: valid are cup"]),
         ({"kind": "cup"}, ["tool.radius is missing"]),
@@ -132,6 +140,21 @@ def test_a_mesh_from_memory_cannot_be_saved(tmp_path: Path) -> None:
             ["scissor: opening is -0.1", "(0, 0.06] metres"],
         ),
         ({"kind": "scissor", "opening": 0.05, "depth": 0.1}, ["tool scissor: depth is 0.1"]),
+        ({"kind": "suction", "radius": 0.01, "angle": 120.0}, ["angle [degrees] is 120", "90"]),
+        (
+            {"kind": "cup", "radius": 0.03, "mount": {"orientation": [1, 1, 0, 0]}},
+            ["mount.orientation", "of length 1.414", "unit quaternion"],
+        ),
+        ({"kind": "cup", "radius": 0.03, "mount": {"pose": [0, 0, 0]}}, ["tool.mount", "'pose'"]),
+        (
+            {
+                "kind": "mesh",
+                "file": "bar.obj",
+                "fingers": ["bar.obj", "parts/other.obj"],
+                "tool_point": [0, 0, 0.1],
+            },
+            ["fingers are at 0, 50 mm", "either side"],
+        ),
         ({"kind": "mesh", "file": "bar.obj"}, ["tool.tool_point is missing"]),
         ({"kind": "mesh", "tool_point": [0, 0, 0.1]}, ["tool: must have exactly one of file, par"]),
         (

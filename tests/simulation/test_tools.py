@@ -91,8 +91,8 @@ def test_a_finger_gripper_takes_hold_of_the_target_alone(scene):
     assert "between the fingers" in run.outcome.message
 
 
-def test_a_scissor_takes_hold_of_a_fruit_past_its_neighbours():
-    run = simulate(plan(generate("cluster", 3), robot=equipped(Scissor(0.05))))
+def test_a_gripper_takes_hold_of_a_fruit_past_its_neighbours():
+    run = simulate(plan(generate("cluster", 3), robot=equipped(FingerGripper(0.05))))
     assert run.success, run.outcome.message
     assert run.outcome.picked
     assert "between the fingers" in run.outcome.message
@@ -123,7 +123,7 @@ def test_a_bare_trajectory_is_simulated_with_the_robot_that_is_given():
 
 def test_the_margin_below_the_rim_counts_for_every_tool():
     """A target that ends at the tool point is deep enough for a margin less than the depth."""
-    made = plan(generate("cluster", 3), robot=equipped(Scissor(0.05)))
+    made = plan(generate("cluster", 3), robot=equipped(FingerGripper(0.05, depth=0.015)))
     default = SimulationParameters()
     found = []
     for margin in (0.010, 0.030):  # the depth is 0.015

@@ -2,6 +2,7 @@
 
 import warnings
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import is_dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from optipromp.cli.command import OK, Report, Shown, command, exit_code
-from optipromp.cli.console import headline
+from optipromp.cli.console import headline, say_if_compiling, waiting
 from optipromp.cli.robot import ArmOptions
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
 from optipromp.core.files import is_folder, is_there
@@ -118,7 +119,11 @@ def check(
     ],
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Of a robot: leave cover.png there, its body spheres."),
+        typer.Option(
+            metavar="DIR",
+            help="Leave pictures there: of a robot cover.png, its body spheres; of a scene "
+            "scene.png, and scene.html to turn (extra 'view').",
+        ),
     ] = None,
     *,
     arm: ArmOptions,
@@ -132,6 +137,7 @@ def check(
 
     \b
     optipromp check scenario-4
+    optipromp check my-scene.yaml --out pictures
     optipromp check my-robot.urdf --tip left_tool0
     optipromp check my-robot.urdf --out pictures
     optipromp check recordings/
@@ -143,23 +149,38 @@ def check(
         robot, found = load_arm(item, choice=named.choice)
         summary = _robot(robot, found)
         if out is not None:
-            from optipromp.core.files import write_atomically
             from optipromp.looks.viewer.cover import cover_figure
             from optipromp.looks.viewer.figures import png
 
-            write_atomically(out / "cover.png", png(cover_figure(robot)))
-    elif named or out is not None:
+            _write({"cover.png": png(cover_figure(robot))}, out)
+    elif named:
         raise InvalidRequestError(
-            f"{item} is no robot but a {kind}: "
-            "no --arm, --tip, --base, --srdf, --package-dir or --out"
+            f"{item} is no robot but a {kind}: no --arm, --tip, --base, --srdf, --package-dir or "
+            "--robot-arg"
         )
+    elif out is not None and kind is not Kind.SCENE:
+        raise InvalidRequestError(f"{item} is no robot or scene but a {kind}: no --out")
     else:
         summary = _SUMMARIES[kind](item)
+        if out is not None:
+            from optipromp.core.scenes.io import load_scene
+            from optipromp.looks.viewer.scenes import scene_pictures
+
+            say_if_compiling()
+            with waiting("drawing"):
+                _write(scene_pictures(load_scene(item)), out)
     status = Code(summary.pop("status", Code.SUCCESS))
     told = {key: vars(value) if is_dataclass(value) else value for key, value in summary.items()}
     document = {"status": status, "message": "", "kind": kind, "item": item, **told}
     code = OK if kind is not Kind.PLAN else exit_code(status)
     return Report(document, _shown(kind, item, summary), code)
+
+
+def _write(pictures: Mapping[str, bytes], folder: Path) -> None:
+    from optipromp.core.files import write_atomically
+
+    for name, content in pictures.items():
+        write_atomically(folder / name, content)
 
 
 def _shown(kind: Kind, item: str, summary: dict[str, Any]) -> Shown:

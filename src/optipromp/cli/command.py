@@ -108,6 +108,8 @@ def command(
         @wraps(function)
         def run(**given: Any) -> None:
             as_json = given.get("as_json", False)
+            if as_json and given.get("progress", False) is None:
+                given["progress"] = False
             arguments = {name: given[name] for name in signature.parameters if name in given}
             for name, group in groups.items():
                 arguments[name] = group(**{one.name: given[one.name] for one in fields(group)})

@@ -1,7 +1,9 @@
 """Shared by the commands: options, consoles, tables, and the display of progress."""
 
+import math
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +17,8 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 _PATIENCE = 2.0  # [s] before a wait shows itself
+_TICK = 0.2  # [s] between two looks at what is being done
+_REPEAT = 10.0  # [s] after which a step is told again
 
 Strategy = Literal["joint", "sequential"]
 Preset = Literal[
@@ -23,6 +27,15 @@ Preset = Literal[
 ]  # fmt: skip
 
 Seed = Annotated[int, typer.Option(min=0, help="Same seed, same outcome.")]
+Progress = Annotated[
+    bool | None,
+    typer.Option(
+        "--progress/--no-progress",
+        help="On standard error, what takes longer than 2 s; by default on a terminal, without "
+        "--json.",
+        show_default=False,
+    ),
+]
 Workers = Annotated[int | None, typer.Option(min=1, help="Processes; one a core if left out.")]
 ChosenStrategy = Annotated[
     Strategy,
@@ -78,34 +91,68 @@ def grid(
 
 
 @contextmanager
-def waiting(message: str) -> Iterator[Callable[[str], None]]:
-    """Show a spinner on standard error after two seconds, on a terminal only.
+def waiting(message: str, progress: bool | None = None) -> Iterator[Callable[[str], None]]:
+    """Tell on standard error what is being done, and for how long, after two seconds.
 
-    Yields a function that changes its message.
+    A terminal shows a spinner; elsewhere each step that has begun is a line, and so are ten seconds
+    more of the same step. Yields a function that changes the message.
+
+    Args:
+        message: of the first step.
+        progress: whether anything is told; None: on a terminal only.
     """
-    if not sys.stderr.isatty():
+    if not (sys.stderr.isatty() if progress is None else progress):
         yield lambda _: None
+        return
+    step = [message]
+    done = threading.Event()
+    show = _spin if sys.stderr.isatty() else _tell
+    ticker = threading.Thread(target=show, args=(step, done, time.monotonic()), daemon=True)
+    ticker.start()
+    try:
+        yield lambda words: step.__setitem__(0, words)
+    finally:
+        done.set()
+        ticker.join()
+
+
+def _spin(step: Sequence[str], done: threading.Event, began: float) -> None:
+    """Show a spinner with the step and the seconds since it all began, until ``done``."""
+    if done.wait(_PATIENCE):
         return
     from rich.status import Status
 
-    status = Status(headline(message), console=stderr())
-    timer = threading.Timer(_PATIENCE, status.start)
-    timer.daemon = True
-    timer.start()
-    try:
-        yield lambda words: status.update(headline(words))
-    finally:
-        timer.cancel()
-        timer.join()
-        status.stop()
+    with Status("", console=stderr()) as status:
+        while not done.wait(_TICK):
+            status.update(headline(f"{step[0]} {time.monotonic() - began:.0f} s"))
+
+
+def _tell(step: Sequence[str], done: threading.Event, began: float) -> None:
+    """Write a line for each step, and every ten seconds, until ``done``."""
+    if done.wait(_PATIENCE):
+        return
+    told, last = "", -math.inf
+    while True:
+        words, now = step[0], time.monotonic()
+        if words != told or now - last >= _REPEAT:
+            print(f"{now - began:3.0f} s  {words}", file=sys.stderr, flush=True)
+            told, last = words, now
+        if done.wait(_TICK):
+            return
 
 
 @contextmanager
-def progress_bar(lines: int) -> Iterator[Callable[[int, int, str], None]]:
+def progress_bar(
+    lines: int, progress: bool | None = None
+) -> Iterator[Callable[[int, int, str], None]]:
     """Show progress on standard error: a bar on a terminal, elsewhere about ``lines`` lines.
 
-    Yields a function of the number done, the number of all, and a line of words.
+    Yields a function of the number done, the number of all, and a line of words. ``progress``:
+    False for no progress at all.
     """
+    if progress is False:
+        yield lambda *_: None
+        return
     if not sys.stderr.isatty():
 
         def say(done: int, total: int, words: str) -> None:
@@ -124,8 +171,11 @@ def progress_bar(lines: int) -> Iterator[Callable[[int, int, str], None]]:
         )
 
 
-def say_if_compiling() -> None:
-    """Compile the kernels now, and say so, where Numba's cache lacks them."""
+def say_if_compiling(progress: bool | None = None) -> None:
+    """Compile the kernels now, and say so, where Numba's cache lacks them.
+
+    ``progress``: as for :func:`waiting`.
+    """
     from optipromp.core.compiled import in_cache
     from optipromp.core.optimization.kernels import add_stiffness
 
@@ -134,4 +184,5 @@ def say_if_compiling() -> None:
         sys.stderr.flush()
         from optipromp.core.planning.plan import compile_kernels
 
-        compile_kernels()
+        with waiting("compiling kernels", progress) as say:
+            compile_kernels(say)

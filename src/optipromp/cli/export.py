@@ -60,7 +60,7 @@ def export(
     """Write a scene or a plan in the formats of other programs.
 
     At least one format must be asked for. --mjcf needs the extra 'sim', --mcap
-    the extra 'ros': pip install 'optipromp\\[sim,ros]'.
+    the extra 'ros': pip install -e '.\\[sim,ros]' in the clone.
 
     [bold]Examples[/bold]
 

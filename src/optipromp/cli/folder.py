@@ -76,7 +76,12 @@ def outputs(files: Sequence[Path], folder: Path) -> list[Path]:
 
 
 def plan_folder(
-    folder: Path, request: Request, output: Output, workers: int | None, named: "Named"
+    folder: Path,
+    request: Request,
+    output: Output,
+    named: "Named",
+    workers: int | None = None,
+    progress: bool | None = None,
 ) -> Report:
     """Plan every scene in ``folder``, with the robot that is named, and write each plan."""
     from optipromp.core.planning import plan_many
@@ -84,10 +89,10 @@ def plan_folder(
 
     files, out = scene_files(folder), output.out
     homes: Sequence[Path | None] = [None] * len(files) if out is None else outputs(files, out)
-    say_if_compiling()
+    say_if_compiling(progress)
     began = time.perf_counter()
     done_so_far, good = 0, 0
-    with progress_bar(10) as shown:
+    with progress_bar(10, progress) as shown:
 
         def done(index: int, result: "Plan | OptiPrompError") -> None:
             nonlocal done_so_far, good

@@ -104,12 +104,14 @@ def _to_allow(folders: list[str], robot: str | None) -> Shown:
     """The environment variables that let the scenes read their robot, as lines to be copied."""
     from rich.text import Text
 
+    from optipromp.readers.packages import is_xacro
+
     because = {
         FOLDERS: "the robot lies elsewhere, where scenes may read nothing unless you allow it",
         ALLOW_XACRO: "the robot is a xacro, which scenes may not run unless you allow it",
     }
     allowed = {FOLDERS: os.pathsep.join(folders)} if folders else {}
-    if Path(robot or "").suffix.lower() == ".xacro":
+    if robot is not None and Path(robot).suffix and is_xacro(Path(robot)):
         allowed[ALLOW_XACRO] = "1"
     for name, value in allowed.items():
         line = f"{because[name]}: export {name}={shlex.quote(value)}"

@@ -79,7 +79,7 @@ def learn(
     if out.suffix != ".npz":
         raise InvalidRequestError(f"--out {out}: the file of a primitive ends in .npz")
     check_folder(out.parent)
-    with waiting("learning ...") as say:
+    with waiting("learning") as say:
         recorded, recording = _read(demonstrations, arm.of(robot), topic)
         basis, held_out = _basis(recorded, bases, width, say)
         promp = (fit_em if em else fit)(recorded, basis)

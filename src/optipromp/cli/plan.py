@@ -11,6 +11,7 @@ import typer
 from optipromp.cli.command import Report, Shown, command, exit_code
 from optipromp.cli.console import (
     ChosenStrategy,
+    Progress,
     Recorded,
     Seed,
     Strategy,
@@ -24,7 +25,9 @@ from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.files import is_folder
 
 if TYPE_CHECKING:
-    from optipromp.core.planning import Plan, PlanOptions
+    from rich.table import Table
+
+    from optipromp.core.planning import Picked, Plan, PlanOptions
     from optipromp.core.promp import ProMP
     from optipromp.core.scenes.scene import Scene
 
@@ -169,15 +172,26 @@ class Output:
         from optipromp.core.output import write_plan
 
         written = write_plan(result, folder, rate=self.rate)  # before the figures, which may fail
+        return *written, *self.draw(result, folder, figures=figures)
+
+    def write_legs(self, result: "Picked", folder: Path, *, figures: bool) -> tuple[str, ...]:
+        """Write all legs of a pick, and the figures of its reach; see :meth:`write`."""
+        from optipromp.core.output import write_pick
+
+        written = write_pick(result, folder, rate=self.rate)
+        return *written, *self.draw(result.reach, folder, figures=figures)
+
+    def draw(self, result: "Plan", folder: Path, *, figures: bool) -> tuple[str, ...]:
+        """Draw figures of a plan if they are wanted; their names."""
         if not (figures if self.figures is None else self.figures):
-            return written
+            return ()
         from optipromp.core.files import write_atomically
         from optipromp.looks.viewer.figures import plan_figures
 
         pictures = plan_figures(result)
         for name, content in pictures.items():
             write_atomically(folder / name, content)
-        return *written, *pictures
+        return tuple(pictures)
 
 
 def failed_plan(error: OptiPrompError, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -202,6 +216,7 @@ def plan(
     variant: Variant,
     output: Output,
     workers: Workers = None,
+    progress: Progress = None,
     *,
     robot: InPlace = None,
     arm: ArmOptions,
@@ -225,6 +240,7 @@ def plan(
     optipromp plan my-scene.yaml --robot ur5.urdf --tip tool0
     optipromp plan scenes --out plans
     optipromp plan seen-again.yaml --previous reach --at 1.5
+    optipromp plan crowded-shelf.yaml --progress --timeout 30
     optipromp plan my-scene.yaml --targets ripe,n1,n3 --out picks
     """
     from optipromp.core.scenes.io import load_scene, scene_names
@@ -237,38 +253,72 @@ def plan(
         if variant.previous is not None or variant.targets is not None:
             name = "--previous" if variant.targets is None else "--targets"
             raise InvalidRequestError(f"{name} goes with one scene, not with a folder of them")
-        return plan_folder(Path(scene), request, output, workers, named)
+        return plan_folder(Path(scene), request, output, named, workers, progress)
     loaded = named.of(load_scene(scene))
-    say_if_compiling()
+    say_if_compiling(progress)
     if variant.targets is None:
-        return plan_one(loaded, request, output, variant)
+        return plan_one(loaded, request, output, variant, progress)
     from optipromp.cli.sequence import plan_targets
 
     if variant.previous is not None:
         raise InvalidRequestError("--previous goes with one target, not with --targets")
-    return plan_targets(loaded, variant.targets, request, output)
+    return plan_targets(loaded, variant.targets, request, output, progress)
 
 
-def plan_one(scene: "Scene", request: Request, output: Output, variant: Variant) -> Report:
+def plan_one(
+    scene: "Scene",
+    request: Request,
+    output: Output,
+    variant: Variant,
+    progress: bool | None = None,
+) -> Report:
     """Plan one motion to the target of ``scene``, and write it."""
     from optipromp.core.output import load_plan
     from optipromp.core.planning import plan as make_plan
 
+    if scene.place is not None:
+        if variant.previous is not None:
+            raise InvalidRequestError("--previous goes with a scene without a place")
+        return plan_legs(scene, request, output, progress)
     running = None if variant.previous is None else load_plan(variant.previous)
-    with waiting(f"planning {scene.name} ...") as say:
+    with waiting(f"planning {scene.name}", progress) as say:
         result = make_plan(scene, progress=say, previous=running, at=variant.at, **vars(request))
     written: tuple[str, ...] = ()
     if output.out is not None:
-        with waiting("drawing ..."):
+        with waiting("drawing", progress):
             written = output.write(result, output.out, figures=True)
     return Report(result.to_dict(), shown(result, written, output.out), exit_code(result.status))
 
 
-def shown(plan: "Plan", written: tuple[str, ...], out: Path | None) -> Shown:
-    """The plan's name, its status, and the figures by which it is judged."""
-    from rich.table import Table
+def plan_legs(
+    scene: "Scene", request: Request, output: Output, progress: bool | None = None
+) -> Report:
+    """Plan the pick of ``scene`` with all its legs, and write it."""
+    from optipromp.core.planning import plan_pick
 
-    from optipromp.looks.viewer.words import plan_rows, seconds
+    with waiting(f"planning {scene.name}", progress) as say:
+        result = plan_pick(scene, progress=say, **vars(request))
+    written: tuple[str, ...] = ()
+    if output.out is not None:
+        with waiting("drawing"):
+            written = output.write_legs(result, output.out, figures=True)
+    lines = [*shown(result.reach, (), None), *legs_shown(result)]
+    if output.out is not None:
+        lines.append(f"wrote {', '.join(written)} to {output.out}")
+    return Report(result.to_dict(), lines, exit_code(result.status))
+
+
+def legs_shown(result: "Picked") -> Shown:
+    """The status of a pick, and a line for each of its legs."""
+    yield headline(("all legs  ", "bold"), (result.status, "bold"), f"  {result.message}")
+    for name, leg in result.legs.items():
+        harm = "" if leg.prediction is None else f", harm {leg.prediction.harm:.2f}"
+        yield f"  {name:<10}{leg.status}, {leg.trajectory.duration:.2f} s{harm}"
+
+
+def shown(plan: "Plan", written: tuple[str, ...], out: Path | None) -> Shown:
+    """The plan's name and status; why it failed, or else the figures by which it is judged."""
+    from optipromp.looks.viewer.words import seconds
 
     strategy = f", {plan.strategy}" if plan.strategy else ""
     colour = "green" if plan.success else "red"
@@ -281,12 +331,22 @@ def shown(plan: "Plan", written: tuple[str, ...], out: Path | None) -> Shown:
     )
     if plan.message:
         yield plan.message
+    if plan.success:
+        yield _figures(plan)
+    if out is not None:
+        yield f"wrote {', '.join(written)} to {out}"
+
+
+def _figures(plan: "Plan") -> "Table":
+    """The figures by which a plan is judged."""
+    from rich.table import Table
+
+    from optipromp.looks.viewer.words import plan_rows
+
     table = Table(box=None, show_header=False, padding=(0, 2))
     for label, value in plan_rows(plan):
         table.add_row(label, value)
-    yield table
-    if out is not None:
-        yield f"wrote {', '.join(written)} to {out}"
+    return table
 
 
 def read_primitive(path: Path | None) -> "ProMP | Path | None":

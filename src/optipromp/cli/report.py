@@ -45,7 +45,7 @@ def report(
     path = out or folder / "report.html"
     if path.suffix.lower() != ".html":
         raise InvalidRequestError(f"--out is {str(path)!r}: its name must end in .html")
-    with waiting("writing the report ...") as say:
+    with waiting("writing the report") as say:
         if is_file(folder / "plan.json"):
             content = plan_report(folder)
         elif is_file(folder / ROWS):

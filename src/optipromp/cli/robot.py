@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from optipromp.core.errors import InvalidRequestError
+
 if TYPE_CHECKING:
     from optipromp.core.robots.library import Choice
     from optipromp.core.scenes.scene import Scene
@@ -71,6 +73,11 @@ class ArmOptions:
         typer.Option(metavar="FOLDER", help="Of the robot: holds packages of package:// names."),
     ] = None
 
+    robot_arg: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME:=VALUE", help="Of the robot's xacro: an argument."),
+    ] = None
+
     def of(self, robot: str | None) -> Named:
         """The robot of that name, if any, with the choice of these options."""
         from optipromp.core.robots.library import Choice
@@ -81,5 +88,14 @@ class ArmOptions:
             self.srdf and self.srdf.absolute(),
             package_dirs=tuple(folder.absolute() for folder in self.package_dir or ()),
             arm=self.arm,
+            args=dict(map(_argument, self.robot_arg or ())),
         )
         return Named(robot, choice)
+
+
+def _argument(text: str) -> tuple[str, str]:
+    """Name and value of an argument of a xacro."""
+    name, sign, value = text.partition(":=")
+    if not sign or not name.strip():
+        raise InvalidRequestError(f"--robot-arg is {text!r}: must be name:=value")
+    return name.strip(), value

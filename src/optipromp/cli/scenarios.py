@@ -55,10 +55,10 @@ def scenarios(
         check_folder(out)
     primitive = read_primitive(demonstrations)
     say_if_compiling()
-    with waiting("planning ...") as say:
+    with waiting("planning") as say:
         rows = run_scenarios(seed=seed, demonstrations=primitive, progress=say)
     if out is not None:
-        with waiting("drawing ..."):
+        with waiting("drawing"):
             for row in rows:
                 Output().write(row.plan, out / f"scenario-{row.case.key}", figures=True)
     if as_markdown is not None:

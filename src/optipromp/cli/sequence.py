@@ -16,19 +16,25 @@ if TYPE_CHECKING:
 ORDER = "sequence.json"
 
 
-def plan_targets(scene: Scene, targets: str, request: Request, output: Output) -> Report:
+def plan_targets(
+    scene: Scene, targets: str, request: Request, output: Output, progress: bool | None = None
+) -> Report:
     """Plan the picks of ``targets`` (ids, separated by commas), and write each plan."""
+    from optipromp.core.planning.legs import Picked
     from optipromp.core.planning.sequence import plan_sequence
 
     ids = [part.strip() for part in targets.split(",") if part.strip()]
-    with waiting(f"planning {scene.name} ...") as say:
+    with waiting(f"planning {scene.name}", progress) as say:
         found = plan_sequence(scene, ids, progress=say, **vars(request))
     document, out = found.to_dict(), output.out
     written = []
     if out is not None:
         homes = [file_name(f"{i + 1}-{id_}") for i, id_ in enumerate(found.order)]
-        for home, pick, told in zip(homes, found.picks, document["picks"], strict=True):
-            output.write(pick, out / home)
+        for home, pick, told in zip(homes, found.whole, document["picks"], strict=True):
+            if isinstance(pick, Picked):
+                output.write_legs(pick, out / home, figures=False)
+            else:
+                output.write(pick, out / home)
             told["out"] = str(out / home)
         write_atomically(out / ORDER, json_text(document).encode("utf-8"))
         written = [f"wrote {', '.join([*homes, ORDER])} to {out}"]
@@ -42,10 +48,12 @@ def plan_targets(scene: Scene, targets: str, request: Request, output: Output) -
 
 def _shown(found: "PickSequence", lines: Sequence[str]) -> Shown:
     table = grid(("pick", "status"), ("not clean", "motion, s"))
-    for id_, pick in zip(found.order, found.picks, strict=True):
+    durations = [one.duration for one in found.placed]
+    durations = durations or [one.trajectory.duration for one in found.picks]
+    for id_, pick, seconds in zip(found.order, found.picks, durations, strict=True):
         told = math.nan if pick.prediction is None else pick.prediction.probability
         failure = "–" if math.isnan(told) else f"{100.0 * told:.0f} %"
-        table.add_row(id_, str(pick.status), failure, f"{pick.trajectory.duration:.2f}")
+        table.add_row(id_, str(pick.status), failure, f"{seconds:.2f}")
     for left in found.left:
         table.add_row(left.id, str(left.status), "–", "–")
     yield table

@@ -17,7 +17,7 @@ from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.files import is_folder
 
 if TYPE_CHECKING:
-    from optipromp.core.planning import Plan
+    from optipromp.core.planning import Picked, Plan
     from optipromp.core.scenes.scene import Scene
     from optipromp.laboratory.simulation import Loop, Run
 
@@ -79,7 +79,7 @@ def simulate(
     """Execute a plan in the physics simulation and judge what happened there.
 
     The exit code is 0 only when the target alone ended in the gripper and nothing was harmed; 1
-    otherwise; 2 when the input is wrong. Needs the extra 'sim': pip install 'optipromp\\[sim]'.
+    otherwise; 2 when the input is wrong. Needs the extra 'sim': pip install -e '.\\[sim]'.
 
     [bold]Examples[/bold]
 
@@ -90,6 +90,7 @@ def simulate(
     optipromp simulate scenario-3 --closed-loop --sway 0.01 --noise zero-mean --video
     """
     from optipromp.core.files import check_folder
+    from optipromp.core.planning import Picked
     from optipromp.core.robots.dynamics import warn_of_gravity
     from optipromp.core.scenes.io import load_scene
     from optipromp.laboratory.simulation import SimulationParameters
@@ -120,10 +121,13 @@ def simulate(
             loop = pick(seen, truth, parameters, eyes, seed)
         return _picked(loop, leave(loop.run, loop=loop), folder)
     plan = _plan(scene_or_plan, planner, strategy, seed, arm.of(robot))
-    warn_of_gravity(plan.robot, plan.trajectory.positions, plan.scene.up, "on the way")
-    with waiting(f"executing in {(truth or plan.scene).name} ..."):
+    legs = plan.legs if isinstance(plan, Picked) else {"": plan}
+    for leg in legs.values():
+        warn_of_gravity(leg.robot, leg.trajectory.positions, leg.scene.up, "on the way")
+    (first, *_) = legs.values()
+    with waiting(f"executing in {(truth or first.scene).name} ..."):
         run = execute(plan, truth, parameters=parameters, seed=seed)
-    return _executed(run, plan, leave(run), folder)
+    return _executed(run, (first.planner, plan.status), leave(run), folder)
 
 
 def _picked(loop: "Loop", written: Sequence[str], folder: Path) -> Report:
@@ -136,12 +140,13 @@ def _picked(loop: "Loop", written: Sequence[str], folder: Path) -> Report:
     return Report(document, lines, OK if loop.run.success else FAILED)
 
 
-def _executed(run: "Run", plan: "Plan", written: Sequence[str], folder: Path) -> Report:
-    """The report of a plan's execution."""
+def _executed(run: "Run", plan: tuple[str, str], written: Sequence[str], folder: Path) -> Report:
+    """The report of the execution of a plan, of which planner and status are given."""
     from optipromp.laboratory.simulation.files import run_document
 
-    document = {**run_document(run), "planner": plan.planner, "plan_status": plan.status}
-    told = f"{plan.planner} (plan: {plan.status})"
+    planner, status = plan
+    document = {**run_document(run), "planner": planner, "plan_status": status}
+    told = f"{planner} (plan: {status})"
     lines = [*_shown(run, told), _wrote(written, folder)]
     return Report(document, lines, OK if run.success else FAILED)
 
@@ -157,19 +162,21 @@ def _folder(item: str) -> Path:
     return path.parent if path.name == "plan.json" else Path("out")
 
 
-def _plan(item: str, planner: str, strategy: Strategy, seed: int, named: Named) -> "Plan":
-    from optipromp.core.planning import Plan
+def _plan(item: str, planner: str, strategy: Strategy, seed: int, named: Named) -> "Plan | Picked":
+    from optipromp.core.output import load_pick
+    from optipromp.core.planning import Plan, plan_pick
     from optipromp.core.planning import plan as make_plan
 
     found = scene_or_plan(item, "simulate")
     if isinstance(found, Plan):
         if named:
             raise InvalidRequestError(f"{item} is a plan, which has its robot; name none")
-        return found
+        return load_pick(item)
     scene = named.of(found)
     say_if_compiling()
+    verb = make_plan if scene.place is None else plan_pick
     with waiting(f"planning {scene.name} ...") as say:
-        return make_plan(scene, planner=planner, strategy=strategy, seed=seed, progress=say)
+        return verb(scene, planner=planner, strategy=strategy, seed=seed, progress=say)
 
 
 def _scene(item: str, named: Named) -> "Scene":
@@ -193,7 +200,7 @@ def _leave(
         from optipromp.laboratory.simulation.loop_film import loop_animation, loop_film
         from optipromp.laboratory.simulation.render import animation, film
 
-        with waiting("drawing ..."):
+        with waiting("drawing"):
             if video:
                 films["run.mp4"] = loop_film(loop, slow=slow) if loop else film(run, slow=slow)
             if gif:
@@ -204,37 +211,12 @@ def _leave(
 
 
 def _shown(run: "Run", told: str) -> list[str]:
-    verdict = "picked" if run.success else f"failed: {run.outcome.cause}"
+    from optipromp.laboratory.simulation.words import run_rows
+
+    done = "picked and placed" if run.outcome.placed else "picked"
+    verdict = done if run.success else f"failed: {run.outcome.cause}"
     return [
         f"{run.scene.name}  {told}  {verdict}",
         run.outcome.message,
-        *(f"  {name:<26}{words}" for name, words in _rows(run)),
+        *(f"  {name:<26}{words}" for name, words in run_rows(run)),
     ]
-
-
-def _rows(run: "Run") -> list[tuple[str, str]]:
-    rows, outcome = [], run.outcome
-    if outcome.picked is not None:
-        at = "" if outcome.swallowed_at is None else f" since {outcome.swallowed_at:.2f} s"
-        rows.append(("target taken in", ("yes" if outcome.picked else "no") + at))
-    if outcome.target_displacement is not None:
-        rows.append(("target moved before", f"{1e3 * outcome.target_displacement:.1f} mm"))
-    for id_, force in outcome.peak_force.items():
-        words = [f"at most {force:.2f} N"]
-        if id_ in outcome.stem_tension:
-            words.append(f"stem pulled {outcome.stem_tension[id_]:.2f} N")
-        if outcome.stem_force.get(id_, 0.0) > 0.0:
-            words.append(f"stem pressed {outcome.stem_force[id_]:.2f} N")
-        words.append(f"moved {1e3 * outcome.displacement[id_]:.0f} mm")
-        rows.append((id_, ", ".join(words)))
-    for what, contacts in (
-        ("static", outcome.static_contacts),
-        ("cluster", outcome.avoid_contacts + outcome.tool_avoid_contacts),
-    ):
-        for c in contacts:
-            spell = f"{c.peak_force:.2f} N for {c.duration:.2f} s from {c.first:.2f} s"
-            rows.append((f"{c.link} on {c.other}", f"{spell} ({what})"))
-    rows.append(("tracking error", f"{1e3 * outcome.tracking_error:.2f} mm"))
-    speed = f"{run.real_time_factor:.1f} times as fast as it was"
-    rows.append(("motion", f"{outcome.duration:.2f} s, simulated {speed}"))
-    return rows

@@ -8,6 +8,7 @@ import typer
 
 from optipromp.cli.command import Report, Shown, command
 from optipromp.cli.console import Workers, grid, progress_bar, say_if_compiling
+from optipromp.cli.folder import scene_files
 from optipromp.cli.loops import LoopChoices, loop_causes, loop_table
 from optipromp.cli.robot import ArmOptions, Whose
 from optipromp.core.errors import Code, InvalidRequestError
@@ -38,10 +39,23 @@ def study(
     preset: Annotated[
         str, typer.Option(metavar="NAMES", help="Presets, separated by commas, or all.")
     ] = "all",
+    scenes: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Your scenes in place of presets: the scene files of a folder. The seed is then "
+            "of noise, planner and physics.",
+        ),
+    ] = None,
     planners: Compared = ["all"],  # noqa: B006 (typer copies it)
     seeds: Annotated[
-        str, typer.Option(metavar="A:B", help="Seeds of the scenes, from A to before B.")
-    ] = "0:20",
+        str | None,
+        typer.Option(
+            metavar="A:B",
+            help="Seeds of the scenes, from A to before B (0:20; with --scenes 0:1).",
+            show_default=False,
+        ),
+    ] = None,
     noise_position: Annotated[
         float, typer.Option(metavar="METRES", help="Standard deviation of detected positions.")
     ] = 0.0,
@@ -78,7 +92,7 @@ def study(
     robot: Whose = None,
     arm: ArmOptions,
 ) -> Report:
-    """Run planners on random scenes and execute their plans in the physics simulation.
+    """Run planners on random scenes, or on yours, and execute their plans in the simulation.
 
     Every run is a row of rows.csv in DIR. Ctrl-C keeps what is done; the same command goes on from
     there. At the end: what was promised and picked, with 95 % intervals, broken promises,
@@ -89,6 +103,7 @@ def study(
     \b
     optipromp study --preset cluster,shelf --seeds 1000:1200 --out fresh
     optipromp study --preset cluster --planners opti-promp --robot ur5.urdf --out ur5
+    optipromp study --scenes my-crop --planners opti-promp --seeds 0:5 --noise zero-mean --out mine
     optipromp study --preset cluster --planner opti-promp --planner drift --vary --out varied
     optipromp study --planners opti-promp --noise-position 0.005 --noise-angle 5 --out noisy
     optipromp study --preset tight --planners opti-promp --noise detector --out detected
@@ -98,19 +113,26 @@ def study(
     from optipromp.laboratory.experiments.conditions import CONDITIONS
     from optipromp.laboratory.experiments.loops import LOOP_PLANNER, LOOPS
     from optipromp.laboratory.experiments.study import Study, run_study
-    from optipromp.laboratory.generate import PANDA, PRESETS
+    from optipromp.laboratory.generate import PRESETS
 
-    chosen: Any = _names(preset, PRESETS)
     compared: Any = _names(",".join(planners), study_planners())
     loops = _names(compared_loops.loop, LOOPS)
     conditions = _names(compared_loops.conditions, tuple(CONDITIONS))
     if loops and planners == ["all"]:
         compared = (LOOP_PLANNER,)
-    plan = Study(
-        chosen, compared, _range(seeds), noise_position, noise_angle, only_valid,
-        robot or PANDA, arm.of(robot).choice, vary, noise, risk,
-        loops, conditions or ("none",),
-    )  # fmt: skip
+    given = {
+        "planners": compared, "noise_position": noise_position, "noise_angle": noise_angle,
+        "only_valid": only_valid, "choice": arm.of(robot).choice, "vary": vary, "noise": noise,
+        "risk": risk, "loops": loops, "conditions": conditions or ("none",),
+        **({} if seeds is None else {"seeds": _range(seeds)}),
+        **({} if robot is None else {"robot": robot}),
+    }  # fmt: skip
+    if scenes is None:
+        plan = Study(_names(preset, PRESETS), **given)
+    elif preset == "all":
+        plan = Study.of_files(scene_files(scenes), **given)
+    else:
+        raise InvalidRequestError("--preset and --scenes: state one of them")
     say_if_compiling()
     successes: dict[str, list[bool]] = {}
     with progress_bar(20) as shown:

@@ -62,7 +62,7 @@ def validate(
 
     if scene is None and not is_file(trajectory / "plan.json"):
         raise InvalidRequestError(f"{trajectory} states no scene: add --scene SCENE")
-    with waiting("judging ..."):
+    with waiting("judging"):
         if scene is None:
             plan = load_plan(trajectory)
             risk = plan.risk if risk is None else PlanOptions(risk=risk).risk

@@ -39,7 +39,7 @@ def view(
     """Open a page that shows a plan in 3-D and lets you move things and plan again.
 
     It listens on this machine only, unless --host says otherwise, and runs
-    until Ctrl-C. Needs the extra 'view': pip install 'optipromp\\[view]'.
+    until Ctrl-C. Needs the extra 'view': pip install -e '.\\[view]'.
 
     [bold]Examples[/bold]
 
@@ -56,7 +56,7 @@ def view(
 
     source = open_source(item, beside)
     say_if_compiling()
-    with waiting("loading ..."):
+    with waiting("loading"):
         warm_up()  # so that the first plan does not wait for it
     page = Page(source, host=host, port=port, out=out)
     try:

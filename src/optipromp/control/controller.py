@@ -21,9 +21,9 @@ from optipromp.control.parameters import CONTROL, LoopParameters
 from optipromp.control.plant import (
     appeared,
     changed,
-    deviation,
     displaced,
     gave_way,
+    outside,
     pushed_by,
     scene_of,
     settled,
@@ -258,7 +258,7 @@ class Controller:
             self._enter(LoopStage.LOOK, now, f"seen on the way: {', '.join(new)}")
             return drive.brake(begins)
         if phase >= route.duration + p.hold:
-            if self._missed(now, tracked):
+            if outside(self.robot, drive.state(now).q, tracked):
                 return self._retreat(now, tracked, route.duration, "the target is not inside")
             self._enter(LoopStage.DONE, now, "at the target")
             return drive.brake(begins)
@@ -293,20 +293,6 @@ class Controller:
             return
         self.tries -= 1
         self._enter(LoopStage.LOOK, now, why)
-
-    def _missed(self, now: float, tracked: Tracked) -> bool:
-        """Whether the target is outside of the tool, as far as the looks tell."""
-        tool, row = self.robot.tool, target_row(tracked)
-        if tool is None:
-            return False
-        if row is None:
-            return True
-        point, axis = self.robot.tool_pose(self._driver.state(now).q)
-        away = tracked.positions[row] - point
-        along = float(away @ axis)
-        aside = float(np.linalg.norm(away - along * axis))
-        spread = deviation(tracked, row)
-        return aside > max(tool.mouth[1], 0.01) + spread or along > tool.depth + spread
 
     def _watch(self, now: float, tracked: Tracked, made: Plan, phase: float) -> Stretch | None:
         """Predict the push under way, and plan anew, where something changed."""

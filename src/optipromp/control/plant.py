@@ -14,6 +14,7 @@ from optipromp.control.servo import Displacement, Route
 from optipromp.control.stiffness import Stiffness
 from optipromp.core.arrays import FloatArray
 from optipromp.core.planning.task import spaced
+from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject, Stem
 from optipromp.core.scenes.trusses import rooted
 
@@ -76,6 +77,19 @@ def target_row(tracked: Tracked) -> int | None:
 def deviation(tracked: Tracked, row: int) -> float:
     """Largest standard deviation of the position of a track along any direction [m]."""
     return float(np.sqrt(np.linalg.eigvalsh(tracked.covariance[row])[-1]))
+
+
+def outside(robot: Robot, q: FloatArray, tracked: Tracked) -> bool:
+    """Whether the target is outside of the tool at ``q`` (n,), as far as the looks tell."""
+    tool, row = robot.tool, target_row(tracked)
+    if tool is None or row is None:
+        return tool is not None
+    point, axis = robot.tool_pose(q)
+    away = tracked.positions[row] - point
+    along = float(away @ axis)
+    aside = float(np.linalg.norm(away - along * axis))
+    spread = deviation(tracked, row)
+    return aside > max(tool.mouth[1], 0.01) + spread or along > tool.depth + spread
 
 
 def unseen(tracked: Tracked, eye: FloatArray, since: float) -> dict[str, str | None]:

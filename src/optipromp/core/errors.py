@@ -7,6 +7,11 @@ Wrong input raises one of these; a plan that fails is a returned value that carr
 from enum import StrEnum
 
 
+def installed_by(extra: str) -> str:
+    """The command that installs an extra; the package is on no index, so it is run in a clone."""
+    return f"pip install -e '.[{extra}]' in the clone of OptI-ProMP"
+
+
 class Code(StrEnum):
     """The outcome of a request, as a word for programs to compare."""
 

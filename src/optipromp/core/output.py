@@ -2,7 +2,8 @@
 
 ``plan.json`` holds everything but the curves, and the digests of the other files.
 ``trajectory.csv`` and ``trajectory.npz`` hold the executable curve at a controller's rate.
-``waypoints.npz`` holds the rows that define the three curves of a plan.
+``waypoints.npz`` holds the rows that define the three curves of a plan. The folder of a pick is
+that of its reach, with ``retreat.npz`` and ``carry.npz``: the waypoints of the further legs.
 """
 
 import hashlib
@@ -26,15 +27,18 @@ from optipromp.core.errors import (
 )
 from optipromp.core.files import (
     is_folder,
+    is_there,
     json_text,
     npz,
     read_bytes,
     read_npz,
     settle,
+    write_atomically,
     write_together,
 )
 from optipromp.core.judging import Metrics, Overlap
 from optipromp.core.planning import Plan, Term
+from optipromp.core.planning.legs import CARRY, REACH, RETREAT, Picked, carried, leg, retreat_task
 from optipromp.core.planning.options import Strategy
 from optipromp.core.planning.result import Stage, ViaPoint
 from optipromp.core.planning.task import posed, resolve
@@ -50,6 +54,7 @@ from optipromp.core.trajectory_files import arrays, csv, from_arrays
 FORMAT = 4
 PUSHED = ("pushed_points", "pushed_axes")
 FILES = ("trajectory.csv", "trajectory.npz", "waypoints.npz")
+OF = "reach_sha256"  # of waypoints.npz, in the file of another leg
 START = "start"  # (3, n) position, velocity and acceleration
 SEARCHED = Code.TIMEOUT, Code.GOAL_IN_COLLISION, Code.GOAL_UNREACHABLE, Code.NO_PLAN
 WORSE = Code.SUCCESS, Code.HARM_PREDICTED, Code.INVALID_PLAN, Code.START_IN_COLLISION, *SEARCHED
@@ -277,3 +282,64 @@ def _waypoints(plan: Plan) -> dict[str, Any]:
         **({} if plan.start is None else {START: _state(plan.start)}),
         **({} if plan.task.pushed is None else dict(zip(PUSHED, plan.task.pushed, strict=True))),
     }
+
+
+def write_pick(picked: Picked, folder: Path, *, rate: float = RATE) -> tuple[str, ...]:
+    """Write a pick into ``folder``: its reach as :func:`write_plan` does, then the other legs.
+
+    Returns:
+        The names of the files.
+
+    Raises:
+        InvalidRequestError: the folder cannot be written; a rate that is not positive.
+    """
+    names = list(write_plan(picked.reach, folder, rate=rate))
+    of = _of(folder)
+    for name in (RETREAT, CARRY):
+        if name in picked.legs:
+            content = npz({OF: of, **arrays(picked.legs[name].trajectory)}, compressed=True)
+            write_atomically(folder / f"{name}.npz", content)
+            names.append(f"{name}.npz")
+    return tuple(names)
+
+
+def load_pick(path: Path | str) -> Picked | Plan:
+    """Load what :func:`write_pick` or :func:`write_plan` left: a pick, or a plan of one motion.
+
+    Every leg is judged again. Legs of another reach than that of the folder are passed over.
+
+    Raises:
+        InvalidPlanError: a leg that the judge refuses.
+        OptiPrompError: what :func:`optipromp.core.output.load_plan` raises.
+    """
+    path = Path(path)
+    reach, folder = load_plan(path), path.parent if path.name == "plan.json" else path
+    place = reach.scene.place
+    if place is None or not reach.success:
+        return reach
+    legs = {REACH: reach}
+    for name in (RETREAT, CARRY):
+        file = folder / f"{name}.npz"
+        if not is_there(file):
+            break
+        rows = read_npz(file)
+        try:
+            curve, of = from_arrays(rows), str(rows[OF])
+        except (KeyError, ValueError) as error:
+            raise InvalidRequestError(f"{file}: no leg that this version wrote ({error})") from None
+        if of != _of(folder):
+            break
+        if curve.joint_names != reach.robot.joint_names:
+            raise InvalidRequestError(f"{file}: must have the joints of {reach.robot.name}")
+        if name == RETREAT:
+            task = retreat_task(reach, curve.positions[-1])
+        else:
+            task = replace(resolve(*carried(legs[RETREAT], place)), risk=reach.risk)
+        legs[name] = leg(task, curve, 0.0)
+        if not legs[name].success:
+            raise InvalidPlanError(f"{file}: judged again: {legs[name].message}")
+    return Picked(legs)
+
+
+def _of(folder: Path) -> str:
+    return _digest(read_bytes(folder / "waypoints.npz", InvalidRequestError))

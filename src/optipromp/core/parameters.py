@@ -12,11 +12,12 @@ metadata (:func:`catalogue` lists them):
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, is_dataclass
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 
 from optipromp.core.errors import InvalidRequestError
+from optipromp.core.shown import suggest
 
 GRAVITY = 9.81  # [m/s²]
 Kind = Literal["measured", "reported", "published", "guess", "choice"]
@@ -30,8 +31,26 @@ def parameter(default: Any, unit: str, kind: Kind, source: str) -> Any:
     return field(default=default, metadata=metadata)
 
 
+class Settings:
+    """Base of dataclasses that users make by keyword: an unknown name is refused as wrong input.
+
+    Raises:
+        InvalidRequestError: a keyword that is no field; names the nearest field.
+    """
+
+    def __new__(cls, *_: object, **given: object) -> Self:
+        """Check the keywords, before the dataclass reads them."""
+        names = [item.name for item in fields(cls) if item.init]  # type: ignore[arg-type]
+        for name in given:
+            if name not in names:
+                raise InvalidRequestError(
+                    f"{cls.__name__} has no setting {name!r}: {suggest(name, names)}"
+                )
+        return super().__new__(cls)
+
+
 @dataclass(frozen=True)
-class Checked:
+class Checked(Settings):
     """Base of groups whose numbers must be finite (or infinite if the unit says so) and not
     negative."""
 

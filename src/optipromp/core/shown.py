@@ -1,6 +1,8 @@
 """Names and texts as they are shown, and the display of values in notebooks."""
 
+import difflib
 import html
+from collections.abc import Iterable, Sequence
 from importlib.metadata import entry_points
 from typing import Any
 
@@ -25,6 +27,14 @@ def no_name(text: str) -> str:
     )
 
 
+def suggest(name: object, valid: Iterable[str]) -> str:
+    """``valid are ...``, and ``did you mean ...?`` if a valid name is close to ``name``."""
+    names = list(valid)
+    near = difflib.get_close_matches(str(name), names, n=1)
+    question = f"; did you mean {near[0]!r}?" if near else ""
+    return f"valid are {', '.join(names)}{question}"
+
+
 def printable(text: str) -> str:
     """``text`` with characters escaped that control a terminal or the direction of writing."""
     if text.isprintable():
@@ -43,6 +53,10 @@ class Shown:
 
     def _words(self) -> str:
         raise NotImplementedError
+
+    def _table(self) -> Sequence[tuple[str, str]]:
+        """Names and values of the table in notebooks, of a type that no renderer knows."""
+        return ()
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self._words()}>"
@@ -81,7 +95,7 @@ def _needed() -> Any:
     renderer = _renderer()
     if renderer is None:
         raise InvalidRequestError(
-            "nothing that draws is installed: install optipromp as a package (pip install), "
-            "so that its parts are found"
+            "nothing that draws is installed: install optipromp as a package, by "
+            "pip install -e . in the clone of OptI-ProMP, so that its parts are found"
         )
     return renderer

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, IntArray
-from optipromp.core.errors import InvalidRobotError
+from optipromp.core.errors import InvalidRobotError, installed_by
 from optipromp.core.files import read_bytes
 from optipromp.core.robots.description import LinkShape, mesh_file, mesh_name
 from optipromp.readers.urdf import LENGTH_LIMIT, UrdfModel
@@ -58,7 +58,7 @@ def _load(path: Path, where: str) -> tuple[FloatArray, IntArray]:
         import trimesh
     except ImportError as error:
         raise InvalidRobotError(
-            f"{where}: reading meshes needs trimesh (pip install 'optipromp[mesh]'); or give the "
+            f"{where}: reading meshes needs trimesh ({installed_by('mesh')}); or give the "
             "link spheres in a robot file"
         ) from error
     if path.suffix.lower() not in SUFFIXES:

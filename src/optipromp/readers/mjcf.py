@@ -19,7 +19,7 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.arrays import rotation as turned
-from optipromp.core.errors import InvalidRequestError, InvalidRobotError
+from optipromp.core.errors import InvalidRequestError, InvalidRobotError, installed_by
 from optipromp.core.files import cache_folder, is_file, read_bytes, write_atomically
 from optipromp.core.robots.description import LinkShape, Vector
 from optipromp.readers.limited import LIMITS, run_limited
@@ -59,7 +59,7 @@ def read_mjcf(path: Path) -> UrdfModel:
         import mujoco
     except ImportError:
         raise InvalidRobotError(
-            f"{path}: reading MJCF needs MuJoCo: pip install 'optipromp[sim]'"
+            f"{path}: reading MJCF needs MuJoCo: {installed_by('sim')}"
         ) from None
     content = run_limited("compile_mjcf", path, {})
     with tempfile.TemporaryDirectory(prefix="optipromp-") as folder:

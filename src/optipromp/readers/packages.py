@@ -1,14 +1,16 @@
 """The search for the files of a robot description, and the expansion of xacro."""
 
+import json
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
+from typing import NamedTuple
 
-from optipromp.core.errors import InvalidRobotError
+from optipromp.core.errors import InvalidRobotError, installed_by
 from optipromp.core.files import (
     ALLOW_XACRO,
     LARGEST_TEXT,
@@ -17,7 +19,8 @@ from optipromp.core.files import (
     read_bytes,
 )
 from optipromp.core.robots.description import LinkShape
-from optipromp.core.robots.library import folders_of
+from optipromp.core.robots.library import Argument, folders_of
+from optipromp.core.scenes.values import suggest
 from optipromp.readers.limited import LIMITS, run_limited
 from optipromp.readers.urdf import UrdfModel
 
@@ -25,6 +28,7 @@ PREFIX = "package://"
 
 _FOUND_BY_NAME = re.compile(r"\$\(find(?:-pkg-share)?\s+([\w.-]+)\s*\)|package://([\w.-]+)/")
 _UNIT = re.compile(rb"""<unit\b[^>]*\bmeter=["']([0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]+)?)["']""")
+_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 _HEAD = 65536  # [bytes] chosen: begin of a DAE file that holds <asset>, its first element
 
 
@@ -102,14 +106,36 @@ def _in_metres(shape: LinkShape, file: Path) -> LinkShape:
     return replace(shape, size=tuple(metres * scale for scale in shape.size))
 
 
-def expanded(path: Path, package_dirs: Sequence[Path], *, named_by_user: bool) -> bytes:
-    """The URDF of the xacro file at ``path``, with the defaults of its arguments.
+class Expanded(NamedTuple):
+    """The URDF of a xacro, and the files that xacro read for it."""
+
+    urdf: bytes
+    files: tuple[Path, ...]
+
+
+def is_xacro(path: Path) -> bool:
+    """Whether a file is a xacro: by its suffix, or as a URDF with elements of xacro."""
+    suffix = path.suffix.lower()
+    if suffix != ".urdf":
+        return suffix == ".xacro"
+    content = read_bytes(path, InvalidRobotError, LARGEST_TEXT)
+    return b"xmlns:xacro" in content and b"<xacro:" in _COMMENT.sub(b"", content)
+
+
+def expanded(
+    path: Path,
+    package_dirs: Sequence[Path],
+    arguments: Mapping[str, Argument],
+    *,
+    named_by_user: bool,
+) -> Expanded:
+    """The xacro file at ``path`` with ``arguments`` by name, or else their defaults.
 
     xacro runs in a process of its own, within :data:`optipromp.readers.limited.LIMITS`.
 
     Raises:
         InvalidRobotError: the user has neither named nor allowed the file, the extra for xacro is
-            not installed, or xacro refuses the file.
+            not installed, xacro refuses the file, or an argument that the file does not declare.
     """
     short = f"xacro {path.name} > {path.name.split('.')[0]}.urdf"
     if not named_by_user and os.environ.get(ALLOW_XACRO) != "1":
@@ -119,8 +145,8 @@ def expanded(path: Path, package_dirs: Sequence[Path], *, named_by_user: bool) -
         )
     if find_spec("xacro") is None or find_spec("xacrodoc") is None:
         raise InvalidRobotError(
-            f"{path}: reading xacro needs xacrodoc (pip install 'optipromp[xacro]'); or expand it "
-            f"first: {short}"
+            f"{path}: reading xacro needs xacrodoc ({installed_by('xacro')}); or expand "
+            f"it first: {short}"
         )
     text = read_bytes(path, InvalidRobotError, LARGEST_TEXT).decode("utf-8", "replace")
     names = {name for pair in _FOUND_BY_NAME.findall(text) for name in pair if name}
@@ -128,12 +154,23 @@ def expanded(path: Path, package_dirs: Sequence[Path], *, named_by_user: bool) -
     given = {
         "package_dirs": [str(folder) for folder in package_dirs],
         "folders": {name: str(some[0]) for name, some in folders.items() if some},
+        "args": {name: _text(value) for name, value in arguments.items()},
     }
     try:
-        return run_limited("expand_xacro", path, given, replace(LIMITS, output=LARGEST_TEXT))
+        out = run_limited("expand_xacro", path, given, replace(LIMITS, output=LARGEST_TEXT))
     except InvalidRobotError as error:
         said = error.message.removeprefix(f"{path}: ")
         raise InvalidRobotError(
             f"{path}: xacro cannot expand it: {said}; packages are looked "
             "for in package_dirs= or --package-dir and over the file"
         ) from None
+    told = json.loads(out)
+    for name in arguments:
+        if name not in told["args"]:
+            declared = suggest(name, told["args"]) if told["args"] else "the file declares none"
+            raise InvalidRobotError(f"{path}: unknown argument {name!r}: {declared}")
+    return Expanded(told["urdf"].encode(), tuple(map(Path, told["files"])))
+
+
+def _text(value: Argument) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)

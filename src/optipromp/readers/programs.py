@@ -22,7 +22,9 @@ def compile_mjcf(given: dict[str, Any]) -> None:
 def expand_xacro(given: dict[str, Any]) -> None:
     """Expand a xacro file to a URDF.
 
-    ``folders``: of packages by name; ``package_dirs``: that hold packages.
+    ``folders``: of packages by name; ``package_dirs``: that hold packages; ``args``: values by
+    name. The output is a JSON object: the text ``urdf``, the paths ``files`` that xacro read, and
+    the names ``args`` of the arguments that these files declare.
     """
     try:
         import xacro
@@ -33,10 +35,29 @@ def expand_xacro(given: dict[str, Any]) -> None:
             packages.look_in(given["package_dirs"])
         packages.walk_up_from(given["path"])
         packages.update_package_cache(given["folders"])
-        text = xacro.process_file(given["path"]).toxml()
-        Path(given["out"]).write_text(text, encoding="utf-8")
+        arguments = _Arguments(given["args"])
+        text = xacro.process_file(given["path"], mappings=arguments).toxml()
+        files = [given["path"], *map(os.path.abspath, xacro.all_includes)]
+        told = {"urdf": text, "files": files, "args": list(arguments.asked)}
+        Path(given["out"]).write_text(json.dumps(told), encoding="utf-8")
     except (Exception, SystemExit) as error:  # xacro raises whatever goes wrong in the file
         _fail(f"{type(error).__name__}: {error}")
+
+
+class _Arguments(dict[str, str]):
+    """Arguments of a xacro, which looks for each one that it declares.
+
+    Attributes:
+        asked: the names that were looked for, in order.
+    """
+
+    def __init__(self, values: dict[str, str]) -> None:
+        super().__init__(values)
+        self.asked: dict[str, None] = {}
+
+    def __contains__(self, name: object) -> bool:
+        self.asked[str(name)] = None
+        return super().__contains__(name)
 
 
 def _fail(words: str) -> NoReturn:

@@ -7,6 +7,7 @@ content of the files, the caller's choice, and the version of the readers.
 import hashlib
 import os
 import warnings
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
@@ -22,7 +23,7 @@ from optipromp.core.robots.resolved import SUFFIX, read_resolved, resolved
 from optipromp.readers.meshes import mesh_files
 from optipromp.readers.mjcf import is_mjcf, read_mjcf
 from optipromp.readers.mjcf_files import mjcf_files
-from optipromp.readers.packages import expanded, with_meshes_found
+from optipromp.readers.packages import expanded, is_xacro, with_meshes_found
 from optipromp.readers.robot_file import RobotFile, read_robot_file
 from optipromp.readers.srdf import srdf_files
 from optipromp.readers.urdf import UrdfModel, read_urdf
@@ -38,7 +39,8 @@ class _Found(NamedTuple):
     """The sources of a robot: the robot file, the description, and the files beside it.
 
     ``model`` is None for an MJCF, which only MuJoCo reads. ``files``: whose content determines the
-    robot; None if unknown. ``groups``: the SRDF of the caller or of the robot file.
+    robot; None if unknown. ``groups``: the SRDF of the caller or of the robot file. Of a xacro,
+    ``sources`` are the files that xacro read, and ``environment`` its environment variables.
     """
 
     entry: RobotFile
@@ -46,6 +48,8 @@ class _Found(NamedTuple):
     model: UrdfModel | None
     files: list[Path] | None
     groups: Path | None
+    sources: tuple[Path, ...] = ()
+    environment: Mapping[str, str] | None = None
 
     def beside(self) -> list[Path]:
         """The SRDF that was named, else every SRDF that may be the robot's."""
@@ -68,7 +72,8 @@ def read_description(path: Path, choice: Choice, check: Check) -> Robot:
     key = path.absolute(), repr(choice), check
     if held := _held.get(key):
         found, stamps, robot = held
-        if stamps == _stamps(path, found) and _whole(robot, found):
+        same = found.environment in (None, dict(os.environ))
+        if same and stamps == _stamps(path, found) and _whole(robot, found):
             return robot
     found = _find(path, choice, check)
     stamps = _stamps(path, found)
@@ -77,7 +82,7 @@ def read_description(path: Path, choice: Choice, check: Check) -> Robot:
         for name in robot.joint_names:
             if remark := found.model.joints[name].remark:
                 warnings.warn(remark, stacklevel=2)
-    if found.files is not None and found.urdf.suffix.lower() != ".xacro":  # it may include others
+    if found.files is not None:
         while len(_held) >= _HELD:
             _held.pop(next(iter(_held)), None)
         _held[key] = found, stamps, robot
@@ -97,6 +102,10 @@ def _find(path: Path, choice: Choice, check: Check) -> _Found:
     urdf, groups = path.parent / entry.urdf, None if choice.srdf is None else Path(choice.srdf)
     if groups is None and entry.srdf is not None:
         groups = path.parent / entry.srdf
+    arguments = {**entry.args, **choice.args}
+    is_a_xacro = is_xacro(urdf)
+    if arguments and not is_a_xacro:
+        raise InvalidRobotError(f"{urdf}: takes no args ({', '.join(arguments)}): it is no xacro")
     if is_mjcf(urdf):
         if entry.scale != 1.0:
             raise InvalidRobotError(f"{path}: scale is for URDFs; {entry.urdf} is an MJCF")
@@ -105,10 +114,11 @@ def _find(path: Path, choice: Choice, check: Check) -> _Found:
             told = f"{path}: {entry.urdf} names a file that is not there or is no XML"
             raise InvalidRobotError(f"{told}: must be there, inside the scene's folder")
         return _Found(entry, urdf, None, named, groups)
-    content = None
-    if urdf.suffix.lower() == ".xacro":
+    content, sources, environment = None, tuple[Path, ...](), None
+    if is_a_xacro:
         by_user = urdf == path and not choice.untrusted
-        content = expanded(urdf, package_dirs, named_by_user=by_user)
+        content, sources = expanded(urdf, package_dirs, arguments, named_by_user=by_user)
+        environment = dict(os.environ)
     model = read_urdf(urdf, entry.scale, content)
     covered = [link for link in model.links if link not in entry.spheres]
     model = with_meshes_found(model, covered, package_dirs)
@@ -117,13 +127,13 @@ def _find(path: Path, choice: Choice, check: Check) -> _Found:
             check(file)
     if bare:
         entry = entry.model_copy(update={"name": model.name})
-    return _Found(entry, urdf, model, mesh_files(model, covered), groups)
+    return _Found(entry, urdf, model, mesh_files(model, covered), groups, sources, environment)
 
 
 def _stamps(path: Path, found: _Found) -> Stamps:
     """Time and size of each file; None for one that is not there."""
     out: list[tuple[Path, tuple[int, int] | None]] = []
-    for file in (path, found.urdf, *(found.files or ()), *found.beside()):
+    for file in (path, found.urdf, *found.sources, *(found.files or ()), *found.beside()):
         try:
             status = file.stat()
         except OSError:

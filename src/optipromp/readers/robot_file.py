@@ -31,6 +31,7 @@ class RobotFile(BaseModel):
     srdf: str | None = None  # its groups determine the arm
     package_dirs: list[str] = []  # folders that hold the packages of package:// names
     hold: dict[str, Finite] = {}  # values of joints that are not of the arm [rad or m]
+    args: dict[str, bool | int | Finite | str] = {}  # of a xacro, in place of its defaults
     scale: Positive = 1.0  # metres in one unit of length of the URDF
     velocity: list[Positive] | None = None  # overrides the URDF
     acceleration: list[Positive] | None = None

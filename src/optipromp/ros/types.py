@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, installed_by
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -34,9 +34,7 @@ def typestore() -> Typestore:
     try:
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
     except ImportError:
-        raise InvalidRequestError(
-            "messages of ROS need rosbags: pip install 'optipromp[ros]'"
-        ) from None
+        raise InvalidRequestError(f"messages of ROS need rosbags: {installed_by('ros')}") from None
     store = get_typestore(Stores.ROS2_JAZZY)
     text = (resources.files("optipromp.ros") / "definitions.txt").read_text(encoding="utf-8")
     for part in text.split(_HEADING)[1:]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import InvalidSceneError
+from optipromp.core.errors import InvalidSceneError, installed_by
 from optipromp.core.files import read_bytes, read_npz
 from optipromp.core.geometry.grids import check_closed
 from optipromp.core.geometry.shapes import MeshShape, PointCloudShape
@@ -89,7 +89,7 @@ def _trimesh_load(path: Path, content: bytes, what: str) -> Any:
         import trimesh
     except ImportError:
         raise InvalidSceneError(
-            f"{what} {path}: reading it needs trimesh: pip install 'optipromp[mesh]'"
+            f"{what} {path}: reading it needs trimesh: {installed_by('mesh')}"
         ) from None
     try:
         kind = path.suffix.lower()[1:]

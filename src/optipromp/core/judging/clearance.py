@@ -28,6 +28,7 @@ from optipromp.core.judging.distances import (
     to_surface,
 )
 from optipromp.core.judging.kinematics import body_of, centers
+from optipromp.core.judging.parts import parts_of, radii
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject
 
@@ -78,32 +79,30 @@ def swept(
     With the ``times`` (M,) of the configurations [s], each contact has the time of its largest
     depth.
     """
-    body = body_of(robot)
-    objects, rest = objects_of(scene)
     closest, core, apart = np.full(STEM + 1, np.inf), np.full(1, np.inf), np.full(4, np.inf)
-    count = len(objects.kind)
-    depth, deepest = np.full(count, np.inf), np.zeros((2, count), dtype=np.int64)
     q = np.array(q, dtype=np.float64, order="C")  # always writable: kernels compile once
     points, axes = np.empty((len(q), 3)), np.empty((len(q), 3))
-    advance(body, objects, q, points, axes, closest, core, depth, deepest, apart)
-
-    def name(sphere: float) -> str:
-        return str(robot.link_names[robot.spheres.link[body.original[int(sphere)]]])
 
     def when(at: float) -> float | None:
         return None if times is None else float(times[int(at)])
 
-    met = np.flatnonzero(depth < 0.0)
-    met = met[np.lexsort((depth[met], objects.rows[met]))]
-    met = met[np.diff(objects.rows[met], prepend=-1) > 0]  # of each stem the deepest piece
-    contacts = [
-        Overlap(name(deepest[0, k]), *other, -float(depth[k]), when(deepest[1, k]))
-        for k, other in zip(met.tolist(), names_of(scene, objects.rows[met]), strict=True)
-    ]
-    if rest:
-        contacts += _other_shapes(rest, robot, q, closest, core, when)
+    contacts: list[Overlap] = []
+    for part in parts_of(scene, robot):
+        body, (objects, rest) = body_of(part.robot), objects_of(scene, part.rows)
+        count = len(objects.kind)
+        depth, deepest = np.full(count, np.inf), np.zeros((2, count), dtype=np.int64)
+        advance(body, objects, q, points, axes, closest, core, depth, deepest, apart)
+        met = np.flatnonzero(depth < 0.0)
+        met = met[np.lexsort((depth[met], objects.rows[met]))]
+        met = met[np.diff(objects.rows[met], prepend=-1) > 0]  # of each stem the deepest piece
+        contacts += [
+            Overlap(_link(part.robot, deepest[0, k]), *other, -float(depth[k]), when(deepest[1, k]))
+            for k, other in zip(met.tolist(), names_of(scene, objects.rows[met]), strict=True)
+        ]
+        if rest:
+            contacts += _other_shapes(rest, part.robot, q, closest, core, when)
     if apart[0] < 0.0:
-        pair = name(apart[1]), name(apart[2])
+        pair = _link(robot, apart[1]), _link(robot, apart[2])
         contacts.append(Overlap(*pair, "the robot itself", -float(apart[0]), when(apart[3])))
     distances = {
         "M_c": core[0],
@@ -115,6 +114,11 @@ def swept(
     }
     found = {key: float(d) if math.isfinite(d) else None for key, d in distances.items()}
     return found, contacts, points, axes
+
+
+def _link(robot: Robot, sphere: float) -> str:
+    """The name of the link of a sphere in the order of the judge's :class:`Body`."""
+    return str(robot.link_names[robot.spheres.link[body_of(robot).original[int(sphere)]]])
 
 
 def _other_shapes(
@@ -184,10 +188,12 @@ def pushed_away(
         return list(contacts), []
     found = {k: np.zeros(3) for k in loose.values()}
     radius, distal = np.array(robot.spheres.radius), np.array(robot.spheres.distal)
+    by_id = {item.id: item for item in scene.pushables}
+    own = {k: np.where(distal, radius, radii(scene, robot, by_id[i])) for i, k in loose.items()}
     for start in range(0, len(q), CONFIGURATIONS):
         spheres = centers(robot, q[start : start + CONFIGURATIONS])
         for place, so_far in found.items():
-            enter(objects, place, spheres, radius, distal, so_far)
+            enter(objects, place, spheres, own[place], distal, so_far)
     kept, notes = [], []
     for contact in contacts:
         k = loose.get(contact.other)

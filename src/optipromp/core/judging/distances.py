@@ -57,19 +57,27 @@ class Objects(NamedTuple):
     block_bound: FloatArray  # (C,) radius of this ball [m]
 
 
-@functools.lru_cache(maxsize=4)
-def objects_of(scene: Scene) -> tuple[Objects, tuple[SceneObject, ...]]:
+@functools.lru_cache(maxsize=8)
+def objects_of(
+    scene: Scene, counted: frozenset[int] | None = None
+) -> tuple[Objects, tuple[SceneObject, ...]]:
     """Objects of simple shape as arrays, and the meshes and point clouds; without the target.
 
-    Stems, the target's included, are capsules.
+    Stems, the target's included, are capsules. ``counted``: indices of the objects whose
+    bodies and stems count; None: all.
     """
     role = np.full(len(scene.objects), -1)
     for name, code in ROLES.items():
         role[scene.rows(name)] = code
+    role[[item.motion is not None for item in scene.objects]] = -1  # see judging/moving.py
+    counts = np.ones(len(role), dtype=np.bool_)
+    if counted is not None:
+        counts = np.isin(np.arange(len(role)), list(counted))
+        role[~counts] = -1
     kind, size, bound = measured([item.shape for item in scene.objects])
     owner, middle, turn, capsule = _stems(scene)
     rows = np.concatenate([np.arange(len(role)), len(role) + owner])
-    role = np.concatenate([role, np.full(len(owner), STEM)])
+    role = np.concatenate([role, np.where(counts[owner], STEM, -1)])
     kind = np.concatenate([kind, np.full(len(owner), CAPSULE)])
     size, bound = np.vstack([size, capsule]), np.append(bound, capsule.sum(axis=1))
     position = np.vstack([scene.positions, middle])

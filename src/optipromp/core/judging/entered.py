@@ -56,6 +56,8 @@ def entered(
         for one in np.unique(link):
             if one == link.max() and _in_mouth(robot, item, point, axis):
                 continue
+            if scene.may_meet(str(robot.link_names[one]), item.id):
+                continue
             depth = _depth(item, spheres[:, link == one], radius[link == one])
             if depth > BRUSHED:
                 out.append(Overlap(str(robot.link_names[one]), item.id, item.role, depth, 0.0))
@@ -75,6 +77,8 @@ def struck(scene: Scene, robot: Robot, q: FloatArray) -> Overlap | None:
     rows = np.concatenate([scene.rows("target"), scene.rows("pushable")])
     for item, one in product(scene.objects_at(rows), np.unique(link)):
         name, mine = str(robot.link_names[one]), (spheres[:, link == one], radius[link == one])
+        if scene.may_meet(name, item.id):
+            continue
         found.append(Overlap(name, item.id, item.role, _depth(item, *mine)))
         for low, high in pairwise(() if item.stem is None else item.stem.points):
             assert item.stem is not None

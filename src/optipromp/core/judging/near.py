@@ -10,6 +10,7 @@ from optipromp.core.judging.advancement import advance
 from optipromp.core.judging.clearance import Overlap
 from optipromp.core.judging.distances import STATIC, STEM, names_of, nearest, objects_of
 from optipromp.core.judging.kinematics import body_of, centers
+from optipromp.core.judging.parts import parts_of
 from optipromp.core.robots.model import BodySpheres, Robot
 from optipromp.core.scenes.scene import Scene
 
@@ -23,35 +24,37 @@ def nearest_static(
     base do not count: no motion changes their distance. None where no object is static or no link
     moves.
     """
-    robot = _moving(robot)
-    if not scene.static or not len(robot.spheres.radius):
-        return None
-    body, (objects, rest) = body_of(robot), objects_of(scene)
-    count = len(objects.kind)
-    depth, deepest = np.full(count, np.inf), np.zeros((2, count), dtype=np.int64)
     q, unused = np.array(q, dtype=np.float64, order="C"), np.empty((len(q), 3))
-    advance(
-        body, objects, q, unused, unused, np.full(STEM + 1, np.inf), np.full(1, np.inf), depth,
-        deepest, np.full(4, np.inf),
-    )  # fmt: skip
-    depth[objects.role != STATIC] = np.inf
-    found = []
-    if count and np.isfinite(depth.min()):
-        k = int(np.argmin(depth))
-        (named,) = names_of(scene, objects.rows[k : k + 1])
-        found.append(
-            (float(depth[k]), int(body.original[deepest[0, k]]), int(deepest[1, k]), named)
-        )
-    for item in rest:
-        if item.role == "static":
-            d, sphere, at = nearest(item, centers(robot, q), np.array(robot.spheres.radius), np.inf)
-            found.append((d, sphere, at, (item.id, item.role)))
-    d, sphere, at, named = min(found)
-    link = str(robot.link_names[robot.spheres.link[sphere]])
-    return Overlap(link, *named, -d, None if times is None else float(times[at]))
+    found: list[tuple[float, int, int, tuple[str, str]]] = []
+    for part in parts_of(scene, robot):
+        mine, (objects, rest) = _moving(part.robot), objects_of(scene, part.rows)
+        if not scene.static or not len(mine.spheres.radius):
+            continue
+        body, count = body_of(mine), len(objects.kind)
+        depth, deepest = np.full(count, np.inf), np.zeros((2, count), dtype=np.int64)
+        advance(
+            body, objects, q, unused, unused, np.full(STEM + 1, np.inf), np.full(1, np.inf), depth,
+            deepest, np.full(4, np.inf),
+        )  # fmt: skip
+        depth[objects.role != STATIC] = np.inf
+        if count and np.isfinite(depth.min()):
+            k = int(np.argmin(depth))
+            (named,) = names_of(scene, objects.rows[k : k + 1])
+            link = int(mine.spheres.link[body.original[deepest[0, k]]])
+            found.append((float(depth[k]), link, int(deepest[1, k]), named))
+        radius = np.array(mine.spheres.radius)
+        for item in rest:
+            if item.role == "static":
+                d, sphere, at = nearest(item, centers(mine, q), radius, np.inf)
+                found.append((d, int(mine.spheres.link[sphere]), at, (item.id, item.role)))
+    if not found:
+        return None
+    d, which, at, named = min(found)
+    time = None if times is None else float(times[at])
+    return Overlap(str(robot.link_names[which]), *named, -d, time)
 
 
-@functools.lru_cache(maxsize=8)
+@functools.lru_cache(maxsize=16)
 def _moving(robot: Robot) -> Robot:
     """The robot without the spheres of its fixed base, and without pairs of spheres."""
     moving = np.asarray(robot.spheres.segment) >= 0

@@ -1,19 +1,33 @@
-"""The speed of the tool among hanging fruits: push prediction holds for a slow tool."""
+"""The speed of the tool among what it pushes: push prediction holds for a slow tool."""
+
+import math
 
 import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
-from optipromp.core.compiled import kernel
+from optipromp.core.compiled import inner, kernel
 from optipromp.core.judging.curve import along
-from optipromp.core.judging.kinematics import Body, body_of, carried, segments
+from optipromp.core.judging.distances import (
+    PUSHABLE,
+    apart_by,
+    inside,
+    nearest,
+    objects_of,
+    to_surface,
+)
+from optipromp.core.judging.kinematics import Body, body_of, carried, centers, segments
 from optipromp.core.judging.passing import pushables_of
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
 
 PUSHED = 0.1  # [m/s] largest speed of the tool for which push prediction holds
-FASTER = 0.1  # [-] share by which a trajectory may exceed PUSHED: a choice
+BESIDE = 0.03  # [m/s] the same among objects that stand: at 0.05 m/s packs are pressed with 10 N
+FASTER = 0.1  # [-] share by which a trajectory may exceed either: a choice
 NEAR = 0.02  # [m] tool to fruit: a choice, several standard deviations of a well-known position
+TOUCHED = 0.01  # [m] body to an object that stands: a choice, less than the planner's distance
+LEVEL = math.sin(math.radians(5.0))  # [-] of an approach that pushes what stands: a choice
+CONFIGURATIONS = 4_000  # measured together: 10 MB of sphere centres
 PARTS = 8  # of the time between two checks; the speed is a mean over one part: a choice
 
 
@@ -25,7 +39,11 @@ def among_fruits(
     points: FloatArray,
     axes: FloatArray,
 ) -> tuple[float, float] | None:
-    """Largest speed of the tool among hanging pushables [m/s], and its time [s].
+    """Largest speed of the tool among pushables [m/s], and its time [s].
+
+    Where :func:`stands` applies, the speed is that near objects that stand: nearer than
+    :data:`TOUCHED` to the first place of one of them is any part of the body. Else it is the speed
+    near pushables that hang.
 
     The tool counts as a cylinder of the gripper's radius from flange to rim. The tool is among
     fruits where the distance to one of them, in its first place, is below :data:`NEAR`.
@@ -38,17 +56,29 @@ def among_fruits(
         points, axes: (M, 3) tool points [m] and tool axes at the checks.
 
     Returns:
-        None where the tool is never among fruits, no target hangs, or the robot has no tool.
+        None where the tool is never among pushables, neither applies, or the robot has no tool.
     """
-    target, tool = scene.target, robot.tool
-    if tool is None or target is None or target.stem is None:
+    target, tool, near = scene.target, robot.tool, np.zeros(len(points), dtype=bool)
+    if tool is None or target is None:
         return None
-    objects, near = pushables_of(scene, robot.gripper_radius), np.zeros(len(points), dtype=bool)
+    if stands(scene):
+        q = np.array(along(trajectory, np.diff(rows))[1])
+        return _fastest(robot, trajectory, rows, _touching(scene, robot, q))
+    if target.stem is None:
+        return None
+    objects = pushables_of(scene, robot.gripper_radius)
     mark(
         np.array(points), np.array(axes), np.array(objects.places[objects.hangs]),
         np.array(objects.radii[objects.hangs]) + NEAR, robot.gripper_radius, tool.reach, tool.depth,
         near,
     )  # fmt: skip
+    return _fastest(robot, trajectory, rows, near)
+
+
+def _fastest(
+    robot: Robot, trajectory: Trajectory, rows: IntArray, near: BoolArray
+) -> tuple[float, float] | None:
+    """Largest speed of the tool [m/s] and its time [s] where it is ``near`` (M,) at the checks."""
     if not near.any():
         return None
     times, q, _ = along(trajectory, PARTS * np.diff(rows))
@@ -57,9 +87,55 @@ def among_fruits(
     return float(fast[worst]), float(times[worst])
 
 
-def too_fast(speed: float | None) -> bool:
-    """Whether a ``speed`` among fruits [m/s] is above that for which push prediction holds."""
-    return speed is not None and speed > PUSHED * (1.0 + FASTER)
+def stands(scene: Scene) -> bool:
+    """Whether the approach is level, and a pushable without a stem stands in the scene."""
+    if scene.target is None:
+        return False
+    steep = max(abs(float(axis @ scene.up)) for axis in scene.frame[1:])
+    return steep < LEVEL and any(item.stem is None for item in scene.pushables)
+
+
+def largest(scene: Scene) -> float:
+    """The largest speed for which push prediction holds in the scene [m/s]."""
+    return BESIDE if stands(scene) else PUSHED
+
+
+def too_fast(scene: Scene, speed: float | None) -> bool:
+    """Whether a ``speed`` among pushables [m/s] is above that for which push prediction holds."""
+    return speed is not None and speed > largest(scene) * (1.0 + FASTER)
+
+
+def _touching(scene: Scene, robot: Robot, q: FloatArray) -> BoolArray:
+    """Whether any part of the body is near the first place of an object that stands, at ``q``."""
+    objects, rest = objects_of(scene)
+    loose = np.flatnonzero(objects.role == PUSHABLE)
+    held = [item.stem is None for item in scene.objects_at(objects.rows[loose])]
+    loose, near = loose[np.array(held, dtype=bool)], np.zeros(len(q), dtype=bool)
+    radius = np.array(robot.spheres.radius)
+    for start in range(0, len(q), CONFIGURATIONS):
+        spheres, part = centers(robot, q[start : start + CONFIGURATIONS]), slice(start, None)
+        for k in loose:
+            beside(objects, k, spheres, radius, near[part])
+        for item in rest:
+            if item.role == "pushable" and item.stem is None:
+                for m, row in enumerate(spheres):
+                    away = nearest(item, row[None], radius, TOUCHED)[0]
+                    near[start + m] |= away < TOUCHED
+    return near
+
+
+@inner
+def beside(objects, k, spheres, radius, near):
+    """Set ``near`` where one of spheres (M, B, 3) is near object ``k``; ``radius`` (B,) [m]."""
+    size, p = objects.size[k], objects.position
+    for m in range(spheres.shape[0]):
+        for b in range(radius.shape[0]):
+            reach = radius[b] + TOUCHED
+            if near[m] or apart_by(spheres[m], b, p, k) > objects.bound[k] + reach:
+                continue
+            x, y, z = inside(objects.rotation, p, k, spheres[m], b)
+            if to_surface(objects.kind[k], size[0], size[1], size[2], x, y, z) < reach:
+                near[m] = True
 
 
 @kernel

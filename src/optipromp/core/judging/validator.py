@@ -22,9 +22,10 @@ from optipromp.core.judging.curve import extremes
 from optipromp.core.judging.ends import ends
 from optipromp.core.judging.entered import entered, touching
 from optipromp.core.judging.keeping import left_path
+from optipromp.core.judging.moving import met
 from optipromp.core.judging.near import nearest_static
 from optipromp.core.judging.passing import passing
-from optipromp.core.judging.speed import PUSHED, among_fruits, too_fast
+from optipromp.core.judging.speed import among_fruits, largest, stands, too_fast
 from optipromp.core.judging.violation import Violation
 from optipromp.core.parameters import Checked, parameter
 from optipromp.core.robots.model import Robot
@@ -70,7 +71,7 @@ class Metrics:
         clearance_avoid_tool: smallest distance of last link and tool to an object to avoid [m].
         clearance_pushable: smallest distance of the arm (B_d) to a pushable in its first place [m].
         clearance_self: smallest distance between links that are not neighbours [m].
-        approach_speed: largest speed of the tool among pushables that hang [m/s].
+        approach_speed: largest speed of the tool among pushables [m/s].
         goal_error: of the tool point at the end [m], or of a goal in joints [rad or m]; of several
             goals, that of the goal which is reached or missed least.
         goal_axis_error: of the tool axis or the orientation at the end [rad].
@@ -166,9 +167,10 @@ def judge(
     q = trajectory.positions
     times, fine, waypoints, complete = kinematics.refined(robot, trajectory)
     distances, contacts, points, every = swept(scene, robot, fine, times)
+    away, moving = met(scene, robot, trajectory, waypoints)
     contacts, notes = pushed_away(scene, robot, fine, contacts)
     inside = [] if begun else entered(scene, robot, q[0], points[0], every[0])
-    contacts += inside
+    contacts += [*inside, *moving]
     at_start = touching(scene, robot, q[0], begun=begun) if contacts else []
     tips, axes = points[waypoints], every[waypoints]
     rims = tips + (0.0 if robot.tool is None else robot.tool.depth) * axes
@@ -190,9 +192,11 @@ def judge(
         violations.append(Violation("unchecked", text))
     violations += [*missed, *(astray if stem_side else []), *broken]
     speed, when = among_fruits(scene, robot, trajectory, waypoints, points, every) or (None, None)
-    if too_fast(speed):
+    if too_fast(scene, speed):
+        among = "objects that stand" if stands(scene) else "fruits"
         text = (
-            f"the tool moves at {speed:.3f} m/s among fruits (pushes are predicted for {PUSHED:g})"
+            f"the tool moves at {speed:.3f} m/s among {among} (pushes are predicted for "
+            f"{largest(scene):g})"
         )
         violations.append(Violation("speed", text, "", when, speed, "m/s"))
     notes += at_goal if stem_side else [*at_goal, *map(str, astray)]
@@ -206,6 +210,9 @@ def judge(
             )
         else:
             near = None
+    if away is not None:
+        closest = distances["clearance_static"]
+        distances["clearance_static"] = away if closest is None else min(closest, away)
     figures: dict[str, Any] = {**distances, **motion}
     metrics = Metrics(
         M_p=passed.M_p, passage=passed.passage, stem_projection=passed.stem_projection,

@@ -182,6 +182,20 @@ class Field:
                 obstacles, shared, cutoff, self.distance, self.normal,
             )  # fmt: skip
 
+    def measure_too(
+        self, e: Evaluation, obstacles: Obstacles, shared: int, cutoff: float,
+        sizes: tuple[FloatArray, FloatArray],
+    ) -> None:  # fmt: skip
+        """Take in further obstacles, for other radii (B,) and bounds (L,) of the body [m]."""
+        further, body = Field(*self.distance.shape), e.body
+        kernels.clearance_field(
+            e.points, sizes[0], body.link_start, sizes[1], body.link_distal, obstacles, shared,
+            cutoff, further.distance, further.normal,
+        )  # fmt: skip
+        nearer = further.distance < self.distance
+        self.distance[nearer] = further.distance[nearer]
+        self.normal[nearer] = further.normal[nearer]
+
 
 class Cost(ABC):
     """A cost of a trajectory: a quantity to minimise, or the penalty of a constraint.

@@ -18,6 +18,26 @@ ANCHOR = 1e3  # [1/T⁴] weight of ∫‖δ‖² dt beside ∫‖δ̈‖² dt in
 
 
 @dataclass(frozen=True)
+class Special:
+    """Obstacles that spheres keep another distance from than contact.
+
+    Attributes:
+        field: ``static`` or ``dynamic``.
+        obstacles: without cells.
+        shared: number of those that concern all spheres, of a dynamic field.
+        radius: (B,) of the body spheres, larger by that distance [m]; minus infinity where an
+            obstacle does not count.
+        bound: (L,) of the links' bounding spheres, likewise [m].
+    """
+
+    field: str
+    obstacles: Obstacles
+    shared: int
+    radius: FloatArray
+    bound: FloatArray
+
+
+@dataclass(frozen=True)
 class Surroundings:
     """Obstacles by role, ready for the kernels.
 
@@ -26,11 +46,22 @@ class Surroundings:
         dynamic: objects to avoid, then pushables. Pushables, from index ``shared`` on, concern only
             B_d (all links but the last one and the tool).
         shared: number of avoid objects.
+        special: padded obstacles, and those that some links may touch; they are in no other list.
     """
 
     static: Obstacles
     dynamic: Obstacles
     shared: int
+    special: tuple[Special, ...] = ()
+
+    def measure(self, e: Evaluation, cutoff: float) -> None:
+        """Fill both fields of an evaluation, up to distances of ``cutoff`` [m]."""
+        e.static.measure(e, self.static, len(self.static.kind), cutoff)
+        e.dynamic.measure(e, self.dynamic, self.shared, cutoff)
+        for one in self.special:
+            field = e.static if one.field == "static" else e.dynamic
+            sizes = one.radius, one.bound
+            field.measure_too(e, one.obstacles, one.shared, cutoff, sizes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,9 +119,7 @@ class Problem:
         """The objective at ``q`` (T, n); ``evaluation`` then has gradient and curvature."""
         e = self.evaluation
         e.move_to(q)
-        s = self.surroundings
-        e.static.measure(e, s.static, len(s.static.kind), self.cutoff)
-        e.dynamic.measure(e, s.dynamic, s.shared, self.cutoff)
+        self.surroundings.measure(e, self.cutoff)
         added = [(c, c.add(e, c.weight)) for c in self.costs]
         cost = sum((c.weight * value for c, value in added), 0.0)
         stiffened = [(c, c.add(e, penalty_scale * c.weight)) for c in self.constraints]

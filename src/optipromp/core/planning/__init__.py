@@ -1,5 +1,9 @@
 """Planning: ``plan``, planners as values, ``plan_many``, ``plan_sequence`` and ``judge``."""
 
+from optipromp.core.planning.detours import Detour as Detour
+from optipromp.core.planning.detours import detour as detour
+from optipromp.core.planning.legs import Picked as Picked
+from optipromp.core.planning.legs import plan_pick as plan_pick
 from optipromp.core.planning.many import plan_many as plan_many
 from optipromp.core.planning.options import STRATEGIES as STRATEGIES
 from optipromp.core.planning.options import PaperOptions as PaperOptions

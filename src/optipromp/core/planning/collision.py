@@ -16,7 +16,8 @@ from optipromp.core.geometry.distances import distance_and_gradient
 from optipromp.core.geometry.obstacles import Obstacles, appended, pack
 from optipromp.core.geometry.shapes import Capsule
 from optipromp.core.planning.parameters import TREE
-from optipromp.core.planning.task import Task
+from optipromp.core.planning.special import apart
+from optipromp.core.planning.task import FARTHER, Task, reach
 from optipromp.core.robots.kernels import Kinematics, carried_points, chain_frames
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
@@ -41,6 +42,9 @@ class Collider(NamedTuple):
     static: Obstacles
     dynamic: Obstacles
     shared: int
+    special: Obstacles  # see :class:`optipromp.core.planning.special.RoomApart`
+    room: FloatArray  # (L, K) [m] of the special obstacles
+    common: FloatArray  # (L, 0): the other obstacles have no room
     lever: FloatArray  # (n,) [m per rad or m] :func:`levers`
     step: float  # [m] largest motion of the body between two places along an edge
     # work arrays of the kinematics of one configuration
@@ -54,11 +58,13 @@ def collider(task: Task, shared: int) -> Collider:
     """The arm and the obstacles of a task; ``shared`` as in :class:`Surroundings`."""
     robot, body, around = task.robot, task.body, task.surroundings
     segments = robot.n_segments
+    other, room = apart(task.scene, robot, reach(robot) + FARTHER)
     return Collider(
         robot.kinematics, body.segment, body.local, body.radius, body.link_start, body.link_bound,
         body.link_distal, body.groups, body.pairs, body.slack, around.static, around.dynamic,
-        shared, levers(robot), TREE.step, np.empty((1, segments, 3)), np.empty((1, segments, 3, 3)),
-        np.empty((1, segments, 3)), np.empty((1, len(body), 3)),
+        shared, other, room, np.zeros((len(room), 0)), levers(robot), TREE.step,
+        np.empty((1, segments, 3)), np.empty((1, segments, 3, 3)), np.empty((1, segments, 3)),
+        np.empty((1, len(body), 3)),
     )  # fmt: skip
 
 
@@ -77,9 +83,11 @@ def free(task: Task, q: FloatArray, most: int | None = None) -> FloatArray:
 
 @functools.lru_cache(maxsize=4)
 def _stems(scene: Scene) -> Obstacles:
-    """The pieces of all stems, including the target's."""
-    capsules = []
-    for stem in (item.stem for item in scene.objects if item.stem is not None):
+    """The pieces of all stems, including the target's, but of fruits that a link may touch."""
+    capsules, free = [], {name for pair in scene.may_touch for name in pair}
+    hanging = (item for item in scene.objects if item.stem is not None and item.id not in free)
+    for stem in (item.stem for item in hanging):
+        assert stem is not None
         for low, high in pairwise(stem.points):
             length = float(np.linalg.norm(high - low))
             turn = frame_along((high - low) / length)
@@ -115,10 +123,12 @@ def blocked(body, q):
     carried_points(body.segment, body.local, origins, body.rotations, points)
     p = points[0]
     for link in range(body.link_start.shape[0] - 1):
-        if meets(body, p, link, spheres, body.static, body.static.kind.shape[0]):
+        if meets(body, p, link, spheres, body.static, body.static.kind.shape[0], body.common):
             return True
         last = body.shared if body.link_distal[link] else body.dynamic.kind.shape[0]
-        if meets(body, p, link, spheres, body.dynamic, last):
+        if meets(body, p, link, spheres, body.dynamic, last, body.common):
+            return True
+        if meets(body, p, link, spheres, body.special, body.special.kind.shape[0], body.room):
             return True
     for g in range(body.groups.shape[0]):
         first, second = body.groups[g, 0], body.groups[g, 1]
@@ -144,10 +154,17 @@ def closer(p, i, j, apart):
 
 
 @inlined
-def meets(body, p, link, spheres, obstacles, last):
-    """Whether a link touches one of the first ``last`` obstacles."""
-    c, bound = p[spheres + 2 + link], body.link_bound[link]
+def meets(body, p, link, spheres, obstacles, last, room):
+    """Whether a link comes nearer to one of the first ``last`` obstacles than its ``room`` (L, K).
+
+    Where ``room`` has no columns, it is 0.
+    """
+    c = p[spheres + 2 + link]
     for k in range(last):
+        keep = room[link, k] if k < room.shape[1] else 0.0
+        if keep == -np.inf:
+            continue
+        bound = body.link_bound[link] + keep
         o, far = obstacles.position[k], obstacles.bound[k] + bound
         x, y, z = c[0] - o[0], c[1] - o[1], c[2] - o[2]
         if x * x + y * y + z * z >= far * far:
@@ -157,7 +174,7 @@ def meets(body, p, link, spheres, obstacles, last):
             continue
         for b in range(body.link_start[link], body.link_start[link + 1]):
             d, _, _, _ = distance_and_gradient(obstacles, k, p[b, 0], p[b, 1], p[b, 2])
-            if d < body.radius[b]:
+            if d < body.radius[b] + keep:
                 return True
     return False
 

@@ -28,9 +28,7 @@ def clearance(task: Task, q: FloatArray) -> FloatArray:
     """
     e = Evaluation(task.robot, task.body, len(q), 1.0)
     e.move_to(q)
-    around = task.surroundings
-    e.static.measure(e, around.static, len(around.static.kind), GOAL.room)
-    e.dynamic.measure(e, around.dynamic, around.shared, GOAL.room)
+    task.surroundings.measure(e, GOAL.room)
     proximal = ~np.asarray(task.body.distal)
     room = np.minimum(
         e.static.distance.min(axis=1, initial=GOAL.room),
@@ -190,9 +188,9 @@ def narrow(task: Task, judgement: Judgement, goal: FloatArray) -> float:
     if judgement.near is None or isinstance(task.goal, JointGoal):
         return 0.0
     margin, moving = judging.JUDGE.static_margin, task.body.segment[: task.body.tool] >= 0
-    e, around = Evaluation(task.robot, task.body, 2, 1.0), task.surroundings.static
+    e = Evaluation(task.robot, task.body, 2, 1.0)
     e.move_to(np.array([task.start, goal]))
-    e.static.measure(e, around, len(around.kind), margin)
+    task.surroundings.measure(e, margin)
     room = np.where([moving, moving & task.body.distal], e.static.distance, margin).min()
     return max(float(room) + judgement.near.depth - GOAL.same_room, 0.0)
 

@@ -5,10 +5,11 @@ from collections.abc import Callable, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from optipromp.core.errors import InvalidRequestError, NoPlanError, OptiPrompError
-from optipromp.core.planning.options import PlanOptions, Strategy
-from optipromp.core.planning.plan import DEFAULTS, check_request, plan
+from optipromp.core.planning.options import PlanOptions, Strategy, stated
+from optipromp.core.planning.plan import check_request, plan
 from optipromp.core.planning.planner import Planner
 from optipromp.core.planning.result import Plan
 from optipromp.core.planning.task import Task
@@ -54,6 +55,7 @@ def plan_many(
     seed: int = 0,
     workers: int | None = None,
     progress: Callable[[int, Result], None] | None = None,
+    **settings: Any,
 ) -> list[Result]:
     """Plan a reach in each of many scenes, on all cores.
 
@@ -71,6 +73,7 @@ def plan_many(
         workers: processes that plan; None: one per core; 1: this process plans.
         progress: called in this thread as each plan is done, with the index of its scene and the
             result.
+        settings: as for :func:`plan`.
 
     Returns:
         A result for each scene, in the order of ``scenes``: the plan (also a plan that failed), or
@@ -82,7 +85,8 @@ def plan_many(
     """
     if workers is not None and workers < 1:
         raise InvalidRequestError(f"workers is {workers}; it must be at least 1")
-    check_request(planner, strategy, options or DEFAULTS)
+    options = stated(options, settings, plan_many)
+    check_request(planner, strategy, options)
     request = _Request(planner, strategy, demonstrations, seed, options)
     count = min(workers or cores(), len(scenes))
     if count > 1:

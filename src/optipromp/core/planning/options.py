@@ -3,8 +3,9 @@
 import functools
 import math
 import reprlib
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from inspect import signature
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -14,8 +15,10 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.optimization.costs import Cost
 from optipromp.core.optimization.costs.obstacles import Reduction
 from optipromp.core.optimization.costs.tool import PushForm
+from optipromp.core.parameters import Settings
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.rules import DriftRule
+from optipromp.core.shown import suggest
 
 Strategy = Literal["joint", "sequential"]
 Constraints = Literal["push-model", "paper"]
@@ -53,6 +56,10 @@ def _check_types(options: object, prefix: str) -> None:
         value: Any = getattr(options, item.name)
         hint = hints[item.name]
         wanted = str(hint).replace("typing.", "") if get_origin(hint) else hint.__name__
+        words = [word for one in (hint, *get_args(hint)) for word in _words(one)]
+        if words and isinstance(value, str) and value not in words:
+            told = f"it must be one of these: {suggest(value, words)}"
+            raise InvalidRequestError(f"{prefix}{item.name} is {value}; {told}")
         _need(options, prefix, _fits(value, hint), item.name, f"of type {wanted}")
         for number in _numbers(value):
             if _fits(number, float):
@@ -60,6 +67,11 @@ def _check_types(options: object, prefix: str) -> None:
                 _need(
                     options, prefix, endless or abs(number) < _LARGEST_SETTING, item.name, "finite"
                 )
+
+
+def _words(hint: Any) -> tuple[str, ...]:
+    """The words that a type of literals allows; of another type none."""
+    return get_args(hint) if get_origin(hint) is Literal else ()
 
 
 def _numbers(value: Any) -> Iterable[Any]:
@@ -82,7 +94,7 @@ def _need(options: object, prefix: str, ok: bool, name: str, wanted: str) -> Non
 
 
 @dataclass(frozen=True)
-class PaperOptions:
+class PaperOptions(Settings):
     r"""Settings that the paper leaves open; the defaults are those of the paper or its authors.
 
     Attributes:
@@ -157,7 +169,7 @@ class PaperOptions:
 
 
 @dataclass(frozen=True)
-class Timed:
+class Timed(Settings):
     """Settings of the motion of every planner of the core.
 
     Attributes:
@@ -276,3 +288,22 @@ class PlanOptions(Searched):
         need(self.timeout > 0, "timeout", "positive [s]")
         need(0.0 < self.risk < 1.0, "risk", "between 0 and 1")
         need(most is None or most > 0, "effort", "a whole number > 0")
+
+
+def stated(
+    options: PlanOptions | None, settings: Mapping[str, Any], verb: Callable[..., object]
+) -> PlanOptions:
+    """The options of a call of ``verb``, with the settings that it got as keywords of their own.
+
+    Raises:
+        InvalidRequestError: a keyword that is neither a setting nor an argument of ``verb``.
+    """
+    options = options or PlanOptions()
+    names = [item.name for item in fields(PlanOptions)]
+    for name in settings:
+        if name not in names:
+            valid = [one for one in signature(verb).parameters if one != "settings"]
+            raise InvalidRequestError(
+                f"{verb.__name__} has no argument {name!r}: {suggest(name, [*valid, *names])}"
+            )
+    return replace(options, **settings) if settings else options

@@ -268,6 +268,48 @@ class TimingParameters(Checked):
     parts: int = parameter(
         4, "1", "choice", "of an interval, for which the tool's speed is checked"
     )
+    beside: float = parameter(
+        0.015,
+        "m",
+        "choice",
+        "distance from the first place of an object that stands, in which the tool is slower: 2.5 "
+        "standard deviations of its position; the judge's is 0.01",
+    )
+    ahead: float = parameter(
+        0.015,
+        "m",
+        "measured",
+        "way before a push in which the tool is slow: a quarter of pushed packs is 13 mm off",
+    )
+    quickest: float = parameter(
+        30.0, "1", "choice", "largest rate at which a slow trajectory is led where nothing is near"
+    )
+    grade: float = parameter(
+        1.2, "1", "choice", "largest ratio of the rates at two neighbouring waypoints"
+    )
+    last: float = parameter(
+        0.04,
+        "m",
+        "choice",
+        "way before the end on which the tool brakes slowly: it meets the target",
+    )
+    meeting: float = parameter(0.5, "1", "choice", "share of its largest speed at the target")
+    still: float = parameter(1e-6, "m/s", "choice", "speed of a tool that hardly moves")
+    paces: int = parameter(100, "1", "choice", "trials of the rates until all limits are kept")
+
+
+@dataclass(frozen=True)
+class InTimeParameters(Checked):
+    """Plans among objects that move (``planning/in_time.py``)."""
+
+    horizon: float = parameter(
+        20.0, "s", "choice", "for which the places of an object that moves are avoided at first"
+    )
+    spacing: float = parameter(0.25, "radii of the object", "choice", "between two of these places")
+    most: int = parameter(200, "1", "choice", "number of these places")
+    room: float = parameter(0.01, "m", "choice", "from objects that move, where there is a way")
+    wait: float = parameter(0.25, "s", "choice", "between two times of departure that are tried")
+    longest: float = parameter(20.0, "s", "choice", "wait at the start")
 
 
 WAYPOINT = WaypointParameters()
@@ -280,4 +322,5 @@ PRIMITIVE = PrimitiveParameters()
 TREE = TreeParameters()
 TIMING = TimingParameters()
 APPROACH = ApproachParameters()
+IN_TIME = InTimeParameters()
 UNDERWAY = UnderwayParameters()

@@ -29,8 +29,8 @@ from optipromp.core.planning.goals import clearance, narrow, passed_over
 from optipromp.core.planning.options import Searched
 from optipromp.core.planning.parameters import PICK, SOLVE
 from optipromp.core.planning.result import Harmful, Planned, Stage
+from optipromp.core.planning.slow import paced
 from optipromp.core.planning.task import Task, pushed_aside
-from optipromp.core.planning.timing import slowly, timed
 from optipromp.core.planning.underway import rest, straight
 from optipromp.core.planning.verdict import PushMotion, harm_of, judged, led, prediction
 from optipromp.core.promp.model import ProMP
@@ -310,7 +310,7 @@ class Solver:
         trajectory = start.running
         if trajectory is None:
             first, speed = (None, None) if path is None else (start.waypoints.first, path.speed)
-            trajectory = timed(task, options, q, slowly(task, q, first), speed)
+            trajectory = paced(self.task, options, q, first, speed)
         judgement = judged(self.task, trajectory, stem_side=self.model is None)
         shortfall = narrow(task, judgement, q[-1])
         if shortfall and not judgement.violations:

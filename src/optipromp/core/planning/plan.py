@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
@@ -19,7 +20,8 @@ from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.optimization.kernels import add_stiffness
 from optipromp.core.planning import approaches, tree
 from optipromp.core.planning.functionals import functional_values
-from optipromp.core.planning.options import PaperOptions, PlanOptions, Strategy
+from optipromp.core.planning.in_time import later, moves, plan_in_time
+from optipromp.core.planning.options import PaperOptions, PlanOptions, Strategy, stated
 from optipromp.core.planning.parameters import UNDERWAY
 from optipromp.core.planning.planner import Planner, label
 from optipromp.core.planning.planners import OptiProMP, chosen_planner
@@ -57,11 +59,13 @@ def plan(
     previous: Plan | None = None,
     at: float | None = None,
     unpushed: bool = False,
+    **settings: Any,
 ) -> Plan:
     """Plan a reach in a scene, from rest or from a motion that runs.
 
     Args:
-        scene: a scene, the name of a built-in scene, or the path of a scene file.
+        scene: a scene, the name of a built-in scene, or the path of a scene file. The motion of its
+            objects begins with the plan, or with ``previous`` where that is given.
         robot: with its tool (:func:`optipromp.core.robots.tools.with_tool`), in place of the
             scene's.
         planner: a planner with its settings, such as :class:`OptiProMP`, or any object that
@@ -83,6 +87,8 @@ def plan(
             the new plan begins in the state of ``previous`` at this time.
         unpushed: the scene has each fruit where it hung before the push of ``previous``, as a
             tracker gives it; otherwise a scene that differs has each fruit where it is now.
+        settings: fields of :class:`PlanOptions` that differ from ``options``, named as on the
+            command line: ``timeout=5.0``, ``duration=4.0``, ``risk=0.1``.
 
     Returns:
         The plan. A plan that fails is returned too, with its code, the best trajectory and the
@@ -96,12 +102,15 @@ def plan(
             an object of another type than ``Planned``, ``Failed`` or ``Harmful``.
         StartInvalidError: a start outside the joint limits, or of the wrong size.
     """
-    options = options or DEFAULTS
+    options = stated(options, settings, plan)
     solver = check_request(planner, strategy, options, seed)
     compile_once()  # before the plan's clock starts
     with _threads().limit(limits=1, user_api="blas"):  # small matrices gain nothing from threads
+        say = progress or str
+        say("reading scene and robot")
         state = begun(start_state, previous, at)
         scene = scene if isinstance(scene, Scene) else load_scene(scene)
+        scene = scene if at is None else later(scene, at)
         began = clock()
         task = replace(resolve(scene, robot, state), risk=options.risk, seed=seed)
         task = replace(task, demonstrations=demonstrations, sparing=True)
@@ -111,7 +120,11 @@ def plan(
             if tasks[0].same and previous is not None and previous.success:
                 risk = max(task.risk, UNDERWAY.risk)
                 tasks = [replace(each, risk=risk) for each in tasks]
-        return _best_way(tasks, solver, options, began, progress or str)
+        way = functools.partial(_best_way, planner=solver, options=options, began=began, say=say)
+        if moves(scene):
+            made = [plan_in_time(each, lambda one: way([one])) for each in tasks]
+            return min(made, key=_slowness)
+        return way(tasks)
 
 
 def _best_way(
@@ -143,7 +156,8 @@ def _best_way(
             harmful.append(found)
             continue
         made.append(found)
-        fast = getattr(planner, "timed", False) and judging.too_fast(found.metrics.approach_speed)
+        speed = found.metrics.approach_speed
+        fast = getattr(planner, "timed", False) and judging.too_fast(approach.scene, speed)
         if not several and (fast or found.status not in RETRIED):
             break
     if harmful and not any(done.success for done in made):
@@ -206,8 +220,10 @@ def compile_once() -> None:
         warm_up()
 
 
-def compile_kernels() -> None:
+def compile_kernels(progress: Callable[[str], object] = str) -> None:
     """Fill Numba's cache.
+
+    ``progress`` is called with a short text as each part begins.
 
     The kernels of the push model take nearly as long to compile as all others. With a second core,
     another process compiles them, while this process plans in a scene where nothing hangs.
@@ -219,13 +235,16 @@ def compile_kernels() -> None:
         code = f"from {__name__} import compile_push_model as run; run()"
         other = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL)
     try:
+        progress("compiling the kernels of arm and obstacles")
         warm_up(replace(scene, objects=bare))
         if other is not None:
+            progress("compiling the kernels of the push")
             other.wait()
     finally:
         if other is not None:
             other.kill()  # where the wait was interrupted
             other.wait()
+    progress("compiling the last kernels")
     warm_up()  # the kernels that are still missing
 
 

@@ -147,8 +147,8 @@ def make(name: str, **settings: Any) -> Planner:
     kind = factory(name)
     for setting in settings:
         if setting not in settings_of(kind):
-            valid = ", ".join(settings_of(kind)) or "none"
-            raise InvalidRequestError(f"{setting} is no setting of {name}; valid: {valid}")
+            valid = suggest(setting, settings_of(kind) or ["none"])
+            raise InvalidRequestError(f"{setting} is no setting of {name}; {valid}")
     return kind(**settings)
 
 

@@ -29,6 +29,7 @@ from optipromp.core.planning.planner import (
 from optipromp.core.planning.primitive import learnt
 from optipromp.core.planning.result import Failed, Harmful, Planned
 from optipromp.core.planning.task import Task, pushed_aside
+from optipromp.core.shown import suggest
 
 JOINT: Strategy = "joint"
 
@@ -189,7 +190,7 @@ def chosen_planner(planner: Planner | str, strategy: str, options: PlanOptions) 
             object that is no planner.
     """
     if strategy not in STRATEGIES:
-        raise InvalidRequestError(f"strategy is {strategy!r}; valid: {', '.join(STRATEGIES)}")
+        raise InvalidRequestError(f"strategy is {strategy!r}; {suggest(strategy, STRATEGIES)}")
     given = {k: v for k, v in vars(options).items() if k not in OF_A_PLAN and v != USUAL[k]}
     if not isinstance(planner, str):
         if isinstance(planner, type) or not isinstance(planner, Planner):

@@ -6,8 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.planning.legs import Picked, after
 from optipromp.core.planning.plan import plan
 from optipromp.core.planning.result import Plan
+from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Role, Scene
 from optipromp.core.scenes.trusses import rooted
@@ -35,17 +37,25 @@ class PickSequence:
         targets: ids of the ripe fruits, in the order of the request.
         picks: plan of each pick, in order; the scene of a plan has the fruits that still hang.
         left: the ripe fruits that cannot be picked.
+        placed: the picks with all legs, in order, of a scene with a place; the plans of ``picks``
+            are their reaches. Empty otherwise.
     """
 
     scene: Scene
     targets: tuple[str, ...]
     picks: tuple[Plan, ...]
     left: tuple[Left, ...]
+    placed: tuple[Picked, ...] = ()
 
     @property
     def order(self) -> tuple[str, ...]:
         """Ids of the fruits in the order of the picks."""
         return tuple(_target(pick) for pick in self.picks)
+
+    @property
+    def whole(self) -> Sequence[Plan | Picked]:
+        """The picks with all their legs; in a scene without a place, their plans."""
+        return self.placed or self.picks
 
     @property
     def success(self) -> bool:
@@ -59,7 +69,10 @@ class PickSequence:
             "targets": list(self.targets),
             "success": self.success,
             "order": list(self.order),
-            "picks": [{"target": _target(pick), **pick.to_dict()} for pick in self.picks],
+            "picks": [
+                {"target": id_, **made.to_dict()}
+                for id_, made in zip(self.order, self.whole, strict=True)
+            ],
             "left": [vars(left) for left in self.left],
         }
 
@@ -79,9 +92,11 @@ def plan_sequence(
     picked fruit is in no other's way, so that no order picks more fruits than this one, as far as
     the planner knows.
 
-    Every pick starts at the scene's start: the arm lays a fruit down and comes back. Pushed fruits
-    are assumed to hang at rest again before the next pick. Stems that grow from the stem of a
-    picked fruit are held at their roots from then on.
+    Every pick starts at the scene's start: the arm lays a fruit down and comes back. In a scene
+    with a ``place`` each pick has the legs of :func:`optipromp.core.planning.legs.plan_pick`, and
+    starts where the pick before it ended, at the place. A fruit whose retreat or carry fails gives
+    way to the next best. Pushed fruits are assumed to hang at rest again before the next pick.
+    Stems that grow from the stem of a picked fruit are held at their roots from then on.
 
     Args:
         scene: a scene, the name of a built-in scene, or the path of a scene file.
@@ -97,9 +112,12 @@ def plan_sequence(
     if not isinstance(scene, Scene):
         scene = load_scene(scene)
     _check(scene, targets)
-    picks = list[Plan]()
+    begun = scene
+    picks, placed = list[Plan](), list[Picked]()
     while True:
         picked = [_target(pick) for pick in picks]
+        if placed:
+            scene = replace(scene, start=placed[-1].end)
         tried = []
         for id_ in targets:
             if id_ in picked:
@@ -107,11 +125,19 @@ def plan_sequence(
             if progress is not None:
                 progress(f"pick {len(picks) + 1}: {id_}")
             tried.append(plan(aimed(scene, id_, picked), **request))
-        good = [made for made in tried if made.success]
-        if not good:
-            left = tuple(Left(_target(made), made.status, made.message) for made in tried)
-            return PickSequence(scene, tuple(targets), tuple(picks), left)
-        picks.append(min(good, key=_rank))
+        good = sorted((made for made in tried if made.success), key=_rank)
+        failed: dict[str, Picked] = {}
+        if scene.place is not None:
+            for made in good:
+                whole = after(made, progress, **request)
+                if whole.success:
+                    placed.append(whole)
+                    break
+                failed[_target(made)] = whole
+        if len(failed) == len(good):
+            left = tuple(_left(made, failed.get(_target(made))) for made in tried)
+            return PickSequence(begun, tuple(targets), tuple(picks), left, tuple(placed))
+        picks.append(good[len(failed)])
 
 
 def aimed(scene: Scene, target: str, picked: Sequence[str] = ()) -> Scene:
@@ -123,7 +149,13 @@ def aimed(scene: Scene, target: str, picked: Sequence[str] = ()) -> Scene:
         for item in scene.objects
         if item.id not in picked
     )
-    return replace(scene, name=f"{scene.name}-{target}", objects=rooted(objects), goal=None)
+    return replace(
+        scene,
+        name=f"{scene.name}-{target}",
+        objects=rooted(objects),
+        goal=None,
+        may_touch=pairs_among(scene.may_touch, picked),
+    )
 
 
 def _check(scene: Scene, targets: Sequence[str]) -> None:
@@ -135,6 +167,12 @@ def _check(scene: Scene, targets: Sequence[str]) -> None:
             raise InvalidRequestError(
                 f"target {id_!r} is no target or pushable of {scene.name}: {suggest(id_, fruits)}"
             )
+
+
+def _left(made: Plan, whole: Picked | None) -> Left:
+    """The fruit of a plan, or of a pick of which another leg failed, as left."""
+    told = made if whole is None else whole
+    return Left(_target(made), told.status, told.message)
 
 
 def _rank(made: Plan) -> tuple[float, float]:

@@ -1,6 +1,7 @@
 """A task: the scene's robot with its tool, start, goal, obstacles, neighbours and push model."""
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -8,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, lengths
-from optipromp.core.errors import StartInvalidError
+from optipromp.core.errors import InvalidRequestError, StartInvalidError
 from optipromp.core.optimization.evaluation import BodyPoints
-from optipromp.core.optimization.problem import Surroundings
+from optipromp.core.optimization.problem import Special, Surroundings
 from optipromp.core.planning.regions import at_goal, goals_of, within_limits
+from optipromp.core.planning.special import is_special, specials
 from optipromp.core.promp.model import ProMP
 from optipromp.core.pushing.model import Combined, Continued, PushModel
 from optipromp.core.pushing.packs import standing
@@ -22,13 +24,18 @@ from optipromp.core.pushing.rules import neighbours
 from optipromp.core.pushing.stems import hanging
 from optipromp.core.pushing.stems.cup import flange_of
 from optipromp.core.pushing.stems.hanging import Hanging
+from optipromp.core.robots.laden import Laden, loads_of
 from optipromp.core.robots.model import Robot
+from optipromp.core.robots.self_collision import letting_touch
+from optipromp.core.robots.suction import PRESS
 from optipromp.core.robots.tools import make_tool, with_tool
-from optipromp.core.scenes.scene import Goal, PoseGoal, Scene, SceneObject
+from optipromp.core.scenes.held import Pair, check_names
+from optipromp.core.scenes.scene import Attached, Goal, PoseGoal, Scene, SceneObject
 from optipromp.core.trajectory import State, Trajectory
 
 AMONG = 0.3  # [m] behind the target, within which the arm may meet objects that stand: a choice
 MOST_POINTS = 50_000  # of a tool's motion, which are 50 m at STEP: more than any arm's
+FARTHER = 0.1  # [m] beyond its reach, where objects still concern the arm: a choice
 NEAR = 0.065  # [m] cells list obstacles this near to a body sphere: more than GOAL.room
 
 
@@ -54,6 +61,7 @@ class Task:
         demonstrations: of the request: a ProMP, or a file to learn one from; None: the robot's own.
         only: the tool path to follow; None: a search finds the paths.
         sparing: whether the planner may answer :class:`Harmful` instead of following a path.
+        back: the push model of a retreat, for its whole motion; None: the task is none.
         begun: whether ``state`` replaces the scene's start: the tool may be among fruits already.
     """
 
@@ -74,6 +82,7 @@ class Task:
     seed: int = 0
     demonstrations: ProMP | str | Path | None = None
     only: ToolPath | None = None
+    back: PushModel | None = None
     sparing: bool = False
 
     @property
@@ -105,7 +114,9 @@ class Task:
         It depends on the configuration ``goal`` (n,) of the arm at the target where objects stand,
         because they may meet the arm. It is made once, or then once for each ``goal``.
         """
-        key = goal.tobytes() if _stands(self) else b""
+        if self.back is not None:
+            return self.back
+        key = goal.tobytes() if stands(self) else b""
         if key not in self._models:
             self._models[key] = _push_model(self, goal)
         return self._models[key]
@@ -140,8 +151,33 @@ _body = functools.lru_cache(maxsize=32)(BodyPoints)
 
 
 @functools.lru_cache(maxsize=32)
-def _equip(robot: Robot, kind: str, parameters: tuple[tuple[str, Any], ...]) -> Robot:
-    return with_tool(robot, make_tool(kind, dict(parameters)))
+def _equip(
+    robot: Robot, spec: tuple[str, tuple[tuple[str, Any], ...]] | None,
+    attached: tuple[Attached, ...], pairs: tuple[Pair, ...],
+) -> Robot:  # fmt: skip
+    """The robot with a tool, with what the tool holds, without the pairs that may touch."""
+    if spec is not None:
+        robot = with_tool(robot, make_tool(spec[0], dict(spec[1])))
+    if attached:
+        robot = laden(robot, attached)
+    return letting_touch(robot, pairs) if pairs else robot
+
+
+def laden(robot: Robot, attached: Sequence[Attached]) -> Robot:
+    """The robot whose tool holds ``attached``.
+
+    Raises:
+        InvalidRequestError: the robot has no tool, or has a link of the name of an attached shape.
+    """
+    if robot.tool is None:
+        raise InvalidRequestError(
+            f"attached {attached[0].id!r}: {robot.name} has no tool; give the scene a tool, "
+            "in whose axes the shape stands"
+        )
+    loads = tuple(item.load for item in attached)
+    if isinstance(robot.tool, Laden):
+        return with_tool(robot, Laden(robot.tool.tool, (*robot.tool.loads, *loads)))
+    return with_tool(robot, Laden(robot.tool, loads))
 
 
 def posed(
@@ -151,7 +187,7 @@ def posed(
 
     Args:
         scene: with a robot, a tool and a start.
-        robot: with its tool, in place of the scene's robot and tool.
+        robot: with its tool, in place of the scene's robot and tool. It is given what is attached.
         state: of the arm, in place of the scene's start.
 
     Raises:
@@ -160,10 +196,23 @@ def posed(
         StartInvalidError: wrong joint count, or outside the joint limits.
         InvalidRequestError: a tool that cannot be made or mounted.
     """
+    spec = None
     if robot is None:
         robot, tool = scene.load_robot(), scene.tool
         if tool is not None:
-            robot = _equip(robot, tool.kind, tuple(sorted(tool.parameters.items())))
+            parameters = dict(tool.parameters)
+            if tool.kind == "suction" and scene.target is not None:
+                parameters.setdefault("fruit", max(scene.target.radius - PRESS, 0.0))
+            spec = tool.kind, tuple(sorted(parameters.items()))
+    held = {load.id for load in loads_of(robot.tool)}
+    attached = tuple(item for item in scene.attached if item.id not in held)
+    if spec or attached or scene.may_touch:
+        robot = _equip(robot, spec, attached, scene.may_touch)
+    if state is None:
+        links = robot.link_names
+        if scene.place is not None and scene.target is not None:
+            links = (*links, scene.target.id)  # which the tool holds after the pick
+        check_names(scene.may_touch, [item.id for item in scene.objects], links)
     start = robot.home if scene.start is None else scene.start
     start = start if state is None else state.q
     if start.shape != (robot.n_joints,):
@@ -218,16 +267,23 @@ def reach(robot: Robot) -> float:
 
 @functools.lru_cache(maxsize=4)
 def _surroundings(scene: Scene, robot: Robot) -> Surroundings:
-    far = reach(robot) + 0.1
+    far = reach(robot) + FARTHER
     asked = NEAR + float(np.max(robot.spheres.radius, initial=0.0))
 
     static, avoid, push = (
         scene.around(np.zeros(3), far, role) for role in ("static", "avoid", "pushable")
     )
+    apart = [is_special(scene, robot, rows) for rows in (static, avoid, push)]
+    special: tuple[Special, ...] = ()
+    if any(own.any() for own in apart):
+        other = np.concatenate([avoid[apart[1]], push[apart[2]]]), int(apart[1].sum())
+        special = tuple(specials(scene, robot, _body(robot), static[apart[0]], other))
+        static, avoid, push = static[~apart[0]], avoid[~apart[1]], push[~apart[2]]
     return Surroundings(
         static=scene.packed(static, reach=asked, within=far),
         dynamic=scene.packed(np.concatenate([avoid, push]), reach=asked, within=far),
         shared=len(avoid),
+        special=special,
     )
 
 
@@ -236,7 +292,7 @@ def _push_model(task: Task, goal: FloatArray) -> PushModel | None:
     if tool is None or not isinstance(task.goal, PoseGoal):
         return None
     models: list[PushModel] = []
-    if _stands(task):
+    if stands(task):
         rings = rings_of(task.robot)
         models.append(Standing(scene, tool, wrist(task, goal), rings=rings, risk=task.risk))
     if hanging.applies(scene, tool, task.neighbours or task.passed):
@@ -265,10 +321,10 @@ def spaced(points: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray
 
 def pushed_aside(task: Task) -> Task:
     """The task without the objects that stand: the tool pushes them aside before the arm comes."""
-    return replace(task, scene=emptied(task.scene)) if _stands(task) else task
+    return replace(task, scene=emptied(task.scene)) if stands(task) else task
 
 
-def _stands(task: Task) -> bool:
+def stands(task: Task) -> bool:
     """Whether the push model of standing objects applies."""
     return isinstance(task.goal, PoseGoal) and standing.applies(task.scene, task.robot.tool)
 
@@ -294,7 +350,7 @@ def wrist(task: Task, goal: FloatArray) -> list[FloatArray]:
     level_with = (local[:, 0] + radius > min(packs) - tall) & (
         local[:, 0] - radius < max(packs) + tall
     )
-    near = level_with & (local[:, 2] + radius > -AMONG) & (link != len(robot.link_names) - 1)
+    near = level_with & (local[:, 2] + radius > -AMONG) & (link < robot.n_own_links)
     out = []
     for one in np.unique(link[near]):
         mine = near & (link == one)

@@ -9,16 +9,15 @@ derivative by :math:`c^k`, so the least stretch is
 .. math:: c = \max\left(|\dot q|/v,\; (|\ddot q|/a)^{1/2},\; (|\dddot q|/j)^{1/3}\right).
 """
 
-import functools
 import math
-from operator import attrgetter
 
 import numpy as np
 
-from optipromp.core.arrays import BoolArray, FloatArray, frozen, lengths
+from optipromp.core.arrays import BoolArray, FloatArray, lengths
+from optipromp.core.planning.fastest import fastest, needs, ramped, shares, within
 from optipromp.core.planning.options import Searched
 from optipromp.core.planning.parameters import TIMING, UNDERWAY
-from optipromp.core.planning.task import Task
+from optipromp.core.planning.task import Task, stands
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP, along, evenly, length
 from optipromp.core.robots.model import Robot
@@ -38,43 +37,16 @@ def timed(
     """Waypoints (T, n) as a trajectory of ``options.duration``, or of the shortest duration.
 
     In the ``slow`` intervals of the shortest trajectory the tool's speed stays below
-    ``options.approach_speed``, or else below ``speed`` [m/s] (None: that of hanging fruits).
+    ``options.approach_speed``, or else below ``speed`` [m/s] (None: that of the push model).
     """
-    limit = options.approach_speed or speed or PUSH.hanging.speed
+    usual = PUSH.standing.speed if stands(task) else PUSH.hanging.speed
+    limit = options.approach_speed or speed or usual
     made = shortest(task.robot, q, None if options.duration else slow, limit)
     if options.duration is not None:
         made = made.slowed(options.duration / made.duration)
     if not task.state.moving:
         return made
     return joined(task.robot, task.state, made, slow, options.corridor)
-
-
-def slowly(task: Task, q: FloatArray, first: int | None) -> Slow:
-    """The intervals between waypoints (T, n) in which the tool is to be slow.
-
-    All intervals from waypoint ``first`` on (None: none of these), and the intervals before it in
-    which the tool is near a hanging pushable. There the tool counts as a cylinder with the
-    gripper's radius, up to the rim.
-    """
-    robot, target, near = task.robot, task.scene.target, np.zeros(len(q), dtype=bool)
-    tool, hangs = robot.tool, target is not None and target.stem is not None
-    if tool is None or not hangs:
-        return first
-    points, axes = robot.tool_pose(q)
-    low, high = points.min(axis=0), points.max(axis=0)
-    for fruit in task.scene.pushables:
-        reach = fruit.radius + TIMING.among
-        far = reach + tool.reach + robot.gripper_radius
-        apart = (fruit.position + far < low) | (fruit.position - far > high)
-        if fruit.stem is None or apart.any():
-            continue
-        off = fruit.position - points
-        along = np.einsum("ti,ti->t", off, axes)
-        aside = lengths(off - along[:, None] * axes)
-        level = (along < tool.depth + reach) & (along > -tool.reach - reach)
-        near |= level & (aside < robot.gripper_radius + reach)
-    among, path = near[1:] | near[:-1], intervals(first, len(q))
-    return among | path if (among & ~path).any() else first
 
 
 def shortest(robot: Robot, q: FloatArray, slow: Slow = None, speed: float = np.inf) -> Trajectory:
@@ -97,16 +69,8 @@ def shortest(robot: Robot, q: FloatArray, slow: Slow = None, speed: float = np.i
     made = Trajectory.through(q, dt * even, names)
     if not single and needs(robot, made).max() <= 1.0:
         return _calmed(robot, made, slow, speed)
-    duration = attrgetter("duration")
-    ramped = (_within(robot, q, _ramped(count, ramp), least) for ramp in TIMING.ramps)
-    best = min(ramped, key=duration)
-    made = best
-    for _ in range(TIMING.refinements):
-        need = _smoothed(needs(robot, made))
-        widths = np.diff(made.times) * np.clip(need**TIMING.gain, TIMING.shrink, TIMING.widen)
-        made = _within(robot, q, np.append(0.0, np.cumsum(widths)), least)
-        best = min(best, made, key=duration)
-    return _calmed(robot, best, slow, speed)
+    made = fastest(robot, q, least, ramped(np.linspace(0.0, 1.0, count)))
+    return _calmed(robot, made, slow, speed)
 
 
 def intervals(slow: Slow, count: int) -> BoolArray:
@@ -123,7 +87,7 @@ def _calmed(robot: Robot, made: Trajectory, slow: BoolArray, speed: float) -> Tr
         if fast.max() <= 1.0 + TIMING.spare:
             break
         widths = np.diff(made.times) * np.maximum(fast, 1.0)
-        made = _within(robot, made.positions, np.append(0.0, np.cumsum(widths)), widths)
+        made = within(robot, made.positions, np.append(0.0, np.cumsum(widths)), widths)
     return made
 
 
@@ -298,65 +262,3 @@ def _phases(
             break
     row, column = np.unravel_index(np.argmin(np.where(fits, first + last, np.inf)), fits.shape)
     return float(row + 1), held + more, float(column + 1)
-
-
-def needs(robot: Robot, made: Trajectory) -> FloatArray:
-    """The least stretch c (T-1,) of each interval of a trajectory; see the module."""
-    h = np.diff(made.times)[:, None]
-    points = control_points(h, made.rows(slice(None, -1)), made.rows(slice(1, None)))
-    return shares(robot, points, h)
-
-
-def shares(robot: Robot, points: FloatArray, h: FloatArray) -> FloatArray:
-    """The least stretch (m,) of quintics with control points (6, m, n) and durations (m, 1) [s]."""
-    worst = np.zeros(len(h))
-    limits = robot.velocity, robot.acceleration, robot.jerk
-    for order, (factor, limit) in enumerate(zip((5.0, 20.0, 60.0), limits, strict=True), start=1):
-        points = np.diff(points, axis=0)
-        share = factor * np.abs(points).max(axis=0) / h**order / limit
-        worst = np.maximum(worst, share.max(axis=1) ** (1.0 / order))
-    return worst
-
-
-def _within(robot: Robot, q: FloatArray, times: FloatArray, least: FloatArray) -> Trajectory:
-    """The trajectory at ``times`` (T,), stretched to keep all limits.
-
-    No interval is shorter than ``least`` (T-1,) [s].
-    """
-    made = Trajectory.through(q, times, robot.joint_names)
-    factor = float(needs(robot, made).max())
-    widths = factor * np.diff(times)
-    if (widths < least).any():
-        times = np.append(0.0, np.cumsum(np.maximum(widths, least)))
-        made = Trajectory.through(q, times, robot.joint_names)
-        factor = max(float(needs(robot, made).max()), 1.0)
-    return made.slowed(
-        max(factor * (1.0 + 1e-9), TIMING.least_dt / float(np.diff(made.times).max()))
-    )
-
-
-@functools.lru_cache(maxsize=64)
-def _ramped(count: int, ramp: float) -> FloatArray:
-    """Times (T,) of evenly spaced waypoints that are passed at speed 1 between two ramps.
-
-    Over the time ``ramp`` at either end (the cruise takes 1), the speed changes by the quintic step
-    10 x³ − 15 x⁴ + 6 x⁵.
-    """
-    gone = np.linspace(0.0, 1.0, count)
-    if ramp == 0.0:
-        return frozen(gone)
-    x = np.linspace(0.0, 1.0, 401)
-    travelled = ramp * x**4 * (2.5 - 3.0 * x + x**2)
-
-    def since(distance: FloatArray) -> FloatArray:
-        rising = ramp * np.interp(distance, travelled, x)
-        return np.where(distance < 0.5 * ramp, rising, distance + 0.5 * ramp)
-
-    return frozen(np.where(gone <= 0.5, since(gone), 1.0 + ramp - since(1.0 - gone)))
-
-
-def _smoothed(values: FloatArray) -> FloatArray:
-    """The largest of each three neighbours (m,), then their mean."""
-    p = np.pad(values, 1, mode="edge")
-    p = np.pad(np.maximum(np.maximum(p[:-2], p[1:-1]), p[2:]), 1, mode="edge")
-    return np.asarray((p[:-2] + p[1:-1] + p[2:]) / 3.0)

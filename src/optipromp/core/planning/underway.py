@@ -22,8 +22,9 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.follow import Start, Waypoints, braked
 from optipromp.core.planning.options import Searched
 from optipromp.core.planning.parameters import FOLLOW, TIMING, UNDERWAY
+from optipromp.core.planning.slow import paced, slowly
 from optipromp.core.planning.task import Task, tool_motion
-from optipromp.core.planning.timing import slowly, timed, tool_speeds
+from optipromp.core.planning.timing import tool_speeds
 from optipromp.core.pushing.packs import standing
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP, ToolPath, evenly, length
@@ -151,7 +152,7 @@ def rest(task: Task, options: Searched) -> Iterator[Start]:
     q = made.positions
     slow = slowly(task, q, first)
     if tool_speeds(robot, made, slow, TIMING.parts).max() > limit * (1.0 + TIMING.spare):
-        made = timed(task, options, q, slow, path.speed)
+        made = paced(task, options, q, first, path.speed)
     yield Start(q, q, Waypoints(len(q), first), path, made)
 
 

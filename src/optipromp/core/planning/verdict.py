@@ -5,6 +5,7 @@ fruits. Both look at the trajectory from its first instant to its last. Planning
 and reporting all call :func:`verdict`, or its parts :func:`judged` and :func:`predicted`.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -124,6 +125,16 @@ def verdict(task: Task, trajectory: Trajectory, *, anywhere: bool = False) -> Ve
     return Verdict(found, prediction)
 
 
+def whole(legs: Mapping[str, Plan]) -> tuple[Code, str]:
+    """Status and message of a motion of several ``legs``, by name: of the first that fails."""
+    for name, leg in legs.items():
+        if not leg.success:
+            return leg.status, f"{name}: {leg.message}"
+    first, *others = legs.items()
+    told = f"; then {' and '.join(name for name, _ in others)}, judged likewise" if others else ""
+    return Code.SUCCESS, first[1].message + told
+
+
 def judged(
     task: Task, trajectory: Trajectory, *, stem_side: bool, anywhere: bool = False
 ) -> Judgement:
@@ -164,6 +175,8 @@ def led(task: Task, model: PushModel, trajectory: Trajectory) -> PushMotion:
     faster than the tool of a push model: an object that it strikes counts as harmed.
     """
     q, points, axes = _followed(task.robot, trajectory)
+    if task.back is not None:
+        return PushMotion(*spaced(points, axes), None)
     first = _approach(points @ task.scene.frame[2] - model.candidates.entry)
     struck = None
     if first and not model.clear(*spaced(points[: first + 1], axes[: first + 1])):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray
+from optipromp.core.arrays import BoolArray, FloatArray, lengths
 from optipromp.core.pushing.calibration import Calibration as Calibration
 from optipromp.core.pushing.candidates import Candidates
 from optipromp.core.pushing.path import STEP, along, evenly, length
@@ -79,6 +79,13 @@ class PushModel(ABC):
         """Largest force on each object but the target, by id, in the perceived state [N]."""
         return {}
 
+    def pushing(self, points: FloatArray, axes: FloatArray) -> BoolArray:
+        """Whether a motion through the points (P, 3) pushes anything at each point (P,).
+
+        In the perceived state. A model that does not know says that every point pushes.
+        """
+        return np.ones(len(points), dtype=bool)
+
     @abstractmethod
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
         """Final poses of the objects of the perceived state, after a motion through the points."""
@@ -131,6 +138,12 @@ class Combined(_Guided):
         """See :class:`PushModel`; of all models."""
         return {k: f for model in self.models for k, f in model.forces(points, axes).items()}
 
+    def pushing(self, points: FloatArray, axes: FloatArray) -> BoolArray:
+        """See :class:`PushModel`; by any model."""
+        return np.asarray(
+            np.logical_or.reduce([model.pushing(points, axes) for model in self.models])
+        )
+
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
         """See :class:`PushModel`; for an object of several models, the last model counts."""
         found = [model.moved(points, axes) for model in self.models]
@@ -174,6 +187,13 @@ class Continued(_Guided):
     def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
         """See :class:`PushModel`; of the whole motion."""
         return self.lead.forces(*self._whole(points, axes))
+
+    def pushing(self, points: FloatArray, axes: FloatArray) -> BoolArray:
+        """See :class:`PushModel`; in the whole motion."""
+        whole, turned = self._whole(points, axes)
+        left = length(points) - np.append(0.0, np.cumsum(lengths(np.diff(points, axis=0))))
+        rows = np.rint((len(whole) - 1) * (1.0 - left / max(length(whole), 1e-9)))
+        return self.lead.pushing(whole, turned)[np.maximum(rows, 0).astype(np.int64)]
 
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
         """See :class:`PushModel`; by the whole motion."""

@@ -278,6 +278,13 @@ class StandingParameters(Checked):
     speed: float = parameter(
         0.015, "m/s", "measured", "slow, so as not to knock packs; 18 mm/s press a tenth harder"
     )
+    beside: float = parameter(
+        0.03,
+        "m/s",
+        "measured",
+        "largest of the tool beside packs that it is not to push: 30 mm/s press with 6 to 9 N, "
+        "15 mm/s with 5 to 8; the judge's limit",
+    )
     sideways: float = parameter(0.12, "m", "choice", "largest distance of a path to the side")
     first_corners: int = parameter(3, "1", "choice", "of a path in the first run of the search")
     corners: int = parameter(4, "1", "choice", "of a path in later runs")

@@ -8,6 +8,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.parameters import GRAVITY
 from optipromp.core.robots.kernels import PRISMATIC
+from optipromp.core.robots.laden import weight_of
 
 if TYPE_CHECKING:
     from optipromp.core.robots.model import Robot
@@ -28,14 +29,21 @@ class Dynamics(NamedTuple):
 def gravity_load(robot: "Robot", q: FloatArray, up: FloatArray) -> FloatArray:
     """Torque or force (m, S) [N m or N] that holds each segment at ``q`` (m, n) against gravity.
 
-    ``up``: (3,) the upward vertical in the base frame. The tool has no weight. Zero for a robot
-    without masses.
+    ``up``: (3,) the upward vertical in the base frame. The tool has no weight; what it holds has
+    (:func:`optipromp.core.robots.laden.weight_of`). Zero for a robot without masses.
     """
     origins, rotations = robot.segment_frames(q)
     if robot.dynamics is None:
         return np.zeros(origins.shape[:2])
     kin, mass = robot.kinematics, robot.dynamics.mass
-    middles = origins + np.einsum("msij,sj->msi", rotations, robot.dynamics.center)
+    center = robot.dynamics.center
+    held, at = weight_of(robot.tool)
+    if held:
+        mass, center = np.array(mass), np.array(center)
+        place = robot.flange_translation + robot.flange_rotation @ at
+        center[-1] = (mass[-1] * center[-1] + held * place) / (mass[-1] + held)
+        mass[-1] += held
+    middles = origins + np.einsum("msij,sj->msi", rotations, center)
     axes = np.einsum("msij,sj->msi", rotations, kin.axis)
     beyond = np.cumsum(mass[::-1])[::-1]  # of each segment and all after it
     moments = np.cumsum((mass[:, None] * middles)[:, ::-1], axis=1)[:, ::-1]

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from typing import TypedDict, Unpack
 
 import numpy as np
 
@@ -32,6 +33,10 @@ def robot_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in _DATA.glob(f"*{SUFFIX}")))
 
 
+Argument = str | float | bool
+"""The value of an argument of a xacro; xacro sees it as text, a bool as ``true`` or ``false``."""
+
+
 @dataclass(frozen=True)
 class Choice:
     """The caller's choice of the arm in a robot file or description.
@@ -46,6 +51,7 @@ class Choice:
         arm: name of the arm, in place of ``tip`` and ``base``: a group of the SRDF, or a part
             of the name of the arm's group, its tip or all its joints, such as ``left``.
         package_dirs: folders that hold packages. Relative paths start where the robot's does.
+        args: of a xacro, by name, in place of the defaults in its file.
         untrusted: whether a file or a message named the robot, not the user. The robot's files must
             then lie where that file's may, and no xacro is expanded. Ignored by comparisons.
     """
@@ -56,23 +62,29 @@ class Choice:
     hold: Mapping[str, float] = field(default_factory=dict)
     package_dirs: tuple[str | Path, ...] = ()
     arm: str | None = None
+    args: Mapping[str, Argument] = field(default_factory=dict)
     untrusted: bool = field(default=False, repr=False, compare=False)
 
 
+CHOICES = "arm, tip, base, srdf, hold, packages or args"
 NOTHING = Choice()
 UNTRUSTED = Choice(untrusted=True)
 
 
+class ChoiceKeys(TypedDict, total=False):
+    """The keywords of :func:`load_robot`; see :class:`Choice`."""
+
+    tip: str | None
+    base: str | None
+    srdf: str | Path | None
+    hold: Mapping[str, float] | None
+    package_dirs: Sequence[str | Path]
+    arm: str | None
+    args: Mapping[str, Argument] | None
+
+
 def load_robot(
-    name_or_path: str | Path,
-    base_dir: Path | None = None,
-    *,
-    tip: str | None = None,
-    base: str | None = None,
-    srdf: str | Path | None = None,
-    hold: Mapping[str, float] | None = None,
-    package_dirs: Sequence[str | Path] = (),
-    arm: str | None = None,
+    name_or_path: str | Path, base_dir: Path | None = None, **choice: Unpack[ChoiceKeys]
 ) -> Robot:
     """A robot without a tool: a built-in one by name, or from a file.
 
@@ -85,14 +97,14 @@ def load_robot(
     Args:
         name_or_path: of the robot; a relative path starts at ``base_dir``.
         base_dir: default: the working directory.
-        tip: the flange link.
-        base: the link that the arm begins at; joints before it are held.
-        srdf: an SRDF whose groups determine the arm; None: the SRDF beside the URDF, if any.
-        hold: values [rad or m] of joints that are not of the arm, such as the fingers of a gripper;
-            other such joints stand at zero, or at the limit nearest to zero.
-        package_dirs: folders that hold the packages of ``package://`` names, or are packages;
-            searched before the folders above the URDF, AMENT_PREFIX_PATH and ROS_PACKAGE_PATH.
-        arm: name of the arm, in place of ``tip`` and ``base``; see :class:`Choice`.
+        **choice: ``tip``: the flange link. ``base``: the link that the arm begins at; joints before
+            it are held. ``srdf``: an SRDF whose groups determine the arm; None: the SRDF beside the
+            URDF, if any. ``hold``: values [rad or m] of joints that are not of the arm, such as the
+            fingers of a gripper; other such joints stand at zero, or at the limit nearest to zero.
+            ``package_dirs``: folders that hold the packages of ``package://`` names, or are
+            packages; searched before the folders above the URDF, AMENT_PREFIX_PATH and
+            ROS_PACKAGE_PATH. ``arm``: name of the arm, in place of ``tip`` and ``base``; see
+            :class:`Choice`. ``args``: arguments of a xacro by name.
 
     Raises:
         InvalidRobotError: no such robot (the message lists the built-in names), a description that
@@ -100,9 +112,18 @@ def load_robot(
             :data:`optipromp.core.files.ALLOW_XACRO` is not set, or several arms that are alike (the
             message lists them).
     """
-    return load_arm(
-        name_or_path, base_dir, Choice(tip, base, srdf, hold or {}, tuple(package_dirs), arm)
-    )[0]
+    if unknown := choice.keys() - ChoiceKeys.__optional_keys__:
+        raise TypeError(f"load_robot has no argument {', '.join(sorted(unknown))}")
+    given = Choice(
+        choice.get("tip"),
+        choice.get("base"),
+        choice.get("srdf"),
+        choice.get("hold") or {},
+        tuple(choice.get("package_dirs", ())),
+        choice.get("arm"),
+        choice.get("args") or {},
+    )
+    return load_arm(name_or_path, base_dir, given)[0]
 
 
 def load_arm(
@@ -111,10 +132,7 @@ def load_arm(
     """The robot as :func:`load_robot` returns it, and its arm: why it was chosen, and others."""
     if isinstance(name_or_path, str) and name_or_path in robot_names():
         if choice != NOTHING:
-            raise InvalidRobotError(
-                f"robot '{name_or_path}' is built in: it takes no arm, tip, base, srdf, hold or "
-                "packages"
-            )
+            raise InvalidRobotError(f"robot '{name_or_path}' is built in: it takes no {CHOICES}")
         robot = _built_in(name_or_path)
         return robot, robot.arm
     folder = base_dir or Path()
@@ -144,9 +162,7 @@ def _read(path: Path, choice: Choice, check: Check) -> Robot:
         read: Callable[[Path, Choice, Check], Robot] = _readers()[path.suffix.lower()].load()
         return read(path, choice, check)
     if choice != NOTHING:
-        raise InvalidRobotError(
-            f"{path} is resolved: it takes no arm, tip, base, srdf, hold or packages"
-        )
+        raise InvalidRobotError(f"{path} is resolved: it takes no {CHOICES}")
     return read_resolved(path, check)
 
 

@@ -22,16 +22,20 @@ class MeshTool(Tool):
     """A tool of the user's own shape: convex pieces in the flange frame. Metres.
 
     Every connected piece of the meshes must be convex; CoACD and V-HACD cut a mesh into convex
-    parts. The tool counts as round: its roll is free, and it pushes with the volume that it sweeps
-    as it rolls.
+    parts. Without fingers the tool counts as round: its roll is free, and it pushes with the volume
+    that it sweeps as it rolls. With fingers it opens along the line between their middles, across
+    the tool axis, and takes hold of what is between them, as
+    :class:`optipromp.core.robots.grippers.FingerGripper` does.
 
     Args:
         meshes: in the flange frame.
         tool_point: place of the centre of a fruit that the tool holds.
         tool_axis: out of the mouth.
-        opening: inner diameter of a round mouth about the tool axis; None: the tool takes hold of
-            nothing, and the models of the push treat it as solid.
-        height: of the mouth, from its floor to the rim; with ``opening`` only.
+        opening: inner diameter of a round mouth about the tool axis, or distance of the fingers;
+            None: that of the finger meshes, or, without fingers, the tool takes hold of nothing,
+            and the models of the push treat it as solid.
+        height: of a round mouth, from its floor to the rim; with ``opening`` only.
+        finger_meshes: two or more, on both sides of the tool axis; ``meshes`` are then the body.
 
     Raises:
         InvalidRequestError: no meshes, a piece that is not convex, an axis without direction, a
@@ -43,9 +47,11 @@ class MeshTool(Tool):
     tool_axis: Vector = (0.0, 0.0, 1.0)
     opening: float | None = None
     height: float | None = None
+    finger_meshes: tuple[MeshShape, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "meshes", tuple(self.meshes))
+        object.__setattr__(self, "finger_meshes", tuple(self.finger_meshes))
         for field in ("tool_point", "tool_axis"):
             values = getattr(self, field)
             if np.shape(values) != (3,):
@@ -57,7 +63,10 @@ class MeshTool(Tool):
             raise InvalidRequestError(
                 f"tool mesh: tool_axis is {self.tool_axis}; it must have a direction"
             )
-        _pieces(self.meshes)
+        _pieces(self._all)
+        if self.finger_meshes:
+            self._check_fingers()
+            return
         if (self.opening is None) != (self.height is None):
             raise InvalidRequestError(
                 f"tool mesh: opening is {self.opening} and height is {self.height}; a mouth needs "
@@ -80,6 +89,41 @@ class MeshTool(Tool):
             )
 
     @property
+    def _all(self) -> tuple[MeshShape, ...]:
+        return self.meshes + self.finger_meshes
+
+    def _check_fingers(self) -> None:
+        if self.height is not None:
+            raise InvalidRequestError(
+                f"tool mesh: height is {self.height}; it is of a round mouth, and this tool has "
+                "fingers"
+            )
+        middles = [
+            _sides(mesh, self.tool_point, self.rotation).mean() for mesh in self.finger_meshes
+        ]
+        free = self._between
+        if not (min(middles) < 0.0 < max(middles) and free > 0.0):
+            raise InvalidRequestError(
+                "tool mesh: fingers are at "
+                f"{', '.join(f'{1e3 * middle:.0f}' for middle in middles)} mm from the tool axis, "
+                f"{1e3 * free:.1f} mm apart; there must be some on either side of it"
+            )
+        if self.opening is not None:
+            check_length("mesh", "opening", self.opening, 0.0, free + MESH_PLAY, open_below=True)
+
+    @property
+    def fingers(self) -> bool:
+        """Whether the tool has fingers."""
+        return bool(self.finger_meshes)
+
+    @property
+    def _between(self) -> float:
+        """Twice the least distance of a finger from the plane midway between the fingers [m]."""
+        sides = [_sides(mesh, self.tool_point, self.rotation) for mesh in self.finger_meshes]
+        inner = [side.min() if side.mean() > 0.0 else -side.max() for side in sides]
+        return 2.0 * float(min(inner))
+
+    @property
     def point(self) -> FloatArray:
         """(3,) the tool point in the flange frame [m]."""
         return np.array(self.tool_point, dtype=np.float64)
@@ -87,7 +131,7 @@ class MeshTool(Tool):
     @property
     def rotation(self) -> FloatArray:
         """(3, 3) the tool axes in the flange frame, as columns."""
-        return _axes(self.tool_axis)
+        return _axes(self.tool_axis, self.finger_meshes)
 
     @property
     def tip(self) -> float:
@@ -102,6 +146,8 @@ class MeshTool(Tool):
     @property
     def front(self) -> float:
         """Height of the mouth's floor; of the hindmost point where there is no mouth [m]."""
+        if self.fingers:
+            return self.reach + self._palm
         if self.height is None:
             return self.reach + float(self._profile[:, 0].min())
         return self.tip - self.height
@@ -109,12 +155,26 @@ class MeshTool(Tool):
     @property
     def mouth(self) -> tuple[float, float]:
         """Half the opening, or 0, and the greatest radius of the pieces beyond ``front`` [m]."""
+        if self.fingers:
+            sides = [_sides(mesh, self.tool_point, self.rotation) for mesh in self.finger_meshes]
+            half = 0.5 * (self._between if self.opening is None else self.opening)
+            return half, float(max(np.abs(side).max() for side in sides))
         _, high, _, outer = self._profile.T
         before = high > self.front - self.reach + MESH_PLAY
         return (self.opening or 0.0) / 2.0, float(outer[before].max())
 
     def solids(self) -> tuple[Solid, ...]:
         """The pieces."""
+        if self.fingers:
+            groups: tuple[tuple[Part, tuple[MeshShape, ...]], ...] = (
+                ("palm", self.meshes), ("finger", self.finger_meshes),
+            )  # fmt: skip
+            return tuple(
+                Solid(f"{part}:{k}", piece, np.zeros(3), part=part)
+                for part, meshes in groups
+                if meshes
+                for k, piece in enumerate(_pieces(meshes))
+            )
         part: Part = "palm" if self.opening is None else "mouth"
         return tuple(
             Solid(f"piece:{k}", piece, np.zeros(3), part=part)
@@ -124,12 +184,41 @@ class MeshTool(Tool):
     @property
     def _profile(self) -> FloatArray:
         """(K, 4) [m] of the pieces: least and largest height over the tool point, and radius."""
-        return _profiles(self.meshes, self.tool_point, self.tool_axis)
+        return _profiles(self._all, self.tool_point, self.tool_axis)
+
+    @property
+    def _palm(self) -> float:
+        """Height over the tool point of the body's front, or of a finger's hindmost end [m]."""
+        heights = [
+            (mesh.vertices - self.point) @ self.rotation[:, 2]
+            for mesh in self.meshes or self.finger_meshes
+        ]
+        if self.meshes:
+            return float(max(each.max() for each in heights))
+        return float(min(each.min() for each in heights))
 
 
-def _axes(axis: Vector) -> FloatArray:
-    """Orthonormal right-handed axes (3, 3), as columns; the last is along ``axis``."""
+def _sides(mesh: MeshShape, point: Vector, axes: FloatArray) -> FloatArray:
+    """Distances (N,) of a mesh's corners from the tool point, along the opening [m]."""
+    return np.asarray((mesh.vertices - point) @ axes[:, 1])
+
+
+def _axes(axis: Vector, fingers: tuple[MeshShape, ...] = ()) -> FloatArray:
+    """Orthonormal right-handed axes (3, 3), as columns; the last is along ``axis``.
+
+    With fingers the second is along the line from the first to the last, across ``axis``.
+    """
     z = np.array(axis) / math.hypot(*axis)
+    if fingers:
+        y = fingers[-1].vertices.mean(axis=0) - fingers[0].vertices.mean(axis=0)
+        y = y - (y @ z) * z
+        if not np.linalg.norm(y) > MESH_PLAY:
+            raise InvalidRequestError(
+                "tool mesh: the first and the last of fingers are not side by side across the "
+                "tool axis; they must be"
+            )
+        y /= np.linalg.norm(y)
+        return np.column_stack([np.cross(y, z), y, z])
     x = np.eye(3)[int(np.argmin(np.abs(z)))]
     x = x - (x @ z) * z
     x /= np.linalg.norm(x)

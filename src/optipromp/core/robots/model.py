@@ -12,6 +12,7 @@ from optipromp.core.robots import kernels
 from optipromp.core.robots.description import NOT_TOLD, Arm, LeftOut, LinkGeometry
 from optipromp.core.robots.dynamics import Dynamics
 from optipromp.core.robots.kernels import Kinematics
+from optipromp.core.robots.laden import loads_of
 from optipromp.core.shown import Shown
 
 if TYPE_CHECKING:
@@ -74,6 +75,12 @@ class Robot(Shown):
     def n_joints(self) -> int:
         """Number of independent joints."""
         return len(self.joint_names)
+
+    @property
+    def n_own_links(self) -> int:
+        """Number of links without the tool and what it holds, which come last."""
+        own = len(self.link_names) if self.tool is None else len(self.link_names) - 1
+        return own - len(loads_of(self.tool))
 
     @property
     def n_segments(self) -> int:

@@ -1,10 +1,11 @@
 """The pairs of spheres of a robot that must stay apart, by their links and by samples."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
+from dataclasses import replace
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, IntArray
+from optipromp.core.arrays import FloatArray, IntArray, frozen
 from optipromp.core.robots.model import Robot
 
 SAMPLED_POSTURES = 200  # configurations, chosen: links that overlap at all of them always do
@@ -29,6 +30,26 @@ def candidate_pairs(robot: Robot, allowed: Collection[tuple[str, str]] = ()) -> 
     code = np.minimum(link[first], link[second]) * names + np.maximum(link[first], link[second])
     free = ~np.isin(code, list(codes))
     return np.column_stack([first[free], second[free]])
+
+
+def letting_touch(robot: Robot, pairs: Iterable[tuple[str, str]]) -> Robot:
+    """``robot`` without the pairs of spheres of links that may touch, by their names."""
+    link, index = robot.spheres.link, {name: i for i, name in enumerate(robot.link_names)}
+    both = np.sort(link[robot.self_pairs], axis=1)
+    free = np.ones(len(both), dtype=np.bool_)
+    for one, other in pairs:
+        if one in index and other in index:
+            low, high = sorted((index[one], index[other]))
+            free &= (both[:, 0] != low) | (both[:, 1] != high)
+    return (
+        robot
+        if free.all()
+        else replace(
+            robot,
+            self_pairs=frozen(robot.self_pairs[free], np.int64),
+            self_slack=frozen(robot.self_slack[free]),
+        )
+    )
 
 
 def drop_always_touching(robot: Robot, pairs: IntArray) -> IntArray:

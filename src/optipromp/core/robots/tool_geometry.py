@@ -16,7 +16,7 @@ from optipromp.core.robots.spheres import cover_box
 EXCESS = 0.004  # [m] that a sphere may reach beyond a box, chosen: as beyond a cup
 MOST = 60  # spheres of a tool, chosen: as many as the Panda has
 MOST_CORNERS = 8  # of a polygon, which the push models allow
-Part = Literal["mouth", "neck", "palm", "finger"]
+Part = Literal["mouth", "neck", "palm", "finger", "load"]
 
 
 @dataclass(frozen=True, eq=False)

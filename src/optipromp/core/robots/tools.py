@@ -18,9 +18,12 @@ from optipromp.core.errors import InvalidRequestError, InvalidSceneError
 from optipromp.core.geometry.shapes import Box, Cylinder
 from optipromp.core.robots.cup_cover import NECK_RADIUS, cover_cup
 from optipromp.core.robots.grippers import FingerGripper, Scissor
+from optipromp.core.robots.laden import cover_load, loads_of
 from optipromp.core.robots.mesh_tool import MeshTool
 from optipromp.core.robots.model import BodySpheres, Robot
+from optipromp.core.robots.mounted import Mounted
 from optipromp.core.robots.self_collision import candidate_pairs, drop_always_touching
+from optipromp.core.robots.suction import Suction
 from optipromp.core.robots.tool_geometry import Part, Solid, rectangle
 from optipromp.core.robots.tool_protocol import (
     LARGEST,
@@ -253,6 +256,7 @@ TOOLS: dict[str, type[Tool]] = {
     "franka_hand": FrankaHand,
     "finger_gripper": FingerGripper,
     "scissor": Scissor,
+    "suction": Suction,
     "mesh": MeshTool,
 }
 """Classes of tools by their kind in scene files."""
@@ -261,14 +265,20 @@ TOOLS: dict[str, type[Tool]] = {
 def make_tool(kind: str, parameters: Mapping[str, Any]) -> Tool:
     """A tool of one of the :data:`TOOLS` from its parameters.
 
+    The parameter ``mount``, of every kind, is a position and an orientation in the flange frame
+    (:class:`optipromp.core.robots.mounted.Mounted`).
+
     Raises:
         InvalidSceneError: another kind.
         InvalidRequestError: parameters that make no tool.
     """
     if kind not in TOOLS:
         raise InvalidSceneError(f"tool.kind is {kind!r}; valid are {', '.join(TOOLS)}")
+    own = dict(parameters)
+    mount = own.pop("mount", None)
     try:
-        return TOOLS[kind](**parameters)
+        tool = TOOLS[kind](**own)
+        return tool if mount is None else Mounted(tool, *mount)
     except TypeError as error:  # a parameter that the kind does not have, or lacks
         raise InvalidRequestError(f"tool {kind}: {error}") from None
 
@@ -276,16 +286,17 @@ def make_tool(kind: str, parameters: Mapping[str, Any]) -> Tool:
 def with_tool(robot: Robot, tool: Tool) -> Robot:
     """``robot`` with ``tool`` on its flange, in place of any tool it carries.
 
-    The tool is a new last link, "tool": distal and fixed to the last link. Its spheres are
-    kept off the links of all segments but the last two.
+    The tool is a new last link, "tool": distal and fixed to the last link. Each load of a
+    :class:`optipromp.core.robots.laden.Laden` tool is such a link before it. Their spheres are kept
+    off the links of all segments but the last two.
 
     Args:
         robot: with or without a tool.
         tool: one of :data:`TOOLS`, or of any class with the members of :class:`Tool`.
 
     Raises:
-        InvalidRequestError: the robot has a link of its own named "tool"; ``tool`` lacks members,
-            or its numbers contradict one another.
+        InvalidRequestError: the robot has a link of its own named "tool", or named as a load;
+            ``tool`` lacks members, or its numbers contradict one another.
     """
     check_tool(tool)
     bare = without_tool(robot)
@@ -293,7 +304,14 @@ def with_tool(robot: Robot, tool: Tool) -> Robot:
         raise InvalidRequestError(
             f"robot '{robot.name}' has a link named '{TOOL_LINK}'; rename it to mount a tool"
         )
-    cover = tool.spheres()
+    loads = loads_of(tool)
+    for load in loads:
+        if load.id in bare.link_names:
+            raise InvalidRequestError(
+                f"attached {load.id!r} is the name of a link of {robot.name}; give it another id"
+            )
+    covers = [*map(cover_load, loads), tool.spheres()]
+    cover, links = np.concatenate(covers), len(bare.link_names)
     rotation, translation = bare.flange_rotation, bare.flange_translation
     body, k = bare.spheres, len(cover)
     _check_free(bare, tool)
@@ -301,13 +319,15 @@ def with_tool(robot: Robot, tool: Tool) -> Robot:
         segment=frozen([*body.segment, *[bare.n_segments - 1] * k], np.int64),
         center=frozen(np.concatenate([body.center, cover[:, :3] @ rotation.T + translation])),
         radius=frozen(np.concatenate([body.radius, cover[:, 3]])),
-        link=frozen([*body.link, *[len(bare.link_names)] * k], np.int64),
+        link=frozen(
+            [*body.link, *np.repeat(links + np.arange(len(covers)), [*map(len, covers)])], np.int64
+        ),
         distal=frozen([*body.distal, *[True] * k], np.bool_),
     )
     robot = replace(
         bare,
         spheres=spheres,
-        link_names=(*bare.link_names, TOOL_LINK),
+        link_names=(*bare.link_names, *(load.id for load in loads), TOOL_LINK),
         tool_point=frozen(translation + rotation @ tool.point),
         tool_axis=frozen(rotation @ tool.rotation[:, 2]),
         gripper_radius=float(tool.gripper_radius),
@@ -343,13 +363,13 @@ def without_tool(robot: Robot) -> Robot:
     """``robot`` with a bare flange: the tool point is the flange's origin."""
     if robot.tool is None:
         return robot
-    keep: BoolArray = robot.spheres.link != len(robot.link_names) - 1
+    keep: BoolArray = robot.spheres.link < robot.n_own_links
     own = np.all(keep[robot.self_pairs], axis=1)
     spheres = BodySpheres(*(frozen(values[keep], values.dtype) for values in robot.spheres))
     return replace(
         robot,
         spheres=spheres,  # the tool's come last, so the other indices stay
-        link_names=robot.link_names[:-1],
+        link_names=robot.link_names[: robot.n_own_links],
         self_pairs=frozen(robot.self_pairs[own], np.int64),
         self_slack=frozen(robot.self_slack[own]),
         tool_point=robot.flange_translation,

@@ -3,12 +3,15 @@
 from optipromp.core.scenes.constraints import HeldUpright as HeldUpright
 from optipromp.core.scenes.constraints import OnPlane as OnPlane
 from optipromp.core.scenes.constraints import PathConstraints as PathConstraints
+from optipromp.core.scenes.held import Place as Place
 from optipromp.core.scenes.io import load_scene as load_scene
 from optipromp.core.scenes.io import save_scene as save_scene
 from optipromp.core.scenes.io import scene_from_dict as scene_from_dict
 from optipromp.core.scenes.io import scene_names as scene_names
 from optipromp.core.scenes.io import scene_to_dict as scene_to_dict
+from optipromp.core.scenes.motion import ObjectMotion as ObjectMotion
 from optipromp.core.scenes.scene import Approach as Approach
+from optipromp.core.scenes.scene import Attached as Attached
 from optipromp.core.scenes.scene import JointGoal as JointGoal
 from optipromp.core.scenes.scene import Pose as Pose
 from optipromp.core.scenes.scene import PoseGoal as PoseGoal

@@ -35,6 +35,12 @@ Text = Annotated[
 Sizes = Annotated[list[Positive], Field(min_length=3, max_length=3)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
+Argument = (
+    Annotated[bool, Field(strict=True)]
+    | Annotated[int, Field(strict=True)]
+    | Number
+    | Annotated[str, Field(strict=True, max_length=LONGEST_NAME), AfterValidator(_printable)]
+)
 
 
 class Model(BaseModel):

@@ -13,9 +13,10 @@ import numpy as np
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.shapes import Shape
+from optipromp.core.scenes.motion import ObjectMotion
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import IDENTITY, from_quaternion, product, unit_quaternion
-from optipromp.core.scenes.values import array, named, suggest, unit
+from optipromp.core.scenes.values import array, keep, named, suggest, unit
 
 Role: TypeAlias = Literal["target", "pushable", "avoid", "static"]
 ROLES: tuple[Role, ...] = get_args(Role)
@@ -117,10 +118,13 @@ class SceneObject:
             of the standard deviation of the logarithm of the stiffness.
         sigma: in place of ``covariance``: standard deviation of each coordinate of the detected
             position [m]. It is converted to a covariance, and the attribute reads None.
+        motion: of a static object; at time 0 the object is at its ``position``.
+        padding: of a static object: distance that the robot keeps from it [m]; None: the scene's.
 
     Raises:
         InvalidSceneError: the role is unknown, a fruit is a half space, a value is not finite or of
-            the wrong shape, or a stem starts away from its fruit.
+            the wrong shape, a padding is negative or the object is not static, or a stem starts
+            away from its fruit.
     """
 
     id: str
@@ -132,6 +136,8 @@ class SceneObject:
     covariance: FloatArray | None = None
     physical: Mapping[str, float] = field(default_factory=dict)
     sigma: InitVar[float | None] = None
+    motion: ObjectMotion | None = None
+    padding: float | None = None
 
     def __post_init__(self, sigma: float | None) -> None:
         named("id", self.id)
@@ -139,6 +145,13 @@ class SceneObject:
             raise InvalidSceneError(f"role {self.role!r} is unknown: {suggest(self.role, ROLES)}")
         if self.role in ("target", "pushable") and math.isinf(self.radius):
             raise InvalidSceneError(f"a {self.role} cannot be a half_space: it has no end")
+        if self.padding is not None:
+            object.__setattr__(self, "padding", keep("padding", self.padding))
+            if self.role != "static":
+                raise InvalidSceneError(
+                    f"padding is {self.padding:g} and the role is {self.role}: padding goes with "
+                    "static objects"
+                )
         object.__setattr__(self, "position", array("position", self.position, 3))
         object.__setattr__(self, "orientation", unit_quaternion(self.orientation))
         if self.covariance is not None or sigma is not None:
@@ -149,6 +162,14 @@ class SceneObject:
                 raise InvalidSceneError(
                     f"stem.points[0] is {gap:.3g} m from the fruit's position: a stem must start "
                     "at its fruit"
+                )
+        if self.motion is not None:
+            if self.role != "static":
+                raise InvalidSceneError(f"a {self.role} has a motion: must be of a static object")
+            off = float(np.linalg.norm(self.motion.at(np.zeros(1))[0] - self.position))
+            if off > 1e-6:  # [m] rounding
+                raise InvalidSceneError(
+                    f"motion is {off:.3g} m from position at time 0: must be there"
                 )
         object.__setattr__(self, "physical", _checked(self.physical))
 
@@ -173,7 +194,26 @@ class SceneObject:
             orientation=product(pose.orientation, self.orientation),
             stem=None if self.stem is None else self.stem.transformed(pose),
             covariance=spread,
+            motion=None if self.motion is None else self.motion.transformed(pose),
         )
+
+    def at(self, position: FloatArray, id: str | None = None) -> SceneObject:
+        """A copy of the object at another position; its stem is moved along.
+
+        The orientation, the covariance and the stem's parent stay. Fruits of a truss are moved
+        together: a scene refuses a stem whose root has left the stem that it grows from.
+
+        Args:
+            position: (3,) of the local origin of the copy, in the robot's base frame [m].
+            id: of the copy, as ids are unique in a scene; None: the same.
+
+        Raises:
+            InvalidSceneError: a position of another shape, or one that is not finite.
+        """
+        to, stem = array("position", position, 3), self.stem
+        if stem is not None:
+            stem = replace(stem, points=stem.points + (to - self.position))
+        return replace(self, id=self.id if id is None else id, position=to, stem=stem)
 
     @property
     def radius(self) -> float:

@@ -23,10 +23,13 @@ from optipromp.core.robots.library import UNTRUSTED, Choice, robot_names
 from optipromp.core.robots.tools import make_tool
 from optipromp.core.scenes.constraints import HeldUpright, OnPlane, PathConstraints
 from optipromp.core.scenes.goal_models import GoalModel, PathModel, ToleranceModel
+from optipromp.core.scenes.held import RETREAT, Place
+from optipromp.core.scenes.motion import ObjectMotion
 from optipromp.core.scenes.rotations import IDENTITY
 from optipromp.core.scenes.scene import (
     STEM_RADIUS,
     Approach,
+    Attached,
     Goal,
     JointGoal,
     Pose,
@@ -38,8 +41,10 @@ from optipromp.core.scenes.scene import (
     ToolSpec,
 )
 from optipromp.core.scenes.schema import (
+    AttachedModel,
     MeshToolModel,
     ObjectModel,
+    PlaceModel,
     PoseModel,
     RobotModel,
     SceneModel,
@@ -109,6 +114,10 @@ def scene_from_dict(
             base_dir=base_dir,
             base=Pose() if model.base is None else _pose(model.base, scale),
             camera=None if model.camera is None else frames["camera"],
+            attached=tuple(_attached(item, scale, base_dir, shapes) for item in model.attached),
+            may_touch=tuple((a, b) for a, b in model.may_touch),
+            padding=scale * model.padding,
+            place=None if model.place is None else _place(model.place, scale, default),
         )
     except InvalidSceneError as error:
         raise InvalidSceneError(f"{source}: {where}{error.message}") from None
@@ -127,14 +136,9 @@ def _choice(robot: str | RobotModel, base_dir: Path | None) -> Choice:
     for name in (robot.file, *([robot.srdf] if robot.srdf else []), *robot.package_dirs):
         _inside(name, base_dir)
     return Choice(
-        robot.tip,
-        robot.base,
-        robot.srdf,
-        robot.hold,
-        tuple(robot.package_dirs),
-        robot.arm,
-        untrusted=True,
-    )
+        robot.tip, robot.base, robot.srdf, robot.hold, tuple(robot.package_dirs), robot.arm,
+        robot.args, untrusted=True,
+    )  # fmt: skip
 
 
 def _frames(model: SceneModel, scale: float) -> dict[str, Pose]:
@@ -171,8 +175,29 @@ def _object(
         stem=None if item.stem is None else _stem(item.stem, scale, position),
         covariance=None if item.covariance is None else scale**2 * np.array(item.covariance),
         physical=item.physical,
+        motion=_motion(item, scale),
         sigma=None if item.sigma is None else scale * item.sigma,
+        padding=None if item.padding is None else scale * item.padding,
     )
+
+
+def _motion(item: ObjectModel, scale: float) -> ObjectMotion | None:
+    if item.velocity is not None:
+        return ObjectMotion.steady(scale * np.array(item.position), scale * np.array(item.velocity))
+    if item.motion is None:
+        return None
+    return ObjectMotion(np.array(item.motion.times), scale * np.array(item.motion.positions))
+
+
+def _attached(
+    item: AttachedModel,
+    scale: float,
+    base_dir: Path | None,
+    shapes: dict[tuple[object, ...], Shape],
+) -> Attached:
+    """The attached shape, whose values are in the tool axes whatever the scene's frame."""
+    shape, at = _shape(item.shape, scale, base_dir, shapes), scale * np.array(item.position)
+    return Attached(item.id, shape, at, _orientation(item.orientation), item.mass)
 
 
 def _stem(model: StemModel, scale: float, position: FloatArray) -> Stem:
@@ -271,14 +296,22 @@ def _tool(model: SceneModel, scale: float, base_dir: Path | None) -> ToolSpec | 
     if isinstance(model.tool, MeshToolModel):
         from optipromp.core.geometry.loading import load_mesh
 
-        files = given.pop("parts", None) or [given.pop("file")]
         unit = given.pop("scale")
-        meshes = tuple(load_mesh(_inside(file, base_dir), unit) for file in files)
+
+        def loaded(files: list[str]) -> tuple[MeshShape, ...]:
+            return tuple(load_mesh(_inside(file, base_dir), unit) for file in files)
+
+        whole = [given.pop("file")] if "file" in given else given.pop("parts", [])
+        meshes, sides = loaded(whole), loaded(given.pop("fingers", []))
         axis = {"tool_axis": tuple(given.pop("tool_axis"))} if "tool_axis" in given else {}
         point = tuple(scale * value for value in given.pop("tool_point"))
         fixed = {"meshes": meshes, "tool_point": point, **axis}
+        fixed |= {"finger_meshes": sides} if sides else {}
     else:
-        fixed = {"turn": given.pop("turn")} if "turn" in given else {}
+        fixed = {name: given.pop(name) for name in ("turn", "angle") if name in given}
+    if (mount := model.tool.mount) is not None:
+        at = tuple(scale * value for value in mount.position)
+        fixed["mount"] = at, tuple(mount.orientation)
     spec = ToolSpec(model.tool.kind, {**fixed, **{k: scale * v for k, v in given.items()}})
     try:
         make_tool(spec.kind, spec.parameters)
@@ -314,6 +347,12 @@ def _options(model: SceneModel, scale: float) -> dict[str, Any]:
     elif offset is not None:
         out["drift_offset"] = scale * offset
     return out
+
+
+def _place(given: PlaceModel, scale: float, frame: Pose) -> Place:
+    away = RETREAT if given.retreat is None else scale * given.retreat
+    axis = frame.rotation @ np.array(given.axis)
+    return Place(frame @ (scale * np.array(given.position)), axis, away)
 
 
 def _goal(given: GoalModel, scale: float, frame: Pose) -> Goal:

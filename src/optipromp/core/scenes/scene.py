@@ -19,14 +19,15 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import trusses
 from optipromp.core.scenes.constraints import PathConstraints
 from optipromp.core.scenes.goals import Goal, JointGoal, PoseGoal, RegionGoal, transformed
+from optipromp.core.scenes.held import Attached, Pair, Place, checked
 from optipromp.core.scenes.objects import ROLES, STEM_RADIUS, Role, SceneObject, Stem
 from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.values import array, named, suggest, unit
+from optipromp.core.scenes.values import array, keep, named, suggest, unit
 from optipromp.core.shown import Shown
 
 __all__ = [
-    "ROLES", "STEM_RADIUS", "Approach", "Goal", "JointGoal", "Pose", "PoseGoal", "RegionGoal",
-    "Role", "Scene", "SceneObject", "Stem", "ToolSpec",
+    "ROLES", "STEM_RADIUS", "Approach", "Attached", "Goal", "JointGoal", "Pose", "PoseGoal",
+    "RegionGoal", "Role", "Scene", "SceneObject", "Stem", "ToolSpec",
 ]  # fmt: skip
 
 WIDEST_CONE = 60.0
@@ -149,10 +150,15 @@ class Scene(Shown):
         base: pose of the robot's base in the world. Only the direction of up depends on it.
         choice: of the arm in the robot's file; its paths are relative to ``base_dir``.
         camera: pose of the camera in the robot's base frame, if there is one; for information only.
+        attached: shapes that move with the tool.
+        may_touch: pairs of a link, an attached shape or ``tool``, and an object or another of
+            these; neither the planner nor the judge minds their contact.
+        place: where the tool is to bring the target after the pick.
+        padding: distance that the robot keeps from static objects [m]; an object may state another.
 
     Raises:
-        InvalidSceneError: ids repeat; there is no target, two targets, or a target and a goal; or
-            the root of a stem is not on its parent's stem.
+        InvalidSceneError: ids repeat; there is no target, two targets, or a target and a goal; a
+            padding is negative; or the root of a stem is not on its parent's stem.
     """
 
     name: str
@@ -168,10 +174,19 @@ class Scene(Shown):
     camera: Pose | None = None
     choice: Choice = NOTHING
     path: PathConstraints | None = None
+    attached: tuple[Attached, ...] = ()
+    may_touch: tuple[Pair, ...] = ()
+    padding: float = 0.0
+    place: Place | None = None
 
     def __post_init__(self) -> None:
         named("name", self.name)
         object.__setattr__(self, "objects", tuple(self.objects))
+        ids = [item.id for item in self.objects]
+        held, pairs = checked(self.attached, self.may_touch, ids)
+        object.__setattr__(self, "attached", held)
+        object.__setattr__(self, "may_touch", pairs)
+        object.__setattr__(self, "padding", keep("padding", self.padding))
         object.__setattr__(self, "options", dict(self.options))
         if isinstance(self.goal, tuple | list):
             object.__setattr__(self, "goal", tuple(self.goal))
@@ -191,6 +206,8 @@ class Scene(Shown):
         targets = [item.id for item in self.objects if item.role == "target"]
         if len(targets) > 1:
             raise InvalidSceneError(f"two targets, {targets[0]!r} and {targets[1]!r}: must be one")
+        if self.place is not None and not targets:
+            raise InvalidSceneError("place and no target: must have a target, which is placed")
         if targets and self.goal is not None:
             raise InvalidSceneError(f"target {targets[0]!r} and a goal: must be one or the other")
         if targets and self.path is not None:
@@ -309,7 +326,22 @@ class Scene(Shown):
             path=None if self.path is None else self.path.transformed(pose),
             base=self.base @ pose.inverse(),
             camera=None if self.camera is None else pose @ self.camera,
+            place=None if self.place is None else self.place.transformed(pose),
         )
+
+    @cached_property
+    def _touching(self) -> frozenset[frozenset[str]]:
+        return frozenset(frozenset(pair) for pair in self.may_touch)
+
+    def may_meet(self, one: str, other: str) -> bool:
+        """Whether ``may_touch`` has this pair, in either order."""
+        return bool(self.may_touch) and frozenset((one, other)) in self._touching
+
+    def padding_of(self, item: SceneObject) -> float:
+        """Distance that the robot keeps from an object of the scene [m]; 0 unless it is static."""
+        if item.role != "static":
+            return 0.0
+        return self.padding if item.padding is None else item.padding
 
     @property
     def frame(self) -> FloatArray:

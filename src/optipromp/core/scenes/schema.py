@@ -22,6 +22,7 @@ from optipromp.core.geometry.shapes import PRIMITIVES
 from optipromp.core.robots.tools import TOOLS
 from optipromp.core.scenes.goal_models import GoalModel, PathModel
 from optipromp.core.scenes.models import (
+    Argument,
     Model,
     NotNegative,
     Number,
@@ -116,6 +117,13 @@ class StemModel(Model):
         return self
 
 
+class MotionModel(Model):
+    """See :class:`optipromp.core.scenes.motion.ObjectMotion`."""
+
+    times: Annotated[list[Number], Field(min_length=2)]
+    positions: Annotated[list[Vector], Field(min_length=2)]
+
+
 class ObjectModel(Model):
     """One object."""
 
@@ -128,13 +136,36 @@ class ObjectModel(Model):
     stem: StemModel | None = None
     covariance: Annotated[list[Vector], Field(min_length=3, max_length=3)] | None = None
     sigma: NotNegative | None = None
+    padding: NotNegative | None = None
     physical: dict[Text, Number] = Field(default_factory=dict)
+    velocity: Vector | None = None
+    motion: MotionModel | None = None
 
     @model_validator(mode="after")
     def _one_uncertainty(self) -> ObjectModel:
         if self.covariance is not None and self.sigma is not None:
             raise refuse("has covariance and sigma: must have one of them at most")
+        if self.velocity is not None and self.motion is not None:
+            raise refuse("has velocity and motion: must have one of them at most")
         return self
+
+
+class AttachedModel(Model):
+    """A shape that moves with the tool; see :class:`optipromp.core.scenes.held.Attached`."""
+
+    id: Text
+    shape: ShapeModel
+    position: Vector = Field(default_factory=lambda: [0.0, 0.0, 0.0])
+    orientation: Quaternion | None = None
+    mass: Positive | None = None
+
+
+class PlaceModel(Model):
+    """Where the target is brought; see :class:`optipromp.core.scenes.held.Place`."""
+
+    position: Vector
+    axis: Vector
+    retreat: Positive | None = None
 
 
 class ApproachModel(Model):
@@ -149,10 +180,18 @@ class ApproachModel(Model):
     lead: Vector | None = None
 
 
+class MountModel(Model):
+    """The pose of a tool in the flange frame."""
+
+    position: Vector = Field(default_factory=lambda: [0.0, 0.0, 0.0])
+    orientation: Quaternion = Field(default_factory=lambda: [1.0, 0.0, 0.0, 0.0])
+
+
 class _ToolModel(Model):
     """The tool on the flange; its keys are the parameters of the class of its kind."""
 
     kind: Text
+    mount: MountModel | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -167,7 +206,7 @@ class _ToolModel(Model):
     @property
     def given(self) -> dict[str, Any]:
         """The parameters in the file."""
-        return self.model_dump(exclude={"kind"}, exclude_none=True)
+        return self.model_dump(exclude={"kind", "mount"}, exclude_none=True)
 
 
 class MeshToolModel(_ToolModel):
@@ -176,6 +215,7 @@ class MeshToolModel(_ToolModel):
     kind: Literal["mesh"]
     file: Text | None = None
     parts: Annotated[list[Text], Field(min_length=1)] | None = None
+    fingers: Annotated[list[Text], Field(min_length=2)] | None = None
     scale: Positive = 1.0
     tool_point: Vector
     tool_axis: Vector | None = None
@@ -184,8 +224,9 @@ class MeshToolModel(_ToolModel):
 
     @model_validator(mode="after")
     def _one_form(self) -> MeshToolModel:
-        if (self.file is None) == (self.parts is None):
-            raise refuse("must have exactly one of file, parts")
+        given = [self.file is not None, self.parts is not None]
+        if sum(given) != 1 and not (self.fingers is not None and not any(given)):
+            raise refuse("must have exactly one of file, parts; with fingers, at most one")
         return self
 
 
@@ -215,6 +256,7 @@ class RobotModel(Model):
     srdf: Text | None = None
     hold: dict[Text, Number] = Field(default_factory=dict)
     package_dirs: list[Text] = Field(default_factory=list)
+    args: dict[Text, Argument] = Field(default_factory=dict)
 
 
 class OptionsModel(Model):
@@ -252,6 +294,12 @@ class SceneModel(Model):
     approach: ApproachModel = ApproachModel()
     options: OptionsModel = OptionsModel()
     objects: list[ObjectModel] = Field(default_factory=list)
+    attached: list[AttachedModel] = Field(default_factory=list)
+    may_touch: list[Annotated[list[Text], Field(min_length=2, max_length=2)]] = Field(
+        default_factory=list
+    )
+    padding: NotNegative = 0.0
+    place: PlaceModel | None = None
 
     @model_validator(mode="after")
     def _camera_is_known(self) -> SceneModel:

@@ -2,30 +2,33 @@
 
 from __future__ import annotations
 
-import difflib
 import math
-from collections.abc import Iterable
 
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.shapes import FARTHEST
-from optipromp.core.shown import is_name, no_name
+from optipromp.core.shown import is_name, no_name, suggest
 
-
-def suggest(name: object, valid: Iterable[str]) -> str:
-    """``valid are ...``, and ``did you mean ...?`` if a valid name is close to ``name``."""
-    names = list(valid)
-    near = difflib.get_close_matches(str(name), names, n=1)
-    question = f"; did you mean {near[0]!r}?" if near else ""
-    return f"valid are {', '.join(names)}{question}"
+__all__ = ["array", "named", "suggest", "unit"]
 
 
 def named(what: str, text: object) -> None:
     """Refuse a text that is no name. ``what`` begins the error."""
     if not isinstance(text, str) or not is_name(text):
         raise InvalidSceneError(f"{what} is {no_name(str(text))}")
+
+
+LARGEST_PADDING = 1.0  # [m] chosen: a larger one is a number in millimetres
+
+
+def keep(name: str, value: object) -> float:
+    """``value`` as a distance to be kept [m]; refused below 0 or above :data:`LARGEST_PADDING`."""
+    number = value if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+    if not 0.0 <= number <= LARGEST_PADDING:
+        raise InvalidSceneError(f"{name} is {value!r}: must be 0 to {LARGEST_PADDING:g} [m]")
+    return float(number)
 
 
 def array(name: str, values: object, *shape: int | None) -> FloatArray:

@@ -15,7 +15,7 @@ from optipromp.core.geometry.shapes import PRIMITIVES, MeshShape, PointCloudShap
 from optipromp.core.robots.library import NOTHING
 from optipromp.core.scenes.goals import Goal, RegionGoal
 from optipromp.core.scenes.reading import check_magnitude
-from optipromp.core.scenes.scene import STEM_RADIUS, Scene, SceneObject, ToolSpec
+from optipromp.core.scenes.scene import STEM_RADIUS, Attached, Scene, SceneObject, ToolSpec
 
 POSE = ("position", "orientation")
 
@@ -56,6 +56,14 @@ def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, An
     if scene.options:
         document["options"] = dict(scene.options)
     document["objects"] = [_object_to_dict(item, base_dir) for item in scene.objects]
+    if scene.place is not None:
+        document["place"] = _plain(scene.place, ["position", "axis", "retreat"])
+    if scene.attached:
+        document["attached"] = [_attached(item, base_dir) for item in scene.attached]
+    if scene.may_touch:
+        document["may_touch"] = [list(pair) for pair in scene.may_touch]
+    if scene.padding:
+        document["padding"] = scene.padding
     if any(_looks_like_millimetres(item) for item in scene.objects):
         document["scale"] = 1.0  # states that lengths are metres; loading would refuse them else
     return document
@@ -97,6 +105,7 @@ def _robot(scene: Scene, base_dir: Path | None) -> str | dict[str, Any]:
     chosen = vars(scene.choice) | {
         "srdf": None if scene.choice.srdf is None else moved(scene.choice.srdf),
         "hold": dict(scene.choice.hold),
+        "args": dict(scene.choice.args),
         "package_dirs": [moved(folder) for folder in scene.choice.package_dirs],
     }
     del chosen["untrusted"]
@@ -130,9 +139,19 @@ def _object_to_dict(item: SceneObject, base_dir: Path | None) -> dict[str, Any]:
             entry["stem"]["parent"] = item.stem.parent
     if item.covariance is not None:
         entry["covariance"] = item.covariance.tolist()
+    if item.motion is not None:
+        entry["motion"] = _plain(item.motion, ("times", "positions"))
+    if item.padding is not None:
+        entry["padding"] = item.padding
     if item.physical:
         entry["physical"] = dict(item.physical)
     return entry
+
+
+def _attached(item: Attached, base_dir: Path | None) -> dict[str, Any]:
+    shape = _shape_to_dict(item.shape, base_dir)
+    entry: dict[str, Any] = {"id": item.id, "shape": shape, **_plain(item, POSE)}
+    return entry if item.mass is None else entry | {"mass": item.mass}
 
 
 def _shape_to_dict(shape: Shape, base_dir: Path | None) -> dict[str, Any]:
@@ -153,11 +172,18 @@ def _shape_to_dict(shape: Shape, base_dir: Path | None) -> dict[str, Any]:
 
 def _tool_to_dict(tool: ToolSpec, base_dir: Path | None) -> dict[str, Any]:
     out: dict[str, Any] = {"kind": tool.kind, **tool.parameters}
-    meshes = out.pop("meshes", ())
+    meshes, fingers = out.pop("meshes", ()), out.pop("finger_meshes", ())
+    mount = out.pop("mount", None)
     out |= {name: list(value) for name, value in out.items() if isinstance(value, tuple)}
-    if meshes:
-        shapes = [_shape_to_dict(mesh, base_dir)["mesh"] for mesh in meshes]
-        files = [shape["file"] for shape in shapes]
+    if mount is not None:
+        out["mount"] = {"position": list(mount[0]), "orientation": list(mount[1])}
+    files, sides = (
+        [_shape_to_dict(mesh, base_dir)["mesh"]["file"] for mesh in each]
+        for each in (meshes, fingers)
+    )
+    if files:
         out |= {"file": files[0]} if len(files) == 1 else {"parts": files}
-        out |= {"scale": meshes[0].scale} if meshes[0].scale != 1.0 else {}
+    out |= {"fingers": sides} if sides else {}
+    for mesh in (*meshes, *fingers)[:1]:
+        out |= {"scale": mesh.scale} if mesh.scale != 1.0 else {}
     return out

@@ -34,6 +34,7 @@ import numpy as np
 from optipromp.control.plant import shifted
 from optipromp.core.arrays import frame_along
 from optipromp.core.planning.task import posed
+from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.scenes.trusses import rooted
@@ -99,7 +100,8 @@ def drop_one(scene: Scene, seed: int) -> Scene:
     if not near:
         return scene
     dropped = near[int(rng.integers(min(NEAREST, len(near))))].id
-    return replace(scene, objects=tuple(item for item in scene.objects if item.id != dropped))
+    objects = tuple(item for item in scene.objects if item.id != dropped)
+    return replace(scene, objects=objects, may_touch=pairs_among(scene.may_touch, [dropped]))
 
 
 def miscalibrated(seen: Scene, scene: Scene, detector: DetectorParameters, seed: int) -> Scene:

@@ -18,7 +18,8 @@ from optipromp.laboratory.experiments.baselines import Answer, attempt
 from optipromp.laboratory.experiments.conditions import CONDITIONS, Situation
 from optipromp.laboratory.experiments.executed import executed
 from optipromp.laboratory.experiments.runs import ERROR, NO_PLAN, Row, outcome_values
-from optipromp.laboratory.generate import PANDA, Preset, generate, generate_with_report
+from optipromp.laboratory.experiments.sources import Source, drawn, source_name
+from optipromp.laboratory.generate import PANDA, Preset, generate
 
 if TYPE_CHECKING:
     from optipromp.laboratory.simulation import Loop, Run
@@ -53,10 +54,10 @@ def check_loops(loops: Iterable[str], conditions: Iterable[str]) -> None:
 
 
 def run_loops(
-    preset: Preset, seed: int, condition: str, loops: Iterable[str], given: LoopChoice
+    source: Source, seed: int, condition: str, loops: Iterable[str], given: LoopChoice
 ) -> list[Row]:
     """Run loops on one scene under one condition; each run is a row, also where it raised."""
-    scene, report = generate_with_report(preset, seed, given.robot, given.choice)
+    scene, redraws = drawn(source, seed, given.robot, given.choice)
     rows = []
     for loop in loops:
         try:
@@ -67,13 +68,13 @@ def run_loops(
             values = _broken(ERROR, f"{type(error).__name__}: {error}")
         rows.append(
             Row(
-                preset=preset,
+                preset=source_name(source),
                 seed=seed,
                 planner=LOOP_PLANNER,
                 noise_position=0.0,
                 noise_angle=0.0,
                 pushables=len(scene.pushables),
-                redraws=report.redraws,
+                redraws=redraws,
                 version=given.version,
                 loop=loop,
                 condition=condition,

@@ -19,6 +19,7 @@ from optipromp.core.planning import PlanOptions
 from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.laboratory.experiments.baselines import Answer, attempt
+from optipromp.laboratory.experiments.sources import Source, detected, drawn, source_name
 from optipromp.laboratory.experiments.variations import VARIATIONS, Variation
 from optipromp.laboratory.generate import (
     NOISES,
@@ -26,7 +27,6 @@ from optipromp.laboratory.generate import (
     Noise,
     Preset,
     generate,
-    generate_with_report,
     noisy,
 )
 
@@ -46,7 +46,7 @@ class Row:
     """One run.
 
     Attributes:
-        preset: of the scene.
+        preset: of the scene, or the name of its file.
         seed: of the scene, the detection noise, the planner and the physics.
         planner: see :func:`optipromp.laboratory.experiments.baselines.study_planners`.
         noise_position: standard deviation of detected positions [m].
@@ -173,7 +173,7 @@ def source_version() -> str:
 
 
 def run_scene(
-    preset: Preset,
+    source: Source,
     seed: int,
     planners: Iterable[str],
     noise: Noise | str,
@@ -187,7 +187,7 @@ def run_scene(
     """Run every planner on one scene; all see the same errors of detection.
 
     Args:
-        preset: of the scene.
+        source: of the scene.
         seed: of scene, noise, planners and physics.
         planners: names, in the order in which they run.
         noise: of the detector, or its name in :data:`NOISES`.
@@ -198,13 +198,13 @@ def run_scene(
         vary: every plan is executed under all of :data:`VARIATIONS`.
         risk: share of promised successes that may be broken.
     """
-    scene, report = generate_with_report(preset, seed, robot, choice)
+    scene, redraws = drawn(source, seed, robot, choice)
     errors = NOISES[noise] if isinstance(noise, str) else noise
-    seen = noisy(scene, seed, errors)
+    seen = detected(source, scene, seed, errors)
     row = functools.partial(
-        Row, preset=preset, seed=seed, noise_position=errors.position, noise_angle=errors.angle,
-        noise=noise if isinstance(noise, str) else "", pushables=len(scene.pushables),
-        redraws=report.redraws, version=version,
+        Row, preset=source_name(source), seed=seed, noise_position=errors.position,
+        noise_angle=errors.angle, noise=noise if isinstance(noise, str) else "",
+        pushables=len(scene.pushables), redraws=redraws, version=version,
     )  # fmt: skip
     rows = []
     for planner in planners:
@@ -306,9 +306,9 @@ def _executed_in(made: Answer, scene: Scene, seed: int, change: Variation | None
     return simulate(made.trajectory, scene, parameters=replace(parameters, robot=robot), seed=seed)
 
 
-def warm_up(preset: Preset, planners: Iterable[str], robot: str | Path, choice: Choice) -> None:
+def warm_up(source: Source, planners: Iterable[str], robot: str | Path, choice: Choice) -> None:
     """Load and compile the planners' code, so that no row's time includes it."""
-    scene = generate(preset, 0, robot, choice)
-    for planner in planners:
-        with suppress(OptiPrompError):
+    with suppress(OptiPrompError):  # the rows tell of it
+        scene, _ = drawn(source, 0, robot, choice)
+        for planner in planners:
             attempt(scene, planner)

@@ -13,20 +13,21 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, installed_by
 from optipromp.core.files import check_folder, json_text, write_atomically
 from optipromp.core.planning import PlanOptions
 from optipromp.core.planning.planner import factory
 from optipromp.core.processes import cores, run_each
 from optipromp.core.robots.library import NOTHING, Choice
+from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.values import suggest
 from optipromp.laboratory.experiments.baselines import STUDY_PLANNERS
+from optipromp.laboratory.experiments.locking import locked
 from optipromp.laboratory.experiments.loops import (
     LOOP_PLANNER,
     LoopChoice,
@@ -42,6 +43,7 @@ from optipromp.laboratory.experiments.runs import (
     source_version,
     warm_up,
 )
+from optipromp.laboratory.experiments.sources import OWN, Source, digests
 from optipromp.laboratory.experiments.variations import VARIATIONS
 from optipromp.laboratory.generate import NOISES, PANDA, PRESETS, Noise, Preset
 
@@ -67,6 +69,7 @@ class Study:
         loops: of :data:`optipromp.laboratory.experiments.loops.LOOPS`; the planner is opti-promp.
             Empty: planners are compared.
         conditions: of :data:`optipromp.laboratory.experiments.conditions.CONDITIONS`; of loops.
+        files: scene files, whose names stand for presets; see :meth:`of_files`.
 
     Raises:
         InvalidRequestError: no preset or planner, an unknown one, or one named twice; an empty or
@@ -75,7 +78,7 @@ class Study:
             loops, another planner, a variation, a noise or a refusal, which are of no loop.
     """
 
-    presets: tuple[Preset, ...] = PRESETS
+    presets: tuple[str, ...] = PRESETS
     planners: tuple[str, ...] = STUDY_PLANNERS
     seeds: tuple[int, int] = (0, 20)
     noise_position: float = 0.0
@@ -88,10 +91,19 @@ class Study:
     risk: float = PlanOptions.risk
     loops: tuple[str, ...] = ()
     conditions: tuple[str, ...] = ("none",)
+    files: tuple[Path, ...] = ()
+
+    @classmethod
+    def of_files(cls, files: Sequence[Path], **given: Any) -> "Study":
+        """A study of scene files, by default of their own robots and of seed 0; refuses others."""
+        for file in files:
+            load_scene(file)
+        names = tuple(file.name for file in files)
+        return cls(names, files=tuple(files), **{"seeds": (0, 1), "robot": OWN} | given)
 
     def __post_init__(self) -> None:
         for name, given, valid in (
-            ("preset", self.presets, PRESETS),
+            ("preset", self.presets, tuple(file.name for file in self.files) or PRESETS),
             ("planner", self.planners, STUDY_PLANNERS),
         ):
             if not given:
@@ -137,7 +149,12 @@ class Study:
                 "loops take no noise, variations or refusals: their conditions have them"
             )
 
-    def scenes(self) -> Iterator[tuple[Preset, int]]:
+    def source(self, name: str) -> Source:
+        """The source of the scenes of a preset, or of a file's name."""
+        paths = {file.name: file for file in self.files}
+        return paths[name] if self.files else cast(Preset, name)
+
+    def scenes(self) -> Iterator[tuple[str, int]]:
         """Preset and seed of every scene, seeds outermost: a study cut short is a smaller one."""
         for seed in range(*self.seeds):
             for preset in self.presets:
@@ -175,6 +192,7 @@ class Study:
             "version": source_version(),
             "risk": self.risk,
             **({"loops": True} if self.loops else {}),
+            **({"scenes": dict(digests(self.files))} if self.files else {}),
         }
 
 
@@ -241,22 +259,6 @@ class RowFile:
             raise InvalidRequestError(f"cannot write {self.path}: {error.strerror}") from error
 
 
-@contextmanager
-def _locked(path: Path) -> Iterator[None]:
-    """Keep other processes out of a folder, where the system can lock files."""
-    try:
-        with path.open("ab") as file:
-            if find_spec("fcntl") is not None:
-                import fcntl
-
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            yield
-    except BlockingIOError:
-        raise InvalidRequestError(
-            f"another study writes into {path.parent}: wait for its end, or choose another folder"
-        ) from None
-
-
 def rows_of(folder: Path) -> list[Row]:
     """The whole rows in a study's folder, oldest first; empty where there is no file.
 
@@ -288,7 +290,7 @@ def _parsed(content: bytes, path: Path) -> list[Row]:
 def settings_of(folder: Path) -> tuple[dict[str, Any], str | None]:
     """The settings that the rows of a study share, and the robot of its scenes.
 
-    The robot is None where its file was read with choices.
+    The robot is None where its file was read with choices, or where the scenes are files.
 
     Raises:
         InvalidRequestError: the file is missing or damaged.
@@ -298,7 +300,7 @@ def settings_of(folder: Path) -> tuple[dict[str, Any], str | None]:
     except (OSError, ValueError) as error:
         raise InvalidRequestError(f"{folder / SETTINGS}: {error}") from None
     told = str(settings.get("robot", f"{PANDA} {NOTHING}"))
-    plain = told.endswith(f" {NOTHING}")
+    plain = "scenes" not in settings and told.endswith(f" {NOTHING}")
     return settings, told.removesuffix(f" {NOTHING}") if plain else None
 
 
@@ -330,10 +332,10 @@ def run_study(
     if workers is not None and workers < 1:
         raise InvalidRequestError(f"workers is {workers}; it must be at least 1")
     if find_spec("mujoco") is None:
-        raise InvalidRequestError("a study needs MuJoCo: pip install 'optipromp[sim]'")
+        raise InvalidRequestError(f"a study needs MuJoCo: {installed_by('sim')}")
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    with _locked(folder / LOCK):
+    with locked(folder / LOCK):
         return _run(study, RowFile(folder, study), workers or cores(), progress)
 
 
@@ -371,7 +373,7 @@ def _run(
         jobs,
         hear,
         workers=workers,
-        prepare=functools.partial(warm_up, study.presets[0], study.planners, *robot),
+        prepare=functools.partial(warm_up, study.source(study.presets[0]), study.planners, *robot),
     )
     held = {row.key: row for row in file.rows}
     return [held[key] for key in keys]
@@ -383,7 +385,8 @@ def _jobs(study: Study, missing: Sequence[Key]) -> tuple[Callable[..., list[Row]
         given = LoopChoice(study.robot, study.choice, study.risk, source_version())
         by_condition = itertools.groupby(missing, key=lambda key: (key[0], key[1], key[5]))
         return run_loops, [
-            (*scene, tuple(key[4] for key in group), given) for scene, group in by_condition
+            (study.source(name), *rest, tuple(key[4] for key in group), given)
+            for (name, *rest), group in by_condition
         ]
     noise = study.noise or Noise(study.noise_position, study.noise_angle)
     common = (
@@ -391,6 +394,6 @@ def _jobs(study: Study, missing: Sequence[Key]) -> tuple[Callable[..., list[Row]
     )  # fmt: skip
     by_scene = itertools.groupby(missing, key=lambda key: key[:2])
     return run_scene, [
-        (*scene, tuple(dict.fromkeys(key[2] for key in group)), *common)
-        for scene, group in by_scene
+        (study.source(name), seed, tuple(dict.fromkeys(key[2] for key in group)), *common)
+        for (name, seed), group in by_scene
     ]

@@ -20,6 +20,7 @@ from optipromp.core.scenes.scene import Scene
 from optipromp.core.scenes.values import suggest
 from optipromp.laboratory.generate import bunches, plants, shelves
 from optipromp.laboratory.generate.checks import OverlapError, interpenetration, unsolvable
+from optipromp.laboratory.generate.fitting import UnfitError
 from optipromp.laboratory.generate.placing import at_robot
 
 Preset = Literal[
@@ -29,6 +30,7 @@ Preset = Literal[
 PRESETS: tuple[Preset, ...] = get_args(Preset)
 PANDA = "panda"
 PATIENCE = 1000  # samples before the side of the gutter is sampled again
+MOST_UNFIT = 30  # samples that the arm can work at from no place, before it is an error: a choice
 MOST_REDRAWS = 50_000  # samples before it is an error: far more than any preset needs
 
 Sampler = Callable[[np.random.Generator], Scene]
@@ -96,12 +98,14 @@ def generate_with_report(
         seed: not negative; the same seed gives the same scene.
         robot: name or path. The base of any but the built-in Panda is placed so that the robot
             reaches the scene (:mod:`optipromp.laboratory.generate.placing`). The sampled world is
-            the same, in the frame of that base.
+            the same, in the frame of that base. For an arm that no one place serves, the base is
+            placed for each scene, and scenes at which the arm can work from no place are sampled
+            again (:mod:`optipromp.laboratory.generate.fitting`).
         choice: of the arm in the robot's file.
 
     Raises:
         InvalidRequestError: an unknown preset or a negative seed; another robot than the Panda for
-            a shelf; a robot that reaches the scenes from no place.
+            a shelf; a robot that can work at none of :data:`MOST_UNFIT` samples from any place.
         InvalidRobotError: a robot that cannot be loaded.
     """
     if preset not in PRESETS:
@@ -116,7 +120,7 @@ def generate_with_report(
     reasons: Counter[str] = Counter()
     drawn = _drawn(preset, rng)
     sampler = _kind(preset, seed, *drawn, rng)
-    patience = PATIENCE
+    patience, unfits = PATIENCE, 0
     while reasons.total() < MOST_REDRAWS:
         if patience == 0:
             sampler, patience = _kind(preset, seed, *drawn, rng), PATIENCE
@@ -128,7 +132,14 @@ def generate_with_report(
             continue
         fault = interpenetration(scene)
         if fault is None:
-            scene = at_robot(scene, robot, choice) if other else scene
+            try:
+                scene = at_robot(scene, robot, choice) if other else scene
+            except UnfitError as unfit:
+                reasons[unfit.requirement] += 1
+                unfits += 1
+                if unfits >= MOST_UNFIT:
+                    raise InvalidRequestError(f"{scene.name}: {unfit}") from None
+                continue
             fault = unsolvable(scene)
         if fault is None:
             report = GenerationReport(preset, seed, reasons.total(), dict(sorted(reasons.items())))

@@ -21,18 +21,14 @@ from optipromp.core.robots.tools import make_tool, with_tool
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene, ToolSpec
 from optipromp.laboratory.generate import bunches
+from optipromp.laboratory.generate.fitting import fitted
+from optipromp.laboratory.generate.spare import LOW, MISS, NECKS, lowest, spare
 
 PLACES_APART = 0.1  # [m] between the places that are tried for the base: a choice
 NEAREST = 0.2  # [m] from the base's axis to the middle of the way, at least: a choice
 BEYOND = 0.3  # [m] beyond the sum of the links up to which places are tried: a choice
 YAWS = (0.0, 0.5 * np.pi, -0.5 * np.pi, np.pi)  # [rad] of the base; the first of equals is taken
 IK_STARTS, BRANCHES = 24, 4  # of inverse kinematics; solutions followed at each place: choices
-# choices that weigh alike: to a joint limit [rad or m], between links [m], tool speed [m/rad]
-MARGIN, ROOM, SPEED_RATIO = 0.3, 0.05, 0.2
-LOW = bunches.BEFORE[1] + bunches.FRUIT_RADII[1]  # [m] from the target down to the lowest pushable
-BESIDE = 0.1  # [m] from the tool's axis: pushables hang, and are pushed, within it: a choice
-NECKS = 0.005  # [m] step of the length of a cup's neck: a choice
-MISS = 1e-4  # [m] largest error of inverse kinematics on the way
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +47,20 @@ class Standpoint:
 
 
 def at_robot(scene: Scene, robot: str | Path, choice: Choice) -> Scene:
-    """The ``scene`` of the Panda in the base frame of another robot; see :func:`place`."""
+    """The ``scene`` of the Panda in the base frame of another robot; see :func:`place`.
+
+    Where no one place serves all scenes, the base is placed for this scene
+    (:func:`optipromp.laboratory.generate.fitting.fitted`).
+
+    Raises:
+        UnfitError: neither is possible.
+    """
     path = Path(robot).absolute() if Path(robot).suffix else robot
-    placed, length = _with_cup(load_arm(path, choice=choice)[0])
+    arm = load_arm(path, choice=choice)[0]
+    standing = _with_cup(arm)
+    if standing is None:
+        return fitted(scene, arm, str(path), choice)
+    placed, length = standing
     assert scene.tool is not None  # every generated scene has one
     tool = ToolSpec(scene.tool.kind, {**scene.tool.parameters, "length": length})
     moved = scene.transformed(placed.pose)
@@ -61,8 +68,8 @@ def at_robot(scene: Scene, robot: str | Path, choice: Choice) -> Scene:
 
 
 @functools.lru_cache(maxsize=16)
-def _with_cup(arm: Robot) -> tuple[Standpoint, float]:
-    """The placement of an arm, and the length of the cup's neck that it needs [m].
+def _with_cup(arm: Robot) -> tuple[Standpoint, float] | None:
+    """The placement of an arm, and the length of the cup's neck that it needs [m]; None: no place.
 
     With such a neck the cup is before all links at the flange (a gripper's fingers, for instance),
     and the other links stay below the lowest pushable.
@@ -71,10 +78,13 @@ def _with_cup(arm: Robot) -> tuple[Standpoint, float]:
     before = (spheres.center - arm.flange_translation) @ arm.tool_axis + spheres.radius
     farthest = float(before[at_flange].max(initial=0.0))
     length = max(bunches.NECK, float(np.ceil(farthest / NECKS) * NECKS))
-    placed = _placed(arm, length)
-    if placed.low < LOW:
-        length += float(np.ceil((LOW - placed.low) / NECKS) * NECKS)
+    try:
         placed = _placed(arm, length)
+        if placed.low < LOW:
+            length += float(np.ceil((LOW - placed.low) / NECKS) * NECKS)
+            placed = _placed(arm, length)
+    except InvalidRequestError:
+        return None
     return placed, round(length, 3)
 
 
@@ -120,38 +130,9 @@ def place(robot: Robot, way: FloatArray, axis: FloatArray) -> Standpoint:
     return found
 
 
-def lowest(robot: Robot, q: FloatArray) -> float:
-    """Least height of the tool point over any link beside the tool, in configurations (m, n) [m].
-
-    These are the links before the last one, within :data:`BESIDE` of the tool axis. The height is
-    along that axis.
-    """
-    points, axes = robot.tool_pose(q)
-    off = (robot.sphere_centers(q) - points[:, None])[:, ~robot.spheres.distal]
-    radius = robot.spheres.radius[~robot.spheres.distal]
-    along = np.einsum("mbi,mi->mb", off, axes)
-    aside = np.linalg.norm(off - along[:, :, None] * axes[:, None], axis=2)
-    return float(np.where(aside - radius < BESIDE, -along - radius, np.inf).min())
-
-
 def _unwound(robot: Robot, q: FloatArray) -> FloatArray:
     """``q`` (n,) with revolute joints within half a turn of home, where the limits allow it."""
     turns = 2.0 * np.pi * np.round((q - robot.home) / (2.0 * np.pi))
     turns[robot.kinematics.dof[robot.kinematics.kind == PRISMATIC]] = 0.0
     near = q - turns
     return np.where((near < robot.lower) | (near > robot.upper), q, near)
-
-
-def spare(robot: Robot, q: FloatArray) -> float:
-    """The least of four margins of configurations (m, n).
-
-    They are the distance to a joint limit over :data:`MARGIN`, the gap between links over ``ROOM``,
-    the least singular value of the tool's Jacobian over ``SPEED_RATIO``, and :func:`lowest` over
-    ``LOW``.
-    """
-    margin = float(np.minimum(q - robot.lower, robot.upper - q).min())
-    jp, ja = robot.tool_jacobian(q)
-    rates = np.linalg.svd(np.concatenate([jp, ik.AXIS_LENGTH * ja], axis=1), compute_uv=False)
-    rate = float(rates[:, min(5, robot.n_joints) - 1].min())  # of a point and an axis
-    room = float(robot.self_gaps(q).min(initial=np.inf))
-    return min(margin / MARGIN, room / ROOM, rate / SPEED_RATIO, lowest(robot, q) / LOW)

@@ -1,6 +1,6 @@
 """The simulation: a scene as a MuJoCo world, the execution of a plan in it, and its outcome.
 
-Needs the extra ``sim``: ``pip install 'optipromp[sim]'``.
+Needs the extra ``sim``: ``pip install -e '.[sim]'`` in the clone.
 """
 
 from optipromp.laboratory.simulation.arm_executor import SimulatedArm as SimulatedArm
@@ -31,3 +31,4 @@ from optipromp.laboratory.simulation.rollout import Rollout as Rollout
 from optipromp.laboratory.simulation.simulation import FruitStates as FruitStates
 from optipromp.laboratory.simulation.simulation import Simulation as Simulation
 from optipromp.laboratory.simulation.simulation import Touch as Touch
+from optipromp.laboratory.simulation.stem_file import stem_mjcf as stem_mjcf

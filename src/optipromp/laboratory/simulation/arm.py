@@ -1,14 +1,16 @@
 """The robot and its tool as MuJoCo bodies."""
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, IntArray, all_finite, frozen
+from optipromp.core.robots.laden import Laden, Load, loads_of
 from optipromp.core.robots.model import Robot
-from optipromp.core.robots.tool_geometry import Part
+from optipromp.core.robots.tool_geometry import Part, Solid, solids_inertia
 from optipromp.core.robots.tool_protocol import quaternion
 from optipromp.core.robots.tools import TOOL_LINK, WALL
 from optipromp.laboratory.simulation.engine import engine
@@ -19,6 +21,7 @@ from optipromp.laboratory.simulation.solids import add_shape
 GUARD = "tool:guard"
 FLAT = 1e-6  # share of a moment by which files round it above the sum of the others
 EVEN = 1e-9  # share of a moment that is added so that MuJoCo sees no such excess
+WEIGHTLESS = 1e-9  # [kg], [kg m²] of a load without mass: MuJoCo wants some
 LEAST_MASS, LEAST_INERTIA = 0.05, 1e-5  # of a link without spheres [kg], [kg m²]: choices
 ARM_COLOUR = (0.78, 0.79, 0.80, 1.0)
 BASE_COLOUR = (0.55, 0.57, 0.60, 1.0)
@@ -27,6 +30,7 @@ COLOURS: dict[Part, tuple[float, float, float, float]] = {  # of the solids of a
     "neck": (0.25, 0.30, 0.35, 1.0),
     "palm": (0.90, 0.90, 0.91, 1.0),
     "finger": (0.30, 0.32, 0.35, 1.0),
+    "load": (0.80, 0.35, 0.25, 1.0),
 }
 
 
@@ -77,8 +81,8 @@ def link_entities(robot: Robot) -> tuple[Entity, ...]:
         distal = bool(robot.spheres.distal[mine].any()) or bool(
             (robot.spheres.segment[mine] == last).any()
         )
-        is_tool = name == TOOL_LINK and robot.tool is not None
-        out.append(Entity("tool" if is_tool else "link", name, distal))
+        held = index >= robot.n_own_links  # the tool, or what it holds
+        out.append(Entity("tool" if held else "link", name, distal))
     return tuple(out)
 
 
@@ -127,8 +131,7 @@ def _add_spheres(
 ) -> None:
     mujoco = engine()
     spheres = robot.spheres
-    tool = -1 if robot.tool is None else robot.link_names.index(TOOL_LINK)
-    for b in np.flatnonzero((spheres.segment == segment) & (spheres.link != tool)):
+    for b in np.flatnonzero((spheres.segment == segment) & (spheres.link < robot.n_own_links)):
         link = int(spheres.link[b])
         body.add_geom(
             name=f"body:{b}",
@@ -148,9 +151,7 @@ def _set_inertia(body: Any, robot: Robot, segment: int, density: float) -> None:
     else their volume times the ``density`` [kg/m³].
     """
     spheres = robot.spheres
-    mine = spheres.segment == segment
-    if robot.tool is not None:
-        mine &= spheres.link != robot.link_names.index(TOOL_LINK)
+    mine = (spheres.segment == segment) & (spheres.link < robot.n_own_links)
     radius, center = spheres.radius[mine], spheres.center[mine]
     volume = 4.0 / 3.0 * np.pi * radius**3
     mass = 0.0
@@ -203,7 +204,7 @@ def _add_tool(
     spec: Any, body: Any, robot: Robot, parameters: SimulationParameters, entity: int
 ) -> None:
     """Add the tool: a body on the flange, made of the tool's solids."""
-    tool, given = robot.tool, parameters.robot
+    tool, given, last = robot.tool, parameters.robot, len(robot.link_names) - 1
     assert tool is not None
     held = body.add_body(
         name="tool", pos=robot.flange_translation, quat=quaternion(robot.flange_rotation)
@@ -211,11 +212,11 @@ def _add_tool(
     mass = given.hand_mass if tool.fingers else given.tool_mass
     _explicit(held, mass, *tool.inertia(mass))
     surface = {**layers("tool"), **_surface(parameters, given.tool_friction, entity)}
-    for solid in tool.solids():
-        add_shape(
-            spec, held, solid.shape, f"tool:{solid.name}", np.eye(3), solid.position,
-            quat=solid.orientation, rgba=COLOURS[solid.part], **surface,
-        )  # fmt: skip
+    bare = tool.tool if isinstance(tool, Laden) else tool
+    _add_solids(spec, held, bare.solids(), surface)
+    for load in loads_of(tool):
+        own = float(entity + robot.link_names.index(load.id) - last)
+        _add_load(spec, held, load, {**surface, "userdata": [own]})
     if given.guard_until > 0.0:
         held.add_geom(
             name=GUARD,
@@ -226,3 +227,26 @@ def _add_tool(
             rgba=COLOURS["neck"],
             **surface,
         )
+
+
+def _add_solids(spec: Any, body: Any, solids: Sequence[Solid], surface: dict[str, Any]) -> None:
+    for solid in solids:
+        add_shape(
+            spec, body, solid.shape, f"tool:{solid.name}", np.eye(3), solid.position,
+            quat=solid.orientation, rgba=COLOURS[solid.part], **surface,
+        )  # fmt: skip
+
+
+def _add_load(spec: Any, tool: Any, load: Load, surface: dict[str, Any]) -> None:
+    """Add a load of the tool: a body that is fixed to the tool's body, with the load's mass."""
+    body = tool.add_body(name=held_body(load.id))
+    if load.mass > 0.0:
+        _explicit(body, load.mass, *solids_inertia(load.solids, load.mass))
+    else:
+        _explicit(body, WEIGHTLESS, np.zeros(3), WEIGHTLESS * np.eye(3))
+    _add_solids(spec, body, load.solids, surface)
+
+
+def held_body(id_: str) -> str:
+    """The name of the body of a load."""
+    return f"attached:{id_}"

@@ -17,6 +17,7 @@ from optipromp.core.arrays import FloatArray, frame_along, rotation
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene, SceneObject, Stem
 from optipromp.laboratory.simulation.detector_parameters import DETECTORS as DETECTORS
@@ -355,7 +356,9 @@ def perceived_scene(look: Look, scene: Scene) -> Scene:
         else item
         for item in found
     ]
-    return replace(scene, objects=(*fruits, *scene.static))
+    objects = (*fruits, *scene.static)
+    unseen = {item.id for item in scene.objects} - {item.id for item in objects}
+    return replace(scene, objects=objects, may_touch=pairs_among(scene.may_touch, unseen))
 
 
 def _turned(vector: FloatArray) -> FloatArray:

@@ -4,7 +4,7 @@ import os
 import sys
 from typing import Any
 
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, installed_by
 
 
 def engine() -> Any:
@@ -18,7 +18,5 @@ def engine() -> Any:
     try:
         import mujoco
     except ImportError:
-        raise InvalidRequestError(
-            "the simulation needs MuJoCo: pip install 'optipromp[sim]'"
-        ) from None
+        raise InvalidRequestError(f"the simulation needs MuJoCo: {installed_by('sim')}") from None
     return mujoco

@@ -1,22 +1,30 @@
 """``simulate``: the entry point of the simulation."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning import Plan
+from optipromp.core.planning.legs import Picked
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
+from optipromp.core.shown import Shown
 from optipromp.core.trajectory import Trajectory
+from optipromp.laboratory.simulation.legs import follow_legs
 from optipromp.laboratory.simulation.outcome import Outcome
 from optipromp.laboratory.simulation.parameters import SimulationParameters
 from optipromp.laboratory.simulation.rollout import Rollout
 from optipromp.laboratory.simulation.simulation import Simulation
 
+if TYPE_CHECKING:
+    from optipromp.looks.viewer.notebook import View3D
 
-@dataclass(frozen=True, eq=False)
-class Run:
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Run(Shown):
     """An executed plan.
 
     Attributes:
@@ -47,9 +55,31 @@ class Run:
         """Simulated time over wall time."""
         return float(self.rollout.times[-1]) / max(self.seconds, 1e-9)
 
+    def _words(self) -> str:
+        told = "picked" if self.success else f"failed, {self.outcome.cause}"
+        return f"in {self.scene.name}: {told}, {self.outcome.duration:.2f} s"
+
+    def _table(self) -> Sequence[tuple[str, str]]:
+        from optipromp.laboratory.simulation.words import run_rows
+
+        return [("message", self.outcome.message), *run_rows(self)]
+
+    def show(self) -> "View3D":
+        """A 3-D view for notebooks: arm, fruits and stems as they moved, to turn and play.
+
+        ``open()`` opens it in a browser. ``save(path)`` writes one HTML file that needs no network.
+
+        Raises:
+            InvalidRequestError: viser is not installed.
+        """
+        from optipromp.laboratory.simulation.words import run_page
+        from optipromp.looks.viewer.notebook import View3D
+
+        return View3D(run_page(self))
+
 
 def simulate(
-    plan_or_trajectory: Plan | Trajectory,
+    plan_or_trajectory: Plan | Picked | Trajectory,
     scene: Scene | None = None,
     *,
     robot: Robot | None = None,
@@ -60,7 +90,8 @@ def simulate(
     """Execute a plan in the simulation and judge the run.
 
     Args:
-        plan_or_trajectory: what to execute, whatever its status.
+        plan_or_trajectory: what to execute, whatever its status. Of a pick in several legs, all
+            legs; the outcome then says whether the target was placed.
         scene: the true scene; None: the scene of the plan. Another scene than the plan's shows the
             effect of detection errors.
         robot: with its tool; None: that of the plan, or of the scene of a bare trajectory.
@@ -78,11 +109,15 @@ def simulate(
     """
     began = time.perf_counter()
     parameters = parameters or SimulationParameters()
-    if isinstance(plan_or_trajectory, Plan):
-        trajectory = plan_or_trajectory.trajectory
-        scene, robot = scene or plan_or_trajectory.scene, robot or plan_or_trajectory.robot
+    picked = plan_or_trajectory if isinstance(plan_or_trajectory, Picked) else None
+    given = plan_or_trajectory.reach if isinstance(plan_or_trajectory, Picked) else (
+        plan_or_trajectory
+    )  # fmt: skip
+    if isinstance(given, Plan):
+        trajectory = given.trajectory
+        scene, robot = scene or given.scene, robot or given.robot
     else:
-        trajectory = plan_or_trajectory
+        trajectory = given
     if scene is None:
         raise InvalidRequestError("a bare trajectory needs the scene it is to be executed in")
     robot = robot or posed(scene)[0]
@@ -95,5 +130,10 @@ def simulate(
     simulation = Simulation(
         scene, seed, parameters, robot=robot, q=motion.positions[0], record_rate=record_rate
     )
-    rollout, outcome = simulation.follow(motion)
+    if picked is None:
+        rollout, outcome = simulation.follow(motion)
+    else:
+        slower = 1.0 / parameters.control.speed
+        motions = {name: one.trajectory.slowed(slower) for name, one in picked.legs.items()}
+        rollout, outcome = follow_legs(simulation, motions, picked)
     return Run(scene, robot, parameters, seed, rollout, outcome, time.perf_counter() - began)

@@ -16,12 +16,15 @@ from typing import Any
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, frame_along
+from optipromp.core.robots.laden import loads_of
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.rotations import product, to_quaternion
 from optipromp.core.scenes.scene import Scene
+from optipromp.laboratory.simulation.arm import held_body
 from optipromp.laboratory.simulation.engine import engine
+from optipromp.laboratory.simulation.fruits import BuiltFruit
 from optipromp.laboratory.simulation.parameters import DisturbanceParameters, SimulationParameters
-from optipromp.laboratory.simulation.world import Fruit, World, build
+from optipromp.laboratory.simulation.world import World, build
 
 __all__ = ["START", "TOOL_POINT", "mjcf"]
 
@@ -62,10 +65,12 @@ def mjcf(
     world = build(scene, robot, calm, seed)
     spec, q = world.spec, robot.check_configuration(start)
     joints = _name_joints(spec, world)
-    for body in ["tool"] * (robot.tool is not None) + [f"segment:{s}" for s in range(len(joints))]:
+    held = [held_body(load.id) for load in loads_of(robot.tool)]
+    tool = ["tool", *held] if robot.tool is not None else []
+    for body in [*tool, *(f"segment:{s}" for s in range(len(joints)))]:
         spec.body(body).gravcomp = 1.0
     _add_actuators(spec, world, joints, q)
-    bends = {name: bend for fruit in world.fruits for name, bend in _relax(spec, fruit)}
+    bends = {name: bend for fruit in world.fruits for name, bend in relaxed(spec, fruit.built)}
     _add_marks(spec, scene, robot)
     _add_start(spec, world, q, bends)
     text: str = spec.to_xml()
@@ -120,16 +125,16 @@ def _add_actuators(spec: Any, world: World, joints: list[str], q: FloatArray) ->
             actuator.ctrlrange = joint.range
 
 
-def _relax(spec: Any, fruit: Fruit) -> list[tuple[str, FloatArray]]:
+def relaxed(spec: Any, built: BuiltFruit) -> list[tuple[str, FloatArray]]:
     """Turn the rest pose of a stem so that its springs carry it; joints and their bends (4,).
 
     The spring of a ball joint of stiffness k, bent by the rotation vector r, gives the torque -k r.
     The torque τ that holds the stem in the scene's pose needs the bend -τ / k there, so the rest
     frame is turned back by that bend.
     """
-    if fruit.weld < 0:
-        return []
-    built, out = fruit.built, []
+    out: list[tuple[str, FloatArray]] = []
+    if not built.has_stem:
+        return out
     for k, torque in enumerate(built.grown):
         joint = spec.joint(f"bend:{built.key}:{k}")
         bend = _quaternion(-torque / joint.stiffness[0])

@@ -9,7 +9,8 @@ import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.laboratory.simulation.contacts import ContactLog
-from optipromp.laboratory.simulation.rollout import Rollout
+from optipromp.laboratory.simulation.grasps import on_lip, suction_of, wanted
+from optipromp.laboratory.simulation.rollout import Rollout, StemCut
 from optipromp.laboratory.simulation.world import World
 
 BARE = 0.02  # [m] without a tool, an object this near the tool point counts as picked: a choice
@@ -21,13 +22,15 @@ class Cause(StrEnum):
     UNSTABLE = "unstable"  # a NaN, or a warning of MuJoCo
     STATIC_CONTACT = "static_contact"  # arm or tool pressed a static object
     TORN = "torn"  # a fruit came off its stem
+    CUT_OTHER = "cut_other"  # blades closed on something else than the stem that was to be cut
     STEM_CAUGHT = "stem_caught"  # a stem was pressed by arm or tool
     SWALLOWED_OTHER = "swallowed_other"  # another fruit is in the cup, or between the fingers
     AVOID_CONTACT = "avoid_contact"  # an arm link pressed a neighbouring cluster
     CRUSHED = "crushed"  # a fruit was pressed harder than it bears
     LIMIT = "limit"  # a joint left its range
     TRACKING = "tracking"  # the arm could not follow
-    NOT_PICKED = "not_picked"  # the target is not in the cup, or between the fingers
+    NOT_PICKED = "not_picked"  # the target is not in the tool; of a scissor: its stem is not cut
+    NOT_PLACED = "not_placed"  # the target is not at its place
 
 
 @dataclass(frozen=True)
@@ -54,12 +57,14 @@ class Outcome:
     """The judgement of a run.
 
     Attributes:
-        success: whether the tool holds the target alone (in a cup's mouth, or between fingers) and
-            nothing was harmed; for a tool that cannot hold, whether nothing was harmed.
+        success: whether the tool holds the target alone (in a cup's mouth, between fingers, or at
+            the lip of a suction cup) and nothing was harmed; for a tool that cannot hold, whether
+            nothing was harmed; for a scissor, whether it cut the target's stem alone, too.
         cause: the first of ``causes``; None for a success.
         message: the causes in words.
         picked: whether the target's centre is in the tool and stays there at the end; None for a
-            scene without a target, and for a tool that cannot hold.
+            scene without a target, and for a tool that cannot hold. Of a scissor: whether the stem
+            of the target was cut, or, without a target, the one nearest the goal.
         swallowed_others: other fruits whose centre is inside the tool at the end.
         entered: other fruits whose centre was inside the tool at any time.
         peak_force: largest force on each target and pushable, by id [N].
@@ -88,6 +93,11 @@ class Outcome:
         warnings: of MuJoCo, or of a value that is not finite.
         target: id of the target; None for a scene without one.
         causes: all causes of the failure, in the order of :class:`Cause`.
+        cut: what a scissor did when it closed; None for another tool.
+        placed: whether the target was brought to its place; None for a motion that is no pick in
+            several legs.
+        placed_off: distance of the target's centre from its place at the end [m]; None where it
+            was not brought there.
     """
 
     success: bool
@@ -117,6 +127,9 @@ class Outcome:
     warnings: tuple[str, ...] = ()
     target: str | None = None
     causes: tuple[Cause, ...] = ()
+    cut: StemCut | None = None
+    placed: bool | None = None
+    placed_off: float | None = None
 
     @property
     def unripe_peak_force(self) -> float:
@@ -130,6 +143,9 @@ class Outcome:
         document["cause"] = None if self.cause is None else str(self.cause)
         document["causes"] = [str(cause) for cause in self.causes]
         document["unripe_peak_force"] = self.unripe_peak_force
+        cut = document.pop("cut")
+        if self.cut is not None:
+            document["cut"] = dict(zip(StemCut._fields, cut, strict=True))
         return document
 
 
@@ -154,11 +170,22 @@ def inside_tool(world: World, rollout: Rollout, centers: FloatArray) -> BoolArra
     return tool.holds(local) & tool.holds(local + below)
 
 
+def held(world: World, rollout: Rollout, index: int) -> BoolArray:
+    """Whether the tool holds a fruit of ``world.shown`` (R,); blades hold nothing."""
+    if rollout.cut is not None:
+        return np.zeros(len(rollout.times), dtype=np.bool_)
+    if suction_of(world) is not None:
+        return on_lip(world, rollout, world.shown[index])
+    return inside_tool(world, rollout, rollout.fruit_positions[:, index])
+
+
 def inside_words(world: World) -> str:
     """The place of a picked object, in words."""
     tool = world.robot.tool
     if tool is None:
         return "at the tool point"
+    if suction_of(world) is not None:
+        return "at the lip"
     return "between the fingers" if tool.fingers else "in the cup"
 
 
@@ -167,10 +194,7 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
     limits, shown = world.parameters.thresholds, world.shown
     target = next((fruit.id for fruit in shown if fruit.role == "target"), None)
     entities = world.entities
-    inside = {
-        fruit.id: inside_tool(world, rollout, rollout.fruit_positions[:, i])
-        for i, fruit in enumerate(shown)
-    }
+    inside = {fruit.id: held(world, rollout, i) for i, fruit in enumerate(shown)}
     moved = {
         fruit.id: np.linalg.norm(
             rollout.fruit_positions[:, i] - rollout.fruit_positions[0, i], axis=1
@@ -197,7 +221,10 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
     picked = swallowed_at = None
     displacement = None if target is None else float(moved[target].max())
     tool = world.robot.tool
-    if target is not None and (tool is None or tool.mouth[0] > 0.0):
+    if rollout.cut is not None:
+        aimed = wanted(world)
+        picked = None if aimed is None else aimed in rollout.cut.stems
+    elif target is not None and (tool is None or tool.mouth[0] > 0.0 or suction_of(world)):
         mine = inside[target]
         late = rollout.times >= rollout.times[-1] - limits.rest_time - 1e-9
         picked = bool(mine[late].all())
@@ -228,6 +255,7 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
         displacement={id_: float(values.max()) for id_, values in moved.items()},
         tracking_error=rollout.tracking_error,
         joint_error=rollout.joint_error,
+        cut=rollout.cut,
         limit_use=dict(rollout.limit_use),
         overlapping=world.overlapping,
         parted=dict(world.parted),
@@ -242,6 +270,8 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
         causes, words = zip(*failures, strict=True)
         return replace(facts, cause=causes[0], causes=causes, message="; ".join(words) + note)
     told = f"the target alone is {inside_words(world)}, nothing was harmed"
+    if picked is not None and facts.cut is not None:
+        told = f"the stem of {wanted(world)} alone is cut, nothing was harmed"
     if picked is None:
         told = "the motion was executed, nothing was harmed"
     return replace(facts, success=True, message=told + note)
@@ -252,19 +282,32 @@ def _failures(outcome: Outcome, world: World) -> Iterator[tuple[Cause, str]]:
     limits = world.parameters.thresholds
     if outcome.warnings:
         yield Cause.UNSTABLE, "the simulation broke down: " + "; ".join(outcome.warnings)
-    hits = [c for c in outcome.static_contacts if c.peak_force > limits.static_force]
+    hits = [
+        c
+        for c in outcome.static_contacts
+        if c.peak_force > limits.static_force and not world.scene.may_meet(c.link, c.other)
+    ]
     if hits:
         worst = max(hits, key=lambda c: c.peak_force)
         yield Cause.STATIC_CONTACT, f"{worst.link} presses {worst.other} with {_force(worst)}"
     if outcome.torn:
         yield Cause.TORN, f"torn off: {', '.join(outcome.torn)}"
+    if outcome.cut is not None:
+        shut_on = [f"the stem of {i}" for i in outcome.cut.stems if i != wanted(world)]
+        shut_on += list(outcome.cut.fruits)
+        if shut_on:
+            yield Cause.CUT_OTHER, f"the blades closed on {', '.join(shut_on)}"
     if outcome.stem_caught:
         forces = ", ".join(f"{i} ({outcome.stem_force[i]:.1f} N)" for i in outcome.stem_caught)
         yield Cause.STEM_CAUGHT, f"stems pressed: {forces}"
     if outcome.swallowed_others:
         others = ", ".join(outcome.swallowed_others)
         yield Cause.SWALLOWED_OTHER, f"also {inside_words(world)}: {others}"
-    hits = [c for c in outcome.avoid_contacts if c.peak_force > limits.avoid_force]
+    hits = [
+        c
+        for c in outcome.avoid_contacts
+        if c.peak_force > limits.avoid_force and not world.scene.may_meet(c.link, c.other)
+    ]
     if hits:
         worst = max(hits, key=lambda c: c.peak_force)
         yield Cause.AVOID_CONTACT, f"{worst.link} presses {worst.other} with {_force(worst)}"
@@ -276,7 +319,9 @@ def _failures(outcome: Outcome, world: World) -> Iterator[tuple[Cause, str]]:
         yield Cause.LIMIT, "a joint left its range"
     if outcome.tracking_error > limits.tracking_error:
         yield Cause.TRACKING, f"the tool was {1e3 * outcome.tracking_error:.0f} mm off its path"
-    if outcome.picked is False:
+    if outcome.picked is False and outcome.cut is not None:
+        yield Cause.NOT_PICKED, f"the stem of {wanted(world)} is not cut"
+    elif outcome.picked is False:
         yield Cause.NOT_PICKED, f"the target is not {inside_words(world)}"
 
 

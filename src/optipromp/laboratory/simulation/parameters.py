@@ -276,6 +276,9 @@ class Thresholds(Checked):
     tracking_error: float = parameter(
         0.02, "m", "choice", "of the tool point; beyond it the arm was stopped by something"
     )
+    placed: float = parameter(
+        0.02, "m", "choice", "how far from its planned place a fruit that is placed may end"
+    )
     rest_time: float = parameter(
         0.3,
         "s",

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, installed_by
 from optipromp.laboratory.simulation.camera import View, shot
 from optipromp.laboratory.simulation.dress import dressed
 from optipromp.laboratory.simulation.engine import engine
@@ -100,7 +100,7 @@ def encoded(pictures: Iterable[Picture], view: View, fps: int) -> bytes:
     try:
         import av
     except ImportError:
-        raise InvalidRequestError("a film needs PyAV: pip install 'optipromp[sim]'") from None
+        raise InvalidRequestError(f"a film needs PyAV: {installed_by('sim')}") from None
     buffer, last = io.BytesIO(), round(LINGER * fps)
     with av.open(buffer, mode="w", format="mp4") as container:
         stream: Any = container.add_stream("libx264", rate=fps)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,6 +10,20 @@ from optipromp.core import judging
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.robots.model import Robot
 from optipromp.core.trajectory import Trajectory
+
+
+class StemCut(NamedTuple):
+    """What a scissor did when it closed.
+
+    Attributes:
+        stems: ids of the fruits whose stems were cut.
+        fruits: ids of the fruits that were between the closing blades.
+        time: at which it closed [s].
+    """
+
+    stems: tuple[str, ...]
+    fruits: tuple[str, ...]
+    time: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +50,7 @@ class Rollout:
         torn_at: time at which each torn fruit came off, by id [s].
         tracking_error: largest distance of the tool point from the reference [m].
         joint_error: largest distance of a joint from the reference [rad or m].
+        cut: what a scissor did when it closed; None for another tool.
     """
 
     times: FloatArray
@@ -58,6 +74,7 @@ class Rollout:
     torn_at: Mapping[str, float] = field(default_factory=dict)
     tracking_error: float = 0.0
     joint_error: float = 0.0
+    cut: StemCut | None = None
 
     def arrays(self) -> dict[str, FloatArray]:
         """The records as arrays by name, for an NPZ file."""

@@ -13,6 +13,7 @@ from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
 from optipromp.laboratory.simulation.contacts import pressing
+from optipromp.laboratory.simulation.grip import GRIP
 from optipromp.laboratory.simulation.outcome import Outcome, judge
 from optipromp.laboratory.simulation.parameters import SimulationParameters
 from optipromp.laboratory.simulation.rollout import Rollout
@@ -197,6 +198,27 @@ class Simulation:
         rollout, log = self._run.run(motion)
         return rollout, judge(self._world, rollout, log)
 
+    def grip(self) -> None:
+        """Cut the stem of the target and hold the target in the tool, where it is now.
+
+        Raises:
+            InvalidRequestError: the scene has no place to which the tool brings the target.
+        """
+        run, world = self._run, self._world
+        target = next((fruit for fruit in world.shown if fruit.role == "target"), None)
+        if self.scene.place is None or target is None or self.robot.tool is None:
+            raise InvalidRequestError(f"{self.scene.name} has no place, target or tool: no grip")
+        run.stems.cut(run.data, target)
+        weld, tool = run.model.equality(GRIP).id, run.model.body("tool").id
+        turn = run.data.xmat[tool].reshape(3, 3)
+        quaternion = np.zeros(4)
+        run.mujoco.mju_mat2Quat(
+            quaternion, (turn.T @ run.data.xmat[target.body].reshape(3, 3)).ravel()
+        )
+        offset = turn.T @ (run.data.xpos[target.body] - run.data.xpos[tool])
+        run.model.eq_data[weld, :10] = [0.0, 0.0, 0.0, *offset, *quaternion]
+        run.data.eq_active[weld] = 1
+
     def state(self) -> State:
         """Measured positions and velocities of the joints; the acceleration is the reference's."""
         drives, at = self._world.drives, self._run.at
@@ -277,6 +299,7 @@ class Simulation:
         """Stand still for ``control.hold`` at the last reference, then judge all that happened."""
         self.reference = State(self.reference.q)
         moved, control = self.time, self.parameters.control
+        self._run.close()
         for _ in range(round(control.hold * control.rate)):
             if self.broken or not self._step():
                 break

@@ -5,7 +5,9 @@ from typing import Any
 import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray
+from optipromp.laboratory.simulation.grasps import between_blades, carried_by
 from optipromp.laboratory.simulation.kernels import note_pulls
+from optipromp.laboratory.simulation.rollout import StemCut
 from optipromp.laboratory.simulation.trusses import tops
 from optipromp.laboratory.simulation.world import Fruit, World
 
@@ -20,6 +22,7 @@ class StemWatch:
     """
 
     def __init__(self, world: World) -> None:
+        self._world = world
         self.torn: dict[str, float] = {}
         self._torn_by: dict[str, float] = {}
         fruits = [fruit for fruit in world.fruits if fruit.weld >= 0]
@@ -60,6 +63,27 @@ class StemWatch:
                 gone, torn = gone | mine, True
         if torn:
             self._cut(data, gone)
+
+    def close(self, data: Any) -> StemCut:
+        """Close the blades of the scissor: fruits beyond the stems between them come off."""
+        pieces, between = between_blades(self._world, data)
+        beyond = carried_by(self._world, pieces)
+        bodies = {
+            fruit.body for fruit, is_off in zip(self._world.fruits, beyond, strict=True) if is_off
+        }
+        gone = np.array([fruit.body in bodies for fruit in self._fruits], dtype=np.bool_)
+        off = [self._fruits[i].built.key for i in np.flatnonzero(gone)]
+        if off:
+            self._cut(data, gone)
+            self.torn = {key: time for key, time in self.torn.items() if key not in off}
+        return StemCut(tuple(off), tuple(between), float(data.time))
+
+    def cut(self, data: Any, fruit: Fruit) -> None:
+        """Cut the stem of a fruit on purpose: it does not count as torn."""
+        mine = np.array([one.built.key == fruit.built.key for one in self._fruits], dtype=np.bool_)
+        if mine.any():
+            self._cut(data, mine)
+            del self.torn[fruit.built.key]
 
     def _cut(self, data: Any, gone: BoolArray) -> None:
         for i in np.flatnonzero(gone):

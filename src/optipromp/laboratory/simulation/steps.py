@@ -13,8 +13,9 @@ from optipromp.laboratory.simulation.arm import GUARD
 from optipromp.laboratory.simulation.carriages import Carriages
 from optipromp.laboratory.simulation.contacts import ContactLog, pressing
 from optipromp.laboratory.simulation.engine import engine
+from optipromp.laboratory.simulation.grasps import scissor_of
 from optipromp.laboratory.simulation.kernels import is_sound
-from optipromp.laboratory.simulation.rollout import Rollout, used
+from optipromp.laboratory.simulation.rollout import Rollout, StemCut, used
 from optipromp.laboratory.simulation.stems import StemWatch
 from optipromp.laboratory.simulation.world import World
 
@@ -34,6 +35,11 @@ class Execution:
         p = world.parameters
         moved = world.motion
         self.carriages = None if moved is None else Carriages(world, moved, self.data)
+        self.movers = [
+            (int(self.model.body(f"static:{item.id}").mocapid[0]), item.motion)
+            for item in world.scene.objects
+            if item.motion is not None
+        ]
         self.log = ContactLog(world, p.thresholds.stem_force)
         self.stems = StemWatch(world)
         self.step = p.engine.timestep
@@ -49,6 +55,7 @@ class Execution:
         self.records: list[tuple[Any, ...]] = []
         self.contacts: list[FloatArray] = []
         self.steps = 0
+        self.cut: StemCut | None = None
         self.warnings: tuple[str, ...] = ()
         shown, entities = world.shown, world.entities
         self.fruit_entities = np.array([f.entity for f in shown], dtype=np.int64)
@@ -80,9 +87,16 @@ class Execution:
         self.begin(q[0])
         with quiet(self.mujoco):
             for k in range(total):
+                if k == before + moving:
+                    self.close()
                 if not self.advance(q[k], rate[k], acceleration[k], q[k + 1]):
                     break
         return self.rollout((began + before + moving) * self.step), self.log
+
+    def close(self) -> None:
+        """Close the blades of a scissor, once; other tools stay open."""
+        if self.cut is None and scissor_of(self.world) is not None:
+            self.cut = self.stems.close(self.data)
 
     def begin(self, q: FloatArray) -> None:
         """Record the state at the beginning, once; ``q`` (S,) is the reference of the segments."""
@@ -101,6 +115,9 @@ class Execution:
             q, rate, acceleration, after = self._delayed(q, rate, acceleration, after)
         if self.carriages is not None:
             self.carriages.drive(self.data, self.steps)
+        for body, motion in self.movers:
+            at = motion.at(np.array([0.0, self.steps * self.step]))
+            self.data.mocap_pos[body] = at[1] - at[0]
         self.mujoco.mj_step1(self.model, self.data)
         if self.steps % self.tick == 0:
             self._control(q, rate, acceleration)
@@ -202,6 +219,7 @@ class Execution:
             torn_at={f.id: stems.torn[f.built.key] for f in shown if f.built.key in stems.torn},
             tracking_error=float(np.linalg.norm(points - goals, axis=1).max()),
             joint_error=float(np.max(self.worst_error, initial=0.0)),
+            cut=self.cut,
         )  # fmt: skip
 
 

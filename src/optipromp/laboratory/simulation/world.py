@@ -24,6 +24,7 @@ from optipromp.laboratory.simulation.disturbances import (
 from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.entities import NOBODY, Entity, layers
 from optipromp.laboratory.simulation.fruits import BuiltFruit, add_fruit, bows, trusses_of
+from optipromp.laboratory.simulation.grip import add_grip
 from optipromp.laboratory.simulation.parameters import SimulationParameters
 from optipromp.laboratory.simulation.parting import apart
 from optipromp.laboratory.simulation.solids import add_shape
@@ -212,6 +213,7 @@ class _Draft:
                 self._static(obj)
             elif parameters.thing.avoid_as == "soft":
                 self._soft(obj)
+        add_grip(self.spec, scene, robot)
         if parameters.thing.avoid_as == "fruits":
             rng = np.random.default_rng(seed)
             for obj in scene.avoid:
@@ -274,7 +276,7 @@ class _Draft:
 
     def _static(self, obj: SceneObject) -> None:
         p = self.parameters.thing
-        body = self.spec.worldbody.add_body(name=f"static:{obj.id}")
+        body = self.spec.worldbody.add_body(name=f"static:{obj.id}", mocap=obj.motion is not None)
         add_shape(
             self.spec, body, obj.shape, f"static:{obj.id}", obj.rotation, obj.position,
             rgba=STATIC_COLOUR, friction=[obj.physical.get("friction", p.friction), 0.005, 1e-4],

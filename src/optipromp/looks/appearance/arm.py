@@ -13,13 +13,15 @@ from optipromp.core.geometry.faces import revolve, sphere
 from optipromp.core.geometry.shapes import PRIMITIVES, hull_faces
 from optipromp.core.robots.cup_cover import NECK_RADIUS
 from optipromp.core.robots.description import LinkGeometry, LinkShape, mesh_file, rotation_of
+from optipromp.core.robots.laden import Laden, Load, loads_of
 from optipromp.core.robots.model import Robot
-from optipromp.core.robots.tools import FINGERS, TOOL_LINK, Cup, FrankaHand
+from optipromp.core.robots.tools import FINGERS, Cup, FrankaHand
 from optipromp.looks.appearance.faces import coarser, shape_faces
 from optipromp.looks.appearance.part import Part, hex_colour
 
 LINK, BASE, DRUM = "#e3e6e9", "#8c9199", "#474d55"
 TOOL_COLOURS = {"mouth": "#a9d8ec", "neck": "#3b434c", "palm": "#dfe2e5", "finger": "#3b434c"}
+HELD = "#cc5940"  # colour of what a tool holds
 GLASS = 0.28  # opacity of a cup, so that the fruit in it is visible
 FINE = 0.003  # [m] edge of the cells in which corners of a fine mesh are merged: a pixel of a film
 FEW = 4000  # triangles of a link up to which its mesh stays as it is
@@ -47,7 +49,7 @@ def arm_parts(robot: Robot) -> tuple[Part, ...]:
     hulls: set[int] = set()
     for index in np.unique(robot.spheres.link).tolist():
         name = robot.link_names[index]
-        if name not in shown and name != TOOL_LINK:
+        if name not in shown and index < robot.n_own_links:
             rows = robot.spheres.link == index
             segment = int(robot.spheres.segment[rows][0])
             body = _hull(robot.spheres.center[rows], robot.spheres.radius[rows])
@@ -196,6 +198,8 @@ def _tool(robot: Robot) -> list[Part]:
     tool, last, folder = robot.tool, robot.n_segments - 1, _models()
     if tool is None:
         return []
+    held = [_held(load, last) for load in loads_of(tool)]
+    tool = tool.tool if isinstance(tool, Laden) else tool
     solids: dict[str, list[FloatArray]] = {}
     if isinstance(tool, FrankaHand) and folder is not None:
         placed = [("hand", np.zeros(3), 1.0)]
@@ -225,7 +229,14 @@ def _tool(robot: Robot) -> list[Part]:
             )
             for name, faces in solids.items()
         ]
+    parts += held
     return [part.placed(robot.flange_translation, robot.flange_rotation) for part in parts]
+
+
+def _held(load: Load, segment: int) -> Part:
+    """What a tool holds."""
+    faces = [shape_faces(one.shape, one.position, one.rotation, np.inf) for one in load.solids]
+    return Part.of(f"tool/{load.id}", np.concatenate(faces), HELD, segment=segment)
 
 
 def _cup(cup: Cup) -> dict[str, list[FloatArray]]:

@@ -55,11 +55,11 @@ class Replay:
         return float(self.arrays["times"][-1])
 
     @functools.cached_property
-    def _world(self) -> tuple[Any, Any]:
+    def _moving(self) -> Any:
+        from optipromp.laboratory.simulation.moving import Moving
         from optipromp.laboratory.simulation.world import build
 
-        world = build(self.scene, self.robot, self.parameters, self.seed)
-        return world, world.data(self.robot.home)
+        return Moving(build(self.scene, self.robot, self.parameters, self.seed))
 
     def show(self, stage: PlanNodes, now: float) -> str:
         """Show arm, objects, contacts and what the controller thinks at the time ``now`` [s].
@@ -67,17 +67,11 @@ class Replay:
         Returns:
             Forces and stage in words.
         """
-        from optipromp.laboratory.simulation.engine import engine
-
-        arrays, (world, data) = self.arrays, self._world
+        arrays = self.arrays
         row = int(np.abs(arrays["times"] - now).argmin())
         stage.pose(arrays["q"][row])
-        data.qpos[:] = arrays["states"][row]
-        engine().mj_kinematics(world.model, data)
-        items = {item.id: item for item in self.scene.objects}
-        for fruit in world.shown:
-            at, turn = data.xpos[fruit.body], data.xmat[fruit.body].reshape(3, 3)
-            stage.put(items[fruit.id], np.array(at), turn, self._stem(fruit))
+        for moved in self._moving.at(arrays["states"][row]):
+            stage.put(*moved)
         found = arrays["contacts"][arrays["contacts"][:, 0] == row]
         felt = found[np.linalg.norm(found[:, 6:], axis=1) > LEAST_FORCE]
         stage.forces(felt[:, 3:6], felt[:, 6:])
@@ -94,22 +88,8 @@ class Replay:
         why = record.why(now)
         return f"**{record.words(row)}**" + (f": {why}" if why else "")
 
-    def _stem(self, fruit: Any) -> FloatArray | None:
-        """The present points (k, 3) of a fruit's stem, root first [m]; None without a stem."""
-        world, data = self._world
-        if fruit.stem_entity < 0:
-            return None
-        geoms = np.flatnonzero(world.geom_entity == fruit.stem_entity)
-        turns = data.geom_xmat[geoms].reshape(-1, 3, 3)
-        half = world.model.geom_size[geoms, 1:2] * turns[:, :, 2]
-        ends = np.stack([data.geom_xpos[geoms] - half, data.geom_xpos[geoms] + half], axis=1)
-        root = fruit.built.nodes[0]
-        flipped = np.linalg.norm(ends[0, 1] - root) < np.linalg.norm(ends[0, 0] - root)
-        ends = ends[:, ::-1] if flipped else ends
-        return np.asarray(np.concatenate([ends[:, 0], ends[-1:, 1]]))
-
     def _words(self, felt: FloatArray) -> str:
-        names = [entity.label for entity in self._world[0].entities]
+        names = [entity.label for entity in self._moving.world.entities]
         pairs: dict[str, FloatArray] = {}
         for row in felt:
             key = f"{names[int(row[1])]} on {names[int(row[2])]}"

@@ -170,14 +170,15 @@ def _command(rows: Sequence[Row], robot: str | None, risk: float) -> str:
         for name in ("preset", "planner")
     )
     seeds = [row.seed for row in rows]
-    words = ["optipromp", "study", "--preset", presets]
+    files = any(Path(row.preset).suffix for row in rows)
+    words = ["optipromp", "study", *(("--scenes", "DIR") if files else ("--preset", presets))]
     if rows[0].loop:
         for option, name in (("loop", "loop"), ("conditions", "condition")):
             words += [f"--{option}", ",".join(dict.fromkeys(getattr(row, name) for row in rows))]
     else:
         words += ["--planners", planners]
     words += ["--seeds", f"{min(seeds)}:{max(seeds) + 1}"]
-    if robot != PANDA:
+    if robot != PANDA and not files:
         words += ["--robot", robot or "ROBOT"]
     for name in ("noise",) if rows[0].noise else ("noise_position", "noise_angle"):
         if value := getattr(rows[0], name):

@@ -94,7 +94,7 @@ def motions(plan: "Plan") -> tuple[Motion, ...]:
 def moment(plan: "Plan") -> Moment:
     """The moment at which the tool passes the last hanging neighbour; without any, the end."""
     q, hanging = plan.trajectory.positions, [t for t in plan.task.neighbours if t.stem]
-    if _still(plan):
+    if still(plan):
         return Moment(0, 0.0, "the arm stays at its start")
     if not hanging:
         return Moment(len(q) - 1, plan.trajectory.duration, "at the goal")
@@ -106,7 +106,7 @@ def moment(plan: "Plan") -> Moment:
 
 def placed(plan: "Plan", now: Moment) -> tuple[Placed, ...]:
     """The scene's objects at a moment, pushed ones at their predicted places."""
-    moved = {} if _still(plan) else _moved(plan, now)
+    moved = {} if still(plan) else _moved(plan, now)
     out, pushables = [], 0
     for item in plan.scene.objects:
         colour = COLOURS.get(item.role) or PUSHABLES[pushables % len(PUSHABLES)]
@@ -166,7 +166,8 @@ def bent(points: FloatArray, shift: FloatArray) -> FloatArray:
     return np.asarray(shape + 0.5 * (3.0 * s**2 - s**3)[:, None] * shift)
 
 
-def _still(plan: "Plan") -> bool:
+def still(plan: "Plan") -> bool:
+    """Whether the arm does not move."""
     q = plan.trajectory.positions
     return bool((q == q[0]).all())
 

@@ -36,7 +36,7 @@ def scene_page(scene: Scene, robot: Robot | None = None, q: FloatArray | None = 
         InvalidRequestError: viser is not installed.
     """
     robot, state = posed(scene, robot)
-    with _recording(scene, robot) as (nodes, record):
+    with recording(scene, robot) as (nodes, record):
         nodes.pose(state.q if q is None else q)
         return str(record.as_html())
 
@@ -49,7 +49,7 @@ def plan_page(plan: "Plan") -> str:
     """
     curve = plan.trajectory
     places = {item.id: item.position for item in plan.scene.objects}
-    with _recording(plan.scene, plan.robot) as (nodes, record):
+    with recording(plan.scene, plan.robot) as (nodes, record):
         for k, motion in enumerate(reversed(motions(plan))):
             points = plan.robot.tool_pose(motion.trajectory.resample(FRAME_RATE).positions)[0]
             nodes.line(motion.name, points, motion.colour, 3.0 if k else 6.0)
@@ -67,7 +67,7 @@ def plan_page(plan: "Plan") -> str:
 
 
 @contextmanager
-def _recording(scene: Scene, robot: Robot) -> Iterator[tuple[Nodes, Any]]:
+def recording(scene: Scene, robot: Robot) -> Iterator[tuple[Nodes, Any]]:
     """Nodes without a client, and a record of the messages that a client would get."""
     server = listening("127.0.0.1", 0)
     try:

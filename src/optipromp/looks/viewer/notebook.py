@@ -111,6 +111,8 @@ def rich(thing: Any) -> str:
         ]  # fmt: skip
     elif isinstance(thing, Robot | ProMP | Trajectory):
         head, rows = _joints(thing)
+    else:
+        rows = thing._table()
     return f"<p><b>{escape(repr(thing)[1:-1])}</b></p>{table(rows, head)}"
 
 

@@ -197,7 +197,8 @@ def _hidden(view: Camera, plan: "Plan", focus: FloatArray) -> float:
 
 def _frame(camera: Camera, plan: "Plan", objects: Sequence[Placed]) -> FloatArray:
     """Two corners (2, 2) of a close view that holds the fruits, and the tool among them [m]."""
-    seen = [tool_faces(plan.robot, plan.trajectory.positions[-1]).reshape(-1, 3)]
+    tool = tool_faces(plan.robot, plan.trajectory.positions[-1]).reshape(-1, 3)
+    seen = [] if drawn.still(plan) and plan.scene.target is not None else [tool]
     for item in objects:
         if item.item.role in ("target", "pushable") and (
             np.linalg.norm(item.item.position - camera.target) < _NEAR
@@ -302,7 +303,7 @@ def _legend(figure: "Figure", plan: "Plan", objects: Sequence[Placed]) -> None:
     def line(text: str, colour: str, **style: object) -> Line2D:
         return Line2D([], [], label=text, color=colour, **style)  # type: ignore[arg-type]
 
-    paths: Sequence[Motion] = drawn.motions(plan)
+    paths: Sequence[Motion] = () if drawn.still(plan) else drawn.motions(plan)
     first = [line(f"tool, {m.name}", m.colour, lw=m.width) for m in paths]
     if len(drawn.tool_path(plan)):
         first.append(line("chosen tool path", "black", marker="o", ls="none", ms=3.2))
@@ -333,6 +334,8 @@ def _legend(figure: "Figure", plan: "Plan", objects: Sequence[Placed]) -> None:
         for i, (text, colour) in enumerate(conditioned.items())
     ]
     for place, handles in ((0.035, first), (0.0, second)):
+        if not handles:
+            continue
         figure.legend(
             handles=handles, loc="lower center", bbox_to_anchor=(0.5, place), ncols=len(handles),
             frameon=False, fontsize=9,

@@ -12,10 +12,10 @@ from contextlib import redirect_stdout
 from typing import Any
 from urllib.parse import urlsplit
 
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, installed_by
 from optipromp.core.shown import printable
 
-NEEDED = "a 3-D view needs viser: pip install 'optipromp[view]'"
+NEEDED = f"a 3-D view needs viser: {installed_by('view')}"
 HERE = frozenset({"localhost", "127.0.0.1", "::1"})
 ALONE = {"X-Frame-Options": "DENY", "Content-Security-Policy": "frame-ancestors 'none'"}
 """Headers that keep other pages from showing this one in a frame, and so from stealing clicks."""

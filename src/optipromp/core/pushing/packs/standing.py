@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, frozen, lengths
+from optipromp.core.arrays import BoolArray, FloatArray, frozen, lengths
 from optipromp.core.pushing.model import Moved, PushModel
 from optipromp.core.pushing.packs import trials
 from optipromp.core.pushing.packs.paths import PathsBetween
@@ -22,6 +22,7 @@ from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.scenes.scene import Scene
 
 STANDING = PUSH.standing
+MOVES = 1e-4  # [m or rad] motion of an object in a step of the model that is a push: a choice
 EVERY = round(PUSH.pack.step / STEP)  # points of a path per step of the model
 
 
@@ -137,6 +138,19 @@ class Standing(PushModel):
         end = self._end(trials.stepped(flat), 0)
         shift = (end.state - self._places[0])[:, :2] @ self._flat.T
         return Moved(tuple(self.names), self._seen + shift, end.state[:, 2])
+
+    def pushing(self, points: FloatArray, axes: FloatArray) -> BoolArray:
+        """See :class:`PushModel`; where an object moves in a step of the model."""
+        flat = (points - self.target) @ self._flat
+        path, state = trials.stepped(flat), self._places[0]
+        moves = np.zeros(len(path), dtype=bool)
+        for step in range(1, len(path)):
+            end = push(self.bench, path[step - 1 : step + 1], state, float(self._slips[0])).state
+            moves[step] = np.abs(end - state).max() > MOVES
+            state = end
+        gone = np.append(0.0, np.cumsum(lengths(np.diff(flat, axis=0))))
+        rows = np.ceil(gone / max(gone[-1], 1e-9) * (len(path) - 1) - 1e-9).astype(np.int64)
+        return np.asarray(moves[rows] | moves[np.minimum(rows + 1, len(path) - 1)])
 
     def _end(self, path: FloatArray, state: int) -> Pushed:
         """Effect of the hand, led along poses (T, 3), on one of the states."""

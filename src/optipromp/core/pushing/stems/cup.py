@@ -54,8 +54,7 @@ def flange_of(robot: Robot) -> tuple[float, float, float]:
     """
     spheres = robot.spheres
     last = np.asarray(spheres.segment) == robot.n_segments - 1
-    if robot.tool is not None:
-        last &= np.asarray(spheres.link) != len(robot.link_names) - 1
+    last &= np.asarray(spheres.link) < robot.n_own_links
     center, radius = spheres.center[last] - robot.tool_point, spheres.radius[last]
     height = center @ robot.tool_axis
     aside = center - height[:, None] * robot.tool_axis

@@ -1,0 +1,73 @@
+"""The contacts that the judge minds: without pairs that may touch, with the padding of objects."""
+
+import functools
+from collections.abc import Collection
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from optipromp.core.arrays import BoolArray, FloatArray
+from optipromp.core.robots.model import BodySpheres, Robot
+from optipromp.core.scenes.scene import Scene, SceneObject
+
+
+class BodyPart(NamedTuple):
+    """Objects that a scene treats alike, and the robot that must not touch them.
+
+    Attributes:
+        robot: without links that may touch the objects; its spheres are larger by the padding.
+        rows: indices of the objects in the scene; None: all objects.
+    """
+
+    robot: Robot
+    rows: frozenset[int] | None
+
+
+@functools.lru_cache(maxsize=8)
+def parts_of(scene: Scene, robot: Robot) -> tuple[BodyPart, ...]:
+    """The parts of a scene. The first has the whole robot, with its pairs of spheres."""
+    if not scene.may_touch and not scene.padding and all(o.padding is None for o in scene.static):
+        return (BodyPart(robot, None),)
+    groups: dict[tuple[frozenset[str], float], list[int]] = {(frozenset(), 0.0): []}
+    for row, item in enumerate(scene.objects):
+        key = spared(scene, robot, item), scene.padding_of(item)
+        groups.setdefault(key, []).append(row)
+    out = []
+    for (links, padding), rows in groups.items():
+        if not links and not padding:
+            out.append(BodyPart(robot, frozenset(rows)))
+            continue
+        kept = _without(robot, links, padding)
+        if len(kept.spheres.radius):
+            out.append(BodyPart(kept, frozenset(rows)))
+    return tuple(out)
+
+
+def spared(scene: Scene, robot: Robot, item: SceneObject) -> frozenset[str]:
+    """The links that may touch an object and its stem."""
+    if not scene.may_touch:
+        return frozenset()
+    return frozenset(name for name in robot.link_names if scene.may_meet(name, item.id))
+
+
+def radii(scene: Scene, robot: Robot, item: SceneObject) -> FloatArray:
+    """Radii (B,) of the robot's spheres [m], minus infinity where they may touch an object."""
+    radius, links = np.array(robot.spheres.radius), spared(scene, robot, item)
+    if links:
+        radius[_of(robot, links)] = -np.inf
+    return radius
+
+
+def _of(robot: Robot, links: Collection[str]) -> BoolArray:
+    indices = [k for k, name in enumerate(robot.link_names) if name in links]
+    return np.isin(robot.spheres.link, indices)
+
+
+@functools.lru_cache(maxsize=32)
+def _without(robot: Robot, links: frozenset[str], padding: float) -> Robot:
+    kept = ~_of(robot, links)
+    spheres = BodySpheres._make(part[kept] for part in robot.spheres)
+    spheres = spheres._replace(radius=spheres.radius + padding)
+    pairs = np.zeros((0, 2), dtype=np.int64)
+    return replace(robot, spheres=spheres, self_pairs=pairs, self_slack=np.zeros(0))

@@ -1,0 +1,169 @@
+"""What a scene's tool holds (``attached``), and the pairs that may touch (``may_touch``)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import InvalidSceneError
+from optipromp.core.geometry.shapes import MeshShape, PointCloudShape, Shape, is_convex
+from optipromp.core.robots.laden import Load
+from optipromp.core.robots.meshes import pieces
+from optipromp.core.robots.tool_geometry import Solid
+from optipromp.core.scenes.pose import Pose
+from optipromp.core.scenes.rotations import IDENTITY, unit_quaternion
+from optipromp.core.scenes.values import array, keep, named, suggest, unit
+
+TOOL = "tool"
+"""Name of the tool in ``may_touch``."""
+RETREAT = 0.1
+"""Default distance of a retreat [m], chosen: about the length of a tool's path among fruits."""
+Pair = tuple[str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class Attached:
+    """A shape that moves with the tool: a fruit in the cup, a punnet, a payload.
+
+    Args:
+        id: its name, unlike those of the objects.
+        shape: convex, or a mesh whose connected pieces are convex.
+        position: (3,) of the shape's origin in the tool axes, from the tool point [m].
+        orientation: of the shape's frame in the tool axes: quaternion (4,) ``w, x, y, z``.
+        mass: [kg]; None: it weighs nothing.
+
+    Raises:
+        InvalidSceneError: a value that is not finite or of the wrong shape, a mass that is not
+            positive, or a shape that is not convex or has no end.
+    """
+
+    id: str
+    shape: Shape
+    position: FloatArray = field(default_factory=lambda: np.zeros(3))
+    orientation: FloatArray = field(default_factory=lambda: IDENTITY)
+    mass: float | None = None
+
+    def __post_init__(self) -> None:
+        named("attached id", self.id)
+        where = f"attached {self.id!r}"
+        object.__setattr__(self, "position", array(f"{where}: position", self.position, 3))
+        object.__setattr__(self, "orientation", unit_quaternion(self.orientation))
+        if self.mass is not None and not (math.isfinite(self.mass) and self.mass > 0.0):
+            raise InvalidSceneError(f"{where}: mass is {self.mass:g}: must be above 0 [kg]")
+        if not math.isfinite(self.shape.measure.bound) or isinstance(self.shape, PointCloudShape):
+            raise InvalidSceneError(
+                f"{where}: shape is a {type(self.shape).__name__}: must be convex and have an end"
+            )
+        self._shapes()
+
+    def _shapes(self) -> list[Shape]:
+        """The convex pieces of the shape."""
+        if not isinstance(self.shape, MeshShape):
+            return [self.shape]
+        out: list[Shape] = []
+        parts = pieces(self.shape.vertices, self.shape.faces)
+        for k, faces in enumerate(parts):
+            used, own = np.unique(faces, return_inverse=True)
+            piece = MeshShape(self.shape.vertices[used], own.reshape(-1, 3))
+            if not is_convex(piece):
+                raise InvalidSceneError(
+                    f"attached {self.id!r}: piece {k} of {len(parts)} of its mesh is not convex: "
+                    "must be cut into convex parts"
+                )
+            out.append(piece)
+        return out
+
+    @cached_property
+    def load(self) -> Load:
+        """The load of the tool, see :class:`optipromp.core.robots.laden.Laden`."""
+        w, x, y, z = self.orientation.tolist()
+        solids = (
+            Solid(str(k), shape, self.position, (w, x, y, z), "load")
+            for k, shape in enumerate(self._shapes())
+        )
+        return Load(self.id, tuple(solids), self.mass or 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where the tool brings the target after the pick, in the base frame.
+
+    Args:
+        position: (3,) of the tool point at the end [m].
+        axis: (3,) of the tool axis there; of any length above 0.
+        retreat: distance of the tool's retreat from the place of the pick [m].
+    """
+
+    position: FloatArray
+    axis: FloatArray
+    retreat: float = RETREAT
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", array("place.position", self.position, 3))
+        object.__setattr__(self, "axis", unit("place.axis", self.axis))
+        object.__setattr__(self, "retreat", keep("place.retreat", self.retreat))
+        if not self.retreat > 0.0:
+            raise InvalidSceneError("place.retreat is 0: must be above 0 [m]")
+
+    def transformed(self, pose: Pose) -> Place:
+        """The same place in another frame, in which its present frame has the ``pose``."""
+        return Place(pose @ self.position, pose.rotation @ self.axis, self.retreat)
+
+
+def checked(
+    attached: Iterable[Attached], may_touch: Iterable[Sequence[str]], ids: Collection[str]
+) -> tuple[tuple[Attached, ...], tuple[Pair, ...]]:
+    """Attached shapes and pairs as tuples.
+
+    Raises:
+        InvalidSceneError: an id that is taken, or a pair that does not hold two different names.
+    """
+    held, taken = tuple(attached), {*ids, TOOL}
+    for index, item in enumerate(held):
+        if item.id in taken:
+            raise InvalidSceneError(
+                f"attached[{index}].id {item.id!r} is taken: must be unlike every other id"
+            )
+        taken.add(item.id)
+    pairs: list[Pair] = []
+    for index, pair in enumerate(may_touch):
+        names = list(pair)
+        if len(names) != 2 or names[0] == names[1]:
+            raise InvalidSceneError(
+                f"may_touch[{index}] is {names}: must be two different names of objects, links, "
+                f"attached shapes, or {TOOL!r}"
+            )
+        pairs.append((names[0], names[1]))
+    return held, tuple(pairs)
+
+
+def check_names(pairs: Iterable[Pair], objects: Collection[str], links: Collection[str]) -> None:
+    """Refuse pairs of names that are neither objects nor links, or of two objects.
+
+    ``links``: names of all links, of attached shapes, and of the tool.
+
+    Raises:
+        InvalidSceneError: naming the pair and what would be right.
+    """
+    for index, pair in enumerate(pairs):
+        for name in pair:
+            if name not in objects and name not in links:
+                raise InvalidSceneError(
+                    f"may_touch[{index}] names {name!r}, which is no object, link or attached "
+                    f"shape: {suggest(name, [*objects, *links])}"
+                )
+        if not any(name in links for name in pair):
+            raise InvalidSceneError(
+                f"may_touch[{index}] is {list(pair)}, two objects: one must be a link, an attached "
+                f"shape, or {TOOL!r}"
+            )
+
+
+def pairs_among(pairs: Iterable[Pair], gone: Collection[str]) -> tuple[Pair, ...]:
+    """The pairs that name none of the objects that are ``gone``."""
+    return tuple(pair for pair in pairs if not gone or not {*pair} & {*gone})

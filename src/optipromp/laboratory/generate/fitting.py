@@ -1,0 +1,279 @@
+"""The place of a robot's base before one scene, for arms that no place serves for all scenes.
+
+Candidates are places at which the tool stands upright at the target: configurations sampled at
+random, whose tool axis inverse kinematics turns to the approach. From each, the arm follows the way
+of the scene: down to the camera point and the start, and aside of both ends by the radius of the
+cup. Fruits keep their sizes; the working distances (neck of the cup, camera point, start) shrink
+with the arm's reach.
+"""
+
+import functools
+import itertools
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray, frozen
+from optipromp.core.geometry.distances import distances
+from optipromp.core.robots import ik
+from optipromp.core.robots.kernels import PRISMATIC
+from optipromp.core.robots.library import Choice
+from optipromp.core.robots.model import Robot
+from optipromp.core.robots.tools import make_tool, with_tool
+from optipromp.core.scenes.pose import Pose
+from optipromp.core.scenes.scene import Scene, ToolSpec
+from optipromp.laboratory.generate import bunches
+from optipromp.laboratory.generate.spare import MISS, NECKS, lowest, spare
+
+REACH = 0.855  # [m] of the Panda from its shoulder, published: the scenes are stated for it
+SAMPLES = 40_000  # configurations, chosen: of an arm of six joints 1.4 % stand upright
+UPRIGHT = 0.9  # [1] chosen: cosine from the approach of an axis that is turned to the approach
+MOST = 1_500  # upright configurations, chosen
+ACROSS = 0.1  # [1] chosen: cosine of the angle between two axes that are across each other
+CELLS = 0.08  # [m] chosen: of an arm of the Panda's reach, between two places of its target
+EACH = 4  # postures a cell, chosen: on different branches
+BELOW = 0.03  # [m] chosen, for such an arm: of the start below the camera point
+LEAST_DROP = 0.02  # [m] chosen: of a scene without a pushable below the target
+ALONG = 0.02  # [m] chosen: between configurations along the way
+LENGTHENED = 3  # times that a neck is made longer, chosen
+
+
+class UnfitError(Exception):
+    """A scene that the arm can work at from no place.
+
+    Attributes:
+        requirement: that failed, in a word or two.
+    """
+
+    def __init__(self, requirement: str, message: str) -> None:
+        super().__init__(message)
+        self.requirement = requirement
+
+
+@dataclass(frozen=True, eq=False)
+class Work:
+    """The working distances of a scene for an arm, in the frame of the preset's base.
+
+    Attributes:
+        way: tool points (P, 3), the target first [m].
+        start: index of the start in ``way``.
+        drop: from the target down to the lowest pushable [m].
+        camera: distance of the camera point before the lowest fruit [m].
+        scale: of working distances.
+    """
+
+    way: FloatArray
+    start: int
+    drop: float
+    camera: float
+    scale: float
+
+    @property
+    def down(self) -> float:
+        """From the target to the start [m]."""
+        return float(np.linalg.norm(self.way[self.start] - self.way[0]))
+
+
+class Fitted(NamedTuple):
+    """The pose of the preset's base in the robot's, and the configuration (n,) at the start."""
+
+    pose: Pose
+    start: FloatArray
+
+
+NECK = "links below the fruits"
+
+
+class Unfit(NamedTuple):
+    """A requirement that a candidate fails; later ones are nearer to a fit, and so are less."""
+
+    order: int
+    lack: float
+    requirement: str
+    told: str
+
+
+@functools.lru_cache(maxsize=16)
+def reach_of(arm: Robot) -> float:
+    """Largest distance of the flange from the first joint in sampled configurations [m]."""
+    points = arm.tool_pose(_sampled(arm, SAMPLES))[0]
+    return float(np.linalg.norm(points - arm.kinematics.translation[0], axis=1).max())
+
+
+def _sampled(robot: Robot, count: int) -> FloatArray:
+    bounded = np.isfinite(robot.lower) & np.isfinite(robot.upper)
+    low = np.where(bounded, robot.lower, -np.pi)
+    high = np.where(bounded, robot.upper, np.pi)
+    return np.asarray(np.random.default_rng(0).uniform(low, high, (count, robot.n_joints)))
+
+
+def mount_of(arm: Robot) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+    """The mount that turns a tool to the last joint's axis, where the flange's z is across it.
+
+    Position [m] and orientation, a quaternion w, x, y, z; None where z is not across the axis.
+    """
+    last, body = arm.kinematics.axis[-1], arm.spheres.center[arm.spheres.distal]
+    ahead = float(np.vstack([body, arm.flange_translation]).mean(axis=0) @ last)
+    axis, across = arm.flange_rotation.T @ last, np.array([0.0, 0.0, 1.0])
+    axis = -axis if ahead < 0.0 else axis  # to the side on which the last link is
+    if arm.kinematics.kind[-1] == PRISMATIC or abs(axis[2]) > ACROSS:
+        return None
+    turn = np.append(1.0 + axis[2], np.cross(across, axis))
+    return (0.0, 0.0, 0.0), tuple((turn / np.linalg.norm(turn)).tolist())
+
+
+def work_of(scene: Scene, arm: Robot) -> Work:
+    """The working distances of a scene of the Panda for another arm."""
+    target, (_, _, up) = scene.target, scene.frame
+    assert target is not None
+    assert scene.tool is not None
+    scale = min(1.0, reach_of(arm) / REACH)
+    heights = [float((item.position - target.position) @ up) for item in scene.pushables]
+    extents = [item.radius for item in scene.pushables]
+    drop = max(0.0, *(r - h for h, r in zip(heights, extents, strict=True)), 0.0)
+    camera = scale * scene.approach.camera_distance
+    before = target.position - (drop + camera) * up
+    start = before - scale * BELOW * up
+    corners, radius = [target.position, before, start, before], scene.tool.parameters["radius"]
+    for turn in range(4):
+        aside = radius * np.array([np.cos(0.5 * np.pi * turn), np.sin(0.5 * np.pi * turn), 0.0])
+        corners += [before + aside, target.position + aside, before + aside, before]
+    pieces = [target.position[None]]
+    ends = [0]
+    for a, b in itertools.pairwise(corners):
+        count = max(1, int(np.ceil(np.linalg.norm(b - a) / ALONG)))
+        pieces.append(a + np.arange(1, count + 1)[:, None] / count * (b - a))
+        ends.append(ends[-1] + count)
+    return Work(np.concatenate(pieces), ends[2], drop, camera, scale)
+
+
+def fitted(scene: Scene, arm: Robot, named: str, choice: Choice) -> Scene:
+    """The ``scene`` of the Panda before another arm, whose base is placed for this scene.
+
+    Args:
+        scene: of a preset.
+        arm: without a tool.
+        named: name or path of the arm.
+        choice: of the arm in its file.
+
+    Raises:
+        UnfitError: the arm can work at the scene from no place; the message says which requirement
+            fails, and by how much.
+    """
+    assert scene.tool is not None
+    work = work_of(scene, arm)
+    spheres, at_flange = arm.spheres, arm.spheres.distal
+    mount = mount_of(arm)
+    own = {**scene.tool.parameters, **({} if mount is None else {"mount": mount})}
+    axis = arm.flange_rotation @ make_tool(scene.tool.kind, own).rotation[:, 2]
+    before = (spheres.center - arm.flange_translation) @ axis + spheres.radius
+    neck = max(work.scale * bunches.NECK, float(before[at_flange].max(initial=0.0)))
+    lengthened = 0
+    while True:
+        neck = round(float(np.ceil(neck / NECKS - 1e-9)) * NECKS, 3)
+        parameters = {**own, "length": neck}
+        found = _best(scene, with_tool(arm, make_tool(scene.tool.kind, parameters)), work)
+        if isinstance(found, Fitted):
+            break
+        if found.requirement != NECK or lengthened == LENGTHENED:
+            told = f"{arm.name} can work there from no place of its base: {found.told}"
+            raise UnfitError(found.requirement, told)
+        neck, lengthened = neck + found.lack, lengthened + 1
+    moved = scene.transformed(found.pose)
+    return replace(
+        moved, robot=named, choice=choice, start=frozen(found.start),
+        tool=ToolSpec(scene.tool.kind, parameters),
+        approach=replace(moved.approach, camera_distance=work.camera),
+    )  # fmt: skip
+
+
+def _best(scene: Scene, robot: Robot, work: Work) -> Fitted | Unfit:
+    """The best place for a scene."""
+    up = scene.frame[2]
+    best, found = -np.inf, None
+    low = max(work.drop, LEAST_DROP)
+    upright = _upright(robot, up, work.scale * CELLS, low)
+    if isinstance(upright, Unfit):
+        return upright
+    failed = Unfit(0, 0.0, "", "")
+    axes = np.tile(up, (len(work.way), 1))
+    for point, begin in zip(*upright, strict=True):
+        shift = point - work.way[0]
+        q, errors = ik.track(robot, work.way + shift, axes, begin)
+        now = _failure(scene, robot, work, shift, q, errors)
+        if now is not None:
+            if found is None and (-now.order, now.lack) < (-failed.order, failed.lack):
+                failed = now
+            continue
+        if (score := spare(robot, q, low)) > best:
+            best, found = score, Fitted(Pose(shift), q[work.start])
+    return failed if found is None else found
+
+
+def _failure(
+    scene: Scene, robot: Robot, work: Work, shift: FloatArray, q: FloatArray, errors: FloatArray
+) -> Unfit | None:
+    """The first requirement that configurations (P, n) along the way fail."""
+    whole = f"on the way of {1e3 * work.down:.0f} mm from the start to the target, and aside of it,"
+    if (off := float(errors.max())) > MISS:
+        told = f"{whole} the tool is off by {1e3 * off:.0f} mm at least"
+        return Unfit(1, off, "way to the target", told)
+    if (touch := -float(robot.self_gaps(q).min(initial=np.inf))) > 0.0:
+        told = f"{whole} links overlap by {1e3 * touch:.0f} mm at least"
+        return Unfit(2, touch, "room between links", told)
+    solid = scene.obstacles("static", "avoid")
+    if len(solid.kind):
+        spheres = robot.spheres
+        centers = robot.sphere_centers(q) - shift
+        away = distances(solid, centers.reshape(-1, 3))[0].min(axis=1).reshape(centers.shape[:2])
+        gaps = away - spheres.radius
+        least = float(gaps[work.start].min()), float(gaps[:, ~spheres.distal].min(initial=np.inf))
+        if (entered := -min(least)) > 0.0:
+            told = f"{whole} links enter obstacles by {1e3 * entered:.0f} mm at least"
+            return Unfit(3, entered, "clearance from obstacles", told)
+    if (above := work.drop - lowest(robot, q)) > 0.0:
+        told = (
+            f"links beside the tool reach {1e3 * above:.0f} mm above the lowest fruit, which hangs "
+            f"{1e3 * work.drop:.0f} mm below the target"
+        )
+        return Unfit(4, above, NECK, told)
+    return None
+
+
+def _upright(
+    robot: Robot, up: FloatArray, cell: float, low: float
+) -> tuple[FloatArray, FloatArray] | Unfit:
+    """Tool points (K, 3) at which the tool stands along ``up``, and configurations (K, n).
+
+    Of each cell of distance and height, of edge ``cell`` [m], they are the :data:`EACH` with the
+    most to spare, ``low`` as of :func:`spare`. Unfit if there are none.
+    """
+    q = _sampled(robot, SAMPLES)
+    points, axes = robot.tool_pose(q)
+    near = np.flatnonzero(axes @ up > UPRIGHT)[:MOST]
+    points, q = points[near], q[near]
+    direction = "direction of the tool"
+    if not len(q):
+        off = float(np.degrees(np.arccos(min(1.0, (axes @ up).max()))))
+        told = f"the tool is {off:.0f} degrees off the approach at least (of {SAMPLES} postures)"
+        return Unfit(0, off, direction, told)
+    q, errors = ik.each(robot, points, np.tile(up, (len(q), 1)), q)
+    upright = errors < MISS
+    if not upright.any():
+        told = f"the tool cannot stand along the approach (of {len(q)} postures within 26 degrees)"
+        return Unfit(0, float(errors.min()), direction, told)
+    gaps = robot.self_gaps(q).min(axis=1, initial=np.inf)
+    good = upright & (gaps > 0.0)
+    if not good.any():
+        overlap = -float(gaps[upright].max())
+        told = f"links overlap by {1e3 * overlap:.0f} mm at least where the tool is upright"
+        return Unfit(0, overlap, "room between links", told)
+    points, q = points[good], q[good]
+    score = np.array([spare(robot, each[None], low) for each in q])
+    cells: dict[tuple[int, ...], list[int]] = {}
+    for k in np.argsort(-score, kind="stable").tolist():
+        x, y, z = points[k]
+        cells.setdefault((int(np.hypot(x, y) // cell), int(z // cell)), []).append(k)
+    rows = [k for members in cells.values() for k in members[:EACH]]
+    return points[rows], q[rows]

@@ -1,0 +1,152 @@
+r"""Jerk-limited timing of any waypoints of any arm; it needs no scene and no robot file.
+
+>>> from optipromp.timing import timed
+>>> curve = timed(waypoints, velocity=2.0, acceleration=10.0, jerk=100.0)
+>>> rows = curve.resample(1000)
+
+The path through the waypoints is a spline over the chord length. The path is sampled at
+many points, and the times of these are chosen as :mod:`optipromp.core.planning.timing` says: the
+resulting curve keeps every limit at every instant, because within an interval its derivatives stay
+in the hull of their control points.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optipromp.core.arrays import FloatArray, lengths
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.planning.fastest import fastest, ramped
+from optipromp.core.planning.parameters import TIMING
+from optipromp.core.trajectory import GREATEST, Trajectory
+
+__all__ = ["timed"]
+
+ROWS = 20, 60, 100
+"""Numbers of intervals between two stops that are tried, chosen: the fastest curve is kept."""
+
+EACH = 4  # intervals between two waypoints that are tried, too, chosen
+
+
+@dataclass(frozen=True, eq=False)
+class _Limits:
+    """Names and limits (n,) of joints."""
+
+    joint_names: tuple[str, ...]
+    velocity: FloatArray
+    acceleration: FloatArray
+    jerk: FloatArray
+
+
+def timed(
+    waypoints: ArrayLike,
+    velocity: ArrayLike,
+    acceleration: ArrayLike,
+    jerk: ArrayLike,
+    *,
+    stops: Sequence[int] = (),
+    joint_names: Sequence[str] | None = None,
+) -> Trajectory:
+    """A curve through waypoints, from rest to rest, within limits at every instant.
+
+    The joints stop at no waypoint between the first and the last but those of ``stops``. The curve
+    passes each waypoint exactly, and is a smooth spline between two of them; more waypoints hold it
+    nearer to a path. Limits of position are not known here: compare ``curve.positions``.
+
+    Args:
+        waypoints: (m, n) of n joints, m >= 2 [rad or m]; two neighbours must differ.
+        velocity: limit of each joint, (n,) or one for all [rad/s or m/s]; may be infinite.
+        acceleration: likewise [rad/s² or m/s²].
+        jerk: likewise [rad/s³ or m/s³].
+        stops: indices of waypoints at which all joints rest.
+        joint_names: n names; None: ``joint1`` and on.
+
+    Returns:
+        The curve, with a row at each waypoint and rows between them.
+
+    Raises:
+        InvalidRequestError: fewer than two waypoints, a value that is not finite, neighbours that
+            are the same, a limit that is not above 0 or of another shape, a stop that is no inner
+            waypoint, or a wrong number of names.
+    """
+    q = np.asarray(waypoints, dtype=np.float64)
+    if q.ndim != 2 or len(q) < 2 or not q.shape[1]:
+        raise InvalidRequestError(f"waypoints have shape {q.shape}: must be (m, n), m >= 2")
+    if not (np.abs(q) <= GREATEST).all():
+        row, joint = (int(i) for i in np.argwhere(~(np.abs(q) <= GREATEST))[0])
+        raise InvalidRequestError(
+            f"waypoints[{row}][{joint}] is {q[row, joint]}: must be finite, at most {GREATEST:g}"
+        )
+    count = q.shape[1]
+    names = tuple(joint_names or (f"joint{k + 1}" for k in range(count)))
+    if len(names) != count:
+        raise InvalidRequestError(f"{len(names)} joint names for {count} columns")
+    chords = lengths(np.diff(q, axis=0))
+    if (same := np.flatnonzero(chords < 1e-9)).size:
+        raise InvalidRequestError(
+            f"waypoints {same[0]} and {same[0] + 1} are the same: must differ; to rest there, name "
+            "it among stops"
+        )
+    given = {"velocity": velocity, "acceleration": acceleration, "jerk": jerk}
+    limits = _Limits(names, **{name: _limit(name, one, count) for name, one in given.items()})
+    for stop in stops:
+        if not 0 < stop < len(q) - 1:
+            raise InvalidRequestError(f"stop is {stop}: must be from 1 to {len(q) - 2}")
+    ends = [0, *sorted({*stops}), len(q) - 1]
+    parts = [_between(limits, q[a : b + 1], chords[a:b]) for a, b in pairwise(ends)]
+    return _joined(parts)
+
+
+def _limit(name: str, value: ArrayLike, count: int) -> FloatArray:
+    limit = np.asarray(value, dtype=np.float64)
+    if limit.shape not in ((), (count,)):
+        raise InvalidRequestError(f"{name} has shape {limit.shape}: must be one or ({count},)")
+    if not (limit > 0.0).all():
+        raise InvalidRequestError(f"{name} is {limit.tolist()}: must be above 0")
+    return np.broadcast_to(limit, (count,))
+
+
+def _between(limits: _Limits, q: FloatArray, chords: FloatArray) -> Trajectory:
+    """The fastest curve found through waypoints (m, n) without a stop."""
+    at = np.append(0.0, np.cumsum(chords))
+    path = Trajectory(at, q, *_slopes(q, at), limits.joint_names)
+    made = list[Trajectory]()
+    for rows in (*ROWS, EACH * len(chords)):
+        pieces = np.maximum(np.round(rows * chords / at[-1]).astype(int), 1)
+        if made and pieces.sum() == made[-1].n_waypoints - 1:
+            continue  # one row a waypoint, again
+        share = [
+            np.linspace(a, b, k, endpoint=False)
+            for a, b, k in zip(at[:-1], at[1:], pieces, strict=True)
+        ]
+        s = np.append(np.concatenate(share), at[-1])
+        q = path.sample(s)[0]
+        least = np.full(len(s) - 1, TIMING.least_dt / len(s))
+        made.append(fastest(limits, q, least, ramped(s / at[-1])))
+    return min(made, key=lambda curve: curve.duration)
+
+
+def _slopes(q: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """First and second derivatives (m, n) of the spline by chord length."""
+    if len(q) == 2:
+        line = (q[1] - q[0]) / at[1]
+        return np.stack([line, line]), np.zeros_like(q)
+    from scipy.interpolate import CubicSpline
+
+    spline = CubicSpline(at, q, bc_type="natural")
+    return spline(at, 1), spline(at, 2)
+
+
+def _joined(parts: Sequence[Trajectory]) -> Trajectory:
+    """Curves from rest to rest, one after the other."""
+    begins = np.append(0.0, np.cumsum([part.duration for part in parts]))
+    rows = [slice(0 if k == 0 else 1, None) for k in range(len(parts))]
+    times = np.concatenate(
+        [b + p.times[r] for b, p, r in zip(begins[:-1], parts, rows, strict=True)]
+    )
+    motion = [p.rows(r) for p, r in zip(parts, rows, strict=True)]
+    q, v, a = (np.concatenate([one[k] for one in motion]) for k in range(3))
+    return Trajectory(times, q, v, a, parts[0].joint_names)

@@ -1,0 +1,194 @@
+"""A pick in several legs: reach, retreat, carry; planned, judged, written, simulated."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from optipromp import load_pick, plan, plan_pick, simulate
+from optipromp.cli.main import app
+from optipromp.core.errors import Code, InvalidPlanError, InvalidRequestError, InvalidSceneError
+from optipromp.core.geometry import Box
+from optipromp.core.planning.legs import CARRY, REACH, RETREAT, Picked
+from optipromp.core.planning.task import posed
+from optipromp.core.planning.verdict import verdict
+from optipromp.core.scenes import Place, Scene, SceneObject, save_scene, scene_from_dict
+from optipromp.core.scenes.io import scene_to_dict
+from optipromp.laboratory.generate import generate
+
+PLACE = Place(np.array([0.45, -0.35, 0.45]), np.array([0.0, 0.0, 1.0]))
+
+
+def placing(kind: str, seed: int) -> Scene:
+    """A generated scene beside whose place a punnet stands."""
+    scene = generate(kind, seed)  # type: ignore[arg-type]
+    punnet = SceneObject("punnet", "static", Box((0.1, 0.1, 0.05)), np.array([0.45, -0.5, 0.45]))
+    return replace(scene, place=PLACE, objects=(*scene.objects, punnet))
+
+
+def invoke(*arguments: object) -> Any:
+    return CliRunner().invoke(app, [*map(str, arguments)])
+
+
+@pytest.fixture(scope="module")
+def picked() -> Picked:
+    return plan_pick(placing("tight", 3))
+
+
+@pytest.fixture(scope="module")
+def caught() -> Picked:
+    return plan_pick(placing("elongated", 2))
+
+
+def test_the_legs_join_and_the_judge_accepts_each(picked: Picked) -> None:
+    assert picked.success, picked.message
+    assert list(picked.legs) == [REACH, RETREAT, CARRY]
+    reach, retreat, carry = picked.legs.values()
+    for before, after in ((reach, retreat), (retreat, carry)):
+        assert (before.trajectory.positions[-1] == after.trajectory.positions[0]).all()
+    for one in picked.legs.values():
+        assert verdict(one.task, one.trajectory).status is Code.SUCCESS
+        assert np.abs(one.trajectory.velocities[[0, -1]]).max() < 1e-9
+    tips, _ = retreat.robot.tool_pose(retreat.trajectory.positions)
+    assert np.linalg.norm(tips[-1] - tips[0]) > 0.09
+    tip, axis = carry.robot.tool_pose(picked.end)
+    assert np.linalg.norm(tip - PLACE.position) < 1e-3
+    assert axis @ PLACE.axis > np.cos(np.deg2rad(2.0))
+
+
+def test_after_the_reach_the_fruit_is_a_link_and_no_object(picked: Picked) -> None:
+    target = picked.reach.scene.target
+    assert target is not None
+    for name in (RETREAT, CARRY):
+        leg = picked.legs[name]
+        assert target.id not in {item.id for item in leg.scene.objects}
+        assert leg.robot.link_names[-2:] == (target.id, "tool")
+        mine = leg.robot.spheres.link == leg.robot.link_names.index(target.id)
+        centers = leg.robot.sphere_centers(leg.trajectory.positions[0])[mine]
+        if name == RETREAT:
+            assert np.abs(centers - target.position).max() < 1e-9
+    carry = picked.legs[CARRY].scene
+    assert {item.role for item in carry.objects} == {"static"}
+    stems = [item for item in picked.reach.scene.pushables if item.stem is not None]
+    assert {f"{item.id}:stem:0" for item in stems} <= {item.id for item in carry.objects}
+
+
+def test_a_retreat_that_would_pull_a_fruit_off_is_refused(caught: Picked) -> None:
+    assert caught.reach.success
+    assert caught.status is Code.HARM_PREDICTED
+    assert CARRY not in caught.legs
+    assert "retreat: harm is predicted: n2 is caught behind the tool" in caught.message
+
+
+def test_a_fruit_caught_behind_the_tool_is_torn_off_in_the_simulation(caught: Picked) -> None:
+    pytest.importorskip("mujoco")
+    outcome = simulate(caught).outcome
+    assert "n2" in outcome.torn
+    assert outcome.placed is False
+
+
+def test_the_simulation_carries_the_fruit_to_its_place(picked: Picked) -> None:
+    pytest.importorskip("mujoco")
+    run = simulate(picked)
+    assert run.success, run.outcome.message
+    assert run.outcome.placed
+    assert run.outcome.torn == ()
+    row = run.rollout.fruit_ids.index("ripe")
+    assert not run.rollout.attached[-1, row]
+    held = picked.legs[CARRY].scene.attached[-1].position
+    away = np.linalg.norm(run.rollout.fruit_positions[-1, row] - PLACE.position)
+    assert abs(away - np.linalg.norm(held)) < 0.005
+
+
+def test_the_command_line_plans_writes_and_executes_all_legs(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    save_scene(placing("tight", 3), tmp_path / "bunch.yaml")
+    out = tmp_path / "out"
+    result = invoke("plan", tmp_path / "bunch.yaml", "--no-figures", "--out", out, "--json")
+    assert result.exit_code == 0, result.stdout
+    document = json.loads(result.stdout)
+    assert [leg["status"] for leg in document["legs"].values()] == ["success"] * 3
+    assert invoke("check", out).exit_code == 0
+    back = load_pick(out)
+    assert isinstance(back, Picked)
+    assert list(back.legs) == [REACH, RETREAT, CARRY]
+    executed = invoke("simulate", out)
+    assert executed.exit_code == 0, executed.stdout
+    assert "picked and placed" in executed.stdout
+    told = json.loads((out / "outcome.json").read_text())
+    assert told["placed"] is True
+    assert told["placed_off"] < 0.005
+
+
+def test_a_leg_of_another_plan_is_passed_over_and_a_bad_one_refused(
+    picked: Picked, tmp_path: Path
+) -> None:
+    from optipromp import write_pick
+
+    write_pick(picked, tmp_path)
+    (tmp_path / "carry.npz").write_bytes((tmp_path / "retreat.npz").read_bytes())
+    with pytest.raises(InvalidPlanError, match=r"carry\.npz: judged again"):
+        load_pick(tmp_path)
+    write_pick(plan_pick(placing("tight", 4)), tmp_path / "other")
+    for name in ("retreat.npz", "carry.npz"):
+        (tmp_path / "other" / name).write_bytes((tmp_path / "retreat.npz").read_bytes())
+    found = load_pick(tmp_path / "other")
+    assert isinstance(found, Picked)
+    assert list(found.legs) == [REACH]
+
+
+def test_two_picks_into_a_punnet_go_on_from_the_place(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    save_scene(placing("tight", 3), tmp_path / "bunch.yaml")
+    out = tmp_path / "picks"
+    result = invoke(
+        "plan", tmp_path / "bunch.yaml", "--targets", "ripe,n1", "--no-figures", "--out", out,
+        "--json",
+    )  # fmt: skip
+    assert result.exit_code == 0, result.stdout
+    document = json.loads(result.stdout)
+    assert document["success"]
+    picks = [load_pick(told["out"]) for told in document["picks"]]
+    first, second = picks
+    assert isinstance(first, Picked)
+    assert isinstance(second, Picked)
+    assert np.abs(second.reach.trajectory.positions[0] - first.end).max() < 1e-9
+    for told in document["picks"]:
+        executed = invoke("simulate", told["out"], "--json")
+        assert executed.exit_code == 0, executed.stdout
+        assert json.loads(executed.stdout)["placed"] is True
+
+
+def test_a_place_is_kept_in_files_and_moves_with_the_frame() -> None:
+    scene = placing("tight", 3)
+    back = scene_from_dict(scene_to_dict(scene))
+    assert back.place is not None
+    assert back.place.position == pytest.approx(PLACE.position)
+    assert back.place.retreat == PLACE.retreat
+    assert posed(back)[0].tool is not None
+
+
+def test_the_reach_is_that_of_the_scene_without_a_place(picked: Picked) -> None:
+    alone = plan(replace(placing("tight", 3), place=None))
+    assert (alone.trajectory.positions == picked.reach.trajectory.positions).all()
+
+
+def test_a_pick_needs_a_place_and_a_target() -> None:
+    with pytest.raises(InvalidRequestError, match="has no place"):
+        plan_pick(generate("tight", 3))
+    document = {"name": "s", "robot": "panda", "goal": {"position": [0.5, 0, 0.5]},
+                "place": {"position": [0.4, 0, 0.4], "axis": [0, 0, 1]}}  # fmt: skip
+    with pytest.raises(InvalidSceneError, match="place and no target"):
+        scene_from_dict(document)
+    with pytest.raises(InvalidSceneError, match=r"place\.axis is missing"):
+        scene_from_dict(document | {"place": {"position": [0.4, 0, 0.4]}})
+
+
+def test_a_pick_of_what_stands_is_refused() -> None:
+    """The simulation would press it against the board: nothing lifts it yet."""
+    with pytest.raises(InvalidRequestError, match="lift"):
+        plan_pick(replace(generate("shelf", 1), place=PLACE))

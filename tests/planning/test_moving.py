@@ -1,0 +1,236 @@
+"""Objects that move are avoided in time; where one appears, the arm brakes and plans from there."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+import optipromp
+from optipromp.cli.main import app
+from optipromp.core.errors import InvalidRequestError, InvalidSceneError
+from optipromp.core.geometry.shapes import Box, Sphere
+from optipromp.core.planning import Plan, PlanOptions, detour
+from optipromp.core.planning.in_time import later
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes import Scene, SceneObject
+from optipromp.core.scenes.io import save_scene
+from optipromp.core.scenes.motion import ObjectMotion
+from optipromp.core.scenes.scene import JointGoal
+from optipromp.core.trajectory import Trajectory
+
+OUT = np.array([0.5, 0.35, 0.0])  # [m] away from the arm's base
+
+
+@pytest.fixture(scope="module")
+def bare() -> Scene:
+    known = optipromp.load_scene("scenario-3")
+    home = known.load_robot().home
+    goal = home + np.array([1.2, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
+    return replace(known, name="bare", objects=(), start=home, goal=JointGoal(goal))
+
+
+@pytest.fixture(scope="module")
+def direct(bare: Scene) -> Plan:
+    return optipromp.plan(bare, options=PlanOptions(duration=2.0))
+
+
+@pytest.fixture(scope="module")
+def middle(direct: Plan) -> np.ndarray:
+    """The tool point half-way."""
+    return direct.robot.tool_pose(direct.trajectory.at(1.0).q[None])[0][0]
+
+
+def place(motion: ObjectMotion, t: float) -> np.ndarray:
+    """Position at a time, by its own interpolation."""
+    if t <= motion.times[0]:
+        return motion.positions[0]
+    for k in range(1, len(motion.times)):
+        if t <= motion.times[k]:
+            share = (t - motion.times[k - 1]) / (motion.times[k] - motion.times[k - 1])
+            return motion.positions[k - 1] + share * (motion.positions[k] - motion.positions[k - 1])
+    return motion.positions[-1]
+
+
+def gap(robot: Robot, made: Trajectory, item: SceneObject, count: int = 3000) -> float:
+    """Smallest distance of any body sphere to a moving ball or upright box, densely sampled."""
+    least = np.inf
+    assert item.motion is not None
+    for t in np.linspace(0.0, made.duration, count):
+        off = robot.sphere_centers(made.at(t).q[None])[0] - place(item.motion, t)
+        if isinstance(item.shape, Sphere):
+            away = np.linalg.norm(off, axis=1) - item.shape.radius
+        else:
+            assert isinstance(item.shape, Box)
+            over = np.abs(off) - 0.5 * np.array(item.shape.size)
+            outside = np.linalg.norm(np.maximum(over, 0.0), axis=1)
+            away = outside + np.minimum(over.max(axis=1), 0.0)
+        least = min(least, float((away - robot.spheres.radius).min()))
+    return least
+
+
+def poking(middle: np.ndarray, at: float = 1.0) -> SceneObject:
+    """A ball that comes from outside, is at ``middle`` at a time, and goes back."""
+    motion = ObjectMotion(
+        np.array([0.0, at, 2.0 * at]), np.array([middle + OUT, middle, middle + OUT])
+    )
+    return SceneObject("ball", "static", Sphere(0.06), middle + OUT, motion=motion)
+
+
+def gate(middle: np.ndarray) -> SceneObject:
+    """A wall through ``middle`` that rises between 3 s and 4 s."""
+    places = np.array([middle, middle, middle + [0.0, 0.0, 3.0]])
+    motion = ObjectMotion(np.array([0.0, 3.0, 4.0]), places)
+    return SceneObject("gate", "static", Box((2.0, 0.05, 2.5)), middle, motion=motion)
+
+
+@pytest.mark.parametrize("speed", [0.25, 0.5, 1.0, 3.0])
+def test_the_judge_knows_where_an_object_is_at_each_time(
+    bare: Scene, direct: Plan, middle: np.ndarray, speed: float
+) -> None:
+    """By dense samples; the same object frozen at its first place is not met."""
+    curve = direct.trajectory.slowed(1.0 / speed)
+    ball = poking(middle)
+    scene = replace(bare, objects=(ball,))
+    found = optipromp.judge(scene, curve).judgement
+    truth = gap(direct.robot, curve, ball)
+    assert found.metrics.clearance_static == pytest.approx(truth, abs=0.006)
+    assert found.metrics.clearance_static <= truth + 1e-4  # never optimistic
+    met = [c for c in found.contacts if c.other == "ball"]
+    assert bool(met) == (truth < 0.0) or abs(truth) < 0.006
+    frozen = replace(bare, objects=(replace(ball, motion=None),))
+    assert not optipromp.judge(frozen, curve).judgement.contacts
+    for contact in met:
+        assert contact.time is not None
+        assert 0.0 < contact.time < curve.duration
+
+
+def test_a_ball_that_pokes_is_avoided_in_time(
+    bare: Scene, direct: Plan, middle: np.ndarray
+) -> None:
+    ball = poking(middle)
+    scene = replace(bare, objects=(ball,))
+    assert gap(direct.robot, direct.trajectory, ball) < -0.02
+    made = optipromp.plan(scene)
+    assert made.success, made.message
+    assert gap(made.robot, made.trajectory, ball) > 0.0
+    assert made.scene.objects == (ball,)
+
+
+def test_the_arm_waits_for_a_gate_that_leaves_no_way_round(bare: Scene, middle: np.ndarray) -> None:
+    wall = gate(middle)
+    made = optipromp.plan(replace(bare, objects=(wall,)))
+    assert made.success, made.message
+    assert gap(made.robot, made.trajectory, wall) > 0.0
+    assert 3.0 < made.trajectory.duration < 6.0
+    early = made.trajectory.at(2.9)
+    assert np.abs(early.q - made.task.start).max() < 1.0  # it has not passed yet
+    shut = ObjectMotion(np.array([0.0, 1.0]), np.array([middle, middle]))
+    closed = optipromp.plan(replace(bare, objects=(replace(wall, motion=shut),)))
+    assert not closed.success
+
+
+def test_a_plan_underway_knows_how_late_it_is(
+    bare: Scene, direct: Plan, middle: np.ndarray
+) -> None:
+    ball = poking(middle, at=1.4)
+    scene = replace(bare, objects=(ball,))
+    at = 0.5
+    made = optipromp.plan(scene, previous=direct, at=at)
+    shifted = later(scene, at).objects[0]
+    assert shifted.motion is not None
+    assert np.allclose(shifted.position, place(ball.motion, at))  # type: ignore[arg-type]
+    assert made.success == (gap(direct.robot, made.trajectory, shifted) > 0.0)
+    assert made.trajectory.at(0.0).near(direct.trajectory.at(at), 1e-6)
+
+
+@pytest.mark.parametrize("at", [0.3, 0.5])
+def test_where_an_obstacle_appears_the_arm_brakes_and_plans_from_there(
+    bare: Scene, direct: Plan, middle: np.ndarray, at: float
+) -> None:
+    end = direct.robot.tool_pose(direct.trajectory.at(1.3).q[None])[0][0]
+    new = SceneObject("new", "static", Sphere(0.05), end)
+    scene, robot = replace(bare, objects=(new,)), direct.robot
+    assert detour(bare, direct, at).plan is None  # nothing appears: it goes on
+    found = detour(scene, direct, at)
+    assert found.success
+    assert found.brake is not None
+    assert found.plan is not None
+    made = found.trajectory
+    assert made.at(0.0).near(direct.trajectory.at(at), 1e-9)
+    rest = made.at(found.brake.duration)
+    assert not rest.moving
+    assert np.abs(made.positions[-1] - bare.goal.joints).max() < 1e-3  # type: ignore[union-attr]
+    times = np.linspace(0.0, made.duration, 20_000)
+    _, velocity, acceleration = made.sample(times)
+    assert (np.abs(velocity) <= robot.velocity * 1.001).all()
+    assert (np.abs(acceleration) <= robot.acceleration * 1.001).all()
+    still = replace(new, motion=ObjectMotion(np.array([0.0, 1.0]), np.array([end, end])))
+    assert gap(robot, made, still) > 0.0
+    assert gap(robot, direct.trajectory, still) < 0.0
+    with pytest.raises(InvalidRequestError, match="lasts from 0 to"):
+        detour(scene, direct, 99.0)
+
+
+def test_an_obstacle_that_appears_too_late_is_told(bare: Scene, direct: Plan) -> None:
+    point = direct.robot.tool_pose(direct.trajectory.at(0.8).q[None])[0][0]
+    scene = replace(bare, objects=(SceneObject("late", "static", Sphere(0.05), point),))
+    found = detour(scene, direct, 0.8)
+    assert not found.success
+    assert {c.other for c in found.contacts} == {"late"}
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"motion": {"times": [0, 0], "positions": [[0, 0, 0], [0, 0, 1]]}}, "must increase"),
+        ({"motion": {"times": [0, 1], "positions": [[1, 0, 0], [0, 0, 1]]}}, "at time 0"),
+        ({"motion": {"times": [0, 1, 2], "positions": [[0, 0, 0], [0, 0, 1]]}}, "positions"),
+        ({"velocity": [0, 0, 1], "role": "avoid"}, "must be of a static object"),
+        ({"velocity": [0, 0]}, "velocity"),
+        ({"velocity": [0, 0, 1], "motion": {"times": [0, 1], "positions": [[0] * 3] * 2}}, "one"),
+        ({"motion": {"time": [0, 1]}}, "time"),
+    ],
+)  # fmt: skip
+def test_bad_motions_are_refused(tmp_path: Path, change: dict[str, object], words: str) -> None:
+    item = {"id": "a", "role": "static", "shape": {"sphere": {"radius": 0.1}}, "position": [0] * 3}
+    document = {
+        "name": "x", "robot": "panda", "goal": {"position": [0.5, 0.0, 0.5]},
+        "objects": [item | change],
+    }  # fmt: skip
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(document))
+    with pytest.raises(InvalidSceneError, match=words):
+        optipromp.load_scene(path)
+
+
+def test_a_moving_object_through_the_command_line(tmp_path: Path) -> None:
+    """A box crosses the way to the fruit: written, planned, checked and simulated."""
+    scene = optipromp.load_scene("scenario-3")
+    usual = optipromp.plan(scene)
+    half = usual.trajectory.at(0.3 * usual.trajectory.duration)
+    point = usual.robot.tool_pose(half.q[None])[0][0]
+    at = 0.3 * usual.trajectory.duration
+    away = np.array([0.0, -0.6, 0.0])
+    motion = ObjectMotion(
+        np.array([0.0, at, 2.0 * at]), np.array([point + away, point, point + away])
+    )
+    box = SceneObject("cart", "static", Box((0.06, 0.06, 0.06)), point + away, motion=motion)
+    crossed = replace(scene, name="crossed", objects=(*scene.objects, box))
+    path = tmp_path / "crossed.yaml"
+    save_scene(crossed, path)
+    again = optipromp.load_scene(path).objects[-1].motion
+    assert again is not None
+    assert (again.positions == motion.positions).all()
+    hit = optipromp.simulate(usual.trajectory, crossed, robot=usual.robot)
+    assert not hit.success
+    assert {c.other for c in hit.outcome.static_contacts} == {"cart"}
+    out = tmp_path / "plan"
+    run = CliRunner().invoke(app, ["plan", str(path), "--out", str(out)])
+    assert run.exit_code == 0, run.output
+    done = CliRunner().invoke(app, ["simulate", str(out), "--json"])
+    assert done.exit_code == 0, done.output
+    assert json.loads((out / "plan.json").read_text())["status"] == "success"

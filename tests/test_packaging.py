@@ -1,0 +1,71 @@
+"""The files around the package agree with it and with one another."""
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).resolve().parents[1]
+PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+
+
+def text(path: str) -> str:
+    return (ROOT / path).read_text(encoding="utf-8")
+
+
+def test_the_version_is_one() -> None:
+    version = PROJECT["version"]
+    assert yaml.safe_load(text("CITATION.cff"))["version"] == version
+    assert re.findall(r'set version = "(.+)"', text("conda/meta.yaml")) == [version]
+
+
+def test_the_recipe_needs_what_the_package_needs() -> None:
+    run = text("conda/meta.yaml").partition("  run:\n")[2].partition("\n\n")[0]
+    wanted = {
+        re.sub(r"[-_]base", "", line.strip(" -").replace(" ", "")) for line in run.split("\n")
+    }
+    assert wanted == {*PROJECT["dependencies"], f"python{PROJECT['requires-python']}"}
+
+
+def test_all_is_every_extra_of_a_user_without_an_arm() -> None:
+    extras = PROJECT["optional-dependencies"]
+    inside = re.fullmatch(r"optipromp\[(.+)\]", extras["all"][0])
+    assert inside is not None
+    own = {"all", "bench", "dev", "docs", "models", "test"}  # of those who work on the package
+    assert {*inside[1].split(",")} == {*extras} - own - {"franky", "panda-py"}
+    assert extras["test"][0] == "optipromp[all]"
+
+
+@pytest.mark.parametrize(
+    "path",
+    [*(ROOT / ".github").rglob("*.yml"), ROOT / ".pre-commit-config.yaml"],
+    ids=lambda path: path.name,
+)
+def test_the_forms_and_workflows_are_yaml(path: Path) -> None:
+    held = yaml.safe_load(path.read_text("utf-8"))
+    if path.parent.name == "ISSUE_TEMPLATE" and path.name != "config.yml":
+        fields = held["body"]
+        assert len({field["id"] for field in fields}) == len(fields) > 2
+        assert held["name"]
+        assert held["description"]
+    if path.name == "tests.yml":
+        matrix = held["jobs"]["tests"]["strategy"]["matrix"]
+        said = [line.rpartition(" ")[2] for line in PROJECT["classifiers"] if " 3." in line]
+        assert matrix["python"] == said
+        assert {system.partition("-")[0] for system in matrix["os"]} == {
+            "ubuntu", "macos", "windows"
+        }  # fmt: skip
+    if path.name == ".pre-commit-config.yaml":
+        assert [repo["repo"] for repo in held["repos"]] == ["local"]
+
+
+@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "SECURITY.md", "README.md"])
+def test_the_files_that_a_page_names_are_there(page: str) -> None:
+    links = re.findall(r"\]\((?!http)([^)#]+)[^)]*\)", text(page))
+    named = re.findall(r"`((?:\w+/)+\w+\.py|tests/\w+|(?:core|looks)/\w+)`", text(page))
+    places = ROOT, ROOT / "src/optipromp"
+    assert not [x for x in links + named if not any((top / x).exists() for top in places)]
+    assert links
