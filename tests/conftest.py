@@ -52,7 +52,7 @@ LONG = {
         "tools "
         "trusses"
     ),
-    ".": "kernel_cache plan_folders",
+    ".": "kernel_cache new_user plan_folders",
     "viewer": "figures",
 }
 """Test files that take more than 3 s, by folder; ``pytest -m quick`` leaves them out."""

@@ -1,6 +1,7 @@
 """What the documentation shows runs, and the reference shows what the packages export."""
 
 import importlib
+import json
 import re
 import runpy
 import subprocess
@@ -11,7 +12,12 @@ from types import ModuleType
 import pytest
 
 import optipromp
+from optipromp.core.errors import Code
+from optipromp.core.planning import PlanOptions
+from optipromp.core.pushing.calibration import DETECTED, KNOWN, PACKS
 from optipromp.core.scenes import load_scene
+from optipromp.laboratory.simulation import SimulationParameters
+from optipromp.laboratory.simulation.outcome import Cause
 
 ROOT = Path(__file__).resolve().parents[1]
 PUBLIC = (
@@ -29,8 +35,8 @@ UNSHOWN = {  # aliases and constants, and kernels that no user calls
 @pytest.mark.parametrize(
     "page",
     ["README.md", "docs/index.md", "docs/add-a-cost-term.md", "docs/add-a-planner.md",
-     "docs/add-a-robot.md", "docs/closed-loop.md", "docs/real-robot.md", "docs/ros.md",
-     "docs/scene-format.md"],
+     "docs/add-a-robot.md", "docs/closed-loop.md", "docs/new-user.md", "docs/real-robot.md",
+     "docs/ros.md", "docs/scene-format.md"],
 )  # fmt: skip
 def test_the_python_of_a_page_runs(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -95,6 +101,87 @@ def test_every_file_that_the_page_on_reading_names_is_there() -> None:
     assert len(named) > 40
     places = ROOT / "src/optipromp", ROOT
     assert not [name for name in named if not any((top / name).is_file() for top in places)]
+
+
+def test_the_tables_of_the_page_on_studies_are_those_of_the_kept_results() -> None:
+    script = runpy.run_path(str(ROOT / "scripts/study_tables.py"))
+    text = (ROOT / "docs/studies.md").read_text(encoding="utf-8")
+    assert len(script["MARKED"].findall(text)) >= 9
+    assert script["page"](text) == text, "run scripts/study_tables.py --pages"
+    assert script["overview"](["clean"])[-1] in text
+
+
+def test_figures_told_elsewhere_are_those_of_the_kept_results() -> None:
+    script = runpy.run_path(str(ROOT / "scripts/study_tables.py"))
+    pages = (ROOT / "README.md").read_text("utf-8")
+    for name in ("clean", "noisy"):
+        found = script["kept"](name)["all"]
+        ends = f"({100 * found['low']:.0f}–{100 * found['high']:.0f})"
+        assert f"{100 * found['rate']:.1f} % {ends}" in pages
+        assert f"{found['broken']} of {found['plans']} promises" in pages
+
+
+def test_the_page_on_concepts_has_the_largest_harm_of_each_risk() -> None:
+    text = (ROOT / "docs/concepts.md").read_text("utf-8")
+    tables = KNOWN, DETECTED, PACKS
+    for k, risk in enumerate(KNOWN.risk):
+        shown = " | ".join(f"{table.threshold[k]:g}" for table in tables)
+        assert f"| {risk:g} | {shown} |" in text
+    glossary = (ROOT / "docs/glossary.md").read_text("utf-8")
+    known, detected, packs = (table.allowed(PlanOptions.risk) for table in tables)
+    told = (
+        f"{known:g} past known fruits, {detected:g} past detected fruits, and {packs:g} among packs"
+    )
+    assert told in " ".join(glossary.split())
+
+
+def test_every_message_of_the_page_on_troubleshooting_is_one_of_ours() -> None:
+    source = "\n".join(path.read_text("utf-8") for path in (ROOT / "src").rglob("*.py"))
+    page = (ROOT / "docs/troubleshooting.md").read_text("utf-8")
+    named = re.findall(r"^\| `([^`]+)` \|", page, re.MULTILINE)
+    causes = {str(cause).replace("_", " ") for cause in Cause}
+    assert len(named) > 35
+    assert [words for words in named if words not in source and words not in causes] == []
+    assert {str(code) for code in Code if "PLAN" in code or "COLLISION" in code} <= set(named)
+    most = SimulationParameters().thresholds
+    assert f"more than {most.stem_force:g} N for longer than {most.stem_time:g} s" in page
+    assert f"A fruit was pressed by more than {most.fruit_force:g} N" in page
+    assert f"Something solid was pressed by more than {most.static_force:g} N" in page
+    assert f"more than {1e3 * most.tracking_error:g} mm off its path" in page
+
+
+@pytest.mark.parametrize("name", ["my_crop", "my_loop", "my_robot"])
+def test_a_notebook_and_its_page_are_those_of_its_script(name: str) -> None:
+    script = runpy.run_path(str(ROOT / "scripts/notebooks.py"))
+    found = script["cells"]((ROOT / f"examples/notebooks/{name}.py").read_text("utf-8"))
+    notebook = json.loads((ROOT / f"examples/notebooks/{name}.ipynb").read_text("utf-8"))
+    assert [cell["source"] for cell in notebook["cells"]] == [cell.text for cell in found]
+    page = (ROOT / f"docs/notebooks/{name}.md").read_text("utf-8")
+    for cell, kept in zip(found, notebook["cells"], strict=True):
+        assert cell.text in page, "run scripts/notebooks.py"
+        said = "".join(out.get("text", "") for out in kept.get("outputs", ()))
+        assert said.rstrip() in page
+
+
+def test_a_cell_shows_its_last_expression_and_what_it_prints() -> None:
+    script = runpy.run_path(str(ROOT / "scripts/notebooks.py"))
+    first, second = script["cells"]('"""No cell."""\n# %% [markdown]\n# Text\n#\n# more\n'
+                                    "# %%\nprint(1)\n2 + a\n# %%\nassert a\n")  # fmt: skip
+    assert (first.text, first.code) == ("Text\n\nmore", False)
+    assert script["run"](second, {"a": 3}).said == "1\n5\n"
+
+
+def test_every_page_is_in_the_navigation() -> None:
+    listed = set(re.findall(r"[\w/-]+\.md", (ROOT / "mkdocs.yml").read_text("utf-8")))
+    pages = {str(path.relative_to(ROOT / "docs")) for path in (ROOT / "docs").rglob("*.md")}
+    assert pages == listed
+
+
+def test_every_picture_of_the_documentation_has_its_command() -> None:
+    for page in (ROOT / "docs").rglob("*.md"):
+        text = page.read_text("utf-8")
+        if re.search(r"!\[[^\]]*\]\([^)]+\.(?:png|gif)\)", text):
+            assert re.search(r"`(?:optipromp|python) [^`]+`", text), page
 
 
 def test_nothing_tells_to_install_this_package_from_an_index() -> None:

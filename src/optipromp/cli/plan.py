@@ -52,7 +52,7 @@ Duration = Annotated[
 ]
 ChosenConstraints = Annotated[
     Literal["push-model", "paper"],
-    typer.Option(help="push-model: least predicted harm; paper: the paper's constraints 1-4."),
+    typer.Option(help="push-model: least predicted harm; paper: the paper's constraints 1-3."),
 ]
 Settings = Annotated[
     list[str] | None,

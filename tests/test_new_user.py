@@ -1,0 +1,39 @@
+"""The page docs/new-user.md does what it says: its commands run in order, in one folder."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs/new-user.md"
+
+pytest.importorskip("mujoco")
+pytest.importorskip("viser")
+
+
+def test_the_walk_of_a_new_user(tmp_path: Path) -> None:
+    commands = re.findall(r"```bash\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    assert len(commands) > 6
+    names = f'optipromp() {{ "{sys.executable}" -m optipromp "$@"; }}\n'
+    names += f'python() {{ "{sys.executable}" "$@"; }}\n'
+    script = "set -euo pipefail\n" + names + "\n".join(commands)
+    done = subprocess.run(
+        ["bash", "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=900
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert (tmp_path / "reach/reach.png").stat().st_size > 10_000
+    for folder in ("reach", "my-reach"):
+        assert json.loads((tmp_path / folder / "plan.json").read_text())["status"] == "success"
+    assert json.loads((tmp_path / "seen.json").read_text())["status"] == "success"
+    assert json.loads((tmp_path / "run.json").read_text())["success"]
+    assert (tmp_path / "look/cover.png").exists()
+    assert len(list((tmp_path / "scenes").glob("*.yaml"))) == 2
+    for plan in (tmp_path / "plans").glob("*/plan.json"):
+        assert json.loads(plan.read_text())["status"] == "success"
+    assert json.loads((tmp_path / "tool.json").read_text())["status"] == "success"
+    assert json.loads((tmp_path / "loop.json").read_text())["result"] == "clean"
+    assert "<html" in (tmp_path / "my-reach.html").read_text()[:200].lower()
