@@ -59,7 +59,7 @@ def test_straight_says_when_it_cannot_get_there() -> None:
     assert made.status is Code.GOAL_UNREACHABLE
     assert made.trajectory is None
     no_target = replace(scene, objects=(), goal=JointGoal(scene.start + 0.05))
-    with pytest.raises(InvalidRequestError, match="joints"):
+    with pytest.raises(InvalidRequestError, match="position and axis"):
         attempt(no_target, "straight")
 
 

@@ -14,6 +14,7 @@ from optipromp.core.scenes.io import load_scene
 from optipromp.looks.page import look, window
 from optipromp.looks.page.sources import Source
 
+SLOW = pytest.mark.slow  # the processor draws the picture of a desk: minutes beside other tests
 DESK = {"viewport": {"width": 1280, "height": 800}}
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 TABS = ("Plan", "Move", "Show", "Plots", "Record", "Replay")
@@ -62,6 +63,7 @@ def outlines(opened: Opened) -> np.ndarray:
     return middle + scale * points[:, :2] / points[:, 2:]
 
 
+@SLOW
 def test_the_desk_sees_the_cluster_beside_the_panel(desk: Opened) -> None:
     panel = desk.tab.locator(".status").bounding_box()
     seen = outlines(desk)
@@ -82,7 +84,7 @@ def test_the_phone_sees_the_cluster_above_the_panel(phone: Opened) -> None:
     assert np.ptp(seen[:, 1]) > 0.6 * top
 
 
-@pytest.mark.parametrize("screen", ["desk", "phone"])
+@pytest.mark.parametrize("screen", [pytest.param("desk", marks=SLOW), "phone"])
 def test_words_and_legend_stand_before_the_numbers(
     screen: str, request: pytest.FixtureRequest
 ) -> None:
@@ -111,6 +113,7 @@ def buttons(opened: Opened) -> dict[str, bool]:
     }
 
 
+@SLOW
 def test_while_it_plans_it_says_so_and_no_button_can_be_pressed(desk: Opened) -> None:
     desk.show("Plan")
     with window._planning:  # as if another window planned
@@ -127,6 +130,7 @@ def test_while_it_plans_it_says_so_and_no_button_can_be_pressed(desk: Opened) ->
     desk.until(lambda: all(buttons(desk).values()), "buttons stay disabled")
 
 
+@SLOW
 def test_a_new_scene_is_seen_before_it_is_planned(desk: Opened) -> None:
     def fruit() -> bool:
         return desk.window.client.scene.get_handle_by_name("/a/things/target:ripe") is not None
@@ -141,6 +145,7 @@ def test_a_new_scene_is_seen_before_it_is_planned(desk: Opened) -> None:
     desk.settle()
 
 
+@SLOW
 def test_a_failure_has_words_in_the_place_of_its_code(desk: Opened) -> None:
     desk.do(lambda: desk.window.open(load_scene("scenario-1")))
     assert desk.window.plan.status == "GOAL_IN_COLLISION"
