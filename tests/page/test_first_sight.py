@@ -14,7 +14,7 @@ from optipromp.core.scenes.io import load_scene
 from optipromp.looks.page import look, window
 from optipromp.looks.page.sources import Source
 
-SLOW = pytest.mark.slow  # the processor draws the picture of a desk: minutes beside other tests
+SLOW = pytest.mark.slow  # the processor draws a desk for minutes
 DESK = {"viewport": {"width": 1280, "height": 800}}
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 TABS = ("Plan", "Move", "Show", "Plots", "Record", "Replay")
