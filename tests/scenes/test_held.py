@@ -44,7 +44,8 @@ def test_a_file_in_millimetres_scales_what_is_held() -> None:
     item = {"id": "box", "shape": {"box": {"size": [100, 100, 40]}}, "position": [0, 0, -120]}
     scene = scene_from_dict(
         {"name": "mm", "robot": "panda", "scale": 0.001, "attached": [item], "padding": 10,
-         "tool": {"kind": "cup", "radius": 30}, "goal": {"position": [500, 200, 500], "axis": [0, 0, 1]}}
+         "tool": {"kind": "cup", "radius": 30},
+         "goal": {"position": [500, 200, 500], "axis": [0, 0, 1]}}
     )  # fmt: skip
     (held,) = scene.attached
     assert scene.padding == pytest.approx(0.01)
