@@ -102,7 +102,7 @@ def test_a_fruit_is_clicked_and_dragged_with_the_mouse(opened: Opened) -> None:
     assert window.selected.ids == ("ripe",)
     opened.do(lambda: window.select("n1"))
     was = window.scene.pushables[0].position
-    arrow = was + [0.0, 0.0, 0.06]  # on the handle's upright arrow
+    arrow = was + [0.0, 0.0, 0.045]  # on the handle's upright arrow
     by_hand(opened, arrow, 30, lambda: window.scene.pushables[0].position[2] < was[2] - 0.005)
     now = window.scene.pushables[0].position
     assert np.allclose(now[:2], was[:2], atol=1e-6)
