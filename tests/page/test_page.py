@@ -71,21 +71,21 @@ def test_page_shows_the_plan_that_the_library_makes(opened: Opened) -> None:
     assert opened.errors == []
 
 
-def by_hand(opened: Opened, point, path: int, done) -> None:
-    """Press the mouse at a point (3,), move it down by ``path`` pixels, let go; until ``done``.
+def by_hand(opened: Opened, point, path, done) -> None:
+    """Press the mouse at a point (3,), move it by ``path`` (3,) [m], let go; until ``done``.
 
     A browser that draws one picture a second misses quick movements: each try is slower.
     """
+    opened.do(lambda: look(opened.window.client.camera, opened.window.original))
     for k in range(6):
         pause = 150.0 * 2**k
-        opened.do(lambda: look(opened.window.client.camera, opened.window.original))
         opened.tab.wait_for_timeout(pause)
         x, y = on_screen(opened, point)
         opened.tab.mouse.move(x, y)
         opened.tab.wait_for_timeout(pause)
         opened.tab.mouse.down()
-        for step in range(5 if path else 0):
-            opened.tab.mouse.move(x, y + path * (step + 1) / 5)
+        for step in range(5 if np.any(path) else 0):
+            opened.tab.mouse.move(*on_screen(opened, point + path * (step + 1) / 5))
             opened.tab.wait_for_timeout(0.5 * pause)
         opened.tab.mouse.up()
         opened.tab.wait_for_timeout(2.0 * pause)
@@ -98,14 +98,15 @@ def by_hand(opened: Opened, point, path: int, done) -> None:
 def test_a_fruit_is_clicked_and_dragged_with_the_mouse(opened: Opened) -> None:
     window = opened.window
     opened.tab.set_viewport_size(LARGE)
-    by_hand(opened, window.scene.target.position, 0, lambda: window.selected is not None)
+    by_hand(opened, window.scene.target.position, np.zeros(3), lambda: window.selected is not None)
     assert window.selected.ids == ("ripe",)
     opened.do(lambda: window.select("n1"))
     was = window.scene.pushables[0].position
-    arrow = was + [0.0, 0.0, 0.045]  # on the handle's upright arrow
-    by_hand(opened, arrow, 30, lambda: window.scene.pushables[0].position[2] < was[2] - 0.005)
+    arrow = was + [0.0, 0.05, 0.0]  # on the handle's level arrow: a stem covers the upright one
+    aside = np.array([0.0, 0.02, 0.0])
+    by_hand(opened, arrow, aside, lambda: window.scene.pushables[0].position[1] > was[1] + 0.005)
     now = window.scene.pushables[0].position
-    assert np.allclose(now[:2], was[:2], atol=1e-6)
+    assert np.allclose(now[[0, 2]], was[[0, 2]], atol=1e-6)
     opened.told("after the drag")
     assert np.array_equal(window.plan.trajectory.positions, plan(window.scene).trajectory.positions)
     opened.tab.set_viewport_size(SMALL)
