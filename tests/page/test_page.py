@@ -95,6 +95,7 @@ def by_hand(opened: Opened, point, path, done) -> None:
     pytest.fail("the mouse does nothing")
 
 
+@pytest.mark.slow  # pictures drawn by a processor that does other work miss the mouse
 def test_a_fruit_is_clicked_and_dragged_with_the_mouse(opened: Opened) -> None:
     window = opened.window
     opened.tab.set_viewport_size(LARGE)

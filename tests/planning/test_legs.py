@@ -180,7 +180,8 @@ def test_the_reach_is_that_of_the_scene_without_a_place(picked: Picked) -> None:
 def test_a_pick_needs_a_place_and_a_target() -> None:
     with pytest.raises(InvalidRequestError, match="has no place"):
         plan_pick(generate("tight", 3))
-    document = {"name": "s", "robot": "panda", "goal": {"position": [0.5, 0, 0.5]},
+    document = {"name": "s", "robot": "panda",
+                "goal": {"position": [0.5, 0, 0.5], "axis": [0, 0, 1]},
                 "place": {"position": [0.4, 0, 0.4], "axis": [0, 0, 1]}}  # fmt: skip
     with pytest.raises(InvalidSceneError, match="place and no target"):
         scene_from_dict(document)
