@@ -12,7 +12,7 @@ from optipromp.core.files import check_folder, is_file, is_folder, write_atomica
 
 if TYPE_CHECKING:
     from optipromp.core.scenes.scene import Scene
-    from optipromp.perception.eyes import Sight3D
+    from optipromp.perception.eyes import Sighting
     from optipromp.perception.pictures import DepthPicture
 
 
@@ -151,7 +151,7 @@ def _load(asked: _Asked) -> "DepthPicture":
 
 
 def _answer(
-    sight: "Sight3D", known: "Scene", asked: _Asked, took: float
+    sight: "Sighting", known: "Scene", asked: _Asked, took: float
 ) -> tuple[dict[str, Any], list[str], "Scene | None"]:
     """What is said of a picture under --json and to people, and its scene."""
     from optipromp.perception.eyes import seen_scene, summary

@@ -44,7 +44,7 @@ class Detection:
 
 
 @dataclass(frozen=True, eq=False)
-class Sight3D:
+class Sighting:
     """What a picture shows.
 
     Attributes:
@@ -61,7 +61,7 @@ class Sight3D:
 def look_at(
     picture: DepthPicture, time: float = 0.0, *, up: FloatArray | None = None,
     finder: Finder | None = None, parameters: EyeParameters | None = None,
-) -> Sight3D:  # fmt: skip
+) -> Sighting:  # fmt: skip
     """Find and measure the fruits of a picture.
 
     A ripe fruit has the role ``target``, an unripe one ``pushable``. Ids are ``ripe1``, ``ripe2``
@@ -95,7 +95,7 @@ def look_at(
         detections.append(Detection(_item(name, region, fit, stem, upward), region, fit, stem))
     items = tuple(each.item for each in detections)
     look = Look(time, picture.camera.pose, items, picture.camera.view)
-    return Sight3D(look, tuple(detections), found)
+    return Sighting(look, tuple(detections), found)
 
 
 def _united(
@@ -118,7 +118,8 @@ def _united(
 
 
 def _fit_for(fit: Spheroid, p: EyeParameters) -> bool:
-    return fit.misfit < p.misfit and fit.off < p.outline_off and fit.share >= p.least_share
+    fits = fit.misfit < p.misfit and fit.off < p.outline_off
+    return fits and fit.share >= p.least_share and fit.gap < p.outline_gap
 
 
 def _stem_points(picture: DepthPicture, found: Found, fruits: Sequence[Region]) -> FloatArray:
@@ -155,7 +156,7 @@ def _item(
 
 
 def seen_scene(
-    sight: Sight3D, known: Scene, parameters: EyeParameters | None = None
+    sight: Sighting, known: Scene, parameters: EyeParameters | None = None
 ) -> tuple[Scene, tuple[str, ...]]:
     """The scene of what was seen among what is known, and what was assumed, in words.
 

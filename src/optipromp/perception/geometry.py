@@ -24,6 +24,7 @@ SQUARE = np.ones((3, 3), dtype=bool)
 MARGIN = 3  # [pixel] about a fruit, in which its holes are filled: a choice
 HOLE = 4  # [pixel] from a depth, within which colours count where none was measured: a choice
 RAGGED = 2.5  # [pixel] by which edges of depth are ragged: a choice
+WALL = 1.2  # radii of the largest fruit inside a surface that is a wall: a choice
 REACH = 1.6  # radii of the ball inside a fruit up to which the fruit goes: a choice
 
 
@@ -107,7 +108,7 @@ def _part(island: BoolArray, metres: FloatArray, p: EyeParameters) -> IntArray:
     edge = distance_transform_edt(np.pad(island, 1))[1:-1, 1:-1]
     smooth = gaussian_filter(edge, 1.0)
     peaks = np.argwhere((smooth == maximum_filter(smooth, 5)) & (edge * metres > p.thin))
-    if not len(peaks) or (edge * metres).max() > 1.2 * p.most_radius:  # a wall: a choice
+    if not len(peaks) or (edge * metres).max() > WALL * p.most_radius:
         return parts
     radii = edge[peaks[:, 0], peaks[:, 1]]
     core = edge * metres > p.thin

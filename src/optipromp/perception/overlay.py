@@ -3,7 +3,7 @@
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
-from optipromp.perception.eyes import Sight3D
+from optipromp.perception.eyes import Sighting
 from optipromp.perception.geometry import edge_of
 from optipromp.perception.pictures import DepthPicture, Image8
 
@@ -11,7 +11,7 @@ RIPE, UNRIPE, STEM, CENTER = (255, 60, 200), (60, 160, 255), (255, 220, 0), (255
 HALF = 3  # [pixel] half the size of a cross
 
 
-def overlay(picture: DepthPicture, sight: Sight3D) -> Image8:
+def overlay(picture: DepthPicture, sight: Sighting) -> Image8:
     """The picture (height, width, 3) with outlines of fruits, their centres, and lines of stems."""
     out = np.array(picture.rgb)
     for each in sight.detections:

@@ -35,10 +35,13 @@ class EyeParameters(Checked):
         0.25, "1", "choice", "least share of its outline that is seen of a fruit"
     )
     misfit: float = parameter(
-        2.0, "1", "choice", "largest robust deviation of depths from the fruit, over their error"
+        1.6, "1", "choice", "largest robust deviation of depths from the fruit, over their error"
     )
     outline_off: float = parameter(
-        0.10, "1", "choice", "largest mean error of the outline over the radius"
+        0.115, "1", "choice", "largest mean error of the outline over the radius"
+    )
+    outline_gap: float = parameter(
+        0.18, "1", "choice", "largest free share of an outline less the share of the area"
     )
     radius: float = parameter(0.0165, "m", "reported", "prior median of a fruit's radius")
     radius_spread: float = parameter(0.25, "1", "guess", "prior deviation of its logarithm")
@@ -66,7 +69,7 @@ class EyeParameters(Checked):
     stem_reach: float = parameter(
         0.06, "m", "choice", "length above a fruit in which a stem tells its direction"
     )
-    stem_least: float = parameter(0.015, "m", "choice", "least length that is a stem")
+    stem_least: float = parameter(0.020, "m", "choice", "least length that is a stem")
     stem_aside: float = parameter(0.0045, "m", "choice", "distance from its line, across the view")
     stem_noise: float = parameter(
         0.002, "m", "guess", "deviation of a stem's pixels from its line, across the view"

@@ -31,7 +31,9 @@ class Spheroid:
         covariance: (3, 3) of the centre [m²].
         misfit: median error of the depths over their deviation, 1 of a true spheroid.
         off: mean error of the free outline over the radius.
-        share: part of its outline that is seen.
+        share: part of its area that is seen, or free part of its outline if less.
+        gap: free part of its outline less the part of its area that is seen: what is not seen of a
+            fruit is hidden, and then its outline is not free.
     """
 
     center: FloatArray
@@ -42,6 +44,7 @@ class Spheroid:
     misfit: float
     off: float
     share: float
+    gap: float
 
 
 def fitted(
@@ -86,7 +89,7 @@ def fitted(
         return np.concatenate([first * weights, second * rays_weight, (x - prior) / spread], axis=1)
 
     hessian = np.eye(7)
-    for _ in range(STEPS):
+    for turn in range(STEPS):
         many = residuals(np.vstack([state, state + DELTA * np.eye(7)]))
         now, slope = many[0], (many[1:] - many[0]).T / DELTA
         robust = np.minimum(1.0, HUBER / np.maximum(np.abs(now), 1e-9))
@@ -98,7 +101,8 @@ def fitted(
         )
         state[3] = np.clip(state[3], math.log(0.5 * p.least_radius), math.log(2 * p.most_radius))
         state[4:] = np.clip(state[4:], -0.7, 0.7)
-        if np.abs(step).max() < 1e-5:
+        narrow = turn == 2 and math.exp(state[3]) < 0.85 * p.least_radius  # most are stems
+        if narrow or np.abs(step).max() < 1e-5:
             break
     center, radius = state[:3], math.exp(state[3])
     if not p.least_radius <= radius <= p.most_radius or center[2] <= 0.0:
@@ -109,10 +113,10 @@ def fitted(
     off = float(np.abs(second).mean()) / radius if len(second) else 0.0
     misfit = float(np.median(np.abs(first) * weights)) * math.sqrt(_per(picture, pixels, p)) / 0.67
     half = radius * math.exp(state[4])
-    area = math.pi * radius * half * (focal / center[2]) ** 2
+    part = float(pixels.sum()) / (math.pi * radius * half * (focal / center[2]) ** 2)
     return Spheroid(
         center, _axis(state[None], axes)[0], radius, half, 0.5 * (covariance + covariance.T),
-        misfit, off, min(share, float(pixels.sum()) / area),
+        misfit, off, min(share, part), share - part,
     )  # fmt: skip
 
 
