@@ -21,6 +21,7 @@ from optipromp.perception.spheroids import Spheroid, fitted
 from optipromp.perception.stems import SeenStem, stem_of
 
 ROUND = 1.06  # length over width below which a fruit is a sphere: a choice
+HALF_SEEN = 0.5  # share of a fruit whose outline tells that it is no wall: a choice
 TOGETHER = 1.0  # radii between the centres of two parts of one fruit, at most: a choice
 MOST_STEM_POINTS = 6000  # that are looked at: a choice
 
@@ -118,8 +119,9 @@ def _united(
 
 
 def _fit_for(fit: Spheroid, p: EyeParameters) -> bool:
-    fits = fit.misfit < p.misfit and fit.off < p.outline_off
-    return fits and fit.share >= p.least_share and fit.gap < p.outline_gap
+    shown = fit.share >= HALF_SEEN or fit.round > p.least_round
+    fits = fit.misfit < p.misfit and shown and fit.off < p.outline_off
+    return fits and fit.share >= p.least_share and -p.outline_lack < fit.gap < p.outline_gap
 
 
 def _stem_points(picture: DepthPicture, found: Found, fruits: Sequence[Region]) -> FloatArray:

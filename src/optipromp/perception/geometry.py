@@ -108,7 +108,11 @@ def _part(island: BoolArray, metres: FloatArray, p: EyeParameters) -> IntArray:
     edge = distance_transform_edt(np.pad(island, 1))[1:-1, 1:-1]
     smooth = gaussian_filter(edge, 1.0)
     peaks = np.argwhere((smooth == maximum_filter(smooth, 5)) & (edge * metres > p.thin))
-    if not len(peaks) or (edge * metres).max() > WALL * p.most_radius:
+    wall = edge * metres > WALL * p.most_radius
+    if wall.any():  # look at what is beside it
+        within = distance_transform_edt(~wall) * metres <= 1.1 * WALL * p.most_radius
+        return _part(island & ~within, metres, p)
+    if not len(peaks):
         return parts
     radii = edge[peaks[:, 0], peaks[:, 1]]
     core = edge * metres > p.thin

@@ -30,6 +30,7 @@ class Spheroid:
         half: half the length along the axis [m].
         covariance: (3, 3) of the centre [m²].
         misfit: median error of the depths over their deviation, 1 of a true spheroid.
+        round: deviation of the depths from a plane over that from the spheroid; a wall has 1.
         off: mean error of the free outline over the radius.
         share: part of its area that is seen, or free part of its outline if less.
         gap: free part of its outline less the part of its area that is seen: what is not seen of a
@@ -42,6 +43,7 @@ class Spheroid:
     half: float
     covariance: FloatArray
     misfit: float
+    round: float
     off: float
     share: float
     gap: float
@@ -112,11 +114,13 @@ def fitted(
     first, second = (each[0] for each in _distances(state[None], axes, points, rays))
     off = float(np.abs(second).mean()) / radius if len(second) else 0.0
     misfit = float(np.median(np.abs(first) * weights)) * math.sqrt(_per(picture, pixels, p)) / 0.67
+    left = float(np.sqrt(np.mean((first * weights) ** 2)))
     half = radius * math.exp(state[4])
     part = float(pixels.sum()) / (math.pi * radius * half * (focal / center[2]) ** 2)
     return Spheroid(
         center, _axis(state[None], axes)[0], radius, half, 0.5 * (covariance + covariance.T),
-        misfit, off, min(share, part), share - part,
+        misfit, _planar(points, weights) / max(left, 1e-9),
+        off, min(share, part), share - part,
     )  # fmt: skip
 
 
@@ -150,6 +154,13 @@ def _distances(
     square = square - along**2 / np.einsum("ski,ski->sk", ways, ways)
     second = np.sqrt(np.maximum(square, 1e-12)) - 1.0
     return first * radius[:, None], second * radius[:, None]
+
+
+def _planar(points: FloatArray, weights: FloatArray) -> float:
+    """Root mean square distance of points (N, 3) from their plane, by their weights (N,)."""
+    off = points - points.mean(axis=0)
+    across = np.linalg.svd(off, full_matrices=False)[2][-1]
+    return float(np.sqrt(np.mean(((off @ across) * weights) ** 2)))
 
 
 def _per(picture: DepthPicture, pixels: BoolArray, p: EyeParameters) -> float:
