@@ -24,7 +24,7 @@ PUBLIC = (
     "optipromp", "optipromp.core.geometry", "optipromp.core.scenes", "optipromp.core.robots",
     "optipromp.core.promp", "optipromp.core.pushing", "optipromp.core.optimization.costs",
     "optipromp.core.planning", "optipromp.ros", "optipromp.core.execution", "optipromp.control",
-    "optipromp.laboratory.simulation", "optipromp.timing",
+    "optipromp.laboratory.simulation", "optipromp.perception", "optipromp.timing",
 )  # fmt: skip
 UNSHOWN = {  # aliases and constants, and kernels that no user calls
     "DriftRule", "Message", "PLANNERS", "Role", "STRATEGIES", "Shape", "Strategy",

@@ -22,9 +22,11 @@ from optipromp.cli import (
     generate,
     learn,
     plan,
+    render,
     report,
     ros_node,
     scenarios,
+    see,
     simulate,
     study,
     validate,
@@ -75,6 +77,8 @@ app.command("validate")(validate.validate)
 app.command("view")(view.view)
 app.command("export")(export.export)
 app.command("generate")(generate.generate)
+app.command("render")(render.render)
+app.command("see")(see.see)
 app.command("study")(study.study)
 app.command("report")(report.report)
 app.command("learn")(learn.learn)

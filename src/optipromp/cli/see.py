@@ -1,0 +1,177 @@
+"""``optipromp see``: from pictures with depth to scenes that can be planned in."""
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+import typer
+
+from optipromp.cli.command import FAILED, OK, Report, command
+from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.files import check_folder, is_file, is_folder, write_atomically
+
+if TYPE_CHECKING:
+    from optipromp.core.scenes.scene import Scene
+    from optipromp.perception.eyes import Sighting
+    from optipromp.perception.pictures import DepthPicture
+
+
+class _Asked(NamedTuple):
+    """Files of one picture, the scene that tells what is known, and where the answer goes."""
+
+    name: str
+    rgb: Path
+    depth: Path
+    camera: Path
+    known: str | None
+    out: Path
+
+
+@command()
+def see(
+    folder: Annotated[
+        Path | None,
+        typer.Argument(metavar="DIR", help="Pictures as 'render' leaves them; else --rgb."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.yaml|DIR", help="The scene; of a folder, all scenes."),
+    ] = None,
+    *,
+    rgb: Annotated[Path | None, typer.Option(help="A picture: PNG.")] = None,
+    depth: Annotated[
+        Path | None, typer.Option(help="Its depth: 16-bit PNG, or NPZ with 'depth' in metres.")
+    ] = None,
+    camera: Annotated[
+        Path | None,
+        typer.Option(
+            help="Its camera: JSON or YAML with width, height, fx, fy, cx, cy, position and "
+            "orientation in the robot's base, depth_scale."
+        ),
+    ] = None,
+    known: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SCENE",
+            help="Whose robot, tool, start, approach and static objects are known; its fruits are "
+            "not used. In a folder by default the scene beside each picture; else scenario-3.",
+        ),
+    ] = None,
+) -> Report:
+    """Find fruits and stems in pictures, and write scenes to plan in.
+
+    By colour, depth and shape, without a model file. Ripe fruits become the target (the lowest of
+    several), unripe ones pushable. Every position has its covariance. What nobody saw, such as the
+    stem of a fruit, is assumed and said. A picture NAME.overlay.png shows what was found. Needs the
+    extra 'vision'.
+
+    [bold]Examples[/bold]
+
+    \b
+    optipromp see pictures --out seen
+    optipromp see --rgb a.png --depth a.npz --camera camera.json --known row.yaml --out a.yaml
+    optipromp plan a.yaml --out reach
+    """
+    from optipromp.core.scenes.io import save_scene
+    from optipromp.perception.overlay import overlay
+    from optipromp.perception.pictures import png_file
+
+    asked = _asked(folder, rgb, depth, camera, known, out)
+    records, lines, code = [], [], OK
+    for each in asked:
+        scene, picture = _known(each), _load(each)
+        began = time.perf_counter()
+        from optipromp.perception.eyes import look_at
+
+        sight = look_at(picture, up=scene.up)
+        took = time.perf_counter() - began
+        record, told, seen = _answer(sight, scene, each, took)
+        if seen is None:
+            code = FAILED
+        else:
+            save_scene(seen, each.out)
+        drawn = each.out.with_suffix(".overlay.png")
+        write_atomically(drawn, png_file(overlay(picture, sight)))
+        records.append({**record, "overlay": str(drawn)})
+        lines += told
+    return Report({"pictures": records}, lines, code)
+
+
+def _asked(
+    folder: Path | None, rgb: Path | None, depth: Path | None, camera: Path | None,
+    known: str | None, out: Path | None,
+) -> list[_Asked]:  # fmt: skip
+    from optipromp.perception.pictures import ENDS
+
+    single = rgb, depth, camera
+    if (folder is None) == (rgb is None):
+        raise InvalidRequestError("give a folder of pictures, or --rgb, --depth and --camera")
+    if folder is None:
+        lacking = [n for n, v in zip(("--depth", "--camera"), single[1:], strict=True) if v is None]
+        if lacking:
+            raise InvalidRequestError(f"--rgb without {' and '.join(lacking)}: give all three")
+        assert rgb is not None
+        assert depth is not None
+        assert camera is not None
+        path = out or rgb.with_suffix(".yaml")
+        if path.suffix not in (".yaml", ".yml", ".json"):
+            raise InvalidRequestError(f"--out is {str(path)!r}: its name must end in .yaml")
+        return [_Asked(rgb.stem, rgb, depth, camera, known, path)]
+    if any(each is not None for each in single[1:]):
+        raise InvalidRequestError("--depth and --camera go with --rgb, not with a folder")
+    if not is_folder(folder):
+        raise InvalidRequestError(f"{folder}: no such folder")
+    target = out or folder / "seen"
+    check_folder(target)
+    found = []
+    for path in sorted(folder.glob(f"*{ENDS[0]}")):
+        name = path.name.removesuffix(ENDS[0])
+        files = [folder / (name + end) for end in ENDS]
+        for file in files:
+            if not is_file(file):
+                raise InvalidRequestError(f"{file} is missing beside {path.name}")
+        beside = folder / f"{name}.yaml"
+        told = known or (str(beside) if is_file(beside) else None)
+        found.append(_Asked(name, files[0], files[1], files[2], told, target / f"{name}.yaml"))
+    if not found:
+        raise InvalidRequestError(f"{folder}: no pictures; their names end in {', '.join(ENDS)}")
+    return found
+
+
+def _known(asked: _Asked) -> "Scene":
+    from optipromp.core.scenes.io import load_scene
+
+    return load_scene(asked.known or "scenario-3")
+
+
+def _load(asked: _Asked) -> "DepthPicture":
+    from optipromp.perception.pictures import load_picture
+
+    return load_picture(asked.rgb, asked.depth, asked.camera)
+
+
+def _answer(
+    sight: "Sighting", known: "Scene", asked: _Asked, took: float
+) -> tuple[dict[str, Any], list[str], "Scene | None"]:
+    """What is said of a picture under --json and to people, and its scene."""
+    from optipromp.perception.eyes import seen_scene, summary
+
+    base = {item.id: item for item in sight.look.in_base()}
+    fruits = [
+        {**summary(each), "position": base[each.item.id].position.round(5).tolist()}
+        for each in sight.detections
+    ]
+    record: dict[str, Any] = {
+        "name": asked.name, "scene": None, "fruits": fruits, "ms": round(1e3 * took, 1),
+        "assumed": [], "status": Code.SUCCESS, "message": "",
+    }  # fmt: skip
+    stems = sum(each.stem is not None for each in sight.detections)
+    ripe = sum(each.region.kind == "ripe" for each in sight.detections)
+    line = f"{asked.name}: {ripe} ripe, {len(fruits) - ripe} unripe, {stems} stems"
+    try:
+        scene, assumed = seen_scene(sight, known)
+    except InvalidRequestError as error:
+        record.update(status=error.code, message=error.message)
+        return record, [f"{line}; no scene: {error.message}"], None
+    record.update(scene=str(asked.out), assumed=list(assumed))
+    return record, [f"{line}; wrote {asked.out}", *(f"  {words}" for words in assumed)], scene

@@ -1,0 +1,223 @@
+"""From a picture to detections with covariances, and to a scene that can be planned in."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from optipromp.control.look import Look
+from optipromp.core.arrays import FloatArray, frame_along
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.geometry.shapes import Ellipsoid, Shape, Sphere
+from optipromp.core.scenes.held import pairs_among
+from optipromp.core.scenes.objects import Role, SceneObject, Stem
+from optipromp.core.scenes.scene import Scene
+from optipromp.perception.finder import Finder, Found, Region
+from optipromp.perception.geometry import ByGeometry
+from optipromp.perception.parameters import EyeParameters
+from optipromp.perception.pictures import DepthPicture
+from optipromp.perception.spheroids import Spheroid, fitted
+from optipromp.perception.stems import SeenStem, stem_of
+
+ROUND = 1.06  # length over width below which a fruit is a sphere: a choice
+HALF_SEEN = 0.5  # share of a fruit whose outline tells that it is no wall: a choice
+TOGETHER = 1.0  # radii between the centres of two parts of one fruit, at most: a choice
+MOST_STEM_POINTS = 6000  # that are looked at: a choice
+
+
+@dataclass(frozen=True, eq=False)
+class Detection:
+    """One fruit of a picture.
+
+    Attributes:
+        item: in the frame of the camera, with the covariance of its position; without a stem where
+            none was seen.
+        region: its pixels and class.
+        spheroid: as fitted.
+        stem: as seen; None where none was.
+    """
+
+    item: SceneObject
+    region: Region
+    spheroid: Spheroid
+    stem: SeenStem | None
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """What a picture shows.
+
+    Attributes:
+        look: the detections as closed loops take them.
+        detections: with pixels, fits and stems.
+        found: the regions, also those in which no fruit fits.
+    """
+
+    look: Look
+    detections: tuple[Detection, ...]
+    found: Found
+
+
+def look_at(
+    picture: DepthPicture, time: float = 0.0, *, up: FloatArray | None = None,
+    finder: Finder | None = None, parameters: EyeParameters | None = None,
+) -> Sighting:  # fmt: skip
+    """Find and measure the fruits of a picture.
+
+    A ripe fruit has the role ``target``, an unripe one ``pushable``. Ids are ``ripe1``, ``ripe2``
+    and ``unripe1`` and so on, from the left of the picture. A fruit that shows too little, or is no
+    spheroid, is left out.
+
+    Args:
+        picture: with its camera.
+        time: of the exposure [s].
+        up: (3,) upwards in the robot's base frame; None: its z axis.
+        finder: of fruits and stems; None: :class:`ByGeometry`.
+        parameters: of the measuring, and of the default finder.
+    """
+    p = parameters or EyeParameters()
+    found = (finder or ByGeometry(p)).find(picture)
+    turn = picture.camera.pose.rotation
+    upward = turn.T @ (np.array([0.0, 0.0, 1.0]) if up is None else np.asarray(up))
+    fits = [(region, fitted(picture, region.pixels, upward, p)) for region in found.fruits]
+    good = _united([(r, fit) for r, fit in fits if fit is not None], picture, upward, p)
+    good = [(region, fit) for region, fit in good if _fit_for(fit, p)]
+    good.sort(key=lambda pair: float(pair[1].center[0] / pair[1].center[2]))
+    points = _stem_points(picture, found, [region for region, _ in good])
+    focal = 0.5 * (picture.camera.fx + picture.camera.fy)
+    counts = {"ripe": 0, "unripe": 0}
+    detections = []
+    for region, fit in good:
+        wide = 0.006 * focal / fit.center[2]  # [pixel] of a stem: what errs as one
+        stem = stem_of(fit, points, upward, p, max(min(wide, 6.0), 1.0))
+        counts[region.kind] += 1
+        name = f"{region.kind}{counts[region.kind]}"
+        detections.append(Detection(_item(name, region, fit, stem, upward), region, fit, stem))
+    items = tuple(each.item for each in detections)
+    look = Look(time, picture.camera.pose, items, picture.camera.view)
+    return Sighting(look, tuple(detections), found)
+
+
+def _united(
+    fits: list[tuple[Region, Spheroid]], picture: DepthPicture, up: FloatArray, p: EyeParameters
+) -> list[tuple[Region, Spheroid]]:
+    """The fits, those of parts of one fruit as one: a stem before a fruit cuts it in two."""
+    out: list[tuple[Region, Spheroid]] = []
+    for region, fit in sorted(fits, key=lambda pair: -int(pair[0].pixels.sum())):
+        for k, (other, whole) in enumerate(out):
+            away = float(np.linalg.norm(fit.center - whole.center))
+            if other.kind == region.kind and away < TOGETHER * max(whole.radius, fit.radius):
+                both = replace(other, pixels=other.pixels | region.pixels)
+                again = fitted(picture, both.pixels, up, p)
+                if again is not None and _fit_for(again, p):
+                    out[k] = both, again
+                break
+        else:
+            out.append((region, fit))
+    return out
+
+
+def _fit_for(fit: Spheroid, p: EyeParameters) -> bool:
+    shown = fit.share >= HALF_SEEN or fit.round > p.least_round
+    fits = fit.misfit < p.misfit and shown and fit.off < p.outline_off
+    return fits and fit.share >= p.least_share and -p.outline_lack < fit.gap < p.outline_gap
+
+
+def _stem_points(picture: DepthPicture, found: Found, fruits: Sequence[Region]) -> FloatArray:
+    """Points (N, 3) of all stems in the frame of the camera [m].
+
+    Green regions in which no fruit fits count as stems: stems side by side are as wide as a fruit.
+    """
+    mask = np.zeros(picture.depth.shape, dtype=bool)
+    for region in found.regions:
+        if region.kind != "ripe":
+            mask |= region.pixels
+    for region in fruits:
+        mask &= ~region.pixels
+    points = picture.points[mask & (picture.depth > 0.0)]
+    few = np.linspace(0, len(points) - 1, min(len(points), MOST_STEM_POINTS)).astype(int)
+    return points[few] if len(points) else points
+
+
+def _item(
+    name: str, region: Region, fit: Spheroid, stem: SeenStem | None, up: FloatArray
+) -> SceneObject:
+    """The fruit as a detection: a sphere, or an ellipsoid along its axis."""
+    role: Role = "target" if region.kind == "ripe" else "pushable"
+    axis = fit.axis if fit.axis @ up > 0.0 else -fit.axis
+    shape: Shape = Ellipsoid((fit.radius, fit.radius, fit.half))
+    if max(fit.half, fit.radius) < ROUND * min(fit.half, fit.radius):
+        shape = Sphere(float(np.cbrt(fit.radius**2 * fit.half)))
+    grown = None
+    if stem is not None:
+        grown = Stem.along(fit.center, stem.direction, stem.length)
+    return SceneObject(
+        name, role, shape, fit.center, frame_along(axis), stem=grown, covariance=fit.covariance
+    )
+
+
+def seen_scene(
+    sight: Sighting, known: Scene, parameters: EyeParameters | None = None
+) -> tuple[Scene, tuple[str, ...]]:
+    """The scene of what was seen among what is known, and what was assumed, in words.
+
+    Known are robot, tool, start, approach, base and static objects of ``known``; its fruits are
+    not used. Of several ripe fruits the lowest is the target and the others are pushable. A fruit
+    whose stem was not seen gets an upright one, as long as the median of those seen; its tilt has
+    a standard deviation of ``parameters.tilt``.
+
+    Raises:
+        InvalidRequestError: no ripe fruit is seen.
+    """
+    p = parameters or EyeParameters()
+    found = sight.look.in_base()
+    ripe = [item for item in found if item.role == "target"]
+    if not ripe:
+        seen = ", ".join(item.id for item in found) or "no fruit"
+        raise InvalidRequestError(f"no ripe fruit is seen: the picture shows {seen}")
+    assumed = []
+    target = min(ripe, key=lambda item: float(item.position @ known.up))
+    if len(ripe) > 1:
+        others = ", ".join(item.id for item in ripe if item is not target)
+        assumed.append(f"{target.id} is the target, the lowest ripe fruit; pushable: {others}")
+    lengths = [item.stem.length for item in found if item.stem is not None]
+    long = float(np.median(lengths)) if lengths else p.stem_length
+    unseen = [item.id for item in found if item.stem is None]
+    if unseen:
+        assumed.append(
+            f"stem not seen of {', '.join(unseen)}: taken as upright, {long:.2f} m long; its tilt "
+            f"has a deviation of {p.tilt:g} degrees"
+        )
+    objects = tuple(
+        replace(
+            item,
+            role="target" if item is target else "pushable",
+            stem=item.stem or Stem.along(item.position, known.up, long),
+        )
+        for item in found
+    )
+    gone = {item.id for item in known.objects if item.role != "static"}
+    scene = replace(
+        known, name=f"{known.name}-seen", objects=(*objects, *known.static),
+        camera=sight.look.camera, may_touch=pairs_among(known.may_touch, gone),
+    )  # fmt: skip
+    return scene, tuple(assumed)
+
+
+def summary(each: Detection) -> dict[str, object]:
+    """A detection as plain values: for ``--json`` and for tables."""
+    item, stem = each.item, each.stem
+    assert item.covariance is not None
+    deviations = np.sqrt(np.maximum(np.linalg.eigvalsh(item.covariance), 0.0))
+    return {
+        "id": item.id,
+        "kind": each.region.kind,
+        "score": round(each.region.score, 3),
+        "radius": round(each.spheroid.radius, 5),
+        "length": round(2.0 * each.spheroid.half, 5),
+        "sigma": [round(float(value), 5) for value in deviations],
+        "seen_share": round(each.spheroid.share, 2),
+        "stem_seen": stem is not None,
+        "stem_deviation_deg": None if stem is None else round(math.degrees(stem.deviation), 1),
+    }

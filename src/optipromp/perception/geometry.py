@@ -1,0 +1,191 @@
+"""Fruits and stems by colour, depth and width; no model file, nothing learnt."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.ndimage import (
+    binary_closing,
+    binary_dilation,
+    binary_fill_holes,
+    distance_transform_edt,
+    find_objects,
+    gaussian_filter,
+    label,
+    maximum_filter,
+    minimum_filter,
+)
+
+from optipromp.core.arrays import BoolArray, FloatArray, IntArray
+from optipromp.perception.finder import Class, Found, Region
+from optipromp.perception.parameters import EyeParameters
+from optipromp.perception.pictures import DepthPicture, Image8
+
+SQUARE = np.ones((3, 3), dtype=bool)
+MARGIN = 3  # [pixel] about a fruit, in which its holes are filled: a choice
+HOLE = 4  # [pixel] from a depth, within which colours count where none was measured: a choice
+RAGGED = 2.5  # [pixel] by which edges of depth are ragged: a choice
+WALL = 1.2  # radii of the largest fruit inside a surface that is a wall: a choice
+REACH = 1.6  # radii of the ball inside a fruit up to which the fruit goes: a choice
+
+
+@dataclass(frozen=True)
+class ByGeometry:
+    """A finder that needs colours, depths and sizes only.
+
+    Pixels of the colours of fruits are cut apart where the depth jumps. What is wider than a stem
+    is a fruit; fruits that touch are parted at their necks (the power diagram of the largest discs
+    inside). What is left of the colours of stems is stem.
+    """
+
+    parameters: EyeParameters = field(default_factory=EyeParameters)
+
+    def find(self, picture: DepthPicture) -> Found:
+        """The fruits of a picture, and one region of all its stems."""
+        p, camera = self.parameters, picture.camera
+        near = (picture.depth > 0.0) & (picture.depth < p.farthest)
+        box = box_of(near, MARGIN)
+        near, depth = near[box], _filled(picture.depth[box], near[box])
+        hue, dye, bright = hsv(picture.rgb[box])
+        dyed = (dye > p.least_dye) & (bright > p.least_bright)
+        close = binary_dilation(near, SQUARE, iterations=HOLE)
+        red = _apart(hue, p.ripe_hue) < p.ripe_width
+        ripe = dyed & close & red
+        green = dyed & close & (_apart(hue, p.green_hue) < p.green_width) & ~red
+        focal = 0.5 * (camera.fx + camera.fy)
+        regions: list[Region] = []
+        taken = np.zeros_like(ripe)
+        kinds: tuple[tuple[Class, BoolArray], ...] = (("ripe", ripe), ("unripe", green))
+        for kind, mask in kinds:
+            for pixels in self._parted(mask, depth, focal):
+                whole = np.zeros(picture.depth.shape, dtype=bool)
+                whole[box] = pixels
+                regions.append(Region(kind, whole, _roundness(pixels)))
+                taken |= pixels
+        regions.sort(key=lambda region: -region.score)
+        stems = np.zeros(picture.depth.shape, dtype=bool)
+        stems[box] = green & near & ~taken
+        return Found((*regions, Region("stem", stems, 1.0)))
+
+    def _parted(self, mask: BoolArray, depth: FloatArray, focal: float) -> list[BoolArray]:
+        """The pixels of each fruit among those of one colour."""
+        p = self.parameters
+        steps = depth - minimum_filter(depth, 3) > p.step  # the nearer side keeps its edge
+        whole = binary_closing(mask, SQUARE) & ~steps
+        parts = np.zeros(mask.shape, dtype=np.int64)
+        islands, _ = label(whole)
+        for row, box in enumerate(find_objects(islands), start=1):
+            if box is not None and min(b.stop - b.start for b in box) > 2:
+                fruits = _part(islands[box] == row, depth[box] / focal, p)
+                parts[box] += np.where(fruits > 0, fruits + parts.max(), 0)
+        if not parts.any():
+            return []
+        parts = _restored(parts, mask, depth, focal, p)
+        out = []
+        for row, box in enumerate(find_objects(parts), start=1):
+            if box is None:
+                continue
+            pixels = np.zeros_like(mask)
+            box = tuple(slice(max(b.start - MARGIN, 0), b.stop + MARGIN) for b in box)
+            pixels[box] = binary_fill_holes(parts[box] == row)
+            if pixels[box].sum() >= p.least_pixels:
+                out.append(pixels)
+        return out
+
+
+def _part(island: BoolArray, metres: FloatArray, p: EyeParameters) -> IntArray:
+    """Numbers (h, w) from 1 of the fruits of an island of one colour and surface; 0: none.
+
+    Each peak of the distance from the edge is the middle of a ball. A pixel belongs to the ball
+    with the least power (square of the distance from the middle, less that of the radius): the cut
+    between two discs that overlap.
+
+    Args:
+        island: (h, w) the pixels.
+        metres: (h, w) metres of a pixel.
+        p: sizes.
+    """
+    parts = np.zeros(island.shape, dtype=np.int64)
+    edge = distance_transform_edt(np.pad(island, 1))[1:-1, 1:-1]
+    smooth = gaussian_filter(edge, 1.0)
+    peaks = np.argwhere((smooth == maximum_filter(smooth, 5)) & (edge * metres > p.thin))
+    wall = edge * metres > WALL * p.most_radius
+    if wall.any():  # look at what is beside it
+        within = distance_transform_edt(~wall) * metres <= 1.1 * WALL * p.most_radius
+        return _part(island & ~within, metres, p)
+    if not len(peaks):
+        return parts
+    radii = edge[peaks[:, 0], peaks[:, 1]]
+    core = edge * metres > p.thin
+    island = island & (distance_transform_edt(~core) * metres <= p.thin)  # without its stem
+    kept: list[int] = []
+    for k in np.argsort(-radii, kind="stable").tolist():
+        away = np.linalg.norm(peaks[kept] - peaks[k], axis=1)
+        if not len(kept) or (away > radii[kept]).all():
+            kept.append(k)
+    rows = np.argwhere(island)
+    off = rows[:, None] - peaks[kept][None]
+    power = (off**2).sum(axis=2) - radii[kept] ** 2
+    best = power.argmin(axis=1)
+    inside = power[np.arange(len(rows)), best] < (REACH**2 - 1.0) * radii[kept][best] ** 2
+    rows, best = rows[inside], best[inside]
+    parts[rows[:, 0], rows[:, 1]] = best + 1
+    return parts
+
+
+def hsv(rgb: Image8) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Hue [deg], saturation and value (0 to 1) of each pixel."""
+    smooth = gaussian_filter(rgb.astype(np.float32), (0.7, 0.7, 0.0)) / 255.0  # [pixel] grain
+    red, green, blue = np.moveaxis(smooth, 2, 0)
+    most, least = smooth.max(axis=2), smooth.min(axis=2)
+    span = np.maximum(most - least, 1e-6)
+    hue = np.where(
+        most == red, (green - blue) / span,
+        np.where(most == green, 2.0 + (blue - red) / span, 4.0 + (red - green) / span),
+    )  # fmt: skip
+    return 60.0 * hue % 360.0, span / np.maximum(most, 1e-6), most
+
+
+def _apart(hue: FloatArray, middle: float) -> FloatArray:
+    """Difference of hues on their circle [deg]."""
+    return np.asarray(np.abs((hue - middle + 180.0) % 360.0 - 180.0))
+
+
+def _filled(depth: FloatArray, near: BoolArray) -> FloatArray:
+    """Depths, each hole with that of the nearest pixel that has one."""
+    if not near.any():
+        return np.zeros_like(depth)
+    rows = distance_transform_edt(~near, return_distances=False, return_indices=True)
+    return np.asarray(depth[tuple(rows)])
+
+
+def _restored(
+    parts: IntArray, mask: BoolArray, depth: FloatArray, focal: float, p: EyeParameters
+) -> IntArray:
+    """The parts grown back to the edges of their colour, where depth is ragged."""
+    away, rows = distance_transform_edt(parts == 0, return_indices=True)
+    fits = away <= RAGGED
+    fits |= (away * depth / focal < 0.5 * p.thin) & (np.abs(depth - depth[tuple(rows)]) < p.step)
+    return np.asarray(np.where(mask & fits, parts[tuple(rows)], 0))
+
+
+def box_of(mask: BoolArray, margin: int) -> tuple[slice, slice]:
+    """The rows and columns of a mask, with a margin [pixel]."""
+    out = []
+    for axis, size in enumerate(mask.shape):
+        there = np.flatnonzero(mask.any(axis=1 - axis))
+        low, high = (there[0], there[-1] + 1) if len(there) else (0, 1)
+        out.append(slice(max(int(low) - margin, 0), min(int(high) + margin, size)))
+    return out[0], out[1]
+
+
+def _roundness(pixels: BoolArray) -> float:
+    """Area over that of the ball of the same extent: 1 of a disc; about 0.7 of a half."""
+    rows, columns = np.nonzero(pixels)
+    spread = np.cov(np.vstack([rows, columns]))
+    whole = 4.0 * np.pi * np.sqrt(max(float(np.linalg.det(spread)), 1e-9))
+    return float(min(len(rows) / whole, 1.0))
+
+
+def edge_of(pixels: BoolArray) -> BoolArray:
+    """The pixels just inside the edge of a region."""
+    return np.asarray(pixels & binary_dilation(~pixels, SQUARE))

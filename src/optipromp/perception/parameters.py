@@ -1,0 +1,88 @@
+"""The numbers of finding and measuring."""
+
+from dataclasses import dataclass
+
+from optipromp.core.parameters import Checked, parameter
+
+
+@dataclass(frozen=True)
+class EyeParameters(Checked):
+    """Colours, sizes and errors by which fruits and stems are found and measured.
+
+    Hues are angles on the circle of colours: red 0, yellow 60, green 120 degrees.
+    """
+
+    ripe_hue: float = parameter(4.0, "deg", "guess", "middle hue of ripe fruits")
+    ripe_width: float = parameter(30.0, "deg", "guess", "largest difference from it")
+    green_hue: float = parameter(82.0, "deg", "guess", "middle hue of unripe fruits and stems")
+    green_width: float = parameter(45.0, "deg", "guess", "largest difference from it")
+    least_dye: float = parameter(
+        0.18, "1", "guess", "least saturation of a fruit or stem; gutters and metal are grey"
+    )
+    least_bright: float = parameter(0.04, "1", "guess", "least value of a pixel whose hue counts")
+    farthest: float = parameter(0.9, "m", "choice", "largest depth of a fruit")
+    step: float = parameter(0.010, "m", "choice", "step of depth between two surfaces")
+    thin: float = parameter(
+        0.005, "m", "choice", "half width above which a surface is no stem; stems have 3 mm, "
+        "small strawberries 12 mm"
+    )  # fmt: skip
+    least_radius: float = parameter(
+        0.0105, "m", "choice", "of a fruit; bundles of stems are narrower"
+    )
+    most_radius: float = parameter(0.028, "m", "choice", "of a fruit, across its axis")
+    least_pixels: int = parameter(60, "pixel", "choice", "of a fruit")
+    least_share: float = parameter(
+        0.25, "1", "choice", "least share of its outline that is seen of a fruit"
+    )
+    misfit: float = parameter(
+        1.75, "1", "choice", "largest robust deviation of depths from the fruit, over their error"
+    )
+    least_round: float = parameter(
+        1.0, "1", "measured", "least deviation of depths from a plane over that from a fruit of "
+        "which less than half is seen: 14 false fruits of 30 pictures had less, 1 % of true ones"
+    )  # fmt: skip
+    outline_off: float = parameter(
+        0.115, "1", "choice", "largest mean error of the outline over the radius"
+    )
+    outline_gap: float = parameter(
+        0.18, "1", "choice", "largest free share of an outline less the share of the area"
+    )
+    outline_lack: float = parameter(
+        0.45, "1", "choice", "largest share of the area less the free share of the outline"
+    )
+    radius: float = parameter(0.0165, "m", "reported", "prior median of a fruit's radius")
+    radius_spread: float = parameter(0.25, "1", "guess", "prior deviation of its logarithm")
+    longer: float = parameter(0.10, "1", "guess", "prior of the logarithm of length over width")
+    longer_spread: float = parameter(0.12, "1", "guess", "its deviation")
+    depth_noise: float = parameter(
+        0.0093, "1/m", "published", "deviation of depth over its square: subpixel 0.08, baseline "
+        "18 mm, focal length 480 pixels; tell that of your camera"
+    )  # fmt: skip
+    depth_scale: float = parameter(
+        0.005, "1", "guess", "deviation of a picture's error of depth over depth"
+    )
+    patch: float = parameter(
+        28.0, "pixel", "measured", "pixels of depth that err as one: 4 π σ² of a filter of 1.5"
+    )
+    outline: float = parameter(1.0, "pixel", "guess", "deviation of an outline")
+    outline_run: float = parameter(4.0, "pixel", "guess", "length of outline that errs as one")
+    model: float = parameter(
+        0.0015, "m", "measured", "deviation of each coordinate of a centre besides: fruits are no "
+        "spheroids"
+    )  # fmt: skip
+    tilt: float = parameter(
+        18.0, "deg", "measured", "tilt of stems; median of 1,704 strawberries (StrawDI)"
+    )
+    stem_reach: float = parameter(
+        0.06, "m", "choice", "length above a fruit in which a stem tells its direction"
+    )
+    stem_least: float = parameter(0.020, "m", "choice", "least length that is a stem")
+    stem_aside: float = parameter(0.0045, "m", "choice", "distance from its line, across the view")
+    stem_noise: float = parameter(
+        0.002, "m", "guess", "deviation of a stem's pixels from its line, across the view"
+    )
+    stem_depth: float = parameter(
+        0.004, "m", "guess", "the same along the view; edges blur thin things"
+    )
+    stem_length: float = parameter(0.15, "m", "guess", "of a stem that was not seen")
+    stem_floor: float = parameter(2.0, "deg", "guess", "least deviation of a stem's tilt")

@@ -1,0 +1,229 @@
+"""Colour pictures with depth, and the camera that took them; to and from files."""
+
+import io
+import json
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optipromp.core.arrays import FloatArray, read_only
+from optipromp.core.documents import read_document
+from optipromp.core.errors import InvalidRequestError, OptiPrompError, installed_by
+from optipromp.core.files import read_bytes, read_npz
+from optipromp.core.scenes.pose import Pose
+from optipromp.core.scenes.values import suggest
+
+Image8 = NDArray[np.uint8]  # (height, width, 3)
+DEPTH_SCALE = 1e-4  # [m] of a step in a 16-bit picture of depth, as ours are written: a choice
+FARTHEST = 6.5  # [m] depth that 16 bits hold at this scale
+ENDS = ".rgb.png", ".depth.png", ".camera.json"
+"""Ends of the names of a picture's files: colour, depth, camera."""
+MOST_PIXELS = 16_000_000  # of a picture: a choice
+_REQUIRED = "width", "height", "fx", "fy", "cx", "cy"
+_KEYS = (*_REQUIRED, "position", "orientation", "depth_scale")
+
+
+@dataclass(frozen=True, eq=False)
+class CameraModel:
+    """A pinhole camera without distortion; its z axis points forward, x right and y down.
+
+    Attributes:
+        width, height: of its pictures [pixel].
+        fx, fy: focal lengths [pixel].
+        cx, cy: column and row of the optical axis [pixel]; the middle of the first pixel is 0, 0.
+        pose: of the camera in the robot's base frame.
+
+    Raises:
+        InvalidRequestError: a number that is not finite, or a size or focal length not above 0.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    pose: Pose = field(default_factory=Pose)
+
+    def __post_init__(self) -> None:
+        for name in _REQUIRED:
+            value = getattr(self, name)
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            if not number or not math.isfinite(value):
+                raise InvalidRequestError(f"camera.{name} is {value!r}; must be a finite number")
+            if name not in ("cx", "cy") and value <= 0:
+                raise InvalidRequestError(f"camera.{name} is {value:g}; must be above 0 [pixel]")
+        for name in ("width", "height"):
+            if getattr(self, name) != int(getattr(self, name)):
+                raise InvalidRequestError(f"camera.{name} is no whole number of pixels")
+        if self.width * self.height > MOST_PIXELS:
+            raise InvalidRequestError(
+                f"camera has {self.width} x {self.height} pixels; must be at most {MOST_PIXELS:,}"
+            )
+
+    @property
+    def view(self) -> float:
+        """Full angle of the widest cone about the optical axis inside the picture [rad]."""
+        wide = min(self.cx + 0.5, self.width - 0.5 - self.cx) / self.fx
+        high = min(self.cy + 0.5, self.height - 0.5 - self.cy) / self.fy
+        return 2.0 * math.atan(max(min(wide, high), 1e-6))
+
+    @cached_property
+    def rays(self) -> FloatArray:
+        """(height, width, 3) directions through the pixels, of depth 1."""
+        columns, rows = np.meshgrid(np.arange(self.width), np.arange(self.height))
+        x, y = (columns - self.cx) / self.fx, (rows - self.cy) / self.fy
+        return read_only(np.dstack([x, y, np.ones_like(x)]))
+
+    def pixels(self, points: FloatArray) -> FloatArray:
+        """Columns and rows (..., 2) of points (..., 3) in the frame of the camera."""
+        flat = points[..., :2] / points[..., 2:]
+        return np.asarray(flat * [self.fx, self.fy] + [self.cx, self.cy])
+
+    @classmethod
+    def from_document(cls, document: object, source: str = "camera") -> tuple["CameraModel", float]:
+        """The camera of a document, and the depth of a step of a 16-bit picture [m].
+
+        Keys are width, height, fx, fy, cx, cy; position and orientation (quaternion ``w, x, y, z``)
+        in the base frame, by default at its origin; and depth_scale, by default 0.001 m.
+
+        Raises:
+            InvalidRequestError: an unknown or missing key, or a value that cannot be used.
+        """
+        if not isinstance(document, dict):
+            raise InvalidRequestError(f"{source}: must be a mapping with {', '.join(_REQUIRED)}")
+        for key in document:
+            if key not in _KEYS:
+                raise InvalidRequestError(f"{source}: key {key!r}: {suggest(str(key), _KEYS)}")
+        missing = [key for key in _REQUIRED if key not in document]
+        if missing:
+            raise InvalidRequestError(f"{source}: {', '.join(missing)} missing")
+        scale = document.get("depth_scale", 1e-3)
+        if not isinstance(scale, int | float) or not 1e-6 <= scale <= 1.0:
+            raise InvalidRequestError(
+                f"{source}: depth_scale is {scale!r}; must be the metres of a step, as 0.001"
+            )
+        try:
+            pose = Pose(
+                document.get("position", [0.0, 0.0, 0.0]),
+                document.get("orientation", [1.0, 0.0, 0.0, 0.0]),
+            )
+            return cls(**{key: document[key] for key in _REQUIRED}, pose=pose), float(scale)
+        except OptiPrompError as error:
+            raise InvalidRequestError(f"{source}: {error.message}") from None
+
+    def document(self) -> dict[str, Any]:
+        """The camera as plain values; :meth:`from_document` reads it."""
+        return {
+            **{key: getattr(self, key) for key in _REQUIRED},
+            "position": self.pose.position.tolist(),
+            "orientation": self.pose.orientation.tolist(),
+            "depth_scale": DEPTH_SCALE,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class DepthPicture:
+    """A colour picture with a depth for each of its pixels.
+
+    Attributes:
+        rgb: (height, width, 3) sRGB, 0 to 255.
+        depth: (height, width) along the camera's z axis [m]; 0 where nothing was measured.
+        camera: that took both.
+
+    Raises:
+        InvalidRequestError: colour, depth and camera differ in size, or a depth is negative or not
+            finite.
+    """
+
+    rgb: Image8
+    depth: FloatArray
+    camera: CameraModel
+
+    def __post_init__(self) -> None:
+        size = self.camera.height, self.camera.width
+        for name, value in (("rgb", self.rgb), ("depth", self.depth)):
+            if value.shape != (size if name == "depth" else (*size, 3)):
+                raise InvalidRequestError(
+                    f"{name} has shape {value.shape}; the camera has {size[0]} rows and "
+                    f"{size[1]} columns"
+                )
+        if not (np.isfinite(self.depth).all() and (self.depth >= 0.0).all()):
+            raise InvalidRequestError("depth must be finite and not negative [m]; 0: not measured")
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """(height, width, 3) in the frame of the camera [m]; the origin where none was measured."""
+        return read_only(self.camera.rays * self.depth[:, :, None])
+
+
+def load_picture(rgb: Path, depth: Path, camera: Path) -> DepthPicture:
+    """A picture of three files.
+
+    Args:
+        rgb: PNG or another picture that Pillow reads.
+        depth: 16-bit PNG whose steps are the camera's ``depth_scale``, or NPZ with an array
+            ``depth`` (height, width) [m].
+        camera: JSON or YAML, see :meth:`CameraModel.from_document`.
+
+    Raises:
+        InvalidRequestError: a file that is missing or cannot be read, or sizes that differ.
+    """
+    held = "a camera (width, height, fx, fy, cx, cy)"
+    model, scale = CameraModel.from_document(
+        read_document(camera, InvalidRequestError, held), str(camera)
+    )
+    if depth.suffix.lower() == ".npz":
+        arrays = read_npz(depth)
+        if "depth" not in arrays:
+            raise InvalidRequestError(f"{depth}: no array 'depth'; has {', '.join(arrays)}")
+        far = np.asarray(arrays["depth"], dtype=np.float64)
+    else:
+        steps = _pixels(depth)
+        if steps.ndim != 2:
+            raise InvalidRequestError(f"{depth}: a picture of depth has one channel, 16 bits")
+        far = steps.astype(np.float64) * scale
+    try:
+        return DepthPicture(_pixels(rgb, "RGB").astype(np.uint8), far, model)
+    except InvalidRequestError as error:
+        raise InvalidRequestError(f"{rgb}, {depth}: {error.message}") from None
+
+
+def _pixels(path: Path, mode: str | None = None) -> NDArray[Any]:
+    image = _pillow()
+    content = read_bytes(path, InvalidRequestError)
+    try:
+        with image.open(io.BytesIO(content)) as opened:
+            if opened.width * opened.height > MOST_PIXELS:
+                raise InvalidRequestError(f"{path}: more than {MOST_PIXELS:,} pixels")
+            return np.asarray(opened if mode is None else opened.convert(mode))
+    except (OSError, ValueError, SyntaxError) as error:
+        raise InvalidRequestError(f"{path}: no picture that can be read ({error})") from None
+
+
+def picture_files(name: str, picture: DepthPicture) -> dict[str, bytes]:
+    """The content of a picture's files, by their names; see :data:`ENDS`."""
+    steps = np.round(np.minimum(picture.depth, FARTHEST) / DEPTH_SCALE).astype(np.uint16)
+    camera = json.dumps(picture.camera.document(), indent=1)
+    content = png_file(picture.rgb), png_file(steps), camera.encode()
+    return {name + end: each for end, each in zip(ENDS, content, strict=True)}
+
+
+def png_file(pixels: NDArray[Any]) -> bytes:
+    """Pixels, of 8 bits in three channels or of 8 or 16 bits in one, as a PNG file."""
+    buffer = io.BytesIO()
+    _pillow().fromarray(np.ascontiguousarray(pixels)).save(buffer, format="PNG")
+    return buffer.getvalue()
+
+
+def _pillow() -> Any:
+    try:
+        from PIL import Image
+    except ImportError:
+        raise InvalidRequestError(f"pictures need Pillow: {installed_by('vision')}") from None
+    return Image
