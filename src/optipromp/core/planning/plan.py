@@ -44,6 +44,8 @@ RETRIED = Code.HARM_PREDICTED, Code.INVALID_PLAN, Code.GOAL_IN_COLLISION, Code.G
 
 _threads = functools.cache(ThreadpoolController)  # it finds the BLAS libraries once
 
+JUDGING = 0.03  # [s] of the time that a planner leaves for prediction and judge, which take 35 ms
+
 
 def plan(
     scene: Scene | str | Path,
@@ -265,7 +267,8 @@ def _plan(
     The planner is not asked where the arm touches something at the start, or rests at the goal.
     """
     began = clock()
-    budget = Budget(end, np.inf if options.effort is None else options.effort, say)
+    late = end - min(JUDGING, 0.1 * options.timeout)
+    budget = Budget(late, np.inf if options.effort is None else options.effort, say)
     stay = _stay(task)
     touching = judging.touching(task.scene, task.robot, task.start, begun=task.begun)
     resting = task.running is None and task.scene.waypoints is None
