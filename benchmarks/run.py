@@ -13,7 +13,17 @@ from typing import Any
 from benchmarks import machine
 from benchmarks.registry import SUITE, Absent, Benchmark, Context, Row
 
-MODULES = ("kernel", "promp", "plans", "clutter", "growth", "startup", "planners", "furniture")
+MODULES = (
+    "kernel",
+    "promp",
+    "plans",
+    "clutter",
+    "cycles",
+    "growth",
+    "startup",
+    "planners",
+    "furniture",
+)
 SINGLE = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
