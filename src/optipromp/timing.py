@@ -21,7 +21,7 @@ from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.fastest import fastest, ramped
 from optipromp.core.planning.parameters import TIMING
-from optipromp.core.trajectory import GREATEST, Trajectory
+from optipromp.core.trajectory import GREATEST, Trajectory, chained
 
 __all__ = ["timed"]
 
@@ -97,7 +97,7 @@ def timed(
             raise InvalidRequestError(f"stop is {stop}: must be from 1 to {len(q) - 2}")
     ends = [0, *sorted({*stops}), len(q) - 1]
     parts = [_between(limits, q[a : b + 1], chords[a:b]) for a, b in pairwise(ends)]
-    return _joined(parts)
+    return chained(parts)
 
 
 def _limit(name: str, value: ArrayLike, count: int) -> FloatArray:
@@ -138,15 +138,3 @@ def _slopes(q: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray]:
 
     spline = CubicSpline(at, q, bc_type="natural")
     return spline(at, 1), spline(at, 2)
-
-
-def _joined(parts: Sequence[Trajectory]) -> Trajectory:
-    """Curves from rest to rest, one after the other."""
-    begins = np.append(0.0, np.cumsum([part.duration for part in parts]))
-    rows = [slice(0 if k == 0 else 1, None) for k in range(len(parts))]
-    times = np.concatenate(
-        [b + p.times[r] for b, p, r in zip(begins[:-1], parts, rows, strict=True)]
-    )
-    motion = [p.rows(r) for p, r in zip(parts, rows, strict=True)]
-    q, v, a = (np.concatenate([one[k] for one in motion]) for k in range(3))
-    return Trajectory(times, q, v, a, parts[0].joint_names)

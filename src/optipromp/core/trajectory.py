@@ -1,5 +1,6 @@
 """Trajectories: curves of joint values over time, for controllers."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
@@ -222,6 +223,16 @@ class Trajectory(Shown):
             self.accelerations / (factor * factor),
             self.joint_names,
         )
+
+
+def chained(parts: Sequence[Trajectory]) -> Trajectory:
+    """Trajectories one after the other; each begins where, and as, the one before it ends."""
+    begins = np.append(0.0, np.cumsum([part.duration for part in parts]))
+    which = [slice(int(k > 0), None) for k in range(len(parts))]
+    times = [b + part.times[r] for b, part, r in zip(begins[:-1], parts, which, strict=True)]
+    rows = [part.rows(r) for part, r in zip(parts, which, strict=True)]
+    q, v, a = (np.concatenate(one) for one in zip(*rows, strict=True))
+    return Trajectory(np.concatenate(times), q, v, a, parts[0].joint_names)
 
 
 def _times(values: FloatArray) -> FloatArray:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from optipromp.core import judging
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.in_time import later
@@ -15,7 +13,7 @@ from optipromp.core.planning.result import Plan
 from optipromp.core.planning.timing import stopped
 from optipromp.core.planning.underway import running
 from optipromp.core.scenes.scene import Scene
-from optipromp.core.trajectory import Trajectory
+from optipromp.core.trajectory import Trajectory, chained
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,19 +67,8 @@ def detour(scene: Scene, previous: Plan, at: float, options: PlanOptions | None 
     brake = stopped(robot, state)
     then = later(now, brake.duration)
     made = plan(then, robot=robot, start_state=brake.at(brake.duration), options=options)
-    return Detour(_joined(brake, made.trajectory), made, brake, _contacts(now, previous, brake))
+    return Detour(chained([brake, made.trajectory]), made, brake, _contacts(now, previous, brake))
 
 
 def _contacts(scene: Scene, previous: Plan, curve: Trajectory) -> tuple[judging.Overlap, ...]:
     return judging.judge(scene, previous.robot, curve, curve.at(0.0), begun=True).contacts
-
-
-def _joined(brake: Trajectory, then: Trajectory) -> Trajectory:
-    """A curve that comes to rest, and one from rest."""
-    return Trajectory(
-        np.append(brake.times, brake.duration + then.times[1:]),
-        np.vstack([brake.positions, then.positions[1:]]),
-        np.vstack([brake.velocities, then.velocities[1:]]),
-        np.vstack([brake.accelerations, then.accelerations[1:]]),
-        brake.joint_names,
-    )

@@ -17,9 +17,8 @@ from optipromp.core.planning.parameters import IN_TIME
 from optipromp.core.planning.result import Plan
 from optipromp.core.planning.task import Task, reach
 from optipromp.core.planning.verdict import verdict
-from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject
-from optipromp.core.trajectory import Trajectory
+from optipromp.core.trajectory import Trajectory, chained
 
 JUDGED = Code.SUCCESS, Code.INVALID_PLAN, Code.HARM_PREDICTED
 """Statuses that the judge gives anew."""
@@ -113,7 +112,7 @@ def _in(task: Task, made: Plan, wait: float) -> Plan:
     """A plan, judged among the objects that move, after a time to ``wait`` [s]."""
     curves, first = [made.trajectory, made.initial, made.followed], made.first
     if wait > 0.0:
-        curves, first = [waited(task.robot, curve, wait) for curve in curves], first + 1
+        curves, first = [waited(curve, wait) for curve in curves], first + 1
     trajectory, initial, followed = curves
     found = verdict(task, trajectory)
     status, message = found.status, found.message
@@ -126,13 +125,9 @@ def _in(task: Task, made: Plan, wait: float) -> Plan:
     )  # fmt: skip
 
 
-def waited(robot: Robot, trajectory: Trajectory, wait: float) -> Trajectory:
+def waited(trajectory: Trajectory, wait: float) -> Trajectory:
     """A trajectory from rest that begins after the time ``wait`` [s]."""
-    still = np.zeros((1, robot.n_joints))
-    return Trajectory(
-        np.append(0.0, trajectory.times + wait),
-        np.vstack([trajectory.positions[:1], trajectory.positions]),
-        np.vstack([still, trajectory.velocities]),
-        np.vstack([still, trajectory.accelerations]),
-        trajectory.joint_names,
-    )
+    q = np.tile(trajectory.positions[0], (2, 1))
+    still = np.zeros_like(q)
+    stay = Trajectory(np.array([0.0, wait]), q, still, still, trajectory.joint_names)
+    return chained([stay, trajectory])

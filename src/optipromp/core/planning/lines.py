@@ -31,7 +31,7 @@ from optipromp.core.promp.model import ProMP
 from optipromp.core.robots import ik
 from optipromp.core.scenes.lines import Lines, axes_of, pose_name, turn_between
 from optipromp.core.scenes.scene import RegionGoal
-from optipromp.core.trajectory import Trajectory
+from optipromp.core.trajectory import Trajectory, chained
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +226,7 @@ def _motion(
         made = free_part
         parts.append(made.trajectory)
     parts += [timed_line(task, leg, q, lines) for leg, q in zip(legs, branch.lines, strict=True)]
-    trajectory = joined(parts)
+    trajectory = chained(parts)
     if options.duration is not None:
         trajectory = trajectory.slowed(options.duration / trajectory.duration)
     judgement = judged(task, trajectory, stem_side=True)
@@ -266,12 +266,3 @@ def timed_line(task: Task, leg: StraightLine, q: FloatArray, lines: Lines) -> Tr
         fastest = float(tool_speeds(robot, made, 0, LINE.parts).max())
         made = made.slowed(max(1.0, fastest / speed))
     return made
-
-
-def joined(parts: list[Trajectory]) -> Trajectory:
-    """Trajectories one after the other; each begins, at rest, where the one before it ends."""
-    begins = np.append(0.0, np.cumsum([part.duration for part in parts]))
-    rows = [part.rows() if k == 0 else part.rows(slice(1, None)) for k, part in enumerate(parts)]
-    times = np.concatenate([part.times[min(k, 1) :] + begins[k] for k, part in enumerate(parts)])
-    q, v, a = (np.concatenate(one) for one in zip(*rows, strict=True))
-    return Trajectory(times, q, v, a, parts[0].joint_names)
