@@ -27,7 +27,7 @@ class BodyPart(NamedTuple):
 @functools.lru_cache(maxsize=8)
 def parts_of(scene: Scene, robot: Robot) -> tuple[BodyPart, ...]:
     """The parts of a scene. The first has the whole robot, with its pairs of spheres."""
-    if not scene.may_touch and not scene.padding and all(o.padding is None for o in scene.static):
+    if scene.touches_alike:
         return (BodyPart(robot, None),)
     groups: dict[tuple[frozenset[str], float], list[int]] = {(frozenset(), 0.0): []}
     for row, item in enumerate(scene.objects):

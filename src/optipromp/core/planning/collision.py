@@ -5,16 +5,15 @@ grids, which may enlarge them by less than a cell.
 """
 
 import functools
-from itertools import islice, pairwise
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 
-from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frame_along, lengths
+from optipromp.core.arrays import BoolArray, FloatArray, IntArray, lengths
 from optipromp.core.compiled import inlined, inner
 from optipromp.core.geometry.distances import distance_and_gradient
 from optipromp.core.geometry.obstacles import Obstacles, appended, pack
-from optipromp.core.geometry.shapes import Capsule
 from optipromp.core.planning.parameters import TREE
 from optipromp.core.planning.special import apart
 from optipromp.core.planning.task import FARTHER, Task, reach
@@ -99,15 +98,9 @@ def _among_stems(task: Task) -> Collider:
 @functools.lru_cache(maxsize=4)
 def _stems(scene: Scene) -> Obstacles:
     """The pieces of all stems, including the target's, but of fruits that a link may touch."""
-    capsules, free = [], {name for pair in scene.may_touch for name in pair}
-    hanging = (item for item in scene.objects if item.stem is not None and item.id not in free)
-    for stem in (item.stem for item in hanging):
-        assert stem is not None
-        for low, high in pairwise(stem.points):
-            length = float(np.linalg.norm(high - low))
-            turn = frame_along((high - low) / length)
-            capsules.append((Capsule(stem.radius, length), 0.5 * (low + high), turn))
-    return pack(capsules)
+    free = {name for pair in scene.may_touch for name in pair}
+    stems = (item.stem for item in scene.objects if item.stem is not None and item.id not in free)
+    return pack([piece for stem in stems for piece in stem.pieces()])
 
 
 def levers(robot: Robot) -> FloatArray:

@@ -52,10 +52,10 @@ def costs(path: PathConstraints | None, count: int) -> list[Cost]:
     return out
 
 
-def keeps(task: Task, q: FloatArray, share: float = 1.0) -> FloatArray:
-    """Whether configurations ``q`` (m, n) keep the constraints, by ``share`` of their limits."""
-    points, axes = task.robot.tool_pose(q)
-    near, turned = _allowed(task.scene.path, points, axes, share)
+def keeps(task: Task, q: FloatArray) -> FloatArray:
+    """Whether configurations ``q`` (m, n) keep the constraints."""
+    points, axes = held(task).robot.tool_pose(q)
+    near, turned = _allowed(task.scene.path, points, axes, 1.0)
     off = lengths(points - near) + lengths(axes - turned)
     return np.asarray(off < 1e-6)  # [m or rad] rounding
 

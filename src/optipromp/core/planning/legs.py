@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,6 @@ from optipromp.core import judging
 from optipromp.core.arrays import FloatArray, frame_along, lengths
 from optipromp.core.budget import clock
 from optipromp.core.errors import Code, InvalidRequestError
-from optipromp.core.geometry.shapes import Capsule
 from optipromp.core.parameters import Checked, parameter
 from optipromp.core.planning.plan import plan
 from optipromp.core.planning.result import Plan, Terms
@@ -251,7 +249,7 @@ def held(reach: Plan) -> tuple[Scene, Robot]:
     assert robot.tool is not None
     tip, _ = robot.tool_pose(q)
     _, turns = robot.segment_frames(q)
-    axes = turns[-1] @ robot.flange_rotation @ robot.tool.rotation
+    axes = turns[-1] @ robot.tool_rotation
     mass = target.physical.get("mass")
     if mass is None:
         mass = target.physical.get("density", PUSH.beam.fruit_density) * target.shape.volume
@@ -295,12 +293,9 @@ def _fixed(item: SceneObject) -> Iterator[SceneObject]:
         yield item
         return
     yield SceneObject(item.id, "static", item.shape, item.position, item.orientation, padding=0.0)
-    for k, (low, high) in enumerate(pairwise(() if item.stem is None else item.stem.points)):
-        assert item.stem is not None
-        span = float(np.linalg.norm(high - low))
-        turn = to_quaternion(frame_along((high - low) / span))
-        shape, middle = Capsule(item.stem.radius, span), 0.5 * (low + high)
-        yield SceneObject(f"{item.id}:stem:{k}", "static", shape, middle, turn, padding=0.0)
+    for k, (shape, middle, turn) in enumerate(() if item.stem is None else item.stem.pieces()):
+        id_ = f"{item.id}:stem:{k}"
+        yield SceneObject(id_, "static", shape, middle, to_quaternion(turn), padding=0.0)
 
 
 def _model(reach: Plan, robot: Robot) -> PushModel | None:
@@ -311,7 +306,8 @@ def _model(reach: Plan, robot: Robot) -> PushModel | None:
     scene, target = reach.scene, reach.scene.target
     assert target is not None
     hanging = [item for item in scene.pushables if item.stem is not None]
-    if target.stem is None or not hanging or reach.robot.tool is None:
+    tool = reach.robot.tool
+    if target.stem is None or not hanging or tool is None or robot.tool is None:
         return None
 
     def away(item: SceneObject) -> float:
@@ -329,8 +325,8 @@ def _model(reach: Plan, robot: Robot) -> PushModel | None:
     )  # fmt: skip
     left = tuple(item for item in reach.task.neighbours if item.id not in (first.id, target.id))
     model = Hanging(
-        seen, Full(robot.tool, ()) if robot.tool is not None else reach.robot.tool, left,
-        reach.task.camera, robot.gripper_radius, flange_of(robot), reach.risk,
+        seen, Full(robot.tool, ()), left, reach.task.camera, robot.gripper_radius,
+        flange_of(robot), reach.risk,
     )  # fmt: skip
     before = reach.push_model
     if before is None:
@@ -338,7 +334,7 @@ def _model(reach: Plan, robot: Robot) -> PushModel | None:
         return WayBack(model, points, axes, ())
     points, axes, _ = led(reach.task, before, reach.trajectory)
     radius = {item.id: item.radius for item in hanging}
-    moved, tool = before.moved(points, axes), reach.robot.tool
+    moved = before.moved(points, axes)
     off = moved.positions - points[-1]
     height = off @ axes[-1]
     aside = lengths(off - height[:, None] * axes[-1])

@@ -182,7 +182,7 @@ def _track(
         why = f"{robot.joint_names[joint]} would have to jump by {steps[row][joint]:.2f}"
         stops.append((row + 1, why))
     if task.scene.path is not None:
-        kept_at = kept.keeps(kept.held(task), q)
+        kept_at = kept.keeps(task, q)
         if not kept_at.all():
             stops.append((int(np.argmin(kept_at)), "the path's constraints are broken"))
     last = min(stops, default=(count, ""))[0]

@@ -32,7 +32,7 @@ def rooms(scene: Scene, robot: Robot, rows: IntArray) -> FloatArray:
 
 def is_special(scene: Scene, robot: Robot, rows: IntArray) -> BoolArray:
     """Which of the objects in ``rows`` (K,) have a room that is not 0."""
-    if not scene.may_touch and not scene.padding and all(o.padding is None for o in scene.static):
+    if scene.touches_alike:
         return np.zeros(len(rows), dtype=np.bool_)
     return np.asarray(rooms(scene, robot, rows).any(axis=0))
 

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, frozen
+from optipromp.core.arrays import FloatArray, frame_along, frozen
 from optipromp.core.errors import InvalidSceneError
-from optipromp.core.geometry.shapes import Shape
+from optipromp.core.geometry.shapes import Capsule, Shape
 from optipromp.core.scenes.motion import ObjectMotion
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import IDENTITY, from_quaternion, product, unit_quaternion
@@ -83,6 +84,16 @@ class Stem:
     def transformed(self, pose: Pose) -> Stem:
         """The same stem in another frame, in which its present frame has the ``pose``."""
         return replace(self, points=pose @ self.points)
+
+    def pieces(self) -> Iterator[tuple[Capsule, FloatArray, FloatArray]]:
+        """Each straight piece: a capsule, its middle (3,) [m], and its rotation (3, 3)."""
+        for low, high in pairwise(self.points):
+            length = float(np.linalg.norm(high - low))
+            yield (
+                Capsule(self.radius, length),
+                0.5 * (low + high),
+                frame_along((high - low) / length),
+            )
 
     @property
     def vector(self) -> FloatArray:

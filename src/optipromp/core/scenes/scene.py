@@ -343,6 +343,12 @@ class Scene(Shown):
         """Whether ``may_touch`` has this pair, in either order."""
         return bool(self.may_touch) and frozenset((one, other)) in self._touching
 
+    @cached_property
+    def touches_alike(self) -> bool:
+        """Whether every contact counts alike: no pair may touch, and nothing is padded."""
+        padded = self.padding or any(item.padding is not None for item in self.static)
+        return not (self.may_touch or padded)
+
     def padding_of(self, item: SceneObject) -> float:
         """Distance that the robot keeps from an object of the scene [m]; 0 unless it is static."""
         if item.role != "static":

@@ -54,9 +54,8 @@ def _off(simulation: Simulation, picked: Picked, rollout: Rollout) -> float | No
     (*_, last) = picked.legs.values()
     held = next(one for one in last.scene.attached if one.id == target.id)
     robot, q = picked.reach.robot, last.trajectory.positions[-1]
-    assert robot.tool is not None
     _, turns = robot.segment_frames(q)
     tip, _ = robot.tool_pose(q)
-    wanted = tip + turns[-1] @ robot.flange_rotation @ robot.tool.rotation @ held.position
+    wanted = tip + turns[-1] @ robot.tool_rotation @ held.position
     row = rollout.fruit_ids.index(target.id)
     return float(np.linalg.norm(rollout.fruit_positions[-1, row] - wanted))
