@@ -254,12 +254,12 @@ def timed_line(task: Task, leg: StraightLine, q: FloatArray, lines: Lines) -> Tr
         lines: with the largest distance and speed.
     """
     robot, speed = task.robot, lines.speed
-    for _ in range(LINE.refinements):
+    for left in reversed(range(LINE.refinements)):
         made = shortest(robot, q, None if speed is None else 0, speed or np.inf)
         share = np.linspace(0.0, 1.0, LINE.parts, endpoint=False)
         at = (made.times[:-1, None] + share * np.diff(made.times)[:, None]).ravel()
         points, _ = robot.tool_pose(made.sample(at)[0])
-        if leg.off(points).max() <= LINE.share * lines.within:
+        if not left or leg.off(points).max() <= LINE.share * lines.within:
             break
         q, _, _ = _track(task, leg, q[0], 2 * len(q))
     if speed is not None:

@@ -9,7 +9,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import MeshShape, is_convex
-from optipromp.core.robots.meshes import pieces
+from optipromp.core.robots.meshes import parted
 from optipromp.core.robots.tool_geometry import Part, Solid, profile
 from optipromp.core.robots.tool_protocol import LARGEST, Tool, check_length
 
@@ -230,7 +230,7 @@ def _pieces(meshes: tuple[MeshShape, ...]) -> tuple[MeshShape, ...]:
     """The connected pieces of meshes, each convex."""
     if not meshes:
         raise InvalidRequestError("tool mesh: meshes is empty; there must be one at least")
-    out = []
+    out: list[MeshShape] = []
     for mesh in meshes:
         far = float(np.abs(mesh.vertices).max())
         if far > LARGEST:
@@ -238,16 +238,14 @@ def _pieces(meshes: tuple[MeshShape, ...]) -> tuple[MeshShape, ...]:
                 f"tool mesh: {mesh.path or 'a mesh'} reaches {far:g} m from the flange (at most "
                 f"{LARGEST:g}): millimetres? then give it the scale 0.001"
             )
-        parts = pieces(mesh.vertices, mesh.faces)
-        for k, faces in enumerate(parts):
-            used, own = np.unique(faces, return_inverse=True)
-            piece = MeshShape(mesh.vertices[used], own.reshape(-1, 3))
+        parts = parted(mesh)
+        for k, piece in enumerate(parts):
             if not is_convex(piece):
                 raise InvalidRequestError(
                     f"tool mesh: {mesh.path or 'a mesh'}: piece {k} of {len(parts)} is not convex; "
                     "cut it into convex parts"
                 )
-            out.append(piece)
+        out += parts
     return tuple(out)
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, IntArray
+from optipromp.core.geometry.shapes import MeshShape
 
 
 def pieces(vertices: FloatArray, faces: IntArray) -> list[IntArray]:
@@ -18,6 +19,15 @@ def pieces(vertices: FloatArray, faces: IntArray) -> list[IntArray]:
     _, label = connected_components(graph, directed=False)
     of_face = label[joined[:, 0]]
     return [faces[of_face == value] for value in np.unique(of_face)]
+
+
+def parted(mesh: MeshShape) -> list[MeshShape]:
+    """The connected pieces of a mesh, each with its own vertices."""
+    out = []
+    for faces in pieces(mesh.vertices, mesh.faces):
+        used, own = np.unique(faces, return_inverse=True)
+        out.append(MeshShape(mesh.vertices[used], own.reshape(-1, 3)))
+    return out
 
 
 def box_axes(points: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.shapes import MeshShape, PointCloudShape, Shape, is_convex
 from optipromp.core.robots.laden import Load
-from optipromp.core.robots.meshes import pieces
+from optipromp.core.robots.meshes import parted
 from optipromp.core.robots.tool_geometry import Solid
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import IDENTITY, unit_quaternion
@@ -59,24 +59,17 @@ class Attached:
             raise InvalidSceneError(
                 f"{where}: shape is a {type(self.shape).__name__}: must be convex and have an end"
             )
-        self._shapes()
-
-    def _shapes(self) -> list[Shape]:
-        """The convex pieces of the shape."""
-        if not isinstance(self.shape, MeshShape):
-            return [self.shape]
-        out: list[Shape] = []
-        parts = pieces(self.shape.vertices, self.shape.faces)
-        for k, faces in enumerate(parts):
-            used, own = np.unique(faces, return_inverse=True)
-            piece = MeshShape(self.shape.vertices[used], own.reshape(-1, 3))
-            if not is_convex(piece):
+        for k, piece in enumerate(self._pieces):
+            if isinstance(piece, MeshShape) and not is_convex(piece):
                 raise InvalidSceneError(
-                    f"attached {self.id!r}: piece {k} of {len(parts)} of its mesh is not convex: "
+                    f"{where}: piece {k} of {len(self._pieces)} of its mesh is not convex: "
                     "must be cut into convex parts"
                 )
-            out.append(piece)
-        return out
+
+    @cached_property
+    def _pieces(self) -> Sequence[Shape]:
+        """The convex pieces of the shape."""
+        return parted(self.shape) if isinstance(self.shape, MeshShape) else [self.shape]
 
     @cached_property
     def load(self) -> Load:
@@ -84,7 +77,7 @@ class Attached:
         w, x, y, z = self.orientation.tolist()
         solids = (
             Solid(str(k), shape, self.position, (w, x, y, z), "load")
-            for k, shape in enumerate(self._shapes())
+            for k, shape in enumerate(self._pieces)
         )
         return Load(self.id, tuple(solids), self.mass or 0.0)
 

@@ -1,6 +1,6 @@
 """The judgement of a run, from the simulation alone."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from typing import Any
@@ -282,13 +282,8 @@ def _failures(outcome: Outcome, world: World) -> Iterator[tuple[Cause, str]]:
     limits = world.parameters.thresholds
     if outcome.warnings:
         yield Cause.UNSTABLE, "the simulation broke down: " + "; ".join(outcome.warnings)
-    hits = [
-        c
-        for c in outcome.static_contacts
-        if c.peak_force > limits.static_force and not world.scene.may_meet(c.link, c.other)
-    ]
-    if hits:
-        worst = max(hits, key=lambda c: c.peak_force)
+    worst = _hardest(world, outcome.static_contacts, limits.static_force)
+    if worst is not None:
         yield Cause.STATIC_CONTACT, f"{worst.link} presses {worst.other} with {_force(worst)}"
     if outcome.torn:
         yield Cause.TORN, f"torn off: {', '.join(outcome.torn)}"
@@ -303,13 +298,8 @@ def _failures(outcome: Outcome, world: World) -> Iterator[tuple[Cause, str]]:
     if outcome.swallowed_others:
         others = ", ".join(outcome.swallowed_others)
         yield Cause.SWALLOWED_OTHER, f"also {inside_words(world)}: {others}"
-    hits = [
-        c
-        for c in outcome.avoid_contacts
-        if c.peak_force > limits.avoid_force and not world.scene.may_meet(c.link, c.other)
-    ]
-    if hits:
-        worst = max(hits, key=lambda c: c.peak_force)
+    worst = _hardest(world, outcome.avoid_contacts, limits.avoid_force)
+    if worst is not None:
         yield Cause.AVOID_CONTACT, f"{worst.link} presses {worst.other} with {_force(worst)}"
     crushed = {i: f for i, f in outcome.peak_force.items() if f > limits.fruit_force}
     if crushed:
@@ -341,6 +331,13 @@ def _contacts(world: World, log: ContactLog) -> Iterator[tuple[Contact, bool, st
                     float(log.first[a, b]),
                 )
                 yield contact, link.distal, other.kind
+
+
+def _hardest(world: World, contacts: Iterable[Contact], limit: float) -> Contact | None:
+    """The hardest of the contacts above a force [N], of those that the scene does not allow."""
+    minded = (c for c in contacts if not world.scene.may_meet(c.link, c.other))
+    worst = max(minded, key=lambda c: c.peak_force, default=None)
+    return worst if worst is not None and worst.peak_force > limit else None
 
 
 def _force(contact: Contact) -> str:
