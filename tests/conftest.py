@@ -43,8 +43,8 @@ LONG = {
     "pushing": "cup hanging long_fruits quasi_static",
     "reports": "browser reports",
     "robots": (
-        "arm fit kinematics_against_pinocchio mjcf pairs panda_cover refusals spheres untrusted "
-        "xacro"
+        "arm arm_named fit kinematics_against_pinocchio mjcf pairs panda_cover "
+        "refusals spheres untrusted xacro"
     ),
     "ros": "bags loop recordings",
     "scenes": "generate placing trusses",

@@ -1,56 +1,34 @@
 """Which joints are the arm and which link is the flange: by hand, by SRDF, by rule."""
 
-import json
 import re
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.robots.arms import (
+    ARM,
+    CAMERA,
+    GRIPPER,
+    SHORT,
+    TORSO,
+    TWO,
+    WHEELS,
+    fixed,
+    robot,
+    series,
+    slide,
+)
 from tests.robots.conftest import BALL, joint
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.library import Choice, load_arm, load_robot
-from optipromp.core.scenes import scene_from_dict, scene_to_dict
 from optipromp.readers.tree import words
 
 Writer = Callable[..., Path]
-SHORT = {"origin": '<origin xyz="0 0 0.2"/>'}
 
-
-def robot(*joints: str, name: str = "r") -> str:
-    """A URDF of these joints; every link they name has a ball."""
-    links = dict.fromkeys(re.findall(r'link="([^"]+)"', "".join(joints)))
-    held = "".join(f'<link name="{link}">{BALL}</link>' for link in links)
-    return f'<robot name="{name}">{held}{"".join(joints)}</robot>'
-
-
-def fixed(parent: str, child: str) -> str:
-    return joint(f"{parent}-{child}", parent, child, kind="fixed", axis="", limit="", **SHORT)
-
-
-def series(prefix: str, base: str, count: int) -> list[str]:
-    """Joints <prefix>1 to <prefix>n, of links <prefix>link1 to <prefix>linkn, from ``base``."""
-    links = [base, *(f"{prefix}link{i + 1}" for i in range(count))]
-    return [joint(f"{prefix}{i + 1}", links[i], links[i + 1], **SHORT) for i in range(count)]
-
-
-def slide(name: str, parent: str, child: str, mimic: str = "") -> str:
-    more = f'<mimic joint="{mimic}"/>' if mimic else ""
-    limit = '<limit lower="0" upper="0.04"/>'
-    return joint(name, parent, child, kind="prismatic", limit=limit, more=more, **SHORT)
-
-
-ARM = series("a", "base", 6)
-GRIPPER = [slide("left_drive", "palm", "pad1"), slide("right_drive", "palm", "pad2", "left_drive")]
-CAMERA = [fixed("alink6", "camera_link"), fixed("camera_link", "camera_color_optical_frame")]
-TORSO = [slide("lift", "foot", "column")]
-WHEELS = [
-    joint(f"{side}_wheel", "chassis", f"{side}_wheel_link", kind="continuous", limit="")
-    for side in ("left", "right")
-]
 
 CASES = {  # joints of the file, tip, base, number of joints of the arm, links of the tool
     "plain": (ARM, "alink6", "base", 6, ()),
@@ -332,9 +310,6 @@ def test_a_velocity_of_zero_is_none(
     assert len(recwarn) == len(told)
 
 
-TWO = [*TORSO, *series("left", "column", 6), *series("right", "column", 6)]
-
-
 def test_two_arms_alike_are_a_question(write: Writer) -> None:
     path = write(robot(*TWO))
     with pytest.raises(InvalidRobotError) as caught:
@@ -385,118 +360,6 @@ def test_refused(write: Writer, choice: Choice, said: list[str]) -> None:
 def test_a_built_in_robot_takes_no_choice() -> None:
     with pytest.raises(InvalidRobotError, match="'panda' is built in"):
         load_robot("panda", tip="link7")
-
-
-def groups(*bodies: str, name: str = "r") -> str:
-    return f'<robot name="{name}">{"".join(bodies)}</robot>'
-
-
-def along(name: str, base: str, tip: str) -> str:
-    return f'<group name="{name}"><chain base_link="{base}" tip_link="{tip}"/></group>'
-
-
-def listed(name: str, *joints: str) -> str:
-    return f'<group name="{name}">' + "".join(f'<joint name="{j}"/>' for j in joints) + "</group>"
-
-
-HAND = listed("hand", "left_drive")
-BOTH = '<group name="arm_and_hand"><group name="arm"/><group name="hand"/></group>'
-SRDFS = {
-    "chain": ([along("arm", "base", "palm")], "palm"),
-    "joints": ([listed("arm", *(f"a{k + 1}" for k in range(6))), HAND, BOTH], "alink6"),
-    "a chain that runs into the gripper": ([along("arm", "base", "pad1")], "alink6"),
-    "where the hand hangs": (
-        [
-            listed("arm", *(f"a{k + 1}" for k in range(6))),
-            HAND,
-            '<end_effector name="e" parent_link="palm" group="hand" parent_group="arm"/>',
-        ],
-        "palm",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", SRDFS)
-@pytest.mark.parametrize("where", ["robot.srdf", "srdf/robot.srdf", "srdf/r.srdf"])
-def test_srdf_beside(write: Writer, tmp_path: Path, case: str, where: str) -> None:
-    parts, tip = SRDFS[case]
-    path = write(robot(*ARM, fixed("alink6", "palm"), *GRIPPER))
-    (tmp_path / "srdf").mkdir()
-    write(groups(*parts), where)
-    loaded, arm = load_arm(path)
-    assert (arm.tip, loaded.n_joints) == (tip, 6)
-    assert arm.why == f"group 'arm' of {Path(where).name}"
-
-
-def test_srdf_given_beats_the_rule(write: Writer) -> None:
-    """Of a torso with two arms the groups name one; the torso is in another group."""
-    path = write(robot(*TWO))
-    own = write(
-        groups(along("arm", "column", "leftlink5"), along("arm_with_torso", "foot", "leftlink5")),
-        "own.srdf",
-    )
-    loaded, arm = load_arm(path, choice=Choice(srdf=own))
-    assert (arm.tip, arm.base, loaded.n_joints) == ("leftlink5", "column", 5)
-    both = groups(along("l", "column", "leftlink6"), along("r", "column", "rightlink6"))
-    with pytest.raises(InvalidRobotError, match="2 arms are alike"):
-        load_robot(path, srdf=write(both, "both.srdf"))
-
-
-def test_an_arm_of_two_is_chosen_by_its_name(write: Writer) -> None:
-    path = write(robot(*TWO))
-    for name in ("left", "right", "leftlink6"):
-        loaded, arm = load_arm(path, choice=Choice(arm=name))
-        assert (arm.tip, loaded.n_joints) == (f"{name.removesuffix('link6')}link6", 6)
-    both = groups(along("one", "column", "leftlink6"), along("two", "column", "rightlink6"))
-    own = write(both, "own.srdf")
-    assert load_arm(path, choice=Choice(arm="two", srdf=own))[1].tip == "rightlink6"
-    assert load_robot(path, arm="Left").joint_names[0] == "left1"
-    with pytest.raises(InvalidRobotError, match=r"no arm 'leftlink7'.*did you mean 'leftlink6'"):
-        load_robot(path, arm="leftlink7")
-    with pytest.raises(InvalidRobotError, match="2 arms are alike"):
-        load_robot(path, arm="link6")
-    with pytest.raises(InvalidRobotError, match="goes without a tip"):
-        load_robot(path, arm="left", tip="leftlink6")
-
-
-def test_a_scene_and_the_command_line_choose_the_arm_by_name(write: Writer) -> None:
-    path = write(robot(*TWO))
-    document = {"name": "s", "robot": {"file": path.name, "arm": "right"}}
-    scene = scene_from_dict(document | {"goal": {"joints": [0.1] * 6}}, base_dir=path.parent)
-    assert scene.load_robot().arm.tip == "rightlink6"
-    assert scene_to_dict(scene, base_dir=path.parent)["robot"] == document["robot"]
-    done = CliRunner().invoke(app, ["check", str(path), "--arm", "left", "--json"])
-    assert (done.exit_code, json.loads(done.stdout)["flange"]) == (0, "leftlink6")
-
-
-def test_robot_file_chooses(write: Writer) -> None:
-    write(robot(*TWO))
-    write(groups(along("arm", "column", "rightlink6")), "g.srdf")
-    head = "format: 1\nname: mine\nurdf: robot.urdf\n"
-    assert load_arm(write(head + "srdf: g.srdf\n", "a.yaml"))[1].tip == "rightlink6"
-    file = write(head + "flange: leftlink6\nbase: foot\n", "b.yaml")
-    assert load_robot(file).n_joints == 7
-    file = write(head + "flange: leftlink6\nhold: {lift: 0.02}\n", "c.yaml")
-    assert load_robot(file).tool_pose(np.zeros(6))[0][2] == pytest.approx(
-        load_robot(file, hold={"lift": 0.0}).tool_pose(np.zeros(6))[0][2] + 0.02
-    )
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("<sdf/>", ["<sdf>", "SRDF starts with <robot>"]),
-        ("<robot><group/></robot>", ["<group> needs name"]),
-        ('<robot><group name="g"><chain tip_link="x"/></group></robot>', ["<chain>", "base_link"]),
-        (groups(listed("g"), listed("g")), ["group 'g' is defined twice"]),
-        (groups('<group name="g"><group name="g"/></group>'), ["'g' holds itself"]),
-    ],
-)
-def test_srdf_refused(write: Writer, text: str, said: list[str]) -> None:
-    path = write(robot(*ARM))
-    with pytest.raises(InvalidRobotError) as caught:
-        load_robot(path, srdf=write(text, "bad.srdf"))
-    assert all(word in caught.value.message for word in ["bad.srdf", *said])
 
 
 def test_words_of_names() -> None:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
-from tests.robots.test_arm import TWO, along, groups, robot
+from tests.robots.arms import TWO, robot
+from tests.robots.test_arm_named import along, groups
 
 from optipromp import judge, plan
 from optipromp.core.errors import Code, InvalidRequestError

@@ -44,7 +44,8 @@ RETRIED = Code.HARM_PREDICTED, Code.INVALID_PLAN, Code.GOAL_IN_COLLISION, Code.G
 
 _threads = functools.cache(ThreadpoolController)  # it finds the BLAS libraries once
 
-JUDGING = 0.03  # [s] of the time that a planner leaves for prediction and judge, which take 35 ms
+JUDGING = 0.03  # [s] that a planner leaves for prediction and judge: measured, they take 35 ms
+JUDGED_SHARE = 0.1  # of a time limit that is left for them at most: a choice
 
 
 def plan(
@@ -267,7 +268,7 @@ def _plan(
     The planner is not asked where the arm touches something at the start, or rests at the goal.
     """
     began = clock()
-    late = end - min(JUDGING, 0.1 * options.timeout)
+    late = end - min(JUDGING, JUDGED_SHARE * options.timeout)
     budget = Budget(late, np.inf if options.effort is None else options.effort, say)
     stay = _stay(task)
     touching = judging.touching(task.scene, task.robot, task.start, begun=task.begun)
