@@ -22,15 +22,21 @@ def room(made: Plan) -> float:
     return made.metrics.clearance_static
 
 
-@pytest.mark.parametrize("seed", [7, 10, 12])
-def test_beside_a_table_top_another_configuration_is_taken(seed: int) -> None:
-    """The first one brings the hand within 0.4 to 4.3 mm of it, which a controller cannot keep."""
-    made = plan("paper-4", seed=seed)
-    assert made.status is Code.SUCCESS
-    assert room(made) >= MARGIN
-    assert "note: other motions were left, which bring tool within " in made.message
-    assert " mm of table-top" in made.message
-    assert "a controller needs" not in made.message
+def test_beside_a_table_top_another_configuration_is_taken() -> None:
+    """Some first ones bring the hand within 0.4 to 4.3 mm of it, which a controller cannot keep.
+
+    Which seeds meet such a one depends on the last bits of the processor's arithmetic.
+    """
+    left = 0
+    for seed in range(7, 17):
+        made = plan("paper-4", seed=seed)
+        assert made.status is Code.SUCCESS
+        assert room(made) >= MARGIN
+        assert "a controller needs" not in made.message
+        if "note: other motions were left, which bring tool within " in made.message:
+            assert " mm of table-top" in made.message
+            left += 1
+    assert left >= 1
 
 
 def test_what_is_taken_goes_well_in_the_simulation() -> None:
