@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from optipromp.core.arrays import BoolArray, FloatArray
+from optipromp.core.arrays import BoolArray
 from optipromp.laboratory.simulation.contacts import ContactLog
 from optipromp.laboratory.simulation.grasps import on_lip, suction_of, wanted
+from optipromp.laboratory.simulation.progress import in_tool
 from optipromp.laboratory.simulation.rollout import Rollout, StemCut
 from optipromp.laboratory.simulation.world import World
 
-BARE = 0.02  # [m] without a tool, an object this near the tool point counts as picked: a choice
 
 
 class Cause(StrEnum):
@@ -149,34 +149,13 @@ class Outcome:
         return document
 
 
-def inside_tool(world: World, rollout: Rollout, centers: FloatArray) -> BoolArray:
-    """Whether the tool holds an object, or, without a tool, the object is near the tool point.
-
-    Args:
-        world: with the tool.
-        rollout: R records of the arm.
-        centers: (R, 3) positions of the object's centre at these records [m].
-
-    Returns:
-        (R,).
-    """
-    robot, away = world.robot, centers - rollout.tool_point
-    tool = robot.tool
-    if tool is None:
-        return np.asarray(np.linalg.norm(away, axis=1) < BARE)
-    _, turns = robot.segment_frames(rollout.q)
-    local = np.einsum("rij,ri->rj", turns[:, -1] @ robot.flange_rotation @ tool.rotation, away)
-    below = np.array([0.0, 0.0, world.parameters.thresholds.inside_margin])
-    return tool.holds(local) & tool.holds(local + below)
-
-
 def held(world: World, rollout: Rollout, index: int) -> BoolArray:
     """Whether the tool holds a fruit of ``world.shown`` (R,); blades hold nothing."""
     if rollout.cut is not None:
         return np.zeros(len(rollout.times), dtype=np.bool_)
     if suction_of(world) is not None:
         return on_lip(world, rollout, world.shown[index])
-    return inside_tool(world, rollout, rollout.fruit_positions[:, index])
+    return in_tool(world, rollout.q, rollout.fruit_positions[:, index])
 
 
 def inside_words(world: World) -> str:

@@ -16,6 +16,7 @@ from optipromp.laboratory.simulation.contacts import pressing
 from optipromp.laboratory.simulation.grip import GRIP
 from optipromp.laboratory.simulation.outcome import Outcome, judge
 from optipromp.laboratory.simulation.parameters import SimulationParameters
+from optipromp.laboratory.simulation.progress import Harm, harm_so_far, in_tool
 from optipromp.laboratory.simulation.rollout import Rollout
 from optipromp.laboratory.simulation.steps import Execution, quiet
 from optipromp.laboratory.simulation.world import World, build
@@ -268,6 +269,15 @@ class Simulation:
             Touch(names[a], names[b], frozen(point), frozen(force))
             for (a, b), point, force in zip(pairs, points, forces, strict=True)
         )
+
+    def harm(self) -> Harm:
+        """What was harmed so far."""
+        return harm_so_far(self._world, self._run.log, len(self._run.stems.torn))
+
+    def holds(self, name: str) -> bool:
+        """Whether the tool holds a target or pushable now."""
+        fruits, q = self.fruits(), self.state().q[None]
+        return bool(in_tool(self._world, q, fruits.positions[None, fruits.ids.index(name)])[0])
 
     def wrench(self) -> FloatArray:
         """(6,) of the world on the tool in the last step, in the robot's base frame.

@@ -1,0 +1,145 @@
+"""One pick, step by step: what a policy sees, what it does, and what became of it."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from optipromp.bench.drive import driven
+from optipromp.control.look import Look
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import ExecutionError, InvalidRequestError
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.core.trajectory import State
+from optipromp.laboratory.experiments.conditions import Situation
+from optipromp.laboratory.simulation import Detector, Eye, Outcome, Simulation
+from optipromp.laboratory.simulation.detector import Truth
+from optipromp.laboratory.simulation.progress import Harm
+
+RATE = 50.0  # [Hz] at which a policy is asked: a choice
+LONGEST = 20.0  # [s] of a pick, after which it ends: a choice; plans take 4 to 12 s
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """What a policy knows at one moment.
+
+    Attributes:
+        time: since the beginning [s].
+        q, velocity: (n,) of the joints, as measured [rad or m, per s].
+        tool_point, tool_axis: (3,) in the robot's base frame [m].
+        fruits: targets, pushables and objects to avoid as last seen, in the base frame.
+        age: time since they were seen [s].
+        force: (3,) of the world on the tool [N].
+    """
+
+    time: float
+    q: FloatArray
+    velocity: FloatArray
+    tool_point: FloatArray
+    tool_axis: FloatArray
+    fruits: tuple[SceneObject, ...]
+    age: float
+    force: FloatArray = field(default_factory=lambda: np.zeros(3))
+
+
+class Episode:
+    """One pick in the simulation, moved by joint velocities.
+
+    Args:
+        situation: true scene, scene as first seen, camera, physics.
+        seed: of physics and looks. The same velocities give the same episode to the last bit.
+        rate: at which velocities come [Hz]; divides the controller's rate.
+
+    Raises:
+        InvalidRequestError: a rate that does not divide the controller's; no MuJoCo.
+    """
+
+    def __init__(self, situation: Situation, seed: int = 0, rate: float = RATE) -> None:
+        self.situation, self.seed = situation, seed
+        self.simulation = Simulation(situation.scene, seed, situation.parameters)
+        count = 1.0 / (rate * self.simulation.tick)
+        if not math.isclose(count, round(count), rel_tol=1e-9) or round(count) < 1:
+            raise InvalidRequestError(f"rate is {rate:g} Hz; must divide the controller's rate")
+        self.ticks, self.period = round(count), 1.0 / rate
+        self.eye = Eye(Detector(situation.scene, self.robot, situation.detector, seed))
+        self.state = self.simulation.state()
+        self.reference = State(self.state.q)
+        self._look: Look | None = None
+        self._ended = False
+        for _ in range(round(situation.parameters.engine.settle / self.simulation.tick)):
+            self.state = self.simulation.step(self.reference)
+        self._begin = self.simulation.time
+        self._see()
+
+    @property
+    def robot(self) -> Robot:
+        """With its tool."""
+        return self.simulation.robot
+
+    @property
+    def scene(self) -> Scene:
+        """As first seen: static objects, approach and start are true."""
+        return self.situation.seen
+
+    @property
+    def time(self) -> float:
+        """Since the beginning [s]."""
+        return self.simulation.time - self._begin
+
+    @property
+    def ended(self) -> bool:
+        """Whether the time is over, or the physics broke down."""
+        return self._ended or self.time >= LONGEST - 1e-9
+
+    def observe(self) -> Observation:
+        """What a policy knows now."""
+        point, axis = self.robot.tool_pose(self.state.q)
+        look = self._look
+        seen = self.scene.objects if look is None else look.in_base()
+        since = self.time if look is None else self.simulation.time - look.time
+        fruits = tuple(item for item in seen if item.role != "static")
+        return Observation(
+            self.time, self.state.q, self.state.velocity, point, axis, fruits, since,
+            self.simulation.wrench()[:3],
+        )  # fmt: skip
+
+    def act(self, velocity: FloatArray) -> None:
+        """Let the joints come to velocities (n,) [rad/s or m/s] within one period.
+
+        Raises:
+            InvalidRequestError: another shape, or a value that is not finite.
+        """
+        wanted = np.asarray(velocity, dtype=np.float64)
+        if wanted.shape != self.state.q.shape or not np.isfinite(wanted).all():
+            raise InvalidRequestError(
+                f"velocity has shape {wanted.shape}; must be {self.state.q.shape}, finite"
+            )
+        try:
+            for each in driven(self.robot, self.reference, wanted, self.period, self.ticks):
+                self.reference = each
+                self.state = self.simulation.step(each)
+        except ExecutionError:  # the outcome tells of it
+            self._ended = True
+        self._see()
+
+    def _see(self) -> None:
+        now, fruits = self.simulation.time, self.simulation.fruits()
+        truth = Truth(fruits.ids, fruits.positions, fruits.rotations, fruits.stem_ends)
+        self.eye.see(now, self.state.q, truth)
+        for look in self.eye.delivered(now):
+            self._look = look
+
+    def holds(self) -> bool:
+        """Whether the tool holds the true target now; False without one."""
+        target = self.situation.scene.target
+        return target is not None and self.simulation.holds(target.id)
+
+    def harm(self) -> Harm:
+        """What was harmed so far."""
+        return self.simulation.harm()
+
+    def outcome(self) -> Outcome:
+        """Stand still for a moment, and judge all that happened."""
+        return self.simulation.outcome()
