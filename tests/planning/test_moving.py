@@ -108,6 +108,27 @@ def test_the_judge_knows_where_an_object_is_at_each_time(
         assert 0.0 < contact.time < curve.duration
 
 
+def test_the_judge_pads_what_moves_and_minds_no_pair_that_may_touch(
+    bare: Scene, direct: Plan, middle: np.ndarray
+) -> None:
+    ball = poking(middle)
+    curve = direct.trajectory
+    met = optipromp.judge(replace(bare, objects=(ball,)), curve).judgement
+    touched = {contact.link for contact in met.contacts}
+    assert touched
+    wide = optipromp.judge(replace(bare, objects=(ball,), padding=0.02), curve).judgement
+    assert wide.metrics.clearance_static == pytest.approx(met.metrics.clearance_static - 0.02)
+    free = replace(bare, objects=(ball,))
+    for _ in range(8):  # each time the nearest link, until none is left that touches
+        found = optipromp.judge(free, curve).judgement
+        if not found.contacts:
+            break
+        free = replace(free, may_touch=(*free.may_touch, (found.contacts[0].link, "ball")))
+    assert not found.contacts
+    assert found.metrics.clearance_static > 0.0
+    assert touched <= {link for link, _ in free.may_touch}
+
+
 def test_a_ball_that_pokes_is_avoided_in_time(
     bare: Scene, direct: Plan, middle: np.ndarray
 ) -> None:

@@ -13,6 +13,7 @@ from optipromp.core.judging.clearance import CONFIGURATIONS, Overlap
 from optipromp.core.judging.curve import along
 from optipromp.core.judging.distances import measured, nearest, to_surface
 from optipromp.core.judging.kinematics import MOST_CHECKS, centers
+from optipromp.core.judging.parts import radii
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.trajectory import Trajectory
@@ -25,6 +26,7 @@ def met(
 ) -> tuple[float | None, list[Overlap]]:
     """Smallest distance of any body sphere to an object that moves [m], and the contacts.
 
+    Pairs that may touch are left out; the padding of an object is taken off its distances.
     ``rows`` (T,) are indices of the waypoints among the checks of objects that stand: there are no
     fewer checks here. None where nothing moves.
     """
@@ -38,7 +40,10 @@ def met(
         asked = np.ceil(item.motion.fastest * steps / APART)
         share = min(1.0, MOST_CHECKS / max(float(asked.sum()), 1.0))
         times, q, _ = along(trajectory, np.maximum(parts, asked * share).astype(np.int64))
-        gap, sphere, at = _nearest(item, robot, times, np.array(q))
+        radius = radii(scene, robot, item) + scene.padding_of(item)
+        if np.isneginf(radius).all():
+            continue
+        gap, sphere, at = _nearest(item, robot, radius, times, np.array(q))
         least = min(least, gap)
         if gap < 0.0:
             link = str(robot.link_names[robot.spheres.link[sphere]])
@@ -47,16 +52,20 @@ def met(
 
 
 def _nearest(
-    item: SceneObject, robot: Robot, times: FloatArray, q: FloatArray
+    item: SceneObject, robot: Robot, radius: FloatArray, times: FloatArray, q: FloatArray
 ) -> tuple[float, int, int]:
-    """Smallest distance [m] at the checks, with the index of the sphere and that of the check."""
+    """Smallest distance [m] at the checks, with the index of the sphere and that of the check.
+
+    ``radius`` (B,) of the robot's spheres; minus infinity leaves a sphere out.
+    """
     assert item.motion is not None
     (kind,), size, _ = measured([item.shape])
-    places, radius = item.motion.at(times), np.array(robot.spheres.radius)
+    places, counted = item.motion.at(times), np.flatnonzero(np.isfinite(radius))
+    radius = radius[counted]
     best = np.inf, 0, 0
     for start in range(0, len(q), CONFIGURATIONS):
         part = slice(start, start + CONFIGURATIONS)
-        spheres = centers(robot, q[part])
+        spheres = centers(robot, q[part])[:, counted]
         relative = spheres - places[part, None]
         step = np.zeros(len(relative))
         if len(relative) > 1:
@@ -73,7 +82,7 @@ def _nearest(
             closest(kind, size[0], relative @ item.rotation, radius, 0.5 * step, out)
             gap, sphere, at = float(out[0]), int(out[1]), int(out[2])
         if gap < best[0]:
-            best = gap, sphere, start + at
+            best = gap, int(counted[sphere]), start + at
     return best
 
 
