@@ -13,7 +13,7 @@ from optipromp import load_pick, plan, plan_pick, simulate
 from optipromp.cli.main import app
 from optipromp.core.errors import Code, InvalidPlanError, InvalidRequestError, InvalidSceneError
 from optipromp.core.geometry import Box
-from optipromp.core.planning.legs import CARRY, REACH, RETREAT, Picked
+from optipromp.core.planning.legs import CARRY, LIFT, REACH, RETREAT, Picked
 from optipromp.core.planning.task import posed
 from optipromp.core.planning.verdict import verdict
 from optipromp.core.scenes import Place, Scene, SceneObject, save_scene, scene_from_dict
@@ -189,7 +189,29 @@ def test_a_pick_needs_a_place_and_a_target() -> None:
         scene_from_dict(document | {"place": {"position": [0.4, 0, 0.4]}})
 
 
-def test_a_pick_of_what_stands_is_refused() -> None:
-    """The simulation would press it against the board: nothing lifts it yet."""
-    with pytest.raises(InvalidRequestError, match="lift"):
-        plan_pick(replace(generate("shelf", 1), place=PLACE))
+SHELF_PLACE = Place(np.array([0.35, -0.45, 0.5]), np.array([0.0, -1.0, 0.0]))
+
+
+def test_a_can_behind_packs_is_lifted_and_brought_to_its_place(tmp_path: Path) -> None:
+    """Along the way back nothing that stands is pressed; the lift leaves the board first."""
+    pytest.importorskip("mujoco")
+    scene = replace(generate("shelf", 62000), place=SHELF_PLACE)
+    save_scene(scene, tmp_path / "shelf.yaml")
+    out = tmp_path / "pick"
+    made = invoke("plan", tmp_path / "shelf.yaml", "--no-figures", "--out", out, "--json")
+    assert made.exit_code == 0, made.stdout
+    assert list(json.loads(made.stdout)["legs"]) == [REACH, LIFT, RETREAT, CARRY]
+    pick = load_pick(out)
+    assert isinstance(pick, Picked)
+    lift, retreat = pick.legs[LIFT], pick.legs[RETREAT]
+    tips, _ = lift.robot.tool_pose(lift.trajectory.positions)
+    rise = (tips[-1] - tips[0]) @ scene.up
+    assert rise == pytest.approx(np.linalg.norm(tips[-1] - tips[0]), abs=1e-3)
+    back, _ = retreat.robot.tool_pose(retreat.trajectory.positions)
+    assert ((back - tips[0]) @ scene.up).min() > 0.5 * rise
+    executed = invoke("simulate", out, "--json")
+    assert executed.exit_code == 0, executed.stdout
+    assert json.loads(executed.stdout)["placed"] is True
+    board = f"{scene.static[0].id}"
+    pairs = {frozenset(pair) for pair in retreat.scene.may_touch}
+    assert frozenset(("can", board)) not in pairs

@@ -12,7 +12,9 @@ LEVER = 0.2  # [m] by which a turn counts as a length: a choice
 DAMPING = 0.01  # [m] of the least squares: a choice
 
 
-def driven(robot: Robot, before: State, wanted: FloatArray, period: float, count: int) -> list[State]:
+def driven(
+    robot: Robot, before: State, wanted: FloatArray, period: float, count: int
+) -> list[State]:
     """References of ``count`` ticks of a controller in which the joints come to a velocity.
 
     The acceleration is constant, at most its limit. The velocity is at most its limit, and so low
@@ -35,7 +37,9 @@ def driven(robot: Robot, before: State, wanted: FloatArray, period: float, count
     top = np.minimum(robot.velocity, rise)
     low = -np.minimum(robot.velocity, fall)
     aim = np.clip(wanted, np.minimum(low, top), top)
-    change = np.clip(aim - before.velocity, -robot.acceleration * period, robot.acceleration * period)
+    change = np.clip(
+        aim - before.velocity, -robot.acceleration * period, robot.acceleration * period
+    )
     gain, out = change / period, []
     for k in range(1, count + 1):
         t = period * k / count

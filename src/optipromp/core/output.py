@@ -38,7 +38,8 @@ from optipromp.core.files import (
 )
 from optipromp.core.judging import Metrics, Overlap
 from optipromp.core.planning import Plan, Term
-from optipromp.core.planning.legs import CARRY, REACH, RETREAT, Picked, carried, leg, retreat_task
+from optipromp.core.planning.legs import AFTER, REACH, Picked, leg, task_of
+from optipromp.core.planning.lifting import stands
 from optipromp.core.planning.options import Strategy
 from optipromp.core.planning.result import Stage, ViaPoint
 from optipromp.core.planning.task import posed, resolve
@@ -295,7 +296,7 @@ def write_pick(picked: Picked, folder: Path, *, rate: float = RATE) -> tuple[str
     """
     names = list(write_plan(picked.reach, folder, rate=rate))
     of = _of(folder)
-    for name in (RETREAT, CARRY):
+    for name in AFTER:
         if name in picked.legs:
             content = npz({OF: of, **arrays(picked.legs[name].trajectory)}, compressed=True)
             write_atomically(folder / f"{name}.npz", content)
@@ -314,11 +315,10 @@ def load_pick(path: Path | str) -> Picked | Plan:
     """
     path = Path(path)
     reach, folder = load_plan(path), path.parent if path.name == "plan.json" else path
-    place = reach.scene.place
-    if place is None or not reach.success:
+    if reach.scene.place is None or not reach.success:
         return reach
     legs = {REACH: reach}
-    for name in (RETREAT, CARRY):
+    for name in AFTER[not stands(reach.scene) :]:
         file = folder / f"{name}.npz"
         if not is_there(file):
             break
@@ -331,11 +331,7 @@ def load_pick(path: Path | str) -> Picked | Plan:
             break
         if curve.joint_names != reach.robot.joint_names:
             raise InvalidRequestError(f"{file}: must have the joints of {reach.robot.name}")
-        if name == RETREAT:
-            task = retreat_task(reach, curve.positions[-1])
-        else:
-            task = replace(resolve(*carried(legs[RETREAT], place)), risk=reach.risk)
-        legs[name] = leg(task, curve, 0.0)
+        legs[name] = leg(task_of(name, legs, curve), curve, 0.0)
         if not legs[name].success:
             raise InvalidPlanError(f"{file}: judged again: {legs[name].message}")
     return Picked(legs)

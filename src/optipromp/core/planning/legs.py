@@ -1,6 +1,8 @@
 """``plan_pick``: a pick in several legs: the reach, the retreat, and the way to the place.
 
 On the *retreat* and on the *carry* the picked fruit is attached to the tool and its stem is cut.
+A target that stands on a board has a *lift* before the retreat; see
+:mod:`optipromp.core.planning.lifting`.
 The retreat is the way back that does least harm: along the reach, along the tool axis, or off that
 axis within a cone. The carry is a motion in free space, in which the fruits that still hang are
 static.
@@ -9,7 +11,7 @@ static.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,28 +23,26 @@ from optipromp.core.arrays import FloatArray, frame_along, lengths
 from optipromp.core.budget import clock
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.parameters import Checked, parameter
+from optipromp.core.planning import lifting
 from optipromp.core.planning.plan import plan
 from optipromp.core.planning.result import Plan, Terms
-from optipromp.core.planning.task import Task, laden, tool_motion
+from optipromp.core.planning.task import Task, laden, resolve
 from optipromp.core.planning.timing import shortest
-from optipromp.core.planning.verdict import led, verdict, whole
-from optipromp.core.pushing.model import Continued, PushModel
-from optipromp.core.pushing.packs import standing
+from optipromp.core.planning.verdict import verdict, whole
+from optipromp.core.planning.way_back import way_back
 from optipromp.core.pushing.parameters import PUSH
-from optipromp.core.pushing.stems.cup import flange_of
-from optipromp.core.pushing.stems.hanging import Hanging
 from optipromp.core.robots import ik
-from optipromp.core.robots.laden import Laden
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.self_collision import letting_touch
-from optipromp.core.scenes.held import Attached, Place, pairs_among
+from optipromp.core.scenes.held import Attached, Place
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.scenes.scene import PoseGoal, Scene, SceneObject
 from optipromp.core.scenes.trusses import rooted
 from optipromp.core.trajectory import State, Trajectory
 
-REACH, RETREAT, CARRY = "reach", "retreat", "carry"
+REACH, LIFT, RETREAT, CARRY = "reach", "lift", "retreat", "carry"
+AFTER = LIFT, RETREAT, CARRY
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,8 @@ class Picked:
     """A pick as a plan of several legs, each judged.
 
     Attributes:
-        legs: by name, in the order of the motion: ``reach``, ``retreat``, ``carry``. A failed leg
-            is the last one.
+        legs: by name, in the order of the motion: ``reach``, for what stands ``lift``,
+            ``retreat``, ``carry``. A failed leg is the last one.
     """
 
     legs: dict[str, Plan]
@@ -142,20 +142,14 @@ def plan_pick(
 
 def after(reach: Plan, progress: Callable[[str], None] | None = None, **request: Any) -> Picked:
     """A pick from its reach, with the legs that come after; see :func:`plan_pick`."""
-    place, legs = reach.scene.place, {REACH: reach}
-    assert place is not None
+    legs = {REACH: reach}
     if reach.robot.tool is None:
         raise InvalidRequestError(f"{reach.robot.name} has no tool, which would hold the target")
-    if standing.applies(reach.scene, reach.robot.tool):
-        raise InvalidRequestError(
-            f"place: {reach.scene.name} has objects that stand, and a lift of the target is not "
-            "planned yet; leave place out, and plan the reach alone"
-        )
     if reach.success:
         (progress or str)("retreat")
-        legs[RETREAT] = retreat(reach)
+        legs |= lifted(reach) if lifting.stands(reach.scene) else {RETREAT: retreat(reach)}
     if RETREAT in legs and legs[RETREAT].success:
-        scene, robot = carried(legs[RETREAT], place)
+        scene, robot = carry_scene(legs)
         legs[CARRY] = plan(scene, progress=progress, **request | {"robot": robot})
     return Picked(legs)
 
@@ -185,6 +179,32 @@ def retreat(reach: Plan) -> Plan:
         if best.success and rank[:2] == (False, False):
             break
     return replace(best, time={"total": clock() - began})
+
+
+def lifted(reach: Plan) -> dict[str, Plan]:
+    """Lift and retreat of a target that stands: the first height of which both are valid.
+
+    Where no height has both, those of the last one, without a retreat after an invalid lift.
+    """
+    began = clock()
+    assert reach.scene.place is not None
+    _, robot = held(reach)
+    found: dict[str, Plan] = {}
+    for up, back in lifting.ways(reach, robot, reach.scene.place.retreat):
+        found = {}
+        for name, q in ((LIFT, up), (RETREAT, back)):
+            task = lift_task(reach, name, q[0], q[-1])
+            made = shortest(task.robot, q, 0, lifting.LIFT.speed)
+            found[name] = leg(task, made, clock() - began)
+            if not found[name].success:
+                break
+        if len(found) == 2 and found[RETREAT].success:
+            return found
+    if not found:
+        raise InvalidRequestError(
+            f"{reach.scene.name}: the arm cannot lift the target straight up from its grasp"
+        )
+    return found
 
 
 def _ways(reach: Plan, distance: float) -> Iterator[FloatArray]:
@@ -233,8 +253,42 @@ def retreat_task(reach: Plan, end: FloatArray) -> Task:
     q = reach.trajectory.positions[-1]
     return Task(
         scene, robot, State(q), PoseGoal(point, axis), (), risk=reach.risk, begun=True,
-        seed=reach.seed, back=_model(reach, robot),
+        seed=reach.seed, back=way_back(reach, robot),
     )  # fmt: skip
+
+
+def lift_task(reach: Plan, name: str, begin: FloatArray, end: FloatArray) -> Task:
+    """The task of the lift, or of the retreat after it, between two configurations (n,)."""
+    scene, robot = held(reach)
+    scene = lifting.settled(reach, scene)
+    if name == RETREAT:
+        scene = replace(scene, may_touch=lifting.lifted_pairs(reach.scene, scene))
+    goal = PoseGoal(*robot.tool_pose(end))
+    scene = replace(scene, goal=goal, start=begin, name=f"{reach.scene.name}-{name}")
+    return Task(
+        scene, robot, State(begin), goal, (), risk=reach.risk, begun=True, seed=reach.seed
+    )  # fmt: skip
+
+
+def task_of(name: str, legs: Mapping[str, Plan], curve: Trajectory) -> Task:
+    """The task of a leg after those of ``legs``, by which its ``curve`` is judged again."""
+    reach, end = legs[REACH], curve.positions[-1]
+    if name == CARRY:
+        return replace(resolve(*carry_scene(legs)), risk=reach.risk)
+    if lifting.stands(reach.scene):
+        before = legs[REACH] if name == LIFT else legs[LIFT]
+        return lift_task(reach, name, before.trajectory.positions[-1], end)
+    return retreat_task(reach, end)
+
+
+def carry_scene(legs: Mapping[str, Plan]) -> tuple[Scene, Robot]:
+    """The scene and the robot of the carry after the other legs."""
+    reach = legs[REACH]
+    assert reach.scene.place is not None
+    scene, robot = carried(legs[RETREAT], reach.scene.place)
+    if LIFT in legs:  # the tool is out from among the packs
+        scene = replace(scene, may_touch=reach.scene.may_touch)
+    return scene, robot
 
 
 def held(reach: Plan) -> tuple[Scene, Robot]:
@@ -296,89 +350,3 @@ def _fixed(item: SceneObject) -> Iterator[SceneObject]:
     for k, (shape, middle, turn) in enumerate(() if item.stem is None else item.stem.pieces()):
         id_ = f"{item.id}:stem:{k}"
         yield SceneObject(id_, "static", shape, middle, to_quaternion(turn), padding=0.0)
-
-
-def _model(reach: Plan, robot: Robot) -> PushModel | None:
-    """The push model of the retreat: the tool is full, so that it is a solid body among fruits.
-
-    The model knows the push of the reach. None where nothing else hangs.
-    """
-    scene, target = reach.scene, reach.scene.target
-    assert target is not None
-    hanging = [item for item in scene.pushables if item.stem is not None]
-    tool = reach.robot.tool
-    if target.stem is None or not hanging or tool is None or robot.tool is None:
-        return None
-
-    def away(item: SceneObject) -> float:
-        return math.dist(item.position, target.position)
-
-    first = min(hanging, key=away)
-    objects = (
-        replace(item, role="target") if item.id == first.id else item
-        for item in scene.objects
-        if item.id != target.id
-    )
-    seen = replace(
-        scene, objects=rooted(objects), place=None,
-        may_touch=pairs_among(scene.may_touch, [target.id]),
-    )  # fmt: skip
-    left = tuple(item for item in reach.task.neighbours if item.id not in (first.id, target.id))
-    model = Hanging(
-        seen, Full(robot.tool, ()), left, reach.task.camera, robot.gripper_radius,
-        flange_of(robot), reach.risk,
-    )  # fmt: skip
-    before = reach.push_model
-    if before is None:
-        points, axes = tool_motion(reach.robot, reach.trajectory.positions[reach.first :])
-        return WayBack(model, points, axes, ())
-    points, axes, _ = led(reach.task, before, reach.trajectory)
-    radius = {item.id: item.radius for item in hanging}
-    moved = before.moved(points, axes)
-    off = moved.positions - points[-1]
-    height = off @ axes[-1]
-    aside = lengths(off - height[:, None] * axes[-1])
-    behind = (height < tool.front - tool.reach) & (height > -tool.reach)
-    caught = (
-        name
-        for name, is_behind, away_by in zip(moved.ids, behind, aside, strict=True)
-        if is_behind and name in radius and away_by < tool.mouth[1] + radius[name]
-    )
-    return WayBack(model, points, axes, tuple(caught))
-
-
-class WayBack(Continued):
-    """The push model of a retreat, after the push of the reach.
-
-    A fruit that the reach left behind the mouth's floor, across the way of its edge, is ``caught``:
-    the tool would pull it off its stem. The model of the push does not know such pulls. In the
-    simulation, 3 of 4 retreats past such a fruit tore one off; none of 5 others did.
-    """
-
-    def __init__(
-        self, model: PushModel, points: FloatArray, axes: FloatArray, caught: tuple[str, ...]
-    ) -> None:
-        super().__init__(model, points, axes)
-        self.caught = caught
-
-    def harm(
-        self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
-    ) -> float:
-        """See :class:`PushModel`; two thresholds more where a fruit is caught."""
-        more = 2.0 * self.threshold if self.caught else 0.0
-        return more + super().harm(points, axes, states, limit - more)
-
-    def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
-        """See :class:`PushModel`."""
-        if self.caught:
-            return self.caught[0], "is caught behind the tool, which would tear it off its stem"
-        return super().cause(points, axes)
-
-
-class Full(Laden):
-    """A tool whose mouth is full: it takes hold of nothing more."""
-
-    @property
-    def mouth(self) -> tuple[float, float]:
-        """Inner radius 0, and the outer radius of the tool's mouth [m]."""
-        return 0.0, self.tool.mouth[1]

@@ -15,7 +15,6 @@ from optipromp.laboratory.simulation.rollout import Rollout, StemCut
 from optipromp.laboratory.simulation.world import World
 
 
-
 class Cause(StrEnum):
     """The causes of failed runs, the gravest first."""
 

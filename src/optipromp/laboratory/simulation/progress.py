@@ -10,6 +10,7 @@ from optipromp.laboratory.simulation.world import World
 
 BARE = 0.02  # [m] without a tool, an object this near the tool point counts as picked: a choice
 
+
 @dataclass(frozen=True)
 class Harm:
     """What was harmed so far; each share is 1 where the thing bears no more.

@@ -13,6 +13,7 @@ from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
 from optipromp.laboratory.simulation.contacts import pressing
+from optipromp.laboratory.simulation.entities import Layer
 from optipromp.laboratory.simulation.grip import GRIP
 from optipromp.laboratory.simulation.outcome import Outcome, judge
 from optipromp.laboratory.simulation.parameters import SimulationParameters
@@ -106,6 +107,7 @@ class Simulation:
         self._begin(self._start)
 
     def _begin(self, q: FloatArray) -> None:
+        self._gripped = False
         still = Trajectory.through(np.tile(q, (2, 1)), 1.0, self.robot.joint_names)
         self._run = Execution(self._world, still, self._record_rate)
         self.reference = State(q)
@@ -152,7 +154,8 @@ class Simulation:
             The state of the arm.
         """
         another = seed is not None and seed != self.seed
-        if another or self.parameters.robot.guard_until > 0.0:  # a run takes the guard away
+        changed = self._gripped or self.parameters.robot.guard_until > 0.0  # a guard goes in a run
+        if another or changed:
             self.seed = self.seed if seed is None else seed
             self._world = build(self.scene, self.robot, self.parameters, self.seed)
         self._begin(self._start if q is None else frozen(q))
@@ -202,6 +205,8 @@ class Simulation:
     def grip(self) -> None:
         """Cut the stem of the target and hold the target in the tool, where it is now.
 
+        The fingers of a hand hold without a contact from then on: how hard they press is theirs.
+
         Raises:
             InvalidRequestError: the scene has no place to which the tool brings the target.
         """
@@ -219,6 +224,10 @@ class Simulation:
         offset = turn.T @ (run.data.xpos[target.body] - run.data.xpos[tool])
         run.model.eq_data[weld, :10] = [0.0, 0.0, 0.0, *offset, *quaternion]
         run.data.eq_active[weld] = 1
+        if self.robot.tool.fingers:
+            own = np.flatnonzero(run.model.geom_bodyid == target.body)
+            run.model.geom_conaffinity[own] &= ~int(Layer.ROBOT)
+            self._gripped = True
 
     def state(self) -> State:
         """Measured positions and velocities of the joints; the acceleration is the reference's."""
