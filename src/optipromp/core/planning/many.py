@@ -85,7 +85,8 @@ def plan_many(
 
     Returns:
         A result for each scene, in the order of ``scenes``: the plan (also a plan that failed; with
-        ``legs`` the pick, of a scene with a place), or the error that :func:`plan` raises; ``NoPlanError`` where the process ended.
+        ``legs`` the pick, of a scene with a place), or the error that :func:`plan` raises;
+        ``NoPlanError`` where the process ended.
 
     Raises:
         InvalidRequestError: fewer than one worker; an unknown planner or strategy; options or
