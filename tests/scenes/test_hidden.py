@@ -100,7 +100,7 @@ def test_the_judge_keeps_the_arm_off_all_likely_stems() -> None:
     assert [math.degrees(math.acos(way[2])) for way in ways] == pytest.approx([0] + [30] * 4)
     from optipromp.core.judging.distances import _stems
 
-    fruit = SceneObject("a", "pushable", Sphere(0.015), stem.points[0], stem=stem)
+    fruit = SceneObject("a", "target", Sphere(0.015), stem.points[0], stem=stem)
     scene = replace(generate("limp", 3), objects=(fruit,))
     owners, *_ = _stems(scene)
     assert owners.tolist() == [0] * 5
