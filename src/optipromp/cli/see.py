@@ -57,6 +57,16 @@ def see(
             "not used. In a folder by default the scene beside each picture; else scenario-3.",
         ),
     ] = None,
+    finder: Annotated[
+        str,
+        typer.Option(
+            metavar="geometry|network|MODULE:NAME",
+            help="Of fruits and stems: by colour and shape, by our network, or your own.",
+        ),
+    ] = "geometry",
+    model: Annotated[
+        Path | None, typer.Option(metavar="FILE.onnx", help="Of the network, in place of ours.")
+    ] = None,
 ) -> Report:
     """Find fruits and stems in pictures, and write scenes to plan in.
 
@@ -73,9 +83,11 @@ def see(
     optipromp plan a.yaml --out reach
     """
     from optipromp.core.scenes.io import save_scene
+    from optipromp.perception.detector import finder_named
     from optipromp.perception.overlay import overlay
     from optipromp.perception.pictures import png_file
 
+    eye = finder_named(finder, model)
     asked = _asked(folder, rgb, depth, camera, known, out)
     records, lines, code = [], [], OK
     for each in asked:
@@ -83,7 +95,7 @@ def see(
         began = time.perf_counter()
         from optipromp.perception.eyes import look_at
 
-        sight = look_at(picture, up=scene.up)
+        sight = look_at(picture, up=scene.up, finder=eye)
         took = time.perf_counter() - began
         record, told, seen = _answer(sight, scene, each, took)
         if seen is None:

@@ -1,5 +1,7 @@
 """Eyes: from a colour picture with depth to fruits with covariances, and to a scene."""
 
+from optipromp.perception.detector import ByDetector as ByDetector
+from optipromp.perception.detector import Detected as Detected
 from optipromp.perception.eyes import Detection as Detection
 from optipromp.perception.eyes import Sighting as Sighting
 from optipromp.perception.eyes import look_at as look_at
@@ -8,6 +10,7 @@ from optipromp.perception.finder import Finder as Finder
 from optipromp.perception.finder import Found as Found
 from optipromp.perception.finder import Region as Region
 from optipromp.perception.geometry import ByGeometry as ByGeometry
+from optipromp.perception.network import ByNetwork as ByNetwork
 from optipromp.perception.parameters import EyeParameters as EyeParameters
 from optipromp.perception.pictures import CameraModel as CameraModel
 from optipromp.perception.pictures import DepthPicture as DepthPicture
