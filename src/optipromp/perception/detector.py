@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import label
 
-from optipromp.core.arrays import BoolArray
+from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.perception.finder import Class, Found, Region
 from optipromp.perception.pictures import DepthPicture, Image8
@@ -101,7 +101,7 @@ def cut(picture: DepthPicture, box: tuple[float, float, float, float]) -> BoolAr
     right, bottom = min(int(np.ceil(box[2])), width), min(int(np.ceil(box[3])), height)
     if right <= left or bottom <= top:
         return out
-    part = picture.depth[top:bottom, left:right]
+    part: FloatArray = picture.depth[top:bottom, left:right]
     rows, columns = bottom - top, right - left
     r, c = (int(0.5 * (1.0 - CORE) * side) for side in (rows, columns))
     core = part[r : rows - r, c : columns - c]
