@@ -96,7 +96,7 @@ def _pixels(each: Detected, picture: DepthPicture) -> BoolArray:
 def cut(picture: DepthPicture, box: tuple[float, float, float, float]) -> BoolArray:
     """The pixels (height, width) of a box at the depth of its middle, in one piece."""
     out = np.zeros(picture.depth.shape, dtype=bool)
-    height, width = out.shape
+    height, width = picture.depth.shape[:2]
     left, top = (max(int(value), 0) for value in box[:2])
     right, bottom = min(int(np.ceil(box[2])), width), min(int(np.ceil(box[3])), height)
     if right <= left or bottom <= top:
