@@ -46,7 +46,7 @@ def see(
         Path | None,
         typer.Option(
             help="Its camera: JSON or YAML with width, height, fx, fy, cx, cy, position and "
-            "orientation in the robot's base, depth_scale."
+            "orientation in the robot's base, depth_scale; or what 'calibrate' wrote."
         ),
     ] = None,
     known: Annotated[
@@ -79,7 +79,8 @@ def see(
     asked = _asked(folder, rgb, depth, camera, known, out)
     records, lines, code = [], [], OK
     for each in asked:
-        scene, picture = _known(each), _load(each)
+        scene = _known(each)
+        picture = _load(each, scene)
         began = time.perf_counter()
         from optipromp.perception.eyes import look_at
 
@@ -144,10 +145,16 @@ def _known(asked: _Asked) -> "Scene":
     return load_scene(asked.known or "scenario-3")
 
 
-def _load(asked: _Asked) -> "DepthPicture":
-    from optipromp.perception.pictures import load_picture
+def _load(asked: _Asked, known: "Scene") -> "DepthPicture":
+    """The picture; a camera on the hand was where the hand is at the scene's start."""
+    from optipromp.core.planning.task import posed
+    from optipromp.perception.pictures import flange_of, load_camera, load_picture
 
-    return load_picture(asked.rgb, asked.depth, asked.camera)
+    hand = None
+    if load_camera(asked.camera)[0].mount == "hand":
+        robot, state = posed(known)
+        hand = flange_of(robot, state.q)
+    return load_picture(asked.rgb, asked.depth, asked.camera, hand)
 
 
 def _answer(

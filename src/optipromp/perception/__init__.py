@@ -1,5 +1,11 @@
 """Eyes: from a colour picture with depth to fruits with covariances, and to a scene."""
 
+from optipromp.perception.boards import Board as Board
+from optipromp.perception.calibration import BoardView as BoardView
+from optipromp.perception.calibration import HandEye as HandEye
+from optipromp.perception.calibration import SeenTool as SeenTool
+from optipromp.perception.calibration import by_tool as by_tool
+from optipromp.perception.calibration import hand_eye as hand_eye
 from optipromp.perception.eyes import Detection as Detection
 from optipromp.perception.eyes import Sighting as Sighting
 from optipromp.perception.eyes import look_at as look_at
@@ -11,4 +17,6 @@ from optipromp.perception.geometry import ByGeometry as ByGeometry
 from optipromp.perception.parameters import EyeParameters as EyeParameters
 from optipromp.perception.pictures import CameraModel as CameraModel
 from optipromp.perception.pictures import DepthPicture as DepthPicture
+from optipromp.perception.pictures import flange_of as flange_of
+from optipromp.perception.pictures import load_camera as load_camera
 from optipromp.perception.pictures import load_picture as load_picture

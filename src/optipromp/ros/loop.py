@@ -18,6 +18,7 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import JointGoal, Scene
 from optipromp.core.trajectory import State
+from optipromp.perception.pictures import flange_of
 from optipromp.ros.detections import DETECTIONS, DetectionParameters, read_detections
 from optipromp.ros.goals import TOOL
 from optipromp.ros.joints import joint_motion
@@ -219,5 +220,4 @@ def moving(robot: Robot, q: FloatArray) -> tuple[Pose, Pose]:
     axes = frame_along(robot.tool_axis)
     if robot.tool is not None:
         axes = robot.flange_rotation @ robot.tool.rotation
-    flange = Pose(origin + turn @ robot.flange_translation, turn @ robot.flange_rotation)
-    return flange, Pose(origin + turn @ robot.tool_point, turn @ axes)
+    return flange_of(robot, q), Pose(origin + turn @ robot.tool_point, turn @ axes)
