@@ -4,7 +4,6 @@
 """
 
 from collections import deque
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -20,10 +19,10 @@ from optipromp.core.scenes.scene import JointGoal, Scene
 from optipromp.core.trajectory import State
 from optipromp.perception.pictures import flange_of
 from optipromp.ros.detections import DETECTIONS, DetectionParameters, read_detections
+from optipromp.ros.frames import Frames
 from optipromp.ros.goals import TOOL
 from optipromp.ros.joints import joint_motion
 from optipromp.ros.live import frames_of
-from optipromp.ros.shapes import quaternion, vector
 from optipromp.ros.trajectories import NANO, nanoseconds, stretch_trajectory
 from optipromp.ros.types import Message, message
 
@@ -65,7 +64,7 @@ class PickLoop:
         self.frames = frames_of(robot, prefix, scene.base)
         self._flange = prefix + [name for name in robot.link_names if name != TOOL][-1]
         self._rate, self._prefix = rate, prefix
-        self._mounts: dict[str, tuple[str, Pose]] = {}
+        self._mounts = Frames()
         self._states = deque[tuple[float, State]]()
         self._origin: int | None = None
         self._line: Line | None = None
@@ -98,10 +97,7 @@ class PickLoop:
                 while self._states[0][0] < time - KEPT:
                     self._states.popleft()
             case "tf2_msgs/msg/TFMessage":
-                for one in item.transforms:
-                    to = one.transform
-                    pose = Pose(vector(to.translation), quaternion(to.rotation))
-                    self._mounts[one.child_frame_id] = (one.header.frame_id, pose)
+                self._mounts.heard(item, still=True)
             case _ if item.__msgtype__ == DETECTIONS:
                 time = self._time(nanoseconds(item.header.stamp))
                 frames = self._frames(self._at(time))
@@ -187,23 +183,9 @@ class PickLoop:
     def _frames(self, q: FloatArray) -> dict[str, Pose]:
         """The known frames with the arm at ``q`` (n,)."""
         flange, tool = moving(self.controller.robot, q)
-        frames = {**self.frames, self._flange: flange, TOOL: tool}
-        for name in self._mounts:
-            pose = Pose()
-            for parent, step in self._chain(name):
-                pose = step @ pose
-                if parent in frames:
-                    frames[name] = frames[parent] @ pose
-                    break
-        return frames
-
-    def _chain(self, name: str) -> Iterator[tuple[str, Pose]]:
-        """The parents of a frame and the poses in them, one after another; a loop ends it."""
-        met = set[str]()
-        while name in self._mounts and name not in met:
-            met.add(name)
-            name, pose = self._mounts[name]
-            yield name, pose
+        known = {**self.frames, self._flange: flange, TOOL: tool}
+        found = {name: self._mounts.find(name, known) for name in self._mounts.names}
+        return {**{name: pose for name, pose in found.items() if pose is not None}, **known}
 
 
 def without_fruits(scene: Scene) -> Scene:
