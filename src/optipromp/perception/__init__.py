@@ -20,3 +20,4 @@ from optipromp.perception.pictures import DepthPicture as DepthPicture
 from optipromp.perception.pictures import flange_of as flange_of
 from optipromp.perception.pictures import load_camera as load_camera
 from optipromp.perception.pictures import load_picture as load_picture
+from optipromp.perception.watcher import Watcher as Watcher

@@ -38,20 +38,23 @@ class Taken:
     """A picture in messages, to be decoded when it is wanted.
 
     Attributes:
-        stamp: of the exposure [ns].
-        frame: of the camera, z forward.
+        header: of the colours, with the frame of the camera, z forward.
         colour: the image, or the cloud.
         depth: the image of depth; None: a cloud.
         info: the ``CameraInfo``; None: a cloud.
         rectified: whether the topic says that its pictures have no distortion.
     """
 
-    stamp: int
-    frame: str
+    header: Message
     colour: Message
     depth: Message | None = None
     info: Message | None = None
     rectified: bool = False
+
+    @property
+    def stamp(self) -> int:
+        """Of the exposure [ns]."""
+        return nanoseconds(self.header.stamp)
 
     def picture(self, pose: Pose | None = None) -> DepthPicture:
         """The picture without distortion; ``pose``: of its camera in the base.
@@ -118,7 +121,7 @@ class Pictures:
                 f"{self._of[part]} and {topic} both have {part}: name the topics to take"
             )
         if part == "cloud":
-            return Taken(nanoseconds(item.header.stamp), item.header.frame_id, item)
+            return Taken(item.header, item)
         self._waiting[part].append(item)
         return self._joined(part, item)
 
@@ -139,8 +142,7 @@ class Pictures:
             return None
         for waiting in self._waiting.values():
             waiting.clear()
-        header, rect = colour.header, "rect" in self._of["colour"]
-        return Taken(nanoseconds(header.stamp), header.frame_id, colour, depth, info, rect)
+        return Taken(colour.header, colour, depth, info, "rect" in self._of["colour"])
 
     def _info(self, colour: Message, depth: Message) -> Message | None:
         """The camera of the colours: by its frame, else the only one."""

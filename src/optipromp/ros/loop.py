@@ -4,25 +4,26 @@
 """
 
 from collections import deque
-from dataclasses import replace
 
 import numpy as np
 
 from optipromp.control.controller import Controller
+from optipromp.control.driver import without_fruits
 from optipromp.core.arrays import FloatArray, frame_along
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.execution.streaming import Line
-from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.scene import JointGoal, Scene
+from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
 from optipromp.perception.pictures import flange_of
+from optipromp.perception.watcher import Watcher
 from optipromp.ros.detections import DETECTIONS, DetectionParameters, read_detections
 from optipromp.ros.frames import Frames
 from optipromp.ros.goals import TOOL
+from optipromp.ros.images import PICTURES, Pictures
 from optipromp.ros.joints import joint_motion
-from optipromp.ros.live import frames_of
+from optipromp.ros.live import frames_of, in_base
 from optipromp.ros.trajectories import NANO, nanoseconds, stretch_trajectory
 from optipromp.ros.types import Message, message
 
@@ -43,6 +44,8 @@ class PickLoop:
         controller: of the pick; None: one for ``scene``.
         rate: of the points of a trajectory [Hz]; None: the rows of the curves.
         prefix: of joint and link names in ROS.
+        watcher: of pictures, where looks are made here of a camera's topics; None: pictures are
+            refused, and detections tell of the fruits.
 
     Attributes:
         controller: with its stage and its decisions.
@@ -57,7 +60,9 @@ class PickLoop:
         controller: Controller | None = None,
         rate: float | None = None,
         prefix: str = "",
+        watcher: Watcher | None = None,
     ) -> None:
+        self.watcher, self._pictures = watcher, Pictures()
         self.controller = controller or Controller(without_fruits(scene), real_time=True)
         self.parameters = parameters or DetectionParameters()
         robot = self.controller.robot
@@ -75,17 +80,22 @@ class PickLoop:
         """Whether the pick is done, or given up."""
         return self.controller.ended
 
-    def heard(self, item: Message) -> None:
+    def heard(self, item: Message, topic: str = "") -> None:
         """Take a message in.
 
         Read are ``sensor_msgs/JointState``, ``vision_msgs/Detection3DArray``, and
         ``tf2_msgs/TFMessage`` of frames that stand still on the base, on the robot's last link (its
         flange) or on ``tool`` (at the tool point, z along its axis), themselves or through others.
+        With a watcher also the messages of pictures that :func:`optipromp.ros.bag_pictures` reads.
+
+        Args:
+            item: the message.
+            topic: of a picture: one with ``rect`` in its name has no distortion.
 
         Raises:
-            InvalidRequestError: joints that are not the robot's; an unknown frame; detections from
-                before the first joint states, or from long after the newest; another type of
-                message.
+            InvalidRequestError: joints that are not the robot's; an unknown frame; detections or
+                pictures from before the first joint states, or from long after the newest; another
+                type of message.
             InvalidSceneError: a wrong value.
         """
         match item.__msgtype__:
@@ -103,6 +113,12 @@ class PickLoop:
                 frames = self._frames(self._at(time))
                 look = read_detections(item, frames, self.parameters, time=time)
                 self.controller.see(look)
+            case kind if kind in PICTURES and self.watcher is not None:
+                taken = self._pictures.heard(topic or kind, item)
+                if taken is not None:
+                    time = self._time(taken.stamp)
+                    frames = self._frames(self._at(time))
+                    self.watcher.watch(taken.picture(in_base(taken.header, frames)), time)
             case _:
                 raise InvalidRequestError(
                     f"a {item.__msgtype__} is of no use here: must be a JointState, a "
@@ -125,6 +141,8 @@ class PickLoop:
             self._trouble = "joint states are old" if self._states else "no joint states"
             return None
         self._trouble = ""
+        for look in () if self.watcher is None else self.watcher.looks():
+            self.controller.see(look)
         measured = self._states[-1][1]
         reference = State(measured.q) if self._line is None else self._line.at(time)
         stretch = self.controller(time, measured, reference)
@@ -186,13 +204,6 @@ class PickLoop:
         known = {**self.frames, self._flange: flange, TOOL: tool}
         found = {name: self._mounts.find(name, known) for name in self._mounts.names}
         return {**{name: pose for name, pose in found.items() if pose is not None}, **known}
-
-
-def without_fruits(scene: Scene) -> Scene:
-    """The scene with robot and what stands still, and no fruits; its goal is its start."""
-    still = tuple(item for item in scene.objects if item.role in ("static", "avoid"))
-    rest = JointGoal(posed(scene)[1].q)
-    return replace(scene, objects=still, goal=rest, waypoints=None)
 
 
 def moving(robot: Robot, q: FloatArray) -> tuple[Pose, Pose]:

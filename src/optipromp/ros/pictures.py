@@ -121,11 +121,12 @@ class _Where:
                     "where that was"
                 )
             return self._camera.on(hand).pose
-        pose = self._frames.find(taken.frame, known, taken.stamp)
+        pose = self._frames.find(taken.header.frame_id, known, taken.stamp)
         if pose is None:
             raise InvalidRequestError(
-                f"{path}: no frames lead from the camera, {taken.frame!r}, to {next(iter(known))!r}"
-                " at the time of its picture: give --camera with its position and orientation"
+                f"{path}: no frames lead from the camera, {taken.header.frame_id!r}, to "
+                f"{next(iter(known))!r} when it was taken: give --camera with its position "
+                "and orientation"
             )
         return pose
 
