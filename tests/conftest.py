@@ -49,7 +49,8 @@ LONG = {
     "ros": "bags loop pictures recordings watching",
     "scenes": "generate placing trusses",
     "simulation": (
-        "disturbances export grasps hand live_camera loop loop_film physics pictures runs second_engine shown "
+        "disturbances export grasps hand live_camera loop loop_film physics pictures runs "
+        "second_engine shown "
         "tools "
         "trusses"
     ),

@@ -50,5 +50,7 @@ def test_a_camera_in_the_palm_goes_with_the_arm() -> None:
         away = simulation.robot.tool_pose(simulation.state().q)[0] - point
         assert np.linalg.norm(away) > 2e-4
         assert np.linalg.norm(camera.camera.pose.position - begin.position - away) < 1e-3
+    with LiveCamera(simulation, "hand") as other:  # a second one, of the same simulation
+        assert other.take().depth.max() > 0.1
     with pytest.raises(InvalidRequestError, match="valid are palm, hand, beside"):
         LiveCamera(simulation, "roof")

@@ -59,7 +59,7 @@ class LiveCamera:
         self._on_tool = mount != "beside"
         middle = 0.5 * (p.width - 1), 0.5 * (p.height - 1)
         self._camera = CameraModel(p.width, p.height, p.focal, p.focal, *middle)
-        world = simulation.world
+        world = replace(simulation.world, spec=simulation.world.spec.copy())
         angle = 2.0 * math.degrees(math.atan(0.5 * p.height / p.focal))
         world.spec.worldbody.add_camera(name=EYE, fovy=angle)
         self._model = dressed(world)
