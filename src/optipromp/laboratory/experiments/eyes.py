@@ -31,7 +31,7 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject
 from optipromp.core.scenes.values import suggest
 from optipromp.laboratory.experiments.conditions import CONDITIONS, Situation
 from optipromp.laboratory.experiments.seeing import SeenPicture, matched, middle
@@ -90,7 +90,10 @@ def seen_figures(pictures: list[SeenPicture]) -> dict[str, Any]:
 def without_fruits(scene: Scene) -> Scene:
     """The scene as known before any picture."""
     gone = {item.id for item in scene.objects if item.role != "static"}
-    return replace(scene, objects=scene.static, may_touch=pairs_among(scene.may_touch, gone))
+    return replace(
+        scene, objects=scene.static, may_touch=pairs_among(scene.may_touch, gone),
+        goal=JointGoal(posed(scene)[1].q),
+    )  # fmt: skip
 
 
 def aimed_at(scene: Scene, ripe: set[str], seen: SceneObject) -> Scene:
