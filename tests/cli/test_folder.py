@@ -1,9 +1,11 @@
 """``optipromp plan`` on a folder, from ``generate`` to ``simulate``'s input."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -11,8 +13,10 @@ from optipromp.cli.check import Kind, kind_of
 from optipromp.cli.folder import outputs, scene_files
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.output import load_plan
-from optipromp.core.planning import plan
+from optipromp.core.output import load_pick, load_plan
+from optipromp.core.planning import Picked, Plan, plan
+from optipromp.core.scenes import Place, save_scene
+from optipromp.laboratory.generate import generate
 
 
 def call(*arguments: object) -> tuple[int, str, str]:
@@ -22,6 +26,23 @@ def call(*arguments: object) -> tuple[int, str, str]:
 
 def read(text: str) -> Any:
     return json.loads(text, parse_constant=pytest.fail)
+
+
+def test_scenes_with_a_place_are_planned_with_all_legs(tmp_path: Path) -> None:
+    scenes, plans = tmp_path / "scenes", tmp_path / "plans"
+    place = Place(np.array([0.45, -0.35, 0.45]), np.array([0.0, 0.0, 1.0]))
+    save_scene(replace(generate("tight", 3), place=place), scenes / "placed.yaml")
+    save_scene(generate("tight", 4), scenes / "reached.yaml")
+    code, stdout, _ = call("plan", scenes, "--out", plans, "--json", "--workers", 2)
+    placed, reached = read(stdout)["scenes"]
+    assert code == 0
+    assert list(placed["legs"]) == ["reach", "retreat", "carry"]
+    assert "legs" not in reached
+    kept = load_pick(plans / "placed")
+    assert isinstance(kept, Picked)
+    assert list(kept.legs) == list(placed["legs"])
+    assert kept.success
+    assert isinstance(load_pick(plans / "reached"), Plan)
 
 
 def test_generated_scenes_are_planned_each_into_its_folder(tmp_path: Path) -> None:

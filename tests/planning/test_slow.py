@@ -10,6 +10,7 @@ from optipromp.core.geometry.shapes import Box, Cylinder
 from optipromp.core.planning import Plan
 from optipromp.core.planning.parameters import TIMING
 from optipromp.core.planning.slow import quickened, slowly
+from optipromp.core.planning.timing import shortest
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.robots.library import load_robot
 from optipromp.core.scenes import SceneObject
@@ -89,3 +90,21 @@ def test_a_rate_changes_no_place_and_no_limit() -> None:
     assert (np.abs(velocity) <= panda.velocity * 1.0001).all()
     assert (np.abs(acceleration) <= panda.acceleration * 1.0001).all()
     assert np.abs(np.diff(velocity, axis=0)).max() < 0.02  # no jump
+
+
+def test_a_bottle_in_a_fridge_is_reached_in_half_the_time_as_gently() -> None:
+    """An xArm7 behind two cups: slow only near, against the same path slow throughout."""
+    from scripts.fridge import fridge
+    from tests.robots.test_pairs import stock
+
+    pytest.importorskip("mujoco")
+    from optipromp.laboratory.simulation import simulate
+
+    made = optipromp.plan(fridge(stock("xarm7")))
+    assert made.success, made.message
+    even = shortest(made.robot, made.trajectory.positions, made.first, PUSH.standing.speed)
+    assert made.metrics.duration < 0.5 * even.duration
+    near, slow = simulate(made), simulate(even, made.scene, robot=made.robot)
+    assert near.success
+    hardest = [max(run.outcome.peak_force.values()) for run in (near, slow)]
+    assert hardest[0] < 1.15 * hardest[1]

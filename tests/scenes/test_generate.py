@@ -20,7 +20,9 @@ from optipromp.laboratory.generate.checks import segments, to_segment, unsolvabl
 from optipromp.laboratory.generate.shelves import Footprint, apart
 
 SEEDS = range(12)
-BUNCHES = [preset for preset in PRESETS if preset not in ("shelf", "elongated", "truss", "field")]
+BUNCHES = [
+    preset for preset in PRESETS if preset not in ("shelf", "elongated", "truss", "field", "wild")
+]
 BEFORE = [preset for preset in BUNCHES if preset != "tight"]
 
 

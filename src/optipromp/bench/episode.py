@@ -15,7 +15,7 @@ from optipromp.core.trajectory import State
 from optipromp.laboratory.experiments.conditions import Situation
 from optipromp.laboratory.simulation import Detector, Eye, Outcome, Simulation
 from optipromp.laboratory.simulation.detector import Truth
-from optipromp.laboratory.simulation.progress import Harm
+from optipromp.laboratory.simulation.progress import HarmSoFar
 
 RATE = 50.0  # [Hz] at which a policy is asked: a choice
 LONGEST = 20.0  # [s] of a pick, after which it ends: a choice; plans take 4 to 12 s
@@ -136,7 +136,7 @@ class Episode:
         target = self.situation.scene.target
         return target is not None and self.simulation.holds(target.id)
 
-    def harm(self) -> Harm:
+    def harm(self) -> HarmSoFar:
         """What was harmed so far."""
         return self.simulation.harm()
 

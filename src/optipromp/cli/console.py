@@ -23,7 +23,7 @@ _REPEAT = 10.0  # [s] after which a step is told again
 Strategy = Literal["joint", "sequential"]
 Preset = Literal[
     "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "truss",
-    "field", "shelf",
+    "field", "shelf", "wild",
 ]  # fmt: skip
 
 Seed = Annotated[int, typer.Option(min=0, help="Same seed, same outcome.")]

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from optipromp.cli.robot import Named
-    from optipromp.core.planning import Plan
+    from optipromp.core.planning import Picked, Plan
 
 _SUFFIXES = (".yaml", ".yml", ".json")
 
@@ -30,7 +30,7 @@ class Entry:
 
     file: Path
     out: Path | None
-    result: "Plan | OptiPrompError"
+    result: "Plan | Picked | OptiPrompError"
 
     @property
     def status(self) -> Code:
@@ -85,6 +85,7 @@ def plan_folder(
 ) -> Report:
     """Plan every scene in ``folder``, with the robot that is named, and write each plan."""
     from optipromp.core.planning import plan_many
+    from optipromp.core.planning.legs import Picked
     from optipromp.core.scenes.io import load_scene
 
     files, out = scene_files(folder), output.out
@@ -94,17 +95,20 @@ def plan_folder(
     done_so_far, good = 0, 0
     with progress_bar(10, progress) as shown:
 
-        def done(index: int, result: "Plan | OptiPrompError") -> None:
+        def done(index: int, result: "Plan | Picked | OptiPrompError") -> None:
             nonlocal done_so_far, good
             home = homes[index]
             if home is not None and not isinstance(result, OptiPrompError):
-                output.write(result, home)
+                if isinstance(result, Picked):
+                    output.write_legs(result, home, figures=False)
+                else:
+                    output.write(result, home)
             done_so_far, good = done_so_far + 1, good + getattr(result, "success", False)
             words = f"{done_so_far} of {len(files)} planned, {good} succeeded"
             shown(done_so_far, len(files), words)
 
         stated = [named.of(load_scene(file)) for file in files] if named else files
-        results = plan_many(stated, workers=workers, progress=done, **vars(request))
+        results = plan_many(stated, workers=workers, legs=True, progress=done, **vars(request))
     seconds = time.perf_counter() - began
     entries = [Entry(*item) for item in zip(files, homes, results, strict=True)]
     succeeded = sum(entry.status is Code.SUCCESS for entry in entries)
@@ -127,19 +131,23 @@ def _shown(entries: Sequence[Entry], succeeded: int, seconds: float, out: Path |
 
 
 def table(entries: Sequence[Entry]) -> "Table":
-    """The status and the main figures of each scene."""
+    """The status and the main figures of each scene; the motion is that of all its legs."""
+    from optipromp.core.planning.legs import Picked
+
     out = grid(("scene", "status"), ("time, ms", "room, mm", "off, mm", "motion, s"))
     for entry in entries:
         cells = ["", "", "", ""]
         if not isinstance(entry.result, OptiPrompError):
-            m = entry.result.metrics
+            made = entry.result
+            reach = made.reach if isinstance(made, Picked) else made
+            m = reach.metrics
             rooms = m.clearance_static, m.clearance_avoid, m.clearance_pushable, m.clearance_self
             room = min((value for value in rooms if value is not None), default=math.inf)
             cells = [
-                f"{1e3 * entry.result.time['total']:.0f}",
+                f"{1e3 * reach.time['total']:.0f}",
                 f"{1e3 * room:.1f}" if math.isfinite(room) else "–",
                 f"{1e3 * m.goal_error:.2f}",
-                f"{m.duration:.2f}",
+                f"{made.duration if isinstance(made, Picked) else m.duration:.2f}",
             ]
         out.add_row(printable(entry.file.stem), str(entry.status), *cells)
     return out

@@ -29,7 +29,7 @@ def generate(
             help="cluster: 1-4 fruits before the ripe one; side-clusters: and neighbours; "
             "table-top: and a gutter; mixed: all of these; tight: fruits that nearly touch; limp: "
             "plumb stems; elongated: long fruits; truss: fruits on one truss; field: fruits, stems "
-            "and trusses of all kinds; shelf: cans and boxes."
+            "and trusses of all kinds; shelf: cans and boxes; wild: as in pictures of plantations."
         ),
     ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the scene files go.")],

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from optipromp.core.errors import InvalidRequestError, NoPlanError, OptiPrompError
+from optipromp.core.planning.legs import Picked, after
 from optipromp.core.planning.options import PlanOptions, Strategy, stated
 from optipromp.core.planning.plan import check_request, plan
 from optipromp.core.planning.planner import Planner
@@ -17,7 +18,7 @@ from optipromp.core.processes import cores, run_each
 from optipromp.core.promp.model import ProMP
 from optipromp.core.scenes.scene import Scene
 
-Result = Plan | OptiPrompError
+Result = Plan | Picked | OptiPrompError
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,10 +30,14 @@ class _Request:
     demonstrations: ProMP | str | Path | None
     seed: int
     options: PlanOptions | None
+    legs: bool = False
 
     def result(self, scene: Scene | str | Path) -> Result:
+        asked = {name: value for name, value in vars(self).items() if name != "legs"}
         try:
-            return plan(scene, **vars(self))
+            made = plan(scene, **asked)
+            placed = self.legs and made.scene.place is not None and made.scene.target is not None
+            return after(made, **asked) if placed else made
         except OptiPrompError as error:
             return error.with_traceback(None)
 
@@ -54,6 +59,7 @@ def plan_many(
     demonstrations: ProMP | str | Path | None = None,
     seed: int = 0,
     workers: int | None = None,
+    legs: bool = False,
     progress: Callable[[int, Result], None] | None = None,
     **settings: Any,
 ) -> list[Result]:
@@ -71,13 +77,16 @@ def plan_many(
         demonstrations: as for :func:`plan`.
         seed: as for :func:`plan`.
         workers: processes that plan; None: one per core; 1: this process plans.
+        legs: scenes with a target and a ``place`` are planned with all legs, as
+            :func:`optipromp.core.planning.legs.plan_pick` does.
         progress: called in this thread as each plan is done, with the index of its scene and the
             result.
         settings: as for :func:`plan`.
 
     Returns:
-        A result for each scene, in the order of ``scenes``: the plan (also a plan that failed), or
-        the error that :func:`plan` raises; ``NoPlanError`` where the process ended.
+        A result for each scene, in the order of ``scenes``: the plan (also a plan that failed; with
+        ``legs`` the pick, of a scene with a place), or the error that :func:`plan` raises;
+        ``NoPlanError`` where the process ended.
 
     Raises:
         InvalidRequestError: fewer than one worker; an unknown planner or strategy; options or
@@ -87,7 +96,7 @@ def plan_many(
         raise InvalidRequestError(f"workers is {workers}; it must be at least 1")
     options = stated(options, settings, plan_many)
     check_request(planner, strategy, options)
-    request = _Request(planner, strategy, demonstrations, seed, options)
+    request = _Request(planner, strategy, demonstrations, seed, options, legs)
     count = min(workers or cores(), len(scenes))
     if count > 1:
         try:

@@ -18,14 +18,14 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.robots.library import NOTHING, Choice
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.scenes.values import suggest
-from optipromp.laboratory.generate import bunches, plants, shelves
+from optipromp.laboratory.generate import bunches, plants, shelves, wild
 from optipromp.laboratory.generate.checks import OverlapError, interpenetration, unsolvable
 from optipromp.laboratory.generate.fitting import UnfitError
 from optipromp.laboratory.generate.placing import at_robot
 
 Preset = Literal[
     "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "truss",
-    "field", "shelf",
+    "field", "shelf", "wild",
 ]  # fmt: skip
 PRESETS: tuple[Preset, ...] = get_args(Preset)
 PANDA = "panda"
@@ -86,6 +86,8 @@ def generate_with_report(
       may be at its end.
     - ``field``: as ``cluster``, ``tight`` or ``truss``, of all shapes, with sampled physical
       parameters (:mod:`optipromp.laboratory.generate.plants`) that a study hides from the planner.
+    - ``wild``: as fruits in pictures of plantations: long, crooked, near one another, on stems that
+      lean by 18 degrees in the median (:mod:`optipromp.laboratory.generate.wild`).
     - ``shelf``: a can behind 2 to 6 upright cans and boxes on a shelf; horizontal approach with
       the Franka hand.
 
@@ -152,6 +154,8 @@ def generate_with_report(
 
 def _drawn(preset: Preset, rng: np.random.Generator) -> tuple[str, int]:
     """Sample the number of pushables, and the kind of a field's plants."""
+    if preset == "wild":
+        return preset, wild.count(rng)
     few, many = (2, 4), ("tight", "truss", "field")
     low, most = (2, 6) if preset == "shelf" else few if preset in many else (1, 4)
     count = int(rng.integers(low, most + 1))
@@ -164,6 +168,8 @@ def _kind(preset: Preset, seed: int, kind: str, count: int, rng: np.random.Gener
     name = f"{preset}-{seed}"
     if preset == "shelf":
         return lambda rng: shelves.sample(name, count, rng)
+    if preset == "wild":
+        return lambda rng: wild.sample(name, count, rng)
     if preset == "tight":
         return lambda rng: bunches.tight(name, count, rng)
     if preset == "truss":

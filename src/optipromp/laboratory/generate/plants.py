@@ -1,5 +1,6 @@
 """Random plants: fruits on one truss, of several shapes, of sampled physical parameters."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -71,6 +72,11 @@ def field(name: str, kind: str, count: int, rng: np.random.Generator) -> Scene:
         case _:
             scene = truss(name, count, rng)
     fruits = [_shaped(item, rng) for item in scene.objects]
+    return replace(scene, objects=rooted(physical(fruits, rng)))
+
+
+def physical(fruits: Sequence[SceneObject], rng: np.random.Generator) -> list[SceneObject]:
+    """The fruits, each with its own density, friction, stiffness of its stem and abscission."""
     density = [float(rng.uniform(*DENSITY)) for _ in fruits]
     volumes = (4.0 / 3.0 * np.pi * item.radius**3 for item in fruits)
     mass = [rho * volume for rho, volume in zip(density, volumes, strict=True)]
@@ -80,14 +86,14 @@ def field(name: str, kind: str, count: int, rng: np.random.Generator) -> Scene:
         carries = item.id in parents
         assert item.stem is not None
         held = sum(mass) if carries else mass[k]
-        physical = {
+        own = {
             "density": density[k],
             "friction": float(rng.uniform(*FRICTION)),
             "abscission_force": float(rng.uniform(*ABSCISSION)),
             "stem_stiffness": _stiffness(item.stem, held, carries, rng),
         }
-        drawn.append(replace(item, physical=physical))
-    return replace(scene, objects=rooted(drawn))
+        drawn.append(replace(item, physical=own))
+    return drawn
 
 
 def untold(scene: Scene) -> Scene:

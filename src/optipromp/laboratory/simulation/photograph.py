@@ -21,6 +21,7 @@ from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.laboratory.simulation.detector_parameters import MOUNTS, DetectorParameters
 from optipromp.laboratory.simulation.dress import dressed
 from optipromp.laboratory.simulation.engine import engine
+from optipromp.laboratory.simulation.leaves import LEAF, LeafParameters, leafy
 from optipromp.laboratory.simulation.parameters import SimulationParameters
 from optipromp.laboratory.simulation.render import canvas
 from optipromp.laboratory.simulation.sight import hand_pose, standing_pose, tool_frame
@@ -29,7 +30,8 @@ from optipromp.laboratory.simulation.world import CLUSTER_FRUIT_RADIUS, World, b
 from optipromp.perception.pictures import CameraModel, DepthPicture, Image8
 
 EYE = "eye"
-Kind = Literal["ripe", "unripe", "calyx", "stem", "static", "other"]
+Kind = Literal["ripe", "unripe", "calyx", "stem", "leaf", "static", "other"]
+Looks = Literal["plain", "rich"]
 FRUITS: tuple[Kind, ...] = ("ripe", "unripe")
 
 
@@ -100,8 +102,9 @@ class Photograph:
 def photograph(
     scene: Scene, mount: str = "beside", seed: int = 0,
     parameters: PhotoParameters | None = None, stereo: StereoParameters | None = None,
+    looks: Looks = "plain",
 ) -> Photograph:  # fmt: skip
-    """Take a picture of a scene, its arm at the start, stems straight as the scene has them.
+    """Take a picture of a scene, its arm at the start.
 
     Objects to avoid are shown as the fruits of a real neighbouring cluster.
 
@@ -111,6 +114,7 @@ def photograph(
         seed: of light, colours, background, depth errors and a standing camera's place.
         parameters: of the camera and the looks.
         stereo: of the errors of depth.
+        looks: ``rich`` has leaves and bowed stems, too; stems of ``plain`` are straight.
 
     Raises:
         InvalidRequestError: an unknown mount; MuJoCo is not installed, or cannot draw.
@@ -123,8 +127,9 @@ def photograph(
     physics = replace(
         physics,
         thing=replace(physics.thing, avoid_as="fruits"),
-        stem=replace(physics.stem, bow_least=0.0, bow_most=0.0),
     )
+    if looks == "plain":
+        physics = replace(physics, stem=replace(physics.stem, bow_least=0.0, bow_most=0.0))
     world = build(scene, robot, physics, seed)
     detector = DetectorParameters(mount=mount)  # type: ignore[arg-type]
     if mount == "beside":
@@ -138,6 +143,8 @@ def photograph(
         name=EYE, pos=pose.position, quat=to_quaternion(pose.rotation * [1.0, -1.0, -1.0]),
         fovy=2.0 * math.degrees(math.atan(0.5 * p.height / p.focal)),
     )  # fmt: skip
+    if looks == "rich":
+        leafy(world.spec, scene, pose, LeafParameters(), np.random.default_rng([seed, 36]))
     model = dressed(world)
     model.vis.quality.offsamples = 0
     _painted(model, p, rng)
@@ -254,6 +261,8 @@ def _masks(
 
 def _what(geom: str, body: str, fruits: Mapping[str, SceneObject]) -> tuple[str, Kind]:
     """Id and kind of a surface."""
+    if geom.startswith(LEAF):
+        return geom.split(":")[1], "leaf"
     kind, _, key = body.partition(":")
     if kind == "fruit":
         if ":calyx:" in geom:

@@ -12,7 +12,7 @@ BARE = 0.02  # [m] without a tool, an object this near the tool point counts as 
 
 
 @dataclass(frozen=True)
-class Harm:
+class HarmSoFar:
     """What was harmed so far; each share is 1 where the thing bears no more.
 
     Attributes:
@@ -33,14 +33,14 @@ class Harm:
         return max(self.fruit, self.stem, self.static) > 1.0 or self.torn > 0
 
 
-def harm_so_far(world: World, log: ContactLog, torn: int) -> Harm:
+def harm_so_far(world: World, log: ContactLog, torn: int) -> HarmSoFar:
     """The harm of a run by its contacts, as the judgement at the end counts them."""
     limits, entities = world.parameters.thresholds, world.entities
     robot = [k for k, each in enumerate(entities) if each.kind in ("link", "tool")]
     fruits = [fruit.entity for fruit in world.shown]
     stems = [fruit.stem_entity for fruit in world.shown if fruit.stem_entity >= 0]
     static = [k for k, each in enumerate(entities) if each.kind == "static"]
-    return Harm(
+    return HarmSoFar(
         _most(log.peak[fruits]) / limits.fruit_force,
         _most(log.hard[np.ix_(stems, robot)]) / limits.stem_time,
         _most(log.peak[np.ix_(static, robot)]) / limits.static_force,

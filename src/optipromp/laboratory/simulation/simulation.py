@@ -17,7 +17,7 @@ from optipromp.laboratory.simulation.entities import Layer
 from optipromp.laboratory.simulation.grip import GRIP
 from optipromp.laboratory.simulation.outcome import Outcome, judge
 from optipromp.laboratory.simulation.parameters import SimulationParameters
-from optipromp.laboratory.simulation.progress import Harm, harm_so_far, in_tool
+from optipromp.laboratory.simulation.progress import HarmSoFar, harm_so_far, in_tool
 from optipromp.laboratory.simulation.rollout import Rollout
 from optipromp.laboratory.simulation.steps import Execution, quiet
 from optipromp.laboratory.simulation.world import World, build
@@ -279,7 +279,7 @@ class Simulation:
             for (a, b), point, force in zip(pairs, points, forces, strict=True)
         )
 
-    def harm(self) -> Harm:
+    def harm(self) -> HarmSoFar:
         """What was harmed so far."""
         return harm_so_far(self._world, self._run.log, len(self._run.stems.torn))
 
