@@ -119,7 +119,7 @@ def main() -> None:
     given = parser.parse_args()
     first, end = map(int, given.seeds.split(":"))
     scenes = [(name, seed) for seed in range(first, end) for name in given.presets.split(",")]
-    found = worst(scenes, given.mount, FINDERS[given.finder], given.count)
+    found = worst(scenes, given.mount, FINDERS[given.finder](), given.count)
     if not found:
         raise SystemExit("no picture shows a fruit: choose other seeds")
     for name, fault, _ in found:

@@ -101,7 +101,7 @@ def changed(
     return encoded(rgb, depth), kinds.astype(np.int64), offsets, instances > 0
 
 
-def network():  # noqa: ANN201 (torch is imported only here)
+def network():
     """A U-net of 0.3 million weights with separable convolutions at a half of the picture."""
     import torch
     from torch import nn
@@ -126,14 +126,12 @@ def network():  # noqa: ANN201 (torch is imported only here)
             self.down = nn.ModuleList(
                 block(a, b) for a, b in itertools.pairwise((sizes[0], *sizes[1:]))
             )
-            self.up = nn.ModuleList(
-                block(a + b, b) for a, b in itertools.pairwise(sizes[::-1])
-            )
+            self.up = nn.ModuleList(block(a + b, b) for a, b in itertools.pairwise(sizes[::-1]))
             self.head = nn.Conv2d(sizes[0], (len(CLASSES) + 2) * 4, 1)
             self.fine = nn.PixelShuffle(2)
             self.pool = nn.MaxPool2d(2)
 
-        def forward(self, x):  # noqa: ANN001, ANN202
+        def forward(self, x):
             x = self.stem(x)
             kept = [x]
             for each in self.down:
@@ -163,7 +161,9 @@ def train(data: Path | None, out: Path, minutes: float, seed: int, batch: int = 
     while (now := time.process_time()) < end:
         share = (now - began) / (60.0 * minutes)
         for group in optimiser.param_groups:
-            group["lr"] = 2e-3 * min(1.0, step / 100) * 0.5 * (1.0 + math.cos(math.pi * share)) + 1e-5
+            group["lr"] = (
+                2e-3 * min(1.0, step / 100) * 0.5 * (1.0 + math.cos(math.pi * share)) + 1e-5
+            )
         parts = [np.stack(part) for part in zip(*(next(feed) for _ in range(batch)), strict=True)]
         inputs, kinds, offsets, fruit = (torch.from_numpy(part) for part in parts)
         told = net(inputs)

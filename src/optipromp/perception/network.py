@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter, label, maximum_filter, zoom
+from scipy.ndimage import gaussian_filter, label, maximum_filter
 
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.errors import InvalidRequestError, installed_by

@@ -20,7 +20,7 @@ straight.
 
 import functools
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -43,10 +43,19 @@ from optipromp.laboratory.simulation.rendered import RenderedDetector
 from optipromp.laboratory.simulation.sight import standing_pose
 from optipromp.perception.eyes import look_at, seen_scene
 from optipromp.perception.finder import Finder
+from optipromp.perception.geometry import ByGeometry
 
 WAYS = "rendered", "fitted"
-FINDERS: Mapping[str, Finder | None] = {"geometry": None}
-"""Finders by name; None: the default one."""
+
+
+def _network() -> Finder:
+    from optipromp.perception.network import ByNetwork
+
+    return ByNetwork()
+
+
+FINDERS: Mapping[str, Callable[[], Finder]] = {"geometry": ByGeometry, "network": _network}
+"""Makers of finders, by name."""
 
 SIDES = 0.0, 70.0  # [deg] about the vertical, of the first and the second camera: a choice
 RENDERED_RATE = 5.0  # [Hz] of rendered looks, each of which takes a second to make: a choice
@@ -57,7 +66,7 @@ NOT_SEEN = "not_seen"
 def situation(condition: str, scene: Scene, seed: int, finder: str) -> Situation:
     """The setting of a condition, or of eyes; the same arguments give the same setting."""
     if condition == "rendered":
-        return _rendered(scene, seed, FINDERS[finder])
+        return _rendered(scene, seed, FINDERS[finder]())
     return _fitted(scene, seed) if condition == "fitted" else CONDITIONS[condition](scene, seed)
 
 
@@ -122,7 +131,7 @@ def _cameras(scene: Scene) -> list[Pose]:
     return out
 
 
-def _rendered(scene: Scene, seed: int, finder: Finder | None) -> Situation:
+def _rendered(scene: Scene, seed: int, finder: Finder) -> Situation:
     pictures: list[SeenPicture] = []
     seen, truth = without_fruits(scene), scene
     for k, camera in enumerate(_cameras(scene)):
