@@ -1,8 +1,9 @@
 """Fit the camera model to what the eyes do: ``EYES`` of ``detector_parameters.py``.
 
 Run from the repository: ``PYTHONPATH=src python scripts/fit_eyes.py --seeds 70400:70440``. Scenes
-of development seeds are photographed twice, with other light and errors, and seen. From the fruits
-in the camera's cone the script counts and measures:
+of development seeds are photographed twice, with other light and errors, and seen: from beside, and
+from the palm at the camera point of the closed loop. From the fruits in the camera's cone the
+script counts and measures:
 
 - misses against the share that the *model* takes for hidden: a ramp, by largest likelihood; how
   often both pictures miss the same fruit (``missed_steadily``);
@@ -19,15 +20,18 @@ import argparse
 import json
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from optipromp.core.planning import plan
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.scene import Scene
+from optipromp.laboratory.experiments.eyes import STILL, cameras
 from optipromp.laboratory.experiments.seeing import SeenFruit, compared
 from optipromp.laboratory.generate import generate
-from optipromp.laboratory.simulation.detector import Detector, DetectorParameters, Truth
+from optipromp.laboratory.simulation.detector import Detector, DetectorParameters
 from optipromp.laboratory.simulation.photograph import photograph
 from optipromp.laboratory.simulation.sight import Sight, tool_frame
 
@@ -35,7 +39,6 @@ TWICE = 1_000_000  # added to the seed of the second picture
 TRANSFER = 0.03  # [s] of exposure and transfer, on top of the time of seeing: a choice
 SLOT = 2.0  # [s] that a camera stands at one place, where a miss stays one: a choice
 STEPS = np.linspace(0.0, 1.0, 21)  # of the hidden share
-NOTHING = Truth((), np.zeros((0, 3)), np.zeros((0, 3, 3)), ())
 
 
 class Observed(NamedTuple):
@@ -70,7 +73,7 @@ def looked(scenes: Iterable[tuple[str, int]], mount: str) -> Looked:
     """Photograph each scene (preset, seed) twice, see, and compare with the truth."""
     fruits, radii, seconds, pictures, view = [], [], [], 0, 0.0
     for preset, seed in scenes:
-        scene = generate(preset, seed)  # type: ignore[arg-type]
+        scene = placed(generate(preset, seed), mount)  # type: ignore[arg-type]
         for k in range(2):
             shot = photograph(scene, mount, seed + k * TWICE)
             seen = compared(shot)
@@ -87,6 +90,17 @@ def looked(scenes: Iterable[tuple[str, int]], mount: str) -> Looked:
                 each.spheroid.radius for each in seen.wrong if in_cone(each.item.position, view)
             ]
     return Looked(fruits, radii, pictures, seconds, view)
+
+
+def placed(scene: Scene, mount: str) -> Scene:
+    """The scene with the camera where it looks from: beside, or at the camera point of the loop.
+
+    The camera point is where the approach of a plan begins; without a plan, the arm's start.
+    """
+    if mount == "beside":
+        return replace(scene, camera=cameras(scene)[0])
+    made = plan(scene)
+    return replace(scene, start=made.trajectory.positions[made.first])
 
 
 def hidden_shares(scene: Scene, mount: str, eye: np.ndarray) -> dict[str, float]:
@@ -229,10 +243,10 @@ def modelled(
     """What the model sees of the same scenes, from the same places but for their jitter."""
     out = []
     for preset, seed in scenes:
-        scene = generate(preset, seed)  # type: ignore[arg-type]
+        scene = placed(generate(preset, seed), mount)  # type: ignore[arg-type]
         robot, state = posed(scene)
         detector = Detector(scene, robot, parameters, seed)
-        look = detector.expose(0.0, state.q, NOTHING)
+        look = detector.expose(0.0, state.q, STILL)
         found = {item.id: item for item in look.detections}
         hidden = hidden_shares(scene, mount, look.camera.position)
         for item in detector.fruits:

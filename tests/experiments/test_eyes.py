@@ -13,7 +13,7 @@ from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.task import posed
 from optipromp.laboratory.experiments import eyes
-from optipromp.laboratory.experiments.eyes import NOT_SEEN, aimed_at, situation
+from optipromp.laboratory.experiments.eyes import NOT_SEEN, STILL, aimed_at, situation
 from optipromp.laboratory.experiments.loops import loop_values
 from optipromp.laboratory.experiments.row_files import rows_of
 from optipromp.laboratory.experiments.study import Study
@@ -24,7 +24,6 @@ from optipromp.laboratory.simulation.rendered import RenderedDetector
 
 ROOT = Path(__file__).parents[2]
 SEED = 60011
-NOTHING = Truth((), np.zeros((0, 3)), np.zeros((0, 3, 3)), ())
 
 
 def test_a_study_sees_plans_executes_and_goes_on(tmp_path: Path) -> None:
@@ -86,14 +85,14 @@ def test_a_rendered_look_shows_the_moment() -> None:
         (target.id,), aside[None], target.rotation[None],
         (target.stem.points[::-1] + [0.0, 0.0, -0.03],),
     )  # fmt: skip
-    for truth, place in ((NOTHING, target.position), (moved, aside)):
+    for truth, place in ((STILL, target.position), (moved, aside)):
         look = detector.expose(0.5, state.q, truth)
         (seen,) = (item for item in look.in_base() if item.role == "target")
         assert np.linalg.norm(seen.position - place) < 0.012
         assert look.time == 0.5
     again = RenderedDetector(scene, robot, DetectorParameters(mount="beside"), SEED)
-    first = again.expose(0.5, state.q, NOTHING).in_base()
-    second = detector.expose(0.5, state.q, NOTHING).in_base()
+    first = again.expose(0.5, state.q, STILL).in_base()
+    second = detector.expose(0.5, state.q, STILL).in_base()
     assert all((a.position != b.position).any() for a, b in zip(first, second, strict=False))
 
 

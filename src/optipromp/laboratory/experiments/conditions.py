@@ -75,6 +75,8 @@ class Situation(NamedTuple):
     """Makes the camera of a closed loop."""
     figures: Mapping[str, Any] = {}
     """What rows tell of the first pictures."""
+    further: "Callable[[], Situation] | None" = None
+    """After one picture more, where there is no plan; None: there is none."""
 
 
 @dataclass(frozen=True)

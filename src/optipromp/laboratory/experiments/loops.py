@@ -165,7 +165,9 @@ def loop_again(row: Row, robot: str = PANDA, risk: float = PlanOptions.risk) -> 
     setting = situation(row.condition, scene, row.seed, row.finder)
     if row.loop != "open":
         return picked(setting, row.seed, servo=row.loop == "closed").run
-    made = attempt(setting.seen, LOOP_PLANNER, risk=risk)
+    if setting.seen.target is None:
+        return None
+    made, setting = _planned(setting, risk)
     if made.trajectory is None or made.status != Code.SUCCESS:
         return None
     return _blind(made, setting, row.seed)
@@ -174,7 +176,7 @@ def loop_again(row: Row, robot: str = PANDA, risk: float = PlanOptions.risk) -> 
 def _open_values(setting: Situation, seed: int, risk: float) -> dict[str, Any]:
     if setting.seen.target is None:
         return {**setting.figures, **_BLIND}
-    made = attempt(setting.seen, LOOP_PLANNER, risk=risk)
+    made, setting = _planned(setting, risk)
     values: Mapping[str, Any] = {
         **setting.figures,
         "plan_status": str(made.status),
@@ -194,6 +196,18 @@ def _open_values(setting: Situation, seed: int, risk: float) -> dict[str, Any]:
         "result": "clean" if outcome.success else "harmed" if harmed else "missed",
         "simulation_time": time.perf_counter() - began,
     }
+
+
+def _planned(setting: Situation, risk: float) -> tuple[Answer, Situation]:
+    """A plan in the scene as first seen, or after one picture more, and that setting."""
+    made = attempt(setting.seen, LOOP_PLANNER, risk=risk)
+    while made.status != Code.SUCCESS and setting.further is not None:
+        further = setting.further()
+        if further.seen.target is None:
+            break
+        setting = further
+        made = attempt(setting.seen, LOOP_PLANNER, risk=risk)
+    return made, setting
 
 
 def _blind(made: Answer, setting: Situation, seed: int) -> "Run":
