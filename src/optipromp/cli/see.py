@@ -88,7 +88,7 @@ def see(
     """
     from optipromp.core.scenes.io import save_scene
     from optipromp.perception.overlay import overlay
-    from optipromp.perception.pictures import png_file
+    from optipromp.perception.pictures import OVERLAY, png_file
 
     asked: Iterator[_Asked] | list[_Asked]
     if bag is not None:
@@ -113,7 +113,7 @@ def see(
             code = FAILED
         else:
             save_scene(seen, each.out)
-        drawn = each.out.with_suffix(".overlay.png")
+        drawn = each.out.with_suffix(OVERLAY)
         write_atomically(drawn, png_file(overlay(picture, sight)))
         records.append({**record, "overlay": str(drawn)})
         lines += told
