@@ -187,3 +187,15 @@ def test_a_phone_reaches_the_last_control(phone: Opened) -> None:
 def test_the_view_of_a_phone_is_the_same_as_the_sheets(phone: Opened) -> None:
     assert phone.tab.viewport_size["width"] <= look.NARROW
     assert phone.window.client.camera.image_width == phone.tab.viewport_size["width"]
+
+
+def test_the_picture_of_a_scene_that_was_seen_stands_in_the_panel(
+    opener: Callable[..., Opened],
+) -> None:
+    picture = np.full((480, 640, 3), (10, 200, 30), np.uint8)
+    opened = opener(Source(load_scene("scenario-3"), seen=picture), **PHONE)
+    mine = "[...document.images].filter(i => i.naturalWidth == 640 && i.naturalHeight == 480)"
+    opened.tab.wait_for_function(f"() => {mine}.some(i => i.clientWidth > 100)", timeout=1e5)
+    assert opened.tab.get_by_text("as the camera saw it").is_visible()
+    assert max(opened.tab.evaluate(OVERFLOW)) <= PHONE["viewport"]["width"] + 1
+    opened.tab.close()

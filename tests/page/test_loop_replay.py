@@ -46,6 +46,12 @@ def test_tracks_path_and_stage_are_replayed_where_the_fruits_sway(opener, folder
         assert node("path ahead") is not None
         assert f"go, plan {record.plans[row]}" in window.forces
         assert record.why(now) in window.forces
+        look = max((each for each in loop.trace.looks if each.time <= now), key=lambda e: e.time)
+        inset = opened.panel.replaying.sight.content
+        assert inset.count("<circle") == 1 + len(look.detections)
+        target = next(item for item in look.detections if item.role == "target")
+        x, y, z = target.position
+        assert f'cx="{x / z:.4f}" cy="{y / z:.4f}" r="{target.radius / z:.4f}"' in inset
         index = int(np.abs(rollout.times - now).argmin())
         for k, name in enumerate(rollout.fruit_ids):
             part = next(p for p in (f"target:{name}", f"pushable:{name}") if node(f"things/{p}"))
@@ -53,7 +59,10 @@ def test_tracks_path_and_stage_are_replayed_where_the_fruits_sway(opener, folder
                 node(f"things/{part}").position, rollout.fruit_positions[index, k], atol=1e-6
             )
             assert node(f"things/{part}").opacity < 0.6
+    opened.show("Replay")
+    opened.tab.locator("figure.sight svg").wait_for(timeout=1e5)
     opened.do(lambda: window.replay(()))
+    assert opened.panel.replaying.sight.content == ""
     assert node("tracks/all") is None
     assert node("path ahead") is None
     assert node(f"things/target:{loop.run.outcome.target}").opacity is None

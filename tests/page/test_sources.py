@@ -10,15 +10,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError
 from optipromp.core.planning import plan
-from optipromp.core.scenes.io import load_scene
+from optipromp.core.scenes.io import load_scene, save_scene
 from optipromp.looks.page import arrange, content
 from optipromp.looks.page.record import Recorder
 from optipromp.looks.page.sources import open_source
 from optipromp.looks.page.table import violations
 from optipromp.looks.viewer.nodes import tube
+from optipromp.perception.pictures import png_file
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +48,26 @@ def test_moving_a_fruit_keeps_its_root_and_moving_the_root_keeps_the_fruit() -> 
         assert old.stem is None or np.allclose(new.stem.points - old.stem.points, shift)
     with pytest.raises(InvalidSceneError, match="no length"):
         arrange.moved(scene, grips["n1: stem root"], fruit.position)
+
+
+def test_a_scene_that_was_seen_brings_its_picture_and_so_does_its_plan(tmp_path: Path) -> None:
+    scene, folder = tmp_path / "row.yaml", tmp_path / "reach"
+    save_scene(load_scene("scenario-3"), scene)
+    assert open_source(str(scene)).seen is None
+    pixels = np.random.default_rng(0).integers(0, 256, (6, 8, 3), dtype=np.uint8)
+    (tmp_path / "row.overlay.png").write_bytes(png_file(pixels))
+    seen = open_source(str(scene)).seen
+    assert seen is not None
+    assert (seen == pixels).all()
+    words = ["--out", str(folder), "--no-figures"]
+    assert CliRunner().invoke(app, ["plan", str(scene), *words]).exit_code == 0
+    kept = open_source(str(folder)).seen
+    assert kept is not None
+    assert (kept == pixels).all()
+    (tmp_path / "row.overlay.png").write_bytes(b"no picture")
+    assert open_source(str(scene)).seen is None
+    assert CliRunner().invoke(app, ["plan", "scenario-3", *words]).exit_code == 0
+    assert open_source(str(folder)).seen is None  # that of the earlier plan is gone
 
 
 def test_the_cause_of_a_failure_is_placed() -> None:

@@ -257,12 +257,27 @@ def plan(
     loaded = named.of(load_scene(scene))
     say_if_compiling(progress)
     if variant.targets is None:
-        return plan_one(loaded, request, output, variant, progress)
+        report = plan_one(loaded, request, output, variant, progress)
+        if output.out is not None:
+            _keep_picture(Path(scene), output.out)
+        return report
     from optipromp.cli.sequence import plan_targets
 
     if variant.previous is not None:
         raise InvalidRequestError("--previous goes with one target, not with --targets")
     return plan_targets(loaded, variant.targets, request, output, progress)
+
+
+def _keep_picture(scene: Path, folder: Path) -> None:
+    """Keep the picture that ``see`` left beside the scene, for ``view``; an earlier one goes."""
+    from optipromp.core.files import is_file, read_bytes, write_atomically
+    from optipromp.perception.pictures import OVERLAY
+
+    picture, kept = scene.with_suffix(OVERLAY), folder / f"seen{OVERLAY}"
+    if is_file(picture):
+        write_atomically(kept, read_bytes(picture, InvalidRequestError))
+    else:
+        kept.unlink(missing_ok=True)
 
 
 def plan_one(

@@ -99,7 +99,7 @@ def see(
     from optipromp.core.scenes.io import save_scene
     from optipromp.perception.detector import finder_named
     from optipromp.perception.overlay import overlay
-    from optipromp.perception.pictures import png_file
+    from optipromp.perception.pictures import OVERLAY, png_file
 
     eye = finder_named(finder, model)
     asked: Iterator[_Asked] | list[_Asked]
@@ -125,7 +125,7 @@ def see(
             code = FAILED
         else:
             save_scene(seen, each.out)
-        drawn = each.out.with_suffix(".overlay.png")
+        drawn = each.out.with_suffix(OVERLAY)
         write_atomically(drawn, png_file(overlay(picture, sight)))
         records.append({**record, "overlay": str(drawn)})
         lines += told

@@ -1,6 +1,7 @@
 """A picture with what was found drawn over it."""
 
 import numpy as np
+from scipy.ndimage import binary_dilation
 
 from optipromp.core.arrays import FloatArray
 from optipromp.perception.eyes import Sighting
@@ -15,7 +16,8 @@ def overlay(picture: DepthPicture, sight: Sighting) -> Image8:
     """The picture (height, width, 3) with outlines of fruits, their centres, and lines of stems."""
     out = np.array(picture.rgb)
     for each in sight.detections:
-        out[edge_of(each.region.pixels)] = RIPE if each.region.kind == "ripe" else UNRIPE
+        edge = binary_dilation(edge_of(each.region.pixels))
+        out[edge] = RIPE if each.region.kind == "ripe" else UNRIPE
         center = each.item.position
         if each.item.stem is not None:
             _line(out, picture, center, each.item.stem.root)

@@ -24,6 +24,8 @@ DEPTH_SCALE = 1e-4  # [m] of a step in a 16-bit picture of depth, as ours are wr
 FARTHEST = 6.5  # [m] depth that 16 bits hold at this scale
 ENDS = ".rgb.png", ".depth.png", ".camera.json"
 """Ends of the names of a picture's files: colour, depth, camera."""
+OVERLAY = ".overlay.png"
+"""End of the name of a picture with what was found, beside the scene that was seen."""
 MOST_PIXELS = 16_000_000  # of a picture: a choice
 _REQUIRED = "width", "height", "fx", "fy", "cx", "cy"
 _KEYS = (*_REQUIRED, "position", "orientation", "depth_scale", "mount")

@@ -38,6 +38,9 @@ class LoopRecord:
         begun: D stages that began.
         reasons: D reasons.
         last: (n,) configuration at the end, which the rollout of the same pick has, too.
+        looked: (L, 2) time [s] and full angle of view [rad] of each look.
+        discs: (K, 5) of each detection the row of its look, column and row of its middle and its
+            radius, all over its depth, and 1 for a target, else 0.
     """
 
     times: FloatArray
@@ -52,6 +55,19 @@ class LoopRecord:
     begun: Words
     reasons: Words
     last: FloatArray
+    looked: FloatArray
+    discs: FloatArray
+
+    def sight(self, time: float) -> tuple[float, float, FloatArray] | None:
+        """Age [s], angle of view [rad] and discs (k, 4) of the last look at a ``time`` [s].
+
+        Looks count from their exposure on. Before the first there is none.
+        """
+        row = int(np.searchsorted(self.looked[:, 0], time + 1e-9)) - 1
+        if row < 0:
+            return None
+        at, view = self.looked[row]
+        return max(time - float(at), 0.0), float(view), self.discs[self.discs[:, 0] == row, 1:]
 
     def row(self, time: float) -> int:
         """The last cycle until a ``time`` [s]; the first before."""
@@ -104,11 +120,21 @@ def record_of(loop: Loop, points: int = POINTS) -> LoopRecord:
             q = _coming(trace.stretches[running], time, points)
             ahead[row] = robot.tool_pose(q)[0]
     events = loop.controller.events
+    looks = sorted(trace.looks, key=lambda look: look.time)
+    discs = [
+        (row, *(item.position[:2] / item.position[2]), item.radius / item.position[2],
+         item.role == "target")
+        for row, look in enumerate(looks)
+        for item in look.detections
+        if item.position[2] > 0.0
+    ]  # fmt: skip
     return LoopRecord(
         trace.times, tuple(str(stage) for stage in trace.stages), trace.plans, ids, positions,
         covariance, confirmed, ahead, np.array([event.time for event in events], dtype=float),
         tuple(str(event.stage) for event in events), tuple(event.why for event in events),
         loop.run.rollout.q[-1],
+        np.array([(look.time, look.view) for look in looks]).reshape(-1, 2),
+        np.array(discs, dtype=float).reshape(-1, 5),
     )  # fmt: skip
 
 
@@ -143,7 +169,7 @@ def read_loop(path: Path) -> LoopRecord:
     Raises:
         InvalidRequestError: the file is missing, damaged, or holds no such record.
     """
-    found = read_npz(path)
+    found = {"looked": np.zeros((0, 2)), "discs": np.zeros((0, 5)), **read_npz(path)}
     words: dict[str, Any]
     try:
         words = {name: texts(found[name]) for name in ("stages", "ids", "begun", "reasons")}
@@ -152,7 +178,7 @@ def read_loop(path: Path) -> LoopRecord:
             for name, kind in (
                 ("times", float), ("plans", np.int64), ("positions", float),
                 ("covariance", float), ("confirmed", bool), ("ahead", float), ("decided", float),
-                ("last", float),
+                ("last", float), ("looked", float), ("discs", float),
             )
         }  # fmt: skip
     except (KeyError, TypeError, ValueError) as error:
@@ -162,6 +188,7 @@ def read_loop(path: Path) -> LoopRecord:
         "times": (cycles,), "plans": (cycles,), "positions": (cycles, fruits, 3),
         "covariance": (cycles, fruits, 3, 3), "confirmed": (cycles, fruits),
         "ahead": (cycles, POINTS, 3), "decided": (decisions,),
+        "looked": (len(numbers["looked"]), 2), "discs": (len(numbers["discs"]), 5),
     }  # fmt: skip
     for name, shape in shapes.items():
         if numbers[name].shape != shape or cycles == 0:

@@ -10,6 +10,7 @@ from optipromp.looks.appearance.scene import SEE_THROUGH, colour_of
 from optipromp.looks.page.content import GREEN_AT
 from optipromp.looks.page.stage import AHEAD, BACK, SIDE, SPREAD, SURE, UNSURE
 from optipromp.looks.viewer.drawn import GREEN, PRIMITIVE, RED, motions
+from optipromp.perception.overlay import RIPE, STEM, UNRIPE
 
 ROLES = {
     "target": "target",
@@ -70,6 +71,12 @@ def replayed(*, looks: bool) -> list[Entry]:
             (disc(hex_colour(UNSURE)), "perhaps a fruit"),
         ]
     return found
+
+
+def seen() -> list[Entry]:
+    """The signs over a picture in which a scene was seen."""
+    signs = ((RIPE, "ripe"), (UNRIPE, "unripe"), (STEM, "stem"))
+    return [(line(hex_colour(colour)), f"found: {words}") for colour, words in signs]
 
 
 def legend(entries: Collection[Entry]) -> str:

@@ -13,7 +13,7 @@ from optipromp.core.planning import STRATEGIES, planner_names
 from optipromp.core.shown import is_name
 from optipromp.looks.page import arrange
 from optipromp.looks.page.content import charts
-from optipromp.looks.page.legend import legend, planned, replayed, things
+from optipromp.looks.page.legend import legend, planned, replayed, seen, things
 from optipromp.looks.page.plots import Plots
 from optipromp.looks.page.stage import LAYERS
 from optipromp.looks.page.style import STYLE
@@ -48,6 +48,10 @@ class Panel:
         window.say, window.occupy = self._say, self._occupy
         self._clock()
         self.legend = self.gui.add_html("")
+        if window.source.seen is not None:
+            with self.gui.add_folder("as the camera saw it"):
+                self.gui.add_image(window.source.seen, format="jpeg")
+                self.gui.add_html(legend(seen()))
         self.tabs = self.gui.add_tab_group()
         for label, build in (
             ("Plan", self._planning),
@@ -60,7 +64,7 @@ class Panel:
         with self.tabs.add_tab("Record"):
             self.recording = RecordTab(self)
         with self.tabs.add_tab("Replay"):
-            ReplayTab(self)
+            self.replaying = ReplayTab(self)
         window.told.append(self._refresh)
         window.clocked.append(self._mark)
         window.staged.append(self._explain)

@@ -1,25 +1,28 @@
 """The source that the page opens: a scene, a plan, or executed plans."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from optipromp.core.errors import InvalidRequestError
-from optipromp.core.files import is_folder, is_there
+from optipromp.core.errors import InvalidRequestError, OptiPrompError
+from optipromp.core.files import is_file, is_folder, is_there
 from optipromp.core.output import load_plan
 from optipromp.core.planning import Plan
 from optipromp.core.scenes.io import load_scene, scene_names
 from optipromp.core.scenes.scene import Scene
 from optipromp.laboratory.experiments.row_files import ROWS
 from optipromp.looks.page.replay import Replay, load_replay
+from optipromp.perception.pictures import OVERLAY, Image8, read_pixels
 
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A scene, its plan, and executed plans of the scene."""
+    """A scene, its plan, executed plans of it, and the picture in which it was seen, if any."""
 
     scene: Scene
     plan: Plan | None = None
     replays: tuple[Replay, ...] = ()
+    seen: Image8 | None = None
 
 
 def open_source(item: str, beside: str | None = None) -> Source:
@@ -48,7 +51,7 @@ def open_source(item: str, beside: str | None = None) -> Source:
             )
         if is_there(folder / "plan.json"):
             plan = load_plan(folder)
-            return Source(plan.scene, plan, replays)
+            return Source(plan.scene, plan, replays, _seen(folder / "seen"))
         if replays:
             return Source(replays[0].scene, None, replays)
         raise InvalidRequestError(
@@ -56,4 +59,13 @@ def open_source(item: str, beside: str | None = None) -> Source:
         )
     if folder.name == "plan.json":
         return open_source(str(folder.parent), beside)
-    return Source(load_scene(item))
+    return Source(load_scene(item), seen=_seen(folder))
+
+
+def _seen(scene: Path) -> Image8 | None:
+    """The picture that ``see`` left beside a scene; None: there is none that can be read."""
+    picture = scene.with_suffix(OVERLAY)
+    if is_file(picture):
+        with suppress(OptiPrompError):
+            return read_pixels(picture, "RGB").astype("uint8")
+    return None

@@ -8,6 +8,7 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import check_folder
 from optipromp.core.planning.task import posed
 from optipromp.looks.page.content import bundle
+from optipromp.looks.page.inset import sight
 from optipromp.looks.page.record import Recorder
 
 if TYPE_CHECKING:
@@ -118,6 +119,7 @@ class ReplayTab:
         for control in (self.choice, self.second):
             panel.on(control, "replay", lambda _: self.show())
         self.forces = gui.add_markdown("")
+        self.sight = gui.add_html("")
         self.window.clocked.append(self.follow)
 
     def show(self) -> None:
@@ -137,3 +139,7 @@ class ReplayTab:
         text = self.window.forces if now else ""
         if self.forces.content != text:
             self.forces.content = text
+        records = [run.record for run, _ in self.window.replayed if run.record is not None]
+        drawn = "".join(sight(record, self.window.now) for record in records)
+        if self.sight.content != drawn:
+            self.sight.content = drawn
