@@ -49,7 +49,7 @@ LONG = {
     "ros": "bags loop recordings",
     "scenes": "generate placing trusses wild",
     "simulation": (
-        "disturbances export grasps hand loop loop_film physics pictures runs second_engine shown "
+        "disturbances export grasps hand loop loop_film physics pictures rich runs second_engine shown "
         "tools "
         "trusses"
     ),
