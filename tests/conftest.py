@@ -49,9 +49,8 @@ LONG = {
     "ros": "bags loop recordings",
     "scenes": "generate placing trusses wild",
     "simulation": (
-        "disturbances export grasps hand loop loop_film physics pictures rich runs second_engine shown "
-        "tools "
-        "trusses"
+        "coco disturbances export grasps hand loop loop_film physics pictures rich runs "
+        "second_engine shown tools trusses"
     ),
     ".": "kernel_cache new_user plan_folders",
     "viewer": "figures",

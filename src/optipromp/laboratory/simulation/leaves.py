@@ -30,8 +30,8 @@ class LeafParameters(Checked):
     """How many leaves there are, where, and how large."""
 
     before_root: float = parameter(
-        0.60, "1", "measured", "of roots of stems before which a leaf is put; with those that other "
-        "things hide and those outside, a third of stems' ends is visible (StrawDI)"
+        0.60, "1", "measured", "of roots of stems before which a leaf is put; with those that "
+        "others hide and those outside, a third of stems' ends is visible (StrawDI)"
     )  # fmt: skip
     before_fruit: float = parameter(0.12, "1", "guess", "of fruits, a part of which a leaf hides")
     behind: tuple[int, int] = parameter((4, 26), "1", "choice", "leaves behind the fruits")

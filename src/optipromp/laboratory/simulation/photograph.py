@@ -110,6 +110,25 @@ class Photograph:
         rows = [k + 1 for k, m in enumerate(self.marked) if m.id == name and m.kind in kinds]
         return np.isin(self.masks, rows)
 
+    @property
+    def keys(self) -> dict[str, FloatArray]:
+        """Of each fruit on a stem before the camera, pixels (3, 2) of its tip, of its end at the
+        stem, and of its stem's root."""
+        camera, out = self.picture.camera, {}
+        for name, item in self.fruits.items():
+            if item.stem is None:
+                continue
+            begin, root = np.asarray(item.stem.points)[[0, -1]]
+            corners = _corners(item)
+            up = begin - item.position if np.ptp(begin - item.position) > 1e-6 else root - begin
+            up = up / np.linalg.norm(up)
+            low, high = (edge(corners @ up) - item.position @ up for edge in (np.min, np.max))
+            points = [item.position + low * up, item.position + high * up, root]
+            local = camera.pose.inverse() @ np.array(points)
+            if (local[:, 2] > 1e-3).all():
+                out[name] = camera.pixels(local)
+        return out
+
 
 def photograph(
     scene: Scene, mount: str = "beside", seed: int = 0,
@@ -311,8 +330,12 @@ def _what(geom: str, body: str, fruits: Mapping[str, SceneObject]) -> tuple[str,
 
 def _outline(item: SceneObject, camera: CameraModel) -> float:
     """Area [pixel] of a whole fruit's outline in the picture; 0 behind the camera."""
-    corners = item.shape.surface().reshape(-1, 3) @ item.rotation.T + item.position
-    local = camera.pose.inverse() @ corners
+    local = camera.pose.inverse() @ _corners(item)
     if (local[:, 2] < 1e-3).any():
         return 0.0
     return float(ConvexHull(camera.pixels(local)).volume)
+
+
+def _corners(item: SceneObject) -> FloatArray:
+    """Corners (N, 3) of the surface of an object [m]."""
+    return np.asarray(item.shape.surface().reshape(-1, 3) @ item.rotation.T + item.position)

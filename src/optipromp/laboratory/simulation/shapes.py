@@ -114,8 +114,8 @@ def _ground(rng: np.random.Generator, width: int, height: int) -> FloatArray:
     from PIL import Image
 
     coarse = int(rng.integers(2, 40))
-    rough = Image.fromarray(rng.standard_normal((coarse, coarse), dtype=np.float32))
-    rough = np.asarray(rough.resize((width, height), Image.Resampling.BICUBIC))
+    small = Image.fromarray(rng.standard_normal((coarse, coarse), dtype=np.float32))
+    rough = np.asarray(small.resize((width, height), Image.Resampling.BICUBIC))
     share = (1.0 / (1.0 + np.exp(-2.0 * rough)))[:, :, None]
     one, other = rng.uniform(0.05, 0.95, (2, 3)).astype(np.float32)
     return np.asarray(share * one + (1.0 - share) * other)
