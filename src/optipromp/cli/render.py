@@ -69,7 +69,7 @@ def render(
     check_folder(out)
     looks = looks or ("rich" if preset == "wild" else "plain")
     records: list[dict[str, Any]] = []
-    annotated: list[coco.Record] = []
+    annotated: list[coco.Labels] = []
     with progress_bar(10) as told:
         for number in numbers:
             shot, name, true = _taken(scene, preset, number, mount, looks)

@@ -23,14 +23,14 @@ CATEGORIES: dict[Kind, str] = {
 Shot = Photograph | Drawn
 
 
-class Record(NamedTuple):
+class Labels(NamedTuple):
     """What COCO has of a picture: its image, and annotations without their numbers."""
 
     image: dict[str, Any]
     annotations: list[dict[str, Any]]
 
 
-def record(name: str, shot: Shot) -> Record:
+def record(name: str, shot: Shot) -> Labels:
     """The record of a picture whose files are called ``name``; see
     :func:`optipromp.perception.pictures.picture_files`."""
     camera = shot.picture.camera
@@ -49,10 +49,10 @@ def record(name: str, shot: Shot) -> Record:
             if each.share == each.share:
                 told["visible"] = round(each.share, 3)
             annotations.append(_annotation(each, mask) | told)
-    return Record(image, annotations)
+    return Labels(image, annotations)
 
 
-def document(records: Iterable[Record]) -> dict[str, Any]:
+def document(records: Iterable[Labels]) -> dict[str, Any]:
     """The COCO document of pictures; lengths in pixels from the middle of the first pixel."""
     images: list[dict[str, Any]] = []
     annotations: list[dict[str, Any]] = []

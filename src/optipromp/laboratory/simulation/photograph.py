@@ -57,7 +57,7 @@ class PhotoParameters(Checked):
         0.10, "1", "choice", "standard deviation of saturation and value of each surface"
     )
     metered: float = parameter(
-        0.36, "1", "choice", "rich looks: mean of the colours that exposure aims at"
+        0.32, "1", "choice", "rich looks: mean of the colours that exposure aims at"
     )
     exposure: float = parameter(
         0.18, "1", "choice", "rich looks: standard deviation of the logarithm of brightness"
@@ -266,7 +266,7 @@ def _lensed(rgb: Image8, p: PhotoParameters, rng: np.random.Generator) -> Image8
     row, column = (np.linspace(-1.0, 1.0, n) for n in size)
     dark = 1.0 - rng.uniform(0.0, p.corners) * 0.5 * (row[:, None] ** 2 + column[None] ** 2)
     metered = 255.0 * p.metered / max(float(rgb.mean()), 1.0)
-    gain = np.clip(metered, 0.8, 2.5) * np.exp(
+    gain = np.clip(metered, 0.8, 2.0) * np.exp(
         p.exposure * rng.standard_normal() + p.tint * rng.standard_normal(3)
     )
     focus = rng.uniform(0.3, p.blur) * size[1] / 640.0  # [pixel]
