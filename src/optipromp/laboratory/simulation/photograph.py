@@ -239,6 +239,13 @@ def _painted(model: Any, p: PhotoParameters, rng: np.random.Generator, looks: Lo
     bare = model.geom_matid < 0  # a geom's own colour covers that of its material
     model.geom_rgba[bare, :3] = _varied(model.geom_rgba[bare, :3], p, rng)
     if looks == "rich":
+        first: dict[str, int] = {}  # geom of each stem and petiole, whose pieces have one colour
+        for geom in np.flatnonzero(bare).tolist():
+            own, body = model.geom(geom).name, model.body(model.geom_bodyid[geom]).name
+            piece = own if own.startswith(LEAF) else body
+            if piece.startswith((LEAF, "stem:")):
+                alike = first.setdefault(piece.rpartition(":")[0], geom)
+                model.geom_rgba[geom, :3] = model.geom_rgba[alike, :3]
         model.light_castshadow[0] = 1
         model.vis.quality.shadowsize = SHADOW
         return
