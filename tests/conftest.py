@@ -47,12 +47,10 @@ LONG = {
         "refusals spheres untrusted xacro"
     ),
     "ros": "bags loop pictures recordings watching",
-    "scenes": "generate placing trusses",
+    "scenes": "generate placing trusses wild",
     "simulation": (
-        "disturbances export grasps hand live_camera loop loop_film physics pictures runs "
-        "second_engine shown "
-        "tools "
-        "trusses"
+        "coco disturbances export grasps hand live_camera loop loop_film physics pictures rich runs "
+        "second_engine shown tools trusses"
     ),
     ".": "kernel_cache new_user plan_folders",
     "viewer": "figures",

@@ -1,5 +1,6 @@
 """``optipromp render``: pictures of scenes with depth, masks, camera and truth."""
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -12,7 +13,9 @@ from optipromp.core.files import check_folder, json_text, write_together
 
 if TYPE_CHECKING:
     from optipromp.core.scenes.scene import Scene
-    from optipromp.laboratory.simulation.photograph import Photograph
+    from optipromp.laboratory.simulation.coco import Shot
+
+SIZE = 640, 480  # [pixel] of shapes, as of photographs
 
 
 @command()
@@ -29,6 +32,14 @@ def render(
         Literal["beside", "palm", "hand"],
         typer.Option(help="Of the camera: standing beside, in the tool's mouth, on the hand."),
     ] = "beside",
+    looks: Annotated[
+        Literal["plain", "rich", "shapes"] | None,
+        typer.Option(
+            help="plain: smooth fruits before two colours; rich: leaves, bowed stems, painted "
+            "surfaces, shadows; shapes: flat ellipses and lines, of no scene. Default: rich for "
+            "the preset wild, else plain."
+        ),
+    ] = None,
 ) -> Report:
     """Take pictures of a scene, with depth and truth.
 
@@ -36,6 +47,7 @@ def render(
     scale, ragged edges and holes of a stereo camera. A picture NAME leaves NAME.rgb.png,
     NAME.depth.png (16 bits, 0.1 mm), NAME.camera.json, NAME.masks.png (an instance a value),
     NAME.masks.json (what each value is, and its visible share) and NAME.yaml, the true scene.
+    annotations.json has all of them as COCO: masks, boxes, key points of fruits and stems, cameras.
     Needs the extra 'sim'.
 
     [bold]Examples[/bold]
@@ -43,23 +55,31 @@ def render(
     \b
     optipromp render scenario-3 --seeds 0:3 --out pictures
     optipromp render --preset field --seeds 70000:70010 --out pictures
+    optipromp render --preset wild --seeds 70000:70010 --out pictures
+    optipromp render --looks shapes --seeds 0:100 --out shapes
     optipromp see pictures --out seen
     """
-    from optipromp.laboratory.simulation.photograph import photograph
+    from optipromp.laboratory.simulation import coco
 
-    if (scene is None) == (preset is None):
-        raise InvalidRequestError("give a scene or --preset, one of them")
+    if looks == "shapes" and (scene is not None or preset is not None):
+        raise InvalidRequestError("shapes are of no scene; leave out SCENE and --preset")
+    if looks != "shapes" and (scene is None) == (preset is None):
+        raise InvalidRequestError("give a scene or --preset, one of them; or --looks shapes")
     numbers = _seeds(seeds)
     check_folder(out)
+    looks = looks or ("rich" if preset == "wild" else "plain")
     records: list[dict[str, Any]] = []
+    annotated: list[coco.Labels] = []
     with progress_bar(10) as told:
         for number in numbers:
-            shot = photograph(_scene(scene, preset, number), mount, number)
-            name = f"{Path(scene).stem}-{number}" if scene is not None else shot.scene.name
+            shot, name, true = _taken(scene, preset, number, mount, looks)
             told(len(records), len(numbers), name)
-            records.append(_write(shot, name, out))
+            records.append(_write(shot, name, true, out))
+            annotated.append(coco.record(name, shot))
+    content = json.dumps(coco.document(annotated), separators=(",", ":"))
+    write_together(out, {coco.FILE: content.encode()})
     lines = [f"wrote {len(records)} picture{'s' * (len(records) != 1)} to {out}"]
-    return Report({"mount": mount, "pictures": records}, lines)
+    return Report({"mount": mount, "looks": looks, "pictures": records}, lines)
 
 
 def _seeds(text: str) -> range:
@@ -76,7 +96,22 @@ def _scene(scene: str | None, preset: Any, number: int) -> "Scene":
     return generate(preset, number) if scene is None else load_scene(scene)
 
 
-def _write(shot: "Photograph", name: str, out: Path) -> dict[str, Any]:
+def _taken(
+    scene: str | None, preset: Any, number: int, mount: str, looks: str
+) -> "tuple[Shot, str, Scene | None]":
+    """A picture, its name, and the true scene."""
+    if looks == "shapes":
+        from optipromp.laboratory.simulation.shapes import shapes
+
+        return shapes(number, *SIZE), f"shapes-{number}", None
+    from optipromp.laboratory.simulation.photograph import photograph
+
+    shot = photograph(_scene(scene, preset, number), mount, number, looks=looks)  # type: ignore[arg-type]
+    name = f"{Path(scene).stem}-{number}" if scene is not None else shot.scene.name
+    return shot, name, shot.scene
+
+
+def _write(shot: "Shot", name: str, true: "Scene | None", out: Path) -> dict[str, Any]:
     """Write the files of a picture; returns what is said of it."""
     from optipromp.core.scenes.io import save_scene
     from optipromp.perception.pictures import picture_files, png_file
@@ -86,10 +121,13 @@ def _write(shot: "Photograph", name: str, out: Path) -> dict[str, Any]:
         | ({} if each.share != each.share else {"visible": round(each.share, 3)})
         for k, each in enumerate(shot.marked)
     ]
-    save_scene(shot.scene, out / f"{name}.yaml")
     files = picture_files(name, shot.picture)
     files[f"{name}.masks.png"] = png_file(shot.masks)
     files[f"{name}.masks.json"] = json_text(masks).encode()
     write_together(out, files)
     fruits = [each.id for each in shot.marked if each.kind in ("ripe", "unripe")]
-    return {"name": name, "scene": str(out / f"{name}.yaml"), "fruits": fruits}
+    told = {"name": name, "scene": None, "fruits": fruits}
+    if true is not None:
+        save_scene(true, out / f"{name}.yaml")
+        told["scene"] = str(out / f"{name}.yaml")
+    return told

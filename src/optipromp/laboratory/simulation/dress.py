@@ -1,6 +1,6 @@
 """A world for pictures: the looks of robot and scene over the bodies that collide."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -15,13 +15,13 @@ MATT = 0.25, 0.35
 GLOW = 0.35  # share of its colour that the floor shows in the shade
 
 
-def dressed(world: World) -> Any:
+def dressed(world: World, more: Callable[[Any], None] | None = None) -> Any:
     """The world's model with visible parts that touch nothing and weigh nothing.
 
     Bodies, joints and their order are the world's, so states of one model are states of the other.
     The geoms that a part covers (body spheres, the tool's solids, fruits and objects) are hidden;
     stems, and the fruits of real neighbouring clusters, are shown as they collide. The world's
-    ``spec`` changes: build another world for any other use.
+    ``spec`` changes: build another world for any other use. ``more`` changes it, too, at the end.
     """
     spec, robot, scene = world.spec, world.robot, world.scene
     names = {body.name for body in spec.bodies}
@@ -47,6 +47,8 @@ def dressed(world: World) -> Any:
                 for name in hidden
             )
             geom.group = HIDDEN if covered else SHOWN
+    if more is not None:
+        more(spec)
     model = spec.compile()
     _light(model)
     return model

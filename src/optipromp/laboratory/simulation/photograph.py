@@ -24,6 +24,7 @@ from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.leaves import LEAF, LeafParameters, leafy
 from optipromp.laboratory.simulation.parameters import SimulationParameters
 from optipromp.laboratory.simulation.render import canvas
+from optipromp.laboratory.simulation.rich import furnished
 from optipromp.laboratory.simulation.sight import hand_pose, standing_pose, tool_frame
 from optipromp.laboratory.simulation.stereo import StereoParameters, sensed
 from optipromp.laboratory.simulation.world import CLUSTER_FRUIT_RADIUS, World, build
@@ -32,6 +33,7 @@ from optipromp.perception.pictures import CameraModel, DepthPicture, Image8
 EYE = "eye"
 Kind = Literal["ripe", "unripe", "calyx", "stem", "leaf", "static", "other"]
 Looks = Literal["plain", "rich"]
+SHADOW = 1024  # [texel] side of the map of shadows
 FRUITS: tuple[Kind, ...] = ("ripe", "unripe")
 
 
@@ -53,6 +55,16 @@ class PhotoParameters(Checked):
     hue: float = parameter(6.0, "deg", "choice", "standard deviation of the hue of each surface")
     paint: float = parameter(
         0.10, "1", "choice", "standard deviation of saturation and value of each surface"
+    )
+    metered: float = parameter(
+        0.32, "1", "choice", "rich looks: mean of the colours that exposure aims at"
+    )
+    exposure: float = parameter(
+        0.18, "1", "choice", "rich looks: standard deviation of the logarithm of brightness"
+    )
+    corners: float = parameter(0.3, "1", "choice", "rich looks: most light that corners lack")
+    blur: float = parameter(
+        0.9, "pixel", "choice", "rich looks: largest deviation of a point's image at 640 pixels"
     )
     grain: float = parameter(
         2.5, "1", "guess", "standard deviation of each pixel's colours, of 255"
@@ -98,6 +110,25 @@ class Photograph:
         rows = [k + 1 for k, m in enumerate(self.marked) if m.id == name and m.kind in kinds]
         return np.isin(self.masks, rows)
 
+    @property
+    def keys(self) -> dict[str, FloatArray]:
+        """Of each fruit on a stem before the camera, pixels (3, 2) of its tip, of its end at the
+        stem, and of its stem's root."""
+        camera, out = self.picture.camera, {}
+        for name, item in self.fruits.items():
+            if item.stem is None:
+                continue
+            begin, root = np.asarray(item.stem.points)[[0, -1]]
+            corners = _corners(item)
+            up = begin - item.position if np.ptp(begin - item.position) > 1e-6 else root - begin
+            up = up / np.linalg.norm(up)
+            low, high = (edge(corners @ up) - item.position @ up for edge in (np.min, np.max))
+            points = [item.position + low * up, item.position + high * up, root]
+            local = camera.pose.inverse() @ np.array(points)
+            if (local[:, 2] > 1e-3).all():
+                out[name] = camera.pixels(local)
+        return out
+
 
 def photograph(
     scene: Scene, mount: str = "beside", seed: int = 0,
@@ -114,7 +145,7 @@ def photograph(
         seed: of light, colours, background, depth errors and a standing camera's place.
         parameters: of the camera and the looks.
         stereo: of the errors of depth.
-        looks: ``rich`` has leaves and bowed stems, too; stems of ``plain`` are straight.
+        looks: ``rich`` has leaves, bowed stems, painted surfaces, shadows and a lens.
 
     Raises:
         InvalidRequestError: an unknown mount; MuJoCo is not installed, or cannot draw.
@@ -143,12 +174,18 @@ def photograph(
         name=EYE, pos=pose.position, quat=to_quaternion(pose.rotation * [1.0, -1.0, -1.0]),
         fovy=2.0 * math.degrees(math.atan(0.5 * p.height / p.focal)),
     )  # fmt: skip
-    if looks == "rich":
-        leafy(world.spec, scene, pose, LeafParameters(), np.random.default_rng([seed, 36]))
-    model = dressed(world)
+    other = np.random.default_rng([seed, 36])
+
+    def rich(spec: Any) -> None:
+        leafy(spec, scene, pose, LeafParameters(), other)
+        furnished(spec, scene, pose, other)
+
+    model = dressed(world, rich if looks == "rich" else None)
     model.vis.quality.offsamples = 0
-    painted(model, p, rng)
+    painted(model, p, rng, looks)
     rgb, depth, seen = _drawn(model, world, state.q, camera)
+    if looks == "rich":
+        rgb = _lensed(rgb, p, other)
     rgb = exposed(rgb, p, rng)
     fruits = _fruits(world)
     masks, marked = _masks(model, seen, fruits, camera, scene)
@@ -188,8 +225,10 @@ def _drawn(
     return rgb, depth, np.where(geom, segments[:, :, 0], -1)
 
 
-def painted(model: Any, p: PhotoParameters, rng: np.random.Generator) -> None:
-    """Vary light, colours and background of a model."""
+def painted(
+    model: Any, p: PhotoParameters, rng: np.random.Generator, looks: Looks = "plain"
+) -> None:
+    """Vary light and colours of a model, and the background of plain looks."""
     tint = 1.0 + p.tint * rng.standard_normal(3)
     ambient, sun = rng.uniform(*p.ambient), rng.uniform(*p.sun)
     model.vis.headlight.ambient[:] = np.clip(ambient * tint, 0.0, 1.0)
@@ -201,6 +240,17 @@ def painted(model: Any, p: PhotoParameters, rng: np.random.Generator) -> None:
     model.mat_rgba[:, :3] = _varied(model.mat_rgba[:, :3], p, rng)
     bare = model.geom_matid < 0  # a geom's own colour covers that of its material
     model.geom_rgba[bare, :3] = _varied(model.geom_rgba[bare, :3], p, rng)
+    if looks == "rich":
+        first: dict[str, int] = {}  # geom of each stem and petiole, whose pieces have one colour
+        for geom in np.flatnonzero(bare).tolist():
+            own, body = model.geom(geom).name, model.body(model.geom_bodyid[geom]).name
+            piece = own if own.startswith(LEAF) else body
+            if piece.startswith((LEAF, "stem:")):
+                alike = first.setdefault(piece.rpartition(":")[0], geom)
+                model.geom_rgba[geom, :3] = model.geom_rgba[alike, :3]
+        model.light_castshadow[0] = 1
+        model.vis.quality.shadowsize = SHADOW
+        return
     sky = model.tex_data.reshape(-1, int(model.tex_width[0]), 3)
     rough = gaussian_filter(rng.standard_normal(sky.shape[:2]), 3.0)  # [texel] a choice
     one, other = rng.uniform(0.1, 0.9, (2, 3))  # two colours of the background
@@ -217,6 +267,20 @@ def _varied(colours: FloatArray, p: PhotoParameters, rng: np.random.Generator) -
     off = np.cos(turn)[:, None] * off + np.sin(turn)[:, None] * np.cross(axis, off)
     dyed, bright = 1.0 + p.paint * rng.standard_normal((2, len(colours), 1))
     return np.asarray(np.clip((grey + dyed * off) * bright, 0.0, 1.0))
+
+
+def _lensed(rgb: Image8, p: PhotoParameters, rng: np.random.Generator) -> Image8:
+    """The picture through a lens: a little out of focus, darker in its corners, any exposure."""
+    size = rgb.shape[:2]
+    row, column = (np.linspace(-1.0, 1.0, n) for n in size)
+    dark = 1.0 - rng.uniform(0.0, p.corners) * 0.5 * (row[:, None] ** 2 + column[None] ** 2)
+    metered = 255.0 * p.metered / max(float(rgb.mean()), 1.0)
+    gain = np.clip(metered, 0.8, 2.0) * np.exp(
+        p.exposure * rng.standard_normal() + p.tint * rng.standard_normal(3)
+    )
+    focus = rng.uniform(0.3, p.blur) * size[1] / 640.0  # [pixel]
+    soft = gaussian_filter(rgb.astype(np.float32), (focus, focus, 0.0), truncate=3.0)
+    return np.asarray(np.clip(soft * dark[:, :, None] * gain, 0.0, 255.0), dtype=np.uint8)
 
 
 def exposed(rgb: Image8, p: PhotoParameters, rng: np.random.Generator) -> Image8:
@@ -275,8 +339,12 @@ def _what(geom: str, body: str, fruits: Mapping[str, SceneObject]) -> tuple[str,
 
 def _outline(item: SceneObject, camera: CameraModel) -> float:
     """Area [pixel] of a whole fruit's outline in the picture; 0 behind the camera."""
-    corners = item.shape.surface().reshape(-1, 3) @ item.rotation.T + item.position
-    local = camera.pose.inverse() @ corners
+    local = camera.pose.inverse() @ _corners(item)
     if (local[:, 2] < 1e-3).any():
         return 0.0
     return float(ConvexHull(camera.pixels(local)).volume)
+
+
+def _corners(item: SceneObject) -> FloatArray:
+    """Corners (N, 3) of the surface of an object [m]."""
+    return np.asarray(item.shape.surface().reshape(-1, 3) @ item.rotation.T + item.position)
