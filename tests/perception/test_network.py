@@ -1,6 +1,8 @@
 """The network of the eyes: its grouping, its file, and what it finds in a picture."""
 
+import json
 import zipfile
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 
@@ -8,14 +10,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
+from optipromp import load_scene
+from optipromp.cli.main import app
 from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.errors import InvalidRequestError
+from optipromp.core.scenes.io import save_scene
 from optipromp.laboratory.experiments.seeing import compared, figures
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.photograph import Photograph, photograph
 from optipromp.perception import ByNetwork
 from optipromp.perception.network import CLASSES, SIZE, encoded, grouped
+from optipromp.perception.pictures import picture_files
 
 SEED = 60012
 MOST = 5_000_000  # bytes of a file of weights: what a package may carry
@@ -101,6 +108,8 @@ def test_the_shipped_network_finds_the_fruits_of_a_picture(shot: Photograph) -> 
     assert told["visible"] >= 2
     assert told["recall"] == 1.0
     assert told["false"] == 0
+    assert told["ripe_right"] == 1.0  # of all fruits few are ripe: kind_right tells little
+    assert told["kind_right"] == 1.0
     assert told["center_90_mm"] < 10.0
     found = finder.find(shot.picture)
     scores = [region.score for region in found.fruits]
@@ -116,10 +125,21 @@ def test_the_shipped_network_finds_the_fruits_of_a_picture(shot: Photograph) -> 
     )
 
 
+def test_see_takes_the_network(shot: Photograph, tmp_path: Path) -> None:
+    for name, content in picture_files("a", shot.picture).items():
+        (tmp_path / name).write_bytes(content)
+    save_scene(shot.scene, tmp_path / "a.yaml")
+    words = ["see", str(tmp_path), "--finder", "network", "--model", str(WEIGHTS[0]), "--json"]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0, done.output
+    (record,) = json.loads(done.stdout)["pictures"]
+    seen = load_scene(record["scene"])
+    assert seen.target is not None
+    assert len(seen.pushables) + 1 == len(record["fruits"])
+
+
 def test_another_size_of_picture_is_as_good(shot: Photograph) -> None:
     """Regions lie at the picture's own pixels, whatever the network sees."""
-    from dataclasses import replace
-
     half = shot.picture
     camera = replace(
         half.camera, width=half.camera.width // 2, height=half.camera.height // 2,
@@ -136,8 +156,6 @@ def test_another_size_of_picture_is_as_good(shot: Photograph) -> None:
 
 
 def test_a_picture_of_nothing_has_no_fruits(shot: Photograph) -> None:
-    from dataclasses import replace
-
     bare = replace(
         shot.picture, rgb=np.full_like(shot.picture.rgb, 90),
         depth=np.zeros_like(shot.picture.depth),

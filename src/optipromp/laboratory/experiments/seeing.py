@@ -146,6 +146,7 @@ def figures(pictures: Sequence[SeenPicture]) -> dict[str, float]:
         "false": false,
         "false_share": false / max(false + len(found), 1),
         "kind_right": _mean([fruit.kind_right for fruit in found]),
+        "ripe_right": _mean([f.kind_right for f in found if f.item.role == "target"]),
         "found": len(found),
         "center_median_mm": _quantile(errors, 0.5),
         "center_90_mm": _quantile(errors, 0.9),
