@@ -32,7 +32,7 @@ LONG = {
     "experiments": "baselines loops own_scenes study variations",
     "geometry": "grids",
     "looks": "looks",
-    "perception": "calibration seeing spheroids watcher",
+    "perception": "calibration network seeing spheroids watcher",
     "page": "first_sight loop_replay page sources words",
     "planning": (
         "follow goals legs lines many moving options paper paper_settings prediction regions "
