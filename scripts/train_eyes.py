@@ -149,6 +149,21 @@ def network():
     return Net()
 
 
+def ripeness(told, kinds, fruit):
+    """Cross entropy of ripe against unripe in fruits, each counting one half.
+
+    Ripe pixels are one in a hundred: in the loss of all classes they weigh too little to be learnt.
+    """
+    import torch
+
+    right = kinds[fruit] - CODE["ripe"]
+    counts = torch.bincount(right, minlength=2).clamp(min=1)
+    each = torch.nn.functional.cross_entropy(
+        told.permute(0, 2, 3, 1)[fruit], right, reduction="none"
+    )
+    return (each / counts[right]).sum() / 2.0
+
+
 def train(
     data: Path | None, out: Path, minutes: float, seed: int, start: Path | None, batch: int = 8
 ) -> None:
@@ -177,7 +192,7 @@ def train(
         of_kind = torch.nn.functional.cross_entropy(told[:, : len(CLASSES)], kinds, weights)
         off = (told[:, len(CLASSES) :] - offsets / FAR).abs().sum(dim=1)
         of_place = (off * fruit).sum() / fruit.sum().clamp(min=1)
-        loss = of_kind + of_place
+        loss = of_kind + of_place + ripeness(told[:, 1:3], kinds, fruit)
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()

@@ -32,7 +32,7 @@ LONG = {
     "experiments": "baselines loops own_scenes study variations",
     "geometry": "grids",
     "looks": "looks",
-    "perception": "calibration seeing spheroids watcher",
+    "perception": "calibration network seeing spheroids watcher",
     "page": "first_sight loop_replay page sources words",
     "planning": (
         "follow goals legs lines many moving options paper paper_settings prediction regions "
@@ -49,8 +49,8 @@ LONG = {
     "ros": "bags loop pictures recordings watching",
     "scenes": "generate placing trusses wild",
     "simulation": (
-        "coco disturbances export grasps hand live_camera loop loop_film physics pictures rich runs "
-        "second_engine shown tools trusses"
+        "coco disturbances export grasps hand live_camera loop loop_film physics pictures rich "
+        "runs second_engine shown tools trusses"
     ),
     ".": "kernel_cache new_user plan_folders",
     "viewer": "figures",

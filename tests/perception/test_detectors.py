@@ -1,5 +1,7 @@
 """Detectors of one's own, and the network: regions of what they say, fruits of what they see."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -64,6 +66,33 @@ def test_a_detector_that_knows_the_truth_finds_what_is_round() -> None:
     sight = look_at(drawn.picture, finder=ByDetector(detect))
     assert sight.found.fruits
     assert len(sight.detections) < len(sight.found.fruits)
+
+
+def test_the_shown_finder_of_rf_detr_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file with the inputs and outputs of RF-DETR, that finds the same boxes in every picture."""
+    onnx = pytest.importorskip("onnx")
+    helper, shown = onnx.helper, picture()
+    boxes = np.array([[[80 / 160, 60 / 120, 50 / 160, 50 / 120], [0.1, 0.1, 0.1, 0.1]]], np.float32)
+    logits = np.array([[[2.0, -1.0, 3.0], [-4.0, -3.0, 2.0]]], np.float32)
+    real = onnx.TensorProto.FLOAT
+    graph = helper.make_graph(
+        [helper.make_node("Constant", [], [name], value=onnx.numpy_helper.from_array(value))
+         for name, value in (("dets", boxes), ("labels", logits))], "detr",
+        [helper.make_tensor_value_info("input", real, [1, 3, 56, 56])],
+        [helper.make_tensor_value_info(name, real, value.shape)
+         for name, value in (("dets", boxes), ("labels", logits))],
+    )  # fmt: skip
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    onnx.save(model, tmp_path / "rf-detr.onnx")
+    page = (Path(__file__).parents[2] / "docs" / "eyes.md").read_text("utf-8")
+    (block,) = (part for part in page.split("```") if "rf-detr.onnx" in part)
+    (tmp_path / "own_rf_detr.py").write_text(block, "utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    (found,) = finder_named("own_rf_detr:finder").find(shown).regions
+    assert found.kind == "ripe"
+    assert found.score == pytest.approx(1.0 / (1.0 + np.exp(-2.0)))
+    assert (found.pixels == (shown.depth < 0.6)).all()
 
 
 def test_finders_by_name() -> None:

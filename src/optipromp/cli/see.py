@@ -83,15 +83,16 @@ def see(
 ) -> Report:
     """Find fruits and stems in pictures, and write scenes to plan in.
 
-    By colour, depth and shape, without a model file. Ripe fruits become the target (the lowest of
-    several), unripe ones pushable. Every position has its covariance. What nobody saw, such as the
-    stem of a fruit, is assumed and said. A picture NAME.overlay.png shows what was found. Needs the
-    extra 'vision'.
+    By colour, depth and shape, or by a network (--finder). Ripe fruits become the target (the
+    lowest of several), unripe ones pushable. Every position has its covariance. What nobody saw,
+    such as the stem of a fruit, is assumed and said. A picture NAME.overlay.png shows what was
+    found. Needs the extra 'vision'.
 
     [bold]Examples[/bold]
 
     \b
     optipromp see pictures --out seen
+    optipromp see pictures --finder network --out seen
     optipromp see --rgb a.png --depth a.npz --camera camera.json --known row.yaml --out a.yaml
     optipromp see --bag row.mcap --known row.yaml --every 2 --out seen
     optipromp plan a.yaml --out reach

@@ -38,11 +38,10 @@ class Detected:
 class ByDetector:
     """A finder by any detector of masks or boxes: a network's runtime, a service, another package.
 
-    Example, for the outputs of RF-DETR's ONNX file::
+    Example, of a detector with words of its own (``docs/eyes.md`` has RF-DETR's ONNX file)::
 
         def detect(rgb):
-            boxes, logits = session.run(None, {"input": prepared(rgb)})
-            return [Detected(names[k], score, box) for box, k, score in decoded(boxes, logits)]
+            return [Detected(word, score, box) for word, score, box in mine(rgb)]
 
         finder = ByDetector(detect, {"strawberry_ripe": "ripe", "strawberry_green": "unripe"})
 

@@ -2,15 +2,14 @@
 
 import math
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.scenes.scene import SceneObject
-from optipromp.laboratory.generate import Preset, generate
-from optipromp.laboratory.simulation.photograph import FRUITS, Photograph, photograph
+from optipromp.laboratory.simulation.photograph import FRUITS, Photograph
 from optipromp.perception.eyes import Detection, Sighting, look_at
 from optipromp.perception.finder import Finder
 
@@ -129,14 +128,6 @@ def _fruit(
     return SeenFruit(*shown, error, normalised, right, shows, angle, tilts, item, center, match)
 
 
-def pictures_of(
-    preset: Preset, seeds: Iterable[int], mount: str = "beside", finder: Finder | None = None
-) -> Iterator[SeenPicture]:
-    """Random scenes of a preset, photographed and seen."""
-    for seed in seeds:
-        yield compared(photograph(generate(preset, seed), mount, seed), finder)
-
-
 def figures(pictures: Sequence[SeenPicture]) -> dict[str, float]:
     """Counts, rates and errors of pictures; nan where nothing tells one."""
     fruits = [fruit for picture in pictures for fruit in picture.fruits]
@@ -155,6 +146,7 @@ def figures(pictures: Sequence[SeenPicture]) -> dict[str, float]:
         "false": false,
         "false_share": false / max(false + len(found), 1),
         "kind_right": _mean([fruit.kind_right for fruit in found]),
+        "ripe_right": _mean([f.kind_right for f in found if f.item.role == "target"]),
         "found": len(found),
         "center_median_mm": _quantile(errors, 0.5),
         "center_90_mm": _quantile(errors, 0.9),
