@@ -37,7 +37,6 @@ class Spheroid:
         half: half the length along the axis [m].
         covariance: (3, 3) of the centre [m²].
         state_covariance: (7, 7) of centre, logarithms of radius and of length over width, tilts.
-        misfit: median error of the depths over their deviation, 1 of a true spheroid.
         round: deviation of the depths from a plane over that from the spheroid; a wall has 1.
         share: part of its outline's area where its surface is seen.
         through: part of its outline's area where something farther is seen.
@@ -51,7 +50,6 @@ class Spheroid:
     half: float
     covariance: FloatArray
     state_covariance: FloatArray
-    misfit: float
     round: float
     share: float
     through: float
@@ -84,7 +82,7 @@ class _Data(NamedTuple):
 def fitted(
     picture: DepthPicture, pixels: BoolArray, up: FloatArray, p: EyeParameters
 ) -> Spheroid | None:
-    """The likeliest spheroid of a fruit's pixels; None if they show none. See :func:`all_fitted`."""
+    """The likeliest spheroid of a fruit's pixels, see :func:`all_fitted`; None if they show none."""
     return all_fitted(
         picture, [pixels], np.ones(1, dtype=np.int64), pixels.astype(np.int64), up, p
     )[0]
@@ -162,12 +160,11 @@ def _spheroid(
     weights = look.data.weights[k][used]
     first = residuals[: len(used)][used]
     second = residuals[len(used) :][look.data.pulls[k] > 0.0]
-    misfit = float(np.median(np.abs(first))) * math.sqrt(look.per[k]) / 0.67
     left = float(np.sqrt(np.mean(first**2)))
     pull = float(look.data.pulls[k].max(initial=1.0))
     return Spheroid(
         center, _axis(x[None], axes)[0][0], radius, radius * math.exp(x[4]), whole[:3, :3], whole,
-        misfit, _planar(look.data.points[k][used], weights) / max(left, 1e-9),
+        _planar(look.data.points[k][used], weights) / max(left, 1e-9),
         float(look.share[k]), float(look.through[k]), float(look.spill[k]),
         float(np.abs(second).mean() / pull / radius) if len(second) else 0.0,
     )  # fmt: skip
@@ -379,7 +376,6 @@ def _outlines(
     last = np.where(
         (ends - deep) * pixel < 3.5, ends - 1, deep
     )  # [pixel] edges of depth are ragged
-    rows = np.arange(count)[:, None], np.arange(TURNS)
     reach = (
         0.5 * (tick[np.clip(last, 0, TICKS - 1)] + tick[np.clip(last + 1, 0, TICKS - 1)])
     ) * size[:, None]
