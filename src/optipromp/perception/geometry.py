@@ -75,7 +75,7 @@ class ByGeometry:
         p = self.parameters
         steps = depth - minimum_filter(depth, 3) > p.step  # the nearer side keeps its edge
         whole = binary_closing(mask, SQUARE) & ~steps
-        parts = np.zeros(mask.shape, dtype=np.int32)
+        parts = np.zeros(mask.shape, dtype=np.int64)
         islands, _ = label(whole)
         for row, box in enumerate(find_objects(islands), start=1):
             if min(b.stop - b.start for b in box) > 2:
@@ -105,7 +105,7 @@ def _part(island: BoolArray, metres: FloatArray, p: EyeParameters) -> IntArray:
         metres: (h, w) metres of a pixel.
         p: sizes.
     """
-    parts = np.zeros(island.shape, dtype=np.int32)
+    parts = np.zeros(island.shape, dtype=np.int64)
     edge = distance_transform_edt(np.pad(island, 1))[1:-1, 1:-1]
     core = edge * metres > p.thin
     if not core.any():
