@@ -30,6 +30,7 @@ RECIPE = (  # preset, looks, mount, share
     ("cluster", "plain", "beside", 0.08),
 )  # fmt: skip
 WIDTH, HEIGHT, FOCAL = 320, 240, 240.0
+MIXED = 0.25  # share of abstract shapes among the rendered pictures of training: a choice
 CODE = {name: k for k, name in enumerate(CLASSES)}
 
 
@@ -65,9 +66,11 @@ def truth(masks: np.ndarray, marked: tuple) -> tuple[np.ndarray, np.ndarray]:
 def samples(data: Path | None, seed: int) -> Iterator[tuple[np.ndarray, ...]]:
     """Pictures without end: inputs (5, H, W), classes, offsets to the fruit's middle, weights."""
     rng = np.random.default_rng([seed, 39])
-    files = sorted(data.glob("*.npz")) if data is not None else []
+    files: list[Path] = []
     for k in itertools.count():
-        if data is None:
+        if data is not None and k % 200 == 0:
+            files = sorted(data.glob("*.npz"))  # more may have come
+        if data is None or rng.random() < MIXED:
             drawn = shapes(1_000_000 + k, WIDTH, HEIGHT)
             kinds, instances = truth(drawn.masks, drawn.marked)
             rgb, depth = drawn.picture.rgb, drawn.picture.depth
@@ -101,7 +104,7 @@ def changed(
     return encoded(rgb, depth), kinds.astype(np.int64), offsets, instances > 0
 
 
-def network():  # noqa: ANN201 (torch is imported only here)
+def network():
     """A U-net of 0.3 million weights with separable convolutions at a half of the picture."""
     import torch
     from torch import nn
@@ -126,14 +129,12 @@ def network():  # noqa: ANN201 (torch is imported only here)
             self.down = nn.ModuleList(
                 block(a, b) for a, b in itertools.pairwise((sizes[0], *sizes[1:]))
             )
-            self.up = nn.ModuleList(
-                block(a + b, b) for a, b in itertools.pairwise(sizes[::-1])
-            )
+            self.up = nn.ModuleList(block(a + b, b) for a, b in itertools.pairwise(sizes[::-1]))
             self.head = nn.Conv2d(sizes[0], (len(CLASSES) + 2) * 4, 1)
             self.fine = nn.PixelShuffle(2)
             self.pool = nn.MaxPool2d(2)
 
-        def forward(self, x):  # noqa: ANN001, ANN202
+        def forward(self, x):
             x = self.stem(x)
             kept = [x]
             for each in self.down:
@@ -148,13 +149,17 @@ def network():  # noqa: ANN201 (torch is imported only here)
     return Net()
 
 
-def train(data: Path | None, out: Path, minutes: float, seed: int, batch: int = 8) -> None:
-    """Train for so many minutes, and write the network."""
+def train(
+    data: Path | None, out: Path, minutes: float, seed: int, start: Path | None, batch: int = 8
+) -> None:
+    """Train for so many minutes, from weights or from none, and write the network."""
     import torch
 
     torch.manual_seed(seed)
     torch.set_num_threads(1)
     net = network()
+    if start is not None:
+        net.load_state_dict(torch.load(start))
     print(sum(p.numel() for p in net.parameters()), "weights", flush=True)
     weights = torch.tensor([0.3, 2.0, 1.5, 1.5, 2.0, 1.0, 0.5])
     optimiser = torch.optim.AdamW(net.parameters(), lr=2e-3, weight_decay=1e-4)
@@ -163,7 +168,9 @@ def train(data: Path | None, out: Path, minutes: float, seed: int, batch: int = 
     while (now := time.process_time()) < end:
         share = (now - began) / (60.0 * minutes)
         for group in optimiser.param_groups:
-            group["lr"] = 2e-3 * min(1.0, step / 100) * 0.5 * (1.0 + math.cos(math.pi * share)) + 1e-5
+            group["lr"] = (
+                2e-3 * min(1.0, step / 100) * 0.5 * (1.0 + math.cos(math.pi * share)) + 1e-5
+            )
         parts = [np.stack(part) for part in zip(*(next(feed) for _ in range(batch)), strict=True)]
         inputs, kinds, offsets, fruit = (torch.from_numpy(part) for part in parts)
         told = net(inputs)
@@ -179,6 +186,7 @@ def train(data: Path | None, out: Path, minutes: float, seed: int, batch: int = 
         if step % 50 == 0:
             kind, place = np.mean(lost[-50:], axis=0)
             print(f"{step} {(now - began) / 60:.1f} min {kind:.4f} {place:.4f}", flush=True)
+    torch.save(net.state_dict(), out.with_suffix(".pt"))
     net.eval()
     torch.onnx.export(
         net, (torch.zeros(1, 5, HEIGHT, WIDTH),), str(out), input_names=["picture"],
@@ -200,11 +208,13 @@ def main() -> None:
     learn.add_argument("--shapes", action="store_true")
     learn.add_argument("--minutes", type=float, default=45.0)
     learn.add_argument("--seed", type=int, default=0)
+    learn.add_argument("--start", type=Path, metavar="FILE.pt", help="weights to go on from")
     given = parser.parse_args()
     if given.command == "pictures":
         pictures(given.out, range(*map(int, given.seeds.split(":"))))
     else:
-        train(None if given.shapes else given.data, given.out, given.minutes, given.seed)
+        data = None if given.shapes else given.data
+        train(data, given.out, given.minutes, given.seed, given.start)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter, label, maximum_filter, zoom
+from scipy.ndimage import gaussian_filter, label, maximum_filter
 
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.errors import InvalidRequestError, installed_by
@@ -47,7 +47,7 @@ class ByNetwork:
 
     def __init__(self, model: Path | str | None = None) -> None:
         try:
-            import onnxruntime
+            import onnxruntime  # type: ignore[import-untyped]
         except ImportError:
             raise InvalidRequestError(f"the network needs {installed_by('vision')}") from None
         own = resources.files("optipromp.perception") / "data" / "eyes.onnx"

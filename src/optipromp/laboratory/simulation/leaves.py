@@ -32,7 +32,9 @@ class LeafParameters(Checked):
     depth: tuple[float, float] = parameter((0.08, 0.35), "m", "choice", "behind the fruits")
 
 
-def leafy(spec: Any, scene: Scene, camera: Pose, p: LeafParameters, rng: np.random.Generator) -> None:
+def leafy(
+    spec: Any, scene: Scene, camera: Pose, p: LeafParameters, rng: np.random.Generator
+) -> None:
     """Add leaves to a world's ``spec``. They touch nothing and weigh nothing.
 
     Args:
@@ -95,9 +97,7 @@ def _leaf(
     shared = {
         "mass": 0.0, "contype": 0, "conaffinity": 0, "group": SHOWN, "rgba": [*colour, 1.0],
     }  # fmt: skip
-    spec.worldbody.add_geom(
-        name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, **shared
-    )
+    spec.worldbody.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, **shared)
     end = place - 0.5 * length * axes[:, 0]
     root = end - axes[:, 0] * rng.uniform(0.03, 0.08) + [0.0, 0.0, rng.uniform(0.0, 0.06)]
     spec.worldbody.add_geom(
