@@ -57,6 +57,10 @@ class EyeParameters(Checked):
         0.0015, "m", "measured", "deviation of each coordinate of a centre besides: fruits are no "
         "spheroids"
     )  # fmt: skip
+    tip: float = parameter(
+        0.2, "1", "measured", "the same along the axis where that is along the view, over the "
+        "radius: the front of a tip tells little of the length"
+    )  # fmt: skip
     tilt: float = parameter(
         18.0, "deg", "measured", "tilt of stems; median of 1,704 strawberries (StrawDI)"
     )

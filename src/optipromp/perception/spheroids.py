@@ -139,6 +139,9 @@ def _spheroid(
     center, radius = x[:3], math.exp(x[3])
     whole = np.linalg.inv(hessian)
     whole[:3, :3] += p.depth_scale**2 * np.outer(center, center) + p.model**2 * np.eye(3)
+    axis = axis_of(x[None], axes)[0][0]
+    along = float(axis @ center) / float(np.linalg.norm(center))
+    whole[:3, :3] += (p.tip * radius * along) ** 2 * np.outer(axis, axis)
     whole = 0.5 * (whole + whole.T)
     used = look.data.weights[k] > 0.0
     weights = look.data.weights[k][used]

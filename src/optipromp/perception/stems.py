@@ -14,6 +14,7 @@ STEEPEST = math.cos(math.radians(75.0))  # of the angle of a stem from the verti
 BIN = 0.004  # [m] pieces of a stem that are seen or not: a choice
 GAP = 3  # pieces that may be missing within a stem, and between fruit and stem: a choice
 LONGEST = 0.40  # [m] of a stem: a choice
+RIVAL = math.cos(math.radians(15.0))  # of the angle from which two lines are two stems: a choice
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,24 +52,33 @@ def stem_of(
     """
     off = points - fruit.center
     away = np.linalg.norm(off, axis=1)
+    begin = max(fruit.radius, fruit.half)
+    below = (away < begin + p.stem_reach) & (off @ up < -STEEPEST * away)
+    under, bottoms = -off[below], points[below]
     near = (away > 0.8 * fruit.radius) & (away < LONGEST) & (off @ up > STEEPEST * away)
     off, away, points = off[near], away[near], points[near]
-    begin = max(fruit.radius, fruit.half)
     about = np.flatnonzero((away > begin) & (away < begin + p.stem_reach))
     if len(about) < 5:  # points: a choice
         return None
     chosen = about[np.linspace(0, len(about) - 1, min(len(about), TRIES)).astype(int)]
     close, places = off[about], points[about]
-    best, score = None, 0.0
-    for way in off[chosen] / away[chosen][:, None]:
+    ways = off[chosen] / away[chosen][:, None]
+    lengths = np.zeros(len(ways))
+    for k, way in enumerate(ways):
         beside, along = _beside(close, places, way, p)
-        length = _whole(along[beside & (along < begin + p.stem_reach)], begin)
-        length += 1e-3 * float(way @ up)  # of equals the more upright: a choice
-        if length > score:
-            best, score = way, length
-    if best is None or score < p.stem_least:
+        lengths[k] = _whole(along[beside & (along < begin + p.stem_reach)], begin)
+        if lengths[k] >= p.stem_least:  # what goes on below the fruit only passes it
+            beside, along = _beside(under, bottoms, way, p)
+            lengths[k] -= _whole(along[beside], begin)
+    best = int(np.argmax(lengths + 1e-3 * (ways @ up)))  # of equals the more upright: a choice
+    if lengths[best] < p.stem_least:
         return None
-    way = np.asarray(best)
+    way = ways[best]
+    cosine = np.clip(ways @ way, -1.0, 1.0)
+    rival = np.where(cosine < RIVAL, np.maximum(lengths, 0.0), 0.0)
+    other = int(np.argmax(rival))
+    odds = rival[other] / lengths[best]
+    doubt = odds**2 / (1.0 + odds**2) * math.acos(float(cosine[other])) ** 2
     for _ in range(2):
         beside, along = _beside(off, points, way, p)
         used = beside & (along < begin + p.stem_reach) & (along > 0.8 * fruit.radius)
@@ -78,7 +88,8 @@ def stem_of(
     if support < p.stem_least:
         return None
     length = begin + _whole(along[beside], begin)
-    return SeenStem(way, length, max(deviation, math.radians(p.stem_floor)), support)
+    deviation = math.hypot(max(deviation, math.radians(p.stem_floor)), math.sqrt(0.5 * doubt))
+    return SeenStem(way, length, deviation, support)
 
 
 def _beside(
