@@ -16,6 +16,7 @@ from optipromp.core.scenes.hidden import cleared
 from optipromp.core.scenes.objects import STEEPEST, Role, SceneObject, Stem
 from optipromp.core.scenes.scene import Scene
 from optipromp.perception.finder import Finder, Found, Region
+from optipromp.perception.fusing import fused
 from optipromp.perception.geometry import ByGeometry, box_of
 from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.pictures import DepthPicture
@@ -190,9 +191,11 @@ def _item(
 
 
 def seen_scene(
-    sight: Sighting, known: Scene, parameters: EyeParameters | None = None
+    sight: Sighting | Sequence[Sighting], known: Scene, parameters: EyeParameters | None = None
 ) -> tuple[Scene, tuple[str, ...]]:
     """The scene of what was seen among what is known, and what was assumed, in words.
+
+    Several sightings of one scene are taken as one (:func:`optipromp.perception.fusing.fused`).
 
     Known are robot, tool, start, approach, base and static objects of ``known``; its fruits are
     not used. Of several ripe fruits the lowest is the target and the others are pushable. A fruit
@@ -204,7 +207,8 @@ def seen_scene(
         InvalidRequestError: no ripe fruit is seen.
     """
     p = parameters or EyeParameters()
-    found = sight.look.in_base()
+    sights = [sight] if isinstance(sight, Sighting) else list(sight)
+    found = tuple(fruit.item for fruit in fused(sights))
     ripe = [item for item in found if item.role == "target"]
     if not ripe:
         seen = ", ".join(item.id for item in found) or "no fruit"
@@ -236,7 +240,7 @@ def seen_scene(
     gone = {item.id for item in known.objects if item.role != "static"}
     scene = replace(
         known, name=f"{known.name}-seen", objects=(*objects, *known.static),
-        camera=sight.look.camera, may_touch=pairs_among(known.may_touch, gone),
+        camera=sights[0].look.camera, may_touch=pairs_among(known.may_touch, gone),
     )  # fmt: skip
     return scene, tuple(assumed)
 

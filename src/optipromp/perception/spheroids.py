@@ -66,7 +66,7 @@ class Spheroid:
 def fitted(
     picture: DepthPicture, pixels: BoolArray, up: FloatArray, p: EyeParameters
 ) -> Spheroid | None:
-    """The likeliest spheroid of a fruit's pixels, see :func:`all_fitted`; None if they show none."""
+    """The likeliest spheroid of a fruit's pixels (:func:`all_fitted`); None if they show none."""
     return all_fitted(
         picture, [pixels], np.ones(1, dtype=np.int64), pixels.astype(np.int64), up, p
     )[0]

@@ -53,8 +53,6 @@ def stem_of(
     off = points - fruit.center
     away = np.linalg.norm(off, axis=1)
     begin = max(fruit.radius, fruit.half)
-    below = (away < begin + p.stem_reach) & (off @ up < -STEEPEST * away)
-    under, bottoms = -off[below], points[below]
     near = (away > 0.8 * fruit.radius) & (away < LONGEST) & (off @ up > STEEPEST * away)
     off, away, points = off[near], away[near], points[near]
     about = np.flatnonzero((away > begin) & (away < begin + p.stem_reach))
@@ -67,15 +65,12 @@ def stem_of(
     for k, way in enumerate(ways):
         beside, along = _beside(close, places, way, p)
         lengths[k] = _whole(along[beside & (along < begin + p.stem_reach)], begin)
-        if lengths[k] >= p.stem_least:  # what goes on below the fruit only passes it
-            beside, along = _beside(under, bottoms, way, p)
-            lengths[k] -= _whole(along[beside], begin)
     best = int(np.argmax(lengths + 1e-3 * (ways @ up)))  # of equals the more upright: a choice
     if lengths[best] < p.stem_least:
         return None
     way = ways[best]
     cosine = np.clip(ways @ way, -1.0, 1.0)
-    rival = np.where(cosine < RIVAL, np.maximum(lengths, 0.0), 0.0)
+    rival = np.where(cosine < RIVAL, lengths, 0.0)
     other = int(np.argmax(rival))
     odds = rival[other] / lengths[best]
     doubt = odds**2 / (1.0 + odds**2) * math.acos(float(cosine[other])) ** 2
@@ -88,7 +83,7 @@ def stem_of(
     if support < p.stem_least:
         return None
     length = begin + _whole(along[beside], begin)
-    deviation = math.hypot(max(deviation, math.radians(p.stem_floor)), math.sqrt(0.5 * doubt))
+    deviation = math.hypot(max(deviation, math.radians(p.stem_floor)), 0.5 * math.sqrt(doubt))
     return SeenStem(way, length, deviation, support)
 
 
