@@ -1,15 +1,22 @@
 """Several pictures of one scene as one."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from optipromp import load_scene
+from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
+from optipromp.core.scenes.io import save_scene
 from optipromp.laboratory.experiments.seeing import middle
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.photograph import Photograph, photograph
 from optipromp.perception import Sighting, fused, look_at, seen_scene
+from optipromp.perception.pictures import picture_files
 
 
 @pytest.fixture(scope="module")
@@ -79,3 +86,16 @@ def test_a_fruit_that_is_elsewhere_is_another(sights: list[Sighting]) -> None:
 def test_no_picture_is_refused() -> None:
     with pytest.raises(InvalidRequestError, match="at least one"):
         fused([])
+
+
+def test_see_writes_one_scene_of_a_folder(shots: list[Photograph], tmp_path: Path) -> None:
+    for name, shot in zip("ab", shots, strict=False):
+        for file, content in picture_files(name, shot.picture).items():
+            (tmp_path / file).write_bytes(content)
+    save_scene(shots[0].scene, tmp_path / "a.yaml")
+    told = CliRunner().invoke(app, ["see", str(tmp_path), "--together", "--json"])
+    assert told.exit_code == 0, told.output
+    record = json.loads(told.output)["together"]
+    assert {fruit["views"] for fruit in record["fruits"]} == {2}
+    scene = load_scene(record["scene"])
+    assert len([item for item in scene.objects if item.role != "static"]) == len(record["fruits"])

@@ -82,7 +82,7 @@ def descended(
     return x, hessian
 
 
-class Balls(NamedTuple):
+class SpheroidRows(NamedTuple):
     """R spheroids: centres (R, 3), axes (R, 3), radii (R,), half lengths (R,)."""
 
     center: FloatArray
@@ -91,13 +91,13 @@ class Balls(NamedTuple):
     half: FloatArray
 
 
-def balls_of(x: FloatArray, axes: FloatArray) -> Balls:
+def balls_of(x: FloatArray, axes: FloatArray) -> SpheroidRows:
     """The spheroids of states (R, 7)."""
     radius = np.exp(x[:, 3])
-    return Balls(x[:, :3], axis_of(x, axes)[0], radius, radius * np.exp(x[:, 4]))
+    return SpheroidRows(x[:, :3], axis_of(x, axes)[0], radius, radius * np.exp(x[:, 4]))
 
 
-def surface(rays: FloatArray, balls: Balls) -> tuple[FloatArray, FloatArray]:
+def surface(rays: FloatArray, balls: SpheroidRows) -> tuple[FloatArray, FloatArray]:
     """Of rays (R, N, 3): distance from the centre in radii, and depth of the front, beyond the
     outline that of the nearest point."""
     center, axis, radius = balls.center, balls.axis, balls.radius[:, None]

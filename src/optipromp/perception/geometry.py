@@ -1,5 +1,6 @@
 """Fruits and stems by colour, depth and width; no model file, nothing learnt."""
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -77,8 +78,9 @@ class ByGeometry:
         whole = binary_closing(mask, SQUARE) & ~steps
         parts = np.zeros(mask.shape, dtype=np.int64)
         islands, _ = label(whole)
+        areas = np.bincount(islands.ravel(), (depth / focal).ravel() ** 2)  # [m²]
         for row, box in enumerate(find_objects(islands), start=1):
-            if min(b.stop - b.start for b in box) > 2:
+            if areas[row] > math.pi * p.thin**2:
                 fruits = _part(islands[box] == row, depth[box] / focal, p)
                 parts[box] += np.where(fruits > 0, fruits + parts.max(), 0)
         grown = maximum_filter(parts, 2 * RAGGED + 1)

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.ndimage import binary_erosion
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
-from optipromp.perception.balls import Balls, FitData, balls_of, surface
+from optipromp.perception.balls import FitData, SpheroidRows, balls_of, surface
 from optipromp.perception.geometry import box_of, edge_of
 from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.pictures import DepthPicture
@@ -20,7 +20,7 @@ TURNS, TICKS = 48, 64  # directions in which an outline is looked for, and sampl
 BEYOND = 3.0, 5.0  # [pixel] beyond an outline, where what hides the fruit would be: a choice
 
 
-class Shown(NamedTuple):
+class SpheroidViews(NamedTuple):
     """What the picture shows of R spheroids; names as in :class:`Spheroid`.
 
     Attributes:
@@ -34,11 +34,11 @@ class Shown(NamedTuple):
     through: FloatArray
     spill: FloatArray
 
-    def of(self, rows: BoolArray) -> "Shown":
+    def of(self, rows: BoolArray) -> "SpheroidViews":
         """Those of some spheroids."""
         data = FitData(*(each[rows] for each in self.data))
         rest = self.share[rows], self.through[rows], self.spill[rows]
-        return Shown(data, self.support[rows], *rest)
+        return SpheroidViews(data, self.support[rows], *rest)
 
 
 def _at(
@@ -64,7 +64,7 @@ def slack_of(depth: Any, p: EyeParameters) -> Any:
 def shown_of(
     picture: DepthPicture, colours: IntArray, kinds: IntArray, x: FloatArray, axes: FloatArray,
     p: EyeParameters,
-) -> Shown:  # fmt: skip
+) -> SpheroidViews:  # fmt: skip
     """Where spheroids (R, 7) are seen, hidden, or seen through."""
     count, focal = len(x), 0.5 * (picture.camera.fx + picture.camera.fy)
     middle = picture.camera.pixels(x[:, :3])
@@ -91,7 +91,7 @@ def shown_of(
     ways, pulls = _outlines(picture, colours, kinds, balls, (middle, size, slack), p)
     order = np.argsort(~support, axis=1, kind="stable")[:, : max(int(support.sum(axis=1).max()), 1)]
     rows = np.arange(count)[:, None]
-    return Shown(
+    return SpheroidViews(
         FitData(points[rows, order], weights[rows, order], ways, pulls),
         support.sum(axis=1), (mine & inside).sum(axis=1) / area,
         through.sum(axis=1) / np.maximum(deep.sum(axis=1), 1),
@@ -100,7 +100,7 @@ def shown_of(
 
 
 def _outlines(
-    picture: DepthPicture, colours: IntArray, kinds: IntArray, balls: Balls,
+    picture: DepthPicture, colours: IntArray, kinds: IntArray, balls: SpheroidRows,
     about: tuple[FloatArray, FloatArray, FloatArray], p: EyeParameters,
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Rays (R, K, 3) through the free outlines of spheroids (R, 7), and their weights (R, K)."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frame_along
 from optipromp.perception.balls import (
-    Balls,
+    SpheroidRows,
     axis_of,
     descended,
     padded,
@@ -19,7 +19,7 @@ from optipromp.perception.balls import (
 )
 from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.pictures import DepthPicture
-from optipromp.perception.shown import Shown, rays_of, shown_of, slack_of, start_of
+from optipromp.perception.shown import SpheroidViews, rays_of, shown_of, slack_of, start_of
 
 FIRST, AGAIN, ROUNDS = 6, 4, 2  # steps to a seed, after each claim, and claims: a choice
 ODDS = 6.65, 6.34, -22.0, -20.0, -13.5, -2.4
@@ -133,8 +133,8 @@ def _sound(x: FloatArray, p: EyeParameters) -> BoolArray:
 
 
 def _spheroid(
-    x: FloatArray, axes: FloatArray, hessian: FloatArray, residuals: FloatArray, look: "Shown",
-    k: int, p: EyeParameters,
+    x: FloatArray, axes: FloatArray, hessian: FloatArray, residuals: FloatArray,
+    look: SpheroidViews, k: int, p: EyeParameters,
 ) -> Spheroid:  # fmt: skip
     center, radius = x[:3], math.exp(x[3])
     whole = np.linalg.inv(hessian)
@@ -168,7 +168,9 @@ def claimed(picture: DepthPicture, colour: BoolArray, fit: Spheroid, p: EyeParam
     )
     out = np.zeros(colour.shape, dtype=bool)
     rows = np.argwhere(colour[box]) + [box[0].start, box[1].start]
-    balls = Balls(fit.center[None], fit.axis[None], np.array([fit.radius]), np.array([fit.half]))
+    balls = SpheroidRows(
+        fit.center[None], fit.axis[None], np.array([fit.radius]), np.array([fit.half])
+    )
     aside, front = surface(rays_of(picture, rows)[None], balls)
     depth = picture.depth[rows[:, 0], rows[:, 1]]
     inner = (aside[0] < 1.1) & (

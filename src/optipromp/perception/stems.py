@@ -9,7 +9,7 @@ from optipromp.core.arrays import BoolArray, FloatArray, frame_along
 from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.spheroids import Spheroid
 
-TRIES = 40  # directions that are tried, of those to the points about a fruit: a choice
+TRIES = 20  # directions that are tried, of those to the points about a fruit: a choice
 STEEPEST = math.cos(math.radians(75.0))  # of the angle of a stem from the vertical: a choice
 BIN = 0.004  # [m] pieces of a stem that are seen or not: a choice
 GAP = 3  # pieces that may be missing within a stem, and between fruit and stem: a choice
@@ -101,7 +101,7 @@ def _beside(
 
 def _whole(along: FloatArray, begin: float) -> float:
     """Length of the piece from ``begin`` on without a long gap [m]."""
-    bins = np.unique(((along[along > begin - BIN] - begin) / BIN).astype(int))
+    bins = np.flatnonzero(np.bincount(((along[along > begin] - begin) / BIN).astype(int)))
     if not len(bins) or bins[0] > GAP:
         return 0.0
     gaps = np.flatnonzero(np.diff(bins) > GAP)
