@@ -109,12 +109,12 @@ def _measured(
     none: the likeliest first, then those that are beside them."""
     colours = np.zeros(picture.depth.shape, dtype=np.int64)
     for region in (*found.stems, *found.fruits):
-        colours[region.pixels] = KINDS[region.kind]
+        colours[region.box][region.pixels[region.box]] = KINDS[region.kind]
     out: list[tuple[Region, Spheroid]] = []
     seeds = found.fruits
     for _ in range(SEEDINGS):
         kinds = np.array([KINDS[region.kind] for region in seeds], dtype=np.int64)
-        fits = all_fitted(picture, [r.pixels for r in seeds], kinds, colours, up, p)
+        fits = all_fitted(picture, seeds, kinds, colours, up, p)
         pairs = [(r, fit) for r, fit in zip(seeds, fits, strict=True) if fit is not None]
         for region, fit in sorted(pairs, key=lambda pair: -pair[1].odds):
             beside = all(
@@ -136,7 +136,7 @@ def _left(
     for kind in ("ripe", "unripe"):
         left = (colours == KINDS[kind]) & (picture.depth > 0.0)
         for region in fruits:
-            left &= ~region.pixels
+            left[region.box] &= ~region.pixels[region.box]
         box = box_of(left, 0)
         left, depth = left[box], picture.depth[box]
         if not left.any():
@@ -164,9 +164,9 @@ def _stem_points(picture: DepthPicture, found: Found, fruits: Sequence[Region]) 
     mask = np.zeros(picture.depth.shape, dtype=bool)
     for region in found.regions:
         if region.kind != "ripe":
-            mask |= region.pixels
+            mask[region.box] |= region.pixels[region.box]
     for region in fruits:
-        mask &= ~region.pixels
+        mask[region.box] &= ~region.pixels[region.box]
     points = picture.points[mask & (picture.depth > 0.0)]
     few = np.linspace(0, len(points) - 1, min(len(points), MOST_STEM_POINTS)).astype(int)
     return points[few] if len(points) else points

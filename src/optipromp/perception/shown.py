@@ -8,7 +8,8 @@ from scipy.ndimage import binary_erosion
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
 from optipromp.perception.balls import FitData, SpheroidRows, balls_of, surface
-from optipromp.perception.geometry import box_of, edge_of
+from optipromp.perception.finder import Region
+from optipromp.perception.geometry import edge_of
 from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.pictures import DepthPicture
 
@@ -154,9 +155,10 @@ class SeedStart(NamedTuple):
     data: FitData
 
 
-def start_of(picture: DepthPicture, pixels: BoolArray, p: EyeParameters) -> SeedStart | None:
+def start_of(picture: DepthPicture, seed: Region, p: EyeParameters) -> SeedStart | None:
     """Where a fit to the pixels of a seed begins."""
-    box = box_of(pixels, INSIDE + 3)
+    box = tuple(slice(max(b.start - INSIDE - 3, 0), b.stop + INSIDE + 3) for b in seed.box)
+    pixels = seed.pixels
     pixels, depth = pixels[box], picture.depth[box]
     area = int(pixels.sum())
     inside = binary_erosion(pixels, iterations=INSIDE)

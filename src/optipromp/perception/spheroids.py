@@ -17,6 +17,7 @@ from optipromp.perception.balls import (
     surface,
     system,
 )
+from optipromp.perception.finder import Region
 from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.pictures import DepthPicture
 from optipromp.perception.shown import SpheroidViews, rays_of, shown_of, slack_of, start_of
@@ -68,12 +69,17 @@ def fitted(
 ) -> Spheroid | None:
     """The likeliest spheroid of a fruit's pixels (:func:`all_fitted`); None if they show none."""
     return all_fitted(
-        picture, [pixels], np.ones(1, dtype=np.int64), pixels.astype(np.int64), up, p
+        picture,
+        [Region("ripe", pixels, 1.0)],
+        np.ones(1, dtype=np.int64),
+        pixels.astype(np.int64),
+        up,
+        p,
     )[0]
 
 
 def all_fitted(
-    picture: DepthPicture, seeds: Sequence[BoolArray], kinds: IntArray, colours: IntArray,
+    picture: DepthPicture, seeds: Sequence[Region], kinds: IntArray, colours: IntArray,
     up: FloatArray, p: EyeParameters,
 ) -> list[Spheroid | None]:  # fmt: skip
     r"""The likeliest spheroid of each seed; None where it shows none.
@@ -88,7 +94,7 @@ def all_fitted(
 
     Args:
         picture: that shows them.
-        seeds: R masks (height, width).
+        seeds: R regions, each of one fruit, a part of one, or none.
         kinds: (R,) colour of each seed, above 0.
         colours: (height, width) colour of each pixel.
         up: (3,) unit, upwards in the frame of the camera.
@@ -96,7 +102,7 @@ def all_fitted(
     """
     out: list[Spheroid | None] = [None] * len(seeds)
     axes = frame_along(up)
-    starts = [start_of(picture, pixels, p) for pixels in seeds]
+    starts = [start_of(picture, seed, p) for seed in seeds]
     rows = np.array([k for k, start in enumerate(starts) if start is not None], dtype=np.int64)
     if not len(rows):
         return out
