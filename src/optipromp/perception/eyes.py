@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import gaussian_filter, maximum_filter, uniform_filter
 
 from optipromp.control.look import Look
-from optipromp.core.arrays import FloatArray, frame_along
+from optipromp.core.arrays import FloatArray, IntArray, frame_along
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Ellipsoid, Shape, Sphere
 from optipromp.core.scenes.held import pairs_among
@@ -15,15 +16,18 @@ from optipromp.core.scenes.hidden import cleared
 from optipromp.core.scenes.objects import STEEPEST, Role, SceneObject, Stem
 from optipromp.core.scenes.scene import Scene
 from optipromp.perception.finder import Finder, Found, Region
-from optipromp.perception.geometry import ByGeometry
+from optipromp.perception.fusing import fused
+from optipromp.perception.geometry import ByGeometry, box_of
 from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.pictures import DepthPicture
-from optipromp.perception.spheroids import Spheroid, fitted
+from optipromp.perception.spheroids import Spheroid, all_fitted, claimed
 from optipromp.perception.stems import SeenStem, stem_of
 
+KINDS = {"ripe": 1, "unripe": 2, "stem": 2}
+SEEDINGS = 2  # of fits: to what the finder tells, and to what that leaves: a choice
+DENSE, MOST_LEFT = 0.4, 12  # share of a fruit's breadth that is left, and such places: a choice
 ROUND = 1.06  # length over width below which a fruit is a sphere: a choice
-HALF_SEEN = 0.5  # share of a fruit whose outline tells that it is no wall: a choice
-TOGETHER = 1.0  # radii between the centres of two parts of one fruit, at most: a choice
+TOGETHER = 0.6  # of the sum of two fruits' radii, the least distance of their centres: a choice
 MOST_STEM_POINTS = 6000  # that are looked at: a choice
 
 
@@ -81,9 +85,7 @@ def look_at(
     found = (finder or ByGeometry(p)).find(picture)
     turn = picture.camera.pose.rotation
     upward = turn.T @ (np.array([0.0, 0.0, 1.0]) if up is None else np.asarray(up))
-    fits = [(region, fitted(picture, region.pixels, upward, p)) for region in found.fruits]
-    good = _united([(r, fit) for r, fit in fits if fit is not None], picture, upward, p)
-    good = [(region, fit) for region, fit in good if _fit_for(fit, p)]
+    good = _measured(picture, found, upward, p)
     good.sort(key=lambda pair: float(pair[1].center[0] / pair[1].center[2]))
     points = _stem_points(picture, found, [region for region, _ in good])
     focal = 0.5 * (picture.camera.fx + picture.camera.fy)
@@ -100,29 +102,58 @@ def look_at(
     return Sighting(look, tuple(detections), found)
 
 
-def _united(
-    fits: list[tuple[Region, Spheroid]], picture: DepthPicture, up: FloatArray, p: EyeParameters
+def _measured(
+    picture: DepthPicture, found: Found, up: FloatArray, p: EyeParameters
 ) -> list[tuple[Region, Spheroid]]:
-    """The fits, those of parts of one fruit as one: a stem before a fruit cuts it in two."""
+    """Fruits and what shows them, of regions each of which may be a fruit, a part of one, two, or
+    none: the likeliest first, then those that are beside them."""
+    colours = np.zeros(picture.depth.shape, dtype=np.int64)
+    for region in (*found.stems, *found.fruits):
+        colours[region.box][region.pixels[region.box]] = KINDS[region.kind]
     out: list[tuple[Region, Spheroid]] = []
-    for region, fit in sorted(fits, key=lambda pair: -int(pair[0].pixels.sum())):
-        for k, (other, whole) in enumerate(out):
-            away = float(np.linalg.norm(fit.center - whole.center))
-            if other.kind == region.kind and away < TOGETHER * max(whole.radius, fit.radius):
-                both = replace(other, pixels=other.pixels | region.pixels)
-                again = fitted(picture, both.pixels, up, p)
-                if again is not None and _fit_for(again, p):
-                    out[k] = both, again
-                break
-        else:
-            out.append((region, fit))
+    seeds = found.fruits
+    for _ in range(SEEDINGS):
+        kinds = np.array([KINDS[region.kind] for region in seeds], dtype=np.int64)
+        fits = all_fitted(picture, seeds, kinds, colours, up, p)
+        pairs = [(r, fit) for r, fit in zip(seeds, fits, strict=True) if fit is not None]
+        for region, fit in sorted(pairs, key=lambda pair: -pair[1].odds):
+            beside = all(
+                np.linalg.norm(fit.center - other.center) > TOGETHER * (fit.radius + other.radius)
+                for _, other in out
+            )
+            if beside and fit.odds > p.least_odds:
+                mine = claimed(picture, colours == KINDS[region.kind], fit, p)
+                out.append((Region(region.kind, mine, 1.0 / (1.0 + math.exp(-fit.odds))), fit))
+        seeds = _left(picture, colours, [region for region, _ in out], p)
     return out
 
 
-def _fit_for(fit: Spheroid, p: EyeParameters) -> bool:
-    shown = fit.share >= HALF_SEEN or fit.round > p.least_round
-    fits = fit.misfit < p.misfit and shown and fit.off < p.outline_off
-    return fits and fit.share >= p.least_share and -p.outline_lack < fit.gap < p.outline_gap
+def _left(
+    picture: DepthPicture, colours: IntArray, fruits: Sequence[Region], p: EyeParameters
+) -> tuple[Region, ...]:
+    """Where much is left of the colour of fruits that no fruit explains."""
+    out = []
+    for kind in ("ripe", "unripe"):
+        left = (colours == KINDS[kind]) & (picture.depth > 0.0)
+        for region in fruits:
+            left[region.box] &= ~region.pixels[region.box]
+        box = box_of(left, 0)
+        left, depth = left[box], picture.depth[box]
+        if not left.any():
+            continue
+        focal = 0.5 * (picture.camera.fx + picture.camera.fy)
+        wide = 2 * round(0.6 * p.radius * focal / float(np.median(depth[left]))) + 1
+        dense = gaussian_filter(uniform_filter(left.astype(np.float32), wide), 2.0)
+        peaks = (dense == maximum_filter(dense, wide)) & (dense > DENSE) & left
+        rows = np.argwhere(peaks)
+        rows = rows[np.argsort(-dense[peaks], kind="stable")[:MOST_LEFT]]
+        for row, column in rows:
+            part = tuple(slice(max(at - wide, 0), at + wide) for at in (row, column))
+            pixels = np.zeros(picture.depth.shape, dtype=bool)
+            near = np.abs(depth[part] - depth[row, column]) < p.radius
+            pixels[box][part] = left[part] & near
+            out.append(Region(kind, pixels, 0.0))
+    return tuple(out)
 
 
 def _stem_points(picture: DepthPicture, found: Found, fruits: Sequence[Region]) -> FloatArray:
@@ -133,9 +164,9 @@ def _stem_points(picture: DepthPicture, found: Found, fruits: Sequence[Region]) 
     mask = np.zeros(picture.depth.shape, dtype=bool)
     for region in found.regions:
         if region.kind != "ripe":
-            mask |= region.pixels
+            mask[region.box] |= region.pixels[region.box]
     for region in fruits:
-        mask &= ~region.pixels
+        mask[region.box] &= ~region.pixels[region.box]
     points = picture.points[mask & (picture.depth > 0.0)]
     few = np.linspace(0, len(points) - 1, min(len(points), MOST_STEM_POINTS)).astype(int)
     return points[few] if len(points) else points
@@ -160,9 +191,11 @@ def _item(
 
 
 def seen_scene(
-    sight: Sighting, known: Scene, parameters: EyeParameters | None = None
+    sight: Sighting | Sequence[Sighting], known: Scene, parameters: EyeParameters | None = None
 ) -> tuple[Scene, tuple[str, ...]]:
     """The scene of what was seen among what is known, and what was assumed, in words.
+
+    Several sightings of one scene are taken as one (:func:`optipromp.perception.fusing.fused`).
 
     Known are robot, tool, start, approach, base and static objects of ``known``; its fruits are
     not used. Of several ripe fruits the lowest is the target and the others are pushable. A fruit
@@ -174,7 +207,8 @@ def seen_scene(
         InvalidRequestError: no ripe fruit is seen.
     """
     p = parameters or EyeParameters()
-    found = sight.look.in_base()
+    sights = [sight] if isinstance(sight, Sighting) else list(sight)
+    found = tuple(fruit.item for fruit in fused(sights))
     ripe = [item for item in found if item.role == "target"]
     if not ripe:
         seen = ", ".join(item.id for item in found) or "no fruit"
@@ -206,7 +240,7 @@ def seen_scene(
     gone = {item.id for item in known.objects if item.role != "static"}
     scene = replace(
         known, name=f"{known.name}-seen", objects=(*objects, *known.static),
-        camera=sight.look.camera, may_touch=pairs_among(known.may_touch, gone),
+        camera=sights[0].look.camera, may_touch=pairs_among(known.may_touch, gone),
     )  # fmt: skip
     return scene, tuple(assumed)
 

@@ -1,7 +1,10 @@
 """What is in a picture: regions with a class. The door of every finder."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, Protocol
+
+import numpy as np
 
 from optipromp.core.arrays import BoolArray
 from optipromp.perception.pictures import DepthPicture
@@ -22,6 +25,15 @@ class Region:
     kind: Class
     pixels: BoolArray
     score: float
+
+    @cached_property
+    def box(self) -> tuple[slice, slice]:
+        """The rows and columns of its pixels."""
+        rows = np.flatnonzero(self.pixels.any(axis=1))
+        if not len(rows):
+            return slice(0, 1), slice(0, 1)
+        columns = np.flatnonzero(self.pixels[rows[0] : rows[-1] + 1].any(axis=0))
+        return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
 
 
 @dataclass(frozen=True, eq=False)
