@@ -5,34 +5,45 @@ from functools import cache
 
 import numpy as np
 import pytest
-from tests.robots.builders import INNER, TOOLS, probe
+from tests.robots import builders
+from tests.robots.builders import INNER, probe
 
 from optipromp.core.planning import Plan, judge, plan
 from optipromp.core.planning.task import resolve
 from optipromp.core.pushing.packs.standing import Standing, plane
 from optipromp.core.pushing.stems.hanging import Hanging
-from optipromp.core.robots import load_robot, with_tool
+from optipromp.core.robots import Scissor, load_robot, with_tool
 from optipromp.core.scenes import Scene, ToolSpec, load_scene
 from optipromp.laboratory.generate import generate
 from optipromp.looks.viewer.reach import tool_faces
 
 SMALL = replace(generate("cluster", 5), tool=None)  # two fruits in the way of a target
+FREER = replace(generate("cluster", 7), tool=None)  # whose stem blades can be led to
+LONG = Scissor(0.06, blade_length=0.09, blade_width=0.02, depth=0.008)  # a fruit fits in
+TOOLS = {**builders.TOOLS, "scissor": LONG}
+
+
+def given(name: str) -> Scene:
+    return FREER if name == "scissor" else SMALL
 
 
 @cache
 def made(name: str) -> Plan:
-    return plan(SMALL, robot=with_tool(load_robot("panda"), TOOLS[name]))
+    return plan(given(name), robot=with_tool(load_robot("panda"), TOOLS[name]))
 
 
 @pytest.mark.parametrize("name", TOOLS)
 def test_a_small_scene_is_planned_with_each_tool(name: str) -> None:
-    result = made(name)
+    result, target = made(name), given(name).target
     assert result.robot.tool is TOOLS[name]
     assert result.success, result.message
-    tool = TOOLS[name]
+    tool, aim = TOOLS[name], target.position
     flange = with_tool(load_robot("panda"), tool).tool_pose(result.trajectory.positions[-1])
-    np.testing.assert_allclose(flange[0], SMALL.target.position, atol=2e-3)
-    assert judge(SMALL, result.trajectory, robot=result.robot).status == result.status
+    if name == "scissor":  # on the stem, and ``cut`` from the fruit
+        line = target.stem.vector / np.linalg.norm(target.stem.vector)
+        aim = aim + (target.radius + tool.cut) * line
+    np.testing.assert_allclose(flange[0], aim, atol=2e-3)
+    assert judge(given(name), result.trajectory, robot=result.robot).status == result.status
 
 
 def test_the_robot_takes_the_place_of_the_scenes() -> None:
@@ -48,7 +59,7 @@ def test_fingers_end_level(name: str) -> None:
     robot, q = made(name).robot, made(name).trajectory.positions[-1:]
     turned = robot.segment_frames(q)[1][0, -1] @ robot.flange_rotation
     opens = turned @ TOOLS[name].rotation[:, 1]
-    assert abs(opens @ SMALL.frame[0]) < np.sin(np.deg2rad(2.0))
+    assert abs(opens @ given(name).frame[0]) < np.sin(np.deg2rad(2.0))
 
 
 @pytest.mark.parametrize("name", TOOLS)
@@ -61,7 +72,8 @@ def test_each_tool_pushes_what_hangs(name: str) -> None:
     up = np.tile(task.scene.frame[2], (60, 1))
     far = straight + 0.5 * task.scene.frame[0]
     if inner > 0.0:
-        assert model.cause(far, up)[1] == "is not inside at the end"
+        place = "between the blades" if name == "scissor" else "inside"
+        assert model.cause(far, up)[1] == f"is not {place} at the end"
     else:  # it takes hold of nothing: to be far away does no harm
         assert model.harm(far, up, model.states) == 0.0
 

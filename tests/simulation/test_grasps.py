@@ -29,7 +29,9 @@ from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import Cause, simulate
 
 QUARTER = float(np.cos(np.pi / 4.0))  # of a quaternion of a quarter turn
-TALL = {"opening": 0.06, "blade_length": 0.09, "depth": 0.008}  # a fruit fits between its blades
+TALL = {  # a fruit fits between its blades
+    "opening": 0.06, "blade_length": 0.09, "blade_width": 0.016, "depth": 0.008,
+}  # fmt: skip
 SHEAR = ToolSpec("scissor", TALL)
 
 
@@ -47,8 +49,9 @@ def alone(scene, *others):
 
 
 def test_a_scissor_cuts_the_stem_of_the_target() -> None:
-    scene = above(replace(alone(generate("limp", 3)), tool=SHEAR), 0.032)
+    scene = replace(alone(generate("limp", 3)), tool=SHEAR)
     made = plan(scene)
+    assert made.success, made.message
     run = simulate(made)
     assert run.outcome.cut is not None
     assert run.outcome.cut.stems == ("ripe",)
@@ -63,7 +66,7 @@ def test_a_scissor_cuts_the_stem_of_the_target() -> None:
 
 
 def test_a_scissor_that_ends_at_the_fruit_cuts_nothing() -> None:
-    scene = replace(alone(generate("limp", 3)), tool=SHEAR)
+    scene = above(replace(alone(generate("limp", 3)), tool=SHEAR), 0.001)
     run = simulate(plan(scene))
     assert run.outcome.picked is False
     assert not run.success
@@ -91,8 +94,11 @@ def test_a_stem_between_the_blades_that_is_not_the_targets_is_told() -> None:
 
 def test_a_scissor_cuts_through_the_command_line(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    save_scene(above(replace(alone(generate("limp", 3)), tool=SHEAR), 0.032), "scene.yaml")
-    result = CliRunner().invoke(app, ["simulate", "scene.yaml", "--out", "run"])
+    save_scene(replace(alone(generate("limp", 3)), tool=SHEAR), "scene.yaml")
+    made = CliRunner().invoke(app, ["plan", "scene.yaml", "--out", "plan", "--no-figures"])
+    assert made.exit_code == 0, made.output
+    assert CliRunner().invoke(app, ["validate", "plan"]).exit_code == 0
+    result = CliRunner().invoke(app, ["simulate", "plan", "--out", "run"])
     outcome = json.loads(next(Path("run").rglob("outcome.json")).read_text())
     assert outcome["cut"]["stems"] == ["ripe"], result.output
     assert outcome["success"], outcome["message"]

@@ -43,12 +43,12 @@ def others(task: Task) -> Iterator[Task]:
         flats = [side / level, -side / level] if level > 0.5 else []  # over 30° off the vertical
         shares, reach = (APPROACH.inner,), 0.0
     ways = [
-        (rotation(np.cross(z_g, flat), float(share * cone)) @ z_g, np.zeros(3))
+        (rotation(np.cross(z_g, flat), float(share * cone)) @ z_g, scene.approach.shift)
         for share in shares
         if cone > 0.0
         for flat in flats
     ]
-    ways += [(z_g, reach * flat) for flat in flats if reach > 0.0]
+    ways += [(z_g, scene.approach.shift + reach * flat) for flat in flats if reach > 0.0]
     left, best = APPROACH.tried, list[tuple[float, int, Task]]()
     for k, (way, shift) in enumerate(ways):
         approach = replace(scene.approach, direction=way, shift=shift)

@@ -12,6 +12,7 @@ from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.errors import InvalidRequestError, StartInvalidError
 from optipromp.core.optimization.evaluation import BodyPoints
 from optipromp.core.optimization.problem import Special, Surroundings
+from optipromp.core.planning.cutting import aimed_at_stem
 from optipromp.core.planning.regions import at_goal, goals_of, within_limits
 from optipromp.core.planning.special import is_special, specials
 from optipromp.core.promp.model import ProMP
@@ -233,11 +234,14 @@ def posed(
 def resolve(scene: Scene, robot: Robot | None = None, state: State | None = None) -> Task:
     """The task of a scene; its arguments are those of :func:`posed`.
 
+    The approach of a scissor ends on the stem of the target.
+
     Raises:
         InvalidRequestError: a goal in joints that is not a configuration of the robot.
         OptiPrompError: what :func:`posed` raises.
     """
     robot, begin = posed(scene, robot, state)
+    scene = aimed_at_stem(scene, robot.tool)
     goals = goals_of(scene.goals, robot, begin.q)
     if not goals:
         assert scene.aim is not None  # a scene has a target or a goal

@@ -137,8 +137,8 @@ class Scissor(TwoFingers):
 
     Blades and body are boxes, named and measured as the fingers and the palm of
     :class:`FingerGripper`. The scissor takes hold of objects whose centre is between the blades,
-    within their width. To cut a stem, give the scene a goal on the stem in place of a target. The
-    simulation then reports the harm of the motion, not whether the stem is cut.
+    within their width. At a target that hangs the tool point ends on the stem, ``cut`` from the
+    fruit, where the blades close.
 
     Args:
         opening: between the open blades.
@@ -150,6 +150,8 @@ class Scissor(TwoFingers):
         body_thickness: of the body, across the opening.
         depth: distance of the blade tips beyond the tool point.
         turn: of the scissor about flange z; at 0 it opens along flange y [rad].
+        cut: distance of the place of the cut from the fruit. Above ``depth`` and half of the
+            body's thickness, so that the closing blades and the body miss the fruit.
 
     Raises:
         InvalidRequestError: a parameter out of its range, named with its value.
@@ -165,3 +167,8 @@ class Scissor(TwoFingers):
     body_thickness: float = 0.03
     depth: float = 0.015
     turn: float = 0.0
+    cut: float = 0.02
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_length("scissor", "cut", self.cut, 0.0, LARGEST, open_below=True)

@@ -30,6 +30,11 @@ class Mouth(NamedTuple):
     flange: float = 0.0  # radius of the arm's last link, see :func:`flange_of`
     flange_top: float = -1.0  # height of the end of the last link
     end: float = -1.0  # height of the other end of the last link, and of the neck
+    cut: float = 0.0  # of blades: distance of the place of the cut from the target's centre, else 0
+    within: float = 0.0  # of blades: half of their width
+    ax: float = 0.0  # of blades: the direction of their width, which is across the opening
+    ay: float = 0.0
+    az: float = 0.0
 
 
 class MouthPose(NamedTuple):
@@ -153,3 +158,21 @@ def inside(x: float, y: float, z: float, at: MouthPose, cup: Mouth) -> bool:
     """Whether a fruit with this centre counts as inside the cup."""
     h, rho, _, _, _ = in_cup(x, y, z, at)
     return rho < cup.inner and cup.base < h < cup.rim - BARELY
+
+
+@inner
+def taken(
+    x: float, y: float, z: float, rx: float, ry: float, rz: float, at: MouthPose, cup: Mouth
+) -> bool:
+    """Whether the target with this centre is inside the cup.
+
+    Of blades: whether the place of the cut, on the line to the stem's root (rx, ry, rz), is between
+    them.
+    """
+    if cup.cut == 0.0:
+        return inside(x, y, z, at, cup)
+    rx, ry, rz = rx - x, ry - y, rz - z
+    share = cup.cut / math.sqrt(rx * rx + ry * ry + rz * rz)
+    h, rho, x, y, z = in_cup(x + share * rx, y + share * ry, z + share * rz, at)
+    across = abs(x * cup.ax + y * cup.ay + z * cup.az)
+    return rho < cup.inner and across < cup.within and abs(h) < cup.rim - BARELY

@@ -18,6 +18,8 @@ from optipromp.core.pushing.stems.paths import PathsPast
 from optipromp.core.pushing.stems.states import sampled
 from optipromp.core.pushing.stems.swinging import Led, clear, led, steps_inside, summed_score
 from optipromp.core.robots.cup_cover import NECK_RADIUS
+from optipromp.core.robots.grippers import Scissor
+from optipromp.core.robots.mounted import unmounted
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.robots.tools import WALL
 from optipromp.core.scenes.scene import Scene, SceneObject
@@ -44,7 +46,8 @@ class Hanging(PushModel):
     Args:
         scene: the scene.
         tool: modelled as a cup with the tool's mouth, also where it has fingers. A tool that takes
-            hold of nothing is a solid cylinder, and a missed target does not count as harm.
+            hold of nothing is a solid cylinder, and a missed target does not count as harm. A
+            scissor misses where the place of the cut does not end between its blades.
         neighbours: pushables in the way, first met first.
         camera: (3,) where a path begins [m].
         gripper_radius: R_gripper [m].
@@ -64,7 +67,8 @@ class Hanging(PushModel):
         inner, outer = tool.mouth
         inner = inner if inner > 0.0 else -outer  # solid
         base = tool.front - tool.reach
-        self.cup = Mouth(inner, outer, base, tool.depth, WALL, NECK_RADIUS, *flange)
+        walls = inner, outer, base, tool.depth, WALL
+        self.cup = Mouth(*walls, NECK_RADIUS, *flange, *_cut(scene, tool))
         where = target.position, HANGING.around
         self.static, avoid = (
             near(scene.packed(scene.around(*where, role)), *where) for role in ("static", "avoid")
@@ -131,7 +135,8 @@ class Hanging(PushModel):
             )
             return first, f"and {' and '.join(others)} are swallowed" if others else "is swallowed"
         if found.missed:
-            return names[0], "is not inside at the end"
+            place = "between the blades" if self.cup.cut else "inside"
+            return names[0], f"is not {place} at the end"
         on_fruit, on_stem = worst.on_fruits, worst.on_stems
         on_fruit[0] = 0.0  # the force on the target is a separate part of the harm
         crushed = int(np.argmax(on_fruit))
@@ -184,6 +189,17 @@ def _hanging(
     others = sorted(others, key=away)[: HANGING.most - len(known)]
     hanging = [fruit for fruit in neighbours if fruit.stem is not None]
     return sorted([*hanging, *others], key=lambda fruit: fruit.id)
+
+
+def _cut(scene: Scene, tool: Tool) -> tuple[float, ...]:
+    """The last fields of :class:`Mouth`, of a scissor that is led to the target's stem.
+
+    Its blades are side by side along y_g, as the planner rolls them.
+    """
+    blades = unmounted(tool)
+    if not isinstance(blades, Scissor):
+        return ()
+    return math.hypot(*scene.approach.shift), 0.5 * blades.blade_width, *scene.frame[0].tolist()
 
 
 def _steps(

@@ -24,7 +24,7 @@ from optipromp.core.pushing.stems.contacts import (
     list_walls,
     overlapping,
 )
-from optipromp.core.pushing.stems.cup import Mouth, MouthPose, in_cup, inside
+from optipromp.core.pushing.stems.cup import Mouth, MouthPose, in_cup, inside, taken
 from optipromp.core.pushing.stems.deflected import LOADS, Descent, freely
 from optipromp.core.pushing.stems.equilibrium import CLOSE, CupStep, relax
 from optipromp.core.pushing.stems.harm import Harm, score_of
@@ -241,7 +241,9 @@ def led(
     forces, stem_forces = np.zeros((steps, count)), np.zeros((steps, count))
     push(s, points, axes, dt, cup, solid, np.inf, positions, forces, stem_forces, so_far)
     x, y, z = positions[-1, 0]
-    missed = cup.inner > 0.0 and not inside(x, y, z, MouthPose(*points[-1], *axes[-1]), cup)
+    end = MouthPose(*points[-1], *axes[-1])
+    rx, ry, rz = s.root[0]
+    missed = cup.inner > 0.0 and not taken(x, y, z, rx, ry, rz, end, cup)
     stem, fruit, target, within, pinched = so_far.tolist()
     held = sliding_window_view(stem_forces, min(math.ceil(LASTING / dt), steps), axis=0)
     return Led(
@@ -297,7 +299,8 @@ def summed_score(
         h[:], forces[:], stem_forces[:] = 0.0, 0.0, 0.0
         done = push(one, points, axes, dt, cup, solid, left, positions, forces, stem_forces, h)
         x, y, z = positions[p, 0, 0], positions[p, 0, 1], positions[p, 0, 2]
-        missed = done < steps or (cup.inner > 0.0 and not inside(x, y, z, end, cup))
+        rx, ry, rz = s.root[low, 0], s.root[low, 1], s.root[low, 2]
+        missed = done < steps or (cup.inner > 0.0 and not taken(x, y, z, rx, ry, rz, end, cup))
         total += min(score_of(h[0], h[1], h[2], h[3], h[4], missed), hopeless)
         if seen and d == 0 and total >= hopeless:
             return total
