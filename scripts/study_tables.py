@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
+from optipromp.laboratory.experiments.row_files import rows_of
 from optipromp.laboratory.experiments.runs import Row
 from optipromp.laboratory.experiments.statistics import Cell, calibration, summary
-from optipromp.laboratory.experiments.study import rows_of
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "studies.md"

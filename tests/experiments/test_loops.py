@@ -24,9 +24,10 @@ from optipromp.laboratory.experiments.conditions import (
 from optipromp.laboratory.experiments.executed import cut, executed
 from optipromp.laboratory.experiments.loop_statistics import ALL, loop_summary
 from optipromp.laboratory.experiments.loops import LOOPS, LoopChoice, loop_again, run_loops
+from optipromp.laboratory.experiments.row_files import rows_of
 from optipromp.laboratory.experiments.runs import COLUMNS, Row, row_from_text
 from optipromp.laboratory.experiments.statistics import summary, wilson
-from optipromp.laboratory.experiments.study import Study, rows_of, run_study
+from optipromp.laboratory.experiments.study import Study, run_study
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import Simulation
 from optipromp.laboratory.simulation.detector import DETECTORS, Detector, Truth

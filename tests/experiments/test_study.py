@@ -14,9 +14,10 @@ import pytest
 import optipromp
 from optipromp.core.errors import InvalidRequestError
 from optipromp.laboratory.experiments import runs, study
+from optipromp.laboratory.experiments.row_files import RowFile, rows_of
 from optipromp.laboratory.experiments.runs import COLUMNS, Row, row_from_text, source_version
 from optipromp.laboratory.experiments.statistics import summary, wilson
-from optipromp.laboratory.experiments.study import RowFile, Study, rows_of, run_study
+from optipromp.laboratory.experiments.study import Study, run_study
 from optipromp.laboratory.experiments.study_output import study_figure, write_results
 from optipromp.laboratory.generate import Noise
 
@@ -110,30 +111,30 @@ def test_summary_counts() -> None:
     ],
 )
 def test_a_row_outlives_its_file(row: Row, tmp_path: Path) -> None:
-    RowFile(tmp_path, small()).append(row)
-    assert RowFile(tmp_path, small()).rows == [row]
+    RowFile(tmp_path, small().common()).append(row)
+    assert RowFile(tmp_path, small().common()).rows == [row]
     assert row_from_text({name: str(getattr(ROW, name)) for name in COLUMNS}) == ROW
 
 
 def test_a_row_cut_short_is_dropped_and_the_rest_kept(tmp_path: Path) -> None:
-    file = RowFile(tmp_path, small())
+    file = RowFile(tmp_path, small().common())
     file.append(ROW)
     whole = file.path.read_bytes()
     file.append(replace(ROW, seed=1))
     file.path.write_bytes(file.path.read_bytes()[:-7])
-    again = RowFile(tmp_path, small())
+    again = RowFile(tmp_path, small().common())
     assert again.rows == [ROW]
     assert file.path.read_bytes() == whole
 
 
 def test_a_run_that_stands_twice_is_refused(tmp_path: Path) -> None:
-    file = RowFile(tmp_path, small())
+    file = RowFile(tmp_path, small().common())
     file.append(ROW)
     file.append(replace(ROW, seed=1))
     head, first, _ = file.path.read_bytes().splitlines(keepends=True)
     with file.path.open("ab") as stream:
         stream.write(first.replace(b"True", b"False"))
-    for read in (lambda: rows_of(tmp_path), lambda: RowFile(tmp_path, small())):
+    for read in (lambda: rows_of(tmp_path), lambda: RowFile(tmp_path, small().common())):
         with pytest.raises(InvalidRequestError, match=r"rows\.csv holds 2 rows of .*must hold one"):
             read()
     file.path.write_bytes(head + first)
@@ -141,9 +142,9 @@ def test_a_run_that_stands_twice_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_message_of_many_lines_is_one_line(tmp_path: Path) -> None:
-    file = RowFile(tmp_path, small())
+    file = RowFile(tmp_path, small().common())
     file.append(replace(ROW, message="one\ntwo\r\n three"))
-    assert RowFile(tmp_path, small()).rows[0].message == "one two three"
+    assert RowFile(tmp_path, small().common()).rows[0].message == "one two three"
     assert file.path.read_bytes().count(b"\n") == 2
 
 
@@ -160,9 +161,9 @@ def test_a_message_of_many_lines_is_one_line(tmp_path: Path) -> None:
 def test_rows_of_another_study_are_not_mixed(change, named, tmp_path: Path) -> None:
     """Whether the folder or the study states what the other leaves at its default."""
     for k, (held, asked) in enumerate(((small(), small(**change)), (small(**change), small()))):
-        RowFile(tmp_path / str(k), held)
+        RowFile(tmp_path / str(k), held.common())
         with pytest.raises(InvalidRequestError, match=f"holds rows with {named}"):
-            RowFile(tmp_path / str(k), asked)
+            RowFile(tmp_path / str(k), asked.common())
 
 
 def test_the_version_of_rows_follows_the_code_of_the_core(tmp_path: Path, monkeypatch) -> None:
@@ -180,18 +181,18 @@ def test_the_version_of_rows_follows_the_code_of_the_core(tmp_path: Path, monkey
 
 
 def test_rows_of_other_code_are_not_mixed(tmp_path: Path, monkeypatch) -> None:
-    RowFile(tmp_path, small())
+    RowFile(tmp_path, small().common())
     monkeypatch.setattr(study, "source_version", lambda: "other")
     with pytest.raises(InvalidRequestError, match="version"):
-        RowFile(tmp_path, small())
+        RowFile(tmp_path, small().common())
 
 
 def test_what_is_no_row_is_refused(tmp_path: Path) -> None:
-    file = RowFile(tmp_path, small())
+    file = RowFile(tmp_path, small().common())
     with file.path.open("a") as stream:
         stream.write("cluster,zero,straight\n")
     with pytest.raises(InvalidRequestError, match=r"rows\.csv"):
-        RowFile(tmp_path, small())
+        RowFile(tmp_path, small().common())
 
 
 # --- running ------------------------------------------------------------------------------------
@@ -247,9 +248,9 @@ def test_an_interruption_keeps_the_rows_that_are_done(quick, tmp_path: Path) -> 
 
     with pytest.raises(KeyboardInterrupt):
         run_study(small(), tmp_path, workers=1, progress=interrupt)
-    assert len(RowFile(tmp_path, small()).rows) == 3
+    assert len(RowFile(tmp_path, small().common()).rows) == 3
     assert len(run_study(small(), tmp_path, workers=1)) == 6
-    assert len({row.key for row in RowFile(tmp_path, small()).rows}) == 6
+    assert len({row.key for row in RowFile(tmp_path, small().common()).rows}) == 6
 
 
 def test_results_are_written(quick, tmp_path: Path) -> None:
@@ -343,7 +344,7 @@ def test_ctrl_c_leaves_whole_rows_and_no_process(tmp_path: Path) -> None:
     assert b"Traceback" not in errors
     content = rows.read_bytes()
     assert content.endswith(b"\n")
-    kept = RowFile(tmp_path, Study(("cluster",), ("straight",), (0, 400))).rows
+    kept = RowFile(tmp_path, Study(("cluster",), ("straight",), (0, 400)).common()).rows
     assert 2 <= len(kept) < 400
     until = time.monotonic() + 10
     while group_lives(process.pid) and time.monotonic() < until:

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
 TITLE = """%: clean: picked, nothing harmed, in the simulation; 95 %: Wilson's interval
 harmed, gave up, refused, missed [%]; back: retreats; s: median duration"""
+EYES_TITLE = """% of runs: a ripe fruit seen, a plan made, the fruit in the tool at the end (95 %:
+Wilson's interval), something harmed; recall [%] of visible fruits in the last picture before the
+plan; false: detections in it; see: median processor time of seeing [s]"""
 LEFT = "preset", "condition", "loop"
 
 
@@ -38,6 +41,39 @@ class LoopChoices:
             "limp, all (at once); 'all' by itself is each of them, 'all,' that one.",
         ),
     ] = ""
+    eyes: Annotated[
+        str,
+        typer.Option(
+            metavar="NAMES",
+            help="Of loops (open by itself): scenes are seen by the eyes. rendered: in pictures, "
+            "in the closed loop too, for a handful of scenes; fitted: by a camera model with the "
+            "errors of these eyes.",
+        ),
+    ] = ""
+    finder: Annotated[
+        str, typer.Option(metavar="NAME", help="Of --eyes, what finds fruits in pictures.")
+    ] = "geometry"
+
+
+def eyes_table(cells: Sequence["LoopCell"]) -> "Table":
+    """What became of the circle: fruits seen, scenes planned in, fruits picked."""
+    figures = "n", "seen", "planned", "picked", "95 %", "harm", "recall", "false", "see"
+    out = grid(LEFT, figures, title=EYES_TITLE, padding=(0, 0))
+    before = ("", "")
+    for cell in cells:
+        if before[0] not in ("", cell.preset):
+            out.add_section()
+        low, high = cell.picked_interval
+        recall = f"{100 * cell.found / cell.visible:.3g}" if cell.visible else "–"
+        out.add_row(
+            *_names(cell, before), str(cell.runs),
+            *(f"{100 * k / cell.runs:.3g}" for k in (cell.seen, cell.planned, cell.picked)),
+            f"{100 * low:.0f}–{100 * high:.0f}", f"{100 * cell.harmed / cell.runs:.3g}", recall,
+            f"{cell.false / cell.runs:.2f}" if cell.visible else "–",
+            "–" if cell.see_time is None else f"{cell.see_time:.2f}",
+        )  # fmt: skip
+        before = (cell.preset, cell.condition)
+    return out
 
 
 def loop_table(cells: Sequence["LoopCell"]) -> "Table":

@@ -38,7 +38,7 @@ def report(
     optipromp report reach --out reach.html
     """
     from optipromp.core.files import is_file, is_folder, write_atomically
-    from optipromp.laboratory.experiments.study import ROWS
+    from optipromp.laboratory.experiments.row_files import ROWS
     from optipromp.looks.reports import plan_report, study_report
 
     folder = item if is_folder(item) else item.parent

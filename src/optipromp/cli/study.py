@@ -9,7 +9,7 @@ import typer
 from optipromp.cli.command import Report, Shown, command
 from optipromp.cli.console import Workers, grid, progress_bar, say_if_compiling
 from optipromp.cli.folder import scene_files
-from optipromp.cli.loops import LoopChoices, loop_causes, loop_table
+from optipromp.cli.loops import LoopChoices, eyes_table, loop_causes, loop_table
 from optipromp.cli.robot import ArmOptions, Whose
 from optipromp.core.errors import Code, InvalidRequestError
 
@@ -108,9 +108,11 @@ def study(
     optipromp study --planners opti-promp --noise-position 0.005 --noise-angle 5 --out noisy
     optipromp study --preset tight --planners opti-promp --noise detector --out detected
     optipromp study --preset cluster,field --loop open,closed --conditions sway,missed --out loops
+    optipromp study --preset cluster --loop open,closed --eyes fitted --out circle
     """
     from optipromp.laboratory.experiments.baselines import study_planners
     from optipromp.laboratory.experiments.conditions import CONDITIONS
+    from optipromp.laboratory.experiments.eyes import WAYS
     from optipromp.laboratory.experiments.loops import LOOP_PLANNER, LOOPS
     from optipromp.laboratory.experiments.study import Study, run_study
     from optipromp.laboratory.generate import PRESETS
@@ -118,12 +120,15 @@ def study(
     compared: Any = _names(",".join(planners), study_planners())
     loops = _names(compared_loops.loop, LOOPS)
     conditions = _names(compared_loops.conditions, tuple(CONDITIONS))
+    eyes = _names(compared_loops.eyes, WAYS)
+    loops = loops or (LOOPS[:1] if eyes else ())
     if loops and planners == ["all"]:
         compared = (LOOP_PLANNER,)
     given = {
         "planners": compared, "noise_position": noise_position, "noise_angle": noise_angle,
         "only_valid": only_valid, "choice": arm.of(robot).choice, "vary": vary, "noise": noise,
-        "risk": risk, "loops": loops, "conditions": conditions or ("none",),
+        "risk": risk, "loops": loops, "conditions": conditions or ("none",), "eyes": eyes,
+        "finder": compared_loops.finder,
         **({} if seeds is None else {"seeds": _range(seeds)}),
         **({} if robot is None else {"robot": robot}),
     }  # fmt: skip
@@ -161,7 +166,8 @@ def _report(rows: list["Row"], out: Path) -> Report:
     if any(row.loop for row in rows):
         picks = loop_summary(rows)
         document["cells"] = [cell.to_dict() for cell in picks]
-        return Report(document, (loop_table(picks), loop_causes(picks), last))
+        seen = (eyes_table(picks),) if any(row.pictures for row in rows) else ()
+        return Report(document, (*seen, loop_table(picks), loop_causes(picks), last))
     return Report(document, _shown(cells, calibration(rows), last))
 
 

@@ -12,7 +12,7 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Ellipsoid, Shape, Sphere
 from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.hidden import cleared
-from optipromp.core.scenes.objects import Role, SceneObject, Stem
+from optipromp.core.scenes.objects import STEEPEST, Role, SceneObject, Stem
 from optipromp.core.scenes.scene import Scene
 from optipromp.perception.finder import Finder, Found, Region
 from optipromp.perception.geometry import ByGeometry
@@ -152,7 +152,8 @@ def _item(
         shape = Sphere(float(np.cbrt(fit.radius**2 * fit.half)))
     grown = None
     if stem is not None:
-        grown = Stem.along(fit.center, stem.direction, stem.length)
+        tilt = min(math.degrees(stem.deviation), STEEPEST)
+        grown = replace(Stem.along(fit.center, stem.direction, stem.length), tilt=tilt)
     return SceneObject(
         name, role, shape, fit.center, frame_along(axis), stem=grown, covariance=fit.covariance
     )

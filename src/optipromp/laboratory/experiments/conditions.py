@@ -25,7 +25,7 @@ table does not say otherwise. Errors and rates are sourced in
 :class:`optipromp.laboratory.simulation.DisturbanceParameters`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -34,6 +34,7 @@ import numpy as np
 from optipromp.control.plant import shifted
 from optipromp.core.arrays import frame_along
 from optipromp.core.planning.task import posed
+from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene
@@ -70,6 +71,12 @@ class Situation(NamedTuple):
     """As first seen."""
     detector: DetectorParameters
     parameters: SimulationParameters
+    camera: Callable[[Scene, Robot, DetectorParameters, int], Detector] = Detector
+    """Makes the camera of a closed loop."""
+    figures: Mapping[str, Any] = {}
+    """What rows tell of the first pictures."""
+    further: "Callable[[], Situation] | None" = None
+    """After one picture more, where there is no plan; None: there is none."""
 
 
 @dataclass(frozen=True)

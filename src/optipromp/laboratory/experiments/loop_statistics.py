@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from optipromp.laboratory.experiments.eyes import NOT_SEEN
 from optipromp.laboratory.experiments.runs import Row
 from optipromp.laboratory.experiments.statistics import wilson
 
@@ -32,6 +33,11 @@ class LoopCell:
         cycle_p99: largest of the runs' 99 % quantiles [s].
         nis: mean normalised innovation squared over the runs, with a seen fruit; 3 is true.
         worst_jump, worst_limit: largest of the rows'.
+        seen, planned, picked: number of runs in which a ripe fruit was seen, a plan executed, and
+            the fruit in the tool at the end.
+        picked_interval: 95 % interval of the rate of ``picked``.
+        visible, found, false: fruits and detections in the last pictures before a plan.
+        see_time: median processor time of seeing [s].
     """
 
     preset: str
@@ -55,6 +61,14 @@ class LoopCell:
     nis: float | None
     worst_jump: float | None
     worst_limit: float | None
+    seen: int
+    planned: int
+    picked: int
+    picked_interval: tuple[float, float]
+    visible: int
+    found: int
+    false: int
+    see_time: float | None
 
     @property
     def failed_by(self) -> str:
@@ -115,6 +129,14 @@ def _cell(preset: str, condition: str, loop: str, rows: Sequence[Row]) -> LoopCe
         nis=_of(np.mean, (row.nis for row in rows)),
         worst_jump=_of(max, (row.worst_jump for row in rows)),
         worst_limit=_of(max, (row.worst_limit for row in rows)),
+        seen=sum(row.cause not in (NOT_SEEN, "error") for row in rows),
+        planned=sum(row.duration is not None for row in rows),
+        picked=(picked := sum(bool(row.picked) for row in rows)),
+        picked_interval=wilson(picked, len(rows)),
+        visible=sum(row.visible or 0 for row in rows),
+        found=sum(row.found or 0 for row in rows),
+        false=sum(row.false or 0 for row in rows),
+        see_time=_of(median, (row.see_time for row in rows)),
     )
 
 

@@ -17,6 +17,7 @@ from optipromp.core.trajectory import State
 from optipromp.laboratory.experiments.baselines import Answer, attempt
 from optipromp.laboratory.experiments.conditions import CONDITIONS, Situation
 from optipromp.laboratory.experiments.executed import executed
+from optipromp.laboratory.experiments.eyes import NOT_SEEN, situation
 from optipromp.laboratory.experiments.runs import ERROR, NO_PLAN, Row, outcome_values
 from optipromp.laboratory.experiments.sources import Source, drawn, source_name
 from optipromp.laboratory.generate import PANDA, Preset, generate
@@ -29,16 +30,21 @@ LOOPS = "open", "looks", "closed"
 camera point, looks, and executes the plan made there blind; ``closed``: the controller."""
 
 LOOP_PLANNER = "opti-promp"
+_BLIND = {
+    "plan_status": str(Code.NO_PLAN), "cause": NOT_SEEN, "result": "gave_up",
+    "message": "no ripe fruit is seen",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class LoopChoice:
-    """What the runs of a study of loops share: robot, choice of its arm, risk, version."""
+    """What the runs of a study of loops share: robot, its arm, risk, version, finder of eyes."""
 
     robot: str | Path = PANDA
     choice: Choice = NOTHING
     risk: float = PlanOptions.risk
     version: str = ""
+    finder: str = ""
 
 
 def check_loops(loops: Iterable[str], conditions: Iterable[str]) -> None:
@@ -58,10 +64,11 @@ def run_loops(
 ) -> list[Row]:
     """Run loops on one scene under one condition; each run is a row, also where it raised."""
     scene, redraws = drawn(source, seed, given.robot, given.choice)
-    rows = []
+    rows, setting = [], None
     for loop in loops:
         try:
-            values = loop_values(CONDITIONS[condition](scene, seed), seed, loop, given.risk)
+            setting = setting or situation(condition, scene, seed, given.finder)
+            values = loop_values(setting, seed, loop, given.risk)
         except OptiPrompError as error:
             values = _broken(str(error.code), error.message)
         except Exception as error:  # the row tells of it, and the study goes on
@@ -78,6 +85,7 @@ def run_loops(
                 version=given.version,
                 loop=loop,
                 condition=condition,
+                finder=given.finder,
                 **values,
             )
         )  # fmt: skip
@@ -105,6 +113,7 @@ def loop_values(
     outcome = done.run.outcome
     said = done.stage == "done" or outcome.success
     return {
+        **setting.figures,
         **outcome_values(outcome, setting.scene.target),
         "plan_status": str(Code.SUCCESS if said else Code.NO_PLAN),
         "result": done.result,
@@ -136,11 +145,11 @@ def loop_figures(done: "Loop") -> dict[str, Any]:
 def picked(setting: Situation, seed: int, servo: bool = True) -> "Loop":
     """A pick in closed loop; without ``servo``, two looks."""
     from optipromp.control.controller import Controller
-    from optipromp.laboratory.simulation import Detector, Eye, Simulation, closed_loop
+    from optipromp.laboratory.simulation import Eye, Simulation, closed_loop
 
     controller = Controller(setting.seen, servo=servo)
     simulation = Simulation(setting.scene, seed, setting.parameters)
-    eye = Eye(Detector(setting.scene, controller.robot, setting.detector, seed))
+    eye = Eye(setting.camera(setting.scene, controller.robot, setting.detector, seed))
     return closed_loop(simulation, controller, eye)
 
 
@@ -153,18 +162,23 @@ def loop_again(row: Row, robot: str = PANDA, risk: float = PlanOptions.risk) -> 
         OptiPrompError: the error of the run.
     """
     scene = generate(cast(Preset, row.preset), row.seed, robot, UNTRUSTED)
-    setting = CONDITIONS[row.condition](scene, row.seed)
+    setting = situation(row.condition, scene, row.seed, row.finder)
     if row.loop != "open":
         return picked(setting, row.seed, servo=row.loop == "closed").run
-    made = attempt(setting.seen, LOOP_PLANNER, risk=risk)
+    if setting.seen.target is None:
+        return None
+    made, setting = _planned(setting, risk)
     if made.trajectory is None or made.status != Code.SUCCESS:
         return None
     return _blind(made, setting, row.seed)
 
 
 def _open_values(setting: Situation, seed: int, risk: float) -> dict[str, Any]:
-    made = attempt(setting.seen, LOOP_PLANNER, risk=risk)
+    if setting.seen.target is None:
+        return {**setting.figures, **_BLIND}
+    made, setting = _planned(setting, risk)
     values: Mapping[str, Any] = {
+        **setting.figures,
         "plan_status": str(made.status),
         "plan_time": made.seconds,
         "predicted_harm": made.harm,
@@ -182,6 +196,18 @@ def _open_values(setting: Situation, seed: int, risk: float) -> dict[str, Any]:
         "result": "clean" if outcome.success else "harmed" if harmed else "missed",
         "simulation_time": time.perf_counter() - began,
     }
+
+
+def _planned(setting: Situation, risk: float) -> tuple[Answer, Situation]:
+    """A plan in the scene as first seen, or after one picture more, and that setting."""
+    made = attempt(setting.seen, LOOP_PLANNER, risk=risk)
+    while made.status != Code.SUCCESS and setting.further is not None:
+        further = setting.further()
+        if further.seen.target is None:
+            break
+        setting = further
+        made = attempt(setting.seen, LOOP_PLANNER, risk=risk)
+    return made, setting
 
 
 def _blind(made: Answer, setting: Situation, seed: int) -> "Run":

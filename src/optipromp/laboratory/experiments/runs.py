@@ -77,8 +77,8 @@ class Row:
         loop: one of :data:`optipromp.laboratory.experiments.loops.LOOPS`; empty for a planner that
             is compared with others. With a loop, ``plan_status`` is ``success`` where it said that
             it was done, or was clean.
-        condition: one of :data:`optipromp.laboratory.experiments.conditions.CONDITIONS`; empty
-            without a loop.
+        condition: one of :data:`optipromp.laboratory.experiments.conditions.CONDITIONS`, or of
+            :data:`optipromp.laboratory.experiments.eyes.WAYS`; empty without a loop.
         result: of a loop: ``clean``, ``harmed``, ``gave_up``, ``missed`` (nothing was harmed,
             nothing picked), ``refused`` (not executed) or ``error``.
         retreats: number of retreats.
@@ -88,6 +88,12 @@ class Row:
         worst_jump: largest jump of a joint at a takeover, of position, velocity or acceleration,
             each in SI units.
         worst_limit: largest share of a limit of velocity, acceleration or jerk.
+        finder: of eyes; empty without eyes, as all below.
+        pictures: number of pictures before a plan.
+        visible: fruits of which enough showed on the last of these.
+        found: of the visible fruits.
+        false: detections there that no fruit matches.
+        see_time: processor time of seeing these pictures [s].
     """
 
     preset: str
@@ -128,6 +134,12 @@ class Row:
     nis: float | None = None
     worst_jump: float | None = None
     worst_limit: float | None = None
+    finder: str = ""
+    pictures: int | None = None
+    visible: int | None = None
+    found: int | None = None
+    false: int | None = None
+    see_time: float | None = None
 
     @property
     def key(self) -> Key:

@@ -11,7 +11,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.scenes.scene import SceneObject
 from optipromp.laboratory.generate import Preset, generate
 from optipromp.laboratory.simulation.photograph import FRUITS, Photograph, photograph
-from optipromp.perception.eyes import Detection, look_at
+from optipromp.perception.eyes import Detection, Sighting, look_at
 from optipromp.perception.finder import Finder
 
 LEAST_SHARE = 0.4  # of its outline that is seen of a visible fruit: a choice
@@ -20,7 +20,7 @@ LEAST_STEM = 60  # pixels of a visible stem: a choice
 SURE = 11.34  # squared normalised error that 1 % of true Gaussian errors exceed (χ², 3 degrees)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SeenFruit:
     """A fruit of a photograph, and what was seen of it.
 
@@ -34,6 +34,9 @@ class SeenFruit:
         angle: between the true stem and the one found; nan where none was [deg].
         tilts: this angle over the deviation of each tilt; √2 in the root mean square if that is
             true.
+        item: the true fruit, in the base frame.
+        center: (3,) true middle of its extent in the frame of the camera [m].
+        detection: that matches it; None: it was not found.
     """
 
     share: float
@@ -44,32 +47,44 @@ class SeenFruit:
     stem_visible: bool
     angle: float
     tilts: float
+    item: SceneObject
+    center: FloatArray
+    detection: Detection | None
 
     @property
     def found(self) -> bool:
         """Whether a detection matches it."""
-        return not math.isnan(self.error)
+        return self.detection is not None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SeenPicture:
     """The fruits of one photograph, the detections that match none, and the time [s]."""
 
     fruits: tuple[SeenFruit, ...]
-    false: int
+    wrong: tuple[Detection, ...]
     seconds: float
+
+    @property
+    def false(self) -> int:
+        """Number of detections that match no fruit."""
+        return len(self.wrong)
 
 
 def compared(shot: Photograph, finder: Finder | None = None) -> SeenPicture:
-    """What is seen in a photograph against its truth.
+    """What is seen in a photograph against its truth; see :func:`matched`."""
+    began = time.process_time()
+    sight = look_at(shot.picture, up=shot.scene.up, finder=finder)
+    return matched(shot, sight, time.process_time() - began)
+
+
+def matched(shot: Photograph, sight: Sighting, seconds: float) -> SeenPicture:
+    """A sight of a photograph, made in ``seconds``, against the truth.
 
     A detection matches the nearest fruit, each once, the largest share first, if the centres are
     closer than the fruit's bounding radius. The centre of a fruit is the middle of its extent along
     its own axes. A detection of a fruit of which too little shows is not false.
     """
-    began = time.process_time()
-    sight = look_at(shot.picture, up=shot.scene.up, finder=finder)
-    took = time.process_time() - began
     free = list(sight.detections)
     fruits = []
     for mark in sorted((m for m in shot.marked if m.kind in FRUITS), key=lambda m: -m.share):
@@ -82,7 +97,7 @@ def compared(shot: Photograph, finder: Finder | None = None) -> SeenPicture:
         pixels = int(shot.mask(mark.id, *FRUITS).sum())
         visible = mark.share >= LEAST_SHARE and pixels >= LEAST_PIXELS
         fruits.append(_fruit(shot, item, center, match, (mark.share, visible)))
-    return SeenPicture(tuple(fruits), len(free), took)
+    return SeenPicture(tuple(fruits), tuple(free), seconds)
 
 
 def middle(item: SceneObject) -> FloatArray:
@@ -111,7 +126,7 @@ def _fruit(
             cosine = float(way @ match.stem.direction) / float(np.linalg.norm(way))
             turned = math.acos(min(max(cosine, -1.0), 1.0))
             angle, tilts = math.degrees(turned), turned / match.stem.deviation
-    return SeenFruit(*shown, error, normalised, right, shows, angle, tilts)
+    return SeenFruit(*shown, error, normalised, right, shows, angle, tilts, item, center, match)
 
 
 def pictures_of(

@@ -4,13 +4,8 @@ One process appends each row, whole, to ``rows.csv``; a study that begins again 
 runs what is missing. ``study.json`` holds the settings that all rows share.
 """
 
-import csv
 import functools
-import io
 import itertools
-import json
-import os
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -19,7 +14,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from optipromp.core.errors import InvalidRequestError, installed_by
-from optipromp.core.files import check_folder, json_text, write_atomically
+from optipromp.core.files import check_folder
 from optipromp.core.planning import PlanOptions
 from optipromp.core.planning.planner import factory
 from optipromp.core.processes import cores, run_each
@@ -27,6 +22,7 @@ from optipromp.core.robots.library import NOTHING, Choice
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.values import suggest
 from optipromp.laboratory.experiments.baselines import STUDY_PLANNERS
+from optipromp.laboratory.experiments.eyes import check_eyes
 from optipromp.laboratory.experiments.locking import locked
 from optipromp.laboratory.experiments.loops import (
     LOOP_PLANNER,
@@ -34,11 +30,10 @@ from optipromp.laboratory.experiments.loops import (
     check_loops,
     run_loops,
 )
+from optipromp.laboratory.experiments.row_files import RowFile
 from optipromp.laboratory.experiments.runs import (
-    COLUMNS,
     Key,
     Row,
-    row_from_text,
     run_scene,
     source_version,
     warm_up,
@@ -47,7 +42,7 @@ from optipromp.laboratory.experiments.sources import OWN, Source, digests
 from optipromp.laboratory.experiments.variations import VARIATIONS
 from optipromp.laboratory.generate import NOISES, PANDA, PRESETS, Noise, Preset
 
-ROWS, SETTINGS, LOCK = "rows.csv", "study.json", ".lock"
+LOCK = ".lock"
 
 
 @dataclass(frozen=True)
@@ -69,6 +64,9 @@ class Study:
         loops: of :data:`optipromp.laboratory.experiments.loops.LOOPS`; the planner is opti-promp.
             Empty: planners are compared.
         conditions: of :data:`optipromp.laboratory.experiments.conditions.CONDITIONS`; of loops.
+        eyes: of :data:`optipromp.laboratory.experiments.eyes.WAYS`, in place of conditions.
+        finder: of the fruits in rendered pictures, see
+            :func:`optipromp.perception.detector.finder_named`.
         files: scene files, whose names stand for presets; see :meth:`of_files`.
 
     Raises:
@@ -91,6 +89,8 @@ class Study:
     risk: float = PlanOptions.risk
     loops: tuple[str, ...] = ()
     conditions: tuple[str, ...] = ("none",)
+    eyes: tuple[str, ...] = ()
+    finder: str = "geometry"
     files: tuple[Path, ...] = ()
 
     @classmethod
@@ -130,11 +130,14 @@ class Study:
 
     def _check_loops(self) -> None:
         check_loops(self.loops, self.conditions)
+        check_eyes(self.eyes, self.finder)
+        if self.eyes and (not self.loops or self.conditions != ("none",)):
+            raise InvalidRequestError("eyes are of loops, and take the place of conditions")
         if not self.loops:
             if self.conditions != ("none",):
                 raise InvalidRequestError("conditions are of loops: state loops, too")
             return
-        for name, given in (("loop", self.loops), ("condition", self.conditions)):
+        for name, given in (("loop", self.loops), ("condition", self.eyes or self.conditions)):
             if not given:
                 raise InvalidRequestError(f"no {name} is named")
             if len(set(given)) < len(given):
@@ -170,7 +173,7 @@ class Study:
 
     def keys(self) -> list[Key]:
         """The keys of all rows, in the study's order."""
-        conditions = self.conditions if self.loops else ("",)
+        conditions = self.eyes or self.conditions if self.loops else ("",)
         return [
             (*scene, planner, variation, loop, condition)
             for scene in self.scenes()
@@ -192,116 +195,9 @@ class Study:
             "version": source_version(),
             "risk": self.risk,
             **({"loops": True} if self.loops else {}),
+            **({"finder": self.finder} if self.eyes else {}),
             **({"scenes": dict(digests(self.files))} if self.files else {}),
         }
-
-
-class RowFile:
-    """The rows of a study in its folder, which is made if need be.
-
-    A line that an interruption cut short is dropped when the file is opened.
-
-    Raises:
-        InvalidRequestError: the folder cannot be written, or holds rows of another noise, of other
-            code, a run twice, or something that is no row.
-    """
-
-    def __init__(self, folder: Path, study: Study) -> None:
-        check_folder(folder)
-        self.path = folder / ROWS
-        self._check_settings(folder / SETTINGS, study)
-        self.rows: list[Row] = self._read()
-
-    def _check_settings(self, path: Path, study: Study) -> None:
-        wanted = study.common()
-        if not self.path.exists():
-            write_atomically(path, json_text(wanted).encode())
-            return
-        try:
-            found = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise InvalidRequestError(
-                f"{self.path} is there and {path.name} beside it cannot be read ({error}): choose "
-                "another folder"
-            ) from None
-        for name in dict.fromkeys((*wanted, *found)):  # a default may be left out of either
-            value = wanted.get(name)
-            if found.get(name) != value:
-                raise InvalidRequestError(
-                    f"{path.parent} holds rows with {name} {found.get(name)!r}, this study has "
-                    f"{value!r}: choose another folder"
-                )
-
-    def _read(self) -> list[Row]:
-        content = self.path.read_bytes() if self.path.exists() else b""
-        whole = content[: content.rfind(b"\n") + 1]
-        if len(whole) < len(content):
-            os.truncate(self.path, len(whole))
-        if not whole:
-            self._append(",".join(COLUMNS) + "\n")
-        return _parsed(whole, self.path)
-
-    def append(self, row: Row) -> None:
-        """Append a row to the file, and wait until it is on disk."""
-        line = io.StringIO()
-        values = {name: getattr(row, name) for name in COLUMNS}
-        values["message"] = " ".join(row.message.split())  # one line a row
-        csv.DictWriter(line, COLUMNS, lineterminator="\n").writerow(values)
-        self._append(line.getvalue())
-        self.rows.append(row)
-
-    def _append(self, text: str) -> None:
-        try:
-            with self.path.open("ab", buffering=0) as stream:
-                stream.write(text.encode("utf-8"))
-                os.fsync(stream.fileno())
-        except OSError as error:
-            raise InvalidRequestError(f"cannot write {self.path}: {error.strerror}") from error
-
-
-def rows_of(folder: Path) -> list[Row]:
-    """The whole rows in a study's folder, oldest first; empty where there is no file.
-
-    Raises:
-        InvalidRequestError: the file cannot be read, holds a run twice or something that is no row.
-    """
-    path = folder / ROWS
-    try:
-        content = path.read_bytes() if path.exists() else b""
-    except OSError as error:
-        raise InvalidRequestError(f"cannot read {path}: {error.strerror}") from None
-    return _parsed(content[: content.rfind(b"\n") + 1], path)
-
-
-def _parsed(content: bytes, path: Path) -> list[Row]:
-    try:
-        table = csv.DictReader(io.StringIO(content.decode("utf-8")))
-        rows = [row_from_text(line) for line in table]
-    except (ValueError, KeyError, TypeError, AttributeError, csv.Error) as error:
-        raise InvalidRequestError(f"{path} holds something that is no row: {error}") from None
-    counts = Counter(row.key for row in rows)
-    if len(counts) < len(rows):
-        (key, count), *_ = counts.most_common(1)
-        told = ", ".join(str(part) for part in key if part != "")
-        raise InvalidRequestError(f"{path} holds {count} rows of {told}: must hold one")
-    return rows
-
-
-def settings_of(folder: Path) -> tuple[dict[str, Any], str | None]:
-    """The settings that the rows of a study share, and the robot of its scenes.
-
-    The robot is None where its file was read with choices, or where the scenes are files.
-
-    Raises:
-        InvalidRequestError: the file is missing or damaged.
-    """
-    try:
-        settings = dict(json.loads((folder / SETTINGS).read_text(encoding="utf-8")))
-    except (OSError, ValueError) as error:
-        raise InvalidRequestError(f"{folder / SETTINGS}: {error}") from None
-    told = str(settings.get("robot", f"{PANDA} {NOTHING}"))
-    plain = "scenes" not in settings and told.endswith(f" {NOTHING}")
-    return settings, told.removesuffix(f" {NOTHING}") if plain else None
 
 
 def run_study(
@@ -336,7 +232,7 @@ def run_study(
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder / LOCK):
-        return _run(study, RowFile(folder, study), workers or cores(), progress)
+        return _run(study, RowFile(folder, study.common()), workers or cores(), progress)
 
 
 def _run(
@@ -382,7 +278,8 @@ def _run(
 def _jobs(study: Study, missing: Sequence[Key]) -> tuple[Callable[..., list[Row]], list[Any]]:
     """A function, and its arguments for each group of missing rows."""
     if study.loops:
-        given = LoopChoice(study.robot, study.choice, study.risk, source_version())
+        finder = study.finder if study.eyes else ""
+        given = LoopChoice(study.robot, study.choice, study.risk, source_version(), finder)
         by_condition = itertools.groupby(missing, key=lambda key: (key[0], key[1], key[5]))
         return run_loops, [
             (study.source(name), *rest, tuple(key[4] for key in group), given)

@@ -188,7 +188,8 @@ class Detector:
         if p.hidden != p.missed:
             leaves = self._leaves or ()
             share = self._sight.hidden(camera.position, frame, positions, rotations, leaves)
-            blind += (p.hidden - p.missed) * share
+            ramp = (share - p.hidden_from) / (p.hidden_to - p.hidden_from)
+            blind += (p.hidden - p.missed) * np.clip(ramp, 0.0, 1.0)
         return np.asarray((off <= 0.5 * self.view) & (chance >= blind))
 
     def _detection(
@@ -202,8 +203,9 @@ class Detector:
         white, kept = math.sqrt(1.0 - p.steady), math.sqrt(p.steady)
         sigma, up = p.sigma(distance), camera.rotation.T @ self.scene.up
         error = sigma * (white * draws.error[row] + kept * self._error[row])
-        error += p.bias * far * away.position / max(distance, SLACK)
-        spread = sigma**2 * np.eye(3)
+        sight = away.position / max(distance, SLACK)
+        error += (p.along - 1.0) * (error @ sight) * sight + p.bias * far * sight
+        spread = sigma**2 * (np.eye(3) + (p.along**2 - 1.0) * np.outer(sight, sight))
         if item.stem is None and not isinstance(item.shape, Sphere):  # it stands
             error -= (error @ up) * up
             spread -= sigma**2 * np.outer(up, up)

@@ -10,7 +10,8 @@ from optipromp.core.parameters import Checked, parameter
 MOUNTS = "palm", "hand", "beside"
 SIGNED = "bias", "lower"  # may be negative
 SHARES = (
-    "steady", "missed", "hidden", "missed_steadily", "swapped", "stem_seen", "leaf",
+    "steady", "missed", "hidden", "hidden_from", "hidden_to", "missed_steadily", "swapped",
+    "stem_seen", "leaf",
 )  # fmt: skip
 ABOVE_ZERO = "view", "rate", "reference", "slot", "aim", "leaf_size", "false_radius"
 
@@ -47,6 +48,9 @@ class DetectorParameters(Checked):
         0.0, "deg", "choice", "standard deviation of a stem's tilt about each of two axes across it"
     )
     reference: float = parameter(0.45, "m", "choice", "distance at which the errors hold")
+    along: float = parameter(
+        1.0, "1", "choice", "deviation along the line of sight over that of each coordinate across"
+    )
     least_position: float = parameter(
         0.001, "m", "guess", "least standard deviation of a coordinate where position is above 0"
     )
@@ -63,6 +67,13 @@ class DetectorParameters(Checked):
     )
     hidden: float = parameter(
         0.0, "1", "choice", "the same of a wholly hidden one; in between by the hidden share"
+    )
+    hidden_from: float = parameter(
+        0.0, "1", "choice", "hidden share above which a fruit is missed more often than in full "
+        "view"
+    )  # fmt: skip
+    hidden_to: float = parameter(
+        1.0, "1", "choice", "hidden share from which a fruit is missed as if wholly hidden"
     )
     missed_steadily: float = parameter(
         0.5, "1", "guess", "share of misses that last until the fruit's slot ends"
@@ -124,6 +135,10 @@ class DetectorParameters(Checked):
         for name in ABOVE_ZERO:
             if getattr(self, name) <= 0.0:
                 raise InvalidRequestError(f"{name} is {getattr(self, name)}; must be above 0")
+        if self.hidden_from >= self.hidden_to:
+            raise InvalidRequestError(
+                f"hidden_from is {self.hidden_from}; must be below hidden_to ({self.hidden_to})"
+            )
         if self.view > math.pi:
             raise InvalidRequestError(f"view is {self.view:g}; must be at most pi [rad]")
 
@@ -160,3 +175,9 @@ those that are wholly hidden is a guess. Labellers found the end of the stem hid
 1,704 strawberries (StrawDI with key points, Tafuro et al., ICRA 2022): hence 0.65. Rates of false
 detections and of exchanged ids are guesses.
 """
+
+EYES: dict[str, DetectorParameters] = {
+    "beside": DetectorParameters(mount="beside"),
+    "palm": DetectorParameters(),
+}
+"""The eyes of :mod:`optipromp.perception` on rendered pictures, by mount."""

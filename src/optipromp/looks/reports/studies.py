@@ -8,9 +8,9 @@ import numpy as np
 
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
 from optipromp.core.planning import PlanOptions
+from optipromp.laboratory.experiments.row_files import ROWS, rows_of, settings_of
 from optipromp.laboratory.experiments.runs import ERROR, NO_PLAN, Row, again
 from optipromp.laboratory.experiments.statistics import Cell, Reliability, calibration, summary
-from optipromp.laboratory.experiments.study import ROWS, rows_of, settings_of
 from optipromp.laboratory.experiments.study_output import study_figure
 from optipromp.laboratory.generate import PANDA
 from optipromp.laboratory.simulation import Run

@@ -1,0 +1,176 @@
+"""The circle from picture to pick (``optipromp study --eyes``): see, plan, execute in the truth.
+
+============  =====================================================================================
+``rendered``  the scene is photographed from beside and seen by the eyes; in the closed loop every
+              look is such a picture, from the palm. A second takes five: for a handful of scenes
+``fitted``    looks are of the camera model with the numbers of these eyes,
+              :data:`optipromp.laboratory.simulation.detector_parameters.EYES`
+============  =====================================================================================
+
+Where the first picture shows no ripe fruit, or the open loop finds no plan in it, a second one is
+taken from the side, as a picker would look again. Where that shows no ripe fruit either, the open
+loop gives up (cause ``not_seen``), and the closed one looks on its own.
+
+The target is the lowest ripe fruit that is seen. Of several fruits that truly are ripe, the one
+nearest to it becomes the true scene's target, so the pick of any ripe fruit counts.
+
+What is executed is the scene as photographed: objects to avoid are the fruits of a real
+neighbouring cluster. Its stems are bowed as in every simulation; those of the first picture are
+straight.
+"""
+
+import functools
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from optipromp.core.arrays import frame_along, rotation
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.planning.task import posed
+from optipromp.core.scenes.held import pairs_among
+from optipromp.core.scenes.pose import Pose
+from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject
+from optipromp.core.scenes.values import suggest
+from optipromp.laboratory.experiments.conditions import CONDITIONS, Situation
+from optipromp.laboratory.experiments.seeing import matched, middle
+from optipromp.laboratory.simulation.detector import Detector, Truth, perceived_scene
+from optipromp.laboratory.simulation.detector_parameters import EYES, DetectorParameters
+from optipromp.laboratory.simulation.parameters import SimulationParameters
+from optipromp.laboratory.simulation.photograph import photograph
+from optipromp.laboratory.simulation.rendered import RenderedDetector
+from optipromp.laboratory.simulation.sight import standing_pose
+from optipromp.perception.detector import finder_named
+from optipromp.perception.eyes import look_at, seen_scene
+from optipromp.perception.finder import Finder
+
+WAYS = "rendered", "fitted"
+
+
+SIDES = 0.0, 70.0  # [deg] about the vertical, of the first and the second camera: a choice
+LOWER = 0.08  # [m] below the target, at which the camera looks: a choice
+OTHER = 1_000_000  # added to the seed of a further picture
+RENDERED_RATE = 5.0  # [Hz] of rendered looks, each of which takes a second to make: a choice
+STILL = Truth((), np.zeros((0, 3)), np.zeros((0, 3, 3)), ())
+"""Fruits that are where the scene has them."""
+NOT_SEEN = "not_seen"
+"""Cause of a run in which no ripe fruit was seen."""
+
+_Sight = tuple[Scene | None, set[str], dict[str, Any]]
+"""The scene that was seen, the ids of fruits that truly are ripe, and what rows tell."""
+
+
+def situation(condition: str, scene: Scene, seed: int, finder: str) -> Situation:
+    """The setting of a condition, or of eyes; the same arguments give the same setting."""
+    if condition == "rendered":
+        found = finder_named(finder)
+        eye = functools.partial(RenderedDetector, finder=found)
+        detector = replace(EYES["palm"], rate=RENDERED_RATE)
+        see = functools.partial(_by_picture, finder=found)
+        return _looked(see, scene, seed, eye, detector, cameras(scene))
+    if condition == "fitted":
+        return _looked(_by_model, scene, seed, Detector, EYES["palm"], cameras(scene))
+    return CONDITIONS[condition](scene, seed)
+
+
+def check_eyes(eyes: tuple[str, ...], finder: str) -> None:
+    """Refuse names that are none.
+
+    Raises:
+        InvalidRequestError: an unknown way of seeing, or an unknown finder.
+    """
+    for item in eyes:
+        if item not in WAYS:
+            raise InvalidRequestError(f"eyes is {item!r}: {suggest(item, WAYS)}")
+    if eyes:
+        finder_named(finder)
+
+
+def without_fruits(scene: Scene) -> Scene:
+    """The scene as known before any picture."""
+    gone = {item.id for item in scene.objects if item.role != "static"}
+    return replace(
+        scene, objects=scene.static, may_touch=pairs_among(scene.may_touch, gone),
+        goal=JointGoal(posed(scene)[1].q),
+    )  # fmt: skip
+
+
+def aimed_at(scene: Scene, ripe: set[str], seen: SceneObject) -> Scene:
+    """The true scene, whose target is that of its ``ripe`` fruits nearest to a seen one."""
+    fruits = [item for item in scene.objects if item.id in ripe]
+    if not fruits:
+        return scene
+    aim = min(fruits, key=lambda item: float(np.linalg.norm(middle(item) - seen.position)))
+    if aim.role == "target":
+        return scene
+    roles = {aim.id: "target", **({scene.target.id: "pushable"} if scene.target else {})}
+    return replace(
+        scene,
+        objects=tuple(replace(o, role=roles.get(o.id, o.role)) for o in scene.objects),  # type: ignore[arg-type]
+    )
+
+
+def cameras(scene: Scene) -> tuple[Pose, ...]:
+    """Where pictures are taken from, in turn: beside the target, and turned about its vertical.
+
+    A camera of hanging fruits looks below the target, where the others hang in the tool's way.
+    """
+    first = standing_pose(scene, EYES["beside"])
+    if scene.target is None:
+        return (first,)
+    middle = scene.target.position
+    if scene.camera is None and scene.target.stem is not None:
+        way = middle - LOWER * scene.up - first.position
+        first = Pose(first.position, frame_along(way / np.linalg.norm(way)))
+    turns = (rotation(scene.up, np.deg2rad(angle)) for angle in SIDES)
+    return tuple(
+        Pose(middle + turn @ (first.position - middle), turn @ first.rotation) for turn in turns
+    )
+
+
+def _looked(
+    see: Callable[[Scene, int], _Sight], scene: Scene, seed: int, eye: Callable[..., Detector],
+    detector: DetectorParameters, left: Sequence[Pose], pictures: int = 0,
+) -> Situation:  # fmt: skip
+    """The setting after the next of the pictures that are ``left`` and show a ripe fruit."""
+    p = SimulationParameters()
+    physics = replace(p, thing=replace(p.thing, avoid_as="fruits"))
+    seen, truth, told = without_fruits(scene), scene, dict[str, Any]()
+    further = None
+    while left and seen.target is None:
+        camera, *left = left
+        found, ripe, told = see(replace(scene, camera=camera), seed + OTHER * pictures)
+        pictures += 1
+        if found is not None and found.target is not None:
+            seen, truth = found, aimed_at(scene, ripe, found.target)
+    if left:
+        further = functools.partial(_looked, see, scene, seed, eye, detector, left, pictures)
+    return Situation(truth, seen, detector, physics, eye, {**told, "pictures": pictures}, further)
+
+
+def _by_picture(scene: Scene, seed: int, finder: Finder) -> _Sight:
+    shot = photograph(scene, "beside", seed)
+    began = time.process_time()
+    sight = look_at(shot.picture, up=scene.up, finder=finder)
+    picture = matched(shot, sight, time.process_time() - began)
+    visible = [fruit for fruit in picture.fruits if fruit.visible]
+    told = {
+        "visible": len(visible), "found": sum(fruit.found for fruit in visible),
+        "false": picture.false, "see_time": picture.seconds,
+    }  # fmt: skip
+    ripe = {mark.id for mark in shot.marked if mark.kind == "ripe"}
+    try:
+        return seen_scene(sight, scene)[0], ripe, told
+    except InvalidRequestError:  # no ripe fruit is seen
+        return None, ripe, told
+
+
+def _by_model(scene: Scene, seed: int) -> _Sight:
+    robot, state = posed(scene)
+    look = Detector(scene, robot, EYES["beside"], seed).expose(0.0, state.q, STILL)
+    try:
+        return perceived_scene(look, scene), set(), {}
+    except InvalidRequestError:  # the target is not seen
+        return None, set(), {}
