@@ -11,7 +11,7 @@ from tests.planning.builders import assert_success
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
-from optipromp.core.errors import Code, InvalidSceneError
+from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
 from optipromp.core.planning import Plan, judge, plan
 from optipromp.core.scenes import Pose, Scene, save_scene, scene_from_dict, scene_to_dict
 
@@ -32,6 +32,34 @@ def scene(goal: Any, path: Any = None) -> Scene:
         "start": [0, -0.3, 0, -2.2, 0, 1.9, 0.8],
     }  # fmt: skip
     return scene_from_dict(given if path is None else given | {"path": path})
+
+
+WAYS = {"points": [{"position": [0.45, 0.3, 0.4], "axis": DOWN}], "speed": 0.1}
+
+
+def said(**way: Any) -> Scene:
+    """Nothing in the way, and what a scene says of it."""
+    return scene_from_dict(scene_to_dict(scene(ASIDE)) | {"objects": []} | way)
+
+
+@pytest.mark.parametrize("settings", [
+    {"planner": "promp"}, {"planner": "i-promp"}, {"planner": "i-promp-guard"},
+    {"planner": "straight"}, {"planner": "chomp"}, {"strategy": "sequential"},
+    {"planner": "opti-promp", "constraints": "paper"},
+])  # fmt: skip
+@pytest.mark.parametrize("way", [{"path": CUP}, {"waypoints": WAYS}])
+def test_a_planner_that_ignores_the_way_is_refused(settings: Any, way: Any) -> None:
+    bound, (name,) = said(**way), way
+    with pytest.raises(InvalidRequestError, match=f"ignores what the scene says in '{name}'"):
+        plan(bound, **settings)
+
+
+def test_the_planners_that_keep_to_the_way_are_asked() -> None:
+    for name in ("drift", "obstacles"):
+        assert_success(plan(said(path=CUP), planner=name))
+    assert_success(plan(said(waypoints=WAYS), planner="drift"))
+    with pytest.raises(InvalidRequestError, match=r"planner obstacles .* 'waypoints'"):
+        plan(said(waypoints=WAYS), planner="obstacles")
 
 
 def frames(made: Plan) -> tuple[np.ndarray, np.ndarray]:

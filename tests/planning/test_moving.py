@@ -154,6 +154,30 @@ def test_the_arm_waits_for_a_gate_that_leaves_no_way_round(bare: Scene, middle: 
     assert not closed.success
 
 
+def test_a_thing_that_moves_may_be_touched_wherever_it_comes(
+    bare: Scene, direct: Plan, middle: np.ndarray
+) -> None:
+    """The hand ends in a cushion that moves, and goes round a post: one plan minds the two."""
+    end = direct.robot.tool_pose(direct.trajectory.positions[-1:])[0][0]
+    rise = ObjectMotion(np.array([0.0, 30.0]), np.array([end, end + [0.0, 0.0, 0.02]]))
+    stay = ObjectMotion(np.array([0.0, 60.0, 62.0]), np.array([middle, middle, middle + 3 * OUT]))
+    cushion = SceneObject("cushion", "static", Sphere(0.05), end, motion=rise)
+    post = SceneObject("post", "static", Sphere(0.06), middle, motion=stay)
+    pairs = tuple((link, "cushion") for link in direct.robot.link_names)
+    scene = replace(bare, objects=(cushion, post), may_touch=pairs)
+    made = optipromp.plan(scene)
+    assert made.success, made.message
+    assert made.scene == scene
+    room = gap(direct.robot, made.trajectory, post)
+    assert room > 0.01
+    assert gap(direct.robot, made.trajectory, cushion) < -0.05
+    wide = optipromp.plan(replace(scene, objects=(cushion, replace(post, padding=0.03))))
+    assert wide.success, wide.message
+    assert gap(direct.robot, wide.trajectory, post) > 0.03
+    free = optipromp.judge(replace(scene, objects=(cushion,)), direct.trajectory).judgement
+    assert free.metrics.clearance_static is None
+
+
 def test_a_plan_underway_knows_how_late_it_is(
     bare: Scene, direct: Plan, middle: np.ndarray
 ) -> None:
@@ -166,6 +190,31 @@ def test_a_plan_underway_knows_how_late_it_is(
     assert np.allclose(shifted.position, place(ball.motion, at))  # type: ignore[arg-type]
     assert made.success == (gap(direct.robot, made.trajectory, shifted) > 0.0)
     assert made.trajectory.at(0.0).near(direct.trajectory.at(at), 1e-6)
+
+
+def test_an_arm_that_moves_brakes_before_a_gate_and_waits(bare: Scene, direct: Plan) -> None:
+    """From a running motion, too: it begins as that motion is, and stops in its limits."""
+    at = 0.5
+    wall = gate(direct.robot.tool_pose(direct.trajectory.at(1.3).q[None])[0][0])
+    scene = replace(bare, objects=(wall,))
+    made = optipromp.plan(scene, previous=direct, at=at)
+    assert made.success, made.message
+    assert "brakes first" in made.message
+    curve, shifted = made.trajectory, later(scene, at).objects[0]
+    assert curve.at(0.0).near(direct.trajectory.at(at), 1e-9)
+    assert gap(direct.robot, curve, shifted) > 0.0
+    assert 2.5 < curve.duration < 6.0
+    assert not curve.at(1.0).moving
+    _, velocity, acceleration = curve.sample(np.linspace(0.0, curve.duration, 20_000))
+    assert (np.abs(velocity) <= direct.robot.velocity * 1.001).all()
+    assert (np.abs(acceleration) <= direct.robot.acceleration * 1.001).all()
+
+
+def test_a_plan_that_brakes_too_late_says_so(bare: Scene, direct: Plan) -> None:
+    wall = gate(direct.robot.tool_pose(direct.trajectory.at(1.3).q[None])[0][0])
+    made = optipromp.plan(replace(bare, objects=(wall,)), previous=direct, at=0.9)
+    assert not made.success
+    assert "brakes too late: link5 enters gate" in made.message
 
 
 @pytest.mark.parametrize("at", [0.3, 0.5])

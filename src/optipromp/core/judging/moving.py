@@ -28,7 +28,7 @@ def met(
 
     Pairs that may touch are left out; the padding of an object is taken off its distances.
     ``rows`` (T,) are indices of the waypoints among the checks of objects that stand: there are no
-    fewer checks here. None where nothing moves.
+    fewer checks here. None where nothing moves that is minded.
     """
     movers = [item for item in scene.objects if item.motion is not None]
     if not movers or not len(robot.spheres.radius):
@@ -48,7 +48,7 @@ def met(
         if gap < 0.0:
             link = str(robot.link_names[robot.spheres.link[sphere]])
             found.append(Overlap(link, item.id, item.role, -gap, float(times[at])))
-    return float(least), found
+    return (float(least) if np.isfinite(least) else None), found
 
 
 def _nearest(

@@ -2,7 +2,8 @@
 
 The planner sees objects that stand: first the moving objects at all the places of their curves (the
 swept volume), then none of them, then those at the ends of their curves. A motion from rest waits
-as long as the judge, which knows where each object is at each time, finds a contact.
+as long as the judge, which knows where each object is at each time, finds a contact. An arm that
+moves cannot wait: where no motion on from its state is valid, it brakes and plans from rest.
 """
 
 from __future__ import annotations
@@ -12,13 +13,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from optipromp.core.arrays import frozen
 from optipromp.core.errors import Code
 from optipromp.core.planning.parameters import IN_TIME
 from optipromp.core.planning.result import Plan
 from optipromp.core.planning.task import Task, reach
+from optipromp.core.planning.timing import stopped
 from optipromp.core.planning.verdict import verdict
 from optipromp.core.scenes.scene import Scene, SceneObject
-from optipromp.core.trajectory import Trajectory, chained
+from optipromp.core.trajectory import State, Trajectory, chained
 
 JUDGED = Code.SUCCESS, Code.INVALID_PLAN, Code.HARM_PREDICTED
 """Statuses that the judge gives anew."""
@@ -47,20 +50,50 @@ def plan_in_time(task: Task, made_for: Callable[[Task], Plan]) -> Plan:
 
     ``made_for`` plans a task in which nothing moves.
     """
+    best = _among(task, made_for)
+    if best.success or not task.state.moving:
+        return best
+    brake = stopped(task.robot, task.state)
+    if met := verdict(task, brake).judgement.contacts:
+        return replace(best, message=f"{best.message}; the arm brakes too late: {met[0]}")
+    made = _in(task, _among(_stood(task, brake), made_for), brake)
+    if made.success:
+        note = f"the arm brakes first, {brake.duration:.2f} s; without, {best.message}"
+        return replace(made, message=f"{made.message}; note: {note}")
+    return replace(best, message=f"{best.message}; with a brake first, {made.message}")
+
+
+def _among(task: Task, made_for: Callable[[Task], Plan]) -> Plan:
+    """:func:`plan_in_time` without a brake."""
     best: tuple[tuple[bool, bool], Plan] | None = None
-    for objects in (_swept(task), _standing(task.scene), _ended(task.scene)):
-        made = made_for(replace(task, scene=replace(task.scene, objects=objects)))
+    scene = task.scene
+    for given in (
+        _swept(task),
+        replace(scene, objects=_standing(scene)),
+        replace(scene, objects=_ended(scene)),
+    ):
+        made = made_for(replace(task, scene=given))
         for wait in _waits(task):
-            found = _in(task, made, wait)
+            found = _in(task, made, _still(made, wait) if wait else None)
             rank = found.success, made.success
             if best is None or rank > best[0]:
                 best = rank, found
             if found.success and _room(found) >= min(_room(made), IN_TIME.room):
                 return found
-            if not made.success:
-                break
+            if not made.success or any((one.time or wait) < wait for one in found.contacts):
+                break  # what is met while the arm waits is met in a longer wait too
     assert best is not None
     return best[1]
+
+
+def _stood(task: Task, brake: Trajectory) -> Task:
+    """The task of the arm that has braked: nothing runs, and objects are where they are by then."""
+    rest = State(brake.positions[-1])
+    entry = None if task.entry is None else frozen(task.robot.tool_pose(rest.q)[0])
+    return replace(
+        task, scene=later(task.scene, brake.duration), state=rest, entry=entry, running=None,
+        kept=None, same=False,
+    )  # fmt: skip
 
 
 def _room(made: Plan) -> float:
@@ -83,9 +116,12 @@ def _ended(scene: Scene) -> tuple[SceneObject, ...]:
     )
 
 
-def _swept(task: Task) -> tuple[SceneObject, ...]:
-    """The objects, those that move at all places of their curves within the arm's reach."""
-    out = list(_standing(task.scene))
+def _swept(task: Task) -> Scene:
+    """The scene whose moving objects are at all places of their curves within the arm's reach.
+
+    Each place has the padding of its object, and may be touched by what may touch the object.
+    """
+    out, pairs = list(_standing(task.scene)), list(task.scene.may_touch)
     for item in task.scene.objects:
         if item.motion is None:
             continue
@@ -94,11 +130,14 @@ def _swept(task: Task) -> tuple[SceneObject, ...]:
         count = int(np.ceil(item.motion.fastest * max(last, 0.0) / spacing)) + 1
         places = item.motion.at(np.linspace(0.0, max(last, 0.0), min(count, IN_TIME.most)))
         near = np.linalg.norm(places, axis=1) - item.radius < reach(task.robot)
-        out += [
+        copies = [
             replace(item, id=f"{item.id}~{k}", position=place, motion=None)
             for k, place in enumerate(places[near])
         ]
-    return tuple(out)
+        touching = [name for pair in pairs if item.id in pair for name in pair if name != item.id]
+        pairs += [(name, copy.id) for name in touching for copy in copies]
+        out += copies
+    return replace(task.scene, objects=tuple(out), may_touch=tuple(pairs))
 
 
 def _waits(task: Task) -> Iterator[float]:
@@ -108,11 +147,12 @@ def _waits(task: Task) -> Iterator[float]:
         yield from np.arange(IN_TIME.wait, IN_TIME.longest + 1e-9, IN_TIME.wait).tolist()
 
 
-def _in(task: Task, made: Plan, wait: float) -> Plan:
-    """A plan, judged among the objects that move, after a time to ``wait`` [s]."""
+def _in(task: Task, made: Plan, before: Trajectory | None) -> Plan:
+    """A plan, judged among the objects that move, after the motion ``before`` it; None: none."""
     curves, first = [made.trajectory, made.initial, made.followed], made.first
-    if wait > 0.0:
-        curves, first = [waited(curve, wait) for curve in curves], first + 1
+    if before is not None:
+        curves = [chained([before, curve]) for curve in curves]
+        first += before.n_waypoints - 1
     trajectory, initial, followed = curves
     found = verdict(task, trajectory)
     status, message = found.status, found.message
@@ -125,9 +165,8 @@ def _in(task: Task, made: Plan, wait: float) -> Plan:
     )  # fmt: skip
 
 
-def waited(trajectory: Trajectory, wait: float) -> Trajectory:
-    """A trajectory from rest that begins after the time ``wait`` [s]."""
-    q = np.tile(trajectory.positions[0], (2, 1))
-    still = np.zeros_like(q)
-    stay = Trajectory(np.array([0.0, wait]), q, still, still, trajectory.joint_names)
-    return chained([stay, trajectory])
+def _still(made: Plan, wait: float) -> Trajectory:
+    """A stay at the start of a plan for the time ``wait`` [s]."""
+    q = np.tile(made.trajectory.positions[0], (2, 1))
+    zero = np.zeros_like(q)
+    return Trajectory(np.array([0.0, wait]), q, zero, zero, made.trajectory.joint_names)

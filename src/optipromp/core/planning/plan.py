@@ -23,7 +23,7 @@ from optipromp.core.planning.functionals import functional_values
 from optipromp.core.planning.in_time import later, moves, plan_in_time
 from optipromp.core.planning.options import PaperOptions, PlanOptions, Strategy, stated
 from optipromp.core.planning.parameters import UNDERWAY
-from optipromp.core.planning.planner import Planner, label
+from optipromp.core.planning.planner import Planner, check_way, label
 from optipromp.core.planning.planners import OptiProMP, chosen_planner
 from optipromp.core.planning.result import Failed, Harmful, Plan, Planned, Term, Terms
 from optipromp.core.planning.task import Task, resolve
@@ -101,8 +101,9 @@ def plan(
         InvalidSceneError: a scene that cannot be used.
         InvalidRobotError: a robot that cannot be used.
         InvalidDemonstrationError: demonstrations that cannot be used.
-        InvalidRequestError: an argument or an option that is not allowed; a planner that returns
-            an object of another type than ``Planned``, ``Failed`` or ``Harmful``.
+        InvalidRequestError: an argument or an option that is not allowed; a planner that ignores
+            the scene's ``path`` or ``waypoints``, or that returns an object of another type than
+            ``Planned``, ``Failed`` or ``Harmful``.
         StartInvalidError: a start outside the joint limits, or of the wrong size.
     """
     options = stated(options, settings, plan)
@@ -113,6 +114,7 @@ def plan(
         say("reading scene and robot")
         state = begun(start_state, previous, at)
         scene = scene if isinstance(scene, Scene) else load_scene(scene)
+        check_way(solver, scene)
         scene = scene if at is None else later(scene, at)
         began = clock()
         task = replace(resolve(scene, robot, state), risk=options.risk, seed=seed)

@@ -19,9 +19,12 @@ from optipromp.core.budget import Budget
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.result import Failed, Harmful, Planned
 from optipromp.core.planning.task import Task
+from optipromp.core.scenes.scene import Scene
 from optipromp.core.scenes.values import suggest
 
 GROUP = "optipromp.planners"
+WAY = "path", "waypoints"
+"""What a scene may say of the whole way to its goal."""
 
 
 @runtime_checkable
@@ -34,6 +37,7 @@ class Planner(Protocol):
     a speed is set, ``iterations`` of 0 that no optimisation is. ``takes_strategy``, an attribute of
     the class, says that the planner has the settings ``strategy`` and ``constraints``: it serves a
     request of opti-promp that names another strategy or other constraints than the default ones.
+    ``ignores`` names those of :data:`WAY` for which it does not plan: such scenes are refused.
     """
 
     def solve(self, task: Task, budget: Budget) -> "Planned | Failed | Harmful":
@@ -150,6 +154,22 @@ def make(name: str, **settings: Any) -> Planner:
             valid = suggest(setting, settings_of(kind) or ["none"])
             raise InvalidRequestError(f"{setting} is no setting of {name}; {valid}")
     return kind(**settings)
+
+
+def check_way(planner: Planner, scene: Scene) -> None:
+    """Refuse a planner for a scene that says of the way to its goal what the planner ignores.
+
+    Raises:
+        InvalidRequestError: naming the planner, what it ignores, and what would be right.
+    """
+    for said in getattr(planner, "ignores", ()):
+        if getattr(scene, said) is not None:
+            strategy = getattr(planner, "strategy", None)
+            name = label(planner) if strategy is None else f"{label(planner)} ({strategy})"
+            raise InvalidRequestError(
+                f"planner {name} ignores what the scene says in {said!r}: must be opti-promp with "
+                f"its usual strategy and constraints, or a scene without {said!r}"
+            )
 
 
 def label(planner: Planner | str) -> str:

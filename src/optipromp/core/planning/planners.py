@@ -20,6 +20,7 @@ from optipromp.core.planning.options import (
 from optipromp.core.planning.parameters import GOAL
 from optipromp.core.planning.pick import pick
 from optipromp.core.planning.planner import (
+    WAY,
     Planner,
     factory,
     make,
@@ -129,6 +130,7 @@ class ConditionedProMP(Timed):
     camera_point: bool | None = None
     via_deviation: float = 1e-3
     name: ClassVar[str] = "promp"
+    ignores: ClassVar[tuple[str, ...]] = WAY
     interactive: ClassVar[bool] = False  # whether neighbours are among the points
 
     def __post_init__(self) -> None:

@@ -9,6 +9,7 @@ from optipromp.core.optimization.costs.joints import SmoothnessCost
 from optipromp.core.optimization.costs.obstacles import ObstacleCost
 from optipromp.core.optimization.problem import Problem
 from optipromp.core.planning.options import PaperOptions
+from optipromp.core.planning.planner import WAY
 from optipromp.core.planning.planners import ConditionedProMP, OptiProMP
 from optipromp.core.planning.result import Failed, Harmful, Planned
 from optipromp.core.planning.task import Task
@@ -24,6 +25,7 @@ class Avoiding(OptiProMP):
     """
 
     name: ClassVar[str] = "obstacles"
+    ignores: ClassVar[tuple[str, ...]] = ("waypoints",)  # it is timed anew
 
     @property
     def approaches(self) -> bool:
@@ -53,6 +55,7 @@ class Chomp:
     epsilon: float = PaperOptions.epsilon
     smoothness: float = 1e-5
     name: ClassVar[str] = "chomp"
+    ignores: ClassVar[tuple[str, ...]] = WAY
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed:
         """See :class:`optipromp.core.planning.planner.Planner`."""

@@ -11,6 +11,7 @@ from optipromp.core.planning.options import (
     PlanOptions,
     Strategy,
 )
+from optipromp.core.planning.planner import WAY
 from optipromp.core.planning.planners import goal_configurations
 from optipromp.core.planning.primitive import learnt
 from optipromp.core.planning.result import Failed, Harmful, Planned
@@ -36,6 +37,7 @@ class Paper(Optimised):
     paper: PaperOptions = field(default_factory=PaperOptions)
     name: ClassVar[str] = "opti-promp"
     takes_strategy: ClassVar[bool] = True
+    ignores: ClassVar[tuple[str, ...]] = WAY
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
         """See :class:`optipromp.core.planning.planner.Planner`."""

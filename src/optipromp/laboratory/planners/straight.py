@@ -8,6 +8,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import Budget
 from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.planning.planner import WAY
 from optipromp.core.planning.result import Failed, Planned
 from optipromp.core.planning.task import Task
 from optipromp.core.planning.timing import shortest
@@ -31,6 +32,7 @@ class Straight:
     """
 
     name: ClassVar[str] = "straight"
+    ignores: ClassVar[tuple[str, ...]] = WAY
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed:
         """See :class:`optipromp.core.planning.planner.Planner`."""
