@@ -17,12 +17,12 @@ from optipromp.perception.finder import Finder, Found, Region
 from optipromp.perception.geometry import ByGeometry
 from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.pictures import DepthPicture
-from optipromp.perception.spheroids import Spheroid, fitted
+from optipromp.perception.spheroids import Spheroid, all_fitted, claimed
 from optipromp.perception.stems import SeenStem, stem_of
 
+KINDS = {"ripe": 1, "unripe": 2}
 ROUND = 1.06  # length over width below which a fruit is a sphere: a choice
-HALF_SEEN = 0.5  # share of a fruit whose outline tells that it is no wall: a choice
-TOGETHER = 1.0  # radii between the centres of two parts of one fruit, at most: a choice
+TOGETHER = 0.6  # of the sum of two fruits' radii, the least distance of their centres: a choice
 MOST_STEM_POINTS = 6000  # that are looked at: a choice
 
 
@@ -80,9 +80,7 @@ def look_at(
     found = (finder or ByGeometry(p)).find(picture)
     turn = picture.camera.pose.rotation
     upward = turn.T @ (np.array([0.0, 0.0, 1.0]) if up is None else np.asarray(up))
-    fits = [(region, fitted(picture, region.pixels, upward, p)) for region in found.fruits]
-    good = _united([(r, fit) for r, fit in fits if fit is not None], picture, upward, p)
-    good = [(region, fit) for region, fit in good if _fit_for(fit, p)]
+    good = _measured(picture, found, upward, p)
     good.sort(key=lambda pair: float(pair[1].center[0] / pair[1].center[2]))
     points = _stem_points(picture, found, [region for region, _ in good])
     focal = 0.5 * (picture.camera.fx + picture.camera.fy)
@@ -99,29 +97,27 @@ def look_at(
     return Sighting(look, tuple(detections), found)
 
 
-def _united(
-    fits: list[tuple[Region, Spheroid]], picture: DepthPicture, up: FloatArray, p: EyeParameters
+def _measured(
+    picture: DepthPicture, found: Found, up: FloatArray, p: EyeParameters
 ) -> list[tuple[Region, Spheroid]]:
-    """The fits, those of parts of one fruit as one: a stem before a fruit cuts it in two."""
+    """Fruits and what shows them, of regions each of which may be a fruit, a part of one, two, or
+    none: the likeliest first, then those that are beside them."""
+    colours = np.zeros(picture.depth.shape, dtype=np.int64)
+    for region in found.fruits:
+        colours[region.pixels] = KINDS[region.kind]
+    kinds = np.array([KINDS[region.kind] for region in found.fruits], dtype=np.int64)
+    fits = all_fitted(picture, [r.pixels for r in found.fruits], kinds, colours, up, p)
+    pairs = [(r, fit) for r, fit in zip(found.fruits, fits, strict=True) if fit is not None]
     out: list[tuple[Region, Spheroid]] = []
-    for region, fit in sorted(fits, key=lambda pair: -int(pair[0].pixels.sum())):
-        for k, (other, whole) in enumerate(out):
-            away = float(np.linalg.norm(fit.center - whole.center))
-            if other.kind == region.kind and away < TOGETHER * max(whole.radius, fit.radius):
-                both = replace(other, pixels=other.pixels | region.pixels)
-                again = fitted(picture, both.pixels, up, p)
-                if again is not None and _fit_for(again, p):
-                    out[k] = both, again
-                break
-        else:
-            out.append((region, fit))
+    for region, fit in sorted(pairs, key=lambda pair: -pair[1].odds):
+        beside = all(
+            np.linalg.norm(fit.center - other.center) > TOGETHER * (fit.radius + other.radius)
+            for _, other in out
+        )
+        if beside and fit.odds > p.least_odds:
+            mine = claimed(picture, colours == KINDS[region.kind], fit, p)
+            out.append((Region(region.kind, mine, 1.0 / (1.0 + math.exp(-fit.odds))), fit))
     return out
-
-
-def _fit_for(fit: Spheroid, p: EyeParameters) -> bool:
-    shown = fit.share >= HALF_SEEN or fit.round > p.least_round
-    fits = fit.misfit < p.misfit and shown and fit.off < p.outline_off
-    return fits and fit.share >= p.least_share and -p.outline_lack < fit.gap < p.outline_gap
 
 
 def _stem_points(picture: DepthPicture, found: Found, fruits: Sequence[Region]) -> FloatArray:

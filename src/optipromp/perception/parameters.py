@@ -31,6 +31,9 @@ class EyeParameters(Checked):
     )
     most_radius: float = parameter(0.028, "m", "choice", "of a fruit, across its axis")
     least_pixels: int = parameter(60, "pixel", "choice", "of a fruit")
+    least_odds: float = parameter(
+        0.5, "1", "choice", "logarithm of the odds above which a fit is a fruit"
+    )
     least_share: float = parameter(
         0.25, "1", "choice", "least share of its outline that is seen of a fruit"
     )
