@@ -47,7 +47,7 @@ LONG = {
         "refusals spheres untrusted xacro"
     ),
     "ros": "bags loop recordings",
-    "scenes": "generate placing trusses",
+    "scenes": "generate placing trusses wild",
     "simulation": (
         "disturbances export grasps hand loop loop_film physics pictures runs second_engine shown "
         "tools "

@@ -2,8 +2,9 @@
 
 The quantiles are counted from the labels of 1,704 strawberries in 300 public pictures (StrawDI with
 key points; Tafuro et al., ICRA 2022), as a standing camera sees them: across is y, up is z. Many of
-those fruits lie on beds; the tail of their stems (beyond 73 degrees) cannot hang, and ends at
-:data:`STEEPEST`.
+those fruits lie on beds, whose stems may be level. A fruit that hangs pulls its stem down, so the
+tail of the inclinations (73 degrees at 90 %) ends at :data:`STEEPEST`; the quantiles up to 75 %
+hold. Leaves of rich pictures hide stems' ends (:mod:`optipromp.laboratory.simulation.leaves`).
 """
 
 from dataclasses import replace
@@ -23,17 +24,10 @@ SHARES = (0.0, 0.10, 0.25, 0.50, 0.75, 0.90, 1.0)
 LONGER = (1.05, 1.12, 1.23, 1.37, 1.56, 1.89, 2.0)  # length over width; the ends: choices
 LEAN = np.minimum(np.deg2rad((0.0, 3.0, 8.0, 18.0, 40.0, 73.0, 90.0)), STEEPEST)  # [rad]
 CROOKED = np.deg2rad((0.0, 1.5, 4.0, 9.0, 15.0, 24.0, 30.0))  # [rad] of a fruit off its stem
-FRUITS = (
-    1.0,
-    2.0,
-    3.0,
-    4.0,
-    6.0,
-    8.0,
-    9.0,
-)  # besides the target; 3, 5 and 9 in all at 10, 50, 90 %
+FRUITS = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 9.0)
+"""Besides the target: 3, 5 and 9 in all at 10, 50 and 90 %."""
 NEAR_SHARES = (0.0, 0.05, 0.10, 0.25, 0.50, 1.0)
-NEAR = (0.62, 0.69, 0.85, 1.28, 2.25, 5.5)
+NEAR = (0.62, 0.70, 0.87, 1.21, 2.10, 5.2)
 """So that the nearest neighbours are 0.67, 0.78, 1.03 and 1.6 widths away at 5, 10, 25 and 50 %."""
 GAP = 0.001  # [m] between the bounding balls of two neighbours: a choice
 DEEPER = 0.012  # [m] standard deviation of a fruit's depth behind another: a choice

@@ -117,9 +117,7 @@ def _clutter(rng: np.random.Generator, width: int, height: int) -> list[_Shape]:
     return out
 
 
-def _fruit(
-    k: int, rng: np.random.Generator, width: int, height: int, focal: float
-) -> list[_Shape]:
+def _fruit(k: int, rng: np.random.Generator, width: int, height: int, focal: float) -> list[_Shape]:
     """An ellipse on a line, with a small polygon where they meet."""
     depth = float(rng.uniform(NEAR, FAR))
     half = 0.5 * focal * rng.uniform(*WIDE) / depth
@@ -147,6 +145,8 @@ def _fruit(
     ]
     return [
         _Shape(name, "stem", line, depth + 0.002, _coloured(STEM, rng)),
-        _Shape(name, "ripe" if ripe else "unripe", ring, depth, _coloured(RED if ripe else GREEN, rng)),
+        _Shape(
+            name, "ripe" if ripe else "unripe", ring, depth, _coloured(RED if ripe else GREEN, rng)
+        ),
         _Shape(name, "calyx", np.array(star), depth - 0.002, _coloured(STEM, rng)),
     ]
