@@ -65,7 +65,7 @@ def test_the_pick_of_any_ripe_fruit_counts() -> None:
     scene = generate("cluster", SEED)
     assert scene.target is not None
     other = scene.pushables[0]
-    seen = replace(scene.target, position=other.position + 0.003)
+    seen = replace(scene.target, position=other.position + 0.003, stem=None)
     assert aimed_at(scene, {scene.target.id}, seen) is scene
     aimed = aimed_at(scene, {scene.target.id, other.id}, seen)
     assert aimed.target is not None
@@ -100,7 +100,7 @@ def test_what_no_study_of_eyes_is_is_refused() -> None:
     given = {"presets": ("cluster",), "planners": ("opti-promp",), "loops": ("open",)}
     for wrong, told in (
         ({"eyes": ("render",)}, "rendered"), ({"eyes": ("rendered",), "finder": "net"}, "network"),
-        ({"eyes": ("fitted",), "conditions": ("sway",)}, "in place"),
+        ({"eyes": ("fitted",), "conditions": ("sway",)}, "the place"),
         ({"eyes": ("fitted",), "loops": ()}, "of loops"),
     ):  # fmt: skip
         with pytest.raises(InvalidRequestError, match=told):
@@ -145,9 +145,9 @@ def test_the_fit_finds_the_numbers_that_made_the_looks() -> None:
 
 def test_a_handful_of_pictures_is_fitted_and_the_worst_are_on_a_sheet() -> None:
     script = runpy.run_path(str(ROOT / "scripts/fit_eyes.py"))
-    scenes = [("cluster", SEED), ("field", SEED), ("cluster", SEED + 1)]
+    scenes = [("cluster", SEED), ("field", SEED)]
     seen = script["looked"](scenes, "beside")
-    assert seen.pictures == 6
+    assert seen.pictures == 4
     made = script["fitted"](seen, "beside")
     assert 0.0005 < made.position < 0.006
     assert made.missed < 0.5
