@@ -30,12 +30,13 @@ import numpy as np
 from optipromp.core.planning import plan
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.scene import Scene
-from optipromp.laboratory.experiments.eyes import STILL, cameras
+from optipromp.laboratory.experiments.eyes import FINDERS, STILL, cameras
 from optipromp.laboratory.experiments.seeing import SeenFruit, compared
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.detector import Detector, DetectorParameters
 from optipromp.laboratory.simulation.photograph import photograph
 from optipromp.laboratory.simulation.sight import Sight, tool_frame
+from optipromp.perception.finder import Finder
 
 TWICE = 1_000_000  # added to the seed of the second picture
 TRANSFER = 0.03  # [s] of exposure and transfer, on top of the time of seeing: a choice
@@ -72,14 +73,14 @@ class Looked(NamedTuple):
     view: float
 
 
-def looked(scenes: Iterable[tuple[str, int]], mount: str) -> Looked:
+def looked(scenes: Iterable[tuple[str, int]], mount: str, finder: Finder | None = None) -> Looked:
     """Photograph each scene (preset, seed) twice, see, and compare with the truth."""
     fruits, radii, seconds, pictures, view = [], [], [], 0, 0.0
     for preset, seed in scenes:
         scene = placed(generate(preset, seed), mount)  # type: ignore[arg-type]
         for k in range(2):
             shot = photograph(scene, mount, seed + k * TWICE)
-            seen = compared(shot)
+            seen = compared(shot, finder)
             camera = shot.picture.camera
             view, pictures = camera.view, pictures + 1
             seconds.append(seen.seconds)
@@ -307,12 +308,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--presets", default="cluster,mixed,field")
     parser.add_argument("--seeds", default="70400:70440", metavar="A:B")
+    parser.add_argument("--finder", default="geometry", choices=tuple(FINDERS))
     parser.add_argument("--mounts", default="beside,palm")
     given = parser.parse_args()
     first, end = map(int, given.seeds.split(":"))
     scenes = [(name, seed) for seed in range(first, end) for name in given.presets.split(",")]
     for mount in given.mounts.split(","):
-        seen = looked(scenes, mount)
+        seen = looked(scenes, mount, FINDERS[given.finder]())
         made = fitted(seen, mount)
         plain = DetectorParameters()
         changed = {
