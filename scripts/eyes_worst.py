@@ -17,11 +17,11 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image, ImageDraw
 
-from optipromp.laboratory.experiments.eyes import FINDERS
 from optipromp.laboratory.experiments.seeing import SURE, SeenPicture, matched
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.photograph import FRUITS, Photograph, photograph
 from optipromp.perception import look_at
+from optipromp.perception.detector import finder_named
 from optipromp.perception.finder import Finder
 from optipromp.perception.overlay import overlay
 
@@ -113,13 +113,13 @@ def main() -> None:
     parser.add_argument("--presets", default="cluster,mixed,field")
     parser.add_argument("--seeds", default="70000:70030", metavar="A:B")
     parser.add_argument("--mount", default="beside", choices=("beside", "palm", "hand"))
-    parser.add_argument("--finder", default="geometry", choices=tuple(FINDERS))
+    parser.add_argument("--finder", default="geometry")
     parser.add_argument("--count", default=10, type=int)
     parser.add_argument("--out", default="eyes_worst.png", type=Path)
     given = parser.parse_args()
     first, end = map(int, given.seeds.split(":"))
     scenes = [(name, seed) for seed in range(first, end) for name in given.presets.split(",")]
-    found = worst(scenes, given.mount, FINDERS[given.finder](), given.count)
+    found = worst(scenes, given.mount, finder_named(given.finder), given.count)
     if not found:
         raise SystemExit("no picture shows a fruit: choose other seeds")
     for name, fault, _ in found:

@@ -30,12 +30,13 @@ import numpy as np
 from optipromp.core.planning import plan
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.scene import Scene
-from optipromp.laboratory.experiments.eyes import FINDERS, STILL, cameras
+from optipromp.laboratory.experiments.eyes import STILL, cameras
 from optipromp.laboratory.experiments.seeing import SeenFruit, compared
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.detector import Detector, DetectorParameters
 from optipromp.laboratory.simulation.photograph import photograph
 from optipromp.laboratory.simulation.sight import Sight, tool_frame
+from optipromp.perception.detector import finder_named
 from optipromp.perception.finder import Finder
 
 TWICE = 1_000_000  # added to the seed of the second picture
@@ -308,13 +309,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--presets", default="cluster,mixed,field")
     parser.add_argument("--seeds", default="70400:70440", metavar="A:B")
-    parser.add_argument("--finder", default="geometry", choices=tuple(FINDERS))
+    parser.add_argument("--finder", default="geometry", help="geometry, network or MODULE:NAME")
     parser.add_argument("--mounts", default="beside,palm")
     given = parser.parse_args()
     first, end = map(int, given.seeds.split(":"))
     scenes = [(name, seed) for seed in range(first, end) for name in given.presets.split(",")]
     for mount in given.mounts.split(","):
-        seen = looked(scenes, mount, FINDERS[given.finder]())
+        seen = looked(scenes, mount, finder_named(given.finder))
         made = fitted(seen, mount)
         plain = DetectorParameters()
         changed = {

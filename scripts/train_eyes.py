@@ -30,6 +30,7 @@ RECIPE = (  # preset, looks, mount, share
     ("cluster", "plain", "beside", 0.08),
 )  # fmt: skip
 WIDTH, HEIGHT, FOCAL = 320, 240, 240.0
+MIXED = 0.25  # share of abstract shapes among the rendered pictures of training: a choice
 CODE = {name: k for k, name in enumerate(CLASSES)}
 
 
@@ -65,9 +66,11 @@ def truth(masks: np.ndarray, marked: tuple) -> tuple[np.ndarray, np.ndarray]:
 def samples(data: Path | None, seed: int) -> Iterator[tuple[np.ndarray, ...]]:
     """Pictures without end: inputs (5, H, W), classes, offsets to the fruit's middle, weights."""
     rng = np.random.default_rng([seed, 39])
-    files = sorted(data.glob("*.npz")) if data is not None else []
+    files: list[Path] = []
     for k in itertools.count():
-        if data is None:
+        if data is not None and k % 200 == 0:
+            files = sorted(data.glob("*.npz"))  # more may have come
+        if data is None or rng.random() < MIXED:
             drawn = shapes(1_000_000 + k, WIDTH, HEIGHT)
             kinds, instances = truth(drawn.masks, drawn.marked)
             rgb, depth = drawn.picture.rgb, drawn.picture.depth
@@ -146,13 +149,17 @@ def network():
     return Net()
 
 
-def train(data: Path | None, out: Path, minutes: float, seed: int, batch: int = 8) -> None:
-    """Train for so many minutes, and write the network."""
+def train(
+    data: Path | None, out: Path, minutes: float, seed: int, start: Path | None, batch: int = 8
+) -> None:
+    """Train for so many minutes, from weights or from none, and write the network."""
     import torch
 
     torch.manual_seed(seed)
     torch.set_num_threads(1)
     net = network()
+    if start is not None:
+        net.load_state_dict(torch.load(start))
     print(sum(p.numel() for p in net.parameters()), "weights", flush=True)
     weights = torch.tensor([0.3, 2.0, 1.5, 1.5, 2.0, 1.0, 0.5])
     optimiser = torch.optim.AdamW(net.parameters(), lr=2e-3, weight_decay=1e-4)
@@ -179,6 +186,7 @@ def train(data: Path | None, out: Path, minutes: float, seed: int, batch: int = 
         if step % 50 == 0:
             kind, place = np.mean(lost[-50:], axis=0)
             print(f"{step} {(now - began) / 60:.1f} min {kind:.4f} {place:.4f}", flush=True)
+    torch.save(net.state_dict(), out.with_suffix(".pt"))
     net.eval()
     torch.onnx.export(
         net, (torch.zeros(1, 5, HEIGHT, WIDTH),), str(out), input_names=["picture"],
@@ -200,11 +208,13 @@ def main() -> None:
     learn.add_argument("--shapes", action="store_true")
     learn.add_argument("--minutes", type=float, default=45.0)
     learn.add_argument("--seed", type=int, default=0)
+    learn.add_argument("--start", type=Path, metavar="FILE.pt", help="weights to go on from")
     given = parser.parse_args()
     if given.command == "pictures":
         pictures(given.out, range(*map(int, given.seeds.split(":"))))
     else:
-        train(None if given.shapes else given.data, given.out, given.minutes, given.seed)
+        data = None if given.shapes else given.data
+        train(data, given.out, given.minutes, given.seed, given.start)
 
 
 if __name__ == "__main__":

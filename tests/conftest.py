@@ -27,12 +27,12 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 LONG = {
     "benchmarks": "suite",
     "control": "controller driver servo tracker tracks",
-    "cli": "folder generate_study markup plan process simulate_closed_loop",
+    "cli": "folder generate_study markup plan process ros_node simulate_closed_loop",
     "execution": "executor franka streaming streaming_trouble trouble",
     "experiments": "baselines eyes loops own_scenes study variations",
     "geometry": "grids",
     "looks": "looks",
-    "perception": "seeing spheroids",
+    "perception": "calibration seeing spheroids watcher",
     "page": "first_sight loop_replay page sources words",
     "planning": (
         "follow goals legs lines many moving options paper paper_settings prediction regions "
@@ -46,10 +46,11 @@ LONG = {
         "arm arm_named fit kinematics_against_pinocchio mjcf pairs panda_cover "
         "refusals spheres untrusted xacro"
     ),
-    "ros": "bags loop recordings",
+    "ros": "bags loop pictures recordings watching",
     "scenes": "generate placing trusses wild",
     "simulation": (
-        "disturbances export grasps hand loop loop_film physics pictures runs second_engine shown "
+        "disturbances export grasps hand live_camera loop loop_film physics pictures runs "
+        "second_engine shown "
         "tools "
         "trusses"
     ),

@@ -6,15 +6,19 @@ calls is tested in ``tests/ros/test_service.py``.
 """
 
 import sys
+import time
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from tests.ros.camera_messages import FRAME, compressed, frames, image, info
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
 from optipromp.core.scenes import load_scene
+from optipromp.laboratory.generate import generate
+from optipromp.laboratory.simulation.photograph import photograph
 from optipromp.ros import (
     from_bytes,
     message,
@@ -113,14 +117,15 @@ def node(monkeypatch: pytest.MonkeyPatch) -> Node:
         serialize_message=to_bytes,
         deserialize_message=lambda data, kind: from_bytes(data, kind.__msgtype__),
     )
-    module("rclpy.qos", QoSProfile=dict, DurabilityPolicy=SimpleNamespace(TRANSIENT_LOCAL=1))
+    durable = SimpleNamespace(TRANSIENT_LOCAL=1)
+    module("rclpy.qos", QoSProfile=dict, DurabilityPolicy=durable, qos_profile_sensor_data=5)
     module("control_msgs", action=None)
     module("control_msgs.action", FollowJointTrajectory=SimpleNamespace(Goal=SimpleNamespace))
     module("moveit_msgs", msg=None)
     module("moveit_msgs.srv", GetMotionPlan=object)
     for package, names in (
         ("moveit_msgs", ("CollisionObject", "DisplayTrajectory", "PlanningScene")),
-        ("sensor_msgs", ("JointState",)),
+        ("sensor_msgs", ("CameraInfo", "CompressedImage", "Image", "JointState", "PointCloud2")),
         ("trajectory_msgs", ("JointTrajectory",)),
         ("vision_msgs", ("Detection3DArray",)),
         ("diagnostic_msgs", ("DiagnosticStatus",)),
@@ -213,6 +218,46 @@ def test_the_shell_of_the_loop_carries_messages_both_ways(node: Node) -> None:
     assert states[0].message == "looking"
     assert states[-1].values[0].value == "go"
     assert len(node.warnings) == 1
+
+
+def photographing(node: Node) -> None:
+    """A camera at the base whose picture comes until the fruit in it is tracked."""
+    shot = photograph(generate("cluster", 60011), seed=60011)
+    names = [f"fr3_joint{k}" for k in range(1, 8)]
+    _, tick = node.timer
+    mount = frames(0, ("fr3_link0", FRAME, shot.picture.camera.pose))
+    node.hear("/tf_static", mount)
+    about = info(shot.picture.camera)
+    colour = compressed(shot.picture.rgb, 0, "png")
+    depth = image(shot.picture.depth.astype(np.float32), "32FC1", 0)
+    first, begun = node.now, time.monotonic()
+    while not node.sent or int(node.sent[-1][1].values[1].value) < 3:
+        gone = time.monotonic() - begun
+        assert gone < 90.0  # [s] on a machine that is busy
+        node.now = first + round(1e9 * gone)
+        state = message("sensor_msgs/msg/JointState", name=names, position=SCENE.start)
+        state.header.stamp = time_message(node.now)
+        node.hear("joint_states", state)
+        node.hear("/cam/camera_info", about)
+        colour.header.stamp = depth.header.stamp = state.header.stamp
+        node.hear("/cam/color/compressed", colour)
+        node.hear("/cam/depth", depth)
+        tick()
+    raise ExternalShutdownError
+
+
+def test_the_loop_sees_by_the_topics_of_a_camera(node: Node) -> None:
+    node.session = photographing
+    topics = "/cam/color/compressed, /cam/depth,/cam/camera_info"
+    call = ["ros-node", "scenario-4", "--prefix", "fr3_", "--loop", "--pictures", topics]
+    result = runner.invoke(app, call)
+    assert result.exit_code == 0, result.stderr
+    assert node.sent[-1][1].values[1].key == "fruits"
+    assert node.warnings == []
+    assert {"/cam/color/compressed", "/cam/depth"} <= set(node.heard)
+    assert "~/detections" not in node.heard
+    wrong = runner.invoke(app, ["ros-node", "scenario-4", "--loop", "--pictures", "/a,/b"])
+    assert "must be the topics of colour, depth and camera_info" in wrong.stderr
 
 
 def test_a_role_that_is_none_is_refused(node: Node) -> None:

@@ -21,6 +21,7 @@ from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.detector import Truth
 from optipromp.laboratory.simulation.detector_parameters import EYES, DetectorParameters
 from optipromp.laboratory.simulation.rendered import RenderedDetector
+from optipromp.perception.detector import finder_named
 
 ROOT = Path(__file__).parents[2]
 SEED = 60011
@@ -165,4 +166,4 @@ def test_a_handful_of_pictures_is_fitted_and_the_worst_are_on_a_sheet() -> None:
 
 
 def eyes_finder() -> object:
-    return eyes.FINDERS["geometry"]()
+    return finder_named("geometry")

@@ -118,7 +118,8 @@ def test_an_unseen_stem_is_upright_and_said(shot: Photograph) -> None:
     for item in (*scene.pushables, scene.target):
         assert item is not None
         assert item.stem is not None
-        assert item.stem.vector @ scene.up == pytest.approx(item.stem.length)
+        assert item.stem.unseen
+        assert item.stem.vector @ scene.up > 0.7 * item.stem.length
 
 
 def test_stereo_errors_are_as_large_as_said() -> None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optipromp.control import Controller, Look, LoopStage
+from optipromp.control import Controller, Look, LoopStage, without_fruits
 from optipromp.core.arrays import frame_along
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError
 from optipromp.core.execution.streaming import Stretch
@@ -25,7 +25,7 @@ from optipromp.ros import (
     stretch_trajectory,
     to_bytes,
 )
-from optipromp.ros.loop import moving, without_fruits
+from optipromp.ros.loop import moving
 from optipromp.ros.shapes import pose_message, xyz
 from optipromp.ros.trajectories import nanoseconds, time_message
 

@@ -16,6 +16,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from optipromp.cli import (
+    calibrate,
     catalogue,
     check,
     export,
@@ -79,6 +80,7 @@ app.command("export")(export.export)
 app.command("generate")(generate.generate)
 app.command("render")(render.render)
 app.command("see")(see.see)
+app.command("calibrate")(calibrate.calibrate)
 app.command("study")(study.study)
 app.command("report")(report.report)
 app.command("learn")(learn.learn)

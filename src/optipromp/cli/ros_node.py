@@ -1,8 +1,10 @@
 """``optipromp ros-node``: the planner as a node of ROS 2; the only file that imports rclpy."""
 
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager, suppress
 from importlib import import_module
+from multiprocessing import get_context
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -12,6 +14,8 @@ from optipromp.cli.console import Recorded, say_if_compiling
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 
 if TYPE_CHECKING:
+    from optipromp.core.scenes.scene import Scene
+    from optipromp.perception.watcher import Watcher
     from optipromp.ros import DetectionParameters, LiveScene, PickLoop
 
 
@@ -41,6 +45,14 @@ def ros_node(
     detections: Annotated[
         str, typer.Option(metavar="TOPIC", help="With --loop: of the Detection3DArray messages.")
     ] = "~/detections",
+    pictures: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COLOUR,DEPTH,INFO",
+            help="With --loop, in place of detections: topics of a camera, Image (or "
+            "CompressedImage by its usual end) and CameraInfo; or one of PointCloud2.",
+        ),
+    ] = None,
     role: Annotated[
         list[str] | None,
         typer.Option(metavar="CLASS=ROLE", help="Role of a detected class; :stem: z is its stem."),
@@ -52,7 +64,8 @@ def ros_node(
     optipromp/plan, and publishes optipromp/joint_trajectory and display_planned_path.
     Needs ROS 2 (rclpy, moveit_msgs, control_msgs) and the extra ros.
 
-    With --loop it picks in closed loop: it listens to optipromp/detections (vision_msgs),
+    With --loop it picks in closed loop: it listens to optipromp/detections (vision_msgs), or to a
+    camera's --pictures, in which it finds fruits and stems itself, to
     joint_states and tf_static, publishes optipromp/joint_trajectory and optipromp/status, and
     ends with the pick.
 
@@ -63,6 +76,8 @@ def ros_node(
     optipromp ros-node my-scene.yaml --execute /arm_controller/follow_joint_trajectory
     optipromp ros-node my-scene.yaml --loop --role ripe=target:stem --role unripe=pushable \\
         --execute /arm_controller/joint_trajectory
+    optipromp ros-node my-scene.yaml --loop --pictures /camera/color/image_raw,\\
+    /camera/aligned_depth_to_color/image_raw,/camera/color/camera_info
     """
     try:
         import rclpy  # noqa: F401
@@ -73,12 +88,16 @@ def ros_node(
         ) from None
     from optipromp.core.scenes.io import load_scene
     from optipromp.ros import LiveScene, PickLoop
+    from optipromp.ros.detections import DETECTIONS
 
     say_if_compiling()
     if loop:
         meaning = None if role is None else _meaning(role)
-        pick = PickLoop(load_scene(scene), parameters=meaning, rate=rate, prefix=prefix)
-        _pick(pick, detections, execute or "~/joint_trajectory")
+        seen = {detections: DETECTIONS} if pictures is None else _types(pictures)
+        place = load_scene(scene)
+        with _eyes(place, pictures is not None) as eyes:
+            pick = PickLoop(place, parameters=meaning, rate=rate, prefix=prefix, watcher=eyes)
+            _pick(pick, seen, execute or "~/joint_trajectory")
         return
     settings = {"prefix": prefix, "rate": rate, "demonstrations": demonstrations}
     _serve(LiveScene.of(load_scene(scene), prefix), settings, execute)
@@ -151,20 +170,48 @@ def _meaning(given: list[str]) -> "DetectionParameters":
     return DetectionParameters(roles=roles, stems=tuple(stems))
 
 
-def _pick(loop: "PickLoop", seen: str, moved: str) -> None:
+def _types(pictures: str) -> dict[str, str]:
+    """The topics of a camera with their types, by how the topics end."""
+    from optipromp.ros.images import CAMERA_INFO, CLOUD, COMPRESSED, IMAGE
+
+    ends = {"camera_info": CAMERA_INFO, "compressed": COMPRESSED, "compressedDepth": COMPRESSED}
+    topics = [name.strip() for name in pictures.split(",")]
+    if len(topics) not in (1, 3) or "" in topics:
+        raise InvalidRequestError(
+            f"--pictures is {pictures!r}: must be the topics of colour, depth and camera_info, "
+            "with commas, or that of a cloud"
+        )
+    usual = CLOUD if len(topics) == 1 else IMAGE
+    return {name: ends.get(name.rpartition("/")[2], usual) for name in topics}
+
+
+@contextmanager
+def _eyes(scene: "Scene", wanted: bool) -> Iterator["Watcher | None"]:
+    """What looks at pictures, in a process of its own; None if none come."""
+    if not wanted:
+        yield None
+        return
+    from optipromp.perception.watcher import Watcher
+
+    with ProcessPoolExecutor(1, get_context("spawn")) as process:
+        yield Watcher(up=scene.up, executor=process)
+
+
+def _pick(loop: "PickLoop", seen: dict[str, str], moved: str) -> None:
     """Carry messages between ROS and the loop until the pick has ended and its curve is sent.
 
     Args:
         loop: of the pick.
-        seen: topic of the detections.
+        seen: types of the topics of detections or pictures.
         moved: topic of the trajectories.
     """
     import rclpy
     from rclpy.executors import ExternalShutdownException
-    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
     from rclpy.serialization import deserialize_message, serialize_message
 
     from optipromp.ros import Message, from_bytes, to_bytes
+    from optipromp.ros.images import PICTURES
 
     def kind(name: str) -> Any:
         package, _, last = name.split("/")
@@ -177,7 +224,7 @@ def _pick(loop: "PickLoop", seen: str, moved: str) -> None:
     def listen(name: str, topic: str, qos: Any) -> None:
         def heard(item: Any) -> None:
             try:
-                loop.heard(from_bytes(serialize_message(item), name))
+                loop.heard(from_bytes(serialize_message(item), name), topic)
             except OptiPrompError as error:
                 node.get_logger().warning(f"{topic}: {error}", throttle_duration_sec=5.0)
 
@@ -198,7 +245,8 @@ def _pick(loop: "PickLoop", seen: str, moved: str) -> None:
     kept = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # as tf2 sends it
     listen("tf2_msgs/msg/TFMessage", "/tf_static", kept)
     listen("sensor_msgs/msg/JointState", "joint_states", 10)
-    listen("vision_msgs/msg/Detection3DArray", seen, 10)
+    for topic, name in seen.items():
+        listen(name, topic, qos_profile_sensor_data if name in PICTURES else 10)
     node.create_timer(loop.controller.parameters.period, tick)
     with suppress(ExternalShutdownException):
         rclpy.spin(node)

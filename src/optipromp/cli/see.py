@@ -1,6 +1,7 @@
 """``optipromp see``: from pictures with depth to scenes that can be planned in."""
 
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class _Asked(NamedTuple):
-    """Files of one picture, the scene that tells what is known, and where the answer goes."""
+    """One picture, by files or of a bag, what tells what is known, and where the answer goes."""
 
     name: str
     rgb: Path
@@ -25,6 +26,7 @@ class _Asked(NamedTuple):
     camera: Path
     known: str | None
     out: Path
+    picture: "DepthPicture | None" = None
 
 
 @command()
@@ -46,7 +48,7 @@ def see(
         Path | None,
         typer.Option(
             help="Its camera: JSON or YAML with width, height, fx, fy, cx, cy, position and "
-            "orientation in the robot's base, depth_scale."
+            "orientation in the robot's base, depth_scale; or what 'calibrate' wrote."
         ),
     ] = None,
     known: Annotated[
@@ -57,6 +59,27 @@ def see(
             "not used. In a folder by default the scene beside each picture; else scenario-3.",
         ),
     ] = None,
+    finder: Annotated[
+        str,
+        typer.Option(
+            metavar="geometry|network|MODULE:NAME",
+            help="Of fruits and stems: by colour and shape, by our network, or your own.",
+        ),
+    ] = "geometry",
+    model: Annotated[
+        Path | None, typer.Option(metavar="FILE.onnx", help="Of the network, in place of ours.")
+    ] = None,
+    bag: Annotated[
+        Path | None,
+        typer.Option(help="Of ROS 2, in place of files: colour and depth, or a cloud, and frames."),
+    ] = None,
+    topics: Annotated[
+        str | None,
+        typer.Option(metavar="A,B", help="Of the bag: colour and depth, or the cloud, to take."),
+    ] = None,
+    every: Annotated[
+        float, typer.Option(metavar="SECONDS", min=0.0, help="Of the bag: between pictures.")
+    ] = 1.0,
 ) -> Report:
     """Find fruits and stems in pictures, and write scenes to plan in.
 
@@ -70,20 +93,32 @@ def see(
     \b
     optipromp see pictures --out seen
     optipromp see --rgb a.png --depth a.npz --camera camera.json --known row.yaml --out a.yaml
+    optipromp see --bag row.mcap --known row.yaml --every 2 --out seen
     optipromp plan a.yaml --out reach
     """
     from optipromp.core.scenes.io import save_scene
+    from optipromp.perception.detector import finder_named
     from optipromp.perception.overlay import overlay
     from optipromp.perception.pictures import png_file
 
-    asked = _asked(folder, rgb, depth, camera, known, out)
+    eye = finder_named(finder, model)
+    asked: Iterator[_Asked] | list[_Asked]
+    if bag is not None:
+        if folder is not None or rgb is not None or depth is not None:
+            raise InvalidRequestError("--bag goes without a folder, --rgb and --depth")
+        asked = _of_bag(bag, topics, every, camera, known, out)
+    elif topics is not None:
+        raise InvalidRequestError("--topics goes with --bag")
+    else:
+        asked = _asked(folder, rgb, depth, camera, known, out)
     records, lines, code = [], [], OK
     for each in asked:
-        scene, picture = _known(each), _load(each)
+        scene = _known(each)
+        picture = _load(each, scene)
         began = time.perf_counter()
         from optipromp.perception.eyes import look_at
 
-        sight = look_at(picture, up=scene.up)
+        sight = look_at(picture, up=scene.up, finder=eye)
         took = time.perf_counter() - began
         record, told, seen = _answer(sight, scene, each, took)
         if seen is None:
@@ -138,16 +173,44 @@ def _asked(
     return found
 
 
+def _of_bag(
+    bag: Path, topics: str | None, every: float, camera: Path | None, known: str | None,
+    out: Path | None,
+) -> Iterator[_Asked]:  # fmt: skip
+    """The pictures of a bag, one after another."""
+    from optipromp.core.scenes.io import load_scene
+    from optipromp.perception.pictures import load_camera
+    from optipromp.ros.pictures import bag_pictures
+
+    model = None if camera is None else load_camera(camera)[0]
+    chosen = None if topics is None else [name.strip() for name in topics.split(",")]
+    scene, target = load_scene(known or "scenario-3"), out or bag.with_name(f"{bag.stem}-seen")
+    check_folder(target)
+    found = bag_pictures(bag, scene, topics=chosen, every=every, camera=model)
+    for k, (picture, at) in enumerate(found):
+        name, none = f"{bag.stem}-{k:03d}", Path()
+        file = target / f"{name}.yaml"
+        yield _Asked(f"{name}, {at:.2f} s", none, none, none, known, file, picture)
+
+
 def _known(asked: _Asked) -> "Scene":
     from optipromp.core.scenes.io import load_scene
 
     return load_scene(asked.known or "scenario-3")
 
 
-def _load(asked: _Asked) -> "DepthPicture":
-    from optipromp.perception.pictures import load_picture
+def _load(asked: _Asked, known: "Scene") -> "DepthPicture":
+    """The picture; a camera on the hand was where the hand is at the scene's start."""
+    if asked.picture is not None:
+        return asked.picture
+    from optipromp.core.planning.task import posed
+    from optipromp.perception.pictures import flange_of, load_camera, load_picture
 
-    return load_picture(asked.rgb, asked.depth, asked.camera)
+    hand = None
+    if load_camera(asked.camera)[0].mount == "hand":
+        robot, state = posed(known)
+        hand = flange_of(robot, state.q)
+    return load_picture(asked.rgb, asked.depth, asked.camera, hand)
 
 
 def _answer(

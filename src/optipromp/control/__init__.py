@@ -1,6 +1,7 @@
 """The closed loop: looks are tracked, and the arm's curve is planned again while it moves."""
 
 from optipromp.control.controller import Controller as Controller
+from optipromp.control.driver import without_fruits as without_fruits
 from optipromp.control.look import Look as Look
 from optipromp.control.parameters import LoopParameters as LoopParameters
 from optipromp.control.stages import Decision as Decision

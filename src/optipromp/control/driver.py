@@ -15,6 +15,7 @@ from optipromp.core import judging
 from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning.fastest import needs
+from optipromp.core.planning.task import posed
 from optipromp.core.planning.timing import stopped
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import JointGoal, Scene
@@ -42,9 +43,7 @@ class Driver:
     def __init__(
         self, scene: Scene, robot: Robot, state: State, parameters: LoopParameters
     ) -> None:
-        still = tuple(item for item in scene.objects if item.role in ("static", "avoid"))
-        rest = JointGoal(state.q)
-        self.still = replace(scene, objects=still, goal=rest, waypoints=None)
+        self.still = without_fruits(scene, state.q)
         self.robot, self._rest, self._parameters = robot, State(state.q), parameters
         self.course: Course | None = None
         self.route: Route | None = None
@@ -136,6 +135,18 @@ class Driver:
         """Whether a curve keeps the limits and touches nothing that stands, by the judge."""
         found = judging.judge(self.still, self.robot, curve, curve.at(0.0), begun=True)
         return all(v.kind in ("goal", "start", "motion") for v in found.violations)
+
+
+def without_fruits(scene: Scene, q: FloatArray | None = None) -> Scene:
+    """The scene with robot and what stands still, and no fruits.
+
+    Args:
+        scene: with fruits, or without.
+        q: (n,) its goal; None: its start.
+    """
+    still = tuple(item for item in scene.objects if item.role in ("static", "avoid"))
+    rest = JointGoal(posed(scene)[1].q if q is None else q)
+    return replace(scene, objects=still, goal=rest, waypoints=None)
 
 
 def _ahead(route: Route, phase: float, begins: float, field: Displacement) -> FloatArray:

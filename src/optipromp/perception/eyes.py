@@ -11,7 +11,8 @@ from optipromp.core.arrays import FloatArray, frame_along
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Ellipsoid, Shape, Sphere
 from optipromp.core.scenes.held import pairs_among
-from optipromp.core.scenes.objects import Role, SceneObject, Stem
+from optipromp.core.scenes.hidden import cleared
+from optipromp.core.scenes.objects import STEEPEST, Role, SceneObject, Stem
 from optipromp.core.scenes.scene import Scene
 from optipromp.perception.finder import Finder, Found, Region
 from optipromp.perception.geometry import ByGeometry
@@ -147,7 +148,8 @@ def _item(
         shape = Sphere(float(np.cbrt(fit.radius**2 * fit.half)))
     grown = None
     if stem is not None:
-        grown = Stem.along(fit.center, stem.direction, stem.length)
+        tilt = min(math.degrees(stem.deviation), STEEPEST)
+        grown = replace(Stem.along(fit.center, stem.direction, stem.length), tilt=tilt)
     return SceneObject(
         name, role, shape, fit.center, frame_along(axis), stem=grown, covariance=fit.covariance
     )
@@ -160,8 +162,9 @@ def seen_scene(
 
     Known are robot, tool, start, approach, base and static objects of ``known``; its fruits are
     not used. Of several ripe fruits the lowest is the target and the others are pushable. A fruit
-    whose stem was not seen gets an upright one, as long as the median of those seen; its tilt has
-    a standard deviation of ``parameters.tilt``.
+    whose stem was not seen gets one that is unseen: about upright, clear of the other fruits, as
+    long as the median of those seen (:func:`optipromp.core.scenes.hidden.cleared`). Its tilts have
+    the standard deviation ``parameters.tilt``.
 
     Raises:
         InvalidRequestError: no ripe fruit is seen.
@@ -182,16 +185,19 @@ def seen_scene(
     unseen = [item.id for item in found if item.stem is None]
     if unseen:
         assumed.append(
-            f"stem not seen of {', '.join(unseen)}: taken as upright, {long:.2f} m long; its tilt "
-            f"has a deviation of {p.tilt:g} degrees"
+            f"stem not seen of {', '.join(unseen)}: upright, {long:.2f} m long, or any other whose "
+            f"tilts have a deviation of {p.tilt:g} degrees"
         )
-    objects = tuple(
-        replace(
-            item,
-            role="target" if item is target else "pushable",
-            stem=item.stem or Stem.along(item.position, known.up, long),
-        )
-        for item in found
+    objects = cleared(
+        (
+            replace(
+                item,
+                role="target" if item is target else "pushable",
+                stem=item.stem or Stem.hidden(item.position, known.up, long, p.tilt),
+            )
+            for item in found
+        ),
+        known.up,
     )
     gone = {item.id for item in known.objects if item.role != "static"}
     scene = replace(

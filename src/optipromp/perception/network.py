@@ -11,14 +11,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter, label, maximum_filter
+from scipy.ndimage import center_of_mass, find_objects, gaussian_filter, label, maximum_filter
 
-from optipromp.core.arrays import BoolArray, FloatArray
+from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.errors import InvalidRequestError, installed_by
 from optipromp.perception.finder import Class, Found, Region
 from optipromp.perception.pictures import DepthPicture
 
 CLASSES = "none", "ripe", "unripe", "calyx", "stem", "leaf", "static"
+FRUITS, STEMS = [CLASSES.index("ripe"), CLASSES.index("unripe")], [CLASSES.index("stem")]
 SIZE = 240, 320  # [pixel] height and width of what the network sees
 FAR = 10.0  # [pixel] to which an offset of the network's answer is scaled
 SPREAD = 1.5  # [pixel] standard deviation that smooths the votes: a choice
@@ -47,7 +48,7 @@ class ByNetwork:
 
     def __init__(self, model: Path | str | None = None) -> None:
         try:
-            import onnxruntime
+            import onnxruntime  # type: ignore[import-untyped]
         except ImportError:
             raise InvalidRequestError(f"the network needs {installed_by('vision')}") from None
         own = resources.files("optipromp.perception") / "data" / "eyes.onnx"
@@ -72,58 +73,74 @@ class ByNetwork:
         seen = encoded(picture.rgb[part], picture.depth[part])
         told = self._session.run(None, {"picture": seen[None]})[0][0]
         kinds, offsets = told[: len(CLASSES)], FAR * told[len(CLASSES) :]
-        masks = grouped(kinds, offsets)
-
-        def full(mask: BoolArray) -> BoolArray:
-            at = np.minimum((np.arange(shape[0]) / steps[0]).astype(int), SIZE[0] - 1)
-            across = np.minimum((np.arange(shape[1]) / steps[1]).astype(int), SIZE[1] - 1)
-            return np.asarray(mask[np.ix_(at, across)])
-
-        regions = [Region(kind, full(mask), score) for kind, mask, score in masks]
+        sure = np.exp(kinds - kinds.max(axis=0))
+        sure /= sure.sum(axis=0)
+        fruit = _wide(_lead(sure, FRUITS), shape) > 0.0
+        rows = np.clip(np.arange(shape[0]) / steps[0], 0, SIZE[0] - 1).astype(int)
+        columns = np.clip(np.arange(shape[1]) / steps[1], 0, SIZE[1] - 1).astype(int)
+        owner = grouped(sure, offsets)
+        full = np.where(fruit, _spread(owner)[np.ix_(rows, columns)], 0)
+        regions = []
+        for k, box in enumerate(find_objects(full), start=1):
+            if box is None:
+                continue
+            pixels = np.zeros(shape, dtype=bool)
+            pixels[box] = full[box] == k
+            ripe, unripe = (float(sure[kind][owner == k].mean()) for kind in FRUITS)
+            name: Class = "ripe" if ripe > unripe else "unripe"
+            regions.append(Region(name, pixels, max(ripe, unripe)))
         regions.sort(key=lambda region: -region.score)
-        best = kinds.argmax(axis=0)
-        stem = best == CLASSES.index("stem")
+        stem = (_wide(_lead(sure, STEMS), shape) > 0.0) & ~fruit
         if stem.any():
-            regions.append(Region("stem", full(stem), 1.0))
+            regions.append(Region("stem", stem, 1.0))
         return Found(tuple(regions))
 
 
-def grouped(kinds: FloatArray, offsets: FloatArray) -> list[tuple[Class, BoolArray, float]]:
-    """Fruits of the network's answer: class, pixels (H, W), and how sure it is.
+def _lead(sure: FloatArray, kinds: list[int]) -> FloatArray:
+    """How much likelier (H, W) some classes together are than the likeliest other one."""
+    return np.asarray(sure[kinds].sum(axis=0) - np.delete(sure, kinds, axis=0).max(axis=0))
+
+
+def _wide(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """Values (h, w) at the pixels of a larger picture, linear between the middles of the small."""
+    for axis, (small, large) in enumerate(zip(values.shape, shape, strict=True)):
+        at = np.clip((np.arange(large) + 0.5) * small / large - 0.5, 0.0, small - 1.0)
+        low = np.minimum(at.astype(int), small - 2)
+        share = np.expand_dims(at - low, 1 - axis)
+        below, above = values.take(low, axis), values.take(low + 1, axis)
+        values = below + share * (above - below)
+    return values
+
+
+def _spread(owner: IntArray) -> IntArray:
+    """Numbers (h, w) of fruits, those next to a fruit its own: its smooth edge may lie there."""
+    return np.where(owner > 0, owner, maximum_filter(owner, size=3))
+
+
+def grouped(sure: FloatArray, offsets: FloatArray) -> IntArray:
+    """Number of the fruit (H, W) that a pixel shows, from 1; 0: none.
+
+    Each pixel of a fruit votes for the middle that its offset points to. The peaks of the smoothed
+    votes are the fruits; a vote counts for the nearest peak, if that is near.
 
     Args:
-        kinds: (7, H, W) logits of :data:`CLASSES`.
+        sure: (7, H, W) probabilities of :data:`CLASSES`.
         offsets: (2, H, W) from each pixel to the middle of its fruit: across, down [pixel].
     """
-    best = kinds.argmax(axis=0)
-    fruit = (best == 1) | (best == 2)
-    rows, columns = np.nonzero(fruit)
-    if not len(rows):
-        return []
-    height, width = best.shape
+    height, width = sure.shape[1:]
+    out = np.zeros((height, width), dtype=np.int64)
+    rows, columns = np.nonzero(_lead(sure, FRUITS) > 0.0)
     across = np.clip(np.rint(columns + offsets[0, rows, columns]), 0, width - 1).astype(int)
     down = np.clip(np.rint(rows + offsets[1, rows, columns]), 0, height - 1).astype(int)
-    votes = np.zeros(best.shape)
-    np.add.at(votes, (down, across), 1.0)
-    smooth = gaussian_filter(votes, SPREAD)
+    votes = np.bincount(down * width + across, minlength=out.size).reshape(out.shape)
+    smooth = gaussian_filter(votes.astype(float), SPREAD)
     peaks = (smooth == maximum_filter(smooth, size=APART)) & (smooth >= LEAST_VOTES)
-    marks, count = label(peaks)
+    marks, count = label(peaks, np.ones((3, 3)))
     if not count:
-        return []
-    places = np.array([np.argwhere(marks == k + 1).mean(axis=0) for k in range(count)])
+        return out
+    places = np.array(center_of_mass(peaks, marks, range(1, count + 1)))
     away = np.hypot(down[:, None] - places[:, 0], across[:, None] - places[:, 1])
     mine = away.argmin(axis=1)
     near = away[np.arange(len(mine)), mine] < REACH
-    sure = np.exp(kinds - kinds.max(axis=0))
-    sure /= sure.sum(axis=0)
-    out: list[tuple[Class, BoolArray, float]] = []
-    for k in range(count):
-        chosen = near & (mine == k)
-        if not chosen.any():
-            continue
-        mask = np.zeros(best.shape, dtype=bool)
-        mask[rows[chosen], columns[chosen]] = True
-        ripe, unripe = sure[1][mask].sum(), sure[2][mask].sum()
-        name: Class = "ripe" if ripe > unripe else "unripe"
-        out.append((name, mask, float(max(ripe, unripe) / mask.sum())))
+    out[rows[near], columns[near]] = mine[near] + 1
     return out

@@ -3,10 +3,10 @@
 import io
 import json
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from optipromp.core.arrays import FloatArray, read_only
 from optipromp.core.documents import read_document
 from optipromp.core.errors import InvalidRequestError, OptiPrompError, installed_by
 from optipromp.core.files import read_bytes, read_npz
+from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.values import suggest
 
@@ -25,7 +26,8 @@ ENDS = ".rgb.png", ".depth.png", ".camera.json"
 """Ends of the names of a picture's files: colour, depth, camera."""
 MOST_PIXELS = 16_000_000  # of a picture: a choice
 _REQUIRED = "width", "height", "fx", "fy", "cx", "cy"
-_KEYS = (*_REQUIRED, "position", "orientation", "depth_scale")
+_KEYS = (*_REQUIRED, "position", "orientation", "depth_scale", "mount")
+Mount = Literal["base", "hand"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,10 +38,12 @@ class CameraModel:
         width, height: of its pictures [pixel].
         fx, fy: focal lengths [pixel].
         cx, cy: column and row of the optical axis [pixel]; the middle of the first pixel is 0, 0.
-        pose: of the camera in the robot's base frame.
+        pose: of the camera in the frame of ``mount``.
+        mount: ``base`` of the robot; or ``hand``, the flange: see :meth:`on`.
 
     Raises:
-        InvalidRequestError: a number that is not finite, or a size or focal length not above 0.
+        InvalidRequestError: an unknown mount, a number that is not finite, or a size or focal
+            length not above 0.
     """
 
     width: int
@@ -49,8 +53,11 @@ class CameraModel:
     cx: float
     cy: float
     pose: Pose = field(default_factory=Pose)
+    mount: Mount = "base"
 
     def __post_init__(self) -> None:
+        if self.mount not in get_args(Mount):
+            raise InvalidRequestError(f"camera.mount is {self.mount!r}; must be base or hand")
         for name in _REQUIRED:
             value = getattr(self, name)
             number = isinstance(value, int | float) and not isinstance(value, bool)
@@ -85,12 +92,25 @@ class CameraModel:
         flat = points[..., :2] / points[..., 2:]
         return np.asarray(flat * [self.fx, self.fy] + [self.cx, self.cy])
 
+    def on(self, hand: Pose | None) -> "CameraModel":
+        """The camera in the base frame, with the hand at a pose there; see :func:`flange_of`.
+
+        Raises:
+            InvalidRequestError: the camera is on the hand, and where that is is not given.
+        """
+        if self.mount == "base":
+            return self
+        if hand is None:
+            raise InvalidRequestError("the camera is on the hand: tell where the hand was")
+        return replace(self, pose=hand @ self.pose, mount="base")
+
     @classmethod
     def from_document(cls, document: object, source: str = "camera") -> tuple["CameraModel", float]:
         """The camera of a document, and the depth of a step of a 16-bit picture [m].
 
         Keys are width, height, fx, fy, cx, cy; position and orientation (quaternion ``w, x, y, z``)
-        in the base frame, by default at its origin; and depth_scale, by default 0.001 m.
+        in the frame of mount, by default at its origin; mount, by default base; and depth_scale,
+        by default 0.001 m.
 
         Raises:
             InvalidRequestError: an unknown or missing key, or a value that cannot be used.
@@ -113,7 +133,8 @@ class CameraModel:
                 document.get("position", [0.0, 0.0, 0.0]),
                 document.get("orientation", [1.0, 0.0, 0.0, 0.0]),
             )
-            return cls(**{key: document[key] for key in _REQUIRED}, pose=pose), float(scale)
+            numbers = {key: document[key] for key in _REQUIRED}
+            return cls(**numbers, pose=pose, mount=document.get("mount", "base")), float(scale)
         except OptiPrompError as error:
             raise InvalidRequestError(f"{source}: {error.message}") from None
 
@@ -124,6 +145,7 @@ class CameraModel:
             "position": self.pose.position.tolist(),
             "orientation": self.pose.orientation.tolist(),
             "depth_scale": DEPTH_SCALE,
+            **({} if self.mount == "base" else {"mount": self.mount}),
         }
 
 
@@ -162,7 +184,22 @@ class DepthPicture:
         return read_only(self.camera.rays * self.depth[:, :, None])
 
 
-def load_picture(rgb: Path, depth: Path, camera: Path) -> DepthPicture:
+def load_camera(path: Path) -> tuple[CameraModel, float]:
+    """The camera of a JSON or YAML file, and a step of its depth [m]; see ``from_document``."""
+    held = "a camera (width, height, fx, fy, cx, cy)"
+    document = read_document(path, InvalidRequestError, held)
+    return CameraModel.from_document(document, str(path))
+
+
+def flange_of(robot: Robot, q: FloatArray) -> Pose:
+    """The hand in the base frame at joint positions ``q`` (n,)."""
+    origins, rotations = robot.segment_frames(q)
+    turn = rotations[-1]
+    at = origins[-1] + turn @ robot.flange_translation
+    return Pose(at, turn @ robot.flange_rotation)
+
+
+def load_picture(rgb: Path, depth: Path, camera: Path, hand: Pose | None = None) -> DepthPicture:
     """A picture of three files.
 
     Args:
@@ -170,33 +207,36 @@ def load_picture(rgb: Path, depth: Path, camera: Path) -> DepthPicture:
         depth: 16-bit PNG whose steps are the camera's ``depth_scale``, or NPZ with an array
             ``depth`` (height, width) [m].
         camera: JSON or YAML, see :meth:`CameraModel.from_document`.
+        hand: in the base frame; for a camera on it.
 
     Raises:
         InvalidRequestError: a file that is missing or cannot be read, or sizes that differ.
     """
-    held = "a camera (width, height, fx, fy, cx, cy)"
-    model, scale = CameraModel.from_document(
-        read_document(camera, InvalidRequestError, held), str(camera)
-    )
+    model, scale = load_camera(camera)
     if depth.suffix.lower() == ".npz":
         arrays = read_npz(depth)
         if "depth" not in arrays:
             raise InvalidRequestError(f"{depth}: no array 'depth'; has {', '.join(arrays)}")
         far = np.asarray(arrays["depth"], dtype=np.float64)
     else:
-        steps = _pixels(depth)
+        steps = read_pixels(depth)
         if steps.ndim != 2:
             raise InvalidRequestError(f"{depth}: a picture of depth has one channel, 16 bits")
         far = steps.astype(np.float64) * scale
     try:
-        return DepthPicture(_pixels(rgb, "RGB").astype(np.uint8), far, model)
+        return DepthPicture(read_pixels(rgb, "RGB").astype(np.uint8), far, model.on(hand))
     except InvalidRequestError as error:
         raise InvalidRequestError(f"{rgb}, {depth}: {error.message}") from None
 
 
-def _pixels(path: Path, mode: str | None = None) -> NDArray[Any]:
+def read_pixels(path: Path, mode: str | None = None) -> NDArray[Any]:
+    """The pixels of a picture file; ``mode`` is Pillow's, as ``RGB``."""
+    return decoded(read_bytes(path, InvalidRequestError), str(path), mode)
+
+
+def decoded(content: bytes, path: str, mode: str | None = None) -> NDArray[Any]:
+    """The pixels of a picture's bytes; ``path`` tells in messages where they are from."""
     image = _pillow()
-    content = read_bytes(path, InvalidRequestError)
     try:
         with image.open(io.BytesIO(content)) as opened:
             if opened.width * opened.height > MOST_PIXELS:

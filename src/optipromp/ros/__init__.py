@@ -16,6 +16,8 @@ from optipromp.ros.detections import read_detections as read_detections
 from optipromp.ros.live import LiveScene as LiveScene
 from optipromp.ros.live import read_planning_scene as read_planning_scene
 from optipromp.ros.loop import PickLoop as PickLoop
+from optipromp.ros.pictures import BagPicture as BagPicture
+from optipromp.ros.pictures import bag_pictures as bag_pictures
 from optipromp.ros.recordings import Cut as Cut
 from optipromp.ros.recordings import CutParameters as CutParameters
 from optipromp.ros.recordings import Recording as Recording

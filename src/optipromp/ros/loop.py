@@ -4,25 +4,26 @@
 """
 
 from collections import deque
-from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
 from optipromp.control.controller import Controller
+from optipromp.control.driver import without_fruits
 from optipromp.core.arrays import FloatArray, frame_along
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.execution.streaming import Line
-from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.scene import JointGoal, Scene
+from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
+from optipromp.perception.pictures import flange_of
+from optipromp.perception.watcher import Watcher
 from optipromp.ros.detections import DETECTIONS, DetectionParameters, read_detections
+from optipromp.ros.frames import Frames
 from optipromp.ros.goals import TOOL
+from optipromp.ros.images import PICTURES, Pictures
 from optipromp.ros.joints import joint_motion
-from optipromp.ros.live import frames_of
-from optipromp.ros.shapes import quaternion, vector
+from optipromp.ros.live import frames_of, in_base
 from optipromp.ros.trajectories import NANO, nanoseconds, stretch_trajectory
 from optipromp.ros.types import Message, message
 
@@ -43,6 +44,8 @@ class PickLoop:
         controller: of the pick; None: one for ``scene``.
         rate: of the points of a trajectory [Hz]; None: the rows of the curves.
         prefix: of joint and link names in ROS.
+        watcher: of pictures, where looks are made here of a camera's topics; None: pictures are
+            refused, and detections tell of the fruits.
 
     Attributes:
         controller: with its stage and its decisions.
@@ -57,14 +60,16 @@ class PickLoop:
         controller: Controller | None = None,
         rate: float | None = None,
         prefix: str = "",
+        watcher: Watcher | None = None,
     ) -> None:
+        self.watcher, self._pictures = watcher, Pictures()
         self.controller = controller or Controller(without_fruits(scene), real_time=True)
         self.parameters = parameters or DetectionParameters()
         robot = self.controller.robot
         self.frames = frames_of(robot, prefix, scene.base)
         self._flange = prefix + [name for name in robot.link_names if name != TOOL][-1]
         self._rate, self._prefix = rate, prefix
-        self._mounts: dict[str, tuple[str, Pose]] = {}
+        self._mounts = Frames()
         self._states = deque[tuple[float, State]]()
         self._origin: int | None = None
         self._line: Line | None = None
@@ -75,17 +80,22 @@ class PickLoop:
         """Whether the pick is done, or given up."""
         return self.controller.ended
 
-    def heard(self, item: Message) -> None:
+    def heard(self, item: Message, topic: str = "") -> None:
         """Take a message in.
 
         Read are ``sensor_msgs/JointState``, ``vision_msgs/Detection3DArray``, and
         ``tf2_msgs/TFMessage`` of frames that stand still on the base, on the robot's last link (its
         flange) or on ``tool`` (at the tool point, z along its axis), themselves or through others.
+        With a watcher also the messages of pictures that :func:`optipromp.ros.bag_pictures` reads.
+
+        Args:
+            item: the message.
+            topic: of a picture: one with ``rect`` in its name has no distortion.
 
         Raises:
-            InvalidRequestError: joints that are not the robot's; an unknown frame; detections from
-                before the first joint states, or from long after the newest; another type of
-                message.
+            InvalidRequestError: joints that are not the robot's; an unknown frame; detections or
+                pictures from before the first joint states, or from long after the newest; another
+                type of message.
             InvalidSceneError: a wrong value.
         """
         match item.__msgtype__:
@@ -97,15 +107,18 @@ class PickLoop:
                 while self._states[0][0] < time - KEPT:
                     self._states.popleft()
             case "tf2_msgs/msg/TFMessage":
-                for one in item.transforms:
-                    to = one.transform
-                    pose = Pose(vector(to.translation), quaternion(to.rotation))
-                    self._mounts[one.child_frame_id] = (one.header.frame_id, pose)
+                self._mounts.heard(item, still=True)
             case _ if item.__msgtype__ == DETECTIONS:
                 time = self._time(nanoseconds(item.header.stamp))
                 frames = self._frames(self._at(time))
                 look = read_detections(item, frames, self.parameters, time=time)
                 self.controller.see(look)
+            case kind if kind in PICTURES and self.watcher is not None:
+                taken = self._pictures.heard(topic or kind, item)
+                if taken is not None:
+                    time = self._time(taken.stamp)
+                    frames = self._frames(self._at(time))
+                    self.watcher.watch(taken.picture(in_base(taken.header, frames)), time)
             case _:
                 raise InvalidRequestError(
                     f"a {item.__msgtype__} is of no use here: must be a JointState, a "
@@ -128,6 +141,8 @@ class PickLoop:
             self._trouble = "joint states are old" if self._states else "no joint states"
             return None
         self._trouble = ""
+        for look in () if self.watcher is None else self.watcher.looks():
+            self.controller.see(look)
         measured = self._states[-1][1]
         reference = State(measured.q) if self._line is None else self._line.at(time)
         stretch = self.controller(time, measured, reference)
@@ -186,30 +201,9 @@ class PickLoop:
     def _frames(self, q: FloatArray) -> dict[str, Pose]:
         """The known frames with the arm at ``q`` (n,)."""
         flange, tool = moving(self.controller.robot, q)
-        frames = {**self.frames, self._flange: flange, TOOL: tool}
-        for name in self._mounts:
-            pose = Pose()
-            for parent, step in self._chain(name):
-                pose = step @ pose
-                if parent in frames:
-                    frames[name] = frames[parent] @ pose
-                    break
-        return frames
-
-    def _chain(self, name: str) -> Iterator[tuple[str, Pose]]:
-        """The parents of a frame and the poses in them, one after another; a loop ends it."""
-        met = set[str]()
-        while name in self._mounts and name not in met:
-            met.add(name)
-            name, pose = self._mounts[name]
-            yield name, pose
-
-
-def without_fruits(scene: Scene) -> Scene:
-    """The scene with robot and what stands still, and no fruits; its goal is its start."""
-    still = tuple(item for item in scene.objects if item.role in ("static", "avoid"))
-    rest = JointGoal(posed(scene)[1].q)
-    return replace(scene, objects=still, goal=rest, waypoints=None)
+        known = {**self.frames, self._flange: flange, TOOL: tool}
+        found = {name: self._mounts.find(name, known) for name in self._mounts.names}
+        return {**{name: pose for name, pose in found.items() if pose is not None}, **known}
 
 
 def moving(robot: Robot, q: FloatArray) -> tuple[Pose, Pose]:
@@ -219,5 +213,4 @@ def moving(robot: Robot, q: FloatArray) -> tuple[Pose, Pose]:
     axes = frame_along(robot.tool_axis)
     if robot.tool is not None:
         axes = robot.flange_rotation @ robot.tool.rotation
-    flange = Pose(origin + turn @ robot.flange_translation, turn @ robot.flange_rotation)
-    return flange, Pose(origin + turn @ robot.tool_point, turn @ axes)
+    return flange_of(robot, q), Pose(origin + turn @ robot.tool_point, turn @ axes)

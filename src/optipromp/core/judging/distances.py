@@ -100,13 +100,14 @@ def objects_of(
 
 
 def _stems(scene: Scene) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
-    """The S pieces of all stems as capsules.
+    """The S pieces of all stems as capsules; of an unseen stem, those of all likely stems.
 
     Returns:
         Rows (S,) of the objects that hang; middles (S, 3) [m]; rotations (S, 3, 3), local to world;
         sizes (S, 3) [m]: radius, half length and 0.
     """
-    held = [(k, item.stem) for k, item in enumerate(scene.objects) if item.stem is not None]
+    hangs = [(k, item.stem) for k, item in enumerate(scene.objects) if item.stem is not None]
+    held = [(k, one) for k, stem in hangs for one in stem.likely()]
     owner = [k for k, stem in held for _ in stem.points[1:]]
     ends = np.array([pair for _, stem in held for pair in pairwise(stem.points)]).reshape(-1, 2, 3)
     radius = np.array([stem.radius for _, stem in held for _ in stem.points[1:]])

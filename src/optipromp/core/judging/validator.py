@@ -222,7 +222,7 @@ def judge(
         approach_speed=speed, goal_error=end.error, goal_axis_error=end.angle, **figures,
     )  # fmt: skip
     return Judgement(
-        metrics, tuple(violations), tuple(contacts), tuple(notes), tuple(at_start), near
+        metrics, tuple(violations), tuple(contacts), (*notes, *scene.assumed), tuple(at_start), near
     )
 
 

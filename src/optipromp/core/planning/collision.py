@@ -100,7 +100,7 @@ def _stems(scene: Scene) -> Obstacles:
     """The pieces of all stems, including the target's, but of fruits that a link may touch."""
     free = {name for pair in scene.may_touch for name in pair}
     stems = (item.stem for item in scene.objects if item.stem is not None and item.id not in free)
-    return pack([piece for stem in stems for piece in stem.pieces()])
+    return pack([piece for stem in stems for one in stem.likely() for piece in one.pieces()])
 
 
 def levers(robot: Robot) -> FloatArray:

@@ -266,6 +266,7 @@ class Plan(Shown):
             "time": self.time,
             "first": self.first,
             "via": [vars(via) for via in self.via],
+            "assumed": list(self.scene.assumed),
         }
         if len(self.scene.goals) > 1:
             document["goal"] = self.goal

@@ -30,6 +30,15 @@ PHYSICAL = (
 STEM_RADIUS = 0.003
 """Default radius of a stem [m], chosen."""
 
+UNSEEN_TILT = 20.0
+"""Standard deviation of each tilt of a stem that nobody saw [degrees]: a choice. In pictures of
+1,704 strawberries, many of them on beds, the median tilt is 18 degrees, of hanging fruit less."""
+UNSEEN_LENGTH = 0.15
+"""Likeliest length of a stem that nobody saw [m]: a choice."""
+UNSEEN_SPREAD = 0.35
+"""Standard deviation of the logarithm of its length: a choice."""
+STEEPEST = 60.0  # [degrees] chosen: largest standard deviation of a tilt
+
 _LARGEST_SIGMA = 10.0  # [m] chosen
 STEM_SLACK = 0.005  # [m] chosen: largest distance of a stem's ends from its fruit and its parent
 
@@ -43,6 +52,9 @@ class Stem:
         radius: [m].
         parent: id of the object from whose stem this stem grows, at its root; None if the root is
             fixed. Fruits on stems that grow from one another share a truss.
+        tilt: standard deviation of each of its two tilts [degrees]; None: that of a detected stem.
+        unseen: whether nobody saw the stem. Its points are then the likeliest: plans hold for stems
+            of all tilts and lengths about them; see :func:`unseen`.
 
     Raises:
         InvalidSceneError: there are fewer than two points, a piece has no length, or the radius is
@@ -52,8 +64,14 @@ class Stem:
     points: FloatArray
     radius: float = STEM_RADIUS
     parent: str | None = None
+    tilt: float | None = None
+    unseen: bool = False
 
     def __post_init__(self) -> None:
+        if self.tilt is not None and not 0.0 <= self.tilt <= STEEPEST:
+            raise InvalidSceneError(
+                f"stem.tilt is {self.tilt:g}: must be 0 to {STEEPEST:g} [degrees]"
+            )
         shape = np.shape(self.points)
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 2:
             raise InvalidSceneError(f"stem.points has shape {shape}: must be (k, 3), k >= 2")
@@ -80,6 +98,35 @@ class Stem:
             raise InvalidSceneError(f"stem.length is {length:g}: must be above 0 [m]")
         begin = array("position", position, 3)
         return cls(np.array([begin, begin + length * unit("stem.direction", direction)]), radius)
+
+    @classmethod
+    def hidden(
+        cls, position: FloatArray, up: FloatArray, length: float | None = None,
+        tilt: float | None = None, radius: float = STEM_RADIUS,
+    ) -> Stem:  # fmt: skip
+        """A stem that nobody saw, about ``up`` (3,) from the fruit's ``position`` (3,).
+
+        Args:
+            position: (3,) of the fruit [m].
+            up: (3,) likeliest direction.
+            length: likeliest length [m]; None: :data:`UNSEEN_LENGTH`. The logarithm of the length
+                has the standard deviation :data:`UNSEEN_SPREAD`.
+            tilt: standard deviation of each of two tilts [degrees]; None: :data:`UNSEEN_TILT`.
+            radius: [m].
+        """
+        straight = cls.along(position, up, UNSEEN_LENGTH if length is None else length, radius)
+        return replace(straight, tilt=UNSEEN_TILT if tilt is None else tilt, unseen=True)
+
+    def likely(self) -> Iterator[Stem]:
+        """The stem; of one that nobody saw, also those that lean by one deviation to four sides."""
+        yield self
+        if not self.unseen:
+            return
+        axes = frame_along(self.vector / np.linalg.norm(self.vector))
+        lean = math.tan(math.radians(self.tilt or 0.0))
+        for aside in (axes[:, 0], -axes[:, 0], axes[:, 1], -axes[:, 1]):
+            way = axes[:, 2] + lean * aside
+            yield Stem.along(self.points[0], way, self.length, self.radius)
 
     def transformed(self, pose: Pose) -> Stem:
         """The same stem in another frame, in which its present frame has the ``pose``."""

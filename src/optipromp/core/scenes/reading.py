@@ -23,6 +23,7 @@ from optipromp.core.robots.library import UNTRUSTED, Choice, robot_names
 from optipromp.core.robots.tools import make_tool
 from optipromp.core.scenes.goal_reading import goal_of, lines_of, path_of
 from optipromp.core.scenes.held import RETREAT, Place
+from optipromp.core.scenes.hidden import cleared
 from optipromp.core.scenes.motion import ObjectMotion
 from optipromp.core.scenes.rotations import IDENTITY
 from optipromp.core.scenes.scene import (
@@ -80,7 +81,8 @@ def scene_from_dict(
         for index, item in enumerate(model.objects):
             where = f"objects[{index}]: "
             frame = default if item.frame is None else frames[item.frame]
-            made = _object(item, scale, base_dir, shapes)
+            up = frame.rotation.T @ frames["world"].rotation[:, 2]
+            made = _object(item, scale, base_dir, shapes, up)
             objects.append(made if frame.is_identity else made.transformed(frame))
             if model.scale is None:
                 check_magnitude(objects[-1], told)
@@ -103,7 +105,7 @@ def scene_from_dict(
             name=model.name,
             robot=model.robot if isinstance(model.robot, str) else model.robot.file,
             choice=_choice(model.robot, base_dir),
-            objects=tuple(objects),
+            objects=cleared(objects, frames["world"].rotation[:, 2]),
             tool=_tool(model, scale, base_dir),
             start=None if model.start is None else np.array(model.start),
             approach=approach,
@@ -162,9 +164,10 @@ def _orientation(given: list[float] | None) -> FloatArray:
 
 
 def _object(
-    item: ObjectModel, scale: float, base_dir: Path | None, shapes: dict[tuple[object, ...], Shape]
-) -> SceneObject:
-    """The object, in the frame of its values in the file."""
+    item: ObjectModel, scale: float, base_dir: Path | None,
+    shapes: dict[tuple[object, ...], Shape], up: FloatArray,
+) -> SceneObject:  # fmt: skip
+    """The object, in the frame of its values in the file, in which ``up`` (3,) is upwards."""
     position = scale * np.array(item.position)
     return SceneObject(
         id=item.id,
@@ -172,7 +175,7 @@ def _object(
         shape=_shape(item.shape, scale, base_dir, shapes),
         position=position,
         orientation=_orientation(item.orientation),
-        stem=None if item.stem is None else _stem(item.stem, scale, position),
+        stem=None if item.stem is None else _stem(item.stem, scale, position, up),
         covariance=None if item.covariance is None else scale**2 * np.array(item.covariance),
         physical=item.physical,
         motion=_motion(item, scale),
@@ -200,8 +203,12 @@ def _attached(
     return Attached(item.id, shape, at, _orientation(item.orientation), item.mass)
 
 
-def _stem(model: StemModel, scale: float, position: FloatArray) -> Stem:
+def _stem(model: StemModel, scale: float, position: FloatArray, up: FloatArray) -> Stem:
     radius = STEM_RADIUS if model.radius is None else scale * model.radius
+    if model.unseen:
+        way = up if model.direction is None else np.array(model.direction)
+        long = None if model.length is None else scale * model.length
+        return Stem.hidden(position, way, long, model.tilt, radius)
     if model.direction is not None and model.length is not None:
         way = scale * model.length * unit("stem.direction", np.array(model.direction))
         points = np.array([position, position + way])
@@ -209,7 +216,7 @@ def _stem(model: StemModel, scale: float, position: FloatArray) -> Stem:
         points = np.array([position, scale * np.array(model.root)])
     else:
         points = scale * np.array(model.points)
-    return Stem(points, radius, model.parent)
+    return Stem(points, radius, model.parent, model.tilt)
 
 
 def _shape(

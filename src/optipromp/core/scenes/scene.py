@@ -312,6 +312,19 @@ class Scene(Shown):
         return tuple([objects[k] for k in rows.tolist()])
 
     @property
+    def assumed(self) -> tuple[str, ...]:
+        """What the scene does not know, in words: stems that nobody saw."""
+        hidden = [o for o in self.objects if o.stem is not None and o.stem.unseen]
+        if not hidden:
+            return ()
+        tilts = sorted({f"{o.stem.tilt:g}" for o in hidden if o.stem is not None})
+        names, plural = ", ".join(o.id for o in hidden), "s" * (len(hidden) > 1)
+        return (
+            f"the stem{plural} of {names} nobody saw: assumed to tilt by {' or '.join(tilts)} "
+            "degrees (standard deviation), and checked for such stems",
+        )
+
+    @property
     def up(self) -> FloatArray:
         """(3,) the world's upward vertical in the base frame, opposite to gravity."""
         return frozen(self.base.rotation[2])

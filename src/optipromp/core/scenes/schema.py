@@ -97,7 +97,7 @@ class PoseModel(Model):
 
 
 class StemModel(Model):
-    """A stem: straight to a root, or along a direction, or a polyline, fruit first."""
+    """A stem: straight to a root, or along a direction, or a polyline, fruit first; or unseen."""
 
     root: Vector | None = None
     direction: Vector | None = None
@@ -105,10 +105,16 @@ class StemModel(Model):
     points: Annotated[list[Vector], Field(min_length=2)] | None = None
     radius: Positive | None = None
     parent: Text | None = None
+    tilt: NotNegative | None = None
+    unseen: bool = False
 
     @model_validator(mode="after")
     def _one_form(self) -> StemModel:
         forms = [self.root, self.direction, self.points]
+        if self.unseen:
+            if self.root is not None or self.points is not None or self.parent is not None:
+                raise refuse("is unseen: may have direction, length, tilt and radius alone")
+            return self
         if sum(form is not None for form in forms) != 1:
             raise refuse("must have exactly one of root, direction (with length), points")
         if self.direction is not None and self.length is None:

@@ -133,12 +133,18 @@ def _object_to_dict(item: SceneObject, base_dir: Path | None) -> dict[str, Any]:
         entry["orientation"] = item.orientation.tolist()
     if item.stem is not None:
         points = item.stem.points
-        if len(points) == 2 and np.array_equal(points[0], item.position):
+        if item.stem.unseen:
+            entry["stem"] = {
+                "unseen": True, "direction": item.stem.vector.tolist(), "length": item.stem.length,
+            }  # fmt: skip
+        elif len(points) == 2 and np.array_equal(points[0], item.position):
             entry["stem"] = {"root": points[1].tolist()}
         else:
             entry["stem"] = {"points": points.tolist()}
         if item.stem.radius != STEM_RADIUS:
             entry["stem"]["radius"] = item.stem.radius
+        if item.stem.tilt is not None:
+            entry["stem"]["tilt"] = item.stem.tilt
         if item.stem.parent is not None:
             entry["stem"]["parent"] = item.stem.parent
     if item.covariance is not None:

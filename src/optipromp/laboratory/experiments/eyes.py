@@ -21,7 +21,7 @@ straight.
 
 import functools
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -42,21 +42,12 @@ from optipromp.laboratory.simulation.parameters import SimulationParameters
 from optipromp.laboratory.simulation.photograph import photograph
 from optipromp.laboratory.simulation.rendered import RenderedDetector
 from optipromp.laboratory.simulation.sight import standing_pose
+from optipromp.perception.detector import finder_named
 from optipromp.perception.eyes import look_at, seen_scene
 from optipromp.perception.finder import Finder
-from optipromp.perception.geometry import ByGeometry
 
 WAYS = "rendered", "fitted"
 
-
-def _network() -> Finder:
-    from optipromp.perception.network import ByNetwork
-
-    return ByNetwork()
-
-
-FINDERS: Mapping[str, Callable[[], Finder]] = {"geometry": ByGeometry, "network": _network}
-"""Makers of finders, by name."""
 
 SIDES = 0.0, 70.0  # [deg] about the vertical, of the first and the second camera: a choice
 LOWER = 0.08  # [m] below the target, at which the camera looks: a choice
@@ -74,7 +65,7 @@ _Sight = tuple[Scene | None, set[str], dict[str, Any]]
 def situation(condition: str, scene: Scene, seed: int, finder: str) -> Situation:
     """The setting of a condition, or of eyes; the same arguments give the same setting."""
     if condition == "rendered":
-        found = FINDERS[finder]()
+        found = finder_named(finder)
         eye = functools.partial(RenderedDetector, finder=found)
         detector = replace(EYES["palm"], rate=RENDERED_RATE)
         see = functools.partial(_by_picture, finder=found)
@@ -93,8 +84,8 @@ def check_eyes(eyes: tuple[str, ...], finder: str) -> None:
     for item in eyes:
         if item not in WAYS:
             raise InvalidRequestError(f"eyes is {item!r}: {suggest(item, WAYS)}")
-    if finder not in FINDERS:
-        raise InvalidRequestError(f"finder is {finder!r}: {suggest(finder, tuple(FINDERS))}")
+    if eyes:
+        finder_named(finder)
 
 
 def without_fruits(scene: Scene) -> Scene:

@@ -2,15 +2,14 @@
 
 import math
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.scenes.scene import SceneObject
-from optipromp.laboratory.generate import Preset, generate
-from optipromp.laboratory.simulation.photograph import FRUITS, Photograph, photograph
+from optipromp.laboratory.simulation.photograph import FRUITS, Photograph
 from optipromp.perception.eyes import Detection, Sighting, look_at
 from optipromp.perception.finder import Finder
 
@@ -127,14 +126,6 @@ def _fruit(
             turned = math.acos(min(max(cosine, -1.0), 1.0))
             angle, tilts = math.degrees(turned), turned / match.stem.deviation
     return SeenFruit(*shown, error, normalised, right, shows, angle, tilts, item, center, match)
-
-
-def pictures_of(
-    preset: Preset, seeds: Iterable[int], mount: str = "beside", finder: Finder | None = None
-) -> Iterator[SeenPicture]:
-    """Random scenes of a preset, photographed and seen."""
-    for seed in seeds:
-        yield compared(photograph(generate(preset, seed), mount, seed), finder)
 
 
 def figures(pictures: Sequence[SeenPicture]) -> dict[str, float]:

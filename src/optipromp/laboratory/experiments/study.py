@@ -66,7 +66,7 @@ class Study:
         conditions: of :data:`optipromp.laboratory.experiments.conditions.CONDITIONS`; of loops.
         eyes: of :data:`optipromp.laboratory.experiments.eyes.WAYS`, in place of conditions.
         finder: of the fruits in rendered pictures, see
-            :data:`optipromp.laboratory.experiments.eyes.FINDERS`.
+            :func:`optipromp.perception.detector.finder_named`.
         files: scene files, whose names stand for presets; see :meth:`of_files`.
 
     Raises:

@@ -10,6 +10,7 @@ from optipromp.laboratory.simulation.detector import DetectorParameters as Detec
 from optipromp.laboratory.simulation.detector import Eye as Eye
 from optipromp.laboratory.simulation.execute import Run as Run
 from optipromp.laboratory.simulation.execute import simulate as simulate
+from optipromp.laboratory.simulation.live_camera import LiveCamera as LiveCamera
 from optipromp.laboratory.simulation.loop import Loop as Loop
 from optipromp.laboratory.simulation.loop import closed_loop as closed_loop
 from optipromp.laboratory.simulation.outcome import Cause as Cause

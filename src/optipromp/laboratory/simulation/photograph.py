@@ -133,7 +133,7 @@ def photograph(
     world = build(scene, robot, physics, seed)
     detector = DetectorParameters(mount=mount)  # type: ignore[arg-type]
     if mount == "beside":
-        pose = _upright(standing_pose(scene, detector), scene.up)
+        pose = upright(standing_pose(scene, detector), scene.up)
         pose = Pose(pose.position + p.jitter * rng.standard_normal(3), pose.orientation)
     else:
         pose = tool_frame(robot, state.q) @ hand_pose(robot, detector)
@@ -147,9 +147,9 @@ def photograph(
         leafy(world.spec, scene, pose, LeafParameters(), np.random.default_rng([seed, 36]))
     model = dressed(world)
     model.vis.quality.offsamples = 0
-    _painted(model, p, rng)
+    painted(model, p, rng)
     rgb, depth, seen = _drawn(model, world, state.q, camera)
-    rgb = _exposed(rgb, p, rng)
+    rgb = exposed(rgb, p, rng)
     fruits = _fruits(world)
     masks, marked = _masks(model, seen, fruits, camera, scene)
     measured = sensed(depth, p.focal, stereo or StereoParameters(), rng)
@@ -157,7 +157,7 @@ def photograph(
     return Photograph(picture, depth, masks, marked, world.scene, fruits)
 
 
-def _upright(pose: Pose, up: FloatArray) -> Pose:
+def upright(pose: Pose, up: FloatArray) -> Pose:
     """The same place and gaze, rolled so that the vertical is upright in the picture."""
     z = pose.rotation[:, 2]
     x = np.cross(z, up)
@@ -188,7 +188,7 @@ def _drawn(
     return rgb, depth, np.where(geom, segments[:, :, 0], -1)
 
 
-def _painted(model: Any, p: PhotoParameters, rng: np.random.Generator) -> None:
+def painted(model: Any, p: PhotoParameters, rng: np.random.Generator) -> None:
     """Vary light, colours and background of a model."""
     tint = 1.0 + p.tint * rng.standard_normal(3)
     ambient, sun = rng.uniform(*p.ambient), rng.uniform(*p.sun)
@@ -219,7 +219,7 @@ def _varied(colours: FloatArray, p: PhotoParameters, rng: np.random.Generator) -
     return np.asarray(np.clip((grey + dyed * off) * bright, 0.0, 1.0))
 
 
-def _exposed(rgb: Image8, p: PhotoParameters, rng: np.random.Generator) -> Image8:
+def exposed(rgb: Image8, p: PhotoParameters, rng: np.random.Generator) -> Image8:
     """The picture with the sensor's grain."""
     noisy = rgb + p.grain * rng.standard_normal(rgb.shape)
     return np.asarray(np.clip(np.rint(noisy), 0, 255), dtype=np.uint8)

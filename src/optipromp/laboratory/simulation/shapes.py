@@ -1,4 +1,4 @@
-"""Abstract shapes made on the fly: flat ellipses on lines, as the paper's pictures for learning stems.
+"""Abstract shapes made on the fly: flat ellipses on lines, as in the paper, to learn stems from.
 
 No robot, no light, no perspective: ellipses are fruits, lines are stems, polygons are leaves and
 clutter. Each has one colour and a depth; nearer shapes cover those behind.

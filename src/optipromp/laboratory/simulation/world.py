@@ -25,6 +25,7 @@ from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.entities import NOBODY, Entity, layers
 from optipromp.laboratory.simulation.fruits import BuiltFruit, add_fruit, bows, trusses_of
 from optipromp.laboratory.simulation.grip import add_grip
+from optipromp.laboratory.simulation.grown import grown
 from optipromp.laboratory.simulation.parameters import SimulationParameters
 from optipromp.laboratory.simulation.parting import apart
 from optipromp.laboratory.simulation.solids import add_shape
@@ -152,7 +153,7 @@ def build(
         InvalidRequestError: MuJoCo is not installed, or cannot build the scene.
     """
     parameters = parameters or SimulationParameters()
-    scene, parted = apart(scene)
+    scene, parted = apart(grown(scene, seed))
     draft = _Draft(scene, robot, parameters, seed)
     model = draft.compile()
     pairs = draft.overlapping(model)

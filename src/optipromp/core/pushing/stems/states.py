@@ -10,6 +10,7 @@ from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.rules import detection_variance
 from optipromp.core.pushing.stems.bending import Stems, balls_of, bowed, moved, parents, stems
 from optipromp.core.pushing.stems.parting import part
+from optipromp.core.scenes.objects import UNSEEN_SPREAD
 from optipromp.core.scenes.scene import SceneObject
 
 HANGING = PUSH.hanging
@@ -32,11 +33,17 @@ def sampled(
     sure = [fruit.covariance is None for fruit in fruits]
     deviation = np.sqrt([detection_variance(fruit) for fruit in fruits])
     spread = np.where(sure, HANGING.shift, deviation * wider)
-    turn = np.deg2rad(np.where(sure, HANGING.turn, HANGING.detected_turn)) * seen.length
+    turn = np.where(sure, HANGING.turn, HANGING.detected_turn)
+    told = [None if fruit.stem is None else fruit.stem.tilt for fruit in fruits]
+    turn = np.array([own if own is not None else by for own, by in zip(told, turn, strict=True)])
+    turn = np.deg2rad(turn) * seen.length
     shifted, swung = _normal((samples, len(fruits), 3))
     shift = spread[..., None] * shifted
     swing = turn[:, None] * (swung - (swung @ up)[..., None] * up)  # level
     place = np.array([balls_of(fruit).center for fruit in fruits])
+    hidden = [fruit.stem is not None and fruit.stem.unseen for fruit in fruits]
+    longer = np.exp(np.where(hidden, UNSEEN_SPREAD, 0.0) * (swung @ up)) - 1.0
+    swing = swing + longer[..., None] * (seen.root - place)
     places = np.concatenate([place[None], place + shift])
     roots = np.concatenate([seen.root[None], seen.root + shift + swing])
     part(places, roots, seen.radius, seen.above, (1.0 - seen.upper) * seen.length)

@@ -1,0 +1,320 @@
+"""Where a camera is on the hand or in the base: from views of a board, or of the arm's own tool.
+
+Of a view k the arm tells the pose G_k of one mount in the other: the base in the hand for a camera
+on the hand, the hand in the base for a camera that stands. With X the camera and Z the board, each
+in its mount, the board in the camera is B_k = X⁻¹ G_k Z. A linear solution (Shah 2013) begins;
+least squares of all corners' pixels ends.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.parameters import Checked, parameter
+from optipromp.core.scenes.pose import Pose
+from optipromp.perception.boards import opencv
+from optipromp.perception.pictures import CameraModel, Mount
+
+OTHER = {"hand": "base", "base": "hand"}  # where the board is, by where the camera is
+
+
+@dataclass(frozen=True)
+class CalibrationParameters(Checked):
+    """How exact views are, and what is refused, as it cannot tell a pose."""
+
+    pixel: float = parameter(
+        0.2, "pixel", "measured", "deviation of a corner: 0.1 on drawn boards, 0.25 on drawn tags"
+    )
+    place: float = parameter(0.0005, "m", "guess", "deviation of each coordinate of the hand")
+    angle: float = parameter(0.1, "deg", "guess", "deviation of the hand's turn about each axis")
+
+    views: int = parameter(4, "1", "choice", "fewest; three tell it, one more tells of errors")
+    turn: float = parameter(
+        4.0, "deg", "choice", "least deviation of the hand's turns about the second of two axes"
+    )
+    spread: float = parameter(
+        0.03, "m", "choice", "least deviation of the tool's places along the second of two axes"
+    )
+
+
+class BoardView(NamedTuple):
+    """A board in a picture.
+
+    Attributes:
+        name: of the picture.
+        hand: pose of the flange in the base.
+        places: (N, 3) of points on the board [m].
+        pixels: (N, 2) columns and rows where they are seen.
+    """
+
+    name: str
+    hand: Pose
+    places: FloatArray
+    pixels: FloatArray
+
+
+class SeenTool(NamedTuple):
+    """The centre of the tool: (3,) as the camera sees it, and in the base [m]."""
+
+    name: str
+    camera: FloatArray
+    base: FloatArray
+
+
+class Residual(NamedTuple):
+    """What one view leaves: pixels (root mean square), metres, degrees; nan: not measured."""
+
+    name: str
+    pixel: float
+    metre: float
+    degree: float
+
+
+@dataclass(frozen=True, eq=False)
+class HandEye:
+    """A camera with its pose, and how well that is known.
+
+    Attributes:
+        camera: with its mount.
+        residuals: of each view.
+        sigma: (3,) standard deviations of the camera's place along the axes of its mount [m], by
+            the jackknife over views: it counts errors of the arm as well as of pixels.
+        sigma_degree: standard deviation of its turn, of all axes together.
+        spread: largest change of the place when one view is left out [m].
+        spread_degree: largest change of the turn then.
+        board: pose of the board, in the other mount; None: no board.
+    """
+
+    camera: CameraModel
+    residuals: tuple[Residual, ...]
+    sigma: FloatArray
+    sigma_degree: float
+    spread: float
+    spread_degree: float
+    board: Pose | None = None
+
+    def total(self, what: str) -> float:
+        """Root mean square over the views of ``pixel``, ``metre`` or ``degree``."""
+        return math.sqrt(float(np.mean([getattr(each, what) ** 2 for each in self.residuals])))
+
+
+def hand_eye(
+    views: Sequence[BoardView], camera: CameraModel, mount: Mount,
+    parameters: CalibrationParameters | None = None,
+) -> HandEye:  # fmt: skip
+    """The pose of a camera on the hand, or in the base, from views of a board.
+
+    The board stands still in the base for a camera on the hand, and is fixed on the hand for one in
+    the base.
+
+    Args:
+        views: of one board.
+        camera: its focal lengths and its middle; its pose is not used.
+        mount: of the camera.
+        parameters: what is refused.
+
+    Raises:
+        InvalidRequestError: too few views, or views between which the hand does not turn about two
+            axes; OpenCV is not installed.
+    """
+    p = parameters or CalibrationParameters()
+    if len(views) < p.views:
+        raise InvalidRequestError(
+            f"the board is in {len(views)} pictures; must be in {p.views} at least: take 10 to 20"
+        )
+    moved = [view.hand.inverse() if mount == "hand" else view.hand for view in views]
+    _refuse_few_turns([view.hand for view in views], p)
+    seen = [_board_in(view, camera) for view in views]
+    x, z = _linear(moved, seen)
+    for _ in range(2):  # weights, and of two poses of a board the right one, come from the first
+        seen = [
+            _board_in(view, camera, x.inverse() @ g @ z)
+            for view, g in zip(views, moved, strict=True)
+        ]
+        weights = [
+            _weight(view, b, (x.inverse() @ (Pose() if mount == "hand" else g)).position, camera, p)
+            for view, b, g in zip(views, seen, moved, strict=True)
+        ]
+        x, z = _refined(x, z, moved, seen, weights)
+    each = []
+    for k in range(len(views)):
+        rest = [j for j in range(len(views)) if j != k]
+        part = [moved[j] for j in rest], [seen[j] for j in rest], [weights[j] for j in rest]
+        each.append(_refined(x, z, *part)[0])
+    residuals = []
+    for view, g, b in zip(views, moved, seen, strict=True):
+        told = x.inverse() @ g @ z
+        off = camera.pixels(told @ view.places) - view.pixels
+        apart = told.inverse() @ b
+        pixel = math.sqrt(float((off**2).sum(axis=1).mean()))
+        away = float(np.linalg.norm(apart.position))
+        residuals.append(Residual(view.name, pixel, away, _turned(apart)))
+    return _told(replace(camera, pose=x, mount=mount), residuals, each, z)
+
+
+def by_tool(
+    seen: Sequence[SeenTool], camera: CameraModel,
+    parameters: CalibrationParameters | None = None,
+) -> HandEye:  # fmt: skip
+    """The pose of a standing camera from places of the tool's centre that it saw.
+
+    The rigid motion of least squares (Kabsch 1976).
+
+    Raises:
+        InvalidRequestError: too few places, or places along one line.
+    """
+    p = parameters or CalibrationParameters()
+    if len(seen) < p.views:
+        raise InvalidRequestError(
+            f"the tool was seen in {len(seen)} places; must be {p.views} at least: take 10 or more"
+        )
+    there = np.array([each.camera for each in seen], dtype=np.float64)
+    here = np.array([each.base for each in seen], dtype=np.float64)
+    second = float(np.linalg.svd(here - here.mean(axis=0), compute_uv=False)[1])
+    if second / math.sqrt(len(seen)) < p.spread:
+        raise InvalidRequestError(
+            f"the places of the tool lie along a line: their deviation across it is "
+            f"{1e3 * second / math.sqrt(len(seen)):.0f} mm; must be {1e3 * p.spread:.0f} mm at "
+            "least"
+        )
+    pose = _rigid(there, here)
+    misses = np.linalg.norm(pose @ there - here, axis=1)
+    residuals = [
+        Residual(one.name, math.nan, float(miss), math.nan)
+        for one, miss in zip(seen, misses, strict=True)
+    ]
+    rows = np.arange(len(seen))
+    each = [_rigid(there[rows != k], here[rows != k]) for k in rows]
+    return _told(replace(camera, pose=pose, mount="base"), residuals, each, None)
+
+
+def _told(
+    camera: CameraModel, residuals: list[Residual], each: list[Pose], board: Pose | None
+) -> HandEye:
+    """The calibration with what leaving out each view changes."""
+    apart = [camera.pose.inverse() @ one for one in each]
+    shifts = np.array([one.position for one in each])
+    turns = np.array([_vector(one)[:3] for one in apart])
+    scale = math.sqrt((len(each) - 1) / len(each))
+    sigma = scale * np.sqrt(((shifts - shifts.mean(axis=0)) ** 2).sum(axis=0))
+    turn = scale * math.sqrt(float(((turns - turns.mean(axis=0)) ** 2).sum()))
+    return HandEye(
+        camera, tuple(residuals), sigma, math.degrees(turn),
+        max(float(np.linalg.norm(one.position)) for one in apart),
+        max(_turned(one) for one in apart), board,
+    )  # fmt: skip
+
+
+def _refuse_few_turns(hands: Sequence[Pose], p: CalibrationParameters) -> None:
+    """Refuse turns about one axis only: along that axis the camera's place would be unknown."""
+    rotations = Rotation.from_matrix(np.array([hand.rotation for hand in hands]))
+    first, second = np.triu_indices(len(hands), 1)
+    turns = (rotations[first].inv() * rotations[second]).as_rotvec(degrees=True)
+    across = float(np.linalg.svd(turns, compute_uv=False)[1]) / math.sqrt(len(turns))
+    if across < p.turn:
+        raise InvalidRequestError(
+            f"the hand hardly turns between the pictures: by {across:.1f} degrees about the second "
+            f"of two axes, must be {p.turn:g} (root mean square). Tilt it by 15 to 30 degrees to "
+            "all sides, and turn it about its own axis"
+        )
+
+
+def _board_in(view: BoardView, camera: CameraModel, guess: Pose | None = None) -> Pose:
+    """The board in the frame of the camera, by one view; of two solutions the one near a guess."""
+    cv = opencv()
+    matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
+    given = view.places, view.pixels, matrix, None
+    if guess is None:
+        _, turn, shift = cv.solvePnP(*given, flags=cv.SOLVEPNP_IPPE)
+    else:
+        near = _vector(guess)
+        _, turn, shift = cv.solvePnP(*given, near[:3].copy(), near[3:].copy(), True)
+    return _pose(np.concatenate([turn.ravel(), shift.ravel()]))
+
+
+def _weight(
+    view: BoardView, board: Pose, hand: FloatArray, camera: CameraModel, p: CalibrationParameters
+) -> FloatArray:
+    """(6, 6) that whitens a view's residuals; ``hand``: (3,) in the frame of the camera."""
+    arms = view.places @ board.rotation.T
+    x, y, z = (arms + board.position).T
+    flat = np.zeros((len(arms), 2, 3))  # pixels over places
+    flat[:, 0, 0], flat[:, 0, 2] = camera.fx / z, -camera.fx * x / z**2
+    flat[:, 1, 1], flat[:, 1, 2] = camera.fy / z, -camera.fy * y / z**2
+    slope = np.concatenate([flat @ -_cross(arms), flat], axis=2).reshape(-1, 6)
+    turned = np.vstack([np.eye(3), -_cross(board.position - hand)])
+    arm = math.radians(p.angle) ** 2 * turned @ turned.T
+    arm[3:, 3:] += p.place**2 * np.eye(3)
+    covariance = p.pixel**2 * np.linalg.inv(slope.T @ slope) + arm
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
+
+
+def _cross(vectors: FloatArray) -> FloatArray:
+    """The matrices (..., 3, 3) by which vectors (..., 3) are crossed with another."""
+    return np.cross(vectors[..., None, :], np.eye(3)).swapaxes(-1, -2)
+
+
+def _linear(moved: Sequence[Pose], seen: Sequence[Pose]) -> tuple[Pose, Pose]:
+    """X and Z of X B = G Z: the turns by one singular vector, then the places."""
+    sums = sum(
+        np.kron(b.rotation, g.rotation) for b, g in zip(seen, moved, strict=True)
+    )  # vec(R_X) = (R_B x R_G) vec(R_Z) in each view
+    left, _, right = np.linalg.svd(np.asarray(sums))
+    x, z = (_turn(each.reshape(3, 3).T) for each in (left[:, 0], right[0]))
+    rows = [np.hstack([np.eye(3), -g.rotation]) for g in moved]
+    shift = [g.position - x @ b.position for b, g in zip(seen, moved, strict=True)]
+    places = np.linalg.lstsq(np.vstack(rows), np.concatenate(shift), rcond=None)[0]
+    return Pose(places[:3], x), Pose(places[3:], z)
+
+
+def _turn(matrix: FloatArray) -> FloatArray:
+    """The rotation nearest to a multiple, of either sign, of a matrix (3, 3)."""
+    left, _, right = np.linalg.svd(matrix * np.sign(np.linalg.det(matrix)))
+    return np.asarray(left @ right)
+
+
+def _refined(
+    x: Pose, z: Pose, moved: Sequence[Pose], seen: Sequence[Pose], weights: Sequence[FloatArray]
+) -> tuple[Pose, Pose]:
+    """X and Z of least squares, from a first guess."""
+    turns, shifts = np.array([g.rotation for g in moved]), np.array([g.position for g in moved])
+    there, at = np.array([b.rotation for b in seen]), np.array([b.position for b in seen])
+    whiten = np.array(weights)
+
+    def misses(values: FloatArray) -> FloatArray:
+        camera, board = _pose(values[:6]).inverse(), _pose(values[6:])
+        turned = camera.rotation @ turns @ board.rotation @ there.swapaxes(1, 2)
+        place = camera @ (turns @ board.position + shifts) - at
+        off = np.hstack([Rotation.from_matrix(turned).as_rotvec(), place])
+        return np.asarray(np.einsum("kij,kj->ki", whiten, off).ravel())
+
+    found = least_squares(misses, np.concatenate([_vector(x), _vector(z)]), x_scale="jac").x
+    return _pose(found[:6]), _pose(found[6:])
+
+
+def _rigid(there: FloatArray, here: FloatArray) -> Pose:
+    """The pose that brings points (N, 3) there nearest to those here."""
+    a, b = there.mean(axis=0), here.mean(axis=0)
+    turn = Rotation.align_vectors(here - b, there - a)[0].as_matrix()
+    return Pose(b - turn @ a, turn)
+
+
+def _pose(values: FloatArray) -> Pose:
+    """Of a rotation vector and a place (6,)."""
+    return Pose(values[3:], Rotation.from_rotvec(values[:3]).as_matrix())
+
+
+def _vector(pose: Pose) -> FloatArray:
+    return np.concatenate([Rotation.from_matrix(pose.rotation).as_rotvec(), pose.position])
+
+
+def _turned(pose: Pose) -> float:
+    """The angle of a pose's turn [degree]."""
+    return math.degrees(float(np.linalg.norm(_vector(pose)[:3])))

@@ -1,0 +1,81 @@
+"""Detectors of one's own, and the network: regions of what they say, fruits of what they see."""
+
+import numpy as np
+import pytest
+
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.scenes.pose import Pose
+from optipromp.laboratory.simulation.shapes import shapes
+from optipromp.perception import look_at
+from optipromp.perception.detector import ByDetector, Detected, cut, finder_named
+from optipromp.perception.pictures import CameraModel, DepthPicture
+
+
+def picture() -> DepthPicture:
+    """A ball of 20 pixels before a wall."""
+    depth = np.full((120, 160), 0.9)
+    rows, columns = np.indices(depth.shape)
+    depth[np.hypot(rows - 60, columns - 80) < 20] = 0.5
+    rgb = np.zeros((120, 160, 3), dtype=np.uint8)
+    camera = CameraModel(160, 120, 150.0, 150.0, 79.5, 59.5, Pose())
+    return DepthPicture(rgb, depth, camera)
+
+
+def test_a_box_is_cut_by_depth() -> None:
+    shown = picture()
+    ball = shown.depth < 0.6
+    assert (cut(shown, (55, 35, 106, 86)) == ball).all()
+    assert not cut(shown, (-20, -20, -5, -5)).any()
+    right = ball & (np.indices(ball.shape)[1] >= 78)
+    assert (cut(shown, (78, 35, 104, 86)) == right).all()
+
+
+def test_masks_and_boxes_become_regions_the_surest_first() -> None:
+    shown = picture()
+    ball = shown.depth < 0.6
+    left = ball & (np.indices(ball.shape)[1] < 80)
+    told = [
+        Detected("berry", 0.6, box=(55, 35, 106, 86)),
+        Detected("red", 0.9, mask=left),
+        Detected("leaf", 0.9, mask=ball),
+        Detected("berry", 0.1, mask=ball),
+        Detected("peduncle", 0.8, mask=np.eye(120, 160, dtype=bool)),
+    ]
+    finder = ByDetector(lambda rgb: told, {"red": "ripe", "berry": "unripe", "peduncle": "stem"})
+    found = finder.find(shown)
+    assert [region.kind for region in found.regions] == ["ripe", "unripe", "stem"]
+    assert (found.regions[0].pixels == left).all()
+    assert not (found.regions[1].pixels & left).any()
+    assert (found.regions[1].pixels | left == ball).all()
+    with pytest.raises(InvalidRequestError, match="neither mask nor box"):
+        ByDetector(lambda rgb: [Detected("ripe", 1.0)]).find(shown)
+    with pytest.raises(InvalidRequestError, match="shape"):
+        ByDetector(lambda rgb: [Detected("ripe", 1.0, mask=np.ones((2, 2), bool))]).find(shown)
+
+
+def test_a_detector_that_knows_the_truth_finds_what_is_round() -> None:
+    """Flat shapes are no fruits: the measuring refuses them, whatever the detector says."""
+    drawn = shapes(3)
+
+    def detect(rgb: np.ndarray) -> list[Detected]:
+        rows = [k for k, m in enumerate(drawn.marked, 1) if m.kind in ("ripe", "unripe")]
+        return [Detected(drawn.marked[k - 1].kind, 0.9, mask=drawn.masks == k) for k in rows]
+
+    sight = look_at(drawn.picture, finder=ByDetector(detect))
+    assert sight.found.fruits
+    assert len(sight.detections) < len(sight.found.fruits)
+
+
+def test_finders_by_name() -> None:
+    made = finder_named("tests.perception.test_detectors:own")
+    assert made.find(picture()).fruits == ()
+    for name, words in (("colour", "valid are"), ("no.where:X", "cannot be loaded"),
+                        ("numpy:pi", "no method")):  # fmt: skip
+        with pytest.raises(InvalidRequestError, match=words):
+            finder_named(name)
+    with pytest.raises(InvalidRequestError, match="goes with the finder 'network'"):
+        finder_named("geometry", "a.onnx")
+
+
+def own() -> ByDetector:
+    return ByDetector(lambda rgb: [])

@@ -1,0 +1,97 @@
+"""A picture with depth as the messages of a camera."""
+
+import io
+import struct
+
+import numpy as np
+from PIL import Image
+
+from optipromp.core.scenes.pose import Pose
+from optipromp.perception import CameraModel, DepthPicture
+from optipromp.ros import Message, message
+from optipromp.ros.shapes import xyz
+from optipromp.ros.trajectories import time_message
+
+FRAME = "camera_color_optical_frame"
+
+
+def header(stamp: int, frame: str = FRAME) -> Message:
+    return message("std_msgs/msg/Header", stamp=time_message(stamp), frame_id=frame)
+
+
+def image(pixels: np.ndarray, encoding: str, stamp: int, *, spare: int = 0, big: bool = False):
+    """An ``Image``; ``spare`` bytes fill up each row."""
+    rows = np.ascontiguousarray(pixels.astype(pixels.dtype.newbyteorder(">" if big else "<")))
+    rows = rows.reshape(len(pixels), -1).view(np.uint8)
+    rows = np.pad(rows, ((0, 0), (0, spare)), constant_values=7)
+    height, width = pixels.shape[:2]
+    return message(
+        "sensor_msgs/msg/Image", header=header(stamp), height=height, width=width,
+        encoding=encoding, is_bigendian=int(big), step=rows.shape[1], data=rows.ravel(),
+    )  # fmt: skip
+
+
+def compressed(pixels: np.ndarray, stamp: int, kind: str) -> Message:
+    """A ``CompressedImage``: ``png`` of colours, or ``16UC1`` or ``32FC1`` of depth."""
+    data, name = io.BytesIO(), "rgb8; png compressed bgr8"
+    before = b""
+    if kind != "png":
+        name = f"{kind}; compressedDepth png"
+        a, b = 100.0, -1.0
+        before = struct.pack("<iff", 0, a, b)
+        if kind == "32FC1":
+            with np.errstate(divide="ignore"):
+                pixels = np.where(pixels > 0, np.rint(a / pixels + b), 0).astype(np.uint16)
+    Image.fromarray(pixels).save(data, format="PNG")
+    content = np.frombuffer(before + data.getvalue(), dtype=np.uint8)
+    return message(
+        "sensor_msgs/msg/CompressedImage", header=header(stamp), format=name, data=content
+    )
+
+
+def info(camera: CameraModel, stamp: int = 0, bent: tuple[float, ...] = (), **further) -> Message:
+    k = (camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0)
+    p = (*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0)
+    return message(
+        "sensor_msgs/msg/CameraInfo", header=header(stamp), width=camera.width,
+        height=camera.height, distortion_model="plumb_bob", d=bent, k=k, p=p, **further,
+    )  # fmt: skip
+
+
+def cloud(picture: DepthPicture, stamp: int) -> Message:
+    """An organised ``PointCloud2`` with a gap after x, y, z, as drivers send it."""
+    layout = {
+        "names": ["x", "y", "z", "rgb"], "formats": ["<f4"] * 3 + ["<u4"],
+        "offsets": [0, 4, 8, 16], "itemsize": 32,
+    }  # fmt: skip
+    cells = np.zeros(picture.depth.shape, dtype=np.dtype(layout))
+    for k, name in enumerate("xyz"):
+        cells[name] = np.where(picture.depth > 0.0, picture.points[:, :, k], np.nan)
+    r, g, b = np.moveaxis(picture.rgb.astype(np.uint32), 2, 0)
+    cells["rgb"] = r << 16 | g << 8 | b
+    fields = [
+        message("sensor_msgs/msg/PointField", name=name, offset=at, datatype=7, count=1)
+        for name, at in zip(("x", "y", "z", "rgb"), (0, 4, 8, 16), strict=True)
+    ]
+    height, width = picture.depth.shape
+    return message(
+        "sensor_msgs/msg/PointCloud2", header=header(stamp), height=height, width=width,
+        fields=fields, point_step=32, row_step=32 * width, data=cells.view(np.uint8).ravel(),
+    )  # fmt: skip
+
+
+def frames(stamp: int, *links: tuple[str, str, Pose]) -> Message:
+    """A ``TFMessage`` of parents, children and the pose of the one in the other."""
+    made = []
+    for up, name, pose in links:
+        w, x, y, z = pose.orientation
+        turn = message("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+        place = xyz("geometry_msgs/msg/Vector3", pose.position)
+        to = message("geometry_msgs/msg/Transform", translation=place, rotation=turn)
+        made.append(
+            message(
+                "geometry_msgs/msg/TransformStamped", header=header(stamp, up),
+                child_frame_id=name, transform=to,
+            )
+        )  # fmt: skip
+    return message("tf2_msgs/msg/TFMessage", transforms=made)
