@@ -190,6 +190,7 @@ def fitted(given: Looked, mount: str) -> DetectorParameters:
         mount=mount,  # type: ignore[arg-type]
         view=round(given.view, 2), rate=round(min(20.0, 1.0 / seconds), 1),
         latency=round(seconds + TRANSFER, 2), position=round(position, 4),
+        least_position=round(0.5 * position, 4),
         along=round(ratio, 2), bias=round(bias, 4),
         angle=round(angle, 1), reference=round(reference, 2),
         steady=round(_steady(found, along, across), 2),

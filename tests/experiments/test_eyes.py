@@ -13,6 +13,7 @@ from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.task import posed
 from optipromp.laboratory.experiments import eyes
+from optipromp.laboratory.experiments.conditions import Situation
 from optipromp.laboratory.experiments.eyes import NOT_SEEN, STILL, aimed_at, situation
 from optipromp.laboratory.experiments.loops import loop_values
 from optipromp.laboratory.experiments.row_files import rows_of
@@ -97,12 +98,36 @@ def test_a_rendered_look_shows_the_moment() -> None:
     assert all((a.position != b.position).any() for a, b in zip(first, second, strict=False))
 
 
+def test_two_views_are_fused() -> None:
+    scene = generate("cluster", SEED)
+    one, two = (situation("fitted", scene, SEED, views=n) for n in (1, 2))
+    assert (one.figures["pictures"], two.figures["pictures"]) == (1, 2)
+    assert one.further is not None
+    assert two.further is None
+    more = one.further()
+    assert more.figures["pictures"] == 2
+
+    def spread(setting: Situation) -> float:
+        return max(
+            float(np.linalg.eigvalsh(item.covariance)[-1])
+            for item in setting.seen.objects
+            if item.covariance is not None
+        )
+
+    assert spread(two) < 0.7 * spread(one)
+    assert spread(more) == spread(two)
+    assert len(two.seen.pushables) == len(scene.pushables)
+    assert two.seen.target is not None
+    assert scene.target is not None
+    assert np.linalg.norm(two.seen.target.position - scene.target.position) < 0.006
+
+
 def test_what_no_study_of_eyes_is_is_refused() -> None:
     given = {"presets": ("cluster",), "planners": ("opti-promp",), "loops": ("open",)}
     for wrong, told in (
         ({"eyes": ("render",)}, "rendered"), ({"eyes": ("rendered",), "finder": "net"}, "network"),
         ({"eyes": ("fitted",), "conditions": ("sway",)}, "the place"),
-        ({"eyes": ("fitted",), "loops": ()}, "of loops"),
+        ({"eyes": ("fitted",), "loops": ()}, "of loops"), ({"eyes": ("fitted",), "views": 3}, "2"),
     ):  # fmt: skip
         with pytest.raises(InvalidRequestError, match=told):
             Study(**{**given, **wrong})
