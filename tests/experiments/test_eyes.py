@@ -98,8 +98,10 @@ def test_a_rendered_look_shows_the_moment() -> None:
     assert all((a.position != b.position).any() for a, b in zip(first, second, strict=False))
 
 
-def test_two_views_are_fused() -> None:
+def test_two_views_are_fused(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = generate("cluster", SEED)
+    sure = replace(EYES["beside"], false=0.0, missed=0.0, hidden=0.0)
+    monkeypatch.setitem(eyes.EYES, "beside", sure)
     one, two = (situation("fitted", scene, SEED, views=n) for n in (1, 2))
     assert (one.figures["pictures"], two.figures["pictures"]) == (1, 2)
     assert one.further is not None
