@@ -1,67 +1,101 @@
-"""Several looks as one."""
+"""Several pictures of one scene as one."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
-from optipromp.control.look import Look
-from optipromp.core.arrays import frame_along
-from optipromp.core.geometry.shapes import Sphere
-from optipromp.core.scenes.objects import Role, SceneObject, Stem
-from optipromp.core.scenes.pose import Pose
-from optipromp.perception.fusing import fused
-
-FAR = 0.4  # [m] from camera to plant
-DEEP = np.diag([1e-6, 1e-6, 1.6e-5])  # of a detection in its camera's frame [m²]
-
-
-def look(camera: Pose, *fruits: SceneObject) -> Look:
-    back = camera.inverse()
-    seen = (replace(item.transformed(back), covariance=DEEP) for item in fruits)
-    return Look(0.0, camera, tuple(seen))
+from optipromp import load_scene
+from optipromp.cli.main import app
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.scenes.io import save_scene
+from optipromp.laboratory.experiments.seeing import middle
+from optipromp.laboratory.generate import generate
+from optipromp.laboratory.simulation.photograph import Photograph, photograph
+from optipromp.perception import Sighting, fused, look_at, seen_scene
+from optipromp.perception.pictures import picture_files
 
 
-def fruit(name: str, role: Role, *place: float, tilt: float | None = None) -> SceneObject:
-    at = np.array(place)
-    stem = Stem.along(at, np.array([0.0, 0.1, 1.0]), 0.1)
-    hung = None if tilt is None else replace(stem, tilt=tilt)
-    return SceneObject(name, role, Sphere(0.015), at, stem=hung)
+@pytest.fixture(scope="module")
+def shots() -> list[Photograph]:
+    scene = generate("cluster", 70210)
+    return [photograph(scene, seed=seed) for seed in (70210, 70211, 70213)]
 
 
-FRONT = Pose(np.array([-FAR, 0.0, 0.0]), frame_along(np.array([1.0, 0.0, 0.0])))
-SIDE = Pose(np.array([0.0, -FAR, 0.0]), frame_along(np.array([0.0, 1.0, 0.0])))
+@pytest.fixture(scope="module")
+def sights(shots: list[Photograph]) -> list[Sighting]:
+    return [look_at(shot.picture, up=shot.scene.up) for shot in shots]
 
 
-def test_each_camera_tells_what_it_sees_best() -> None:
-    one = look(FRONT, fruit("a", "target", 0.005, 0.0, 0.0))
-    other = look(SIDE, fruit("b", "target", 0.0, 0.005, 0.0))
-    (both,) = fused([one, other]).in_base()
-    assert both.position == pytest.approx(np.array([0.005, 0.005, 0.0]) / 17.0, abs=1e-9)
-    assert both.covariance is not None
-    assert np.diag(both.covariance) == pytest.approx([1.6e-5 / 17.0, 1.6e-5 / 17.0, 5e-7])
+def test_one_picture_stays_as_it_is(sights: list[Sighting]) -> None:
+    items = sights[0].look.in_base()
+    one = fused(sights[:1])
+    assert [fruit.views for fruit in one] == [1] * len(items)
+    for fruit, item in zip(one, items, strict=True):
+        assert fruit.item.id == item.id
+        assert np.allclose(fruit.item.position, item.position, atol=1e-12)
+        assert np.allclose(fruit.item.covariance, item.covariance, atol=1e-12)
+        assert fruit.item.radius == pytest.approx(item.radius)
 
 
-def test_what_one_camera_alone_has_seen_stays_and_ids_are_unique() -> None:
-    near, behind = fruit("x", "pushable", 0.0, 0.0, 0.0), fruit("x", "pushable", 0.04, 0.0, 0.0)
-    ripe = fruit("y", "target", 0.0, 0.0, 0.06)
-    found = fused([look(FRONT, near, ripe), look(SIDE, near, behind, ripe)])
-    assert found.camera is FRONT
-    assert sorted(item.id for item in found.detections) == ["ripe1", "unripe1", "unripe2"]
+def test_three_pictures_know_more_than_one(shots: list[Photograph], sights: list[Sighting]) -> None:
+    many = fused(sights)
+    alone = sights[0].look.in_base()
+    assert len(many) == max(len(sight.detections) for sight in sights)
+    assert all(fruit.views == 3 for fruit in many)
+    for fruit in many:
+        true = min(
+            (middle(item) for item in shots[0].fruits.values()),
+            key=lambda place: float(np.linalg.norm(place - fruit.item.position)),
+        )
+        off = fruit.item.position - true
+        before = min(alone, key=lambda item: float(np.linalg.norm(item.position - true)))
+        assert fruit.item.covariance is not None
+        assert before.covariance is not None
+        assert np.trace(fruit.item.covariance) < 0.6 * np.trace(before.covariance)
+        assert off @ np.linalg.solve(fruit.item.covariance, off) < 16.3  # 0.1 % are beyond
 
 
-def test_the_surer_stem_is_kept_and_hangs_at_its_fruit() -> None:
-    coarse = look(FRONT, fruit("a", "target", 0.0, 0.0, 0.0, tilt=9.0))
-    fine = look(SIDE, fruit("a", "target", 0.004, 0.0, 0.0, tilt=3.0))
-    bare = look(SIDE, fruit("a", "target", 0.004, 0.0, 0.0))
-    for second, tilt in ((fine, 3.0), (bare, 9.0)):
-        (both,) = fused([coarse, second]).in_base()
-        assert both.stem is not None
-        assert both.stem.tilt == tilt
-        assert both.stem.points[0] == pytest.approx(both.position)
+def test_what_one_picture_misses_another_adds(
+    shots: list[Photograph], sights: list[Sighting]
+) -> None:
+    less = replace(
+        sights[0],
+        look=replace(sights[0].look, detections=sights[0].look.detections[1:]),
+        detections=sights[0].detections[1:],
+    )
+    many = fused([less, sights[1]])
+    assert len(many) == len(sights[1].detections)
+    assert sorted(fruit.views for fruit in many)[0] == 1
+    scene, _ = seen_scene([less, sights[1]], shots[0].scene)
+    fruits = [item for item in scene.objects if item.role != "static"]
+    assert len(fruits) == len(many)
+    assert all(item.stem is not None for item in fruits)
 
 
-def test_one_look_stays_as_it_is() -> None:
-    one = look(FRONT, fruit("ripe1", "target", 0.005, 0.0, 0.0))
-    (same,) = fused([one]).in_base()
-    assert same.position == pytest.approx([0.005, 0.0, 0.0])
+def test_a_fruit_that_is_elsewhere_is_another(sights: list[Sighting]) -> None:
+    look = sights[0].look
+    apart = replace(look.camera, position=look.camera.position + [0.0, 0.0, 0.05])
+    moved = replace(sights[0], look=replace(look, camera=apart))
+    assert len(fused([sights[0], moved])) == 2 * len(look.detections)
+
+
+def test_no_picture_is_refused() -> None:
+    with pytest.raises(InvalidRequestError, match="at least one"):
+        fused([])
+
+
+def test_see_writes_one_scene_of_a_folder(shots: list[Photograph], tmp_path: Path) -> None:
+    for name, shot in zip("ab", shots, strict=False):
+        for file, content in picture_files(name, shot.picture).items():
+            (tmp_path / file).write_bytes(content)
+    save_scene(shots[0].scene, tmp_path / "a.yaml")
+    told = CliRunner().invoke(app, ["see", str(tmp_path), "--together", "--json"])
+    assert told.exit_code == 0, told.output
+    record = json.loads(told.output)["together"]
+    assert {fruit["views"] for fruit in record["fruits"]} == {2}
+    scene = load_scene(record["scene"])
+    assert len([item for item in scene.objects if item.role != "static"]) == len(record["fruits"])

@@ -69,6 +69,14 @@ def see(
     model: Annotated[
         Path | None, typer.Option(metavar="FILE.onnx", help="Of the network, in place of ours.")
     ] = None,
+    together: Annotated[
+        bool,
+        typer.Option(
+            "--together",
+            help="All pictures show one scene, from different places: one scene 'together.yaml', "
+            "too, each fruit's position the mean of all pictures that show it.",
+        ),
+    ] = False,
     bag: Annotated[
         Path | None,
         typer.Option(help="Of ROS 2, in place of files: colour and depth, or a cloud, and frames."),
@@ -92,6 +100,7 @@ def see(
 
     \b
     optipromp see pictures --out seen
+    optipromp see views --together --known row.yaml --out seen
     optipromp see --rgb a.png --depth a.npz --camera camera.json --known row.yaml --out a.yaml
     optipromp see --bag row.mcap --known row.yaml --every 2 --out seen
     optipromp plan a.yaml --out reach
@@ -112,6 +121,7 @@ def see(
     else:
         asked = _asked(folder, rgb, depth, camera, known, out)
     records, lines, code = [], [], OK
+    sights: list[tuple[Sighting, Scene, Path]] = []
     for each in asked:
         scene = _known(each)
         picture = _load(each, scene)
@@ -129,7 +139,40 @@ def see(
         write_atomically(drawn, png_file(overlay(picture, sight)))
         records.append({**record, "overlay": str(drawn)})
         lines += told
-    return Report({"pictures": records}, lines, code)
+        sights.append((sight, scene, each.out))
+    if not together or not sights:
+        return Report({"pictures": records}, lines, code)
+    record, told, code = _together([sight for sight, _, _ in sights], *sights[0][1:])
+    return Report({"pictures": records, "together": record}, [*lines, *told], code)
+
+
+def _together(
+    sights: "list[Sighting]", known: "Scene", out: Path
+) -> tuple[dict[str, Any], list[str], int]:
+    """What is said of all pictures as one, whose scene is written beside ``out``."""
+    from optipromp.core.scenes.io import save_scene
+    from optipromp.perception.eyes import seen_scene
+    from optipromp.perception.fusing import fused
+
+    fruits = fused(sights)
+    record: dict[str, Any] = {
+        "scene": None, "assumed": [], "status": Code.SUCCESS, "message": "",
+        "fruits": [
+            {"id": f.item.id, "position": f.item.position.round(5).tolist(), "views": f.views}
+            for f in fruits
+        ],
+    }  # fmt: skip
+    several = sum(fruit.views > 1 for fruit in fruits)
+    line = f"together: {len(fruits)} fruits, {several} of them in several pictures"
+    try:
+        scene, assumed = seen_scene(sights, known)
+    except InvalidRequestError as error:
+        record.update(status=error.code, message=error.message)
+        return record, [f"{line}; no scene: {error.message}"], FAILED
+    file = out.with_name("together.yaml")
+    save_scene(scene, file)
+    record.update(scene=str(file), assumed=list(assumed))
+    return record, [f"{line}; wrote {file}", *(f"  {words}" for words in assumed)], OK
 
 
 def _asked(

@@ -15,6 +15,8 @@ from optipromp.perception.eyes import seen_scene as seen_scene
 from optipromp.perception.finder import Finder as Finder
 from optipromp.perception.finder import Found as Found
 from optipromp.perception.finder import Region as Region
+from optipromp.perception.fusing import FusedFruit as FusedFruit
+from optipromp.perception.fusing import fused as fused
 from optipromp.perception.geometry import ByGeometry as ByGeometry
 from optipromp.perception.network import ByNetwork as ByNetwork
 from optipromp.perception.parameters import EyeParameters as EyeParameters

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import gaussian_filter, maximum_filter, uniform_filter
 
 from optipromp.control.look import Look
-from optipromp.core.arrays import FloatArray, frame_along
+from optipromp.core.arrays import FloatArray, IntArray, frame_along
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Ellipsoid, Shape, Sphere
 from optipromp.core.scenes.held import pairs_among
@@ -15,13 +16,16 @@ from optipromp.core.scenes.hidden import cleared
 from optipromp.core.scenes.objects import STEEPEST, Role, SceneObject, Stem
 from optipromp.core.scenes.scene import Scene
 from optipromp.perception.finder import Finder, Found, Region
-from optipromp.perception.geometry import ByGeometry
+from optipromp.perception.fusing import fused
+from optipromp.perception.geometry import ByGeometry, box_of
 from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.pictures import DepthPicture
 from optipromp.perception.spheroids import Spheroid, all_fitted, claimed
 from optipromp.perception.stems import SeenStem, stem_of
 
-KINDS = {"ripe": 1, "unripe": 2}
+KINDS = {"ripe": 1, "unripe": 2, "stem": 2}
+SEEDINGS = 2  # of fits: to what the finder tells, and to what that leaves: a choice
+DENSE, MOST_LEFT = 0.4, 12  # share of a fruit's breadth that is left, and such places: a choice
 ROUND = 1.06  # length over width below which a fruit is a sphere: a choice
 TOGETHER = 0.6  # of the sum of two fruits' radii, the least distance of their centres: a choice
 MOST_STEM_POINTS = 6000  # that are looked at: a choice
@@ -104,21 +108,52 @@ def _measured(
     """Fruits and what shows them, of regions each of which may be a fruit, a part of one, two, or
     none: the likeliest first, then those that are beside them."""
     colours = np.zeros(picture.depth.shape, dtype=np.int64)
-    for region in found.fruits:
+    for region in (*found.stems, *found.fruits):
         colours[region.pixels] = KINDS[region.kind]
-    kinds = np.array([KINDS[region.kind] for region in found.fruits], dtype=np.int64)
-    fits = all_fitted(picture, [r.pixels for r in found.fruits], kinds, colours, up, p)
-    pairs = [(r, fit) for r, fit in zip(found.fruits, fits, strict=True) if fit is not None]
     out: list[tuple[Region, Spheroid]] = []
-    for region, fit in sorted(pairs, key=lambda pair: -pair[1].odds):
-        beside = all(
-            np.linalg.norm(fit.center - other.center) > TOGETHER * (fit.radius + other.radius)
-            for _, other in out
-        )
-        if beside and fit.odds > p.least_odds:
-            mine = claimed(picture, colours == KINDS[region.kind], fit, p)
-            out.append((Region(region.kind, mine, 1.0 / (1.0 + math.exp(-fit.odds))), fit))
+    seeds = found.fruits
+    for _ in range(SEEDINGS):
+        kinds = np.array([KINDS[region.kind] for region in seeds], dtype=np.int64)
+        fits = all_fitted(picture, [r.pixels for r in seeds], kinds, colours, up, p)
+        pairs = [(r, fit) for r, fit in zip(seeds, fits, strict=True) if fit is not None]
+        for region, fit in sorted(pairs, key=lambda pair: -pair[1].odds):
+            beside = all(
+                np.linalg.norm(fit.center - other.center) > TOGETHER * (fit.radius + other.radius)
+                for _, other in out
+            )
+            if beside and fit.odds > p.least_odds:
+                mine = claimed(picture, colours == KINDS[region.kind], fit, p)
+                out.append((Region(region.kind, mine, 1.0 / (1.0 + math.exp(-fit.odds))), fit))
+        seeds = _left(picture, colours, [region for region, _ in out], p)
     return out
+
+
+def _left(
+    picture: DepthPicture, colours: IntArray, fruits: Sequence[Region], p: EyeParameters
+) -> tuple[Region, ...]:
+    """Where much is left of the colour of fruits that no fruit explains."""
+    out = []
+    for kind in ("ripe", "unripe"):
+        left = (colours == KINDS[kind]) & (picture.depth > 0.0)
+        for region in fruits:
+            left &= ~region.pixels
+        box = box_of(left, 0)
+        left, depth = left[box], picture.depth[box]
+        if not left.any():
+            continue
+        focal = 0.5 * (picture.camera.fx + picture.camera.fy)
+        wide = 2 * round(0.6 * p.radius * focal / float(np.median(depth[left]))) + 1
+        dense = gaussian_filter(uniform_filter(left.astype(np.float32), wide), 2.0)
+        peaks = (dense == maximum_filter(dense, wide)) & (dense > DENSE) & left
+        rows = np.argwhere(peaks)
+        rows = rows[np.argsort(-dense[peaks], kind="stable")[:MOST_LEFT]]
+        for row, column in rows:
+            part = tuple(slice(max(at - wide, 0), at + wide) for at in (row, column))
+            pixels = np.zeros(picture.depth.shape, dtype=bool)
+            near = np.abs(depth[part] - depth[row, column]) < p.radius
+            pixels[box][part] = left[part] & near
+            out.append(Region(kind, pixels, 0.0))
+    return tuple(out)
 
 
 def _stem_points(picture: DepthPicture, found: Found, fruits: Sequence[Region]) -> FloatArray:
@@ -156,9 +191,11 @@ def _item(
 
 
 def seen_scene(
-    sight: Sighting, known: Scene, parameters: EyeParameters | None = None
+    sight: Sighting | Sequence[Sighting], known: Scene, parameters: EyeParameters | None = None
 ) -> tuple[Scene, tuple[str, ...]]:
     """The scene of what was seen among what is known, and what was assumed, in words.
+
+    Several sightings of one scene are taken as one (:func:`optipromp.perception.fusing.fused`).
 
     Known are robot, tool, start, approach, base and static objects of ``known``; its fruits are
     not used. Of several ripe fruits the lowest is the target and the others are pushable. A fruit
@@ -170,7 +207,8 @@ def seen_scene(
         InvalidRequestError: no ripe fruit is seen.
     """
     p = parameters or EyeParameters()
-    found = sight.look.in_base()
+    sights = [sight] if isinstance(sight, Sighting) else list(sight)
+    found = tuple(fruit.item for fruit in fused(sights))
     ripe = [item for item in found if item.role == "target"]
     if not ripe:
         seen = ", ".join(item.id for item in found) or "no fruit"
@@ -202,7 +240,7 @@ def seen_scene(
     gone = {item.id for item in known.objects if item.role != "static"}
     scene = replace(
         known, name=f"{known.name}-seen", objects=(*objects, *known.static),
-        camera=sight.look.camera, may_touch=pairs_among(known.may_touch, gone),
+        camera=sights[0].look.camera, may_touch=pairs_among(known.may_touch, gone),
     )  # fmt: skip
     return scene, tuple(assumed)
 

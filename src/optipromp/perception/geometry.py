@@ -1,5 +1,6 @@
 """Fruits and stems by colour, depth and width; no model file, nothing learnt."""
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,12 +19,12 @@ from scipy.ndimage import (
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
 from optipromp.perception.finder import Class, Found, Region
 from optipromp.perception.parameters import EyeParameters
-from optipromp.perception.pictures import DepthPicture, Image8
+from optipromp.perception.pictures import DepthPicture
 
 SQUARE = np.ones((3, 3), dtype=bool)
 MARGIN = 3  # [pixel] about a fruit, in which its holes are filled: a choice
 HOLE = 4  # [pixel] from a depth, within which colours count where none was measured: a choice
-RAGGED = 2.5  # [pixel] by which edges of depth are ragged: a choice
+RAGGED = 2  # [pixel] by which edges of depth are ragged: a choice
 WALL = 1.2  # radii of the largest fruit inside a surface that is a wall: a choice
 REACH = 1.6  # radii of the ball inside a fruit up to which the fruit goes: a choice
 
@@ -43,52 +44,54 @@ class ByGeometry:
         """The fruits of a picture, and one region of all its stems."""
         p, camera = self.parameters, picture.camera
         near = (picture.depth > 0.0) & (picture.depth < p.farthest)
-        box = box_of(near, MARGIN)
-        near, depth = near[box], _filled(picture.depth[box], near[box])
-        hue, dye, bright = hsv(picture.rgb[box])
+        box = box_of(near, HOLE)
+        near = near[box]
+        close = maximum_filter(near, 2 * HOLE + 1)
+        rgb = gaussian_filter(picture.rgb[box].astype(np.float32), (0.7, 0.7, 0.0), truncate=2.0)
+        hue, dye, bright = hsv(rgb[close])  # [pixel] grain
         dyed = (dye > p.least_dye) & (bright > p.least_bright)
-        close = binary_dilation(near, SQUARE, iterations=HOLE)
         red = _apart(hue, p.ripe_hue) < p.ripe_width
-        ripe = dyed & close & red
-        green = dyed & close & (_apart(hue, p.green_hue) < p.green_width) & ~red
+        ripe, green = np.zeros_like(close), np.zeros_like(close)
+        ripe[close] = dyed & red
+        green[close] = dyed & (_apart(hue, p.green_hue) < p.green_width) & ~red
+        depth = _filled(np.where(near, picture.depth[box], 0.0), ripe | green)
         focal = 0.5 * (camera.fx + camera.fy)
         regions: list[Region] = []
-        taken = np.zeros_like(ripe)
+        stems = np.zeros(picture.depth.shape, dtype=bool)
+        stems[box] = green & near
         kinds: tuple[tuple[Class, BoolArray], ...] = (("ripe", ripe), ("unripe", green))
         for kind, mask in kinds:
-            for pixels in self._parted(mask, depth, focal):
+            for part, pixels in self._parted(mask, depth, focal):
                 whole = np.zeros(picture.depth.shape, dtype=bool)
-                whole[box] = pixels
+                whole[box][part] = pixels
+                stems[box][part] &= ~pixels
                 regions.append(Region(kind, whole, _roundness(pixels)))
-                taken |= pixels
         regions.sort(key=lambda region: -region.score)
-        stems = np.zeros(picture.depth.shape, dtype=bool)
-        stems[box] = green & near & ~taken
         return Found((*regions, Region("stem", stems, 1.0)))
 
-    def _parted(self, mask: BoolArray, depth: FloatArray, focal: float) -> list[BoolArray]:
-        """The pixels of each fruit among those of one colour."""
+    def _parted(
+        self, mask: BoolArray, depth: FloatArray, focal: float
+    ) -> list[tuple[tuple[slice, ...], BoolArray]]:
+        """The fruits among the pixels of one colour: boxes, and the pixels in them."""
         p = self.parameters
         steps = depth - minimum_filter(depth, 3) > p.step  # the nearer side keeps its edge
         whole = binary_closing(mask, SQUARE) & ~steps
         parts = np.zeros(mask.shape, dtype=np.int64)
         islands, _ = label(whole)
+        areas = np.bincount(islands.ravel(), (depth / focal).ravel() ** 2)  # [m²]
         for row, box in enumerate(find_objects(islands), start=1):
-            if box is not None and min(b.stop - b.start for b in box) > 2:
+            if areas[row] > math.pi * p.thin**2:
                 fruits = _part(islands[box] == row, depth[box] / focal, p)
                 parts[box] += np.where(fruits > 0, fruits + parts.max(), 0)
-        if not parts.any():
-            return []
-        parts = _restored(parts, mask, depth, focal, p)
+        grown = maximum_filter(parts, 2 * RAGGED + 1)
+        parts = np.where(mask & (parts == 0), grown, parts)
         out = []
         for row, box in enumerate(find_objects(parts), start=1):
-            if box is None:
-                continue
-            pixels = np.zeros_like(mask)
-            box = tuple(slice(max(b.start - MARGIN, 0), b.stop + MARGIN) for b in box)
-            pixels[box] = binary_fill_holes(parts[box] == row)
-            if pixels[box].sum() >= p.least_pixels:
-                out.append(pixels)
+            if box is not None:
+                box = tuple(slice(max(b.start - MARGIN, 0), b.stop + MARGIN) for b in box)
+                pixels = binary_fill_holes(parts[box] == row)
+                if pixels.sum() >= p.least_pixels:
+                    out.append((box, pixels))
         return out
 
 
@@ -106,16 +109,18 @@ def _part(island: BoolArray, metres: FloatArray, p: EyeParameters) -> IntArray:
     """
     parts = np.zeros(island.shape, dtype=np.int64)
     edge = distance_transform_edt(np.pad(island, 1))[1:-1, 1:-1]
-    smooth = gaussian_filter(edge, 1.0)
-    peaks = np.argwhere((smooth == maximum_filter(smooth, 5)) & (edge * metres > p.thin))
+    core = edge * metres > p.thin
+    if not core.any():
+        return parts
     wall = edge * metres > WALL * p.most_radius
     if wall.any():  # look at what is beside it
         within = distance_transform_edt(~wall) * metres <= 1.1 * WALL * p.most_radius
         return _part(island & ~within, metres, p)
+    smooth = gaussian_filter(edge, 1.0)
+    peaks = np.argwhere((smooth == maximum_filter(smooth, 5)) & core)
     if not len(peaks):
         return parts
     radii = edge[peaks[:, 0], peaks[:, 1]]
-    core = edge * metres > p.thin
     island = island & (distance_transform_edt(~core) * metres <= p.thin)  # without its stem
     kept: list[int] = []
     for k in np.argsort(-radii, kind="stable").tolist():
@@ -132,12 +137,11 @@ def _part(island: BoolArray, metres: FloatArray, p: EyeParameters) -> IntArray:
     return parts
 
 
-def hsv(rgb: Image8) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Hue [deg], saturation and value (0 to 1) of each pixel."""
-    smooth = gaussian_filter(rgb.astype(np.float32), (0.7, 0.7, 0.0)) / 255.0  # [pixel] grain
-    red, green, blue = np.moveaxis(smooth, 2, 0)
-    most, least = smooth.max(axis=2), smooth.min(axis=2)
-    span = np.maximum(most - least, 1e-6)
+def hsv(rgb: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Hue [deg], saturation and value (0 to 1) of pixels (N, 3) of 0 to 255."""
+    red, green, blue = rgb.T / np.float32(255.0)
+    most = np.maximum(np.maximum(red, green), blue)
+    span = np.maximum(most - np.minimum(np.minimum(red, green), blue), 1e-6)
     hue = np.where(
         most == red, (green - blue) / span,
         np.where(most == green, 2.0 + (blue - red) / span, 4.0 + (red - green) / span),
@@ -145,27 +149,24 @@ def hsv(rgb: Image8) -> tuple[FloatArray, FloatArray, FloatArray]:
     return 60.0 * hue % 360.0, span / np.maximum(most, 1e-6), most
 
 
+def _filled(depth: FloatArray, where: BoolArray) -> FloatArray:
+    """Depths, each hole at ``where`` (0) with that of the nearest pixel that has one."""
+    out = np.pad(depth, 1).ravel()
+    rows = np.flatnonzero(np.pad(where & (depth == 0.0), 1))
+    wide = depth.shape[1] + 2
+    ways = np.array([-wide - 1, -wide, -wide + 1, -1, 1, wide - 1, wide, wide + 1])
+    for _ in range(HOLE):
+        around = out[rows[:, None] + ways]
+        least = np.where(around > 0.0, around, np.inf).min(axis=1, initial=np.inf)
+        there = np.isfinite(least)
+        out[rows[there]] = least[there]
+        rows = rows[~there]
+    return np.asarray(out.reshape(-1, wide)[1:-1, 1:-1])
+
+
 def _apart(hue: FloatArray, middle: float) -> FloatArray:
     """Difference of hues on their circle [deg]."""
     return np.asarray(np.abs((hue - middle + 180.0) % 360.0 - 180.0))
-
-
-def _filled(depth: FloatArray, near: BoolArray) -> FloatArray:
-    """Depths, each hole with that of the nearest pixel that has one."""
-    if not near.any():
-        return np.zeros_like(depth)
-    rows = distance_transform_edt(~near, return_distances=False, return_indices=True)
-    return np.asarray(depth[tuple(rows)])
-
-
-def _restored(
-    parts: IntArray, mask: BoolArray, depth: FloatArray, focal: float, p: EyeParameters
-) -> IntArray:
-    """The parts grown back to the edges of their colour, where depth is ragged."""
-    away, rows = distance_transform_edt(parts == 0, return_indices=True)
-    fits = away <= RAGGED
-    fits |= (away * depth / focal < 0.5 * p.thin) & (np.abs(depth - depth[tuple(rows)]) < p.step)
-    return np.asarray(np.where(mask & fits, parts[tuple(rows)], 0))
 
 
 def box_of(mask: BoolArray, margin: int) -> tuple[slice, slice]:

@@ -32,26 +32,10 @@ class EyeParameters(Checked):
     most_radius: float = parameter(0.028, "m", "choice", "of a fruit, across its axis")
     least_pixels: int = parameter(60, "pixel", "choice", "of a fruit")
     least_odds: float = parameter(
-        0.5, "1", "choice", "logarithm of the odds above which a fit is a fruit"
-    )
-    least_share: float = parameter(
-        0.25, "1", "choice", "least share of its outline that is seen of a fruit"
-    )
-    misfit: float = parameter(
-        1.75, "1", "choice", "largest robust deviation of depths from the fruit, over their error"
-    )
-    least_round: float = parameter(
-        1.0, "1", "measured", "least deviation of depths from a plane over that from a fruit of "
-        "which less than half is seen: 14 false fruits of 30 pictures had less, 1 % of true ones"
-    )  # fmt: skip
-    outline_off: float = parameter(
-        0.115, "1", "choice", "largest mean error of the outline over the radius"
-    )
-    outline_gap: float = parameter(
-        0.18, "1", "choice", "largest free share of an outline less the share of the area"
-    )
-    outline_lack: float = parameter(
-        0.45, "1", "choice", "largest share of the area less the free share of the outline"
+        0.5,
+        "1",
+        "choice",
+        "logarithm of the odds above which a fit is a fruit: false ones are then 2 %",
     )
     radius: float = parameter(0.0165, "m", "reported", "prior median of a fruit's radius")
     radius_spread: float = parameter(0.25, "1", "guess", "prior deviation of its logarithm")
@@ -72,6 +56,10 @@ class EyeParameters(Checked):
     model: float = parameter(
         0.0015, "m", "measured", "deviation of each coordinate of a centre besides: fruits are no "
         "spheroids"
+    )  # fmt: skip
+    tip: float = parameter(
+        0.2, "1", "measured", "the same along the axis where that is along the view, over the "
+        "radius: the front of a tip tells little of the length"
     )  # fmt: skip
     tilt: float = parameter(
         18.0, "deg", "measured", "tilt of stems; median of 1,704 strawberries (StrawDI)"

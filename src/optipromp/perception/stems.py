@@ -9,11 +9,12 @@ from optipromp.core.arrays import BoolArray, FloatArray, frame_along
 from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.spheroids import Spheroid
 
-TRIES = 40  # directions that are tried, of those to the points about a fruit: a choice
+TRIES = 20  # directions that are tried, of those to the points about a fruit: a choice
 STEEPEST = math.cos(math.radians(75.0))  # of the angle of a stem from the vertical: a choice
 BIN = 0.004  # [m] pieces of a stem that are seen or not: a choice
 GAP = 3  # pieces that may be missing within a stem, and between fruit and stem: a choice
 LONGEST = 0.40  # [m] of a stem: a choice
+RIVAL = math.cos(math.radians(15.0))  # of the angle from which two lines are two stems: a choice
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,24 +52,28 @@ def stem_of(
     """
     off = points - fruit.center
     away = np.linalg.norm(off, axis=1)
+    begin = max(fruit.radius, fruit.half)
     near = (away > 0.8 * fruit.radius) & (away < LONGEST) & (off @ up > STEEPEST * away)
     off, away, points = off[near], away[near], points[near]
-    begin = max(fruit.radius, fruit.half)
     about = np.flatnonzero((away > begin) & (away < begin + p.stem_reach))
     if len(about) < 5:  # points: a choice
         return None
     chosen = about[np.linspace(0, len(about) - 1, min(len(about), TRIES)).astype(int)]
     close, places = off[about], points[about]
-    best, score = None, 0.0
-    for way in off[chosen] / away[chosen][:, None]:
+    ways = off[chosen] / away[chosen][:, None]
+    lengths = np.zeros(len(ways))
+    for k, way in enumerate(ways):
         beside, along = _beside(close, places, way, p)
-        length = _whole(along[beside & (along < begin + p.stem_reach)], begin)
-        length += 1e-3 * float(way @ up)  # of equals the more upright: a choice
-        if length > score:
-            best, score = way, length
-    if best is None or score < p.stem_least:
+        lengths[k] = _whole(along[beside & (along < begin + p.stem_reach)], begin)
+    best = int(np.argmax(lengths + 1e-3 * (ways @ up)))  # of equals the more upright: a choice
+    if lengths[best] < p.stem_least:
         return None
-    way = np.asarray(best)
+    way = ways[best]
+    cosine = np.clip(ways @ way, -1.0, 1.0)
+    rival = np.where(cosine < RIVAL, lengths, 0.0)
+    other = int(np.argmax(rival))
+    odds = rival[other] / lengths[best]
+    doubt = odds**2 / (1.0 + odds**2) * math.acos(float(cosine[other])) ** 2
     for _ in range(2):
         beside, along = _beside(off, points, way, p)
         used = beside & (along < begin + p.stem_reach) & (along > 0.8 * fruit.radius)
@@ -78,7 +83,8 @@ def stem_of(
     if support < p.stem_least:
         return None
     length = begin + _whole(along[beside], begin)
-    return SeenStem(way, length, max(deviation, math.radians(p.stem_floor)), support)
+    deviation = math.hypot(max(deviation, math.radians(p.stem_floor)), 0.5 * math.sqrt(doubt))
+    return SeenStem(way, length, deviation, support)
 
 
 def _beside(
@@ -95,7 +101,7 @@ def _beside(
 
 def _whole(along: FloatArray, begin: float) -> float:
     """Length of the piece from ``begin`` on without a long gap [m]."""
-    bins = np.unique(((along[along > begin - BIN] - begin) / BIN).astype(int))
+    bins = np.flatnonzero(np.bincount(((along[along > begin] - begin) / BIN).astype(int)))
     if not len(bins) or bins[0] > GAP:
         return 0.0
     gaps = np.flatnonzero(np.diff(bins) > GAP)

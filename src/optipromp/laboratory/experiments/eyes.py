@@ -21,6 +21,7 @@ straight.
 """
 
 import functools
+import math
 import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
@@ -28,7 +29,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from optipromp.control.look import Look
 from optipromp.core.arrays import frame_along, rotation
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.task import posed
@@ -45,9 +45,10 @@ from optipromp.laboratory.simulation.photograph import photograph
 from optipromp.laboratory.simulation.rendered import RenderedDetector
 from optipromp.laboratory.simulation.sight import standing_pose
 from optipromp.perception.detector import finder_named
-from optipromp.perception.eyes import Sighting, look_at, seen_scene
-from optipromp.perception.finder import Finder, Found
-from optipromp.perception.fusing import fused
+from optipromp.perception.eyes import Detection, Sighting, look_at, seen_scene
+from optipromp.perception.finder import Finder, Found, Region
+from optipromp.perception.spheroids import Spheroid
+from optipromp.perception.stems import SeenStem
 
 WAYS = "rendered", "fitted"
 
@@ -58,12 +59,13 @@ OTHER = 1_000_000  # added to the seed of a further picture
 RENDERED_RATE = 5.0  # [Hz] of rendered looks, each of which takes a second to make: a choice
 STILL = Truth((), np.zeros((0, 3)), np.zeros((0, 3, 3)), ())
 """Fruits that are where the scene has them."""
+NOTHING, NO_PIXELS = Found(()), np.zeros((0, 0), dtype=np.bool_)
 NOT_SEEN = "not_seen"
 """Cause of a run in which no ripe fruit was seen."""
 
 
 class _Sight(NamedTuple):
-    look: Look
+    sight: Sighting
     ripe: frozenset[str]
     """Ids of the fruits in the picture that truly are ripe."""
     told: dict[str, Any]
@@ -156,7 +158,7 @@ def _looked(
     while len(taken) < len(places) and (len(taken) < views or seen is None):
         shown = replace(scene, camera=places[len(taken)])
         taken.append(see(shown, seed + OTHER * len(taken)))
-        seen = _scene_of([each.look for each in taken], scene)
+        seen = _scene_of([each.sight for each in taken], scene)
     told = {
         **{name: sum(each.told[name] for each in taken) for name in taken[-1].told},
         "pictures": len(taken),
@@ -171,11 +173,10 @@ def _looked(
     return Situation(truth, seen or without_fruits(scene), detector, physics, eye, told, further)
 
 
-def _scene_of(looks: Sequence[Look], known: Scene) -> Scene | None:
-    """The scene that looks show; None: no ripe fruit is seen."""
-    sight = Sighting(fused(looks), (), Found(()))
+def _scene_of(sights: Sequence[Sighting], known: Scene) -> Scene | None:
+    """The scene that pictures show; None: no ripe fruit is seen."""
     try:
-        return seen_scene(sight, known)[0]
+        return seen_scene(sights, known)[0]
     except InvalidRequestError:
         return None
 
@@ -191,10 +192,26 @@ def _by_picture(scene: Scene, seed: int, finder: Finder) -> _Sight:
         "false": picture.false, "see_time": picture.seconds,
     }  # fmt: skip
     ripe = frozenset(mark.id for mark in shot.marked if mark.kind == "ripe")
-    return _Sight(sight.look, ripe, told)
+    return _Sight(sight, ripe, told)
 
 
 def _by_model(scene: Scene, seed: int) -> _Sight:
     robot, state = posed(scene)
     look = Detector(scene, robot, EYES["beside"], seed).expose(0.0, state.q, STILL)
-    return _Sight(look, frozenset(), {})
+    return _Sight(Sighting(look, tuple(map(_detection, look.detections)), NOTHING), frozenset(), {})
+
+
+def _detection(item: SceneObject) -> Detection:
+    """A detection of the model as one of a picture that has no pixels."""
+    region = Region("ripe" if item.role == "target" else "unripe", NO_PIXELS, 1.0)
+    assert item.covariance is not None
+    fit = Spheroid(
+        item.position, item.rotation[:, 2], item.radius, item.radius, item.covariance,
+        np.zeros((7, 7)), round=math.nan, share=math.nan, through=math.nan, spill=math.nan,
+        off=math.nan,
+    )  # fmt: skip
+    stem = None
+    if item.stem is not None:
+        way, length = item.stem.vector / item.stem.length, item.stem.length
+        stem = SeenStem(way, length, math.radians(EYES["beside"].angle), length)
+    return Detection(item, region, fit, stem)
