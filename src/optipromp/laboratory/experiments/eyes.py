@@ -54,7 +54,7 @@ WAYS = "rendered", "fitted"
 
 
 SIDES = 0.0, 70.0  # [deg] about the vertical, of the first and the second camera: a choice
-LOWER = 0.08  # [m] below the target, at which the camera looks: a choice
+LOWER = 0.05  # [m] below the target, at which the camera looks: a choice
 OTHER = 1_000_000  # added to the seed of a further picture
 RENDERED_RATE = 5.0  # [Hz] of rendered looks, each of which takes a second to make: a choice
 STILL = Truth((), np.zeros((0, 3)), np.zeros((0, 3, 3)), ())
