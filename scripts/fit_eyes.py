@@ -36,6 +36,8 @@ from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.detector import Detector, DetectorParameters
 from optipromp.laboratory.simulation.photograph import photograph
 from optipromp.laboratory.simulation.sight import Sight, tool_frame
+from optipromp.perception.detector import finder_named
+from optipromp.perception.finder import Finder
 
 TWICE = 1_000_000  # added to the seed of the second picture
 TRANSFER = 0.03  # [s] of exposure and transfer, on top of the time of seeing: a choice
@@ -72,14 +74,14 @@ class Looked(NamedTuple):
     view: float
 
 
-def looked(scenes: Iterable[tuple[str, int]], mount: str) -> Looked:
+def looked(scenes: Iterable[tuple[str, int]], mount: str, finder: Finder | None = None) -> Looked:
     """Photograph each scene (preset, seed) twice, see, and compare with the truth."""
     fruits, radii, seconds, pictures, view = [], [], [], 0, 0.0
     for preset, seed in scenes:
         scene = placed(generate(preset, seed), mount)  # type: ignore[arg-type]
         for k in range(2):
             shot = photograph(scene, mount, seed + k * TWICE)
-            seen = compared(shot)
+            seen = compared(shot, finder)
             camera = shot.picture.camera
             view, pictures = camera.view, pictures + 1
             seconds.append(seen.seconds)
@@ -188,6 +190,7 @@ def fitted(given: Looked, mount: str) -> DetectorParameters:
         mount=mount,  # type: ignore[arg-type]
         view=round(given.view, 2), rate=round(min(20.0, 1.0 / seconds), 1),
         latency=round(seconds + TRANSFER, 2), position=round(position, 4),
+        least_position=round(0.5 * position, 4),
         along=round(ratio, 2), bias=round(bias, 4),
         angle=round(angle, 1), reference=round(reference, 2),
         steady=round(_steady(found, along, across), 2),
@@ -307,12 +310,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--presets", default="cluster,mixed,field")
     parser.add_argument("--seeds", default="70400:70440", metavar="A:B")
+    parser.add_argument("--finder", default="geometry", help="geometry, network or MODULE:NAME")
     parser.add_argument("--mounts", default="beside,palm")
     given = parser.parse_args()
     first, end = map(int, given.seeds.split(":"))
     scenes = [(name, seed) for seed in range(first, end) for name in given.presets.split(",")]
     for mount in given.mounts.split(","):
-        seen = looked(scenes, mount)
+        seen = looked(scenes, mount, finder_named(given.finder))
         made = fitted(seen, mount)
         plain = DetectorParameters()
         changed = {

@@ -29,7 +29,7 @@ LONG = {
     "control": "controller driver servo tracker tracks",
     "cli": "folder generate_study markup plan process ros_node simulate_closed_loop",
     "execution": "executor franka streaming streaming_trouble trouble",
-    "experiments": "baselines loops own_scenes study variations",
+    "experiments": "baselines eyes loops own_scenes study variations",
     "geometry": "grids",
     "looks": "looks",
     "perception": "calibration network seeing spheroids watcher",

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 TITLE = """%: clean: picked, nothing harmed, in the simulation; 95 %: Wilson's interval
 harmed, gave up, refused, missed [%]; back: retreats; s: median duration"""
 EYES_TITLE = """% of runs: a ripe fruit seen, a plan made, the fruit in the tool at the end (95 %:
-Wilson's interval), something harmed; recall [%] of visible fruits in the last picture before the
-plan; false: detections in it; see: median processor time of seeing [s]"""
+Wilson's interval), something harmed; recall [%] of visible fruits in the pictures before the plan;
+false: wrong detections a run; see: median processor time of seeing [s]"""
 LEFT = "preset", "condition", "loop"
 
 
@@ -53,6 +53,10 @@ class LoopChoices:
     finder: Annotated[
         str, typer.Option(metavar="NAME", help="Of --eyes, what finds fruits in pictures.")
     ] = "geometry"
+    views: Annotated[
+        int,
+        typer.Option(metavar="1|2", help="Of --eyes: pictures from as many sides, before a plan."),
+    ] = 1
 
 
 def eyes_table(cells: Sequence["LoopCell"]) -> "Table":

@@ -128,7 +128,7 @@ def study(
         "planners": compared, "noise_position": noise_position, "noise_angle": noise_angle,
         "only_valid": only_valid, "choice": arm.of(robot).choice, "vary": vary, "noise": noise,
         "risk": risk, "loops": loops, "conditions": conditions or ("none",), "eyes": eyes,
-        "finder": compared_loops.finder,
+        "finder": compared_loops.finder, "views": compared_loops.views,
         **({} if seeds is None else {"seeds": _range(seeds)}),
         **({} if robot is None else {"robot": robot}),
     }  # fmt: skip

@@ -28,6 +28,9 @@ SEEDINGS = 2  # of fits: to what the finder tells, and to what that leaves: a ch
 DENSE, MOST_LEFT = 0.4, 12  # share of a fruit's breadth that is left, and such places: a choice
 ROUND = 1.06  # length over width below which a fruit is a sphere: a choice
 TOGETHER = 0.6  # of the sum of two fruits' radii, the least distance of their centres: a choice
+BEYOND = 0.012  # [m] beyond the end of a stem, where the picture tells whether it ends: a choice
+BEFORE = 0.004  # [m] nearer than a stem, what hides it: a choice
+CUT = 1.25  # length of a stem over what shows of it, where it is cut off: a choice
 MOST_STEM_POINTS = 6000  # that are looked at: a choice
 
 
@@ -93,7 +96,7 @@ def look_at(
     detections = []
     for region, fit in good:
         wide = 0.006 * focal / fit.center[2]  # [pixel] of a stem: what errs as one
-        stem = stem_of(fit, points, upward, p, max(min(wide, 6.0), 1.0))
+        stem = _whole(stem_of(fit, points, upward, p, max(min(wide, 6.0), 1.0)), fit, picture)
         counts[region.kind] += 1
         name = f"{region.kind}{counts[region.kind]}"
         detections.append(Detection(_item(name, region, fit, stem, upward), region, fit, stem))
@@ -170,6 +173,18 @@ def _stem_points(picture: DepthPicture, found: Found, fruits: Sequence[Region]) 
     points = picture.points[mask & (picture.depth > 0.0)]
     few = np.linspace(0, len(points) - 1, min(len(points), MOST_STEM_POINTS)).astype(int)
     return points[few] if len(points) else points
+
+
+def _whole(stem: SeenStem | None, fit: Spheroid, picture: DepthPicture) -> SeenStem | None:
+    """The stem, longer than seen where the border of the picture or a thing before it cuts it."""
+    if stem is None:
+        return None
+    beyond = fit.center + (stem.length + BEYOND) * stem.direction
+    column, row = np.rint(picture.camera.pixels(beyond)).astype(int)
+    inside = 0 <= row < picture.camera.height and 0 <= column < picture.camera.width
+    depth = picture.depth[row, column] if inside else 0.0
+    ends = inside and not 0.0 < depth < beyond[2] - BEFORE
+    return stem if ends else replace(stem, length=CUT * stem.length)
 
 
 def _item(

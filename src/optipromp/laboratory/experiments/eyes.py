@@ -8,8 +8,9 @@
 ============  =====================================================================================
 
 Where the first picture shows no ripe fruit, or the open loop finds no plan in it, a second one is
-taken from the side, as a picker would look again. Where that shows no ripe fruit either, the open
-loop gives up (cause ``not_seen``), and the closed one looks on its own.
+taken from the side, as a picker would look again, and both are fused. Where that shows no ripe
+fruit either, the open loop gives up (cause ``not_seen``), and the closed one looks on its own. With
+two ``views`` both pictures are always taken.
 
 The target is the lowest ripe fruit that is seen. Of several fruits that truly are ripe, the one
 nearest to it becomes the true scene's target, so the pick of any ripe fruit counts.
@@ -20,10 +21,11 @@ straight.
 """
 
 import functools
+import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,54 +38,69 @@ from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject
 from optipromp.core.scenes.values import suggest
 from optipromp.laboratory.experiments.conditions import CONDITIONS, Situation
 from optipromp.laboratory.experiments.seeing import matched, middle
-from optipromp.laboratory.simulation.detector import Detector, Truth, perceived_scene
+from optipromp.laboratory.simulation.detector import Detector, Truth
 from optipromp.laboratory.simulation.detector_parameters import EYES, DetectorParameters
 from optipromp.laboratory.simulation.parameters import SimulationParameters
 from optipromp.laboratory.simulation.photograph import photograph
 from optipromp.laboratory.simulation.rendered import RenderedDetector
 from optipromp.laboratory.simulation.sight import standing_pose
 from optipromp.perception.detector import finder_named
-from optipromp.perception.eyes import look_at, seen_scene
-from optipromp.perception.finder import Finder
+from optipromp.perception.eyes import Detection, Sighting, look_at, seen_scene
+from optipromp.perception.finder import Finder, Found, Region
+from optipromp.perception.spheroids import Spheroid
+from optipromp.perception.stems import SeenStem
 
 WAYS = "rendered", "fitted"
 
 
 SIDES = 0.0, 70.0  # [deg] about the vertical, of the first and the second camera: a choice
-LOWER = 0.08  # [m] below the target, at which the camera looks: a choice
+LOWER = 0.05  # [m] below the target, at which the camera looks: a choice
 OTHER = 1_000_000  # added to the seed of a further picture
 RENDERED_RATE = 5.0  # [Hz] of rendered looks, each of which takes a second to make: a choice
 STILL = Truth((), np.zeros((0, 3)), np.zeros((0, 3, 3)), ())
 """Fruits that are where the scene has them."""
+NOTHING, NO_PIXELS = Found(()), np.zeros((0, 0), dtype=np.bool_)
 NOT_SEEN = "not_seen"
 """Cause of a run in which no ripe fruit was seen."""
 
-_Sight = tuple[Scene | None, set[str], dict[str, Any]]
-"""The scene that was seen, the ids of fruits that truly are ripe, and what rows tell."""
+
+class _Sight(NamedTuple):
+    sight: Sighting
+    ripe: frozenset[str]
+    """Ids of the fruits in the picture that truly are ripe."""
+    told: dict[str, Any]
+    """What rows tell."""
 
 
-def situation(condition: str, scene: Scene, seed: int, finder: str) -> Situation:
-    """The setting of a condition, or of eyes; the same arguments give the same setting."""
+def situation(
+    condition: str, scene: Scene, seed: int, finder: str = "geometry", views: int = 1
+) -> Situation:
+    """The setting of a condition, or of eyes; the same arguments give the same setting.
+
+    Of the ``views`` before a plan, see :class:`optipromp.laboratory.experiments.study.Study`.
+    """
     if condition == "rendered":
         found = finder_named(finder)
         eye = functools.partial(RenderedDetector, finder=found)
         detector = replace(EYES["palm"], rate=RENDERED_RATE)
         see = functools.partial(_by_picture, finder=found)
-        return _looked(see, scene, seed, eye, detector, cameras(scene))
+        return _looked(see, scene, seed, eye, detector, cameras(scene), views)
     if condition == "fitted":
-        return _looked(_by_model, scene, seed, Detector, EYES["palm"], cameras(scene))
+        return _looked(_by_model, scene, seed, Detector, EYES["palm"], cameras(scene), views)
     return CONDITIONS[condition](scene, seed)
 
 
-def check_eyes(eyes: tuple[str, ...], finder: str) -> None:
+def check_eyes(eyes: tuple[str, ...], finder: str, views: int) -> None:
     """Refuse names that are none.
 
     Raises:
-        InvalidRequestError: an unknown way of seeing, or an unknown finder.
+        InvalidRequestError: an unknown way of seeing or finder, or another number of views.
     """
     for item in eyes:
         if item not in WAYS:
             raise InvalidRequestError(f"eyes is {item!r}: {suggest(item, WAYS)}")
+    if not 1 <= views <= len(SIDES):
+        raise InvalidRequestError(f"views is {views}; must be 1 to {len(SIDES)}")
     if eyes:
         finder_named(finder)
 
@@ -97,7 +114,7 @@ def without_fruits(scene: Scene) -> Scene:
     )  # fmt: skip
 
 
-def aimed_at(scene: Scene, ripe: set[str], seen: SceneObject) -> Scene:
+def aimed_at(scene: Scene, ripe: Collection[str], seen: SceneObject) -> Scene:
     """The true scene, whose target is that of its ``ripe`` fruits nearest to a seen one."""
     fruits = [item for item in scene.objects if item.id in ripe]
     if not fruits:
@@ -132,22 +149,36 @@ def cameras(scene: Scene) -> tuple[Pose, ...]:
 
 def _looked(
     see: Callable[[Scene, int], _Sight], scene: Scene, seed: int, eye: Callable[..., Detector],
-    detector: DetectorParameters, left: Sequence[Pose], pictures: int = 0,
+    detector: DetectorParameters, places: Sequence[Pose], views: int, before: Sequence[_Sight] = (),
 ) -> Situation:  # fmt: skip
-    """The setting after the next of the pictures that are ``left`` and show a ripe fruit."""
+    """The setting after ``views`` pictures, or more until one shows a ripe fruit."""
     p = SimulationParameters()
     physics = replace(p, thing=replace(p.thing, avoid_as="fruits"))
-    seen, truth, told = without_fruits(scene), scene, dict[str, Any]()
-    further = None
-    while left and seen.target is None:
-        camera, *left = left
-        found, ripe, told = see(replace(scene, camera=camera), seed + OTHER * pictures)
-        pictures += 1
-        if found is not None and found.target is not None:
-            seen, truth = found, aimed_at(scene, ripe, found.target)
-    if left:
-        further = functools.partial(_looked, see, scene, seed, eye, detector, left, pictures)
-    return Situation(truth, seen, detector, physics, eye, {**told, "pictures": pictures}, further)
+    taken, seen = list(before), None
+    while len(taken) < len(places) and (len(taken) < views or seen is None):
+        shown = replace(scene, camera=places[len(taken)])
+        taken.append(see(shown, seed + OTHER * len(taken)))
+        seen = _scene_of([each.sight for each in taken], scene)
+    told = {
+        **{name: sum(each.told[name] for each in taken) for name in taken[-1].told},
+        "pictures": len(taken),
+    }
+    further, truth = None, scene
+    if seen is not None and seen.target is not None:
+        truth = aimed_at(scene, taken[-1].ripe, seen.target)
+    if len(taken) < len(places):
+        further = functools.partial(
+            _looked, see, scene, seed, eye, detector, places, len(taken) + 1, taken
+        )
+    return Situation(truth, seen or without_fruits(scene), detector, physics, eye, told, further)
+
+
+def _scene_of(sights: Sequence[Sighting], known: Scene) -> Scene | None:
+    """The scene that pictures show; None: no ripe fruit is seen."""
+    try:
+        return seen_scene(sights, known)[0]
+    except InvalidRequestError:
+        return None
 
 
 def _by_picture(scene: Scene, seed: int, finder: Finder) -> _Sight:
@@ -160,17 +191,27 @@ def _by_picture(scene: Scene, seed: int, finder: Finder) -> _Sight:
         "visible": len(visible), "found": sum(fruit.found for fruit in visible),
         "false": picture.false, "see_time": picture.seconds,
     }  # fmt: skip
-    ripe = {mark.id for mark in shot.marked if mark.kind == "ripe"}
-    try:
-        return seen_scene(sight, scene)[0], ripe, told
-    except InvalidRequestError:  # no ripe fruit is seen
-        return None, ripe, told
+    ripe = frozenset(mark.id for mark in shot.marked if mark.kind == "ripe")
+    return _Sight(sight, ripe, told)
 
 
 def _by_model(scene: Scene, seed: int) -> _Sight:
     robot, state = posed(scene)
     look = Detector(scene, robot, EYES["beside"], seed).expose(0.0, state.q, STILL)
-    try:
-        return perceived_scene(look, scene), set(), {}
-    except InvalidRequestError:  # the target is not seen
-        return None, set(), {}
+    return _Sight(Sighting(look, tuple(map(_detection, look.detections)), NOTHING), frozenset(), {})
+
+
+def _detection(item: SceneObject) -> Detection:
+    """A detection of the model as one of a picture that has no pixels."""
+    region = Region("ripe" if item.role == "target" else "unripe", NO_PIXELS, 1.0)
+    assert item.covariance is not None
+    fit = Spheroid(
+        item.position, item.rotation[:, 2], item.radius, item.radius, item.covariance,
+        np.zeros((7, 7)), round=math.nan, share=math.nan, through=math.nan, spill=math.nan,
+        off=math.nan,
+    )  # fmt: skip
+    stem = None
+    if item.stem is not None:
+        way, length = item.stem.vector / item.stem.length, item.stem.length
+        stem = SeenStem(way, length, math.radians(EYES["beside"].angle), length)
+    return Detection(item, region, fit, stem)

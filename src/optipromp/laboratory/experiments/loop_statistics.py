@@ -36,7 +36,7 @@ class LoopCell:
         seen, planned, picked: number of runs in which a ripe fruit was seen, a plan executed, and
             the fruit in the tool at the end.
         picked_interval: 95 % interval of the rate of ``picked``.
-        visible, found, false: fruits and detections in the last pictures before a plan.
+        visible, found, false: fruits and detections in the pictures before a plan.
         see_time: median processor time of seeing [s].
     """
 

@@ -38,13 +38,14 @@ _BLIND = {
 
 @dataclass(frozen=True)
 class LoopChoice:
-    """What the runs of a study of loops share: robot, its arm, risk, version, finder of eyes."""
+    """What the runs of a study of loops share: robot, its arm, risk, version, eyes."""
 
     robot: str | Path = PANDA
     choice: Choice = NOTHING
     risk: float = PlanOptions.risk
     version: str = ""
     finder: str = ""
+    views: int = 1
 
 
 def check_loops(loops: Iterable[str], conditions: Iterable[str]) -> None:
@@ -67,7 +68,7 @@ def run_loops(
     rows, setting = [], None
     for loop in loops:
         try:
-            setting = setting or situation(condition, scene, seed, given.finder)
+            setting = setting or situation(condition, scene, seed, given.finder, given.views)
             values = loop_values(setting, seed, loop, given.risk)
         except OptiPrompError as error:
             values = _broken(str(error.code), error.message)
@@ -86,6 +87,7 @@ def run_loops(
                 loop=loop,
                 condition=condition,
                 finder=given.finder,
+                views=given.views if given.finder else None,
                 **values,
             )
         )  # fmt: skip
@@ -162,7 +164,7 @@ def loop_again(row: Row, robot: str = PANDA, risk: float = PlanOptions.risk) -> 
         OptiPrompError: the error of the run.
     """
     scene = generate(cast(Preset, row.preset), row.seed, robot, UNTRUSTED)
-    setting = situation(row.condition, scene, row.seed, row.finder)
+    setting = situation(row.condition, scene, row.seed, row.finder, row.views or 1)
     if row.loop != "open":
         return picked(setting, row.seed, servo=row.loop == "closed").run
     if setting.seen.target is None:

@@ -89,10 +89,11 @@ class Row:
             each in SI units.
         worst_limit: largest share of a limit of velocity, acceleration or jerk.
         finder: of eyes; empty without eyes, as all below.
+        views: least number of pictures before a plan.
         pictures: number of pictures before a plan.
-        visible: fruits of which enough showed on the last of these.
-        found: of the visible fruits.
-        false: detections there that no fruit matches.
+        visible: fruits of which enough showed on these; counted in each.
+        found: of the visible fruits, likewise.
+        false: detections that no fruit matches, likewise.
         see_time: processor time of seeing these pictures [s].
     """
 
@@ -135,6 +136,7 @@ class Row:
     worst_jump: float | None = None
     worst_limit: float | None = None
     finder: str = ""
+    views: int | None = None
     pictures: int | None = None
     visible: int | None = None
     found: int | None = None

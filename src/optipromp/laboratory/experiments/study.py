@@ -67,6 +67,7 @@ class Study:
         eyes: of :data:`optipromp.laboratory.experiments.eyes.WAYS`, in place of conditions.
         finder: of the fruits in rendered pictures, see
             :func:`optipromp.perception.detector.finder_named`.
+        views: pictures from as many sides are fused before a plan: 1 or 2.
         files: scene files, whose names stand for presets; see :meth:`of_files`.
 
     Raises:
@@ -91,6 +92,7 @@ class Study:
     conditions: tuple[str, ...] = ("none",)
     eyes: tuple[str, ...] = ()
     finder: str = "geometry"
+    views: int = 1
     files: tuple[Path, ...] = ()
 
     @classmethod
@@ -130,7 +132,7 @@ class Study:
 
     def _check_loops(self) -> None:
         check_loops(self.loops, self.conditions)
-        check_eyes(self.eyes, self.finder)
+        check_eyes(self.eyes, self.finder, self.views)
         if self.eyes and (not self.loops or self.conditions != ("none",)):
             raise InvalidRequestError("eyes are of loops, and take the place of conditions")
         if not self.loops:
@@ -195,7 +197,7 @@ class Study:
             "version": source_version(),
             "risk": self.risk,
             **({"loops": True} if self.loops else {}),
-            **({"finder": self.finder} if self.eyes else {}),
+            **({"finder": self.finder, "views": self.views} if self.eyes else {}),
             **({"scenes": dict(digests(self.files))} if self.files else {}),
         }
 
@@ -279,7 +281,9 @@ def _jobs(study: Study, missing: Sequence[Key]) -> tuple[Callable[..., list[Row]
     """A function, and its arguments for each group of missing rows."""
     if study.loops:
         finder = study.finder if study.eyes else ""
-        given = LoopChoice(study.robot, study.choice, study.risk, source_version(), finder)
+        given = LoopChoice(
+            study.robot, study.choice, study.risk, source_version(), finder, study.views
+        )
         by_condition = itertools.groupby(missing, key=lambda key: (key[0], key[1], key[5]))
         return run_loops, [
             (study.source(name), *rest, tuple(key[4] for key in group), given)

@@ -7,6 +7,7 @@ import numpy as np
 from optipromp.control.look import Look
 from optipromp.core.arrays import FloatArray
 from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.objects import STEM_SLACK
 from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.scenes.scene import Scene, Stem
 from optipromp.laboratory.simulation.detector import Detector, Truth
@@ -56,7 +57,10 @@ class RenderedDetector(Detector):
         moved = {}
         for item, place, turn, points in zip(self.fruits, positions, rotations, stems, strict=True):
             stem = None
-            if item.stem is not None and len(points) > 1:
+            holds = (
+                len(points) > 1 and np.linalg.norm(points[0] - place) <= item.radius + STEM_SLACK
+            )
+            if item.stem is not None and holds:
                 stem = Stem(np.asarray(points), item.stem.radius)
             moved[item.id] = replace(
                 item, position=place, orientation=to_quaternion(turn), stem=stem
