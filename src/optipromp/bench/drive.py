@@ -33,7 +33,8 @@ def driven(
     most = BRAKE * robot.acceleration
     ahead = before.q + 0.5 * period * before.velocity  # about where the velocity is reached
     up, down = robot.upper - ahead, ahead - robot.lower
-    rise, fall = (_braking(room, most, period) for room in (up, down))
+    rise = _braking(up, most, period, before.velocity)
+    fall = _braking(down, most, period, -before.velocity)
     top = np.minimum(robot.velocity, rise)
     low = -np.minimum(robot.velocity, fall)
     aim = np.clip(wanted, np.minimum(low, top), top)
@@ -48,11 +49,15 @@ def driven(
     return out
 
 
-def _braking(room: FloatArray, most: FloatArray, period: float) -> FloatArray:
-    """The velocity (n,) from which a joint stops within ``room`` (n,), a period later."""
+def _braking(room: FloatArray, most: FloatArray, period: float, speed: FloatArray) -> FloatArray:
+    """The velocity (n,) a period later from which a joint still stops within its range.
+
+    Where ``room`` (n,) is negative, the joint has to stop within the period, and turns back: it
+    brakes from ``speed`` (n,) by ``most`` (n,) throughout.
+    """
     lead = 0.5 * most * period
-    stop = np.sqrt(lead**2 + 2.0 * most * np.maximum(np.nan_to_num(room, posinf=1e9), 0.0)) - lead
-    return np.asarray(stop)
+    far = np.nan_to_num(np.maximum(room, 0.0), posinf=1e9)
+    return np.where(room >= 0.0, np.sqrt(lead**2 + 2.0 * most * far) - lead, speed - most * period)
 
 
 def joints_for(

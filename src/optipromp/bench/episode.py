@@ -89,6 +89,11 @@ class Episode:
         return self.simulation.time - self._begin
 
     @property
+    def broken(self) -> bool:
+        """Whether the physics broke down."""
+        return self._ended
+
+    @property
     def ended(self) -> bool:
         """Whether the time is over, or the physics broke down."""
         return self._ended or self.time >= LONGEST - 1e-9

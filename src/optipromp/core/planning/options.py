@@ -45,7 +45,7 @@ def _fits(value: object, hint: Any) -> bool:
         if isinstance(value, bool) or not isinstance(value, int | float | np.number):
             return False
         return hint is float or isinstance(value, int | np.integer)
-    return isinstance(value, hint)
+    return isinstance(value, kind or hint)
 
 
 def _check_types(options: object, prefix: str) -> None:
