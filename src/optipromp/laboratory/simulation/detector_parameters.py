@@ -178,21 +178,20 @@ detections and of exchanged ids are guesses.
 
 EYES: dict[str, DetectorParameters] = {
     "beside": DetectorParameters(
-        mount="beside", view=0.93, rate=8.0, latency=0.16, position=0.0008, least_position=0.0004,
-        along=2.82, bias=-0.0006, angle=1.3, reference=0.41, steady=0.44, missed=0.02,
-        hidden=0.917, hidden_from=0.45, hidden_to=0.5, missed_steadily=0.54, slot=2.0,
-        false=0.167, false_radius=0.0237, stem_seen=0.89,
+        mount="beside", view=0.93, rate=9.7, latency=0.13, position=0.0008, least_position=0.0004,
+        along=2.82, bias=-0.0009, angle=1.6, reference=0.41, steady=0.59, missed=0.025,
+        hidden=0.833, hidden_from=0.5, hidden_to=0.55, missed_steadily=0.54, slot=2.0,
+        false=0.042, false_radius=0.0166, stem_seen=0.89,
     ),
     "palm": DetectorParameters(
-        view=0.93, rate=8.4, latency=0.15, position=0.0007, least_position=0.0004, along=2.31,
-        bias=0.0005, reference=0.17, steady=0.6, missed=0.03, hidden=0.962, hidden_from=0.4,
-        hidden_to=0.8, missed_steadily=0.63, slot=2.0, false=0.017, false_radius=0.022,
-        stem_seen=0.0,
+        view=0.93, rate=10.6, latency=0.12, position=0.0006, least_position=0.0003, along=2.13,
+        bias=0.0004, reference=0.16, steady=0.54, missed=0.045, hidden=0.974, hidden_from=0.65,
+        hidden_to=0.7, missed_steadily=0.72, slot=2.0, stem_seen=0.0,
     ),
 }  # fmt: skip
 """The eyes of :mod:`optipromp.perception` on rendered pictures, by mount.
 
-Fitted by ``scripts/fit_eyes.py`` to 60 pictures each of ``cluster``, ``mixed`` and ``field``, seeds
-70400 to 70409, found by geometry; from the palm at the point where the approach of a plan begins.
-No stems are taken from there.
+Fitted by ``scripts/fit_eyes.py --seeds 70400:70408`` to 48 pictures of ``cluster``, ``mixed`` and
+``field`` from each mount, found by geometry; from the palm at the point where the approach of a
+plan begins. No stems are taken from there.
 """
