@@ -34,7 +34,15 @@ def test_all_is_every_extra_of_a_user_without_an_arm() -> None:
     extras = PROJECT["optional-dependencies"]
     inside = re.fullmatch(r"optipromp\[(.+)\]", extras["all"][0])
     assert inside is not None
-    own = {"all", "bench", "dev", "docs", "models", "test", "train"}  # of those who work on the package
+    own = {
+        "all",
+        "bench",
+        "dev",
+        "docs",
+        "models",
+        "test",
+        "train",
+    }  # of those who work on the package
     assert {*inside[1].split(",")} == {*extras} - own - {"franky", "panda-py"}
     assert extras["test"][0] == "optipromp[all]"
 

