@@ -92,6 +92,7 @@ def test_a_rate_changes_no_place_and_no_limit() -> None:
     assert np.abs(np.diff(velocity, axis=0)).max() < 0.02  # no jump
 
 
+@pytest.mark.filterwarnings("ignore:no built-in demonstrations")
 def test_a_bottle_in_a_fridge_is_reached_in_half_the_time_as_gently() -> None:
     """An xArm7 behind two cups: slow only near, against the same path slow throughout."""
     from scripts.fridge import fridge
