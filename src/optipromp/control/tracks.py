@@ -286,7 +286,7 @@ def push_noise(push: FloatArray, given: TrackerParameters) -> FloatArray:
 
 
 def _stem(item: SceneObject, turn: FloatArray, frame: Frame) -> tuple[FloatArray, float, int]:
-    if item.stem is None:
+    if item.stem is None or item.stem.unseen:
         return np.zeros(2), 0.0, 0
     points = item.stem.points
     way = turn @ (points[-1] - points[0])

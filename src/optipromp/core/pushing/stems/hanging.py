@@ -74,7 +74,8 @@ class Hanging(PushModel):
             near(scene.packed(scene.around(*where, role)), *where) for role in ("static", "avoid")
         )
         fruits = (target, *_hanging(scene, target, neighbours))
-        detected = any(fruit.covariance is not None for fruit in fruits)
+        hidden = any(fruit.stem is not None and fruit.stem.unseen for fruit in fruits)
+        detected = hidden or any(fruit.covariance is not None for fruit in fruits)
         self.fruits, self.count = fruits, len(fruits)
         self.calibration = PUSH.detected if detected else PUSH.known
         self.threshold = self.calibration.allowed(risk)
