@@ -1,5 +1,6 @@
 """The looks of an arm: the meshes of its links where they can be read, else smooth bodies."""
 
+import functools
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
@@ -92,6 +93,11 @@ def _surfaces(link: LinkGeometry, shape: LinkShape) -> list[tuple[str, FloatArra
 
 def _mesh(path: Path) -> list[tuple[str | None, FloatArray]]:
     """The triangles (m, 3, 3) of a mesh file, by colour; None where it has none."""
+    return _loaded(path, path.stat().st_mtime_ns)
+
+
+@functools.lru_cache(maxsize=64)
+def _loaded(path: Path, changed: int) -> list[tuple[str | None, FloatArray]]:
     import trimesh
 
     scene: Any = trimesh.load(str(path), force="scene")
