@@ -67,7 +67,6 @@ class Episode:
         self.state = self.simulation.state()
         self.reference = State(self.state.q)
         self._look: Look | None = None
-        self._ended = False
         for _ in range(round(situation.parameters.engine.settle / self.simulation.tick)):
             self.state = self.simulation.step(self.reference)
         self._begin = self.simulation.time
@@ -91,12 +90,12 @@ class Episode:
     @property
     def broken(self) -> bool:
         """Whether the physics broke down."""
-        return self._ended
+        return self.simulation.broken
 
     @property
     def ended(self) -> bool:
         """Whether the time is over, or the physics broke down."""
-        return self._ended or self.time >= LONGEST - 1e-9
+        return self.broken or self.time >= LONGEST - 1e-9
 
     def observe(self) -> Observation:
         """What a policy knows now."""
@@ -125,8 +124,8 @@ class Episode:
             for each in driven(self.robot, self.reference, wanted, self.period, self.ticks):
                 self.reference = each
                 self.state = self.simulation.step(each)
-        except ExecutionError:  # the outcome tells of it
-            self._ended = True
+        except ExecutionError:  # the simulation is broken, and the outcome tells of it
+            pass
         self._see()
 
     def _see(self) -> None:
