@@ -1,5 +1,6 @@
 """Pictures with truth as COCO (https://cocodataset.org/#format-data): masks, boxes, key points."""
 
+import math
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
@@ -89,14 +90,14 @@ def run_lengths(mask: BoolArray) -> list[int]:
 
 
 def _key_points(keys: FloatArray, own: BoolArray) -> dict[str, Any]:
-    """Key points x, y, v: 0 outside the picture, 1 hidden, 2 within a pixel of the own surface."""
+    """Key points x, y, v: 0 outside the picture, 1 hidden, 2 within 1.5 pixels of own ones."""
     height, width = own.shape
     told: list[float] = []
     for x, y in keys.tolist():
         if not (0.0 <= x <= width - 1.0 and 0.0 <= y <= height - 1.0):
             told += [0, 0, 0]
             continue
-        row, column = round(y), round(x)
-        seen = own[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2].any()
+        rows, columns = (slice(max(math.ceil(t - 1.5), 0), math.floor(t + 1.5) + 1) for t in (y, x))
+        seen = own[rows, columns].any()
         told += [round(x, 2), round(y, 2), 1 + int(seen)]
     return {"keypoints": told, "num_keypoints": sum(v > 0 for v in told[2::3])}
