@@ -4,17 +4,16 @@
         [--preset cluster,mixed,field] [--seeds 52000:52034]
 
 The loop runs in the main simulation. The configurations that it commanded are then executed by
-``scripts/second_engine.py`` in the true scene. Conditions in which the plant moves by itself are
+:mod:`optipromp.bench.flight` in the true scene. Conditions in which the plant moves by itself are
 refused, because the second engine cannot move it.
 """
 
 import argparse
-import sys
 from collections import Counter
-from pathlib import Path
 
 import numpy as np
 
+from optipromp.bench.flight import execute
 from optipromp.core.scenes.io import scene_to_dict
 from optipromp.core.trajectory import State
 from optipromp.laboratory.experiments.conditions import CONDITIONS
@@ -22,7 +21,6 @@ from optipromp.laboratory.experiments.loops import picked
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import Loop
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 STILL = "none", "zero-mean", "detector", "missed", "calibration"  # the plant stays where it is
 
 
@@ -38,8 +36,6 @@ def commanded(done: Loop) -> tuple[np.ndarray, np.ndarray]:
 
 def main() -> None:
     """Run loops in both engines, and print how often they agree."""
-    from scripts.second_engine import execute
-
     ask = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     ask.add_argument("--conditions", default="none,zero-mean,missed")
     ask.add_argument("--preset", default="cluster,mixed,field")

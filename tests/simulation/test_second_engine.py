@@ -1,5 +1,6 @@
 """A second engine, written apart, says what the main simulation says."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from optipromp.laboratory.experiments.baselines import attempt
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import simulate
 
-second = pytest.importorskip("scripts.second_engine")
+second = pytest.importorskip("optipromp.bench.flight")
 
 
 def test_it_places_the_tool_where_the_house_does() -> None:
@@ -36,7 +37,9 @@ def test_both_engines_pick_what_is_planned(preset: str, seed: int, tmp_path: Pat
     assert made.success
     assert simulate(made).success
     write_plan(made, tmp_path)
-    word = second.execute(*second.read(tmp_path))
+    rows = np.loadtxt(tmp_path / "trajectory.csv", delimiter=",", skiprows=1)
+    document = json.loads((tmp_path / "plan.json").read_text())["scene_file"]
+    word = second.execute(document, rows[:, 0], rows[:, 1:8])
     assert word.success, word
 
 
