@@ -24,7 +24,6 @@ from optipromp.laboratory.simulation import Outcome, simulate
 
 SPEED = 0.15  # [m/s] of the tool at an action of 1: a choice; plans push at 0.1 m/s
 JOINTS = 0.5  # share of the joints' largest velocities at an action of 1: a choice
-HELD = 0.3  # [s] for which the tool must hold the target before the episode ends: a choice
 PROGRESS, HARM, TIME, WON = 5.0, 1.0, 0.02, 5.0
 """Rewards: by metre nearer to the target, by share of harm, by second, and of a clean pick."""
 CURRICULUM: tuple[Preset, ...] = ("limp", "cluster", "elongated", "tight", "truss", "field", "wild")
@@ -116,7 +115,7 @@ class PickEnv(_Scenes):
         self.episode = Episode(situation, number)
         if self.observation == "picture":
             self._camera = _camera(self.episode, self.size, number)
-        self._held, self._away, self._harm = 0.0, self._distance(), 0.0
+        self._away, self._harm = self._distance(), 0.0
         return self._seen(), {"scene": situation.scene.name, "is_success": False}
 
     def step(self, action: FloatArray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
@@ -136,12 +135,12 @@ class PickEnv(_Scenes):
         reward = PROGRESS * (self._away - away) - HARM * (worst - self._harm)
         reward -= TIME * episode.period
         self._away, self._harm = away, worst
-        self._held = self._held + episode.period if episode.holds() else 0.0
-        terminated = self._held >= HELD or harm.done or episode.broken
+        terminated = episode.done
         truncated = episode.ended and not terminated
         info: dict[str, Any] = {"is_success": False, "harm": worst}
         if terminated or truncated:
-            outcome: Outcome = episode.outcome()
+            outcome = episode.outcome()
+            assert isinstance(outcome, Outcome)
             info = {
                 **info, "is_success": bool(outcome.success), "outcome": outcome,
                 "cause": "" if outcome.cause is None else str(outcome.cause),

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,7 +18,12 @@ from optipromp.laboratory.simulation import Detector, Eye, Outcome, Simulation
 from optipromp.laboratory.simulation.detector import Truth
 from optipromp.laboratory.simulation.progress import HarmSoFar
 
+if TYPE_CHECKING:
+    from optipromp.bench.flight import Word
+    from optipromp.bench.flown import FlightWorld
+
 RATE = 50.0  # [Hz] at which a policy is asked: a choice
+HELD = 0.3  # [s] for which the tool must hold the target before a pick ends: a choice
 LONGEST = 20.0  # [s] of a pick, after which it ends: a choice; plans take 4 to 12 s
 
 
@@ -51,14 +57,19 @@ class Episode:
         situation: true scene, scene as first seen, camera, physics.
         seed: of physics and looks. The same velocities give the same episode to the last bit.
         rate: at which velocities come [Hz]; divides the controller's rate.
+        world: that the episode happens in; None: the main simulation.
 
     Raises:
         InvalidRequestError: a rate that does not divide the controller's; no MuJoCo.
     """
 
-    def __init__(self, situation: Situation, seed: int = 0, rate: float = RATE) -> None:
+    def __init__(
+        self, situation: Situation, seed: int = 0, rate: float = RATE,
+        world: "FlightWorld | None" = None,
+    ) -> None:  # fmt: skip
         self.situation, self.seed = situation, seed
-        self.simulation = Simulation(situation.scene, seed, situation.parameters)
+        own = world or Simulation(situation.scene, seed, situation.parameters)
+        self.simulation: Simulation | FlightWorld = own
         count = 1.0 / (rate * self.simulation.tick)
         if not math.isclose(count, round(count), rel_tol=1e-9) or round(count) < 1:
             raise InvalidRequestError(f"rate is {rate:g} Hz; must divide the controller's rate")
@@ -69,7 +80,7 @@ class Episode:
         self._look: Look | None = None
         for _ in range(round(situation.parameters.engine.settle / self.simulation.tick)):
             self.state = self.simulation.step(self.reference)
-        self._begin = self.simulation.time
+        self._begin, self._held = self.simulation.time, 0.0
         self._see()
 
     @property
@@ -96,6 +107,11 @@ class Episode:
     def ended(self) -> bool:
         """Whether the time is over, or the physics broke down."""
         return self.broken or self.time >= LONGEST - 1e-9
+
+    @property
+    def done(self) -> bool:
+        """Whether the target was held for a while, something was harmed, or the physics broke."""
+        return self.broken or self._held >= HELD or self.harm().done
 
     def observe(self) -> Observation:
         """What a policy knows now."""
@@ -126,6 +142,7 @@ class Episode:
                 self.state = self.simulation.step(each)
         except ExecutionError:  # the simulation is broken, and the outcome tells of it
             pass
+        self._held = self._held + self.period if self.holds() else 0.0
         self._see()
 
     def _see(self) -> None:
@@ -144,6 +161,6 @@ class Episode:
         """What was harmed so far."""
         return self.simulation.harm()
 
-    def outcome(self) -> Outcome:
+    def outcome(self) -> "Outcome | Word":
         """Stand still for a moment, and judge all that happened."""
         return self.simulation.outcome()

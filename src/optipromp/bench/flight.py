@@ -9,12 +9,17 @@ pressed beyond what the docs say that it bears. Density, friction and stiffness 
 objects tell are taken from there. Hanging fruits and static boxes, built-in Panda with a cup only.
 """
 
+import os
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import mujoco
 import numpy as np
+
+if sys.platform.startswith("linux"):
+    os.environ.setdefault("MUJOCO_GL", "egl")  # read when MuJoCo is first imported
+import mujoco
 
 # Franka Control Interface documentation, robot and interface specifications: a, d [m], α [rad]
 PANDA = (
@@ -350,16 +355,38 @@ class Flight:
         return bool(np.hypot(x, y) < radius and low < z < low + float(self.tool["height"]))
 
     def place(self, id_: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A fruit's middle (3,), its rotation (3, 3) since the beginning, and its stem's end."""
+        """A fruit's middle (3,), its rotation (3, 3) since the beginning, and its stem.
+
+        The stem is its joints and its end (SEGMENTS + 1, 3), the root first.
+        """
         body = self.data.body(id_)
-        return (
-            np.array(self.data.site(id_).xpos), np.array(body.xmat).reshape(3, 3),
-            np.array(body.xpos),
-        )  # fmt: skip
+        stem = [self.data.body(f"{id_}:{k}").xpos for k in range(SEGMENTS)]
+        turn = np.array(body.xmat).reshape(3, 3)
+        return np.array(self.data.site(id_).xpos), turn, np.array([*stem, body.xpos])
+
+    def pushed(self) -> np.ndarray:
+        """Force (3,) of the world on the cup in the last step [N]."""
+        total, wrench = np.zeros(3), np.zeros(6)
+        cup = self.model.body("cup").id
+        for k in range(self.data.ncon):
+            contact = self.data.contact[k]
+            owners = self.model.geom_bodyid[contact.geom]
+            if cup not in owners:
+                continue
+            mujoco.mj_contactForce(self.model, self.data, k, wrench)
+            force = contact.frame.reshape(3, 3).T @ wrench[:3]
+            total += force if owners[1] == cup else -force
+        return total
 
     def harm(self) -> tuple[str, ...]:
         """What was harmed so far, in words."""
         return self._watch.harm(self.ids, self.statics)
+
+    def shares(self) -> tuple[float, float]:
+        """Largest force on a fruit so far [N], and the longest press of a stem [s]."""
+        stems = [float(t) for n, t in zip(self._watch.labels, self._watch.long[:, 0], strict=True)
+                 if n.startswith("stem of ")]  # fmt: skip
+        return self._watch.most(self.ids), max(stems, default=0.0)
 
     def outcome(self) -> Word:
         """Stand still for a moment, and judge all that happened."""

@@ -16,6 +16,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from optipromp.cli import (
+    bench,
     calibrate,
     catalogue,
     check,
@@ -82,6 +83,7 @@ app.command("render")(render.render)
 app.command("see")(see.see)
 app.command("calibrate")(calibrate.calibrate)
 app.command("study")(study.study)
+app.add_typer(bench.bench)
 app.command("report")(report.report)
 app.command("learn")(learn.learn)
 app.command("check")(check.check)

@@ -1,0 +1,43 @@
+"""The entries of this library, by name (``optipromp bench list``)."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+
+class Named(NamedTuple):
+    """An entry: where its class is, what it does, and its track."""
+
+    spec: str
+    text: str
+    track: str = "plan"
+
+
+PLANNERS: Mapping[str, str] = {
+    "straight": "straight at the target; nothing is known of pushes",
+    "chomp": "CHOMP from a ProMP (the related work on tomatoes)",
+    "drift": "the paper's rule: away from each stem",
+    "i-promp": "the paper's first method",
+    "i-promp-guard": "the same with a mouth closed while it pushes",
+    "paper": "OptI-ProMP, sequential, as the paper has it",
+    "obstacles": "ours with every neighbour an obstacle",
+    "opti-promp": "ours",
+}
+CLASSIC: Mapping[str, Named] = {
+    name: Named(f"optipromp.bench.entries.{module}:{kind}", text)
+    for name, module, kind, text in (
+        ("rrt", "classic", "Rrt", "RRT-Connect (OMPL); last link and tool may touch fruits"),
+        ("rrt-obstacles", "classic", "RrtObstacles", "the same with every fruit an obstacle"),
+        ("chomp-line", "classic", "ChompLine", "CHOMP from a straight line in joint space"),
+        ("push-aside", "classic", "PushAside", "pushes from beside each fruit (Xiong 2019)"),
+        ("receding", "sampling", "Receding", "receding-horizon pushes (Dogar) in our push model"),
+        ("mppi", "sampling", "Mppi", "MPPI on our push model"),
+        ("episodic", "sampling", "Episodic", "episodic search of weights in our push model"),
+    )
+}
+ENTRIES: Mapping[str, Named] = {
+    **{
+        name: Named(f"optipromp.bench.entries.planners:{name.title().replace('-', '')}", text)
+        for name, text in PLANNERS.items()
+    },
+    **CLASSIC,
+}

@@ -1,0 +1,190 @@
+"""Entries of the field that no planner of ours is: trees, CHOMP from a line, pushes beside fruit."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from optipromp.bench.entries.motions import ROWS, Pathed, gentle, gentle_plan
+from optipromp.core.arrays import FloatArray, lengths
+from optipromp.core.budget import Budget
+from optipromp.core.errors import InvalidRequestError, OptiPrompError
+from optipromp.core.optimization import covariant
+from optipromp.core.planning import plan
+from optipromp.core.planning.collision import collider, open_edge
+from optipromp.core.planning.planners import goal_configurations
+from optipromp.core.planning.result import Failed, Planned
+from optipromp.core.planning.task import Task, pushed_aside, resolve
+from optipromp.core.pushing.model import PushModel
+from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.pushing.path import ToolPath, through
+from optipromp.core.scenes.scene import Scene
+from optipromp.core.trajectory import Trajectory
+from optipromp.laboratory.planners.obstacles import Chomp
+from optipromp.laboratory.planners.straight import gently
+
+LONGEST = 5.0  # [s] of a tree's search: a choice; ours takes 0.2 s at most
+FINE = 0.005  # share of the space between two checked configurations: as in our benchmarks
+GAP, WIDEST = 0.005, 0.06  # [m] between tool and fruit before a push, and of its way: choices
+LEAST = 0.02  # [m] between heights of pushes: a choice
+
+
+@dataclass(frozen=True)
+class FromLine(Chomp):
+    """CHOMP from the straight line in joint space."""
+
+    name: ClassVar[str] = "chomp-line"
+    waypoints: ClassVar[int] = 100
+
+    def solve(self, task: Task, budget: Budget) -> Planned | Failed:
+        """See :class:`optipromp.core.planning.planner.Planner`."""
+        chosen = goal_configurations(pushed_aside(task), budget)
+        if not len(chosen.q):
+            return chosen.failed
+        share = np.linspace(0.0, 1.0, self.waypoints)[:, None]
+        line = task.start + share * (chosen.q[0] - task.start)
+        problem = self.problem(task, self.waypoints)
+        found = covariant.descend(problem, line, covariant.DescentOptions())
+        return gently(task, found.q)
+
+
+class ChompLine:
+    """CHOMP from a straight line in joint space; every fruit is an obstacle of the cost."""
+
+    def plan(self, scene: Scene, seed: int) -> Trajectory | None:
+        """See :class:`optipromp.bench.tracks.Planning`."""
+        return gentle_plan(plan(scene, planner=FromLine(), seed=seed), scene)
+
+
+@dataclass(frozen=True)
+class BesideFruits(Pathed):
+    """The tool rises beside each neighbour in its way, pushes it aside, and goes on.
+
+    After Xiong, Ge and From (2019 and 2020): from the lowest neighbour on, the tool comes up in the
+    free space between neighbour and target, and moves towards the neighbour to push it away.
+    """
+
+    name: ClassVar[str] = "push-aside"
+
+    def path(self, task: Task, model: PushModel | None, seed: int) -> ToolPath:
+        """See :class:`Pathed`."""
+        begin, end = task.camera, task.goal.position  # type: ignore[union-attr]
+        frame, radius = task.scene.frame, task.robot.gripper_radius
+        corners, low = [begin], float((begin - end) @ frame[2])
+        for height, aside in self._pushes(task, radius):
+            at = max(height - LEAST, low + LEAST)
+            if at >= -LEAST:
+                break
+            column = end + at * frame[2]
+            corners += [column - aside @ frame[:2], column + min(LEAST, -at) * frame[2]]
+            low = at + LEAST
+        return through(np.array([*corners, end]), PUSH.hanging.speed)
+
+    @staticmethod
+    def _pushes(task: Task, radius: float) -> list[tuple[float, FloatArray]]:
+        """Heights [m] from the target and ways (2,) [m] of pushes, the lowest first."""
+        frame, end = task.scene.frame, task.goal.position  # type: ignore[union-attr]
+        found: list[tuple[float, FloatArray]] = []
+        for item in task.neighbours:
+            off = frame @ (item.position - end)
+            way, wide = off[:2], float(np.hypot(*off[:2]))
+            reach = radius + item.radius + GAP
+            if wide >= reach or off[2] > 0.0:
+                continue
+            unit = way / wide if wide > 1e-6 else np.array([1.0, 0.0])
+            found.append((float(off[2]) - item.radius, min(reach - wide, WIDEST) * unit))
+        merged: list[tuple[float, FloatArray]] = []
+        for height, way in sorted(found, key=lambda each: each[0]):
+            if merged and height - merged[-1][0] < 2.0 * LEAST:  # one push for both
+                low, before = merged[-1]
+                both = before + way
+                size = float(np.linalg.norm(both))
+                merged[-1] = low, both * min(1.0, WIDEST / max(size, 1e-9))
+            else:
+                merged.append((height, way))
+        return merged
+
+
+class PushAside:
+    """Push each fruit aside from the free space beside it; no model of the push."""
+
+    def plan(self, scene: Scene, seed: int) -> Trajectory | None:
+        """See :class:`optipromp.bench.tracks.Planning`."""
+        return gentle_plan(plan(scene, planner=BesideFruits(), seed=seed), scene)
+
+
+class Rrt:
+    """RRT-Connect of OMPL; last link and tool may touch fruits, which are no obstacles to them."""
+
+    fruits: ClassVar[bool] = False
+
+    def plan(self, scene: Scene, seed: int) -> Trajectory | None:
+        """See :class:`optipromp.bench.tracks.Planning`.
+
+        Raises:
+            InvalidRequestError: OMPL is not installed.
+        """
+        corners = _grown(resolve(scene), self.fruits, seed)
+        if corners is None:
+            return None
+        far = np.append(0.0, np.cumsum(lengths(np.diff(corners, axis=0))))
+        tau = np.linspace(0.0, far[-1], ROWS)
+        q = np.stack([np.interp(tau, far, column) for column in corners.T], axis=1)
+        return gentle(scene, q)
+
+
+class RrtObstacles(Rrt):
+    """RRT-Connect of OMPL; every fruit is an obstacle to the whole robot, or the scene refused."""
+
+    fruits = True
+
+
+def _grown(task: Task, fruits: bool, seed: int) -> FloatArray | None:
+    """Corners (k, n) of a simplified way from the start to a goal configuration; None: no way."""
+    try:
+        from ompl import base, geometric, util
+    except ImportError:
+        raise InvalidRequestError("the entries rrt need OMPL: pip install ompl") from None
+    util.setLogLevel(util.LOG_NONE)
+    util.RNG.setSeed(seed + 1)
+    robot, n, around = task.robot, task.robot.n_joints, task.surroundings
+    body, room = collider(task, len(around.dynamic.kind) if fruits else around.shared), np.empty(n)
+
+    def free(q: FloatArray) -> bool:
+        return bool(open_edge(body, q, q, room))
+
+    try:
+        ends = [q for q in goal_configurations(pushed_aside(task), Budget()).q if free(q)]
+    except OptiPrompError:
+        return None
+    if not ends:
+        return None
+    space = base.RealVectorStateSpace(n)
+    bounds = base.RealVectorBounds(n)
+    for j in range(n):
+        bounds.setLow(j, float(robot.lower[j]))
+        bounds.setHigh(j, float(robot.upper[j]))
+    space.setBounds(bounds)
+
+    def state(q: FloatArray) -> Any:
+        out = space.allocState()
+        for j, value in enumerate(q):
+            out[j] = float(value)
+        return out
+
+    def values(at: Any) -> FloatArray:
+        return np.array([at[j] for j in range(n)])
+
+    search = geometric.SimpleSetup(space)
+    search.setStateValidityChecker(lambda at: free(values(at)))
+    search.getSpaceInformation().setStateValidityCheckingResolution(FINE)
+    search.setStartState(state(task.start))
+    goal = base.GoalStates(search.getSpaceInformation())
+    for q in ends:
+        goal.addState(state(q))
+    search.setGoal(goal)
+    search.setPlanner(geometric.RRTConnect(search.getSpaceInformation()))
+    if not search.solve(LONGEST) or not search.haveExactSolutionPath():
+        return None
+    search.simplifySolution()
+    return np.array([values(at) for at in search.getSolutionPath().getStates()])

@@ -1,0 +1,79 @@
+"""What the entries share: motions made gentle, and planners that follow a tool path of their own."""
+
+from abc import abstractmethod
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from optipromp.bench.primitive import COUNT, path_of
+from optipromp.core.arrays import FloatArray, lengths
+from optipromp.core.budget import Budget
+from optipromp.core.errors import Code
+from optipromp.core.planning import Plan
+from optipromp.core.planning.planners import OptiProMP, goal_configurations
+from optipromp.core.planning.result import Failed, Harmful, Planned
+from optipromp.core.planning.task import Task, posed, pushed_aside, spaced
+from optipromp.core.planning.timing import shortest
+from optipromp.core.pushing.model import PushModel
+from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.pushing.path import ToolPath
+from optipromp.core.scenes.scene import PoseGoal, Scene
+from optipromp.core.trajectory import Trajectory
+
+NEAR = 0.12  # [m] of the tool point from a fruit's surface, within which the tool is slow: a choice
+ROWS = 250  # waypoints of a motion that is timed anew: a choice
+
+
+def gentle(scene: Scene, q: FloatArray) -> Trajectory:
+    """The fastest motion through waypoints (T, n), at most as fast near fruits as ours.
+
+    A method that knows no pushes would be judged by its haste otherwise.
+    """
+    robot, _ = posed(scene)
+    points, _ = robot.tool_pose(q)
+    away = np.full(len(q), np.inf)
+    for item in scene.objects:
+        if item.role != "static":
+            away = np.minimum(away, lengths(points - item.position) - item.radius)
+    near = away < NEAR
+    return shortest(robot, q, near[1:] | near[:-1], PUSH.hanging.speed)
+
+
+def gentle_plan(made: Plan, scene: Scene) -> Trajectory | None:
+    """A plan's motion made gentle; None where the plan stands still."""
+    own = made.trajectory
+    if float(np.ptp(own.positions, axis=0).max()) == 0.0:
+        return None
+    q, _, _ = own.sample(np.linspace(0.0, own.duration, ROWS))
+    return gentle(scene, q)
+
+
+@dataclass(frozen=True)
+class Pathed(OptiProMP):
+    """A planner that makes a tool path of its own, which the arm follows as it follows ours."""
+
+    @property
+    def approaches(self) -> bool:
+        """No other approach is tried: the path is of this one."""
+        return False
+
+    @abstractmethod
+    def path(self, task: Task, model: PushModel | None, seed: int) -> ToolPath:
+        """The tool path for a task; the push model is None where nothing is to be pushed."""
+
+    def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
+        """See :class:`optipromp.core.planning.planner.Planner`."""
+        if not isinstance(task.goal, PoseGoal):
+            return Failed(Code.GOAL_UNREACHABLE, "a tool path needs a goal with place and axis")
+        chosen = goal_configurations(pushed_aside(task), budget)
+        if not len(chosen.q):
+            return chosen.failed
+        path = self.path(task, task.push_model(chosen.q[0]), task.seed)
+        return super().solve(replace(task, only=path, sparing=False), budget)
+
+
+def harm_of(task: Task, model: PushModel, weights: FloatArray, states: int) -> float:
+    """The predicted harm of weights (2, COUNT) of a primitive."""
+    points = path_of(task, weights.reshape(2, COUNT)).points
+    axes = task.axes(np.linspace(0.0, 1.0, len(points)))
+    return model.harm(*spaced(points, axes), states)

@@ -1,0 +1,294 @@
+"""One scene of the benchmark: an entry is asked, and both engines execute what it gives."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal, cast
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from optipromp.bench.episode import Episode
+from optipromp.bench.flight import Word
+from optipromp.bench.sets import scene_of
+from optipromp.bench.tracks import (
+    Motion,
+    Track,
+    acted,
+    against,
+    asked,
+    loaded,
+    photographed,
+    replayed,
+)
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import ExecutionError, InvalidRequestError, OptiPrompError
+from optipromp.core.planning.task import posed
+from optipromp.core.scenes.io import scene_to_dict
+from optipromp.core.scenes.scene import Scene
+from optipromp.core.trajectory import Trajectory
+from optipromp.laboratory.experiments.conditions import CONDITIONS, Situation
+from optipromp.laboratory.experiments.eyes import aimed_at, without_fruits
+from optipromp.laboratory.experiments.variations import VARIATIONS
+from optipromp.laboratory.generate.plants import untold
+from optipromp.laboratory.simulation import Outcome, simulate
+
+Engine = Literal["arm", "flight"]
+ENGINES: tuple[Engine, ...] = ("arm", "flight")
+"""``arm``: the whole arm with its controller; ``flight``: a cup in flight, a model of its own."""
+Result = Literal["clean", "harmed", "missed", "refused", "error"]
+STEADY = "none", "zero-mean", "detector", "missed", "calibration"
+"""Conditions in which plants stand still, so that the engine ``flight`` has them, too."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is asked of an entry.
+
+    Attributes:
+        entry: name, or MODULE:CLASS.
+        track: one of :data:`optipromp.bench.tracks.TRACKS`.
+        preset, seed: of the scene.
+        condition: of :data:`optipromp.laboratory.experiments.conditions.CONDITIONS`.
+        variation: of :data:`optipromp.laboratory.experiments.variations.VARIATIONS`; empty: none.
+        engines: that execute the motion.
+    """
+
+    entry: str
+    track: Track
+    preset: str
+    seed: int
+    condition: str = "none"
+    variation: str = ""
+    engines: tuple[Engine, ...] = ENGINES
+
+
+@dataclass(frozen=True)
+class BenchRow:
+    """What became of one scene in one engine: a row of the benchmark.
+
+    Attributes:
+        preset, seed, digest: of the scene.
+        engine: that executed the motion.
+        result: ``clean``: the target alone was picked and nothing harmed; ``harmed``: something
+            was, whether or not the target was picked; ``missed``: neither; ``refused``: the entry
+            gave no motion, or none that a controller takes; ``error``: it raised an error.
+        picked: whether the target was in the tool at the end.
+        cause: of what is not clean.
+        force: largest force on any fruit but the target [N]; None: not executed.
+        duration: of the motion [s]; None: not executed.
+        thought: wall time of the entry [s]; of a policy, the median of a call.
+    """
+
+    preset: str
+    seed: int
+    digest: str
+    engine: str
+    result: Result
+    picked: bool = False
+    cause: str = ""
+    force: float | None = None
+    duration: float | None = None
+    thought: float = 0.0
+
+    @property
+    def key(self) -> tuple[str, int, str]:
+        """By which a row is unique."""
+        return self.preset, self.seed, self.engine
+
+    def judged(self) -> tuple[Any, ...]:
+        """All but the times that differ from machine to machine."""
+        return tuple(getattr(self, name) for name in COLUMNS if name != "thought")
+
+
+COLUMNS: tuple[str, ...] = tuple(field.name for field in fields(BenchRow))
+
+
+def row_of(texts: Mapping[str, str]) -> BenchRow:
+    """A row from its cells.
+
+    Raises:
+        ValueError, KeyError: cells that are not a row's.
+    """
+    values = {name: texts[name] or None for name in COLUMNS}
+    values["cause"] = values["cause"] or ""
+    return TypeAdapter(BenchRow).validate_python(values)
+
+
+def situated(task: Task) -> tuple[Situation, str]:
+    """The setting of a task and the digest of its scene.
+
+    Raises:
+        InvalidRequestError: an unknown condition or variation, or another scene than the frozen.
+    """
+    scene, digest = scene_of(task.preset, task.seed)
+    setting = CONDITIONS[task.condition](scene, task.seed)
+    setting = setting._replace(seen=untold(setting.seen))
+    if task.variation:
+        rng = np.random.default_rng([task.seed, 2])
+        changed, parameters = VARIATIONS[task.variation](setting.scene, rng)
+        setting = setting._replace(scene=changed, parameters=parameters)
+    return setting, digest
+
+
+Motions = Mapping[Engine, Motion]
+"""By engine: a policy acts anew in each, one trajectory is executed in all."""
+
+
+def attempted(task: Task) -> tuple[list[BenchRow], Motions]:
+    """Ask an entry for its motion in a scene, and execute it in every engine.
+
+    Errors of the entry are rows; those of the task are raised.
+
+    Raises:
+        InvalidRequestError: an unknown entry, preset, condition or variation.
+    """
+    entry = loaded(task.entry)
+    setting, digest = situated(task)
+    if task.track == "policy":
+        return _by_policy(entry, task, setting, digest)
+    try:
+        if task.track == "picture":
+            picture, known = photographed(setting, task.seed), without_fruits(setting.scene)
+            motion = asked(lambda: entry.plan(picture, known, task.seed), setting.seen)
+        else:
+            motion = asked(lambda: entry.plan(setting.seen, task.seed), setting.seen)
+    except Exception as error:
+        return _errors(task, digest, error), {}
+    motions = dict.fromkeys(task.engines, motion)
+    return executed_rows(task, setting, digest, motions), motions
+
+
+def executed_rows(task: Task, setting: Situation, digest: str, motions: Motions) -> list[BenchRow]:
+    """The rows of motions, each executed anew in its engine."""
+    rows = []
+    for engine, motion in motions.items():
+        row = BenchRow(task.preset, task.seed, digest, engine, "refused", thought=motion.thought)
+        if motion.refused:
+            rows.append(replace(row, cause=motion.why))
+        elif motion.actions is not None:
+            episode = _episode(task, setting, engine)
+            replayed(motion, episode)
+            rows.append(_ended(row, episode))
+        else:
+            rows.append(_flown(row, task, setting, motion, engine))
+    return rows
+
+
+def _by_policy(
+    entry: Any, task: Task, setting: Situation, digest: str
+) -> tuple[list[BenchRow], Motions]:
+    """The rows of a policy, which acts anew in every engine."""
+    rows, motions = list[BenchRow](), dict[Engine, Motion]()
+    for engine in task.engines:
+        try:
+            episode = _episode(task, setting, engine)
+            motion = acted(entry, episode)
+        except Exception as error:
+            rows += _errors(replace(task, engines=(engine,)), digest, error)
+            continue
+        motions[engine] = motion
+        row = BenchRow(task.preset, task.seed, digest, engine, "missed", thought=motion.thought)
+        rows.append(_ended(row, episode))
+    return rows, motions
+
+
+def _episode(task: Task, setting: Situation, engine: Engine) -> Episode:
+    if engine == "arm":
+        return Episode(setting, task.seed)
+    from optipromp.bench.flown import FlightWorld
+
+    return Episode(setting, task.seed, world=FlightWorld(setting.scene, task.seed))
+
+
+def _flown(
+    row: BenchRow, task: Task, setting: Situation, motion: Motion, engine: Engine
+) -> BenchRow:
+    assert motion.trajectory is not None
+    truth = _aimed(setting.scene, motion) if task.track == "picture" else setting.scene
+    try:
+        if engine == "arm":
+            run = simulate(motion.trajectory, truth, parameters=setting.parameters, seed=task.seed)
+            return _judged(row, run.outcome, motion.trajectory.duration)
+        from optipromp.bench.flight import execute
+
+        rows = motion.trajectory.resample(1000.0)
+        word = execute(scene_to_dict(truth), rows.times, rows.positions, task.seed)
+    except (ExecutionError, RuntimeError) as error:
+        return replace(row, result="error", cause=str(error))
+    except (OptiPrompError, ValueError) as error:
+        raise InvalidRequestError(f"{task.preset} {task.seed}, engine {engine}: {error}") from None
+    return _judged(row, word, motion.trajectory.duration)
+
+
+def _aimed(scene: Scene, motion: Motion) -> Scene:
+    """The true scene, whose target is the ripe fruit nearest to the tool at the motion's end."""
+    assert motion.trajectory is not None
+    point, _ = posed(scene)[0].tool_pose(motion.trajectory.positions[-1])
+    ripe = [item.id for item in scene.objects if item.role == "target"]
+    where = replace(scene.objects[0], position=np.asarray(point))
+    return aimed_at(scene, ripe, where)
+
+
+def _ended(row: BenchRow, episode: Episode) -> BenchRow:
+    return _judged(row, episode.outcome(), episode.time)
+
+
+def _judged(row: BenchRow, outcome: Outcome | Word, duration: float) -> BenchRow:
+    """A row with the word of an engine; harm counts before success."""
+    time_ = round(duration, 4)
+    if isinstance(outcome, Word):
+        harm = [*outcome.harm, *(f"swallowed {name}" for name in outcome.swallowed)]
+        result = _result(outcome.success, bool(harm))
+        return replace(
+            row, result=result, picked=outcome.picked, cause="; ".join(harm),
+            force=_rounded(outcome.force), duration=time_,
+        )  # fmt: skip
+    harm = [each for each in outcome.causes if each not in ("not_picked", "not_placed")]
+    return replace(
+        row, result=_result(outcome.success, bool(harm)), picked=bool(outcome.picked),
+        cause=" ".join(outcome.causes), force=_rounded(outcome.unripe_peak_force), duration=time_,
+    )  # fmt: skip
+
+
+def _result(clean: bool, harmed: bool) -> Result:
+    return "clean" if clean else "harmed" if harmed else "missed"
+
+
+def _rounded(value: float | FloatArray) -> float:
+    return round(float(value), 3)
+
+
+def _errors(task: Task, digest: str, error: Exception) -> list[BenchRow]:
+    words = f"{type(error).__name__}: {error}"
+    return [
+        BenchRow(task.preset, task.seed, digest, engine, "error", cause=words)
+        for engine in task.engines
+    ]
+
+
+def rows_and_arrays(task: Task) -> tuple[list[BenchRow], dict[str, FloatArray]]:
+    """:func:`attempted` with the motions as arrays, for a file."""
+    rows, motions = attempted(task)
+    if task.track == "policy":
+        return rows, {str(k): cast(FloatArray, m.actions) for k, m in motions.items()}
+    return rows, next(iter(motions.values())).arrays() if motions else {}
+
+
+def again(task: Task, arrays: Mapping[str, FloatArray]) -> list[BenchRow]:
+    """The rows of motions from a file, executed once more.
+
+    Raises:
+        InvalidRequestError: as :func:`attempted`; arrays that are no motion of the scene's robot.
+    """
+    setting, digest = situated(task)
+    if task.track == "policy":
+        motions = {e: Motion(actions=arrays[e]) for e in task.engines if e in arrays}
+        return executed_rows(task, setting, digest, motions)
+    motion = Motion()
+    if arrays:
+        names = posed(setting.seen)[0].joint_names
+        rows = (arrays[k] for k in ("times", "positions", "velocities", "accelerations"))
+        motion = Motion(Trajectory(*rows, names))
+        if wrong := against(motion.trajectory, setting.seen):
+            motion = Motion(why=wrong)
+    return executed_rows(task, setting, digest, dict.fromkeys(task.engines, motion))

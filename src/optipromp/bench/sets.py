@@ -1,0 +1,125 @@
+"""Frozen sets of scenes: the same bunches for everybody, told by their digests.
+
+The seeds of the *development* set are public, and its digests stand in ``data/development.json``
+(written by ``python -m optipromp.bench.sets``). A *test* set is drawn by the runner: a word, by
+default a random one, gives its seeds, so nobody has tuned on them. A result names its word, and
+anybody draws the same scenes again.
+
+A digest is of a scene's document with numbers rounded to 0.1 µm, because the last bits of numbers
+differ between processors.
+"""
+
+import hashlib
+import json
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any, cast
+
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.scenes.io import scene_to_dict
+from optipromp.core.scenes.scene import Scene
+from optipromp.laboratory.generate import Preset, generate
+
+PRESETS: tuple[str, ...] = ("cluster", "tight", "field", "wild")
+COUNT = 200
+"""Scenes of a preset."""
+DEVELOPMENT = "development"
+FIRST = 110_000  # seed of the development set: above those of all other studies
+BEYOND, SETS = 10_000_000, 1_000_000  # first seed of all test sets, number of these
+PLACES = 7  # decimals of numbers in a digest [m]: far above the last bits, far below a millimetre
+FILE = "development.json"
+
+
+@dataclass(frozen=True)
+class SceneSet:
+    """Scenes of several presets, ``count`` of each.
+
+    Attributes:
+        word: ``development``, or the word that a test set is drawn by.
+        presets: names of presets; see ``optipromp generate --help``.
+        count: scenes of each.
+
+    Raises:
+        InvalidRequestError: no preset, or a count that is not 1 to 1,000.
+    """
+
+    word: str = DEVELOPMENT
+    presets: tuple[str, ...] = PRESETS
+    count: int = COUNT
+
+    def __post_init__(self) -> None:
+        if not self.presets or not 1 <= self.count <= 1000:
+            raise InvalidRequestError(
+                f"a set has {len(self.presets)} presets and {self.count} scenes of each; must have "
+                "at least one preset and 1 to 1,000 scenes"
+            )
+
+    @property
+    def first(self) -> int:
+        """The first seed."""
+        if self.word == DEVELOPMENT:
+            return FIRST
+        number = int.from_bytes(hashlib.sha256(self.word.encode()).digest()[:8], "big")
+        return BEYOND + 1000 * (number % SETS)
+
+    def scenes(self) -> Iterable[tuple[str, int]]:
+        """Preset and seed of every scene."""
+        for preset in self.presets:
+            for seed in range(self.first, self.first + self.count):
+                yield preset, seed
+
+
+def scene_of(preset: str, seed: int) -> tuple[Scene, str]:
+    """A scene and its digest.
+
+    Raises:
+        InvalidRequestError: an unknown preset, or a scene of the development set whose digest is
+            not the frozen one: another version of the generator draws other scenes.
+    """
+    scene = generate(cast(Preset, preset), seed)
+    told = digest(scene)
+    known = frozen_digests().get(preset, {}).get(str(seed))
+    if known is not None and known != told:
+        raise InvalidRequestError(
+            f"{preset} {seed} has the digest {told}, the frozen one is {known}: this version draws "
+            "other scenes, so its results cannot stand beside others"
+        )
+    return scene, told
+
+
+def digest(scene: Scene) -> str:
+    """The first 16 hexadecimal digits of SHA-256 of a scene's rounded document."""
+    text = json.dumps(_rounded(scene_to_dict(scene)), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, float):
+        return round(value, PLACES) + 0.0  # no -0.0
+    if isinstance(value, Mapping):
+        return {str(key): _rounded(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_rounded(item) for item in value]
+    return value
+
+
+@cache
+def frozen_digests() -> Mapping[str, Mapping[str, str]]:
+    """The digests of the development set, by preset and seed."""
+    file = files("optipromp.bench").joinpath("data", FILE)
+    return cast(Mapping[str, Mapping[str, str]], json.loads(file.read_text()))
+
+
+def main() -> None:
+    """Write the digests of the development set to standard output."""
+    told: dict[str, dict[str, str]] = {}
+    for preset, seed in SceneSet().scenes():
+        told.setdefault(preset, {})[str(seed)] = digest(generate(cast(Preset, preset), seed))
+    sys.stdout.write(json.dumps(told, indent=0))
+
+
+if __name__ == "__main__":
+    main()

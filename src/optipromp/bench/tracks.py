@@ -1,0 +1,207 @@
+"""What an entry is asked for, by track, and the motion that it gives.
+
+===========  ======================================================================================
+``plan``     ``plan(scene, seed)`` gives one trajectory; None: the entry refuses the scene
+``policy``   ``reset(scene, seed)``, then ``act(seen)`` every 20 ms gives joint velocities
+``picture``  ``plan(picture, known, seed)`` gives one trajectory: colours and depth in, with the
+             scene as known before any picture (robot, tool, approach, start, static objects)
+===========  ======================================================================================
+
+An entry is a class without arguments. A motion is all that an entry did, so both engines execute
+it, and ``bench verify`` does so again.
+"""
+
+import importlib
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, Protocol, cast
+
+import numpy as np
+
+from optipromp.bench.episode import Episode, Observation
+from optipromp.core.arrays import FloatArray, frozen
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.judging import extremes
+from optipromp.core.planning import Plan
+from optipromp.core.planning.task import posed
+from optipromp.core.scenes.scene import Scene
+from optipromp.core.scenes.values import suggest
+from optipromp.core.trajectory import Trajectory
+from optipromp.laboratory.experiments.conditions import Situation
+from optipromp.perception.pictures import DepthPicture
+
+Track = Literal["plan", "policy", "picture"]
+TRACKS: tuple[Track, ...] = ("plan", "policy", "picture")
+CONDITION: Mapping[Track, str] = {"plan": "none", "policy": "sway", "picture": "none"}
+"""Of each track by default; see :mod:`optipromp.laboratory.experiments.conditions`."""
+LIMIT = 1.001  # share of a joint's limit that counts as within: rounding of files
+AT_START = 1e-4  # [rad or m] of the trajectory's begin off the scene's start: rounding of files
+
+
+class Planning(Protocol):
+    """An entry of the track ``plan``."""
+
+    def plan(self, scene: Scene, seed: int) -> Trajectory | Plan | None:
+        """A motion from the scene's start; None, or a plan without success: refused."""
+
+
+class Acting(Protocol):
+    """An entry of the track ``policy``."""
+
+    def reset(self, scene: Scene, seed: int) -> None:
+        """A new episode in a scene, as first seen."""
+
+    def act(self, seen: Observation) -> FloatArray:
+        """Joint velocities (n,) [rad/s] for the next 20 ms."""
+
+
+class Seeing(Protocol):
+    """An entry of the track ``picture``."""
+
+    def plan(self, picture: DepthPicture, known: Scene, seed: int) -> Trajectory | Plan | None:
+        """A motion from the scene's start that picks a ripe fruit; None: refused."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What an entry did in one scene.
+
+    Attributes:
+        trajectory: of the tracks ``plan`` and ``picture``; None: refused, or another track.
+        actions: (k, n) joint velocities of the track ``policy``; None: another track.
+        thought: wall time of the entry [s]; of a policy, the median of a call.
+        why: of a refusal, or of a motion that is not executed.
+    """
+
+    trajectory: Trajectory | None = None
+    actions: FloatArray | None = None
+    thought: float = 0.0
+    why: str = ""
+
+    @property
+    def refused(self) -> bool:
+        """Whether there is nothing to execute."""
+        return self.trajectory is None and self.actions is None
+
+    def arrays(self) -> dict[str, FloatArray]:
+        """The trajectory as arrays by name, for a file; empty without one."""
+        if self.trajectory is None:
+            return {}
+        own = self.trajectory
+        q, velocities, accelerations = own.rows()
+        return {
+            "times": own.times, "positions": q, "velocities": velocities,
+            "accelerations": accelerations,
+        }  # fmt: skip
+
+
+def loaded(spec: str) -> Any:
+    """The entry of a name in :data:`optipromp.bench.entries.ENTRIES`, or of MODULE:CLASS.
+
+    The working folder is searched for the module, too.
+
+    Raises:
+        InvalidRequestError: there is no such name, module or class, or the class cannot be made.
+    """
+    from optipromp.bench.entries import ENTRIES
+
+    known = ENTRIES.get(spec)
+    module, colon, attribute = (known.spec if known else spec).partition(":")
+    if not colon:
+        raise InvalidRequestError(f"entry is {spec!r}: {suggest(spec, tuple(ENTRIES))}")
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.insert(0, here)
+    try:
+        return getattr(importlib.import_module(module), attribute)()
+    except (ImportError, AttributeError, TypeError) as error:
+        raise InvalidRequestError(
+            f"entry {spec!r} cannot be made ({type(error).__name__}: {error}); an entry is "
+            "MODULE:CLASS, of a class without arguments"
+        ) from None
+
+
+def check_entry(entry: Any, track: Track) -> None:
+    """Refuse an entry without the methods of a track.
+
+    Raises:
+        InvalidRequestError: a method is missing.
+    """
+    for name in ("reset", "act") if track == "policy" else ("plan",):
+        if not callable(getattr(entry, name, None)):
+            raise InvalidRequestError(
+                f"{type(entry).__name__} has no method {name}; the track {track} asks for it"
+            )
+
+
+def asked(call: Callable[[], Any], scene: Scene) -> Motion:
+    """The motion of an entry's answer, which is checked before it is executed."""
+    began = time.perf_counter()
+    answer = call()
+    thought = time.perf_counter() - began
+    if isinstance(answer, Plan):
+        if not answer.success:
+            return Motion(thought=thought, why=f"{answer.status}: {answer.message}")
+        answer = answer.trajectory
+    if answer is None:
+        return Motion(thought=thought, why="refused")
+    if not isinstance(answer, Trajectory):
+        raise InvalidRequestError(
+            f"the entry gave a {type(answer).__name__}; must be a Trajectory, a Plan or None"
+        )
+    wrong = against(answer, scene)
+    return Motion(None if wrong else answer, thought=thought, why=wrong)
+
+
+def against(trajectory: Trajectory, scene: Scene) -> str:
+    """What a controller of the scene's robot would refuse a trajectory for; empty: nothing."""
+    robot, state = posed(scene)
+    if trajectory.positions.shape[1] != len(state.q):
+        return f"{trajectory.positions.shape[1]} joints; the robot has {len(state.q)}"
+    off = float(np.abs(trajectory.positions[0] - state.q).max())
+    if off > AT_START:
+        return f"begins {off:.3g} rad off the start"
+    most = extremes(trajectory)
+    if (most.lowest < robot.lower - AT_START).any() or (
+        most.highest > robot.upper + AT_START
+    ).any():
+        return "leaves the range of a joint"
+    limits = np.array([robot.velocity, robot.acceleration])
+    share = float((most.largest[:2] / limits).max())
+    return f"{share:.2f} of a joint's limit of velocity or acceleration" if share > LIMIT else ""
+
+
+def acted(policy: Acting, episode: Episode) -> Motion:
+    """Let a policy act until the episode is over."""
+    policy.reset(episode.scene, episode.seed)
+    actions, times = [], []
+    while not (episode.done or episode.ended):
+        seen = episode.observe()
+        began = time.perf_counter()
+        velocity = np.array(policy.act(seen), dtype=np.float64)
+        times.append(time.perf_counter() - began)
+        episode.act(velocity)
+        actions.append(velocity)
+    count = episode.robot.n_joints
+    return Motion(
+        actions=frozen(np.array(actions).reshape(-1, count)),
+        thought=float(np.median(times or [0.0])),
+    )
+
+
+def replayed(motion: Motion, episode: Episode) -> None:
+    """The episode once more, with the actions that a policy took."""
+    for velocity in cast(FloatArray, motion.actions):
+        episode.act(velocity)
+
+
+def photographed(situation: Situation, seed: int) -> DepthPicture:
+    """The picture of a scene from beside."""
+    from optipromp.laboratory.experiments.eyes import cameras
+    from optipromp.laboratory.simulation.photograph import photograph
+
+    scene = situation.scene
+    return photograph(replace(scene, camera=cameras(scene)[0]), "beside", seed).picture

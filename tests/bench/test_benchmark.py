@@ -1,0 +1,215 @@
+"""The benchmark: frozen scenes, two engines, submissions that can be executed once more."""
+
+import io
+import json
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.stats
+from hypothesis import given
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from optipromp import Scene, Trajectory, plan
+from optipromp.bench.episode import Observation
+from optipromp.bench.results import BenchRun, run_bench, submission, verify
+from optipromp.bench.running import Task, attempted
+from optipromp.bench.sets import DEVELOPMENT, PRESETS, SceneSet, frozen_digests, scene_of
+from optipromp.bench.table import leaderboard, markdown, paired
+from optipromp.bench.tracks import against
+from optipromp.cli.main import app
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.planning.task import posed
+
+HERE = f"{__name__}"
+
+
+class Ours:
+    """The default planner."""
+
+    def plan(self, scene: Scene, seed: int) -> Trajectory | None:
+        made = plan(scene, seed=seed)
+        return made.trajectory if made.success else None
+
+
+class Hasty:
+    """The default planner's motion in a third of its time, which no arm follows."""
+
+    def plan(self, scene: Scene, seed: int) -> Trajectory:
+        own = plan(scene, seed=seed).trajectory
+        q, v, a = own.rows()
+        return Trajectory(own.times / 3.0, q, 3.0 * v, 9.0 * a, own.joint_names)
+
+
+class Broken:
+    """An entry with a defect."""
+
+    def plan(self, scene: Scene, seed: int) -> None:
+        raise ZeroDivisionError("a defect")
+
+
+class Follower:
+    """The default planner's motion, followed by velocities."""
+
+    def reset(self, scene: Scene, seed: int) -> None:
+        self.motion = plan(scene, seed=seed).trajectory
+
+    def act(self, seen: Observation) -> FloatArray:
+        q, v, _ = (row[0] for row in self.motion.sample(min(seen.time, self.motion.duration)))
+        return np.asarray(v + 2.0 * (q - seen.q))
+
+
+class Seer:
+    """See, then plan."""
+
+    def plan(self, picture, known: Scene, seed: int) -> Trajectory:
+        from optipromp.perception.eyes import look_at, seen_scene
+
+        scene, _ = seen_scene([look_at(picture, up=known.up)], known)
+        return plan(scene, seed=seed).trajectory
+
+
+def entry(kind: type) -> str:
+    return f"{HERE}:{kind.__name__}"
+
+
+@pytest.fixture(scope="module")
+def ours(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("ours")
+    scenes = SceneSet("another word", ("cluster",), 2)
+    rows = run_bench(BenchRun.of(entry(Ours), "plan", scenes), folder, workers=1)
+    assert [row.engine for row in rows] == ["arm", "flight"] * 2
+    assert "clean" in {row.result for row in rows}
+    return folder
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_the_development_set_is_frozen(preset: str) -> None:
+    first = SceneSet().first
+    assert len(frozen_digests()[preset]) == 200
+    for seed in range(first, first + 5):
+        _, told = scene_of(preset, seed)
+        assert told == frozen_digests()[preset][str(seed)]
+
+
+@given(st.text(min_size=1), st.text(min_size=1))
+def test_words_draw_sets_beyond_all_studies(one: str, other: str) -> None:
+    a, b = SceneSet(one), SceneSet(other)
+    if DEVELOPMENT not in (one, other):
+        assert 10_000_000 <= a.first < 2_000_000_000
+        assert a.first == b.first or abs(a.first - b.first) >= 1000
+    assert SceneSet(one).first == a.first
+
+
+def test_a_submission_is_verified_bit_for_bit(ours: Path) -> None:
+    assert verify(ours / "submission.zip", workers=1).changed == ()
+
+
+def test_what_was_touched_up_is_found(ours: Path, tmp_path: Path) -> None:
+    forged = tmp_path / "forged.zip"
+    with zipfile.ZipFile(ours / "submission.zip") as file:
+        content = {name: file.read(name) for name in file.namelist()}
+    name = next(k for k in content if k.endswith(".npz"))
+    with np.load(io.BytesIO(content[name])) as arrays:
+        values = dict(arrays)
+    values["positions"] = values["positions"][0] + 0.8 * (
+        values["positions"] - values["positions"][0]
+    )
+    stream = io.BytesIO()
+    np.savez(stream, **values)
+    content[name] = stream.getvalue()
+    with zipfile.ZipFile(forged, "w") as file:
+        for key, value in content.items():
+            file.writestr(key, value)
+    assert len(verify(forged, workers=1).changed) >= 1
+
+
+def test_a_run_goes_on_where_it_ended(ours: Path, tmp_path: Path) -> None:
+    run, rows, _ = submission(ours / "submission.zip")
+    for file in ours.rglob("*"):
+        if file.is_file() and file.name != "submission.zip":
+            place = tmp_path / file.relative_to(ours)
+            place.parent.mkdir(exist_ok=True)
+            place.write_bytes(file.read_bytes())
+    path = tmp_path / "rows.csv"
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join(lines[:3]) + lines[3][:20])  # cut short within a row
+    again = run_bench(run, tmp_path, workers=1)
+    assert [row.judged() for row in again] == [row.judged() for row in rows]
+    with pytest.raises(InvalidRequestError, match="choose another folder"):
+        run_bench(BenchRun.of(entry(Hasty), "plan", run.scenes), tmp_path, workers=1)
+
+
+def test_motions_that_no_controller_takes_are_refused() -> None:
+    rows, _ = attempted(Task(entry(Hasty), "plan", "cluster", 110_000))
+    assert {row.result for row in rows} == {"refused"}
+    assert "limit" in rows[0].cause
+    scene, _ = scene_of("cluster", 110_000)
+    other, _ = scene_of("wild", 110_003)
+    motion = plan(scene).trajectory
+    assert against(motion, scene) == ""
+    if np.abs(posed(other)[1].q - posed(scene)[1].q).max() > 1e-3:
+        assert "start" in against(motion, other)
+
+
+def test_an_entrys_defect_is_a_row() -> None:
+    rows, motions = attempted(Task(entry(Broken), "plan", "cluster", 110_000))
+    assert [row.result for row in rows] == ["error", "error"]
+    assert "a defect" in rows[0].cause
+    assert motions == {}
+
+
+def test_policies_act_in_both_engines(tmp_path: Path) -> None:
+    run = BenchRun.of(entry(Follower), "policy", SceneSet("w", ("cluster",), 1), "none")
+    rows = run_bench(run, tmp_path, workers=1)
+    assert {row.engine for row in rows} == {"arm", "flight"}
+    assert all(row.picked for row in rows)
+    assert verify(tmp_path / "submission.zip", workers=1).changed == ()
+    assert BenchRun.of(entry(Follower), "policy", run.scenes).engines == ("arm",)  # sway
+
+
+def test_pictures_come_in() -> None:
+    rows, _ = attempted(Task(entry(Seer), "picture", "cluster", 110_002))
+    assert {row.result for row in rows} <= {"clean", "harmed", "missed"}
+    assert rows[0].picked
+
+
+def test_a_table_orders_entries(ours: Path, tmp_path: Path) -> None:
+    run, _, _ = submission(ours / "submission.zip")
+    run_bench(BenchRun.of(entry(Broken), "plan", run.scenes), tmp_path, workers=1)
+    board = leaderboard([tmp_path, ours])
+    assert board.order == (entry(Ours), entry(Broken))
+    assert board.of(entry(Broken), "arm").errors == 2
+    assert board.of(entry(Ours), "arm").p is None
+    assert markdown(board).count(f"`{entry(Ours)}`") == 2
+    told = CliRunner().invoke(app, ["bench", "table", str(ours), str(tmp_path), "--json"])
+    assert told.exit_code == 0, told.output
+    assert json.loads(told.output)["order"] == list(board.order)
+
+
+@given(st.lists(st.tuples(st.booleans(), st.booleans()), max_size=40))
+def test_the_paired_test_is_that_of_scipy(pairs: list[tuple[bool, bool]]) -> None:
+    b, c = (sum(x and not y for x, y in pairs), sum(y and not x for x, y in pairs))
+    tail = scipy.stats.binom.cdf(min(b, c), b + c, 0.5) if b + c else 0.5
+    assert paired(pairs) == pytest.approx(min(2.0 * tail, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["--entry", "nowhere:Nobody"], "cannot be made"),
+        (["--entry", "json:JSONDecoder"], "no method plan"),
+        (["--entry", "opti-pormp"], "opti-promp"),
+        (["--entry", "opti-promp", "--track", "plane"], "plan"),
+        (["--entry", "opti-promp", "--condition", "storm"], "condition"),
+    ],
+)
+def test_wrong_requests_say_what_is_wrong(arguments: list[str], word: str, tmp_path: Path) -> None:
+    told = CliRunner().invoke(
+        app, ["bench", "run", "--out", str(tmp_path / "x"), "--count", "1", *arguments]
+    )
+    assert told.exit_code == 2
+    assert word in told.output
