@@ -20,6 +20,7 @@ class Aside:
     """Bow the tool's path away from the mean place of the unripe fruit."""
 
     def plan(self, scene: Scene, seed: int) -> Plan | None:
+        """The motion for one scene."""
         target = scene.target
         if target is None:
             return None

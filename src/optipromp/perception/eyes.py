@@ -212,8 +212,8 @@ def seen_scene(
 
     Several sightings of one scene are taken as one (:func:`optipromp.perception.fusing.fused`).
 
-    Known are robot, tool, start, approach, base and static objects of ``known``; its fruits are
-    not used. Of several ripe fruits the lowest is the target and the others are pushable. A fruit
+    Known are robot, tool, start, approach, base and static objects of ``known``; its fruits and
+    its goal are not used. Of several ripe fruits the lowest is the target and the others are pushable. A fruit
     whose stem was not seen gets one that is unseen: about upright, clear of the other fruits, as
     long as the median of those seen (:func:`optipromp.core.scenes.hidden.cleared`). Its tilts have
     the standard deviation ``parameters.tilt``.
@@ -255,7 +255,7 @@ def seen_scene(
     gone = {item.id for item in known.objects if item.role != "static"}
     scene = replace(
         known, name=f"{known.name}-seen", objects=(*objects, *known.static),
-        camera=sights[0].look.camera, may_touch=pairs_among(known.may_touch, gone),
+        camera=sights[0].look.camera, may_touch=pairs_among(known.may_touch, gone), goal=None,
     )  # fmt: skip
     return scene, tuple(assumed)
 

@@ -1,4 +1,4 @@
-"""Entries of the field that no planner of ours is: trees, CHOMP from a line, pushes beside fruit."""
+"""Entries of the field that no planner of ours is: trees, CHOMP from a line, push-aside."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar

@@ -1,4 +1,4 @@
-"""What the entries share: motions made gentle, and planners that follow a tool path of their own."""
+"""What the entries share: motions made gentle, planners that follow a tool path of their own."""
 
 from abc import abstractmethod
 from dataclasses import dataclass, replace

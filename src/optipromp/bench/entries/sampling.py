@@ -82,6 +82,7 @@ class ByHorizon(Pathed):
 
     name: ClassVar[str] = "receding"
     layers: ClassVar[int] = 6
+    states: ClassVar[int] = 3
     aside: ClassVar[float] = 0.03
     """[m] of a layer's places off the last one."""
 
@@ -106,7 +107,7 @@ class ByHorizon(Pathed):
                 points = through(np.array([*taken, *ahead, end]), PUSH.hanging.speed).points
                 axes = task.axes(np.linspace(0.0, 1.0, len(points)))
                 wide = sum(float(w @ w) for w in places) / 0.06**2
-                cost = model.harm(*spaced(points, axes), 1) + SMALL * wide
+                cost = model.harm(*spaced(points, axes), self.states) + SMALL * wide
                 if best is None or cost < best[0]:
                     best = cost, off + one
             assert best is not None
