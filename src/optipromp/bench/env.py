@@ -20,7 +20,7 @@ from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.planning import Plan, plan
 from optipromp.laboratory.experiments.conditions import CONDITIONS, Situation
 from optipromp.laboratory.generate import Preset, generate
-from optipromp.laboratory.simulation import Outcome, simulate
+from optipromp.laboratory.simulation import Outcome, Simulation, simulate
 
 SPEED = 0.15  # [m/s] of the tool at an action of 1: a choice; plans push at 0.1 m/s
 JOINTS = 0.5  # share of the joints' largest velocities at an action of 1: a choice
@@ -179,6 +179,7 @@ def _camera(episode: Episode, size: tuple[int, int], seed: int) -> Any:
 
     width, height = size
     small = PhotoParameters(width=width, height=height, focal=0.75 * width)
+    assert isinstance(episode.simulation, Simulation)
     return LiveCamera(episode.simulation, "palm", seed, small)
 
 

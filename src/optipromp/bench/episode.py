@@ -1,7 +1,7 @@
 """One pick, step by step: what a policy sees, what it does, and what became of it."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -38,6 +38,7 @@ class Observation:
         fruits: targets, pushables and objects to avoid as last seen, in the base frame.
         age: time since they were seen [s].
         force: (3,) of the world on the tool [N].
+        look: the last one that was delivered, with its camera; its time is since the beginning.
     """
 
     time: float
@@ -48,6 +49,7 @@ class Observation:
     fruits: tuple[SceneObject, ...]
     age: float
     force: FloatArray = field(default_factory=lambda: np.zeros(3))
+    look: Look | None = None
 
 
 class Episode:
@@ -123,6 +125,7 @@ class Episode:
         return Observation(
             self.time, self.state.q, self.state.velocity, point, axis, fruits, since,
             self.simulation.wrench()[:3],
+            None if look is None else replace(look, time=look.time - self._begin),
         )  # fmt: skip
 
     def act(self, velocity: FloatArray) -> None:

@@ -136,7 +136,7 @@ def _arc(line: np.ndarray, name: str, seed: int) -> np.ndarray:
     side = np.cross(line, rng.standard_normal(3))
     share = np.linspace(0.0, 1.0, SEGMENTS + 1)
     off = BOW * np.linalg.norm(line) * np.sin(np.pi * share) / np.linalg.norm(side)
-    return share[:, None] * line + off[:, None] * side
+    return np.asarray(share[:, None] * line + off[:, None] * side)
 
 
 def _hanging(

@@ -26,9 +26,9 @@ from optipromp.bench.running import (
     COLUMNS,
     ENGINES,
     STEADY,
+    Asking,
     BenchRow,
     Engine,
-    Task,
     again,
     row_of,
     rows_and_arrays,
@@ -96,10 +96,10 @@ class BenchRun:
             source_version(), f"{platform.system()} {platform.machine()}",
         )  # fmt: skip
 
-    def tasks(self) -> Iterator[Task]:
+    def tasks(self) -> Iterator[Asking]:
         """One for each scene."""
         for preset, seed in self.scenes.scenes():
-            yield Task(
+            yield Asking(
                 self.entry, self.track, preset, seed, self.condition, self.variation, self.engines
             )
 
@@ -176,7 +176,7 @@ def _settle(run: BenchRun, path: Path) -> None:
         write_atomically(path, json_text(wanted).encode())
 
 
-def _file(task: Task) -> str:
+def _file(task: Asking) -> str:
     return f"{task.preset}-{task.seed}.npz"
 
 

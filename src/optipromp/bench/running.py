@@ -11,7 +11,7 @@ from optipromp.bench.episode import Episode
 from optipromp.bench.flight import Word
 from optipromp.bench.sets import scene_of
 from optipromp.bench.tracks import (
-    Motion,
+    Deed,
     Track,
     acted,
     against,
@@ -41,7 +41,7 @@ STEADY = "none", "zero-mean", "detector", "missed", "calibration"
 
 
 @dataclass(frozen=True)
-class Task:
+class Asking:
     """What is asked of an entry.
 
     Attributes:
@@ -114,7 +114,7 @@ def row_of(texts: Mapping[str, str]) -> BenchRow:
     return TypeAdapter(BenchRow).validate_python(values)
 
 
-def situated(task: Task) -> tuple[Situation, str]:
+def situated(task: Asking) -> tuple[Situation, str]:
     """The setting of a task and the digest of its scene.
 
     Raises:
@@ -130,11 +130,11 @@ def situated(task: Task) -> tuple[Situation, str]:
     return setting, digest
 
 
-Motions = Mapping[Engine, Motion]
+Deeds = Mapping[Engine, Deed]
 """By engine: a policy acts anew in each, one trajectory is executed in all."""
 
 
-def attempted(task: Task) -> tuple[list[BenchRow], Motions]:
+def attempted(task: Asking) -> tuple[list[BenchRow], Deeds]:
     """Ask an entry for its motion in a scene, and execute it in every engine.
 
     Errors of the entry are rows; those of the task are raised.
@@ -158,7 +158,7 @@ def attempted(task: Task) -> tuple[list[BenchRow], Motions]:
     return executed_rows(task, setting, digest, motions), motions
 
 
-def executed_rows(task: Task, setting: Situation, digest: str, motions: Motions) -> list[BenchRow]:
+def executed_rows(task: Asking, setting: Situation, digest: str, motions: Deeds) -> list[BenchRow]:
     """The rows of motions, each executed anew in its engine."""
     rows = []
     for engine, motion in motions.items():
@@ -175,10 +175,10 @@ def executed_rows(task: Task, setting: Situation, digest: str, motions: Motions)
 
 
 def _by_policy(
-    entry: Any, task: Task, setting: Situation, digest: str
-) -> tuple[list[BenchRow], Motions]:
+    entry: Any, task: Asking, setting: Situation, digest: str
+) -> tuple[list[BenchRow], Deeds]:
     """The rows of a policy, which acts anew in every engine."""
-    rows, motions = list[BenchRow](), dict[Engine, Motion]()
+    rows, motions = list[BenchRow](), dict[Engine, Deed]()
     for engine in task.engines:
         try:
             episode = _episode(task, setting, engine)
@@ -192,7 +192,7 @@ def _by_policy(
     return rows, motions
 
 
-def _episode(task: Task, setting: Situation, engine: Engine) -> Episode:
+def _episode(task: Asking, setting: Situation, engine: Engine) -> Episode:
     if engine == "arm":
         return Episode(setting, task.seed)
     from optipromp.bench.flown import FlightWorld
@@ -201,7 +201,7 @@ def _episode(task: Task, setting: Situation, engine: Engine) -> Episode:
 
 
 def _flown(
-    row: BenchRow, task: Task, setting: Situation, motion: Motion, engine: Engine
+    row: BenchRow, task: Asking, setting: Situation, motion: Deed, engine: Engine
 ) -> BenchRow:
     assert motion.trajectory is not None
     truth = _aimed(setting.scene, motion) if task.track == "picture" else setting.scene
@@ -220,7 +220,7 @@ def _flown(
     return _judged(row, word, motion.trajectory.duration)
 
 
-def _aimed(scene: Scene, motion: Motion) -> Scene:
+def _aimed(scene: Scene, motion: Deed) -> Scene:
     """The true scene, whose target is the ripe fruit nearest to the tool at the motion's end."""
     assert motion.trajectory is not None
     point, _ = posed(scene)[0].tool_pose(motion.trajectory.positions[-1])
@@ -258,7 +258,7 @@ def _rounded(value: float | FloatArray) -> float:
     return round(float(value), 3)
 
 
-def _errors(task: Task, digest: str, error: Exception) -> list[BenchRow]:
+def _errors(task: Asking, digest: str, error: Exception) -> list[BenchRow]:
     words = f"{type(error).__name__}: {error}"
     return [
         BenchRow(task.preset, task.seed, digest, engine, "error", cause=words)
@@ -266,7 +266,7 @@ def _errors(task: Task, digest: str, error: Exception) -> list[BenchRow]:
     ]
 
 
-def rows_and_arrays(task: Task) -> tuple[list[BenchRow], dict[str, FloatArray]]:
+def rows_and_arrays(task: Asking) -> tuple[list[BenchRow], dict[str, FloatArray]]:
     """:func:`attempted` with the motions as arrays, for a file."""
     rows, motions = attempted(task)
     if task.track == "policy":
@@ -274,7 +274,7 @@ def rows_and_arrays(task: Task) -> tuple[list[BenchRow], dict[str, FloatArray]]:
     return rows, next(iter(motions.values())).arrays() if motions else {}
 
 
-def again(task: Task, arrays: Mapping[str, FloatArray]) -> list[BenchRow]:
+def again(task: Asking, arrays: Mapping[str, FloatArray]) -> list[BenchRow]:
     """The rows of motions from a file, executed once more.
 
     Raises:
@@ -282,13 +282,15 @@ def again(task: Task, arrays: Mapping[str, FloatArray]) -> list[BenchRow]:
     """
     setting, digest = situated(task)
     if task.track == "policy":
-        motions = {e: Motion(actions=arrays[e]) for e in task.engines if e in arrays}
+        motions = {e: Deed(actions=arrays[e]) for e in task.engines if e in arrays}
         return executed_rows(task, setting, digest, motions)
-    motion = Motion()
+    motion = Deed()
     if arrays:
         names = posed(setting.seen)[0].joint_names
-        rows = (arrays[k] for k in ("times", "positions", "velocities", "accelerations"))
-        motion = Motion(Trajectory(*rows, names))
-        if wrong := against(motion.trajectory, setting.seen):
-            motion = Motion(why=wrong)
+        given = Trajectory(
+            arrays["times"], arrays["positions"], arrays["velocities"], arrays["accelerations"],
+            names,
+        )  # fmt: skip
+        wrong = against(given, setting.seen)
+        motion = Deed(why=wrong) if wrong else Deed(given)
     return executed_rows(task, setting, digest, dict.fromkeys(task.engines, motion))

@@ -15,7 +15,7 @@ from optipromp.laboratory.experiments.statistics import wilson
 
 
 @dataclass(frozen=True)
-class Standing:
+class Ranked:
     """One entry in one engine, over all presets or one.
 
     Attributes:
@@ -60,9 +60,9 @@ class Leaderboard:
 
     run: BenchRun
     order: tuple[str, ...]
-    standings: tuple[Standing, ...]
+    standings: tuple[Ranked, ...]
 
-    def of(self, entry: str, engine: str, preset: str = "") -> Standing:
+    def of(self, entry: str, engine: str, preset: str = "") -> Ranked:
         """One standing."""
         return next(
             s for s in self.standings if (s.entry, s.engine, s.preset) == (entry, engine, preset)
@@ -113,7 +113,7 @@ def leaderboard(files: Iterable[Path]) -> Leaderboard:
 def _standing(
     entry: str, engine: str, preset: str, rows: Sequence[BenchRow],
     first: Sequence[BenchRow] | None = None,
-) -> Standing:  # fmt: skip
+) -> Ranked:  # fmt: skip
     own = _picked(rows, engine, preset)
     count = {
         name: sum(row.result == name for row in own.values())
@@ -126,7 +126,7 @@ def _standing(
     if first is not None and first is not rows:
         other = _picked(first, engine, preset)
         p = paired([(own[key].result == "clean", other[key].result == "clean") for key in own])
-    return Standing(
+    return Ranked(
         entry, engine, preset, runs, count["clean"], count["harmed"], count["missed"],
         count["refused"], count["error"], low, high,
         (count["clean"] - count["harmed"]) / max(runs, 1),

@@ -66,7 +66,7 @@ class Seeing(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class Deed:
     """What an entry did in one scene.
 
     Attributes:
@@ -137,23 +137,23 @@ def check_entry(entry: Any, track: Track) -> None:
             )
 
 
-def asked(call: Callable[[], Any], scene: Scene) -> Motion:
+def asked(call: Callable[[], Any], scene: Scene) -> Deed:
     """The motion of an entry's answer, which is checked before it is executed."""
     began = time.perf_counter()
     answer = call()
     thought = time.perf_counter() - began
     if isinstance(answer, Plan):
         if not answer.success:
-            return Motion(thought=thought, why=f"{answer.status}: {answer.message}")
+            return Deed(thought=thought, why=f"{answer.status}: {answer.message}")
         answer = answer.trajectory
     if answer is None:
-        return Motion(thought=thought, why="refused")
+        return Deed(thought=thought, why="refused")
     if not isinstance(answer, Trajectory):
         raise InvalidRequestError(
             f"the entry gave a {type(answer).__name__}; must be a Trajectory, a Plan or None"
         )
     wrong = against(answer, scene)
-    return Motion(None if wrong else answer, thought=thought, why=wrong)
+    return Deed(None if wrong else answer, thought=thought, why=wrong)
 
 
 def against(trajectory: Trajectory, scene: Scene) -> str:
@@ -174,7 +174,7 @@ def against(trajectory: Trajectory, scene: Scene) -> str:
     return f"{share:.2f} of a joint's limit of velocity or acceleration" if share > LIMIT else ""
 
 
-def acted(policy: Acting, episode: Episode) -> Motion:
+def acted(policy: Acting, episode: Episode) -> Deed:
     """Let a policy act until the episode is over."""
     policy.reset(episode.scene, episode.seed)
     actions, times = [], []
@@ -186,13 +186,13 @@ def acted(policy: Acting, episode: Episode) -> Motion:
         episode.act(velocity)
         actions.append(velocity)
     count = episode.robot.n_joints
-    return Motion(
+    return Deed(
         actions=frozen(np.array(actions).reshape(-1, count)),
         thought=float(np.median(times or [0.0])),
     )
 
 
-def replayed(motion: Motion, episode: Episode) -> None:
+def replayed(motion: Deed, episode: Episode) -> None:
     """The episode once more, with the actions that a policy took."""
     for velocity in cast(FloatArray, motion.actions):
         episode.act(velocity)

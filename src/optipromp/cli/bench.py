@@ -76,7 +76,7 @@ def run(
         raise InvalidRequestError(f"track is {asked!r}: {suggest(asked, TRACKS)}")
     word = secrets.token_hex(6) if draw else scenes
     chosen = SceneSet(word, tuple(filter(None, preset.split(","))), count)
-    made = BenchRun.of(entry, asked, chosen, condition, variation)  # type: ignore[arg-type]
+    made = BenchRun.of(entry, asked, chosen, condition, variation)
     say_if_compiling()
     with progress_bar(20) as say:
         rows = run_bench(made, out, workers=workers, progress=_told(say))
