@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from optipromp import Scene, Trajectory, plan
 from optipromp.bench.episode import Observation
 from optipromp.bench.results import BenchRun, run_bench, submission, verify
-from optipromp.bench.running import Asking, attempted
+from optipromp.bench.running import Exercise, attempted
 from optipromp.bench.sets import DEVELOPMENT, PRESETS, SceneSet, frozen_digests, scene_of
 from optipromp.bench.table import leaderboard, markdown, paired
 from optipromp.bench.tracks import against
@@ -144,7 +144,7 @@ def test_a_run_goes_on_where_it_ended(ours: Path, tmp_path: Path) -> None:
 
 
 def test_motions_that_no_controller_takes_are_refused() -> None:
-    rows, _ = attempted(Asking(entry(Hasty), "plan", "cluster", 110_000))
+    rows, _ = attempted(Exercise(entry(Hasty), "plan", "cluster", 110_000))
     assert {row.result for row in rows} == {"refused"}
     assert "limit" in rows[0].cause
     scene, _ = scene_of("cluster", 110_000)
@@ -156,7 +156,7 @@ def test_motions_that_no_controller_takes_are_refused() -> None:
 
 
 def test_an_entrys_defect_is_a_row() -> None:
-    rows, motions = attempted(Asking(entry(Broken), "plan", "cluster", 110_000))
+    rows, motions = attempted(Exercise(entry(Broken), "plan", "cluster", 110_000))
     assert [row.result for row in rows] == ["error", "error"]
     assert "a defect" in rows[0].cause
     assert motions == {}
@@ -172,7 +172,7 @@ def test_policies_act_in_both_engines(tmp_path: Path) -> None:
 
 
 def test_pictures_come_in() -> None:
-    rows, _ = attempted(Asking(entry(Seer), "picture", "cluster", 110_002))
+    rows, _ = attempted(Exercise(entry(Seer), "picture", "cluster", 110_002))
     assert {row.result for row in rows} <= {"clean", "harmed", "missed"}
     assert rows[0].picked
 

@@ -26,7 +26,7 @@ from optipromp.bench.running import (
     COLUMNS,
     ENGINES,
     STEADY,
-    Asking,
+    Exercise,
     BenchRow,
     Engine,
     again,
@@ -96,10 +96,10 @@ class BenchRun:
             source_version(), f"{platform.system()} {platform.machine()}",
         )  # fmt: skip
 
-    def tasks(self) -> Iterator[Asking]:
+    def tasks(self) -> Iterator[Exercise]:
         """One for each scene."""
         for preset, seed in self.scenes.scenes():
-            yield Asking(
+            yield Exercise(
                 self.entry, self.track, preset, seed, self.condition, self.variation, self.engines
             )
 
@@ -176,7 +176,7 @@ def _settle(run: BenchRun, path: Path) -> None:
         write_atomically(path, json_text(wanted).encode())
 
 
-def _file(task: Asking) -> str:
+def _file(task: Exercise) -> str:
     return f"{task.preset}-{task.seed}.npz"
 
 

@@ -41,7 +41,7 @@ STEADY = "none", "zero-mean", "detector", "missed", "calibration"
 
 
 @dataclass(frozen=True)
-class Asking:
+class Exercise:
     """What is asked of an entry.
 
     Attributes:
@@ -114,7 +114,7 @@ def row_of(texts: Mapping[str, str]) -> BenchRow:
     return TypeAdapter(BenchRow).validate_python(values)
 
 
-def situated(task: Asking) -> tuple[Situation, str]:
+def situated(task: Exercise) -> tuple[Situation, str]:
     """The setting of a task and the digest of its scene.
 
     Raises:
@@ -134,7 +134,7 @@ Deeds = Mapping[Engine, Deed]
 """By engine: a policy acts anew in each, one trajectory is executed in all."""
 
 
-def attempted(task: Asking) -> tuple[list[BenchRow], Deeds]:
+def attempted(task: Exercise) -> tuple[list[BenchRow], Deeds]:
     """Ask an entry for its motion in a scene, and execute it in every engine.
 
     Errors of the entry are rows; those of the task are raised.
@@ -158,7 +158,9 @@ def attempted(task: Asking) -> tuple[list[BenchRow], Deeds]:
     return executed_rows(task, setting, digest, motions), motions
 
 
-def executed_rows(task: Asking, setting: Situation, digest: str, motions: Deeds) -> list[BenchRow]:
+def executed_rows(
+    task: Exercise, setting: Situation, digest: str, motions: Deeds
+) -> list[BenchRow]:
     """The rows of motions, each executed anew in its engine."""
     rows = []
     for engine, motion in motions.items():
@@ -175,7 +177,7 @@ def executed_rows(task: Asking, setting: Situation, digest: str, motions: Deeds)
 
 
 def _by_policy(
-    entry: Any, task: Asking, setting: Situation, digest: str
+    entry: Any, task: Exercise, setting: Situation, digest: str
 ) -> tuple[list[BenchRow], Deeds]:
     """The rows of a policy, which acts anew in every engine."""
     rows, motions = list[BenchRow](), dict[Engine, Deed]()
@@ -192,7 +194,7 @@ def _by_policy(
     return rows, motions
 
 
-def _episode(task: Asking, setting: Situation, engine: Engine) -> Episode:
+def _episode(task: Exercise, setting: Situation, engine: Engine) -> Episode:
     if engine == "arm":
         return Episode(setting, task.seed)
     from optipromp.bench.flown import FlightWorld
@@ -201,7 +203,7 @@ def _episode(task: Asking, setting: Situation, engine: Engine) -> Episode:
 
 
 def _flown(
-    row: BenchRow, task: Asking, setting: Situation, motion: Deed, engine: Engine
+    row: BenchRow, task: Exercise, setting: Situation, motion: Deed, engine: Engine
 ) -> BenchRow:
     assert motion.trajectory is not None
     truth = _aimed(setting.scene, motion) if task.track == "picture" else setting.scene
@@ -258,7 +260,7 @@ def _rounded(value: float | FloatArray) -> float:
     return round(float(value), 3)
 
 
-def _errors(task: Asking, digest: str, error: Exception) -> list[BenchRow]:
+def _errors(task: Exercise, digest: str, error: Exception) -> list[BenchRow]:
     words = f"{type(error).__name__}: {error}"
     return [
         BenchRow(task.preset, task.seed, digest, engine, "error", cause=words)
@@ -266,7 +268,7 @@ def _errors(task: Asking, digest: str, error: Exception) -> list[BenchRow]:
     ]
 
 
-def rows_and_arrays(task: Asking) -> tuple[list[BenchRow], dict[str, FloatArray]]:
+def rows_and_arrays(task: Exercise) -> tuple[list[BenchRow], dict[str, FloatArray]]:
     """:func:`attempted` with the motions as arrays, for a file."""
     rows, motions = attempted(task)
     if task.track == "policy":
@@ -274,7 +276,7 @@ def rows_and_arrays(task: Asking) -> tuple[list[BenchRow], dict[str, FloatArray]
     return rows, next(iter(motions.values())).arrays() if motions else {}
 
 
-def again(task: Asking, arrays: Mapping[str, FloatArray]) -> list[BenchRow]:
+def again(task: Exercise, arrays: Mapping[str, FloatArray]) -> list[BenchRow]:
     """The rows of motions from a file, executed once more.
 
     Raises:

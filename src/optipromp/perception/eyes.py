@@ -213,10 +213,11 @@ def seen_scene(
     Several sightings of one scene are taken as one (:func:`optipromp.perception.fusing.fused`).
 
     Known are robot, tool, start, approach, base and static objects of ``known``; its fruits and
-    its goal are not used. Of several ripe fruits the lowest is the target and the others are pushable. A fruit
-    whose stem was not seen gets one that is unseen: about upright, clear of the other fruits, as
-    long as the median of those seen (:func:`optipromp.core.scenes.hidden.cleared`). Its tilts have
-    the standard deviation ``parameters.tilt``.
+    its goal are not used. Of several ripe fruits the lowest is the target and the others are
+    pushable. A fruit whose stem was not seen gets one that is unseen: about upright, clear of the
+    other fruits, as long as the median of those seen
+    (:func:`optipromp.core.scenes.hidden.cleared`). Its tilts have the standard deviation
+    ``parameters.tilt``.
 
     Raises:
         InvalidRequestError: no ripe fruit is seen.

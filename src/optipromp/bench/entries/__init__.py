@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 
-class Entry(NamedTuple):
+class Contender(NamedTuple):
     """An entry: where its class is, what it does, and its track."""
 
     spec: str
@@ -22,8 +22,8 @@ PLANNERS: Mapping[str, str] = {
     "obstacles": "ours with every neighbour an obstacle",
     "opti-promp": "ours",
 }
-CLASSIC: Mapping[str, Entry] = {
-    name: Entry(f"optipromp.bench.entries.{module}:{kind}", text)
+CLASSIC: Mapping[str, Contender] = {
+    name: Contender(f"optipromp.bench.entries.{module}:{kind}", text)
     for name, module, kind, text in (
         ("rrt", "classic", "Rrt", "RRT-Connect (OMPL); last link and tool may touch fruits"),
         ("rrt-obstacles", "classic", "RrtObstacles", "the same with every fruit an obstacle"),
@@ -34,19 +34,19 @@ CLASSIC: Mapping[str, Entry] = {
         ("episodic", "sampling", "Episodic", "episodic search of weights in our push model"),
     )
 }
-ENTRIES: Mapping[str, Entry] = {
+ENTRIES: Mapping[str, Contender] = {
     **{
-        name: Entry(f"optipromp.bench.entries.planners:{name.title().replace('-', '')}", text)
+        name: Contender(f"optipromp.bench.entries.planners:{name.title().replace('-', '')}", text)
         for name, text in PLANNERS.items()
     },
     **CLASSIC,
-    "blind": Entry(
+    "blind": Contender(
         "optipromp.bench.entries.own:Blind", "ours, planned once and followed blind", "policy"
     ),
-    "closed": Entry(
+    "closed": Contender(
         "optipromp.bench.entries.own:Closed", "ours, the closed loop: look and look again", "policy"
     ),
-    "eyes": Entry(
+    "eyes": Contender(
         "optipromp.bench.entries.own:ByEyes", "ours in the scene that one picture shows", "picture"
     ),
 }
