@@ -1,0 +1,396 @@
+"""Train the learnt entries of the benchmark, and write each as ONNX with its learning curve.
+
+    python scripts/train_policies.py plans DATA --seeds 200000:204000       # our plans as weights
+    python scripts/train_policies.py set DATA --out set.onnx --minutes 10   # proposals from a scene
+    python scripts/train_policies.py steps DATA --seeds 210000:210300       # our plans, driven
+    python scripts/train_policies.py clone DATA --out clone.onnx --minutes 10
+    python scripts/train_policies.py sac --out sac.onnx --minutes 30        # weights by reward alone
+
+``plans`` keeps, for scenes of the benchmark's presets, objects and the weights of a primitive whose
+path is that of our plan. ``set`` learns several proposals of weights from objects, as a set: the
+nearest one learns (winner takes all), and a score learns which one that is. ``steps`` drives our
+plans in the simulation with disturbed velocities, and keeps what a policy saw and should have done.
+``clone`` learns that. ``sac`` is soft actor-critic of stable-baselines3 on
+``optipromp/PickProMP-v0``, whose reward is the push model's word; it sees no plan.
+
+Every FILE.onnx gets FILE.csv beside it: minutes, samples, and figures on scenes that are not
+trained on. Seeds fix weights and order; the time that training may take fixes how far it gets. Needs
+torch, and ``sac`` stable-baselines3. One core.
+"""
+
+import argparse
+import csv
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optipromp.bench.env import PickEnv, PickProMPEnv
+from optipromp.bench.primitive import COUNT, weights_of
+from optipromp.bench.senses import MOST, WIDTH, objects_of
+from optipromp.bench.sets import PRESETS
+from optipromp.core.errors import OptiPrompError
+from optipromp.core.planning import plan
+from optipromp.core.planning.task import tool_motion
+from optipromp.laboratory.generate import generate
+from optipromp.laboratory.generate.plants import untold
+
+SCALE = 10.0  # of metres before the network: objects are decimetres away
+PROPOSALS = 6
+HELD_OUT = 20  # every so many scenes are for figures, not for training
+EPISODE_NOISE = 0.3  # standard deviation of disturbed actions in ``steps``
+
+
+def preset_of(seed: int) -> str:
+    """The preset of a training scene: all of the benchmark's in turn."""
+    return PRESETS[seed % len(PRESETS)]
+
+
+def plans(out: Path, seeds: range) -> None:
+    """Keep objects (MOST, WIDTH) and weights (2, COUNT) of scenes that we solve."""
+    out.mkdir(parents=True, exist_ok=True)
+    for low in range(seeds.start, seeds.stop, 200):
+        file = out / f"plans-{low}.npz"
+        if file.exists():
+            continue
+        rows: list[tuple[np.ndarray, np.ndarray]] = []
+        for seed in range(low, min(low + 200, seeds.stop)):
+            scene = untold(generate(preset_of(seed), seed))  # type: ignore[arg-type]
+            try:
+                made = plan(scene, seed=seed)
+            except OptiPrompError:
+                continue
+            if made.success and scene.target is not None:
+                objects = objects_of(scene.objects, scene, scene.target.position)
+                rows.append((objects, weights_of(made)))
+        np.savez_compressed(
+            file, objects=np.array([a for a, _ in rows], dtype=np.float32),
+            weights=np.array([b for _, b in rows], dtype=np.float32),
+        )  # fmt: skip
+        print(file.name, len(rows), flush=True)
+
+
+def steps(out: Path, seeds: range) -> None:
+    """Drive plans with disturbed velocities; keep what was seen and what should have been done."""
+    out.mkdir(parents=True, exist_ok=True)
+    env = PickEnv(PRESETS, condition="zero-mean")
+    for low in range(seeds.start, seeds.stop, 20):
+        file = out / f"steps-{low}.npz"
+        if file.exists():
+            continue
+        arms, objects, actions, done = [], [], [], 0
+        for seed in range(low, min(low + 20, seeds.stop)):
+            rng = np.random.default_rng([seed, 3])
+            options = {"preset": preset_of(seed), "scene": seed}
+            seen, _ = env.reset(seed=seed, options=options)
+            episode = env.episode
+            assert episode is not None
+            made = plan(episode.scene, seed=seed)
+            if not made.success:
+                continue
+            expert = follower(made)
+            push, ended, info = np.zeros(3), False, {}
+            while not ended:
+                right = expert(episode.time, episode.observe().tool_point)
+                arms.append(seen["arm"])
+                objects.append(seen["objects"].astype(np.float16))
+                actions.append(right)
+                push = 0.9 * push + 0.1 * EPISODE_NOISE * 3.0 * rng.standard_normal(3)
+                seen, _, stop, cut, info = env.step(np.clip(right + push, -1.0, 1.0))
+                ended = stop or cut
+            done += bool(info["is_success"])
+        np.savez_compressed(
+            file, arm=np.array(arms, dtype=np.float32), objects=np.array(objects),
+            action=np.array(actions, dtype=np.float32),
+        )  # fmt: skip
+        print(file.name, len(arms), f"{done} picked", flush=True)
+
+
+def follower(made: Any) -> Callable[[float, np.ndarray], np.ndarray]:
+    """The action (3,) that brings the tool back to a plan's path and on along it.
+
+    The place on the path is that of the nearest point ahead, so a disturbed tool is not late.
+    """
+    times = np.arange(0.0, made.trajectory.duration, 0.02)
+    points, _ = tool_motion(made.robot, made.trajectory.sample(times)[0])
+    frame, at = made.scene.frame, 0
+
+    def right(_: float, point: np.ndarray) -> np.ndarray:
+        nonlocal at
+        ahead = slice(at, at + 15)
+        at = at + int(np.argmin(np.linalg.norm(points[ahead] - point, axis=1)))
+        then = min(at + 5, len(points) - 1)
+        velocity = (points[then] - point) / 0.1
+        return np.clip(frame @ velocity / 0.15, -1.0, 1.0)
+
+    return right
+
+
+def turned(objects: np.ndarray, weights: np.ndarray, rng: np.random.Generator) -> Any:
+    """A batch turned about the approach, and mirrored: the push knows no direction of the arm."""
+    count = len(objects)
+    angle, flip = rng.uniform(0.0, 2.0 * np.pi, count), rng.choice([-1.0, 1.0], count)
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], 1)
+    turn[:, :, 0] *= flip[:, None]
+    out = objects.copy()
+    for first in (0, 3, 9):  # place, axis, stem
+        out[:, :, first : first + 2] = np.einsum(
+            "bij,bkj->bki", turn, objects[:, :, first : first + 2]
+        )
+    return out.astype(np.float32), np.einsum("bij,bjk->bik", turn, weights).astype(np.float32)
+
+
+def network(outputs: int, arm: int = 0) -> Any:
+    """Objects (b, MOST, WIDTH) as a set, and ``arm`` further numbers, to ``outputs`` numbers."""
+    import torch
+    from torch import nn
+
+    class SetNetwork(nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            wide = 96
+            self.each = nn.Sequential(nn.Linear(WIDTH, wide), nn.ReLU(), nn.Linear(wide, wide))
+            self.ask, self.key, self.value = (nn.Linear(wide, wide) for _ in range(3))
+            self.after = nn.Sequential(nn.ReLU(), nn.Linear(2 * wide, wide), nn.ReLU())
+            self.rest = nn.Sequential(
+                nn.Linear(2 * wide + arm, 192), nn.ReLU(), nn.Linear(192, 192), nn.ReLU(),
+                nn.Linear(192, outputs),
+            )  # fmt: skip
+
+        def forward(self, objects: Any, more: Any = None) -> Any:
+            there = objects[:, :, 13:].sum(-1, keepdim=True) > 0.5
+            scale = torch.ones(WIDTH)
+            scale[:3] = scale[6:9] = scale[12] = SCALE
+            x = self.each(objects * scale)
+            score = self.ask(x) @ self.key(x).transpose(1, 2) / x.shape[-1] ** 0.5
+            score = score.masked_fill(~there.transpose(1, 2), -1e4)
+            y = self.after(torch.cat([x, score.softmax(-1) @ self.value(x)], -1))
+            mean = (y * there).sum(1) / there.sum(1).clamp(min=1)
+            most = y.masked_fill(~there, -1e4).amax(1)
+            pooled = [mean, most] if more is None else [mean, most, more]
+            return self.rest(torch.cat(pooled, -1))
+
+    return SetNetwork()
+
+
+def loaded(folder: Path, kind: str) -> list[dict[str, np.ndarray]]:
+    """The shards of a folder, in the order of their seeds."""
+    files = sorted(folder.glob(f"{kind}-*.npz"), key=lambda f: int(f.stem.split("-")[1]))
+    return [dict(np.load(file)) for file in files]
+
+
+def train_set(data: Path, out: Path, minutes: float) -> None:
+    """Proposals of weights, the nearest of which learns, and scores of which one that is."""
+    import torch
+    from torch.nn import functional
+
+    shards = loaded(data, "plans")
+    objects = np.concatenate([s["objects"] for s in shards])
+    weights = np.clip(np.concatenate([s["weights"] for s in shards]), -1.5, 1.5)
+    test = np.arange(len(objects)) % HELD_OUT == 0
+    torch.manual_seed(0)
+    torch.set_num_threads(1)
+    rng, net = np.random.default_rng(0), network(PROPOSALS * (2 * COUNT + 1))
+    train = objects[~test], weights[~test]
+
+    def loss(x: np.ndarray, w: np.ndarray) -> tuple[Any, Any, Any]:
+        told = net(torch.from_numpy(x)).reshape(len(x), PROPOSALS, 2 * COUNT + 1)
+        right = torch.from_numpy(w.reshape(len(w), 1, 2 * COUNT))
+        off = functional.smooth_l1_loss(
+            told[:, :, : 2 * COUNT], right.expand(-1, PROPOSALS, -1), reduction="none", beta=0.1
+        ).mean(-1)
+        near, which = off.min(1)
+        soft = near + 0.05 * off.mean(1)  # so that no proposal is forgotten
+        return soft.mean(), functional.cross_entropy(told[:, :, -1], which), near.mean()
+
+    def figures() -> dict[str, float]:
+        with torch.no_grad():
+            near, score, best = loss(objects[test].astype(np.float32), weights[test])
+        return {"near": float(best), "score": float(score), "loss": float(near)}
+
+    def batches() -> Iterator[Any]:
+        while True:
+            rows = rng.integers(len(train[0]), size=256)
+            near, score, _ = loss(*turned(train[0][rows], train[1][rows], rng))
+            yield near + 0.1 * score
+
+    fit(net, batches(), figures, out, minutes, 256)
+    write(net, out, (torch.zeros(1, MOST, WIDTH),), ["objects"])
+
+
+def train_clone(data: Path, out: Path, minutes: float) -> None:
+    """What to do now from what is seen now."""
+    import torch
+    from torch.nn import functional
+
+    shards = loaded(data, "steps")
+    arm, objects, action = (
+        np.concatenate([s[k].astype(np.float32) for s in shards])
+        for k in ("arm", "objects", "action")
+    )
+    held = np.zeros(len(arm), dtype=bool)
+    held[: len(shards[0]["arm"])] = True
+    torch.manual_seed(0)
+    torch.set_num_threads(1)
+    rng, net = np.random.default_rng(0), network(3, arm.shape[1])
+    rows_of = np.flatnonzero(~held)
+
+    def loss(rows: np.ndarray) -> Any:
+        told = net(torch.from_numpy(objects[rows]), torch.from_numpy(scaled(arm[rows])))
+        return functional.smooth_l1_loss(told, torch.from_numpy(action[rows]), beta=0.1)
+
+    def figures() -> dict[str, float]:
+        with torch.no_grad():
+            return {"loss": float(loss(np.flatnonzero(held)[::5]))}
+
+    def batches() -> Iterator[Any]:
+        while True:
+            yield loss(rng.choice(rows_of, 256))
+
+    fit(net, batches(), figures, out, minutes, 256)
+    empty = torch.zeros(1, MOST, WIDTH), torch.zeros(1, arm.shape[1])
+    write(net, out, empty, ["objects", "arm"])
+
+
+def scaled(arm: np.ndarray) -> np.ndarray:
+    """What a policy knows of its arm, of which time and age of the look are not told."""
+    out = np.array(arm, dtype=np.float32)
+    out[..., -2:] = 0.0
+    count = (out.shape[-1] - 11) // 2
+    out[..., 2 * count : 2 * count + 3] *= SCALE
+    return out
+
+
+def fit(
+    net: Any, batches: Iterator[Any], figures: Callable[[], dict[str, float]], out: Path,
+    minutes: float, size: int,
+) -> None:  # fmt: skip
+    """Descend for some minutes; the curve goes to a CSV file."""
+    import torch
+
+    best = torch.optim.AdamW(net.parameters(), lr=1e-3, weight_decay=1e-4)
+    began, step, rows = time.time(), 0, []
+    told = 0.0
+    while (gone := (time.time() - began) / 60.0) < minutes:
+        for group in best.param_groups:
+            group["lr"] = 1e-3 * (1.0 - gone / minutes) + 1e-6
+        best.zero_grad()
+        next(batches).backward()
+        torch.nn.utils.clip_grad_norm_(net.parameters(), 1.0)
+        best.step()
+        step += 1
+        if gone - told > minutes / 40.0 or step == 1:
+            told = gone
+            rows.append({"minutes": round(gone, 2), "samples": step * size, **figures()})
+            print(rows[-1], flush=True)
+    curve(out, rows)
+
+
+def curve(out: Path, rows: list[dict[str, Any]]) -> None:
+    """The learning curve beside the weights."""
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with out.with_suffix(".csv").open("w", newline="") as stream:
+        table = csv.DictWriter(stream, list(rows[-1]))
+        table.writeheader()
+        table.writerows({k: round(v, 5) for k, v in row.items()} for row in rows)
+
+
+def write(net: Any, out: Path, empty: tuple[Any, ...], names: list[str]) -> None:
+    """A network as ONNX, for batches of any size."""
+    import torch
+
+    net.eval()
+    batch = torch.export.Dim("batch")
+    torch.onnx.export(
+        net, empty, str(out), input_names=names, output_names=["told"], dynamo=True,
+        dynamic_shapes=tuple({0: batch} for _ in names), external_data=False, verbose=False,
+    )  # fmt: skip
+    print(f"wrote {out}, {out.stat().st_size / 1e6:.2f} MB", flush=True)
+
+
+def sac(out: Path, minutes: float) -> None:
+    """Soft actor-critic on weights; one action is a whole pick, so nothing is discounted."""
+    import torch
+    from gymnasium import spaces
+    from stable_baselines3 import SAC
+    from stable_baselines3.common.callbacks import BaseCallback
+    from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+    from torch import nn
+
+    torch.set_num_threads(1)
+
+    class Features(BaseFeaturesExtractor):
+        def __init__(self, space: spaces.Dict) -> None:
+            super().__init__(space, 96)
+            self.net = network(96)
+
+        def forward(self, seen: Any) -> Any:
+            return torch.relu(self.net(seen["objects"]))
+
+    class Curve(BaseCallback):
+        def __init__(self) -> None:
+            super().__init__()
+            self.began, self.rows, self.won = time.time(), [], list[float]()
+
+        def _on_step(self) -> bool:
+            self.won.append(float(self.locals["infos"][0]["is_success"]))
+            gone = (time.time() - self.began) / 60.0
+            if len(self.won) % 500 == 0 or (gone >= minutes and not self.rows):
+                share = float(np.mean(self.won[-500:]))
+                self.rows.append(
+                    {"minutes": round(gone, 2), "samples": len(self.won), "promised": share}
+                )
+                print(self.rows[-1], flush=True)
+            return gone < minutes
+
+    env = PickProMPEnv(PRESETS, simulated=False)
+    policy = {"features_extractor_class": Features, "net_arch": [128, 128]}
+    agent = SAC(
+        "MultiInputPolicy", env, learning_rate=7e-4, buffer_size=100_000, learning_starts=500,
+        batch_size=256, gamma=0.0, train_freq=1, gradient_steps=1, policy_kwargs=policy, seed=0,
+    )  # fmt: skip
+    told = Curve()
+    agent.learn(10_000_000, callback=told)
+    curve(out, told.rows)
+
+    class Actor(nn.Module):
+        def __init__(self, actor: Any) -> None:
+            super().__init__()
+            self.actor = actor
+
+        def forward(self, objects: Any) -> Any:
+            features = self.actor.extract_features(
+                {"objects": objects}, self.actor.features_extractor
+            )
+            return torch.tanh(self.actor.mu(self.actor.latent_pi(features)))
+
+    write(Actor(agent.policy.actor), out, (torch.zeros(1, MOST, WIDTH),), ["objects"])
+
+
+def main() -> None:
+    """See the module."""
+    ask = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    ask.add_argument("what", choices=("plans", "set", "steps", "clone", "sac"))
+    ask.add_argument("data", nargs="?", type=Path)
+    ask.add_argument("--seeds", default="200000:204000", metavar="A:B")
+    ask.add_argument("--out", type=Path)
+    ask.add_argument("--minutes", type=float, default=10.0)
+    told = ask.parse_args()
+    seeds = range(*map(int, told.seeds.split(":")))
+    if told.what == "sac":
+        sac(told.out or ask.error("sac needs --out FILE.onnx"), told.minutes)
+        return
+    if told.data is None:
+        ask.error(f"{told.what} needs a folder of DATA")
+    if told.what in ("plans", "steps"):
+        {"plans": plans, "steps": steps}[told.what](told.data, seeds)
+        return
+    learn = {"set": train_set, "clone": train_clone}[told.what]
+    learn(told.data, told.out or ask.error(f"{told.what} needs --out FILE.onnx"), told.minutes)
+
+
+if __name__ == "__main__":
+    main()
