@@ -303,10 +303,9 @@ def write(net: Any, out: Path, empty: tuple[Any, ...], names: list[str]) -> None
     import torch
 
     net.eval()
-    batch = torch.export.Dim("batch")
     torch.onnx.export(
-        net, empty, str(out), input_names=names, output_names=["told"], dynamo=True,
-        dynamic_shapes=tuple({0: batch} for _ in names), external_data=False, verbose=False,
+        net, empty, str(out), input_names=names, output_names=["told"], dynamo=False,
+        dynamic_axes={name: {0: "batch"} for name in (*names, "told")}, opset_version=17,
     )  # fmt: skip
     print(f"wrote {out}, {out.stat().st_size / 1e6:.2f} MB", flush=True)
 
