@@ -4,18 +4,18 @@
     python scripts/train_policies.py set DATA --out set.onnx --minutes 10   # proposals from a scene
     python scripts/train_policies.py steps DATA --seeds 210000:210300       # our plans, driven
     python scripts/train_policies.py clone DATA --out clone.onnx --minutes 10
-    python scripts/train_policies.py sac --out sac.onnx --minutes 30        # weights by reward alone
+    python scripts/train_policies.py sac --out sac.onnx --minutes 30  # weights by reward alone
 
-``plans`` keeps, for scenes of the benchmark's presets, objects and the weights of a primitive whose
-path is that of our plan. ``set`` learns several proposals of weights from objects, as a set: the
-nearest one learns (winner takes all), and a score learns which one that is. ``steps`` drives our
-plans in the simulation with disturbed velocities, and keeps what a policy saw and should have done.
-``clone`` learns that. ``sac`` is soft actor-critic of stable-baselines3 on
-``optipromp/PickProMP-v0``, whose reward is the push model's word; it sees no plan.
+``plans`` keeps objects of scenes, and the weights of a primitive whose path is that of our plan.
+``set`` learns several proposals of weights from objects, as a set: the nearest one learns (winner
+takes all), and a score learns which one that is. ``steps`` drives our plans in the simulation with
+disturbed velocities, and keeps what a policy saw and should have done. ``clone`` learns that.
+``sac`` is soft actor-critic of stable-baselines3 on ``optipromp/PickProMP-v0``, whose reward is the
+push model's word; it sees no plan.
 
 Every FILE.onnx gets FILE.csv beside it: minutes, samples, and figures on scenes that are not
-trained on. Seeds fix weights and order; the time that training may take fixes how far it gets. Needs
-torch, and ``sac`` stable-baselines3. One core.
+trained on. Seeds fix weights and order; the time that training may take fixes how far it gets.
+Needs torch, and ``sac`` stable-baselines3. One core.
 """
 
 import argparse
@@ -28,12 +28,12 @@ from typing import Any
 import numpy as np
 
 from optipromp.bench.env import PickEnv, PickProMPEnv
+from optipromp.bench.expert import follower
 from optipromp.bench.primitive import COUNT, weights_of
 from optipromp.bench.senses import MOST, WIDTH, objects_of
 from optipromp.bench.sets import PRESETS
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.planning import plan
-from optipromp.core.planning.task import tool_motion
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.generate.plants import untold
 
@@ -93,7 +93,7 @@ def steps(out: Path, seeds: range) -> None:
             expert = follower(made)
             push, ended, info = np.zeros(3), False, {}
             while not ended:
-                right = expert(episode.time, episode.observe().tool_point)
+                right = expert(episode.observe().tool_point)
                 arms.append(seen["arm"])
                 objects.append(seen["objects"].astype(np.float16))
                 actions.append(right)
@@ -106,26 +106,6 @@ def steps(out: Path, seeds: range) -> None:
             action=np.array(actions, dtype=np.float32),
         )  # fmt: skip
         print(file.name, len(arms), f"{done} picked", flush=True)
-
-
-def follower(made: Any) -> Callable[[float, np.ndarray], np.ndarray]:
-    """The action (3,) that brings the tool back to a plan's path and on along it.
-
-    The place on the path is that of the nearest point ahead, so a disturbed tool is not late.
-    """
-    times = np.arange(0.0, made.trajectory.duration, 0.02)
-    points, _ = tool_motion(made.robot, made.trajectory.sample(times)[0])
-    frame, at = made.scene.frame, 0
-
-    def right(_: float, point: np.ndarray) -> np.ndarray:
-        nonlocal at
-        ahead = slice(at, at + 15)
-        at = at + int(np.argmin(np.linalg.norm(points[ahead] - point, axis=1)))
-        then = min(at + 5, len(points) - 1)
-        velocity = (points[then] - point) / 0.1
-        return np.clip(frame @ velocity / 0.15, -1.0, 1.0)
-
-    return right
 
 
 def turned(objects: np.ndarray, weights: np.ndarray, rng: np.random.Generator) -> Any:

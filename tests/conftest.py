@@ -25,12 +25,12 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 LONG = {
-    "bench": "env",
+    "bench": "benchmark entries env episodes",
     "benchmarks": "suite",
     "control": "controller driver servo tracker tracks",
     "cli": "folder generate_study markup plan process ros_node simulate_closed_loop",
     "execution": "executor franka streaming streaming_trouble trouble",
-    "experiments": "baselines eyes loops own_scenes study variations",
+    "experiments": "baselines cluster eyes loops own_scenes study variations",
     "geometry": "grids",
     "looks": "looks",
     "perception": "calibration network seeing spheroids watcher",

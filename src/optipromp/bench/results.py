@@ -38,8 +38,8 @@ from optipromp.bench.tracks import CONDITION, Track, check_entry, loaded
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import check_folder, json_text, write_atomically
-from optipromp.core.processes import cores, run_each
 from optipromp.core.scenes.values import suggest
+from optipromp.laboratory.experiments.cluster import over
 from optipromp.laboratory.experiments.conditions import CONDITIONS
 from optipromp.laboratory.experiments.runs import source_version
 from optipromp.laboratory.experiments.variations import VARIATIONS
@@ -109,6 +109,7 @@ def run_bench(
     folder: Path,
     *,
     workers: int | None = None,
+    ray: str | None = None,
     progress: Callable[[int, int, BenchRow | None], None] | None = None,
 ) -> list[BenchRow]:
     """Run the scenes that a folder does not hold yet; see :mod:`optipromp.bench.results`.
@@ -117,6 +118,7 @@ def run_bench(
         run: what to run.
         folder: of the results, made if need be.
         workers: processes; None: one a core.
+        ray: address of a Ray cluster in place of them.
         progress: called with the number of scenes done, of all scenes, and the newest row.
 
     Returns:
@@ -154,7 +156,7 @@ def run_bench(
         if progress is not None:
             progress(count, total, fresh[0])
 
-    run_each(rows_and_arrays, [(task,) for task in tasks], hear, workers=workers or cores())
+    over(rows_and_arrays, [(task,) for task in tasks], hear, workers=workers, ray=ray)
     held = {row.key: row for row in rows}
     ordered = [held[t.preset, t.seed, e] for t in run.tasks() for e in t.engines]
     _zipped(run, folder, ordered)
@@ -256,6 +258,7 @@ def verify(
     path: Path,
     *,
     workers: int | None = None,
+    ray: str | None = None,
     progress: Callable[[int, int, BenchRow | None], None] | None = None,
 ) -> Verified:
     """Execute every motion of a submission again, and compare the rows bit for bit.
@@ -286,7 +289,7 @@ def verify(
             progress(count, len(tasks), result[0] if result else None)
 
     jobs = [(task, motions[_file(task)]) for task in tasks]
-    run_each(again, jobs, hear, workers=workers or cores())
+    over(again, jobs, hear, workers=workers, ray=ray)
     changed = []
     for key, row in known.items():
         if row.result == "error" and not motions[f"{row.preset}-{row.seed}.npz"]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from optipromp.cli.command import FAILED, OK, Report, Shown, command
-from optipromp.cli.console import Workers, grid, progress_bar, say_if_compiling
+from optipromp.cli.console import Cluster, Workers, grid, progress_bar, say_if_compiling
 from optipromp.core.errors import InvalidRequestError
 
 if TYPE_CHECKING:
@@ -51,6 +51,7 @@ def run(
         str, typer.Option(metavar="NAME", help="Of the physics; see 'study --vary'.")
     ] = "",
     workers: Workers = None,
+    ray: Cluster = None,
 ) -> Report:
     """Run an entry on every scene of a set, and leave a submission.
 
@@ -79,7 +80,7 @@ def run(
     made = BenchRun.of(entry, asked, chosen, condition, variation)
     say_if_compiling()
     with progress_bar(20) as say:
-        rows = run_bench(made, out, workers=workers, progress=_told(say))
+        rows = run_bench(made, out, workers=workers, ray=ray, progress=_told(say))
     from optipromp.bench.table import leaderboard
 
     board = leaderboard([out])
@@ -92,6 +93,7 @@ def run(
 def verify(
     submission: Annotated[Path, typer.Argument(metavar="ZIP", help="Of 'bench run'.")],
     workers: Workers = None,
+    ray: Cluster = None,
 ) -> Report:
     """Execute a submission's motions once more, and compare every row.
 
@@ -106,7 +108,7 @@ def verify(
 
     say_if_compiling()
     with progress_bar(20) as say:
-        told = again(submission, workers=workers, progress=_told(say))
+        told = again(submission, workers=workers, ray=ray, progress=_told(say))
     changed = [
         {"preset": a.preset, "seed": a.seed, "engine": a.engine, "told": a.judged(),
          "now": b.judged()} for a, b in told.changed

@@ -37,6 +37,13 @@ Progress = Annotated[
     ),
 ]
 Workers = Annotated[int | None, typer.Option(min=1, help="Processes; one a core if left out.")]
+Cluster = Annotated[
+    str | None,
+    typer.Option(
+        "--ray", metavar="ADDRESS",
+        help="Work on a Ray cluster in place of this machine's cores: auto, HOST:PORT or local.",
+    ),
+]  # fmt: skip
 ChosenStrategy = Annotated[
     Strategy,
     typer.Option(help="Of opti-promp. joint: one solve; sequential: the paper's two stages."),

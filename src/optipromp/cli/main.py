@@ -20,6 +20,7 @@ from optipromp.cli import (
     calibrate,
     catalogue,
     check,
+    episodes,
     export,
     generate,
     learn,
@@ -84,6 +85,7 @@ app.command("see")(see.see)
 app.command("calibrate")(calibrate.calibrate)
 app.command("study")(study.study)
 app.add_typer(bench.bench)
+app.command("episodes")(episodes.episodes)
 app.command("report")(report.report)
 app.command("learn")(learn.learn)
 app.command("check")(check.check)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from optipromp.cli.command import Report, Shown, command
-from optipromp.cli.console import Workers, grid, progress_bar, say_if_compiling
+from optipromp.cli.console import Cluster, Workers, grid, progress_bar, say_if_compiling
 from optipromp.cli.folder import scene_files
 from optipromp.cli.loops import LoopChoices, eyes_table, loop_causes, loop_table
 from optipromp.cli.robot import ArmOptions, Whose
@@ -87,6 +87,7 @@ def study(
         typer.Option(help="Share of promised successes that may be broken; less refuses more."),
     ] = 0.03,
     workers: Workers = None,
+    ray: Cluster = None,
     *,
     compared_loops: LoopChoices,
     robot: Whose = None,
@@ -149,7 +150,7 @@ def study(
             shares = (f"{name} {sum(s)}/{len(s)}" for name, s in successes.items())
             shown(done, total, ", ".join((f"{done} of {total} runs", *shares)))
 
-        rows = run_study(plan, out, workers=workers, progress=progress)
+        rows = run_study(plan, out, workers=workers, ray=ray, progress=progress)
     return _report(rows, out)
 
 

@@ -34,12 +34,22 @@ CLASSIC: Mapping[str, Contender] = {
         ("episodic", "sampling", "Episodic", "episodic search of weights in our push model"),
     )
 }
+LEARNT: Mapping[str, Contender] = {
+    name: Contender(f"optipromp.bench.entries.learnt:{kind}", text, track)
+    for name, kind, text, track in (
+        ("set", "SetNetwork", "a network's path from the scene, trained on our plans", "plan"),
+        ("set-checked", "SetChecked", "its proposals, one of which our push model takes", "plan"),
+        ("sac", "Sac", "soft actor-critic on weights, by the push model's word", "plan"),
+        ("clone", "Cloned", "behaviour cloning of our plans' steps", "policy"),
+    )
+}
 ENTRIES: Mapping[str, Contender] = {
     **{
         name: Contender(f"optipromp.bench.entries.planners:{name.title().replace('-', '')}", text)
         for name, text in PLANNERS.items()
     },
     **CLASSIC,
+    **LEARNT,
     "blind": Contender(
         "optipromp.bench.entries.own:Blind", "ours, planned once and followed blind", "policy"
     ),

@@ -17,11 +17,11 @@ from optipromp.core.errors import InvalidRequestError, installed_by
 from optipromp.core.files import check_folder
 from optipromp.core.planning import PlanOptions
 from optipromp.core.planning.planner import factory
-from optipromp.core.processes import cores, run_each
 from optipromp.core.robots.library import NOTHING, Choice
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.values import suggest
 from optipromp.laboratory.experiments.baselines import STUDY_PLANNERS
+from optipromp.laboratory.experiments.cluster import over
 from optipromp.laboratory.experiments.eyes import check_eyes
 from optipromp.laboratory.experiments.locking import locked
 from optipromp.laboratory.experiments.loops import (
@@ -207,6 +207,7 @@ def run_study(
     folder: Path,
     *,
     workers: int | None = None,
+    ray: str | None = None,
     progress: Callable[[int, int, Row | None], None] | None = None,
 ) -> list[Row]:
     """Run the runs of a study that its folder does not hold yet.
@@ -217,6 +218,8 @@ def run_study(
         study: what to run.
         folder: holds the rows of earlier calls, and gets the new ones.
         workers: number of processes; None: one a core.
+        ray: address of a Ray cluster in place of them; see
+            :func:`optipromp.laboratory.experiments.cluster.over`.
         progress: called with the number of runs done, of all runs, and the newest row (None at
             the beginning).
 
@@ -234,13 +237,14 @@ def run_study(
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder / LOCK):
-        return _run(study, RowFile(folder, study.common()), workers or cores(), progress)
+        return _run(study, RowFile(folder, study.common()), workers, ray, progress)
 
 
 def _run(
     study: Study,
     file: RowFile,
-    workers: int,
+    workers: int | None,
+    ray: str | None,
     progress: Callable[[int, int, Row | None], None] | None,
 ) -> list[Row]:
     """Run what is missing in the open file of a study; returns the study's rows in its order."""
@@ -266,11 +270,12 @@ def _run(
 
     function, jobs = _jobs(study, missing)
     robot = study.robot, study.choice
-    run_each(
+    over(
         function,
         jobs,
         hear,
         workers=workers,
+        ray=ray,
         prepare=functools.partial(warm_up, study.source(study.presets[0]), study.planners, *robot),
     )
     held = {row.key: row for row in file.rows}

@@ -1,0 +1,128 @@
+"""Learnt entries: networks that give weights of a primitive, or velocities, from what is seen.
+
+``scripts/train_policies.py`` trains them; docs/learners.md has data, hours and curves.
+"""
+
+from functools import cache
+from importlib.resources import files
+from typing import Any, ClassVar
+
+import numpy as np
+
+from optipromp.bench.drive import joints_for
+from optipromp.bench.entries.motions import Pathed, gentle_plan, harm_of
+from optipromp.bench.env import SPEED
+from optipromp.bench.episode import Observation
+from optipromp.bench.primitive import COUNT, OfWeights, path_of
+from optipromp.bench.senses import objects_of, state_of
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import InvalidRequestError, installed_by
+from optipromp.core.planning import Plan, plan
+from optipromp.core.planning.task import Task, posed
+from optipromp.core.pushing.model import PushModel
+from optipromp.core.pushing.path import ToolPath
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.scene import Scene
+from optipromp.core.trajectory import Trajectory
+
+NEARER = 10.0  # factor on the tool's place in ``arm``, as in training
+WIDEST = 1.5  # of a weight: as in training
+
+
+@cache
+def session(name: str) -> Any:
+    """The network of a file of this package, on one core.
+
+    Raises:
+        InvalidRequestError: onnxruntime is not installed.
+    """
+    try:
+        import onnxruntime  # type: ignore[import-untyped]
+    except ImportError:
+        raise InvalidRequestError(
+            f"learnt entries need onnxruntime: {installed_by('vision')}"
+        ) from None
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    content = files("optipromp.bench").joinpath("data", name).read_bytes()
+    return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+
+
+def told(name: str, **arrays: FloatArray) -> FloatArray:
+    """What a network tells of one example."""
+    given = {key: np.asarray(value, dtype=np.float32)[None] for key, value in arrays.items()}
+    return np.asarray(session(name).run(None, given)[0][0], dtype=np.float64)
+
+
+def objects_in(scene: Scene) -> FloatArray:
+    """The objects of a scene about its target, as a network sees them."""
+    origin = np.zeros(3) if scene.target is None else scene.target.position
+    return objects_of(scene.objects, scene, origin)
+
+
+def proposals(scene: Scene) -> tuple[FloatArray, FloatArray]:
+    """Proposed weights (k, 2, COUNT), and a score (k,) of each."""
+    rows = told("set.onnx", objects=objects_in(scene)).reshape(-1, 2 * COUNT + 1)
+    return np.clip(rows[:, :-1], -WIDEST, WIDEST).reshape(-1, 2, COUNT), rows[:, -1]
+
+
+class SetNetwork:
+    """The path that a network thinks the likeliest, trained on our plans; nothing is searched."""
+
+    def plan(self, scene: Scene, seed: int) -> Trajectory | None:
+        """See :class:`optipromp.bench.tracks.Planning`."""
+        weights, score = proposals(scene)
+        best = weights[int(score.argmax())]
+        return gentle_plan(plan(scene, planner=OfWeights(weights=best), seed=seed), scene)
+
+
+class ByProposals(Pathed):
+    """The proposal of the set network with least harm in our push model."""
+
+    name: ClassVar[str] = "set-checked"
+
+    def path(self, task: Task, model: PushModel | None, seed: int) -> ToolPath:
+        """See :class:`optipromp.bench.entries.motions.Pathed`."""
+        weights, score = proposals(task.scene)
+        best = int(score.argmax())
+        if model is not None:
+            harms = [harm_of(task, model, each, model.states) for each in weights]
+            best = int(np.argmin(harms))
+        return path_of(task, weights[best])
+
+
+class SetChecked:
+    """The network's proposals, of which our push model takes one; refuses by it."""
+
+    def plan(self, scene: Scene, seed: int) -> Plan:
+        """See :class:`optipromp.bench.tracks.Planning`."""
+        return plan(scene, planner=ByProposals(), seed=seed)
+
+
+class Sac:
+    """Weights by soft actor-critic, trained on the push model's word alone."""
+
+    def plan(self, scene: Scene, seed: int) -> Trajectory | None:
+        """See :class:`optipromp.bench.tracks.Planning`."""
+        weights = told("sac.onnx", objects=objects_in(scene)).reshape(2, COUNT)
+        return gentle_plan(plan(scene, planner=OfWeights(weights=weights), seed=seed), scene)
+
+
+class Cloned:
+    """The tool's velocity from what is seen now, cloned from our plans' steps."""
+
+    def reset(self, scene: Scene, seed: int) -> None:
+        """See :class:`optipromp.bench.tracks.Acting`."""
+        self.scene = scene
+        self.robot: Robot = posed(scene)[0]
+
+    def act(self, seen: Observation) -> FloatArray:
+        """See :class:`optipromp.bench.tracks.Acting`."""
+        state = state_of(seen, self.scene)
+        count = len(seen.q)
+        arm = np.array(state["arm"])
+        arm[-2:] = 0.0  # time and age of the look are not told
+        arm[2 * count : 2 * count + 3] *= NEARER
+        action = np.clip(told("clone.onnx", objects=state["objects"], arm=arm), -1.0, 1.0)
+        frame = self.scene.frame
+        return joints_for(self.robot, seen.q, SPEED * action @ frame, frame[2])

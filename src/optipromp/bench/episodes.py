@@ -1,0 +1,336 @@
+"""Expert episodes in files that Minari and LeRobot read.
+
+An episode is a plan of ours, driven step by step in ``optipromp/Pick-v0``. ``minari`` files are
+written by Minari itself (0.5, format Arrow). ``lerobot`` files are written here, in version 3.0 of
+LeRobot's layout (https://huggingface.co/docs/lerobot/lerobot-dataset-v3): all episodes in one
+Parquet file, without a dependency on LeRobot, whose package wants a PyTorch of its own.
+"""
+
+import io
+import json
+import os
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optipromp.bench.env import PickEnv
+from optipromp.bench.episode import RATE
+from optipromp.bench.expert import follower
+from optipromp.core.errors import InvalidRequestError, OptiPrompError, installed_by
+from optipromp.core.files import check_folder, json_text, write_atomically
+from optipromp.core.planning import plan
+from optipromp.core.processes import cores
+from optipromp.laboratory.experiments.cluster import over
+from optipromp.laboratory.experiments.runs import source_version
+
+AnyArray = NDArray[Any]
+Format = Literal["minari", "lerobot"]
+FORMATS: tuple[Format, ...] = ("minari", "lerobot")
+TASK = "pick the ripe fruit of a {}"
+VERSION = "v3.0"
+DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+FIRST = 300_000
+"""First seed by default: above those of training (200,000 and on) of the learnt entries."""
+
+
+@dataclass(frozen=True)
+class EpisodeAsk:
+    """What an episode is of: a scene's preset and seed, a condition, and whether with pictures."""
+
+    preset: str
+    seed: int
+    condition: str = "none"
+    pictures: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class EpisodeData:
+    """One episode of k steps.
+
+    Attributes:
+        ask: what it is of.
+        seen: observations by name, (k + 1, ...) each.
+        actions: (k, 3).
+        rewards: (k,).
+        success: whether it was clean.
+        terminated: whether it ended by itself, and not by time.
+    """
+
+    ask: EpisodeAsk
+    seen: Mapping[str, AnyArray]
+    actions: AnyArray
+    rewards: AnyArray
+    success: bool
+    terminated: bool
+
+
+def environment(presets: Sequence[str], condition: str, pictures: bool) -> PickEnv:
+    """The environment that episodes are of."""
+    return PickEnv(presets, condition, observation="picture" if pictures else "state")
+
+
+def driven_episode(ask: EpisodeAsk) -> EpisodeData | None:
+    """An expert's episode; None: there is no plan for the scene as first seen."""
+    env = environment((ask.preset,), ask.condition, ask.pictures)
+    seen, _ = env.reset(seed=ask.seed, options={"preset": ask.preset, "scene": ask.seed})
+    episode = env.episode
+    assert episode is not None
+    try:
+        made = plan(episode.scene, seed=ask.seed)
+    except OptiPrompError:
+        return None
+    if not made.success:
+        return None
+    info: dict[str, Any] = {}
+    expert, told, actions, rewards = follower(made), [seen], [], []
+    terminated = truncated = False
+    while not (terminated or truncated):
+        action = expert(episode.observe().tool_point).astype(np.float32)  # as in the file
+        seen, reward, terminated, truncated, info = env.step(action.astype(np.float64))
+        told.append(seen)
+        actions.append(action)
+        rewards.append(reward)
+    env.close()
+    return EpisodeData(
+        ask, {name: np.stack([each[name] for each in told]) for name in told[0]},
+        np.array(actions), np.array(rewards, dtype=np.float32), bool(info["is_success"]),
+        terminated,
+    )  # fmt: skip
+
+
+def collected(
+    asks: Sequence[EpisodeAsk],
+    count: int,
+    *,
+    keep: Literal["clean", "all"] = "clean",
+    workers: int | None = None,
+    ray: str | None = None,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> list[EpisodeData]:
+    """The first ``count`` episodes, in the order of what is asked; the same on any number of cores.
+
+    Args:
+        asks: more than ``count``: some scenes have no plan, and some episodes are not clean.
+        count: of episodes.
+        keep: ``clean`` leaves out episodes that picked nothing or harmed something.
+        workers: processes; None: one a core.
+        ray: address of a Ray cluster in place of them.
+        progress: called with the number of episodes kept, of all, and words.
+
+    Raises:
+        InvalidRequestError: fewer than ``count`` episodes are to be had; a process ended.
+    """
+    kept: dict[int, EpisodeData] = {}
+    low = 0
+    while len(kept) < count and low < len(asks):
+        batch = range(low, min(low + max(count - len(kept), 2 * cores()), len(asks)))
+        low = batch.stop
+
+        def hear(index: int, made: Any, first: int = batch.start) -> None:
+            if isinstance(made, Exception):
+                raise InvalidRequestError(str(made))
+            if made is not None and (keep == "all" or made.success):
+                kept[first + index] = made
+            if progress is not None:
+                done = min(len(kept), count)
+                progress(done, count, f"{done} of {count} episodes")
+
+        over(driven_episode, [(asks[k],) for k in batch], hear, workers=workers, ray=ray)
+    if len(kept) < count:
+        raise InvalidRequestError(f"{len(asks)} scenes gave {len(kept)} episodes, not {count}")
+    return [kept[k] for k in sorted(kept)[:count]]
+
+
+def write_minari(episodes: Sequence[EpisodeData], folder: Path, name: str) -> str:
+    """Write episodes as a Minari dataset under ``folder``; returns its id.
+
+    Read it with ``MINARI_DATASETS_PATH`` set to the folder: ``minari.load_dataset(id)``.
+
+    Raises:
+        InvalidRequestError: Minari is not installed; the dataset is there already.
+    """
+    check_folder(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    before = os.environ.get("MINARI_DATASETS_PATH")
+    os.environ["MINARI_DATASETS_PATH"] = str(folder.resolve())
+    try:
+        import minari
+        from minari.data_collector import EpisodeBuffer
+    except ImportError:
+        raise InvalidRequestError(f"minari files need Minari: {installed_by('episodes')}") from None
+    first = episodes[0].ask
+    presets = tuple(dict.fromkeys(each.ask.preset for each in episodes))
+    env = environment(presets, first.condition, first.pictures)
+    buffers = []
+    for k, each in enumerate(episodes):
+        count, told = len(each.rewards), np.zeros((len(each.rewards) + 1, 1), dtype=np.bool_)
+        told[-1] = each.success
+        ends = np.arange(count) == count - 1
+        buffers.append(
+            EpisodeBuffer(
+                id=k, seed=each.ask.seed,
+                options={"preset": each.ask.preset, "scene": each.ask.seed},
+                observations=dict(each.seen), actions=each.actions, rewards=each.rewards.tolist(),
+                terminations=(ends & each.terminated).tolist(),
+                truncations=(ends & (not each.terminated)).tolist(), infos={"is_success": told},
+            )
+        )  # fmt: skip
+    try:
+        with warnings.catch_warnings():  # of addresses and environments that are left out
+            warnings.simplefilter("ignore", UserWarning)
+            minari.create_dataset_from_buffers(
+                name, buffers, observation_space=env.observation_space,
+                action_space=env.action_space, algorithm_name="opti-promp", data_format="arrow",
+                author="OptI-ProMP", code_permalink=f"optipromp {source_version()}",
+                description="A cup picks a ripe fruit among unripe ones: the planner of optipromp.",
+            )  # fmt: skip
+    except ValueError as error:
+        raise InvalidRequestError(f"{folder}: {error}") from None
+    finally:
+        if before is None:
+            del os.environ["MINARI_DATASETS_PATH"]
+        else:
+            os.environ["MINARI_DATASETS_PATH"] = before
+    return name
+
+
+def write_lerobot(episodes: Sequence[EpisodeData], folder: Path) -> None:
+    """Write episodes as a LeRobot dataset, version 3.0, whose root is ``folder``.
+
+    Frames are the k observations before the k actions. Pictures are PNG in the Parquet file.
+
+    Raises:
+        InvalidRequestError: pyarrow is not installed; the folder cannot be written, or holds a
+            dataset already.
+    """
+    try:
+        import pyarrow as pa
+    except ImportError:
+        raise InvalidRequestError(
+            f"lerobot files need pyarrow: {installed_by('episodes')}"
+        ) from None
+    check_folder(folder)
+    if (folder / "meta/info.json").exists():
+        raise InvalidRequestError(f"{folder} holds a dataset already: choose another folder")
+    tasks = list(dict.fromkeys(TASK.format(each.ask.preset) for each in episodes))
+    columns: dict[str, list[Any]] = {}
+    rows: list[dict[str, Any]] = []
+    begin = 0
+    for k, each in enumerate(episodes):
+        count = len(each.rewards)
+        task = TASK.format(each.ask.preset)
+        last = np.arange(count) == count - 1
+        values: dict[str, Any] = {
+            "observation.state": each.seen["arm"][:count],
+            "observation.environment_state": each.seen["objects"][:count].reshape(count, -1),
+            "action": each.actions, "next.reward": each.rewards, "next.done": last,
+            "next.success": last & each.success,
+            "timestamp": (np.arange(count) / RATE).astype(np.float32),
+            "frame_index": np.arange(count), "episode_index": np.full(count, k),
+            "index": begin + np.arange(count), "task_index": np.full(count, tasks.index(task)),
+        }  # fmt: skip
+        if "rgb" in each.seen:
+            values["observation.images.palm"] = each.seen["rgb"][:count]
+        for name, value in values.items():
+            columns.setdefault(name, []).append(value)
+        rows.append(
+            {
+                "episode_index": k, "tasks": [task], "length": count, "data/chunk_index": 0,
+                "data/file_index": 0, "dataset_from_index": begin,
+                "dataset_to_index": begin + count, "meta/episodes/chunk_index": 0,
+                "meta/episodes/file_index": 0,
+            }
+        )  # fmt: skip
+        begin += count
+    whole = {name: np.concatenate(parts) for name, parts in columns.items()}
+    table = {name: _column(name, value, pa) for name, value in whole.items()}
+    _parquet(folder / DATA.format(chunk_index=0, file_index=0), pa.table(table))
+    _parquet(folder / "meta/episodes/chunk-000/file-000.parquet", pa.Table.from_pylist(rows))
+    named = pa.table({"task_index": list(range(len(tasks))), "task": tasks})
+    index = {  # LeRobot reads the file by pandas, and looks tasks up by the index
+        "index_columns": ["task"], "column_indexes": [], "pandas_version": "2.0.0",
+        "columns": [
+            {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": own,
+             "metadata": None}
+            for name, kind, own in (
+                ("task_index", "int64", "int64"), ("task", "unicode", "object")
+            )
+        ],
+    }  # fmt: skip
+    _parquet(
+        folder / "meta/tasks.parquet",
+        named.replace_schema_metadata({"pandas": json.dumps(index)}),
+    )
+    features = {name: _feature(name, value) for name, value in whole.items()}
+    stats = {name: _stats(value) for name, value in whole.items()}
+    write_atomically(folder / "meta/stats.json", json_text(stats).encode())
+    info = {
+        "codebase_version": VERSION, "robot_type": "panda", "total_episodes": len(episodes),
+        "total_frames": begin, "total_tasks": len(tasks), "chunks_size": 1000,
+        "data_files_size_in_mb": 100, "video_files_size_in_mb": 200, "fps": round(RATE),
+        "splits": {"train": f"0:{len(episodes)}"}, "data_path": DATA, "video_path": None,
+        "features": features,
+    }  # fmt: skip
+    write_atomically(folder / "meta/info.json", json_text(info).encode())
+
+
+def _parquet(path: Path, table: Any) -> None:
+    import pyarrow.parquet
+
+    stream = io.BytesIO()
+    pyarrow.parquet.write_table(table, stream)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, stream.getvalue())
+
+
+def _is_picture(name: str) -> bool:
+    return name.startswith("observation.images.")
+
+
+def _column(name: str, value: AnyArray, pa: Any) -> Any:
+    if _is_picture(name):
+        return pa.array([{"bytes": _png(each), "path": None} for each in value])
+    if value.ndim == 1:
+        return pa.array(value)
+    flat = pa.array(np.ascontiguousarray(value, dtype=np.float32).ravel())
+    return pa.FixedSizeListArray.from_arrays(flat, value.shape[1])
+
+
+def _png(picture: AnyArray) -> bytes:
+    from PIL import Image
+
+    stream = io.BytesIO()
+    Image.fromarray(picture).save(stream, format="PNG")
+    return stream.getvalue()
+
+
+def _feature(name: str, value: AnyArray) -> dict[str, Any]:
+    """What ``info.json`` tells of a column."""
+    if _is_picture(name):
+        names = ["height", "width", "channels"]
+        return {"dtype": "image", "shape": list(value.shape[1:]), "names": names}
+    kind = "float32" if value.ndim > 1 else str(value.dtype)
+    return {"dtype": kind, "shape": list(value.shape[1:]) or [1], "names": None}
+
+
+def _stats(value: AnyArray) -> dict[str, Any]:
+    """Least, largest, mean, deviation and count; of pictures by channel, as shares of 255."""
+    if value.ndim == 4:
+        value = value.astype(np.float64).reshape(-1, value.shape[-1]) / 255.0
+        told = {k: v.reshape(-1, 1, 1).tolist() for k, v in _moments(value).items()}
+    else:
+        rows = value.astype(np.float64).reshape(len(value), -1)
+        told = {k: v.tolist() for k, v in _moments(rows).items()}
+    return {**told, "count": [len(value)]}
+
+
+def _moments(rows: AnyArray) -> dict[str, AnyArray]:
+    return {
+        "min": rows.min(axis=0), "max": rows.max(axis=0), "mean": rows.mean(axis=0),
+        "std": rows.std(axis=0),
+    }  # fmt: skip
