@@ -148,7 +148,7 @@ def work_of(scene: Scene, arm: Robot) -> Work:
     return Work(np.concatenate(pieces), ends[2], drop, camera, scale)
 
 
-def fitted(scene: Scene, arm: Robot, named: str, choice: Choice) -> Scene:
+def fitted(scene: Scene, arm: Robot, named: str, choice: Choice, turned: bool = True) -> Scene:
     """The ``scene`` of the Panda before another arm, whose base is placed for this scene.
 
     Args:
@@ -156,6 +156,8 @@ def fitted(scene: Scene, arm: Robot, named: str, choice: Choice) -> Scene:
         arm: without a tool.
         named: name or path of the arm.
         choice: of the arm in its file.
+        turned: whether the tool is turned to the last joint's axis (:func:`mount_of`); False: the
+            flange's z is the tool's axis.
 
     Raises:
         UnfitError: the arm can work at the scene from no place; the message says which requirement
@@ -164,7 +166,7 @@ def fitted(scene: Scene, arm: Robot, named: str, choice: Choice) -> Scene:
     assert scene.tool is not None
     work = work_of(scene, arm)
     spheres, at_flange = arm.spheres, arm.spheres.distal
-    mount = mount_of(arm)
+    mount = mount_of(arm) if turned else None
     own = {**scene.tool.parameters, **({} if mount is None else {"mount": mount})}
     axis = arm.flange_rotation @ make_tool(scene.tool.kind, own).rotation[:, 2]
     before = (spheres.center - arm.flange_translation) @ axis + spheres.radius

@@ -1,0 +1,303 @@
+"""How many joints? The same bunches, tool and judge for arms of equal reach with 3 to 7 joints.
+
+    python scripts/joints_study.py --out joints --count 200 --set 2026-11
+    python scripts/joints_study.py --out joints --figure docs/images/joints.png
+
+Every arm of the family is made of one set of links: a column of 0.30 m, an upper arm of 0.42 m, a
+forearm of 0.33 m and a wrist of 0.105 m, so the flange reaches 0.855 m from the shoulder, as a
+Panda's. Names tell the joints from the base on: y turns about the vertical, p pitches, r rolls about
+the link, s slides along the vertical. ``scara``, ``panda`` and a Panda with a joint fixed stand
+beside them. The base is placed for each scene (:mod:`optipromp.laboratory.generate.fitting`).
+Cells: ``open`` (preset cluster), ``table`` (table-top), ``between`` (side-clusters), and ``tilted``
+(cluster, the approach up to 25 degrees off the vertical). Rows are kept in OUT/rows.csv, and a run
+goes on where it ended. The table is printed at the end.
+"""
+
+import argparse
+import csv
+import math
+import zlib
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optipromp.bench.sets import SceneSet
+from optipromp.bench.table import paired
+from optipromp.core.errors import OptiPrompError
+from optipromp.core.planning import plan
+from optipromp.core.processes import cores, run_each
+from optipromp.core.robots.library import NOTHING, load_robot
+from optipromp.core.scenes.scene import Scene
+from optipromp.laboratory.experiments.statistics import wilson
+from optipromp.laboratory.generate import generate
+from optipromp.laboratory.generate.fitting import UnfitError, fitted
+
+COLUMN, UPPER, FORE, WRIST = 0.30, 0.42, 0.33, 0.105  # [m] of the links
+RADIUS, LIMIT, SPEED = 0.045, 2.9, 2.2  # [m], [rad], [rad/s] of every link and joint
+SLIDE = 0.40  # [m] of a joint that slides
+TILT = 25.0  # [deg] off the vertical, at most
+CELLS = {"open": "cluster", "table": "table-top", "between": "side-clusters", "tilted": "cluster"}
+FAMILY: Mapping[str, str] = {
+    "3 yys": "yys", "4 yppp": "yppp", "5 ypprp": "ypprp", "6 ypprpr": "ypprpr",
+    "6 yprprp": "yprprp", "7 yprprpr": "yprprpr",
+}  # fmt: skip
+STOCK = ("scara", "panda")
+FIXED = {"panda, 3 fixed": 2, "panda, 7 fixed": 6}
+
+
+def urdf(joints: str, panda_like: bool = False) -> str:
+    """An arm of the family as URDF text.
+
+    The letters are joints from the base on. Pitching joints stand at the shoulder, the elbow and
+    the wrist; rolling ones lie in the link before the next pitch; of ``yys`` both turn about the
+    vertical, and the hand hangs on a slide.
+    """
+    lengths = {0: UPPER, 1: FORE, 2: WRIST}
+    parts, index, at, pitches = [_link("base", COLUMN, "0 0 1")], 0, f"0 0 {COLUMN}", 0
+    parent = "base"
+    if joints == "yys":
+        ahead = (UPPER, FORE)
+        for k, long in enumerate(ahead):
+            parts += [_joint(k, "revolute", parent, at, "0 0 1"), _link(f"l{k}", long, "1 0 0")]
+            parent, at = f"l{k}", f"{long} 0 0"
+        parts += [_joint(2, "prismatic", parent, at, "0 0 1"), _link("l2", WRIST, "0 0 1")]
+        return _robot([*parts, _flange("l2", f"0 0 {WRIST}")])
+    for letter in joints:
+        axis = {"y": "0 0 1", "p": "0 1 0", "r": "0 0 1"}[letter]
+        name = f"l{index}"
+        parts.append(_joint(index, "revolute", parent, at, axis))
+        if letter == "p":
+            parts.append(_link(name, lengths[pitches], "0 0 1"))
+            at, pitches = f"0 0 {lengths[pitches]}", pitches + 1
+        else:
+            parts.append(_link(name, 0.0, "0 0 1"))
+            at = "0 0 0"
+        parent, index = name, index + 1
+    return _robot([*parts, _flange(parent, at)])
+
+
+def _robot(parts: Iterable[str]) -> str:
+    return f'<robot name="family">{"".join(parts)}</robot>'
+
+
+def _link(name: str, long: float, along: str) -> str:
+    x, _, z = (float(value) for value in along.split())
+    middle = f"{0.5 * long * x} 0 {0.5 * long * z}"
+    turn = "0 1.5707963 0" if x else "0 0 0"
+    mass = 1.0 + 4.0 * long
+    body = ""
+    if long > 0.05:
+        size = f'<cylinder radius="{RADIUS}" length="{long}"/>'
+        body = f'<collision><origin xyz="{middle}" rpy="{turn}"/><geometry>{size}</geometry></collision>'
+    inertia = 'ixx="0.02" iyy="0.02" izz="0.01" ixy="0" ixz="0" iyz="0"'
+    return (
+        f'<link name="{name}"><inertial><origin xyz="{middle}"/><mass value="{mass}"/>'
+        f"<inertia {inertia}/></inertial>{body}</link>"
+    )
+
+
+def _joint(index: int, kind: str, parent: str, at: str, axis: str) -> str:
+    low, high = (-SLIDE, 0.0) if kind == "prismatic" else (-LIMIT, LIMIT)
+    return (
+        f'<joint name="j{index}" type="{kind}"><parent link="{parent}"/><child link="l{index}"/>'
+        f'<origin xyz="{at}"/><axis xyz="{axis}"/>'
+        f'<limit lower="{low}" upper="{high}" velocity="{SPEED}" effort="200"/></joint>'
+    )
+
+
+def _flange(parent: str, at: str) -> str:
+    return (
+        f'<link name="flange"/><joint name="f" type="fixed"><parent link="{parent}"/>'
+        f'<child link="flange"/><origin xyz="{at}"/></joint>'
+    )
+
+
+@dataclass(frozen=True)
+class JointsRow:
+    """One arm before one scene."""
+
+    arm: str
+    cell: str
+    seed: int
+    reachable: bool = False
+    planned: bool = False
+    picked: bool = False
+    harmed: bool = False
+    told: str = ""
+
+
+def arms(folder: Path) -> dict[str, str]:
+    """Names and files of all arms; files of the family are written to ``folder``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    out = {}
+    for name, joints in FAMILY.items():
+        file = folder / f"{joints}.yaml"
+        (folder / f"{joints}.urdf").write_text(urdf(joints))
+        acceleration = ", ".join(["10.0"] * len(joints))
+        file.write_text(f"format: 1\nname: {joints}\nurdf: {joints}.urdf\nflange: flange\n"
+            f"acceleration: [{acceleration}]\n")
+        out[name] = str(file.resolve())
+    return {**out, **{name: name for name in STOCK}}
+
+
+def scene_of(cell: str, seed: int) -> Scene:
+    """The bunch of a cell before a Panda."""
+    scene = generate(CELLS[cell], seed)  # type: ignore[arg-type]
+    if cell != "tilted":
+        return scene
+    rng = np.random.default_rng([zlib.crc32(b"tilted"), seed])
+    angle, way = math.radians(TILT) * math.sqrt(rng.random()), 2.0 * math.pi * rng.random()
+    axis = np.array(
+        [math.sin(angle) * math.cos(way), math.sin(angle) * math.sin(way), math.cos(angle)]
+    )
+    return replace(scene, approach=replace(scene.approach, direction=axis))
+
+
+def one(arm: str, file: str, cell: str, seed: int) -> JointsRow:
+    """Place the base, plan, and execute what is promised."""
+    from optipromp.laboratory.generate.plants import untold
+    from optipromp.laboratory.simulation import simulate
+
+    row = JointsRow(arm, cell, seed)
+    try:
+        scene = fitted(scene_of(cell, seed), load_robot(file), file, NOTHING, turned=False)
+    except UnfitError as unfit:
+        return replace(row, told=unfit.requirement)
+    row = replace(row, reachable=True)
+    try:
+        made = plan(untold(scene), seed=seed)
+        if not made.success:
+            return replace(row, told=str(made.status))
+        outcome = simulate(made.trajectory, scene, robot=made.robot, seed=seed).outcome
+    except OptiPrompError as error:
+        return replace(row, told=str(error.code))
+    harm = [str(cause) for cause in outcome.causes if cause != "not_picked"]
+    return replace(
+        row, planned=True, picked=bool(outcome.success), harmed=bool(harm),
+        told=" ".join(outcome.causes),
+    )  # fmt: skip
+
+
+def run(out: Path, count: int, word: str, names: list[str], workers: int) -> None:
+    """Run what OUT/rows.csv lacks."""
+    files = arms(out / "arms")
+    done = {(row.arm, row.cell, row.seed) for row in rows_of(out)}
+    first = SceneSet(word).first
+    tasks = [
+        (arm, files[arm], cell, seed)
+        for seed in range(first, first + count)
+        for cell in CELLS
+        for arm in names or files
+        if (arm, cell, seed) not in done
+    ]
+    path = out / "rows.csv"
+
+    def hear(index: int, row: Any) -> None:
+        if isinstance(row, Exception):
+            raise SystemExit(f"{tasks[index]}: {row}")
+        with path.open("a", newline="") as stream:
+            table = csv.DictWriter(stream, list(asdict(row)))
+            if stream.tell() == 0:
+                table.writeheader()
+            table.writerow(asdict(row))
+        if index % 50 == 0:
+            print(f"{index} of {len(tasks)}", flush=True)
+
+    run_each(one, tasks, hear, workers=workers)
+
+
+def rows_of(out: Path) -> list[JointsRow]:
+    """The rows so far."""
+    path = out / "rows.csv"
+    if not path.exists():
+        return []
+    with path.open() as stream:
+        return [
+            JointsRow(
+                r["arm"], r["cell"], int(r["seed"]),
+                *(r[k] == "True" for k in ("reachable", "planned", "picked", "harmed")), r["told"],
+            )
+            for r in csv.DictReader(stream)
+        ]  # fmt: skip
+
+
+def table(rows: list[JointsRow]) -> str:
+    """Shares by arm and cell, and paired tests of the family, one joint more each."""
+    lines = ["| arm | cell | n | reachable | planned | picked (95 %) | harmed |", "|---" * 7 + "|"]
+    order = [name for name in (*FAMILY, *STOCK, *FIXED) if any(r.arm == name for r in rows)]
+    for cell in CELLS:
+        for arm in order:
+            own = [row for row in rows if (row.arm, row.cell) == (arm, cell)]
+            if not own:
+                continue
+            n = len(own)
+            sums = [sum(getattr(r, k) for r in own) for k in ("reachable", "planned", "picked")]
+            low, high = wilson(sums[2], n)
+            told = " | ".join(f"{100 * s / n:.0f}" for s in sums)
+            harmed = sum(r.harmed for r in own)
+            lines.append(
+                f"| {arm} | {cell} | {n} | {told} ({100 * low:.0f}–{100 * high:.0f}) | {harmed} |"
+            )
+    lines += [
+        "",
+        "| cell | arms | picked by the first alone, the second alone | p |",
+        "|---" * 4 + "|",
+    ]
+    picked = {(r.arm, r.cell, r.seed): r.picked for r in rows}
+    for cell in CELLS:
+        for a, b in zip(order, order[1:], strict=False):
+            seeds = [s for x, c, s in picked if (x, c) == (a, cell) and (b, cell, s) in picked]
+            pairs = [(picked[a, cell, s], picked[b, cell, s]) for s in seeds]
+            alone = sum(x and not y for x, y in pairs), sum(y and not x for x, y in pairs)
+            lines.append(f"| {cell} | {a}, {b} | {alone[0]}, {alone[1]} | {paired(pairs):.3f} |")
+    return "\n".join(lines)
+
+
+def figure(rows: list[JointsRow], path: Path) -> None:
+    """Shares picked by arm, a panel a cell, with intervals; what is reachable behind."""
+    import matplotlib.pyplot as plt
+
+    order = [name for name in (*FAMILY, *STOCK, *FIXED) if any(r.arm == name for r in rows)]
+    drawn, panels = plt.subplots(1, len(CELLS), figsize=(13, 3.6), sharey=True)
+    for panel, cell in zip(panels, CELLS, strict=True):
+        for k, arm in enumerate(order):
+            own = [row for row in rows if (row.arm, row.cell) == (arm, cell)]
+            if not own:
+                continue
+            n = len(own)
+            reach, got = sum(r.reachable for r in own) / n, sum(r.picked for r in own)
+            low, high = wilson(got, n)
+            panel.bar(k, reach, color="0.85")
+            panel.bar(k, got / n, color="tab:blue" if arm in FAMILY else "tab:orange", width=0.6)
+            panel.plot([k, k], [low, high], color="black", lw=1)
+        panel.set_title(f"{cell} (n = {len({r.seed for r in rows if r.cell == cell})})")
+        panel.set_xticks(range(len(order)), order, rotation=60, ha="right", fontsize=8)
+    panels[0].set_ylabel("share picked (grey: reachable)")
+    drawn.tight_layout()
+    drawn.savefig(path, dpi=110)
+
+
+def main() -> None:
+    """See the module."""
+    ask = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    ask.add_argument("--out", type=Path, required=True)
+    ask.add_argument("--count", type=int, default=0, help="scenes a cell")
+    ask.add_argument("--set", default="development", metavar="WORD", help="as of bench run")
+    ask.add_argument("--arms", default="", help="separated by semicolons; all if left out")
+    ask.add_argument("--workers", type=int, default=cores())
+    ask.add_argument("--figure", type=Path)
+    told = ask.parse_args()
+    if told.count:
+        names = [name for name in told.arms.split(";") if name]
+        run(told.out, told.count, told.set, names, told.workers)
+    rows = rows_of(told.out)
+    print(table(rows))
+    if told.figure:
+        figure(rows, told.figure)
+
+
+if __name__ == "__main__":
+    main()
