@@ -5,9 +5,8 @@
 
 Every arm of the family is made of one set of links: a column of 0.30 m, an upper arm of 0.42 m, a
 forearm of 0.33 m and a wrist of 0.105 m, so the flange reaches 0.855 m from the shoulder, as a
-Panda's. Names tell the joints from the base on: y turns about the vertical, p pitches, r rolls about
-the link, s slides along the vertical. ``scara``, ``panda`` and a Panda with a joint fixed stand
-beside them. The base is placed for each scene (:mod:`optipromp.laboratory.generate.fitting`).
+Panda's. Names tell the joints from the base on: y turns about the vertical, p pitches, r rolls
+about the link, s slides along the vertical. ``scara`` and ``panda`` stand beside them. The base is placed for each scene (:mod:`optipromp.laboratory.generate.fitting`).
 Cells: ``open`` (preset cluster), ``table`` (table-top), ``between`` (side-clusters), and ``tilted``
 (cluster, the approach up to 25 degrees off the vertical). Rows are kept in OUT/rows.csv, and a run
 goes on where it ended. The table is printed at the end.
@@ -15,6 +14,7 @@ goes on where it ended. The table is printed at the end.
 
 import argparse
 import csv
+import itertools
 import math
 import zlib
 from collections.abc import Iterable, Mapping
@@ -45,7 +45,6 @@ FAMILY: Mapping[str, str] = {
     "6 yprprp": "yprprp", "7 yprprpr": "yprprpr",
 }  # fmt: skip
 STOCK = ("scara", "panda")
-FIXED = {"panda, 3 fixed": 2, "panda, 7 fixed": 6}
 
 
 def urdf(joints: str, panda_like: bool = False) -> str:
@@ -91,7 +90,8 @@ def _link(name: str, long: float, along: str) -> str:
     body = ""
     if long > 0.05:
         size = f'<cylinder radius="{RADIUS}" length="{long}"/>'
-        body = f'<collision><origin xyz="{middle}" rpy="{turn}"/><geometry>{size}</geometry></collision>'
+        origin = f'<origin xyz="{middle}" rpy="{turn}"/>'
+        body = f"<collision>{origin}<geometry>{size}</geometry></collision>"
     inertia = 'ixx="0.02" iyy="0.02" izz="0.01" ixy="0" ixz="0" iyz="0"'
     return (
         f'<link name="{name}"><inertial><origin xyz="{middle}"/><mass value="{mass}"/>'
@@ -137,8 +137,10 @@ def arms(folder: Path) -> dict[str, str]:
         file = folder / f"{joints}.yaml"
         (folder / f"{joints}.urdf").write_text(urdf(joints))
         acceleration = ", ".join(["10.0"] * len(joints))
-        file.write_text(f"format: 1\nname: {joints}\nurdf: {joints}.urdf\nflange: flange\n"
-            f"acceleration: [{acceleration}]\n")
+        file.write_text(
+            f"format: 1\nname: {joints}\nurdf: {joints}.urdf\nflange: flange\n"
+            f"acceleration: [{acceleration}]\n"
+        )
         out[name] = str(file.resolve())
     return {**out, **{name: name for name in STOCK}}
 
@@ -227,7 +229,7 @@ def rows_of(out: Path) -> list[JointsRow]:
 def table(rows: list[JointsRow]) -> str:
     """Shares by arm and cell, and paired tests of the family, one joint more each."""
     lines = ["| arm | cell | n | reachable | planned | picked (95 %) | harmed |", "|---" * 7 + "|"]
-    order = [name for name in (*FAMILY, *STOCK, *FIXED) if any(r.arm == name for r in rows)]
+    order = [name for name in (*FAMILY, *STOCK) if any(r.arm == name for r in rows)]
     for cell in CELLS:
         for arm in order:
             own = [row for row in rows if (row.arm, row.cell) == (arm, cell)]
@@ -248,7 +250,7 @@ def table(rows: list[JointsRow]) -> str:
     ]
     picked = {(r.arm, r.cell, r.seed): r.picked for r in rows}
     for cell in CELLS:
-        for a, b in zip(order, order[1:], strict=False):
+        for a, b in itertools.pairwise(order):
             seeds = [s for x, c, s in picked if (x, c) == (a, cell) and (b, cell, s) in picked]
             pairs = [(picked[a, cell, s], picked[b, cell, s]) for s in seeds]
             alone = sum(x and not y for x, y in pairs), sum(y and not x for x, y in pairs)
@@ -260,7 +262,7 @@ def figure(rows: list[JointsRow], path: Path) -> None:
     """Shares picked by arm, a panel a cell, with intervals; what is reachable behind."""
     import matplotlib.pyplot as plt
 
-    order = [name for name in (*FAMILY, *STOCK, *FIXED) if any(r.arm == name for r in rows)]
+    order = [name for name in (*FAMILY, *STOCK) if any(r.arm == name for r in rows)]
     drawn, panels = plt.subplots(1, len(CELLS), figsize=(13, 3.6), sharey=True)
     for panel, cell in zip(panels, CELLS, strict=True):
         for k, arm in enumerate(order):
