@@ -6,7 +6,8 @@
 Every arm of the family is made of one set of links: a column of 0.30 m, an upper arm of 0.42 m, a
 forearm of 0.33 m and a wrist of 0.105 m, so the flange reaches 0.855 m from the shoulder, as a
 Panda's. Names tell the joints from the base on: y turns about the vertical, p pitches, r rolls
-about the link, s slides along the vertical. ``scara`` and ``panda`` stand beside them. The base is placed for each scene (:mod:`optipromp.laboratory.generate.fitting`).
+about the link, s slides along the vertical. ``scara`` and ``panda`` stand beside them. The base is
+placed for each scene (:mod:`optipromp.laboratory.generate.fitting`).
 Cells: ``open`` (preset cluster), ``table`` (table-top), ``between`` (side-clusters), and ``tilted``
 (cluster, the approach up to 25 degrees off the vertical). Rows are kept in OUT/rows.csv, and a run
 goes on where it ended. The table is printed at the end.
