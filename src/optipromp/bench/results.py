@@ -128,7 +128,9 @@ def run_bench(
         InvalidRequestError: an unknown entry, or one without the track's methods; the folder
             cannot be written, or holds rows of another run; a process ended.
     """
-    check_entry(loaded(run.entry), run.track)
+    entry = loaded(run.entry)
+    check_entry(entry, run.track)
+    getattr(entry, "close", bool)()
     check_folder(folder)
     (folder / MOTIONS).mkdir(parents=True, exist_ok=True)
     _settle(run, folder / RUN)

@@ -145,7 +145,10 @@ def attempted(task: Exercise) -> tuple[list[BenchRow], Deeds]:
     entry = loaded(task.entry)
     setting, digest = situated(task)
     if task.track == "policy":
-        return _by_policy(entry, task, setting, digest)
+        try:
+            return _by_policy(entry, task, setting, digest)
+        finally:
+            getattr(entry, "close", bool)()
     try:
         if task.track == "picture":
             picture, known = photographed(setting, task.seed), without_fruits(setting.scene)

@@ -101,6 +101,8 @@ class Deed:
 def loaded(spec: str) -> Any:
     """The entry of a name in :data:`optipromp.bench.entries.ENTRIES`, or of MODULE:CLASS.
 
+    ``tcp:HOST:PORT`` is a policy in another process (:mod:`optipromp.bench.serve`).
+
     The working folder is searched for the module, too.
 
     Raises:
@@ -108,6 +110,10 @@ def loaded(spec: str) -> Any:
     """
     from optipromp.bench.entries import ENTRIES
 
+    if spec.startswith("tcp:"):
+        from optipromp.bench.serve import Served
+
+        return Served(spec.removeprefix("tcp:"))
     known = ENTRIES.get(spec)
     module, colon, attribute = (known.spec if known else spec).partition(":")
     if not colon:
