@@ -1,0 +1,81 @@
+"""Learnt entries: what they see is a set, and how they are trained."""
+
+import csv
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from optipromp.bench.entries.learnt import objects_in, proposals, told
+from optipromp.bench.primitive import COUNT
+from optipromp.bench.senses import MOST, WIDTH
+from optipromp.bench.sets import scene_of
+from optipromp.core.arrays import FloatArray
+
+pytest.importorskip("onnxruntime")
+
+
+def trainer() -> ModuleType:
+    file = Path(__file__).parents[2] / "scripts/train_policies.py"
+    spec = importlib.util.spec_from_file_location("train_policies", file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("name", ["set.onnx", "sac.onnx"])
+def test_objects_are_a_set(name: str) -> None:
+    scene, _ = scene_of("wild", 110_004)
+    objects = objects_in(scene)
+    order = np.random.default_rng(0).permutation(MOST)
+    assert np.allclose(told(name, objects=objects), told(name, objects=objects[order]), atol=1e-4)
+    assert not np.allclose(told(name, objects=objects), told(name, objects=0.5 * objects))
+
+
+def test_proposals_differ() -> None:
+    scene, _ = scene_of("tight", 110_004)
+    weights, score = proposals(scene)
+    assert weights.shape == (len(score), 2, COUNT)
+    apart = [np.abs(a - b).max() for k, a in enumerate(weights) for b in weights[:k]]
+    assert max(apart) > 0.1
+
+
+def test_a_turned_scene_has_turned_weights() -> None:
+    """The batches of training are turned rigidly: lengths and heights stay."""
+    rng = np.random.default_rng(1)
+    objects = np.zeros((3, MOST, WIDTH), dtype=np.float32)
+    objects[:, :4] = rng.normal(size=(3, 4, WIDTH))
+    weights = rng.normal(size=(3, 2, COUNT))
+    out, turned = trainer().turned(objects, weights, rng)
+
+    def lengths(rows: FloatArray, first: int) -> FloatArray:
+        return np.asarray(np.linalg.norm(rows[:, :, first : first + 2], axis=-1))
+
+    for first in (0, 3, 9):
+        assert np.allclose(lengths(out, first), lengths(objects, first), atol=1e-5)
+        assert np.array_equal(out[:, :, first + 2], objects[:, :, first + 2])
+    assert np.allclose(np.linalg.norm(turned, axis=1), np.linalg.norm(weights, axis=1), atol=1e-5)
+    across = np.einsum("bki,bij->bkj", objects[:, :4, :2], weights)
+    assert np.allclose(across, np.einsum("bki,bij->bkj", out[:, :4, :2], turned), atol=1e-4)
+
+
+def test_a_network_is_trained_on_plans(tmp_path: Path) -> None:
+    pytest.importorskip("torch")
+    pytest.importorskip("onnx")
+    runtime = pytest.importorskip("onnxruntime")
+    train = trainer()
+    train.plans(tmp_path, range(299_000, 299_008))
+    data = np.load(tmp_path / "plans-299000.npz")
+    assert data["weights"].shape[1:] == (2, COUNT)
+    out = tmp_path / "set.onnx"
+    train.train_set(tmp_path, out, 0.03)
+    with out.with_suffix(".csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert float(rows[-1]["near"]) < float(rows[0]["near"])
+    session = runtime.InferenceSession(str(out), providers=["CPUExecutionProvider"])
+    shape = session.run(None, {"objects": np.zeros((5, MOST, WIDTH), np.float32)})[0].shape
+    assert shape == (5, train.PROPOSALS * (2 * COUNT + 1))
