@@ -75,7 +75,10 @@ def test_a_network_is_trained_on_plans(tmp_path: Path) -> None:
     train.train_set(tmp_path, out, 0.03)
     with out.with_suffix(".csv").open() as stream:
         rows = list(csv.DictReader(stream))
-    assert float(rows[-1]["near"]) < float(rows[0]["near"])
+    assert int(rows[-1]["samples"]) > int(rows[0]["samples"])
     session = runtime.InferenceSession(str(out), providers=["CPUExecutionProvider"])
-    shape = session.run(None, {"objects": np.zeros((5, MOST, WIDTH), np.float32)})[0].shape
-    assert shape == (5, train.PROPOSALS * (2 * COUNT + 1))
+    (told_,) = session.run(None, {"objects": data["objects"][1:]})  # the first is held out
+    proposed = told_.reshape(len(told_), train.PROPOSALS, 2 * COUNT + 1)[:, :, : 2 * COUNT]
+    right = data["weights"][1:].reshape(-1, 1, 2 * COUNT)
+    off = np.abs(proposed - right).mean(axis=2).min(axis=1).mean()
+    assert off < 0.8 * np.abs(right).mean()
