@@ -250,12 +250,14 @@ def fit(
     net: Any, batches: Iterator[Any], figures: Callable[[], dict[str, float]], out: Path,
     minutes: float, size: int,
 ) -> None:  # fmt: skip
-    """Descend for some minutes; the curve goes to a CSV file."""
+    """Descend for some minutes; the curve goes to a CSV file, the best held-out loss is kept."""
+    import copy
+
     import torch
 
     best = torch.optim.AdamW(net.parameters(), lr=1e-3, weight_decay=1e-4)
     began, step, rows = time.time(), 0, []
-    told = 0.0
+    told, kept = 0.0, net.state_dict()
     while (gone := (time.time() - began) / 60.0) < minutes:
         for group in best.param_groups:
             group["lr"] = 1e-3 * (1.0 - gone / minutes) + 1e-6
@@ -268,6 +270,9 @@ def fit(
             told = gone
             rows.append({"minutes": round(gone, 2), "samples": step * size, **figures()})
             print(rows[-1], flush=True)
+            if rows[-1]["loss"] <= min(row["loss"] for row in rows):
+                kept = copy.deepcopy(net.state_dict())
+    net.load_state_dict(kept)
     curve(out, rows)
 
 

@@ -80,6 +80,7 @@ class Episode:
         self.state = self.simulation.state()
         self.reference = State(self.state.q)
         self._look: Look | None = None
+        self._fruits = tuple(o for o in situation.seen.objects if o.role != "static")
         for _ in range(round(situation.parameters.engine.settle / self.simulation.tick)):
             self.state = self.simulation.step(self.reference)
         self._begin, self._held = self.simulation.time, 0.0
@@ -119,11 +120,9 @@ class Episode:
         """What a policy knows now."""
         point, axis = self.robot.tool_pose(self.state.q)
         look = self._look
-        seen = self.scene.objects if look is None else look.in_base()
         since = self.time if look is None else self.simulation.time - look.time
-        fruits = tuple(item for item in seen if item.role != "static")
         return Observation(
-            self.time, self.state.q, self.state.velocity, point, axis, fruits, since,
+            self.time, self.state.q, self.state.velocity, point, axis, self._fruits, since,
             self.simulation.wrench()[:3],
             None if look is None else replace(look, time=look.time - self._begin),
         )  # fmt: skip
@@ -153,7 +152,7 @@ class Episode:
         truth = Truth(fruits.ids, fruits.positions, fruits.rotations, fruits.stem_ends)
         self.eye.see(now, self.state.q, truth)
         for look in self.eye.delivered(now):
-            self._look = look
+            self._look, self._fruits = look, look.in_base()
 
     def holds(self) -> bool:
         """Whether the tool holds the true target now; False without one."""

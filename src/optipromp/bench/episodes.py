@@ -90,7 +90,8 @@ def driven_episode(ask: EpisodeAsk) -> EpisodeData | None:
     expert, told, actions, rewards = follower(made), [seen], [], []
     terminated = truncated = False
     while not (terminated or truncated):
-        action = expert(episode.observe().tool_point).astype(np.float32)  # as in the file
+        point, _ = episode.robot.tool_pose(episode.state.q)
+        action = expert(point).astype(np.float32)  # as in the file
         seen, reward, terminated, truncated, info = env.step(action.astype(np.float64))
         told.append(seen)
         actions.append(action)
