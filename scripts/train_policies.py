@@ -29,6 +29,7 @@ from typing import Any
 
 import numpy as np
 
+from optipromp.bench.entries.learnt import hand_of
 from optipromp.bench.env import PickEnv, PickProMPEnv
 from optipromp.bench.expert import follower
 from optipromp.bench.primitive import COUNT, weights_of
@@ -110,19 +111,24 @@ def steps(out: Path, seeds: range) -> None:
         print(file.name, len(arms), f"{done} picked", flush=True)
 
 
-def turned(objects: np.ndarray, weights: np.ndarray, rng: np.random.Generator) -> Any:
-    """A batch turned about the approach, and mirrored: the push knows no direction of the arm."""
+def turned(objects: np.ndarray, rng: np.random.Generator, *others: np.ndarray) -> list[np.ndarray]:
+    """A batch turned about the approach, and mirrored: the push knows no direction of the arm.
+
+    ``others`` (b, m, 2) are further vectors across the approach.
+    """
     count = len(objects)
     angle, flip = rng.uniform(0.0, 2.0 * np.pi, count), rng.choice([-1.0, 1.0], count)
     c, s = np.cos(angle), np.sin(angle)
     turn = np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], 1)
     turn[:, :, 0] *= flip[:, None]
-    out = objects.copy()
+
+    def round_it(vectors: np.ndarray) -> np.ndarray:
+        return np.einsum("bij,bkj->bki", turn, vectors).astype(np.float32)
+
+    out = objects.astype(np.float32)
     for first in (0, 3, 9):  # place, axis, stem
-        out[:, :, first : first + 2] = np.einsum(
-            "bij,bkj->bki", turn, objects[:, :, first : first + 2]
-        )
-    return out.astype(np.float32), np.einsum("bij,bjk->bik", turn, weights).astype(np.float32)
+        out[:, :, first : first + 2] = round_it(objects[:, :, first : first + 2])
+    return [out, *(round_it(each) for each in others)]
 
 
 def network(outputs: int, arm: int = 0) -> Any:
@@ -196,7 +202,8 @@ def train_set(data: Path, out: Path, minutes: float) -> None:
     def batches() -> Iterator[Any]:
         while True:
             rows = rng.integers(len(train[0]), size=256)
-            near, score, _ = loss(*turned(train[0][rows], train[1][rows], rng))
+            seen, paths = turned(train[0][rows], rng, np.swapaxes(train[1][rows], 1, 2))
+            near, score, _ = loss(seen, np.swapaxes(paths, 1, 2))
             yield near + 0.1 * score
 
     fit(net, batches(), figures, out, minutes, 256)
@@ -217,33 +224,32 @@ def train_clone(data: Path, out: Path, minutes: float) -> None:
     held[: len(shards[0]["arm"])] = True
     torch.manual_seed(0)
     torch.set_num_threads(1)
-    rng, net = np.random.default_rng(0), network(3, arm.shape[1])
+    hand = hand_of(arm).astype(np.float32)
+    rng, net = np.random.default_rng(0), network(3, hand.shape[1])
     rows_of = np.flatnonzero(~held)
 
-    def loss(rows: np.ndarray) -> Any:
-        told = net(torch.from_numpy(objects[rows]), torch.from_numpy(scaled(arm[rows])))
-        return functional.smooth_l1_loss(told, torch.from_numpy(action[rows]), beta=0.1)
+    def loss(seen: np.ndarray, own: np.ndarray, right: np.ndarray) -> Any:
+        told = net(torch.from_numpy(seen), torch.from_numpy(own))
+        return functional.smooth_l1_loss(told, torch.from_numpy(right), beta=0.1)
 
     def figures() -> dict[str, float]:
+        rows = np.flatnonzero(held)[::5]
         with torch.no_grad():
-            return {"loss": float(loss(np.flatnonzero(held)[::5]))}
+            return {"loss": float(loss(objects[rows], hand[rows], action[rows]))}
 
     def batches() -> Iterator[Any]:
         while True:
-            yield loss(rng.choice(rows_of, 256))
+            rows = rng.choice(rows_of, 256)
+            own, right = hand[rows].copy(), action[rows].copy()
+            across = own.reshape(-1, 3, 3)[:, :, :2]
+            seen, across, wanted = turned(objects[rows], rng, across, right[:, None, :2])
+            own.reshape(-1, 3, 3)[:, :, :2] = across
+            right[:, :2] = wanted[:, 0]
+            yield loss(seen, own, right)
 
     fit(net, batches(), figures, out, minutes, 256)
-    empty = torch.zeros(1, MOST, WIDTH), torch.zeros(1, arm.shape[1])
+    empty = torch.zeros(1, MOST, WIDTH), torch.zeros(1, hand.shape[1])
     write(net, out, empty, ["objects", "arm"])
-
-
-def scaled(arm: np.ndarray) -> np.ndarray:
-    """What a policy knows of its arm, of which time and age of the look are not told."""
-    out = np.array(arm, dtype=np.float32)
-    out[..., -2:] = 0.0
-    count = (out.shape[-1] - 11) // 2
-    out[..., 2 * count : 2 * count + 3] *= SCALE
-    return out
 
 
 def fit(

@@ -50,7 +50,8 @@ def test_a_turned_scene_has_turned_weights() -> None:
     objects = np.zeros((3, MOST, WIDTH), dtype=np.float32)
     objects[:, :4] = rng.normal(size=(3, 4, WIDTH))
     weights = rng.normal(size=(3, 2, COUNT))
-    out, turned = trainer().turned(objects, weights, rng)
+    out, turned = trainer().turned(objects, rng, np.swapaxes(weights, 1, 2))
+    turned = np.swapaxes(turned, 1, 2)
 
     def lengths(rows: FloatArray, first: int) -> FloatArray:
         return np.asarray(np.linalg.norm(rows[:, :, first : first + 2], axis=-1))

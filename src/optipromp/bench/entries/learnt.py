@@ -25,7 +25,8 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
 
-NEARER = 10.0  # factor on the tool's place in ``arm``, as in training
+NEARER, WEAKER = 10.0, 0.1  # factors on the tool's place [m] and on forces [N]: choices
+STRONGEST = 3.0  # of a force after its factor: a choice
 WIDEST = 1.5  # of a weight: as in training
 
 
@@ -58,6 +59,19 @@ def objects_in(scene: Scene) -> FloatArray:
     """The objects of a scene about its target, as a network sees them."""
     origin = np.zeros(3) if scene.target is None else scene.target.position
     return objects_of(scene.objects, scene, origin)
+
+
+def hand_of(arm: FloatArray) -> FloatArray:
+    """What a clone knows of its arm: the hand's place, axis and force (..., 9), all about equal.
+
+    Args:
+        arm: (..., 2n + 11) of :func:`optipromp.bench.senses.state_of`; joints and times are left
+            out, so what is learnt holds in all directions about the approach.
+    """
+    hand = np.array(arm[..., -11:-2], dtype=np.float64)
+    hand[..., :3] *= NEARER
+    hand[..., 6:] = np.clip(WEAKER * hand[..., 6:], -STRONGEST, STRONGEST)
+    return hand
 
 
 def proposals(scene: Scene) -> tuple[FloatArray, FloatArray]:
@@ -119,10 +133,8 @@ class Cloned:
     def act(self, seen: Observation) -> FloatArray:
         """See :class:`optipromp.bench.tracks.Acting`."""
         state = state_of(seen, self.scene)
-        count = len(seen.q)
-        arm = np.array(state["arm"])
-        arm[-2:] = 0.0  # time and age of the look are not told
-        arm[2 * count : 2 * count + 3] *= NEARER
-        action = np.clip(told("clone.onnx", objects=state["objects"], arm=arm), -1.0, 1.0)
+        action = np.clip(
+            told("clone.onnx", objects=state["objects"], arm=hand_of(state["arm"])), -1.0, 1.0
+        )
         frame = self.scene.frame
         return joints_for(self.robot, seen.q, SPEED * action @ frame, frame[2])
