@@ -2,12 +2,14 @@
 
     python scripts/joints_study.py --out joints --count 200 --set 2026-11
     python scripts/joints_study.py --out joints --figure docs/images/joints.png
+    python scripts/joints_study.py --out joints --count 50 --further UR5=ur5_robot.urdf
 
 Every arm of the family is made of one set of links: a column of 0.30 m, an upper arm of 0.42 m, a
 forearm of 0.33 m and a wrist of 0.105 m, so the flange reaches 0.855 m from the shoulder, as a
 Panda's. Names tell the joints from the base on: y turns about the vertical, p pitches, r rolls
-about the link, s slides along the vertical. ``scara`` and ``panda`` stand beside them. The base is
-placed for each scene (:mod:`optipromp.laboratory.generate.fitting`).
+about the link, s slides along the vertical. ``scara`` and ``panda`` stand beside them, and the
+Panda with joints fixed at 0: ``panda -7`` is without its last. Further arms are given by name and
+file. The base is placed for each scene (:mod:`optipromp.laboratory.generate.fitting`).
 Cells: ``open`` (preset cluster), ``table`` (table-top), ``between`` (side-clusters), and ``tilted``
 (cluster, the approach up to 25 degrees off the vertical). Rows are kept in OUT/rows.csv, and a run
 goes on where it ended. The table is printed at the end.
@@ -20,10 +22,12 @@ import math
 import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from optipromp.bench.sets import SceneSet
 from optipromp.bench.table import paired
@@ -46,9 +50,14 @@ FAMILY: Mapping[str, str] = {
     "6 yprprp": "yprprp", "7 yprprpr": "yprprpr",
 }  # fmt: skip
 STOCK = ("scara", "panda")
+PANDAS: Mapping[str, tuple[int, ...]] = {
+    "panda -7": (7,), "panda -5": (5,), "panda -3": (3,), "panda -3 -7": (3, 7),
+    "panda -3 -5 -7": (3, 5, 7),
+}  # fmt: skip
+"""Joints of the Panda that are fixed at 0."""
 
 
-def urdf(joints: str, panda_like: bool = False) -> str:
+def urdf(joints: str) -> str:
     """An arm of the family as URDF text.
 
     The letters are joints from the base on. Pitching joints stand at the shoulder, the elbow and
@@ -116,6 +125,25 @@ def _flange(parent: str, at: str) -> str:
     )
 
 
+def panda_without(joints: Iterable[int], folder: Path) -> Path:
+    """The built-in Panda with joints fixed at 0, as a robot file; its body is the same."""
+    data = files("optipromp.core.robots").joinpath("data")
+    text, robot = (
+        data.joinpath("panda.urdf").read_text(),
+        yaml.safe_load(data.joinpath("panda.yaml").read_text()),
+    )
+    for joint in joints:
+        text = text.replace(f'"joint{joint}" type="revolute"', f'"joint{joint}" type="fixed"')
+    name = "panda-without-" + "-".join(str(joint) for joint in joints)
+    for key in ("acceleration", "jerk", "home"):
+        robot[key] = [value for k, value in enumerate(robot[key], 1) if k not in joints]
+    robot.update(name=name, urdf=f"{name}.urdf")
+    (folder / f"{name}.urdf").write_text(text)
+    path = folder / f"{name}.yaml"
+    path.write_text(yaml.safe_dump(robot))
+    return path
+
+
 @dataclass(frozen=True)
 class JointsRow:
     """One arm before one scene."""
@@ -143,7 +171,8 @@ def arms(folder: Path) -> dict[str, str]:
             f"acceleration: [{acceleration}]\n"
         )
         out[name] = str(file.resolve())
-    return {**out, **{name: name for name in STOCK}}
+    fixed = {name: str(panda_without(each, folder).resolve()) for name, each in PANDAS.items()}
+    return {**out, **{name: name for name in STOCK}, **fixed}
 
 
 def scene_of(cell: str, seed: int) -> Scene:
@@ -184,16 +213,18 @@ def one(arm: str, file: str, cell: str, seed: int) -> JointsRow:
     )  # fmt: skip
 
 
-def run(out: Path, count: int, word: str, names: list[str], workers: int) -> None:
+def run(
+    out: Path, count: int, word: str, names: list[str], further: Mapping[str, str], workers: int
+) -> None:
     """Run what OUT/rows.csv lacks."""
-    files = arms(out / "arms")
+    known = {**arms(out / "arms"), **further}
     done = {(row.arm, row.cell, row.seed) for row in rows_of(out)}
     first = SceneSet(word).first
     tasks = [
-        (arm, files[arm], cell, seed)
+        (arm, known[arm], cell, seed)
         for seed in range(first, first + count)
         for cell in CELLS
-        for arm in names or files
+        for arm in names or further or known
         if (arm, cell, seed) not in done
     ]
     path = out / "rows.csv"
@@ -227,10 +258,15 @@ def rows_of(out: Path) -> list[JointsRow]:
         ]  # fmt: skip
 
 
+def _order(rows: list[JointsRow]) -> list[str]:
+    known, found = (*FAMILY, *STOCK, *PANDAS), dict.fromkeys(row.arm for row in rows)
+    return [*(name for name in known if name in found), *(n for n in found if n not in known)]
+
+
 def table(rows: list[JointsRow]) -> str:
     """Shares by arm and cell, and paired tests of the family, one joint more each."""
     lines = ["| arm | cell | n | reachable | planned | picked (95 %) | harmed |", "|---" * 7 + "|"]
-    order = [name for name in (*FAMILY, *STOCK) if any(r.arm == name for r in rows)]
+    order = _order(rows)
     for cell in CELLS:
         for arm in order:
             own = [row for row in rows if (row.arm, row.cell) == (arm, cell)]
@@ -251,7 +287,9 @@ def table(rows: list[JointsRow]) -> str:
     ]
     picked = {(r.arm, r.cell, r.seed): r.picked for r in rows}
     for cell in CELLS:
-        for a, b in itertools.pairwise(order):
+        family = [name for name in order if name in FAMILY]
+        others = [(name, "panda") for name in order if name not in (*FAMILY, "panda")]
+        for a, b in [*itertools.pairwise(family), *others]:
             seeds = [s for x, c, s in picked if (x, c) == (a, cell) and (b, cell, s) in picked]
             pairs = [(picked[a, cell, s], picked[b, cell, s]) for s in seeds]
             alone = sum(x and not y for x, y in pairs), sum(y and not x for x, y in pairs)
@@ -263,8 +301,8 @@ def figure(rows: list[JointsRow], path: Path) -> None:
     """Shares picked by arm, a panel a cell, with intervals; what is reachable behind."""
     import matplotlib.pyplot as plt
 
-    order = [name for name in (*FAMILY, *STOCK) if any(r.arm == name for r in rows)]
-    drawn, panels = plt.subplots(1, len(CELLS), figsize=(13, 3.6), sharey=True)
+    order = _order(rows)
+    drawn, panels = plt.subplots(1, len(CELLS), figsize=(15, 3.8), sharey=True)
     for panel, cell in zip(panels, CELLS, strict=True):
         for k, arm in enumerate(order):
             own = [row for row in rows if (row.arm, row.cell) == (arm, cell)]
@@ -290,12 +328,14 @@ def main() -> None:
     ask.add_argument("--count", type=int, default=0, help="scenes a cell")
     ask.add_argument("--set", default="development", metavar="WORD", help="as of bench run")
     ask.add_argument("--arms", default="", help="separated by semicolons; all if left out")
+    ask.add_argument("--further", nargs="*", default=[], metavar="NAME=FILE", help="more arms")
     ask.add_argument("--workers", type=int, default=cores())
     ask.add_argument("--figure", type=Path)
     told = ask.parse_args()
     if told.count:
         names = [name for name in told.arms.split(";") if name]
-        run(told.out, told.count, told.set, names, told.workers)
+        further = dict(each.split("=", 1) for each in told.further)
+        run(told.out, told.count, told.set, names, further, told.workers)
     rows = rows_of(told.out)
     print(table(rows))
     if told.figure:

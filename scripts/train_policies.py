@@ -23,7 +23,7 @@ import argparse
 import csv
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -46,12 +46,15 @@ HELD_OUT = 20  # every so many scenes are for figures, not for training
 EPISODE_NOISE = 0.3  # standard deviation of disturbed actions in ``steps``
 
 
-def preset_of(seed: int) -> str:
-    """The preset of a training scene: all of the benchmark's in turn."""
-    return PRESETS[seed % len(PRESETS)]
+Presets = Sequence[str]
 
 
-def plans(out: Path, seeds: range) -> None:
+def preset_of(seed: int, presets: Presets) -> str:
+    """The preset of a training scene: all in turn."""
+    return presets[seed % len(presets)]
+
+
+def plans(out: Path, seeds: range, presets: Presets) -> None:
     """Keep objects (MOST, WIDTH) and weights (2, COUNT) of scenes that we solve."""
     out.mkdir(parents=True, exist_ok=True)
     for low in range(seeds.start, seeds.stop, 200):
@@ -60,7 +63,7 @@ def plans(out: Path, seeds: range) -> None:
             continue
         rows: list[tuple[np.ndarray, np.ndarray]] = []
         for seed in range(low, min(low + 200, seeds.stop)):
-            scene = untold(generate(preset_of(seed), seed))  # type: ignore[arg-type]
+            scene = untold(generate(preset_of(seed, presets), seed))  # type: ignore[arg-type]
             try:
                 made = plan(scene, seed=seed)
             except OptiPrompError:
@@ -75,10 +78,10 @@ def plans(out: Path, seeds: range) -> None:
         print(file.name, len(rows), flush=True)
 
 
-def steps(out: Path, seeds: range) -> None:
+def steps(out: Path, seeds: range, presets: Presets) -> None:
     """Drive plans with disturbed velocities; keep what was seen and what should have been done."""
     out.mkdir(parents=True, exist_ok=True)
-    env = PickEnv(PRESETS, condition="zero-mean")
+    env = PickEnv(presets, condition="zero-mean")
     for low in range(seeds.start, seeds.stop, 20):
         file = out / f"steps-{low}.npz"
         if file.exists():
@@ -86,7 +89,7 @@ def steps(out: Path, seeds: range) -> None:
         arms, objects, actions, done = [], [], [], 0
         for seed in range(low, min(low + 20, seeds.stop)):
             rng = np.random.default_rng([seed, 3])
-            options = {"preset": preset_of(seed), "scene": seed}
+            options = {"preset": preset_of(seed, presets), "scene": seed}
             seen, _ = env.reset(seed=seed, options=options)
             episode = env.episode
             assert episode is not None
@@ -305,7 +308,7 @@ def write(net: Any, out: Path, empty: tuple[Any, ...], names: list[str]) -> None
     print(f"wrote {out}, {out.stat().st_size / 1e6:.2f} MB", flush=True)
 
 
-def sac(out: Path, minutes: float) -> None:
+def sac(out: Path, minutes: float, presets: Presets) -> None:
     """Soft actor-critic on weights; one action is a whole pick, so nothing is discounted."""
     import torch
     from gymnasium import spaces
@@ -340,7 +343,7 @@ def sac(out: Path, minutes: float) -> None:
                 print(self.rows[-1], flush=True)
             return gone < minutes
 
-    env = PickProMPEnv(PRESETS, simulated=False)
+    env = PickProMPEnv(presets, simulated=False)
     policy = {"features_extractor_class": Features, "net_arch": [128, 128]}
     agent = SAC(
         "MultiInputPolicy", env, learning_rate=7e-4, buffer_size=100_000, learning_starts=500,
@@ -392,10 +395,12 @@ def main() -> None:
     ask.add_argument("--seeds", default="200000:204000", metavar="A:B")
     ask.add_argument("--out", type=Path)
     ask.add_argument("--minutes", type=float, default=10.0)
+    ask.add_argument("--presets", default=",".join(PRESETS), help="of scenes to learn from")
     told = ask.parse_args()
+    presets = told.presets.split(",")
     seeds = range(*map(int, told.seeds.split(":")))
     if told.what == "sac":
-        sac(told.out or ask.error("sac needs --out FILE.onnx"), told.minutes)
+        sac(told.out or ask.error("sac needs --out FILE.onnx"), told.minutes, presets)
         return
     if told.data is None:
         ask.error(f"{told.what} needs a folder of DATA")
@@ -403,7 +408,7 @@ def main() -> None:
         curves(told.data, told.out or ask.error("curves needs --out FILE.png"))
         return
     if told.what in ("plans", "steps"):
-        {"plans": plans, "steps": steps}[told.what](told.data, seeds)
+        {"plans": plans, "steps": steps}[told.what](told.data, seeds, presets)
         return
     learn = {"set": train_set, "clone": train_clone}[told.what]
     learn(told.data, told.out or ask.error(f"{told.what} needs --out FILE.onnx"), told.minutes)

@@ -2,7 +2,8 @@
 
 ==============================  ===================================================================
 ``run.json``                    entry, track, set, condition, variation, engines, version
-``rows.csv``                    a row a scene and engine, as they come; a run goes on where it ended
+``rows.csv``                    a row a scene and engine, as they come; a run goes on where it ended,
+                                also with a larger ``count``
 ``motions/PRESET-SEED.npz``     trajectory (times, positions, velocities, accelerations), or joint
                                 velocities of a policy by engine
 ``submission.zip``              all of these, once every scene is done
@@ -169,6 +170,11 @@ def _settle(run: BenchRun, path: Path) -> None:
     wanted = json.loads(json_text(asdict(run)))
     if path.exists():
         found = json.loads(path.read_text("utf-8"))
+        fewer = found.get("scenes", {}).get("count", 0) < run.scenes.count
+        more = {**found, "scenes": {**found.get("scenes", {}), "count": run.scenes.count}}
+        if fewer and more == wanted:  # the first scenes of a set are those of a smaller one
+            write_atomically(path, json_text(wanted).encode())
+            return
         different = [name for name in wanted if found.get(name) != wanted[name]]
         if different:
             name = different[0]

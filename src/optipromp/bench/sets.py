@@ -23,7 +23,7 @@ from optipromp.core.scenes.io import scene_to_dict
 from optipromp.core.scenes.scene import Scene
 from optipromp.laboratory.generate import Preset, generate
 
-PRESETS: tuple[str, ...] = ("cluster", "tight", "field", "wild")
+PRESETS: tuple[str, ...] = ("cluster", "mixed", "field", "wild")
 COUNT = 200
 """Scenes of a preset."""
 DEVELOPMENT = "development"

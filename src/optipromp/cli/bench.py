@@ -42,7 +42,7 @@ def run(
     draw: Annotated[bool, typer.Option("--draw", help="Draw a new test set.")] = False,
     preset: Annotated[
         str, typer.Option(metavar="NAMES", help="Presets, separated by commas.")
-    ] = "cluster,tight,field,wild",
+    ] = "cluster,mixed,field,wild",
     count: Annotated[int, typer.Option(help="Scenes of each preset.")] = 200,
     condition: Annotated[
         str | None, typer.Option(metavar="NAME", help="What moves and is seen wrongly.")

@@ -25,14 +25,13 @@ from optipromp.laboratory.planners.straight import gently
 
 LONGEST = 5.0  # [s] of a tree's search: a choice; ours takes 0.2 s at most
 FINE = 0.005  # share of the space between two checked configurations: as in our benchmarks
-GAP, WIDEST = 0.005, 0.06  # [m] between tool and fruit before a push, and of its way: choices
-LEAST = 0.02  # [m] between heights of pushes: a choice
 
 
 @dataclass(frozen=True)
 class FromLine(Chomp):
     """CHOMP from the straight line in joint space."""
 
+    smoothness: float = 1e-4
     name: ClassVar[str] = "chomp-line"
     waypoints: ClassVar[int] = 100
 
@@ -65,6 +64,9 @@ class BesideFruits(Pathed):
     """
 
     name: ClassVar[str] = "push-aside"
+    gap: ClassVar[float] = 0.005  # [m] between tool and fruit before a push
+    widest: ClassVar[float] = 0.06  # [m] of a push's way
+    least: ClassVar[float] = 0.01  # [m] between heights of pushes
 
     def path(self, task: Task, model: PushModel | None, seed: int) -> ToolPath:
         """See :class:`Pathed`."""
@@ -72,34 +74,33 @@ class BesideFruits(Pathed):
         frame, radius = task.scene.frame, task.robot.gripper_radius
         corners, low = [begin], float((begin - end) @ frame[2])
         for height, aside in self._pushes(task, radius):
-            at = max(height - LEAST, low + LEAST)
-            if at >= -LEAST:
+            at = max(height - self.least, low + self.least)
+            if at >= -self.least:
                 break
             column = end + at * frame[2]
-            corners += [column - aside @ frame[:2], column + min(LEAST, -at) * frame[2]]
-            low = at + LEAST
+            corners += [column - aside @ frame[:2], column + min(self.least, -at) * frame[2]]
+            low = at + self.least
         return through(np.array([*corners, end]), PUSH.hanging.speed)
 
-    @staticmethod
-    def _pushes(task: Task, radius: float) -> list[tuple[float, FloatArray]]:
+    def _pushes(self, task: Task, radius: float) -> list[tuple[float, FloatArray]]:
         """Heights [m] from the target and ways (2,) [m] of pushes, the lowest first."""
         frame, end = task.scene.frame, task.goal.position  # type: ignore[union-attr]
         found: list[tuple[float, FloatArray]] = []
         for item in task.neighbours:
             off = frame @ (item.position - end)
             way, wide = off[:2], float(np.hypot(*off[:2]))
-            reach = radius + item.radius + GAP
+            reach = radius + item.radius + self.gap
             if wide >= reach or off[2] > 0.0:
                 continue
             unit = way / wide if wide > 1e-6 else np.array([1.0, 0.0])
-            found.append((float(off[2]) - item.radius, min(reach - wide, WIDEST) * unit))
+            found.append((float(off[2]) - item.radius, min(reach - wide, self.widest) * unit))
         merged: list[tuple[float, FloatArray]] = []
         for height, way in sorted(found, key=lambda each: each[0]):
-            if merged and height - merged[-1][0] < 2.0 * LEAST:  # one push for both
+            if merged and height - merged[-1][0] < 2.0 * self.least:  # one push for both
                 low, before = merged[-1]
                 both = before + way
                 size = float(np.linalg.norm(both))
-                merged[-1] = low, both * min(1.0, WIDEST / max(size, 1e-9))
+                merged[-1] = low, both * min(1.0, self.widest / max(size, 1e-9))
             else:
                 merged.append((height, way))
         return merged

@@ -28,6 +28,7 @@ class ByMppi(Pathed):
     samples: ClassVar[int] = 48
     deviation: ClassVar[float] = 0.5
     temperature: ClassVar[float] = 0.1
+    states: ClassVar[int] = 4
 
     def path(self, task: Task, model: PushModel | None, seed: int) -> ToolPath:
         """See :class:`Pathed`."""
@@ -37,12 +38,12 @@ class ByMppi(Pathed):
             assert model is not None
             wide = self.deviation * 0.85**k
             drawn = np.vstack([mean, mean + wide * rng.standard_normal((self.samples, 2 * COUNT))])
-            cost = _costs(task, model, drawn)
+            cost = _costs(task, model, drawn, self.states)
             if cost.min() < least:
                 best, least = drawn[int(cost.argmin())], float(cost.min())
             share = np.exp(-(cost - cost.min()) / self.temperature)
             mean = share @ drawn / share.sum()
-        if model is not None and _costs(task, model, mean[None])[0] < least:
+        if model is not None and _costs(task, model, mean[None], self.states)[0] < least:
             best = mean
         return path_of(task, best.reshape(2, COUNT))
 
@@ -55,6 +56,7 @@ class ByEpisodes(Pathed):
     rounds: ClassVar[int] = 8
     samples: ClassVar[int] = 60
     elite: ClassVar[int] = 10
+    states: ClassVar[int] = 2
 
     def path(self, task: Task, model: PushModel | None, seed: int) -> ToolPath:
         """See :class:`Pathed`."""
@@ -64,7 +66,7 @@ class ByEpisodes(Pathed):
         for _ in range(self.rounds if model is not None else 0):
             assert model is not None
             drawn = np.vstack([mean, mean + wide * rng.standard_normal((self.samples, 2 * COUNT))])
-            cost = _costs(task, model, drawn)
+            cost = _costs(task, model, drawn, self.states)
             order = np.argsort(cost)[: self.elite]
             if cost[order[0]] < least:
                 best, least = drawn[order[0]], float(cost[order[0]])
@@ -82,7 +84,7 @@ class ByHorizon(Pathed):
 
     name: ClassVar[str] = "receding"
     layers: ClassVar[int] = 6
-    states: ClassVar[int] = 3
+    states: ClassVar[int] = 5
     aside: ClassVar[float] = 0.03
     """[m] of a layer's places off the last one."""
 
@@ -116,9 +118,10 @@ class ByHorizon(Pathed):
         return through(np.array([*taken, end]), PUSH.hanging.speed)
 
 
-def _costs(task: Task, model: PushModel, drawn: FloatArray) -> FloatArray:
-    told = [harm_of(task, model, np.clip(w, -1.5, 1.5), 2) + SMALL * float(w @ w) for w in drawn]
-    return np.array(told)
+def _costs(task: Task, model: PushModel, drawn: FloatArray, states: int) -> FloatArray:
+    small = SMALL * np.sum(drawn**2, axis=1)
+    harm = [harm_of(task, model, np.clip(each, -1.5, 1.5), states) for each in drawn]
+    return np.array(harm) + small
 
 
 class _Sampled:
