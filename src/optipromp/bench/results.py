@@ -2,8 +2,8 @@
 
 ==============================  ===================================================================
 ``run.json``                    entry, track, set, condition, variation, engines, version
-``rows.csv``                    a row a scene and engine, as they come; a run goes on where it ended,
-                                also with a larger ``count``
+``rows.csv``                    a row a scene and engine, as they come; a run goes on where it
+                                ended, also with a larger ``count``
 ``motions/PRESET-SEED.npz``     trajectory (times, positions, velocities, accelerations), or joint
                                 velocities of a policy by engine
 ``submission.zip``              all of these, once every scene is done
