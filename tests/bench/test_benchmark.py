@@ -3,6 +3,7 @@
 import io
 import json
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -141,6 +142,13 @@ def test_a_run_goes_on_where_it_ended(ours: Path, tmp_path: Path) -> None:
     assert [row.judged() for row in again] == [row.judged() for row in rows]
     with pytest.raises(InvalidRequestError, match="choose another folder"):
         run_bench(BenchRun.of(entry(Hasty), "plan", run.scenes), tmp_path, workers=1)
+    larger = replace(run, scenes=replace(run.scenes, count=3))
+    more = run_bench(larger, tmp_path, workers=1)
+    assert more[:4] == again  # times of thinking, too: these scenes were not run again
+    assert [row.engine for row in more[4:]] == ["arm", "flight"]
+    assert submission(tmp_path / "submission.zip")[:2] == (larger, more)
+    with pytest.raises(InvalidRequestError, match="choose another folder"):  # fewer scenes
+        run_bench(run, tmp_path, workers=1)
 
 
 def test_motions_that_no_controller_takes_are_refused() -> None:

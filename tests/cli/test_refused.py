@@ -98,8 +98,8 @@ SCENES: list[tuple[Any, str]] = [
     ('{"a": 1, "a": 2}', "stands twice"), ("[" + "0," * 3_000_001, "more than 3000000 values"),
 ]  # fmt: skip
 YAMLS: list[tuple[str, str]] = [
-    ("[" * 100_000, "nested deeper than 100"), ("{a: " * 100_000, "nested deeper than 100"),
-    ("- " * 5_000, "nested deeper than 100"),
+    ("[" * 100_000, "nest"), ("{a: " * 100_000, "nest"),
+    ("- " * 5_000, "nest"),
     ("a0: &a0 {x: 1}\n" + "".join(
         f"a{i}: &a{i}\n  <<: [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12)
     ), "unfold"),
@@ -124,15 +124,19 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+COMPILING = "compiling kernels, once (about half a minute) ...\n"  # where the cache is empty
+
+
 def refused(arguments: list[str], code: str, *words: str) -> None:
     """The command says so in one line, ends with 2 and leaves nothing."""
     before = set(Path().rglob("*"))
     result = runner.invoke(app, arguments)
     assert result.exit_code == 2, result.output
     assert result.stdout == ""
-    assert result.stderr.startswith(f"error {code}: ")
-    assert result.stderr.count("\n") == 1
-    assert all(word in result.stderr for word in words), result.stderr
+    told = result.stderr.removeprefix(COMPILING)
+    assert told.startswith(f"error {code}: ")
+    assert told.count("\n") == 1
+    assert all(word in told for word in words), told
     assert "Traceback" not in result.stderr
     assert "1234" not in result.stderr
     assert set(Path().rglob("*")) <= before | {Path("out")}

@@ -30,7 +30,8 @@ class Commands(TyperGroup):
             return {}
         from importlib.metadata import entry_points
 
-        return {point.name: point for point in reversed(entry_points(group=GROUP))}
+        found = list(entry_points(group=GROUP))  # what is returned cannot be reversed since 3.12
+        return {point.name: point for point in reversed(found)}
 
     def list_commands(self, ctx: Any) -> list[str]:
         """The names of all commands."""
