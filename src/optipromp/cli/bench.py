@@ -55,7 +55,7 @@ def run(
 ) -> Report:
     """Run an entry on every scene of a set, and leave a submission.
 
-    An entry is a class of at most 40 lines; examples/13_bench_entry.py has one.
+    An entry is a class of at most 40 lines; examples/12_bench_entry.py has one.
     Harm counts before success: a scene is clean only if the target alone was
     picked and nothing was harmed.
 
