@@ -3,8 +3,8 @@
 Candidates are places at which the tool stands upright at the target: configurations sampled at
 random, whose tool axis inverse kinematics turns to the approach. From each, the arm follows the way
 of the scene: down to the camera point and the start, and aside of both ends by the radius of the
-cup. Fruits keep their sizes; the working distances (neck of the cup, camera point, start) shrink
-with the arm's reach.
+cup. Where no candidate fits, those nearest to a fit are varied. Fruits keep their sizes; the
+working distances (neck of the cup, camera point, start) shrink with the arm's reach.
 """
 
 import functools
@@ -36,6 +36,8 @@ EACH = 4  # postures a cell, chosen: on different branches
 BELOW = 0.03  # [m] chosen, for such an arm: of the start below the camera point
 LEAST_DROP = 0.02  # [m] chosen: of a scene without a pushable below the target
 ALONG = 0.02  # [m] chosen: between configurations along the way
+ROUNDS, PARENTS, CHILDREN = 6, 30, 10  # of variation where nothing fits, chosen
+VARIED = 0.05  # [1] chosen: deviation of a varied joint, as a share of its range
 LENGTHENED = 3  # times that a neck is made longer, chosen
 
 
@@ -106,6 +108,12 @@ def _sampled(robot: Robot, count: int) -> FloatArray:
     low = np.where(bounded, robot.lower, -np.pi)
     high = np.where(bounded, robot.upper, np.pi)
     return np.asarray(np.random.default_rng(0).uniform(low, high, (count, robot.n_joints)))
+
+
+def _range(robot: Robot) -> FloatArray:
+    """Of each joint (n,) [rad or m]; a turn for one without limits."""
+    bounded = np.isfinite(robot.lower) & np.isfinite(robot.upper)
+    return np.asarray(np.where(bounded, robot.upper - robot.lower, 2.0 * np.pi))
 
 
 def mount_of(arm: Robot) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
@@ -191,26 +199,61 @@ def fitted(scene: Scene, arm: Robot, named: str, choice: Choice, turned: bool = 
 
 
 def _best(scene: Scene, robot: Robot, work: Work) -> Fitted | Unfit:
-    """The best place for a scene."""
-    up = scene.frame[2]
-    best, found = -np.inf, None
-    low = max(work.drop, LEAST_DROP)
+    """The best place for a scene.
+
+    Where no candidate fits, those nearest to a fit are varied at random for some rounds; a neck
+    that is too short is left to :func:`fitted`.
+    """
+    up, low = scene.frame[2], max(work.drop, LEAST_DROP)
     upright = _upright(robot, up, work.scale * CELLS, low)
     if isinstance(upright, Unfit):
         return upright
-    failed = Unfit(0, 0.0, "", "")
-    axes = np.tile(up, (len(work.way), 1))
-    for point, begin in zip(*upright, strict=True):
-        shift = point - work.way[0]
-        q, errors = ik.track(robot, work.way + shift, axes, begin)
-        now = _failure(scene, robot, work, shift, q, errors)
-        if now is not None:
-            if found is None and (-now.order, now.lack) < (-failed.order, failed.lack):
-                failed = now
-            continue
-        if (score := spare(robot, q, low)) > best:
-            best, found = score, Fitted(Pose(shift), q[work.start])
-    return failed if found is None else found
+    points, begins = upright
+    fits: list[_Fit] = []
+    failed: list[_Failed] = []
+    rng, wide = np.random.default_rng(0), VARIED * _range(robot)
+    for turn in range(1 + ROUNDS):
+        if turn:
+            begins = np.repeat([each.begin for each in failed[:PARENTS]], CHILDREN, axis=0)
+            begins = begins + wide * rng.standard_normal(begins.shape)
+            points = robot.tool_pose(begins)[0]
+            begins, errors = ik.each(robot, points, np.tile(up, (len(begins), 1)), begins)
+            points, begins = points[errors < MISS], begins[errors < MISS]
+        for point, begin in zip(points, begins, strict=True):
+            found = _tried(scene, robot, work, low, point - work.way[0], begin)
+            fits.append(found) if isinstance(found, _Fit) else failed.append(found)
+        if fits:
+            return max(fits, key=lambda fit: fit.score).found
+        failed.sort(key=lambda each: (-each.why.order, each.why.lack))
+        if failed[0].why.requirement == NECK:
+            break
+    return failed[0].why
+
+
+class _Fit(NamedTuple):
+    """A place that fits, and what the arm has to spare there."""
+
+    score: float
+    found: Fitted
+
+
+class _Failed(NamedTuple):
+    """Why a place does not fit, and the configuration (n,) at the target there."""
+
+    why: Unfit
+    begin: FloatArray
+
+
+def _tried(
+    scene: Scene, robot: Robot, work: Work, low: float, shift: FloatArray, begin: FloatArray
+) -> _Fit | _Failed:
+    """A place, from the configuration ``begin`` (n,) at its target; ``low`` as of :func:`spare`."""
+    axes = np.tile(scene.frame[2], (len(work.way), 1))
+    q, errors = ik.track(robot, work.way + shift, axes, begin)
+    why = _failure(scene, robot, work, shift, q, errors)
+    if why is not None:
+        return _Failed(why, begin)
+    return _Fit(spare(robot, q, low), Fitted(Pose(shift), q[work.start]))
 
 
 def _failure(
