@@ -38,7 +38,7 @@ from optipromp.core.robots.library import NOTHING, load_robot
 from optipromp.core.scenes.scene import Scene
 from optipromp.laboratory.experiments.statistics import wilson
 from optipromp.laboratory.generate import generate
-from optipromp.laboratory.generate.fitting import UnfitError, fitted
+from optipromp.laboratory.generate.fitting import ROUNDS, UnfitError, fitted
 
 COLUMN, UPPER, FORE, WRIST = 0.30, 0.42, 0.33, 0.105  # [m] of the links
 RADIUS, LIMIT, SPEED = 0.045, 2.9, 2.2  # [m], [rad], [rad/s] of every link and joint
@@ -195,7 +195,9 @@ def one(arm: str, file: str, cell: str, seed: int) -> JointsRow:
 
     row = JointsRow(arm, cell, seed)
     try:
-        scene = fitted(scene_of(cell, seed), load_robot(file), file, NOTHING, turned=False)
+        scene = fitted(
+            scene_of(cell, seed), load_robot(file), file, NOTHING, turned=False, rounds=ROUNDS
+        )
     except UnfitError as unfit:
         return replace(row, told=unfit.requirement)
     row = replace(row, reachable=True)

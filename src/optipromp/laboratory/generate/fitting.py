@@ -3,7 +3,7 @@
 Candidates are places at which the tool stands upright at the target: configurations sampled at
 random, whose tool axis inverse kinematics turns to the approach. From each, the arm follows the way
 of the scene: down to the camera point and the start, and aside of both ends by the radius of the
-cup. Where no candidate fits, those nearest to a fit are varied. Fruits keep their sizes; the
+cup. Where no candidate fits, those nearest to a fit can be varied. Fruits keep their sizes; the
 working distances (neck of the cup, camera point, start) shrink with the arm's reach.
 """
 
@@ -36,7 +36,7 @@ EACH = 4  # postures a cell, chosen: on different branches
 BELOW = 0.03  # [m] chosen, for such an arm: of the start below the camera point
 LEAST_DROP = 0.02  # [m] chosen: of a scene without a pushable below the target
 ALONG = 0.02  # [m] chosen: between configurations along the way
-ROUNDS, PARENTS, CHILDREN = 6, 30, 10  # of variation where nothing fits, chosen
+ROUNDS, PARENTS, CHILDREN = 6, 30, 10  # of a search where nothing fits, chosen
 VARIED = 0.05  # [1] chosen: deviation of a varied joint, as a share of its range
 LENGTHENED = 3  # times that a neck is made longer, chosen
 
@@ -156,7 +156,9 @@ def work_of(scene: Scene, arm: Robot) -> Work:
     return Work(np.concatenate(pieces), ends[2], drop, camera, scale)
 
 
-def fitted(scene: Scene, arm: Robot, named: str, choice: Choice, turned: bool = True) -> Scene:
+def fitted(
+    scene: Scene, arm: Robot, named: str, choice: Choice, turned: bool = True, rounds: int = 0
+) -> Scene:
     """The ``scene`` of the Panda before another arm, whose base is placed for this scene.
 
     Args:
@@ -166,6 +168,8 @@ def fitted(scene: Scene, arm: Robot, named: str, choice: Choice, turned: bool = 
         choice: of the arm in its file.
         turned: whether the tool is turned to the last joint's axis (:func:`mount_of`); False: the
             flange's z is the tool's axis.
+        rounds: in which places that almost fit are varied where none fits, such as
+            :data:`ROUNDS`, which takes some seconds. The generator draws another scene instead.
 
     Raises:
         UnfitError: the arm can work at the scene from no place; the message says which requirement
@@ -183,7 +187,7 @@ def fitted(scene: Scene, arm: Robot, named: str, choice: Choice, turned: bool = 
     while True:
         neck = round(float(np.ceil(neck / NECKS - 1e-9)) * NECKS, 3)
         parameters = {**own, "length": neck}
-        found = _best(scene, with_tool(arm, make_tool(scene.tool.kind, parameters)), work)
+        found = _best(scene, with_tool(arm, make_tool(scene.tool.kind, parameters)), work, rounds)
         if isinstance(found, Fitted):
             break
         if found.requirement != NECK or lengthened == LENGTHENED:
@@ -198,10 +202,10 @@ def fitted(scene: Scene, arm: Robot, named: str, choice: Choice, turned: bool = 
     )  # fmt: skip
 
 
-def _best(scene: Scene, robot: Robot, work: Work) -> Fitted | Unfit:
+def _best(scene: Scene, robot: Robot, work: Work, rounds: int) -> Fitted | Unfit:
     """The best place for a scene.
 
-    Where no candidate fits, those nearest to a fit are varied at random for some rounds; a neck
+    Where no candidate fits, those nearest to a fit are varied at random for some ``rounds``; a neck
     that is too short is left to :func:`fitted`.
     """
     up, low = scene.frame[2], max(work.drop, LEAST_DROP)
@@ -212,7 +216,7 @@ def _best(scene: Scene, robot: Robot, work: Work) -> Fitted | Unfit:
     fits: list[_Fit] = []
     failed: list[_Failed] = []
     rng, wide = np.random.default_rng(0), VARIED * _range(robot)
-    for turn in range(1 + ROUNDS):
+    for turn in range(1 + rounds):
         if turn:
             begins = np.repeat([each.begin for each in failed[:PARENTS]], CHILDREN, axis=0)
             begins = begins + wide * rng.standard_normal(begins.shape)
