@@ -1,7 +1,10 @@
 """Scenes placed in the reach of other robots than the one that they are stated for."""
 
+from importlib.resources import files
+
 import numpy as np
 import pytest
+import yaml
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning import plan
@@ -9,7 +12,7 @@ from optipromp.core.planning.task import resolve
 from optipromp.core.robots import load_robot
 from optipromp.core.robots.library import NOTHING
 from optipromp.laboratory.generate import bunches, generate
-from optipromp.laboratory.generate.fitting import fitted
+from optipromp.laboratory.generate.fitting import ROUNDS, UnfitError, fitted
 
 SIX = (  # joint axis, length of the link beyond it [m]
     ("0 0 1", 0.20), ("0 1 0", 0.40), ("0 1 0", 0.35), ("0 1 0", 0.10), ("0 0 1", 0.08),
@@ -163,3 +166,27 @@ def test_a_flange_across_the_wrist_gets_a_mount(tmp_path, turn) -> None:
 def test_shelves_are_for_the_panda(arm) -> None:
     with pytest.raises(InvalidRequestError, match="panda only"):
         generate("shelf", 0, arm)
+
+
+def test_places_that_almost_fit_are_varied(tmp_path) -> None:
+    """A Panda whose third joint is fixed has few places: none is among the candidates here."""
+    data = files("optipromp.core.robots").joinpath("data")
+    text = data.joinpath("panda.urdf").read_text()
+    fixed = text.replace('"joint3" type="revolute"', '"joint3" type="fixed"')
+    (tmp_path / "six.urdf").write_text(fixed)
+    told = yaml.safe_load(data.joinpath("panda.yaml").read_text())
+    told.update(name="six", urdf="six.urdf")
+    for key in ("acceleration", "jerk", "home"):
+        del told[key][2]
+    path = tmp_path / "six.yaml"
+    path.write_text(yaml.safe_dump(told))
+    robot, scene = load_robot(path), generate("cluster", 110_000)
+    with pytest.raises(UnfitError, match="links"):
+        fitted(scene, robot, str(path), NOTHING, turned=False)
+    found = fitted(scene, robot, str(path), NOTHING, turned=False, rounds=ROUNDS)
+    task = resolve(found)
+    point, axis = task.robot.tool_pose(found.start)
+    assert axis @ found.up == pytest.approx(1.0)
+    assert np.linalg.norm(point - found.target.position) < 0.5
+    again = fitted(scene, robot, str(path), NOTHING, turned=False, rounds=ROUNDS)
+    assert np.array_equal(again.start, found.start)
