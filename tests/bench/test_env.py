@@ -142,6 +142,16 @@ def test_one_action_is_a_primitive() -> None:
         plan(scene, planner=OfWeights(weights=np.zeros((2, COUNT + 1))))
 
 
+def test_scenes_are_held() -> None:
+    env = PickProMPEnv("limp", seeds=(200_000, 200_001), simulated=False)
+    env.reset(seed=0)
+    first = env.situation
+    env.reset()
+    assert env.situation is first  # the one scene of these seeds is not made again
+    env.reset(options={"scene": 200_001})
+    assert env.situation is not first
+
+
 def test_an_episode_needs_a_rate_that_divides_the_controllers() -> None:
     setting = CONDITIONS["none"](generate("cluster", 61_000), 0)
     with pytest.raises(InvalidRequestError, match="divide"):

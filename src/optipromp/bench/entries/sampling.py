@@ -121,7 +121,7 @@ class ByHorizon(Pathed):
 def _costs(task: Task, model: PushModel, drawn: FloatArray, states: int) -> FloatArray:
     small = SMALL * np.sum(drawn**2, axis=1)
     harm = [harm_of(task, model, np.clip(each, -1.5, 1.5), states) for each in drawn]
-    return np.array(harm) + small
+    return np.asarray(np.array(harm) + small)
 
 
 class _Sampled:
