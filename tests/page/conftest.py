@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 PATIENCE = 180.0  # [s] pictures are drawn by the processor here, beside all else
-SMALL, LARGE = {"width": 400, "height": 300}, {"width": 800, "height": 560}  # [pixel] of a tab
+SMALL, TALL = {"width": 400, "height": 300}, {"width": 390, "height": 844}  # [pixel] of a tab
 
 
 @dataclass

@@ -12,7 +12,7 @@ import pytest
 
 pytest.importorskip("viser")
 
-from tests.page.conftest import LARGE, SMALL, Opened
+from tests.page.conftest import SMALL, TALL, Opened
 
 from optipromp.core.output import load_plan, write_plan
 from optipromp.core.planning import plan
@@ -98,7 +98,7 @@ def by_hand(opened: Opened, point, path, done) -> None:
 @pytest.mark.slow  # pictures drawn by a processor that does other work miss the mouse
 def test_a_fruit_is_clicked_and_dragged_with_the_mouse(opened: Opened) -> None:
     window = opened.window
-    opened.tab.set_viewport_size(LARGE)
+    opened.tab.set_viewport_size(TALL)  # the panel is below the picture
     by_hand(opened, window.scene.target.position, np.zeros(3), lambda: window.selected is not None)
     assert window.selected.ids == ("ripe",)
     opened.do(lambda: window.select("n1"))
