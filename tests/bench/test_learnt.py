@@ -69,7 +69,7 @@ def test_a_network_is_trained_on_plans(tmp_path: Path) -> None:
     pytest.importorskip("onnx")
     runtime = pytest.importorskip("onnxruntime")
     train = trainer()
-    train.plans(tmp_path, range(299_000, 299_004))
+    train.plans(tmp_path, range(299_000, 299_004), ("cluster", "tight", "field", "wild"))
     assert np.load(tmp_path / "plans-299000.npz")["weights"].shape[1:] == (2, COUNT)
     rng = np.random.default_rng(0)  # the path goes round the first of three fruits
     objects = np.zeros((400, MOST, WIDTH), dtype=np.float32)
