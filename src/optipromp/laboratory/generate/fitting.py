@@ -257,7 +257,7 @@ def _tried(
     why = _failure(scene, robot, work, shift, q, errors)
     if why is not None:
         return _Failed(why, begin)
-    return _Fit(spare(robot, q, low), Fitted(Pose(shift), q[work.start]))
+    return _Fit(float(spare(robot, q, low).min()), Fitted(Pose(shift), q[work.start]))
 
 
 def _failure(
@@ -281,7 +281,7 @@ def _failure(
         if (entered := -min(least)) > 0.0:
             told = f"{whole} links enter obstacles by {1e3 * entered:.0f} mm at least"
             return Unfit(3, entered, "clearance from obstacles", told)
-    if (above := work.drop - lowest(robot, q)) > 0.0:
+    if (above := work.drop - float(lowest(robot, q).min())) > 0.0:
         told = (
             f"links beside the tool reach {1e3 * above:.0f} mm above the lowest fruit, which hangs "
             f"{1e3 * work.drop:.0f} mm below the target"
@@ -319,7 +319,7 @@ def _upright(
         told = f"links overlap by {1e3 * overlap:.0f} mm at least where the tool is upright"
         return Unfit(0, overlap, "room between links", told)
     points, q = points[good], q[good]
-    score = np.array([spare(robot, each[None], low) for each in q])
+    score = spare(robot, q, low)
     cells: dict[tuple[int, ...], list[int]] = {}
     for k in np.argsort(-score, kind="stable").tolist():
         x, y, z = points[k]

@@ -123,8 +123,8 @@ def place(robot: Robot, way: FloatArray, axis: FloatArray) -> Standpoint:
             q, errors = ik.track(robot, line, axes, _unwound(robot, begin))
             if errors.max() > MISS or robot.self_gaps(q[0]).min(initial=0.0) < 0.0:
                 continue
-            if (score := spare(robot, q)) > best:
-                best, found = score, Standpoint(pose, frozen(q[0]), lowest(robot, q))
+            if (score := float(spare(robot, q).min())) > best:
+                best, found = score, Standpoint(pose, frozen(q[0]), float(lowest(robot, q).min()))
     if found is None:
         raise InvalidRequestError(f"{robot.name}: no place of its base lets it reach the scenes")
     return found

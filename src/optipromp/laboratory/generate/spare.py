@@ -15,8 +15,8 @@ NECKS = 0.005  # [m] step of the length of a cup's neck: a choice
 MISS = 1e-4  # [m] largest error of inverse kinematics on the way
 
 
-def lowest(robot: Robot, q: FloatArray) -> float:
-    """Least height of the tool point over any link beside the tool, in configurations (m, n) [m].
+def lowest(robot: Robot, q: FloatArray) -> FloatArray:
+    """Heights (m,) of the tool point over any link beside the tool, in configurations (m, n) [m].
 
     These are the links before the last one, within :data:`BESIDE` of the tool axis. The height is
     along that axis.
@@ -26,19 +26,21 @@ def lowest(robot: Robot, q: FloatArray) -> float:
     radius = robot.spheres.radius[~robot.spheres.distal]
     along = np.einsum("mbi,mi->mb", off, axes)
     aside = np.linalg.norm(off - along[:, :, None] * axes[:, None], axis=2)
-    return float(np.where(aside - radius < BESIDE, -along - radius, np.inf).min())
+    height = np.where(aside - radius < BESIDE, -along - radius, np.inf)
+    return np.asarray(height.min(axis=1, initial=np.inf))
 
 
-def spare(robot: Robot, q: FloatArray, low: float = LOW) -> float:
-    """The least of four margins of configurations (m, n).
+def spare(robot: Robot, q: FloatArray, low: float = LOW) -> FloatArray:
+    """The least of four margins (m,) of each of the configurations (m, n).
 
     They are the distance to a joint limit over :data:`MARGIN`, the gap between links over ``ROOM``,
     the least singular value of the tool's Jacobian over ``SPEED_RATIO``, and :func:`lowest` over
     ``low`` [m].
     """
-    margin = float(np.minimum(q - robot.lower, robot.upper - q).min())
+    margin = np.minimum(q - robot.lower, robot.upper - q).min(axis=1)
     jp, ja = robot.tool_jacobian(q)
     rates = np.linalg.svd(np.concatenate([jp, ik.AXIS_LENGTH * ja], axis=1), compute_uv=False)
-    rate = float(rates[:, min(5, robot.n_joints) - 1].min())  # of a point and an axis
-    room = float(robot.self_gaps(q).min(initial=np.inf))
-    return min(margin / MARGIN, room / ROOM, rate / SPEED_RATIO, lowest(robot, q) / low)
+    rate = rates[:, min(5, robot.n_joints) - 1]  # of a point and an axis
+    room = robot.self_gaps(q).min(axis=1, initial=np.inf)
+    margins = margin / MARGIN, room / ROOM, rate / SPEED_RATIO, lowest(robot, q) / low
+    return np.asarray(np.min(margins, axis=0))
