@@ -17,7 +17,7 @@ from optipromp.looks.page.sources import Source
 SLOW = pytest.mark.slow  # the processor draws pictures for minutes
 DESK = {"viewport": {"width": 1280, "height": 800}}
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
-TINY = {"viewport": {"width": 160, "height": 120}}  # drawn at once, also by the processor
+TINY = {"viewport": {"width": 160, "height": 120}}  # little to draw
 TABS = ("Plan", "Move", "Show", "Plots", "Record", "Replay")
 TOUCHED = """
 () => [...document.querySelectorAll(
