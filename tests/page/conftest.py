@@ -35,8 +35,16 @@ class Opened:
         self.settle()
 
     def show(self, tab: str) -> None:
-        """Bring a tab of the panel to the front."""
-        self.tab.get_by_role("tab", name=tab).click(force=True)
+        """Bring a tab of the panel to the front; a browser that draws may miss a click."""
+        button = self.tab.get_by_role("tab", name=tab)
+
+        def shown() -> bool:
+            if button.get_attribute("aria-selected") == "true":
+                return True
+            button.dispatch_event("click")
+            return False
+
+        self.until(shown, f"{tab} stays behind")
 
     def settle(self) -> None:
         """Wait until the window's thread has nothing left to do."""

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("viser")
 
-from tests.page.conftest import Opened
+from tests.page.conftest import PATIENCE, Opened
 
 from optipromp.core.scenes.io import load_scene
 from optipromp.looks.page import look, window
@@ -197,7 +197,9 @@ def test_the_picture_of_a_scene_that_was_seen_stands_in_the_panel(
     picture = np.full((480, 640, 3), (10, 200, 30), np.uint8)
     opened = opener(Source(load_scene("scenario-3"), seen=picture), **PHONE)
     mine = "[...document.images].filter(i => i.naturalWidth == 640 && i.naturalHeight == 480)"
-    opened.tab.wait_for_function(f"() => {mine}.some(i => i.clientWidth > 100)", timeout=1e5)
+    opened.tab.wait_for_function(
+        f"() => {mine}.some(i => i.clientWidth > 100)", timeout=1e3 * PATIENCE
+    )
     assert opened.tab.get_by_text("as the camera saw it").is_visible()
     assert max(opened.tab.evaluate(OVERFLOW)) <= PHONE["viewport"]["width"] + 1
     opened.tab.close()

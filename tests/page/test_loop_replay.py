@@ -60,7 +60,7 @@ def test_tracks_path_and_stage_are_replayed_where_the_fruits_sway(opener, folder
             )
             assert node(f"things/{part}").opacity < 0.6
     opened.show("Replay")
-    opened.tab.locator("figure.sight svg").wait_for(timeout=1e5)
+    opened.tab.locator("figure.sight svg").wait_for(timeout=1e3 * PATIENCE)
     opened.do(lambda: window.replay(()))
     assert opened.panel.replaying.sight.content == ""
     assert node("tracks/all") is None
