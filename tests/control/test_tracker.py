@@ -1,6 +1,4 @@
-"""The tracker on plants that it does not model: errors, consistency, time."""
-
-import time
+"""The tracker on plants that it does not model: errors, consistency."""
 
 import numpy as np
 import pytest
@@ -146,18 +144,3 @@ def test_covariances_of_a_moving_plant_cover_the_errors() -> None:
             solved = np.linalg.solve(tracked.covariance[rows], off[..., None])[..., 0]
             squares.append((off * solved).sum(axis=1))
     assert 0.3 < np.mean(squares) < 3.5
-
-
-def test_a_look_takes_milliseconds() -> None:
-    """1.0 ms for a look at 8 fruits and 0.3 ms for a snapshot; three times that is refused."""
-    rng = np.random.default_rng(6)
-    plant, tracker, adds, snaps = swaying(rng, 8, 0.02, np.array([1.0])), Tracker(empty()), [], []
-    for each in looks(plant, rng, Eye(), 3.0):
-        begin = time.perf_counter()
-        tracker.add(each)
-        middle = time.perf_counter()
-        tracker.at(each.time + LATENCY)
-        adds.append(middle - begin)
-        snaps.append(time.perf_counter() - middle)
-    assert np.quantile(adds, 0.2) < 0.0045
-    assert np.quantile(snaps, 0.2) < 0.0015
