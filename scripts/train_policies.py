@@ -44,7 +44,7 @@ SCALE = 10.0  # of metres before the network: objects are decimetres away
 PROPOSALS = 6
 HELD_OUT = 20  # every so many scenes are for figures, not for training
 EPISODE_NOISE = 0.3  # standard deviation of disturbed actions in ``steps``
-SAC = 200_000, 200_500  # seeds of its scenes, of each preset: held in memory
+FEW = 200_000, 200_500  # seeds of the scenes of ``sac``, of each preset: held in memory
 
 
 Presets = Sequence[str]
@@ -344,7 +344,7 @@ def sac(out: Path, minutes: float, presets: Presets) -> None:
                 print(self.rows[-1], flush=True)
             return gone < minutes
 
-    env = PickProMPEnv(presets, seeds=SAC, simulated=False)
+    env = PickProMPEnv(presets, seeds=FEW, simulated=False)
     policy = {"features_extractor_class": Features, "net_arch": [128, 128]}
     agent = SAC(
         "MultiInputPolicy", env, learning_rate=7e-4, buffer_size=100_000, learning_starts=500,

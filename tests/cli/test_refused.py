@@ -98,8 +98,8 @@ SCENES: list[tuple[Any, str]] = [
     ('{"a": 1, "a": 2}', "stands twice"), ("[" + "0," * 3_000_001, "more than 3000000 values"),
 ]  # fmt: skip
 YAMLS: list[tuple[str, str]] = [
-    ("[" * 100_000, "nest"), ("{a: " * 100_000, "nest"),
-    ("- " * 5_000, "nest"),
+    ("[" * 100_000, "nested deeper than 100"), ("{a: " * 100_000, "nested deeper than 100"),
+    ("- " * 5_000, "nested deeper than 100"),
     ("a0: &a0 {x: 1}\n" + "".join(
         f"a{i}: &a{i}\n  <<: [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12)
     ), "unfold"),

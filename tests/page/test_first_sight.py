@@ -89,8 +89,11 @@ def test_the_phone_sees_the_cluster_above_the_panel(phone: Opened) -> None:
     assert np.ptp(seen[:, 1]) > 0.6 * top
 
 
-def test_words_and_legend_stand_before_the_numbers(phone: Opened) -> None:
-    opened = phone
+@pytest.mark.parametrize("screen", [pytest.param("desk", marks=SLOW), "phone"])
+def test_words_and_legend_stand_before_the_numbers(
+    screen: str, request: pytest.FixtureRequest
+) -> None:
+    opened = request.getfixturevalue(screen)
     opened.told("Passes n1 at 62 mm, pushes it")
     opened.told("no harm")
     words, legend, numbers = (

@@ -31,7 +31,7 @@ CURRICULUM: tuple[Preset, ...] = ("limp", "cluster", "elongated", "tight", "trus
 """Presets of hanging fruit, the easiest first."""
 TRAINING = 200_000, 1_000_000
 """Seeds of scenes of episodes; those of benchmarks and studies are below."""
-HELD = 2_000  # scenes in memory, some 300 MB: a choice
+HELD = 2_000  # scenes in memory at most, some 300 MB: a choice
 
 
 @lru_cache(maxsize=HELD)
@@ -59,13 +59,15 @@ class _Scenes(gymnasium.Env[Any, Any]):
         if condition not in CONDITIONS:
             raise InvalidRequestError(f"condition is {condition!r}; valid: {', '.join(CONDITIONS)}")
         self.condition, self.seeds = condition, seeds
+        few = len(self.presets) * (seeds[1] - seeds[0]) <= HELD
+        self._made = _situation if few else _situation.__wrapped__  # others hardly come again
         self.render_mode: str | None = None
 
     def _drawn(self, options: dict[str, Any] | None) -> tuple[Situation, int]:
         given = options or {}
         preset = given.get("preset", self.presets[int(self.np_random.integers(len(self.presets)))])
         number = int(given.get("scene", self.np_random.integers(*self.seeds)))
-        return _situation(self.condition, preset, number), number
+        return self._made(self.condition, preset, number), number
 
 
 class PickEnv(_Scenes):

@@ -23,6 +23,8 @@ from optipromp.core.files import LARGEST_TEXT, read_bytes
 
 _MOST_VALUES = 3_000_000  # with aliases unfolded, chosen: 100,000 objects have 1.1 million
 _DEEPEST = 100  # levels of nesting, chosen: a scene has 6
+_DEEP = f"nested deeper than {_DEEPEST}"
+_SAID = {"exceeded maximum nesting depth": _DEEP}  # by libyaml, of 1,000 levels in brackets
 _Parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 _NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
@@ -64,7 +66,8 @@ def read_document(path: Path, error: type[OptiPrompError], holds: str) -> Any:
     except yaml.MarkedYAMLError as cause:
         mark = cause.problem_mark or cause.context_mark
         line = f"line {min(mark.line + 1, len(text.splitlines()))}: " if mark is not None else ""
-        what = f"{line}{cause.problem or cause.context or 'not YAML'}"
+        problem = cause.problem or cause.context or "not YAML"
+        what = f"{line}{_SAID.get(problem, problem)}"
     except yaml.YAMLError as cause:
         what = " ".join(str(cause).split())
     except RecursionError:
@@ -143,7 +146,7 @@ class _Reader:
             found = _resolved(event.value) if plain else event.value, 1
         else:
             if depth == _DEEPEST:
-                refuse(event, f"nested deeper than {_DEEPEST}")
+                refuse(event, _DEEP)
             if event.anchor is not None:
                 self.anchors[event.anchor] = None
             mapping = isinstance(event, yaml.MappingStartEvent)

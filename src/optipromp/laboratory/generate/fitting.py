@@ -104,16 +104,14 @@ def reach_of(arm: Robot) -> float:
 
 
 def _sampled(robot: Robot, count: int) -> FloatArray:
-    bounded = np.isfinite(robot.lower) & np.isfinite(robot.upper)
-    low = np.where(bounded, robot.lower, -np.pi)
-    high = np.where(bounded, robot.upper, np.pi)
-    return np.asarray(np.random.default_rng(0).uniform(low, high, (count, robot.n_joints)))
+    size = (count, robot.n_joints)
+    return np.asarray(np.random.default_rng(0).uniform(*_ranges(robot), size))
 
 
-def _range(robot: Robot) -> FloatArray:
-    """Of each joint (n,) [rad or m]; a turn for one without limits."""
+def _ranges(robot: Robot) -> tuple[FloatArray, FloatArray]:
+    """The ends (n,) of the joints' ranges [rad or m]; half a turn each way without limits."""
     bounded = np.isfinite(robot.lower) & np.isfinite(robot.upper)
-    return np.asarray(np.where(bounded, robot.upper - robot.lower, 2.0 * np.pi))
+    return np.where(bounded, robot.lower, -np.pi), np.where(bounded, robot.upper, np.pi)
 
 
 def mount_of(arm: Robot) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
@@ -215,7 +213,8 @@ def _best(scene: Scene, robot: Robot, work: Work, rounds: int) -> Fitted | Unfit
     points, begins = upright
     fits: list[_Fit] = []
     failed: list[_Failed] = []
-    rng, wide = np.random.default_rng(0), VARIED * _range(robot)
+    axes = np.tile(up, (len(work.way), 1))
+    rng, wide = np.random.default_rng(0), VARIED * np.subtract(*_ranges(robot)[::-1])
     for turn in range(1 + rounds):
         if turn:
             begins = np.repeat([each.begin for each in failed[:PARENTS]], CHILDREN, axis=0)
@@ -224,8 +223,14 @@ def _best(scene: Scene, robot: Robot, work: Work, rounds: int) -> Fitted | Unfit
             begins, errors = ik.each(robot, points, np.tile(up, (len(begins), 1)), begins)
             points, begins = points[errors < MISS], begins[errors < MISS]
         for point, begin in zip(points, begins, strict=True):
-            found = _tried(scene, robot, work, low, point - work.way[0], begin)
-            fits.append(found) if isinstance(found, _Fit) else failed.append(found)
+            shift = point - work.way[0]
+            q, errors = ik.track(robot, work.way + shift, axes, begin)
+            why = _failure(scene, robot, work, shift, q, errors)
+            if why is None:
+                score = float(spare(robot, q, low).min())
+                fits.append(_Fit(score, Fitted(Pose(shift), q[work.start])))
+            else:
+                failed.append(_Failed(why, begin))
         if fits:
             return max(fits, key=lambda fit: fit.score).found
         failed.sort(key=lambda each: (-each.why.order, each.why.lack))
@@ -246,18 +251,6 @@ class _Failed(NamedTuple):
 
     why: Unfit
     begin: FloatArray
-
-
-def _tried(
-    scene: Scene, robot: Robot, work: Work, low: float, shift: FloatArray, begin: FloatArray
-) -> _Fit | _Failed:
-    """A place, from the configuration ``begin`` (n,) at its target; ``low`` as of :func:`spare`."""
-    axes = np.tile(scene.frame[2], (len(work.way), 1))
-    q, errors = ik.track(robot, work.way + shift, axes, begin)
-    why = _failure(scene, robot, work, shift, q, errors)
-    if why is not None:
-        return _Failed(why, begin)
-    return _Fit(float(spare(robot, q, low).min()), Fitted(Pose(shift), q[work.start]))
 
 
 def _failure(
