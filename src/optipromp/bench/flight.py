@@ -50,14 +50,21 @@ FRUIT_FORCE, STEM_FORCE, STEM_TIME, STATIC_FORCE = 10.0, 2.0, 0.05, 0.5  # [N], 
 SMOOTH = 0.005  # [s] time constant of the filter of forces
 
 
+def _frame(a: float, d: float, alpha: float) -> tuple[np.ndarray, np.ndarray]:
+    """Place (3,) [m] and tilt (3, 3) of a joint before it turns, in the frame of the last."""
+    c, s = np.cos(alpha), np.sin(alpha)
+    tilt = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+    return np.array([a, 0.0, 0.0]) + tilt[:, 2] * d, tilt
+
+
+FRAMES = tuple(_frame(*row) for row in PANDA)
+
+
 def flange(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Position (3,) [m] and rotation (3, 3) of a Panda's flange at ``q`` (7,)."""
     place, turn = np.zeros(3), np.eye(3)
-    for (a, d, alpha), angle in zip(PANDA, q, strict=True):
-        c, s = np.cos(alpha), np.sin(alpha)
-        tilt = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
-        place = place + turn @ (np.array([a, 0.0, 0.0]) + tilt[:, 2] * d)
-        c, s = np.cos(angle), np.sin(angle)
+    for (ahead, tilt), c, s in zip(FRAMES, np.cos(q), np.sin(q), strict=True):
+        place = place + turn @ ahead
         turn = turn @ tilt @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     return place + FLANGE * turn[:, 2], turn
 
@@ -254,17 +261,21 @@ class _Watch:
                     self.labels.append(label)
                 self.owner[i] = self.labels.index(label)
         n = len(self.labels)
+        self.of_geom: np.ndarray = self.owner[model.geom_bodyid]
         self.force, self.peak, self.long = np.zeros((3, n, n))
+        self.pressed = False  # whether any force is not zero yet
 
     def add(self, data: mujoco.MjData) -> None:
-        now, wrench = np.zeros_like(self.force), np.zeros(6)
-        for k in range(data.ncon):
-            a, b = self.owner[self.model.geom_bodyid[data.contact.geom[k]]]
-            if a >= 0 and b >= 0:
-                mujoco.mj_contactForce(self.model, data, k, wrench)
-                size = float(np.linalg.norm(wrench[:3]))
-                now[a, b] += size
-                now[b, a] += size
+        owners = self.of_geom[data.contact.geom] if data.ncon else np.zeros((0, 2), dtype=int)
+        watched = np.flatnonzero((owners >= 0).all(axis=1))
+        if not (self.pressed or len(watched)):
+            return
+        now, wrench, self.pressed = np.zeros_like(self.force), np.zeros(6), True
+        for k in watched:
+            mujoco.mj_contactForce(self.model, data, k, wrench)
+            (a, b), size = owners[k], float(np.linalg.norm(wrench[:3]))
+            now[a, b] += size
+            now[b, a] += size
         self.force += (now - self.force) * (STEP / SMOOTH)
         np.maximum(self.peak, self.force, out=self.peak)
         self.long += STEP * (self.force > STEM_FORCE)
@@ -311,6 +322,7 @@ class Flight:
         self.model = model = model_of(scene, seed)
         self.data = data = mujoco.MjData(model)
         self._lead = self._posed(q, np.zeros(4))
+        self._place, self._turn = data.mocap_pos[0], data.mocap_quat[0]  # views
         start = model.joint(model.body("cup").jntadr[0]).qposadr[0]
         data.qpos[start : start + 7] = np.concatenate(self._lead)
         mujoco.mj_forward(model, data)
@@ -335,11 +347,10 @@ class Flight:
         """
         before, after = self._lead, self._posed(q, self._lead[1])
         count = round(period / STEP)
-        for k in range(count):
-            for kept, a, b in zip(
-                (self.data.mocap_pos, self.data.mocap_quat), before, after, strict=True
-            ):
-                kept[0] = a + (b - a) * (k / count)
+        share = np.arange(count)[:, None] / count
+        places, turns = (a + (b - a) * share for a, b in zip(before, after, strict=True))
+        for place, turn in zip(places, turns, strict=True):
+            self._place[:], self._turn[:] = place, turn
             mujoco.mj_step(self.model, self.data)
             self._watch.add(self.data)
         if not np.isfinite(self.data.qpos).all():
@@ -402,7 +413,7 @@ class Flight:
         return Word(inside[self.target], swallowed, self.harm(), self._watch.most(others))
 
     def _stand(self, period: float) -> None:
-        self.data.mocap_pos[0], self.data.mocap_quat[0] = self._lead
+        self._place[:], self._turn[:] = self._lead
         for _ in range(round(period / STEP)):
             mujoco.mj_step(self.model, self.data)
             self._watch.add(self.data)
@@ -420,6 +431,7 @@ def execute(scene: Mapping[str, Any], times: np.ndarray, q: np.ndarray, seed: in
     """
     period = 10 * STEP  # the lead moves in steps of 5 ms, in between by interpolation
     flown = Flight(scene, q[0], seed)
-    for at in np.arange(1, int(np.ceil(times[-1] / period - 1e-9)) + 1) * period:
-        flown.to(np.array([np.interp(at, times, column) for column in q.T]), period)
+    at = np.arange(1, int(np.ceil(times[-1] / period - 1e-9)) + 1) * period
+    for row in np.column_stack([np.interp(at, times, column) for column in q.T]):
+        flown.to(row, period)
     return flown.outcome()
