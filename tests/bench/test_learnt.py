@@ -87,3 +87,22 @@ def test_a_network_is_trained_on_plans(tmp_path: Path) -> None:
     session = runtime.InferenceSession(str(out), providers=["CPUExecutionProvider"])
     (told_,) = session.run(None, {"objects": objects})
     assert told_.shape == (400, train.PROPOSALS * (2 * COUNT + 1))
+
+
+def test_sac_learns_without_a_plan(tmp_path: Path) -> None:
+    """A few actions: weights that the network of the entry takes, and a curve beside them."""
+    pytest.importorskip("stable_baselines3")
+    pytest.importorskip("onnx")
+    runtime = pytest.importorskip("onnxruntime")
+    trainer().sac(tmp_path / "sac.onnx", minutes=0.05, presets=("cluster",))
+    with (tmp_path / "sac.csv").open() as stream:
+        (row,) = csv.DictReader(stream)
+    assert int(row["samples"]) > 0
+    assert 0.0 <= float(row["promised"]) <= 1.0
+    session = runtime.InferenceSession(
+        str(tmp_path / "sac.onnx"), providers=["CPUExecutionProvider"]
+    )
+    objects = np.zeros((1, MOST, WIDTH), dtype=np.float32)
+    (weights,) = session.run(None, {"objects": objects})
+    assert weights.shape == (1, 2 * COUNT)
+    assert np.all(np.abs(weights) <= 1.0)
