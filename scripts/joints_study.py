@@ -1,6 +1,7 @@
 """How many joints? The same bunches, tool and judge for arms of equal reach with 3 to 7 joints.
 
     python scripts/joints_study.py --out joints --count 200 --set 2026-11
+    python scripts/joints_study.py --out joints --count 200 --set 2026-11 --neck 0.45
     python scripts/joints_study.py --out joints --figure docs/images/joints.png
     python scripts/joints_study.py --out joints --count 50 --further UR5=ur5_robot.urdf
 
@@ -11,8 +12,9 @@ about the link, s slides along the vertical. ``scara`` and ``panda`` stand besid
 Panda with joints fixed at 0: ``panda -7`` is without its last. Further arms are given by name and
 file. The base is placed for each scene (:mod:`optipromp.laboratory.generate.fitting`).
 Cells: ``open`` (preset cluster), ``table`` (table-top), ``between`` (side-clusters), and ``tilted``
-(cluster, the approach up to 25 degrees off the vertical). Rows are kept in OUT/rows.csv, and a run
-goes on where it ended. The table is printed at the end.
+(cluster, the approach up to 25 degrees off the vertical). The cup's neck is 0.10 m long, or longer
+where links would reach fruits (``yys``: 0.4 m); with ``--neck`` all have one of that length. Rows
+are kept in OUT/rows.csv, and a run goes on where it ended. The table is printed at the end.
 """
 
 import argparse
@@ -146,11 +148,12 @@ def panda_without(joints: Iterable[int], folder: Path) -> Path:
 
 @dataclass(frozen=True)
 class JointsRow:
-    """One arm before one scene."""
+    """One arm before one scene; ``neck`` is the least length of the cup's neck [m]."""
 
     arm: str
     cell: str
     seed: int
+    neck: float = 0.0
     reachable: bool = False
     planned: bool = False
     picked: bool = False
@@ -188,16 +191,17 @@ def scene_of(cell: str, seed: int) -> Scene:
     return replace(scene, approach=replace(scene.approach, direction=axis))
 
 
-def one(arm: str, file: str, cell: str, seed: int) -> JointsRow:
+def one(arm: str, file: str, cell: str, seed: int, neck: float = 0.0) -> JointsRow:
     """Place the base, plan, and execute what is promised."""
     from optipromp.laboratory.generate.plants import untold
     from optipromp.laboratory.simulation import simulate
 
-    row = JointsRow(arm, cell, seed)
+    row = JointsRow(arm, cell, seed, neck)
     try:
         scene = fitted(
-            scene_of(cell, seed), load_robot(file), file, NOTHING, turned=False, rounds=ROUNDS
-        )
+            scene_of(cell, seed), load_robot(file), file, NOTHING, turned=False, rounds=ROUNDS,
+            neck=neck,
+        )  # fmt: skip
     except UnfitError as unfit:
         return replace(row, told=unfit.requirement)
     row = replace(row, reachable=True)
@@ -216,18 +220,19 @@ def one(arm: str, file: str, cell: str, seed: int) -> JointsRow:
 
 
 def run(
-    out: Path, count: int, word: str, names: list[str], further: Mapping[str, str], workers: int
-) -> None:
+    out: Path, count: int, word: str, neck: float, names: list[str], further: Mapping[str, str],
+    workers: int,
+) -> None:  # fmt: skip
     """Run what OUT/rows.csv lacks."""
     known = {**arms(out / "arms"), **further}
-    done = {(row.arm, row.cell, row.seed) for row in rows_of(out)}
+    done = {(row.arm, row.cell, row.seed, row.neck) for row in rows_of(out)}
     first = SceneSet(word).first
     tasks = [
-        (arm, known[arm], cell, seed)
+        (arm, known[arm], cell, seed, neck)
         for seed in range(first, first + count)
         for cell in CELLS
         for arm in names or further or known
-        if (arm, cell, seed) not in done
+        if (arm, cell, seed, neck) not in done
     ]
     path = out / "rows.csv"
 
@@ -253,8 +258,8 @@ def rows_of(out: Path) -> list[JointsRow]:
     with path.open() as stream:
         return [
             JointsRow(
-                r["arm"], r["cell"], int(r["seed"]),
-                *(r[k] == "True" for k in ("reachable", "planned", "picked", "harmed")), r["told"],
+                r["arm"], r["cell"], int(r["seed"]), float(r["neck"]), told=r["told"],
+                **{k: r[k] == "True" for k in ("reachable", "planned", "picked", "harmed")},
             )
             for r in csv.DictReader(stream)
         ]  # fmt: skip
@@ -265,13 +270,25 @@ def _order(rows: list[JointsRow]) -> list[str]:
     return [*(name for name in known if name in found), *(n for n in found if n not in known)]
 
 
+def necks(rows: list[JointsRow]) -> list[float]:
+    """The least lengths of necks in rows [m]."""
+    return sorted({row.neck for row in rows})
+
+
+def told_neck(neck: float) -> str:
+    """A neck in words."""
+    return f"neck {neck:g} m" if neck else "neck as short as may be"
+
+
 def table(rows: list[JointsRow]) -> str:
-    """Shares by arm and cell, and paired tests of the family, one joint more each."""
-    lines = ["| arm | cell | n | reachable | planned | picked (95 %) | harmed |", "|---" * 7 + "|"]
-    order = _order(rows)
-    for cell in CELLS:
+    """Shares by neck, arm and cell, and paired tests of the family, one joint more each."""
+    lines, order = list[str](), _order(rows)
+    head = ["| arm | cell | n | reachable | planned | picked (95 %) | harmed |", "|---" * 7 + "|"]
+    for neck, cell in itertools.product(necks(rows), CELLS):
+        if cell == next(iter(CELLS)):
+            lines += ["", f"{told_neck(neck)}:", "", *head]
         for arm in order:
-            own = [row for row in rows if (row.arm, row.cell) == (arm, cell)]
+            own = [row for row in rows if (row.arm, row.cell, row.neck) == (arm, cell, neck)]
             if not own:
                 continue
             n = len(own)
@@ -284,43 +301,53 @@ def table(rows: list[JointsRow]) -> str:
             )
     lines += [
         "",
-        "| cell | arms | picked by the first alone, the second alone | p |",
-        "|---" * 4 + "|",
+        "| neck | cell | arms | picked by the first alone, the second alone | p |",
+        "|---" * 5 + "|",
     ]
-    picked = {(r.arm, r.cell, r.seed): r.picked for r in rows}
-    for cell in CELLS:
+    picked = {(r.neck, r.arm, r.cell, r.seed): r.picked for r in rows}
+    for neck, cell in itertools.product(necks(rows), CELLS):
         family = [name for name in order if name in FAMILY]
         others = [(name, "panda") for name in order if name not in (*FAMILY, "panda")]
         for a, b in [*itertools.pairwise(family), *others]:
-            seeds = [s for x, c, s in picked if (x, c) == (a, cell) and (b, cell, s) in picked]
-            pairs = [(picked[a, cell, s], picked[b, cell, s]) for s in seeds]
+            pairs = [
+                (got, picked[neck, b, cell, seed])
+                for (k, arm, c, seed), got in picked.items()
+                if (k, arm, c) == (neck, a, cell) and (neck, b, cell, seed) in picked
+            ]
+            if not pairs:
+                continue
             alone = sum(x and not y for x, y in pairs), sum(y and not x for x, y in pairs)
-            lines.append(f"| {cell} | {a}, {b} | {alone[0]}, {alone[1]} | {paired(pairs):.3f} |")
+            p = paired(pairs)
+            lines.append(
+                f"| {neck or 'short'} | {cell} | {a}, {b} | {alone[0]}, {alone[1]} | {p:.3f} |"
+            )
     return "\n".join(lines)
 
 
 def figure(rows: list[JointsRow], path: Path) -> None:
-    """Shares picked by arm, a panel a cell, with intervals; what is reachable behind."""
+    """Shares picked by arm with intervals, a panel a cell, a row a neck; grey: reachable."""
     import matplotlib.pyplot as plt
 
-    order = _order(rows)
-    drawn, panels = plt.subplots(1, len(CELLS), figsize=(15, 3.8), sharey=True)
-    for panel, cell in zip(panels, CELLS, strict=True):
+    held, size = necks(rows), len(CELLS)
+    drawn, grid = plt.subplots(
+        len(held), size, figsize=(15, 3.8 * len(held)), sharey=True, squeeze=False
+    )
+    for panel, (neck, cell) in zip(grid.flat, itertools.product(held, CELLS), strict=True):
+        own = [row for row in rows if (row.neck, row.cell) == (neck, cell)]
+        order = _order(own)
         for k, arm in enumerate(order):
-            own = [row for row in rows if (row.arm, row.cell) == (arm, cell)]
-            if not own:
-                continue
-            n = len(own)
-            reach, got = sum(r.reachable for r in own) / n, sum(r.picked for r in own)
+            mine = [row for row in own if row.arm == arm]
+            n, got = len(mine), sum(row.picked for row in mine)
             low, high = wilson(got, n)
-            panel.bar(k, reach, color="0.85")
+            panel.bar(k, sum(row.reachable for row in mine) / n, color="0.85")
             panel.bar(k, got / n, color="tab:blue" if arm in FAMILY else "tab:orange", width=0.6)
             panel.plot([k, k], [low, high], color="black", lw=1)
-        panel.set_title(f"{cell} (n = {len({r.seed for r in rows if r.cell == cell})})")
+        panel.set_title(f"{cell}, {told_neck(neck)}", fontsize=10)
         panel.set_xticks(range(len(order)), order, rotation=60, ha="right", fontsize=8)
-    panels[0].set_ylabel("share picked (grey: reachable)")
+    for panel in grid[:, 0]:
+        panel.set_ylabel("share picked (grey: reachable)")
     drawn.tight_layout()
-    drawn.savefig(path, dpi=110)
+    drawn.savefig(path, dpi=90)
 
 
 def main() -> None:
@@ -329,6 +356,7 @@ def main() -> None:
     ask.add_argument("--out", type=Path, required=True)
     ask.add_argument("--count", type=int, default=0, help="scenes a cell")
     ask.add_argument("--set", default="development", metavar="WORD", help="as of bench run")
+    ask.add_argument("--neck", type=float, default=0.0, help="least length of the cup's neck [m]")
     ask.add_argument("--arms", default="", help="separated by semicolons; all if left out")
     ask.add_argument("--further", nargs="*", default=[], metavar="NAME=FILE", help="more arms")
     ask.add_argument("--workers", type=int, default=cores())
@@ -337,7 +365,7 @@ def main() -> None:
     if told.count:
         names = [name for name in told.arms.split(";") if name]
         further = dict(each.split("=", 1) for each in told.further)
-        run(told.out, told.count, told.set, names, further, told.workers)
+        run(told.out, told.count, told.set, told.neck, names, further, told.workers)
     rows = rows_of(told.out)
     print(table(rows))
     if told.figure:

@@ -16,6 +16,7 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.geometry.distances import distances
+from optipromp.core.planning.options import Optimised
 from optipromp.core.robots import ik
 from optipromp.core.robots.kernels import PRISMATIC
 from optipromp.core.robots.library import Choice
@@ -155,8 +156,9 @@ def work_of(scene: Scene, arm: Robot) -> Work:
 
 
 def fitted(
-    scene: Scene, arm: Robot, named: str, choice: Choice, turned: bool = True, rounds: int = 0
-) -> Scene:
+    scene: Scene, arm: Robot, named: str, choice: Choice, turned: bool = True, rounds: int = 0,
+    neck: float = 0.0,
+) -> Scene:  # fmt: skip
     """The ``scene`` of the Panda before another arm, whose base is placed for this scene.
 
     Args:
@@ -168,6 +170,7 @@ def fitted(
             flange's z is the tool's axis.
         rounds: in which places that almost fit are varied where none fits, such as
             :data:`ROUNDS`, which takes some seconds. The generator draws another scene instead.
+        neck: least length of the cup's neck [m]; it is longer where links would reach fruits.
 
     Raises:
         UnfitError: the arm can work at the scene from no place; the message says which requirement
@@ -180,7 +183,7 @@ def fitted(
     own = {**scene.tool.parameters, **({} if mount is None else {"mount": mount})}
     axis = arm.flange_rotation @ make_tool(scene.tool.kind, own).rotation[:, 2]
     before = (spheres.center - arm.flange_translation) @ axis + spheres.radius
-    neck = max(work.scale * bunches.NECK, float(before[at_flange].max(initial=0.0)))
+    neck = max(neck, work.scale * bunches.NECK, float(before[at_flange].max(initial=0.0)))
     lengthened = 0
     while True:
         neck = round(float(np.ceil(neck / NECKS - 1e-9)) * NECKS, 3)
@@ -215,6 +218,7 @@ def _best(scene: Scene, robot: Robot, work: Work, rounds: int) -> Fitted | Unfit
     failed: list[_Failed] = []
     axes = np.tile(up, (len(work.way), 1))
     rng, wide = np.random.default_rng(0), VARIED * np.subtract(*_ranges(robot)[::-1])
+    inner = _within(robot)
     for turn in range(1 + rounds):
         if turn:
             begins = np.repeat([each.begin for each in failed[:PARENTS]], CHILDREN, axis=0)
@@ -224,7 +228,8 @@ def _best(scene: Scene, robot: Robot, work: Work, rounds: int) -> Fitted | Unfit
             points, begins = points[errors < MISS], begins[errors < MISS]
         for point, begin in zip(points, begins, strict=True):
             shift = point - work.way[0]
-            q, errors = ik.track(robot, work.way + shift, axes, begin)
+            near = np.clip(begin, inner.lower, inner.upper)
+            q, errors = ik.track(inner, work.way + shift, axes, near)
             why = _failure(scene, robot, work, shift, q, errors)
             if why is None:
                 score = float(spare(robot, q, low).min())
@@ -237,6 +242,12 @@ def _best(scene: Scene, robot: Robot, work: Work, rounds: int) -> Fitted | Unfit
         if failed[0].why.requirement == NECK:
             break
     return failed[0].why
+
+
+def _within(robot: Robot) -> Robot:
+    """The robot whose joints keep the distance from their limits that a plan keeps."""
+    margin = np.minimum(Optimised.limit_margin, 0.25 * (robot.upper - robot.lower))
+    return replace(robot, lower=robot.lower + margin, upper=robot.upper - margin)
 
 
 class _Fit(NamedTuple):
