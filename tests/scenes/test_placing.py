@@ -1,6 +1,9 @@
 """Scenes placed in the reach of other robots than the one that they are stated for."""
 
+import importlib.util
+import sys
 from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +11,7 @@ import yaml
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning import plan
+from optipromp.core.planning.options import Optimised
 from optipromp.core.planning.task import resolve
 from optipromp.core.robots import load_robot
 from optipromp.core.robots.library import NOTHING
@@ -190,3 +194,37 @@ def test_places_that_almost_fit_are_varied(tmp_path) -> None:
     assert np.linalg.norm(point - found.target.position) < 0.5
     again = fitted(scene, robot, str(path), NOTHING, turned=False, rounds=ROUNDS)
     assert np.array_equal(again.start, found.start)
+
+
+@pytest.mark.filterwarnings("ignore:no built-in demonstrations")
+@pytest.mark.parametrize("seed", [110_001, 110_004])
+def test_joints_keep_the_distance_from_their_limits_that_a_plan_keeps(tmp_path, seed) -> None:
+    """An arm that hangs its hand on a slide: the best places are where the slide ends."""
+    robot = _of_the_study(tmp_path, "3 yys")
+    scene = fitted(generate("cluster", seed), load_robot(robot), str(robot), NOTHING, turned=False)
+    assert plan(scene).success
+    task = resolve(scene)
+    inside = np.minimum(scene.start - task.robot.lower, task.robot.upper - scene.start)
+    assert inside.min() > 0.999 * Optimised.limit_margin
+
+
+@pytest.mark.filterwarnings("ignore:no built-in demonstrations")
+def test_a_neck_is_as_long_as_asked_for(tmp_path) -> None:
+    robot = _of_the_study(tmp_path, "5 ypprp")
+    arm, scene = load_robot(robot), generate("cluster", 110_001)
+    short, long = (
+        fitted(scene, arm, str(robot), NOTHING, turned=False, neck=neck) for neck in (0.0, 0.3)
+    )
+    assert short.tool.parameters["length"] == pytest.approx(0.1)
+    assert long.tool.parameters["length"] == pytest.approx(0.3)
+    assert plan(long).success
+
+
+def _of_the_study(folder: Path, name: str) -> Path:
+    """An arm of the study of joints as a file."""
+    file = Path(__file__).parents[2] / "scripts/joints_study.py"
+    spec = importlib.util.spec_from_file_location("joints_study", file)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # its data classes look themselves up
+    spec.loader.exec_module(module)
+    return Path(module.arms(folder)[name])
