@@ -50,21 +50,14 @@ FRUIT_FORCE, STEM_FORCE, STEM_TIME, STATIC_FORCE = 10.0, 2.0, 0.05, 0.5  # [N], 
 SMOOTH = 0.005  # [s] time constant of the filter of forces
 
 
-def _frame(a: float, d: float, alpha: float) -> tuple[np.ndarray, np.ndarray]:
-    """Place (3,) [m] and tilt (3, 3) of a joint before it turns, in the frame of the last."""
-    c, s = np.cos(alpha), np.sin(alpha)
-    tilt = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
-    return np.array([a, 0.0, 0.0]) + tilt[:, 2] * d, tilt
-
-
-FRAMES = tuple(_frame(*row) for row in PANDA)
-
-
 def flange(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Position (3,) [m] and rotation (3, 3) of a Panda's flange at ``q`` (7,)."""
     place, turn = np.zeros(3), np.eye(3)
-    for (ahead, tilt), c, s in zip(FRAMES, np.cos(q), np.sin(q), strict=True):
-        place = place + turn @ ahead
+    for (a, d, alpha), angle in zip(PANDA, q, strict=True):
+        c, s = np.cos(alpha), np.sin(alpha)
+        tilt = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+        place = place + turn @ (np.array([a, 0.0, 0.0]) + tilt[:, 2] * d)
+        c, s = np.cos(angle), np.sin(angle)
         turn = turn @ tilt @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     return place + FLANGE * turn[:, 2], turn
 
@@ -348,14 +341,15 @@ class Flight:
         before, after = self._lead, self._posed(q, self._lead[1])
         count = round(period / STEP)
         share = np.arange(count)[:, None] / count
-        places, turns = (a + (b - a) * share for a, b in zip(before, after, strict=True))
-        for place, turn in zip(places, turns, strict=True):
-            self._place[:], self._turn[:] = place, turn
-            mujoco.mj_step(self.model, self.data)
-            self._watch.add(self.data)
+        self._led(*(a + (b - a) * share for a, b in zip(before, after, strict=True)))
         if not np.isfinite(self.data.qpos).all():
             raise RuntimeError("the engine broke down")
         self._lead, self.time = after, self.time + period
+
+    def _led(self, places: np.ndarray, turns: np.ndarray) -> None:
+        for self._place[:], self._turn[:] in zip(places, turns, strict=True):
+            mujoco.mj_step(self.model, self.data)
+            self._watch.add(self.data)
 
     def inside(self, id_: str) -> bool:
         """Whether a fruit's middle is in the cup."""
@@ -404,20 +398,14 @@ class Flight:
         late, inside = HOLD - 0.3, dict.fromkeys(self.ids, True)
         period = 10 * STEP
         for k in range(round(HOLD / period)):
-            self._stand(period)
+            self._led(*(np.tile(kept, (round(period / STEP), 1)) for kept in self._lead))
+            self.time += period
             if k * period >= late:
                 for id_ in self.ids:
                     inside[id_] &= self.inside(id_)
         swallowed = tuple(id_ for id_ in self.ids if id_ != self.target and inside[id_])
         others = [id_ for id_ in self.ids if id_ != self.target]
         return Word(inside[self.target], swallowed, self.harm(), self._watch.most(others))
-
-    def _stand(self, period: float) -> None:
-        self._place[:], self._turn[:] = self._lead
-        for _ in range(round(period / STEP)):
-            mujoco.mj_step(self.model, self.data)
-            self._watch.add(self.data)
-        self.time += period
 
 
 def execute(scene: Mapping[str, Any], times: np.ndarray, q: np.ndarray, seed: int = 0) -> Word:

@@ -218,7 +218,8 @@ def _best(scene: Scene, robot: Robot, work: Work, rounds: int) -> Fitted | Unfit
     failed: list[_Failed] = []
     axes = np.tile(up, (len(work.way), 1))
     rng, wide = np.random.default_rng(0), VARIED * np.subtract(*_ranges(robot)[::-1])
-    inner = _within(robot)
+    margin = np.minimum(Optimised.limit_margin, 0.25 * (robot.upper - robot.lower))
+    inner = replace(robot, lower=robot.lower + margin, upper=robot.upper - margin)  # as plans keep
     for turn in range(1 + rounds):
         if turn:
             begins = np.repeat([each.begin for each in failed[:PARENTS]], CHILDREN, axis=0)
@@ -242,12 +243,6 @@ def _best(scene: Scene, robot: Robot, work: Work, rounds: int) -> Fitted | Unfit
         if failed[0].why.requirement == NECK:
             break
     return failed[0].why
-
-
-def _within(robot: Robot) -> Robot:
-    """The robot whose joints keep the distance from their limits that a plan keeps."""
-    margin = np.minimum(Optimised.limit_margin, 0.25 * (robot.upper - robot.lower))
-    return replace(robot, lower=robot.lower + margin, upper=robot.upper - margin)
 
 
 class _Fit(NamedTuple):
