@@ -348,7 +348,7 @@ def sac(out: Path, minutes: float, presets: Presets) -> None:
     policy = {"features_extractor_class": Features, "net_arch": [128, 128]}
     agent = SAC(
         "MultiInputPolicy", env, learning_rate=7e-4, buffer_size=100_000, learning_starts=500,
-        batch_size=256, gamma=0.0, train_freq=1, gradient_steps=2, policy_kwargs=policy, seed=0,
+        batch_size=64, gamma=0.0, train_freq=1, gradient_steps=1, policy_kwargs=policy, seed=0,
     )  # fmt: skip
     told = Curve()
     agent.learn(10_000_000, callback=told)
