@@ -230,8 +230,7 @@ def _aimed(scene: Scene, motion: Deed) -> Scene:
     assert motion.trajectory is not None
     point, _ = posed(scene)[0].tool_pose(motion.trajectory.positions[-1])
     ripe = [item.id for item in scene.objects if item.role == "target"]
-    where = replace(scene.objects[0], position=np.asarray(point))
-    return aimed_at(scene, ripe, where)
+    return aimed_at(scene, ripe, np.asarray(point))
 
 
 def _ended(row: BenchRow, episode: Episode) -> BenchRow:

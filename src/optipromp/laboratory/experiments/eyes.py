@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from optipromp.core.arrays import frame_along, rotation
+from optipromp.core.arrays import FloatArray, frame_along, rotation
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.held import pairs_among
@@ -114,12 +114,12 @@ def without_fruits(scene: Scene) -> Scene:
     )  # fmt: skip
 
 
-def aimed_at(scene: Scene, ripe: Collection[str], seen: SceneObject) -> Scene:
-    """The true scene, whose target is that of its ``ripe`` fruits nearest to a seen one."""
+def aimed_at(scene: Scene, ripe: Collection[str], place: FloatArray) -> Scene:
+    """The true scene, whose target is that of its ``ripe`` fruits nearest to a ``place`` (3,)."""
     fruits = [item for item in scene.objects if item.id in ripe]
     if not fruits:
         return scene
-    aim = min(fruits, key=lambda item: float(np.linalg.norm(middle(item) - seen.position)))
+    aim = min(fruits, key=lambda item: float(np.linalg.norm(middle(item) - place)))
     if aim.role == "target":
         return scene
     roles = {aim.id: "target", **({scene.target.id: "pushable"} if scene.target else {})}
@@ -165,7 +165,7 @@ def _looked(
     }
     further, truth = None, scene
     if seen is not None and seen.target is not None:
-        truth = aimed_at(scene, taken[-1].ripe, seen.target)
+        truth = aimed_at(scene, taken[-1].ripe, seen.target.position)
     if len(taken) < len(places):
         further = functools.partial(
             _looked, see, scene, seed, eye, detector, places, len(taken) + 1, taken
