@@ -67,7 +67,7 @@ def test_the_pick_of_any_ripe_fruit_counts() -> None:
     scene = generate("cluster", SEED)
     assert scene.target is not None
     other = scene.pushables[0]
-    seen = replace(scene.target, position=other.position + 0.003, stem=None)
+    seen = other.position + 0.003
     assert aimed_at(scene, {scene.target.id}, seen) is scene
     aimed = aimed_at(scene, {scene.target.id, other.id}, seen)
     assert aimed.target is not None
