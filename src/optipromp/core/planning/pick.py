@@ -357,9 +357,8 @@ def following(task: Task, options: Searched, start: Start, arrays: Evaluation) -
 def limits_and_clearances(task: Task, options: Searched, *further: Cost) -> list[Cost]:
     """Constraints of every problem of a task: joint limits, steps, ``further``, clearances."""
     robot, proximal = task.robot, ~np.asarray(task.body.distal)
-    margin = np.minimum(options.limit_margin, 0.25 * (robot.upper - robot.lower))
     return [
-        LimitCost(SOLVE.must, robot.lower + margin, robot.upper - margin),
+        LimitCost(SOLVE.must, *robot.limits(options.limit_margin)),
         StepCost(SOLVE.firm, np.full(robot.n_joints, options.max_step)),
         *further,
         ClearanceCost("clearance", "static", 2 * SOLVE.kept, options.static_clearance),

@@ -76,6 +76,11 @@ class Robot(Shown):
         """Number of independent joints."""
         return len(self.joint_names)
 
+    def limits(self, margin: float) -> tuple[FloatArray, FloatArray]:
+        """Limits (n,) drawn in by ``margin`` [rad or m], or by a quarter of a narrow range."""
+        inner = np.minimum(margin, 0.25 * (self.upper - self.lower))
+        return self.lower + inner, self.upper - inner
+
     @property
     def n_own_links(self) -> int:
         """Number of links without the tool and what it holds, which come last."""

@@ -218,8 +218,8 @@ def _best(scene: Scene, robot: Robot, work: Work, rounds: int) -> Fitted | Unfit
     failed: list[_Failed] = []
     axes = np.tile(up, (len(work.way), 1))
     rng, wide = np.random.default_rng(0), VARIED * np.subtract(*_ranges(robot)[::-1])
-    margin = np.minimum(Optimised.limit_margin, 0.25 * (robot.upper - robot.lower))
-    inner = replace(robot, lower=robot.lower + margin, upper=robot.upper - margin)  # as plans keep
+    lower, upper = robot.limits(Optimised.limit_margin)  # as plans keep
+    inner = replace(robot, lower=lower, upper=upper)
     for turn in range(1 + rounds):
         if turn:
             begins = np.repeat([each.begin for each in failed[:PARENTS]], CHILDREN, axis=0)
