@@ -19,7 +19,7 @@ from optipromp.core.shown import printable
 Shown = Iterable[Any]
 """Lines and rich's renderables, for people; a generator does not run under ``--json``."""
 
-OK, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
+OK, FAILED, WRONG_INPUT = 0, 1, 2
 _OUTCOMES = frozenset(
     {
         Code.START_IN_COLLISION,
@@ -128,9 +128,6 @@ def command(
                     print_json(failure(error, given) if failure else bare)
                 sys.stderr.write(f"error {error.code}: {_one_line(error.message)}\n")
                 raise typer.Exit(exit_code(error.code)) from None
-            except KeyboardInterrupt:
-                sys.stderr.write("interrupted; nothing half-written was left\n")
-                raise typer.Exit(INTERRUPTED) from None
             raise typer.Exit(code)
 
         run.__annotations__ = {each.name: each.annotation for each in parameters}

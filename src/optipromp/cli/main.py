@@ -3,6 +3,7 @@
 Nothing heavy is imported here: each command imports what it needs when it runs.
 """
 
+import atexit
 import gc
 import io
 import os
@@ -11,7 +12,7 @@ import sys
 import threading
 from contextlib import suppress
 from types import FrameType
-from typing import Annotated, NoReturn
+from typing import Annotated
 
 import typer
 
@@ -93,18 +94,55 @@ app.command("list")(catalogue.catalogue)
 app.command("ros-node")(ros_node.ros_node)
 
 
-def _terminate(number: int, frame: FrameType | None) -> NoReturn:
-    sys.stderr.write("terminated; nothing half-written was left\n")
-    raise SystemExit(128 + number)
+class _Interrupted(KeyboardInterrupt):
+    """Ctrl-C. Of a plain one raised within ``exec`` of a text, CPython kills the process later."""
 
 
-def _send_again(lost: "sys.UnraisableHookArgs") -> None:
+class _Signals:
+    """What asks the process to end: the first signal's number, and whether it is ending."""
+
+    asked: int | None = None
+    ending = False
+
+    @classmethod
+    def raise_in_main(cls, number: int, frame: FrameType | None) -> None:
+        """The handler: ``KeyboardInterrupt`` for Ctrl-C, ``SystemExit`` for the others."""
+        if cls.ending:
+            return
+        cls.asked = cls.asked or number
+        if _imports(frame):
+            cls.send_later(number)
+            return
+        if number == signal.SIGINT:
+            raise _Interrupted
+        raise SystemExit(128 + number)
+
+    @classmethod
+    def send_later(cls, number: int) -> None:
+        """Send the signal again in a moment, from another thread, unless the process is ending."""
+
+        def send() -> None:
+            if not cls.ending:
+                os.kill(os.getpid(), number)
+
+        threading.Timer(0.05, send).start()
+
+
+def _imports(frame: FrameType | None) -> bool:
+    """Whether a module is being imported: of an exception within, some from C fail or crash."""
+    while frame is not None and frame.f_code.co_filename != "<frozen importlib._bootstrap>":
+        frame = frame.f_back
+    return frame is not None
+
+
+def _keep(lost: "sys.UnraisableHookArgs") -> None:
     """Send a signal again whose exception was lost: callbacks from C (LLVM's) raise none."""
-    number = {SystemExit: signal.SIGTERM, KeyboardInterrupt: signal.SIGINT}.get(lost.exc_type)
+    number = {SystemExit: signal.SIGTERM, _Interrupted: signal.SIGINT}.get(lost.exc_type)
     if number is None:
-        sys.__unraisablehook__(lost)
-    else:  # from another thread, once the callback has returned
-        threading.Timer(0.05, os.kill, (os.getpid(), number)).start()
+        if _Signals.asked is None:  # else: of objects that are half-made
+            sys.__unraisablehook__(lost)
+    else:  # once the callback has returned
+        _Signals.send_later(number)
 
 
 def _ready_streams() -> None:
@@ -117,16 +155,7 @@ def _ready_streams() -> None:
             stream.reconfigure(errors="replace")
 
 
-def main() -> None:
-    """Run the command line and end the process with its exit code."""
-    _ready_streams()
-    try:
-        check_memory()
-    except InvalidRequestError as error:
-        sys.stderr.write(f"error {error.code}: {error}\n")
-        raise SystemExit(2) from None
-    signal.signal(signal.SIGTERM, _terminate)
-    sys.unraisablehook = _send_again
+def _run() -> None:
     try:
         try:
             app()
@@ -141,10 +170,36 @@ def main() -> None:
     except MemoryError:
         sys.stderr.write("error INVALID_REQUEST: out of memory\n")
         raise SystemExit(2) from None
-    except KeyboardInterrupt:
-        sys.stderr.write("interrupted\n")
-        raise SystemExit(130) from None
+
+
+def main() -> None:
+    """Run the command line and end the process with its exit code.
+
+    A process that a signal asked to end ends with 128 + the signal's number, whatever its
+    exception became on the way.
+    """
+    _ready_streams()
+    try:
+        check_memory()
+    except InvalidRequestError as error:
+        sys.stderr.write(f"error {error.code}: {error}\n")
+        raise SystemExit(2) from None
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _Signals.raise_in_main)
+    sys.unraisablehook = _keep
+    try:
+        _run()
+    except BaseException as error:
+        _Signals.ending = True
+        if _Signals.asked is None or (isinstance(error, SystemExit) and not error.code):
+            raise
+        word = "interrupted" if _Signals.asked == signal.SIGINT else "terminated"
+        sys.stderr.write(f"{word}; nothing half-written was left\n")
+        atexit._run_exitfuncs()
+        sys.stderr.flush()
+        os._exit(128 + _Signals.asked)  # LLVM's objects, half-made, can crash when they go
     finally:
+        _Signals.ending = True
         gc.freeze()
 
 
