@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import textwrap
 import time
 from pathlib import Path
 
@@ -98,6 +99,46 @@ def test_a_signal_lost_in_a_callback_from_c_still_ends_the_process(name: str, co
     )
     assert done.returncode == code
     assert "Traceback" not in done.stderr
+
+
+INTERRUPTED = """
+import os, signal, sys, time
+from optipromp.cli import main as cli
+
+def command():
+    sys.path.insert(0, {folder!r})
+    {act}
+    time.sleep(30.0)
+
+cli.app = command
+cli.main()
+"""
+
+
+@pytest.mark.parametrize(
+    "act",
+    [
+        "import half",  # packages from C fail or crash of an exception on their way
+        "exec('os.kill(os.getpid(), signal.SIGINT)')",  # CPython takes such a one for unhandled
+    ],
+)
+def test_ctrl_c_ends_with_130_wherever_it_comes(act: str, tmp_path: Path) -> None:
+    module = """
+        import os, signal, sys
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+            print("whole")
+        except KeyboardInterrupt:
+            raise ImportError("initialization failed")
+    """
+    (tmp_path / "half.py").write_text(textwrap.dedent(module))
+    program = INTERRUPTED.format(folder=str(tmp_path), act=act)
+    done = subprocess.run(
+        [sys.executable, "-c", program], timeout=20, capture_output=True, text=True
+    )
+    assert done.returncode == 130
+    assert done.stderr == "interrupted; nothing half-written was left\n"
+    assert done.stdout == ("whole\n" if "half" in act else "")
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")

@@ -66,7 +66,9 @@ def test_approaches_stay_in_the_cone_and_the_target_in_the_mouth(refused: Scene)
     assert refused.target is not None
     room = robot.tool.mouth[0] - refused.target.radius
     for cone, aside in ((25.0, 0.0), (0.0, 0.5), (10.0, 0.003), (None, None)):
-        found = [one.scene for one in others(resolve(allowed(refused, cone, aside), robot))]
+        task = resolve(allowed(refused, cone, aside), robot)
+        assert next(others(task, end=0.0), None) is None  # the time is over
+        found = [one.scene for one in others(task)]
         assert found
         for scene in found:
             angle = np.degrees(np.arccos(min(scene.frame[2] @ refused.frame[2], 1.0)))

@@ -12,18 +12,20 @@ from dataclasses import replace
 import numpy as np
 
 from optipromp.core.arrays import rotation
+from optipromp.core.budget import clock
 from optipromp.core.planning.parameters import APPROACH
 from optipromp.core.planning.task import Task, approached
 from optipromp.core.pushing.model import PushModel
 from optipromp.core.scenes.scene import Scene
 
 
-def others(task: Task) -> Iterator[Task]:
+def others(task: Task, end: float = np.inf) -> Iterator[Task]:
     """The task with each of the most promising approaches that its scene allows.
 
     The tool ends no farther beside the target's centre than its mouth leaves room, so that the cup
     stays round the target. To a target that stands the tool comes level, from a little to either
-    side. Where the scene states no cone or no lateral distance, ``APPROACH`` does.
+    side. Where the scene states no cone or no lateral distance, ``APPROACH`` does. No approach is
+    looked at after ``end`` [s], a time of the plan's clock.
     """
     scene = task.scene
     tool, target = task.robot.tool, scene.target
@@ -51,6 +53,8 @@ def others(task: Task) -> Iterator[Task]:
     ways += [(z_g, scene.approach.shift + reach * flat) for flat in flats if reach > 0.0]
     left, best = APPROACH.tried, list[tuple[float, int, Task]]()
     for k, (way, shift) in enumerate(ways):
+        if clock() > end:
+            return
         approach = replace(scene.approach, direction=way, shift=shift)
         other = approached(task, replace(scene, approach=approach))
         model = other.push_model(task.robot.home)

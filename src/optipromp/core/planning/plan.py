@@ -146,16 +146,16 @@ def _best_way(
     not tried where the tool is too fast because the options ask for a time or a speed.
     """
     end = began + options.timeout
+    late = _late(end, options)
     attempt = functools.partial(_plan, planner=planner, options=options, end=end, say=say)
     first, several = tasks[0], len(tasks) > 1
     ways: Iterable[Task] = tasks[1:]
     if not several and getattr(planner, "approaches", False) and not first.begun:
-        ways = approaches.others(first)
+        ways = approaches.others(first, late)
     made: list[Plan] = []
     harmful: list[Harmful] = []
-    for approach in itertools.chain([first], ways):
-        if (made or harmful) and clock() > end:
-            break
+    in_time = itertools.takewhile(lambda _: clock() <= late, ways)
+    for approach in itertools.chain([first], in_time):
         found = attempt(approach)
         if isinstance(found, Harmful):
             harmful.append(found)
@@ -175,6 +175,11 @@ def _best_way(
         which = [each.goal for each in tasks].index(best.task.goal) + 1
         best = replace(best, message=f"goal {which} of {len(tasks)}: {best.message}")
     return replace(best, time={**best.time, "total": clock() - began})
+
+
+def _late(end: float, options: PlanOptions) -> float:
+    """The time at which a plan that ends at ``end`` begins nothing new [s]."""
+    return end - min(JUDGING, JUDGED_SHARE * options.timeout)
 
 
 def _slowness(made: Plan) -> tuple[bool, bool, float]:
@@ -270,8 +275,7 @@ def _plan(
     The planner is not asked where the arm touches something at the start, or rests at the goal.
     """
     began = clock()
-    late = end - min(JUDGING, JUDGED_SHARE * options.timeout)
-    budget = Budget(late, np.inf if options.effort is None else options.effort, say)
+    budget = Budget(_late(end, options), np.inf if options.effort is None else options.effort, say)
     stay = _stay(task)
     touching = judging.touching(task.scene, task.robot, task.start, begun=task.begun)
     resting = task.running is None and task.scene.waypoints is None
