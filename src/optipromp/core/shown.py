@@ -2,6 +2,7 @@
 
 import difflib
 import html
+import reprlib
 from collections.abc import Iterable, Sequence
 from importlib.metadata import entry_points
 from typing import Any
@@ -14,6 +15,9 @@ RENDERERS = "optipromp.renderers"
 LONGEST_NAME = 1000
 """Most letters of a name."""
 
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = 60
+
 
 def is_name(text: str) -> bool:
     """Whether ``text`` can name something: 1 to :data:`LONGEST_NAME` letters, all printable."""
@@ -25,6 +29,11 @@ def no_name(text: str) -> str:
     return (
         f"'{printable(text)[:60]}': must have 1 to {LONGEST_NAME} letters and no control characters"
     )
+
+
+def short(value: object) -> str:
+    """A value in at most some 60 letters."""
+    return _SHORT.repr(value)
 
 
 def suggest(name: object, valid: Iterable[str]) -> str:

@@ -2,7 +2,6 @@
 
 import functools
 import math
-import reprlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from inspect import signature
@@ -18,14 +17,12 @@ from optipromp.core.optimization.costs.tool import PushForm
 from optipromp.core.parameters import Settings
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.rules import DriftRule
-from optipromp.core.shown import suggest
+from optipromp.core.shown import short, suggest
 
 Strategy = Literal["joint", "sequential"]
 Constraints = Literal["push-model", "paper"]
 PaperDrift = Literal["paper", "lateral-plane"]
 STRATEGIES: tuple[Strategy, ...] = get_args(Strategy)
-_SHORT = reprlib.Repr()
-_SHORT.maxother = 60  # letters of a value in an error's message
 
 
 def _fits(value: object, hint: Any) -> bool:
@@ -89,7 +86,7 @@ _hints = functools.cache(get_type_hints)
 
 def _need(options: object, prefix: str, ok: bool, name: str, wanted: str) -> None:
     if not ok:
-        value = _SHORT.repr(getattr(options, name)).strip("'")
+        value = short(getattr(options, name)).strip("'")
         raise InvalidRequestError(f"{prefix}{name} is {value}; it must be {wanted}")
 
 

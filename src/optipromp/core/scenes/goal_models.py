@@ -6,15 +6,8 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from optipromp.core.scenes.models import (
-    Model,
-    Number,
-    Positive,
-    Quaternion,
-    Vector,
-    refuse,
-    short,
-)
+from optipromp.core.scenes.models import Model, Number, Positive, Quaternion, Vector, refuse
+from optipromp.core.shown import short
 
 
 def _free(given: Any) -> Any:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import reprlib
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from optipromp.core.scenes.values import suggest
-from optipromp.core.shown import LONGEST_NAME, printable
+from optipromp.core.shown import LONGEST_NAME, printable, short
 
 
 def refuse(what: str) -> PydanticCustomError:
@@ -22,9 +21,6 @@ def _printable(text: str) -> str:
         raise refuse(f"is '{printable(text)[:60]}': must hold no control characters")
     return text
 
-
-_SHORT = reprlib.Repr()
-_SHORT.maxstring = _SHORT.maxother = 60
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0.0)]
@@ -59,8 +55,3 @@ class Model(BaseModel):
             if key not in cls.model_fields:
                 raise refuse(f"unknown key {key!r}: {suggest(key, cls.model_fields)}")
         return data
-
-
-def short(value: object) -> str:
-    """A value in at most some 60 letters."""
-    return _SHORT.repr(value)

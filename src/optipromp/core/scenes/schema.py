@@ -33,10 +33,10 @@ from optipromp.core.scenes.models import (
     Text,
     Vector,
     refuse,
-    short,
 )
 from optipromp.core.scenes.objects import Role
 from optipromp.core.scenes.values import suggest
+from optipromp.core.shown import short
 
 Frame = Literal["world", "base", "camera"]
 
