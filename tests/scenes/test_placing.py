@@ -1,6 +1,7 @@
 """Scenes placed in the reach of other robots than the one that they are stated for."""
 
 import importlib.util
+import re
 import sys
 from importlib.resources import files
 from pathlib import Path
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.planning import plan
 from optipromp.core.planning.options import Optimised
 from optipromp.core.planning.task import resolve
@@ -228,3 +229,12 @@ def _of_the_study(folder: Path, name: str) -> Path:
     sys.modules[spec.name] = module  # its data classes look themselves up
     spec.loader.exec_module(module)
     return Path(module.arms(folder)[name])
+
+
+def test_a_plan_tells_of_a_path_of_less_harm_that_its_arm_cannot_follow() -> None:
+    told = re.compile(r"harm ([0-9.]+), allowed .*; note: a path of harm ([0-9.]+) is out of the ")
+    refused = plan(generate("cluster", 60010, "scara"))
+    assert refused.status is Code.HARM_PREDICTED
+    found = told.search(refused.message)
+    assert found is not None, refused.message
+    assert float(found[1]) > float(found[2])

@@ -63,6 +63,7 @@ def pick(
     solver = Solver(task, options, budget, task.push_model(goals[0]))
     best: Followed | None = None
     refused: list[ToolPath] = []
+    beyond = task.beyond
     tries, most = 0, PICK.few_tries if harmless_only else PICK.tries
 
     def serves(good: float) -> bool:
@@ -74,6 +75,7 @@ def pick(
             continue
         attempt = follow_path(solver, path, promp, goals, rng)
         if attempt is None:
+            beyond = min(beyond, path.harm if solver.searched else np.inf)
             continue
         tries += 1
         followed = scored(solver, attempt, good)
@@ -87,14 +89,14 @@ def pick(
         attempt = best.attempt
         attempt = replace(attempt, judgement=passed_over(attempt.judgement, solver.without_margin))
         push = None if best.push is None else prediction(*best.push, best.harm)
-        return outcome(attempt, push, clock() - began)
+        return replace(outcome(attempt, push, clock() - began), beyond=beyond)
     if refused:
         least_harm = min(refused, key=lambda path: path.harm)
-        return Harmful(replace(task, only=least_harm, sparing=False))
+        return Harmful(replace(task, only=least_harm, sparing=False, beyond=beyond))
     free = ways.free_starts(solver.cleared, options, promp, goals, rng, budget)
     only = first_valid(solver, kept.starts(solver.cleared, chain(rest(task, options), free)))
     assert only is not None  # there is at least one goal configuration
-    return outcome(only, None, clock() - began)
+    return replace(outcome(only, None, clock() - began), beyond=beyond)
 
 
 def tool_paths(

@@ -329,6 +329,9 @@ def _status(found: Verdict, outcome: Planned, idle: bool, budget: Budget) -> tup
     if budget.cut and wrong:
         return Code.TIMEOUT, f"{budget.ending}; the best so far: {wrong}{note}"
     message, comma, notes = found.message.partition("; note: ")
+    push = found.prediction
+    if push is not None and push.harmful and push.harm > outcome.beyond:
+        notes += f"; note: a path of harm {outcome.beyond:.2f} is out of the arm's reach"
     return found.status, message + note + comma + notes + _cut(budget)
 
 

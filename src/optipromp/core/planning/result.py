@@ -69,6 +69,7 @@ class Planned:
         via: points of the tool that the primitive was conditioned on, the target last.
         paper: settings of the reported functionals; None: those of the request.
         authors: whether the functionals are reported in the forms of the authors' sequential runs.
+        beyond: the least harm of the tool paths out of the arm's reach.
     """
 
     trajectory: Trajectory
@@ -83,6 +84,7 @@ class Planned:
     via: tuple[ViaPoint, ...] = ()
     paper: PaperOptions | None = None
     authors: bool = False
+    beyond: float = math.inf
 
     @property
     def begin(self) -> Trajectory:

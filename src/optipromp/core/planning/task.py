@@ -62,6 +62,7 @@ class Task:
         demonstrations: of the request: a ProMP, or a file to learn one from; None: the robot's own.
         only: the tool path to follow; None: a search finds the paths.
         sparing: whether the planner may answer :class:`Harmful` instead of following a path.
+        beyond: the least harm of the tool paths out of the arm's reach.
         back: the push model of a retreat, for its whole motion; None: the task is none.
         begun: whether ``state`` replaces the scene's start: the tool may be among fruits already.
     """
@@ -83,6 +84,7 @@ class Task:
     seed: int = 0
     demonstrations: ProMP | str | Path | None = None
     only: ToolPath | None = None
+    beyond: float = np.inf
     back: PushModel | None = None
     sparing: bool = False
 
