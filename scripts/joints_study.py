@@ -318,8 +318,9 @@ def table(rows: list[JointsRow]) -> str:
                 continue
             alone = sum(x and not y for x, y in pairs), sum(y and not x for x, y in pairs)
             p = paired(pairs)
+            told = "< 0.001" if p < 0.001 else f"{p:.3f}"
             lines.append(
-                f"| {neck or 'short'} | {cell} | {a}, {b} | {alone[0]}, {alone[1]} | {p:.3f} |"
+                f"| {neck or 'short'} | {cell} | {a}, {b} | {alone[0]}, {alone[1]} | {told} |"
             )
     return "\n".join(lines)
 
