@@ -1,12 +1,11 @@
 """Learnt entries: what they see is a set, and how they are trained."""
 
 import csv
-import importlib.util
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
+from tests.loaded import script
 
 from optipromp.bench.entries.learnt import objects_in, proposals, told
 from optipromp.bench.primitive import COUNT
@@ -15,16 +14,6 @@ from optipromp.bench.sets import scene_of
 from optipromp.core.arrays import FloatArray
 
 pytest.importorskip("onnxruntime")
-
-
-def trainer() -> ModuleType:
-    file = Path(__file__).parents[2] / "scripts/train_policies.py"
-    spec = importlib.util.spec_from_file_location("train_policies", file)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.mark.parametrize("name", ["set.onnx", "sac.onnx"])
@@ -50,7 +39,7 @@ def test_a_turned_scene_has_turned_weights() -> None:
     objects = np.zeros((3, MOST, WIDTH), dtype=np.float32)
     objects[:, :4] = rng.normal(size=(3, 4, WIDTH))
     weights = rng.normal(size=(3, 2, COUNT))
-    out, turned = trainer().turned(objects, rng, np.swapaxes(weights, 1, 2))
+    out, turned = script("train_policies").turned(objects, rng, np.swapaxes(weights, 1, 2))
     turned = np.swapaxes(turned, 1, 2)
 
     def lengths(rows: FloatArray, first: int) -> FloatArray:
@@ -68,7 +57,7 @@ def test_a_network_is_trained_on_plans(tmp_path: Path) -> None:
     pytest.importorskip("torch")
     pytest.importorskip("onnx")
     runtime = pytest.importorskip("onnxruntime")
-    train = trainer()
+    train = script("train_policies")
     train.plans(tmp_path, range(299_000, 299_004), ("cluster", "tight", "field", "wild"))
     assert np.load(tmp_path / "plans-299000.npz")["weights"].shape[1:] == (2, COUNT)
     rng = np.random.default_rng(0)  # the path goes round the first of three fruits
@@ -94,7 +83,7 @@ def test_sac_learns_without_a_plan(tmp_path: Path) -> None:
     pytest.importorskip("stable_baselines3")
     pytest.importorskip("onnx")
     runtime = pytest.importorskip("onnxruntime")
-    trainer().sac(tmp_path / "sac.onnx", minutes=0.05, presets=("cluster",))
+    script("train_policies").sac(tmp_path / "sac.onnx", minutes=0.05, presets=("cluster",))
     with (tmp_path / "sac.csv").open() as stream:
         (row,) = csv.DictReader(stream)
     assert int(row["samples"]) > 0

@@ -1,14 +1,13 @@
 """Scenes placed in the reach of other robots than the one that they are stated for."""
 
-import importlib.util
 import re
-import sys
 from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from tests.loaded import script
 
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.planning import plan
@@ -223,12 +222,7 @@ def test_a_neck_is_as_long_as_asked_for(tmp_path) -> None:
 
 def _of_the_study(folder: Path, name: str) -> Path:
     """An arm of the study of joints as a file."""
-    file = Path(__file__).parents[2] / "scripts/joints_study.py"
-    spec = importlib.util.spec_from_file_location("joints_study", file)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # its data classes look themselves up
-    spec.loader.exec_module(module)
-    return Path(module.arms(folder)[name])
+    return Path(script("joints_study").arms(folder)[name])
 
 
 def test_a_plan_tells_of_a_path_of_less_harm_that_its_arm_cannot_follow() -> None:
