@@ -141,6 +141,15 @@ def test_ctrl_c_ends_with_130_wherever_it_comes(act: str, tmp_path: Path) -> Non
     assert done.stdout == ("whole\n" if "half" in act else "")
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="a shell of POSIX")
+def test_a_signal_that_is_ignored_stays_ignored(tmp_path: Path) -> None:
+    act = "os.kill(os.getpid(), signal.SIGINT); raise SystemExit(0)"
+    (tmp_path / "ignored.py").write_text(INTERRUPTED.format(folder=str(tmp_path), act=act))
+    command = f"trap '' INT; {sys.executable} {tmp_path / 'ignored.py'}"
+    done = subprocess.run(command, shell=True, timeout=20, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_a_full_disk_behind_standard_output_is_told_in_a_line() -> None:
     with Path("/dev/full").open("w") as full:

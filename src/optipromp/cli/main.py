@@ -185,7 +185,8 @@ def main() -> None:
         sys.stderr.write(f"error {error.code}: {error}\n")
         raise SystemExit(2) from None
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, _Signals.raise_in_main)
+        if signal.getsignal(number) != signal.SIG_IGN:  # as shells do for what runs behind
+            signal.signal(number, _Signals.raise_in_main)
     sys.unraisablehook = _keep
     try:
         _run()
