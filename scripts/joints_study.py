@@ -32,7 +32,7 @@ import numpy as np
 import yaml
 
 from optipromp.bench.sets import SceneSet
-from optipromp.bench.table import paired
+from optipromp.bench.table import paired, told_p
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.planning import plan
 from optipromp.core.processes import cores, run_each
@@ -317,10 +317,9 @@ def table(rows: list[JointsRow]) -> str:
             if not pairs:
                 continue
             alone = sum(x and not y for x, y in pairs), sum(y and not x for x, y in pairs)
-            p = paired(pairs)
-            told = "< 0.001" if p < 0.001 else f"{p:.3f}"
+            p = told_p(paired(pairs))
             lines.append(
-                f"| {neck or 'short'} | {cell} | {a}, {b} | {alone[0]}, {alone[1]} | {told} |"
+                f"| {neck or 'short'} | {cell} | {a}, {b} | {alone[0]}, {alone[1]} | {p} |"
             )
     return "\n".join(lines)
 

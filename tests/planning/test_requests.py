@@ -76,25 +76,21 @@ def test_time_running_out_on_the_way_keeps_to_its_budget(
 ) -> None:
     """A problem without a solution: the target is under a lid, so every start is tried.
 
-    What it takes over its budget is less than a plan that has no time at all takes on the same
-    machine. In the process's own time: what else the machine does counts for nothing.
+    In the process's own time: what else the machine does counts for nothing.
     """
     monkeypatch.setattr(time, "perf_counter", time.process_time)
     lid = block("static", Box((0.3, 0.3, 0.05)), [0.45, 0.0, 0.93], "lid")
     scene = replace(three, objects=(*three.objects, lid))
-
-    def taken(timeout: float) -> float:
+    plan(scene, strategy=strategy, options=PlanOptions(timeout=1e-6))  # makes the robot
+    options = PlanOptions(timeout=0.3, waypoints=waypoints)
+    took = []
+    while len(took) < 3 and min(took, default=1.0) > 0.33:  # what disturbs it only adds
         began = time.perf_counter()
-        options = PlanOptions(timeout=timeout, waypoints=waypoints)
         result = plan(scene, strategy=strategy, options=options)
+        took.append(time.perf_counter() - began)
         assert not result.success
         assert result.status in (Code.TIMEOUT, Code.GOAL_IN_COLLISION)
-        return time.perf_counter() - began
-
-    taken(1e-6)  # makes the robot
-    at_once = min(taken(1e-6) for _ in range(3))  # what disturbs it only adds
-    over = min(taken(0.3) - 0.3 for _ in range(3))
-    assert over < at_once
+    assert min(took) <= 0.33
 
 
 def crowd(count: int, role: Any) -> tuple[SceneObject, ...]:

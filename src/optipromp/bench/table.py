@@ -172,7 +172,7 @@ def markdown(board: Leaderboard) -> str:
         cells = " | ".join(
             f"**{_share(s.clean, s.runs)}** ({100 * s.low:.0f}–{100 * s.high:.0f}) | "
             f"{_share(s.harmed, s.runs)} | {_share(s.missed, s.runs)} | "
-            f"{_share(s.refused + s.errors, s.runs)} | {_p(s.p)}"
+            f"{_share(s.refused + s.errors, s.runs)} | {told_p(s.p)}"
             for s in all_
         )
         score = min(s.score for s in all_)
@@ -196,7 +196,8 @@ def _share(count: int, runs: int) -> str:
     return f"{100 * count / max(runs, 1):.1f}"
 
 
-def _p(value: float | None) -> str:
+def told_p(value: float | None) -> str:
+    """A p of a paired test in words."""
     return "–" if value is None else "< 0.001" if value < 0.001 else f"{value:.3f}"
 
 

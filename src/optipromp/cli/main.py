@@ -135,7 +135,7 @@ def _imports(frame: FrameType | None) -> bool:
     return frame is not None
 
 
-def _keep(lost: "sys.UnraisableHookArgs") -> None:
+def _send_again(lost: "sys.UnraisableHookArgs") -> None:
     """Send a signal again whose exception was lost: callbacks from C (LLVM's) raise none."""
     number = {SystemExit: signal.SIGTERM, _Interrupted: signal.SIGINT}.get(lost.exc_type)
     if number is None:
@@ -187,7 +187,7 @@ def main() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) != signal.SIG_IGN:  # as shells do for what runs behind
             signal.signal(number, _Signals.raise_in_main)
-    sys.unraisablehook = _keep
+    sys.unraisablehook = _send_again
     try:
         _run()
     except BaseException as error:
