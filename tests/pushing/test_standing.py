@@ -10,8 +10,7 @@ import pytest
 from optipromp.core.budget import Budget, clock
 from optipromp.core.geometry.shapes import Box, Cylinder
 from optipromp.core.pushing.candidates import Round
-from optipromp.core.pushing.packs.paths import PathsBetween
-from optipromp.core.pushing.packs.standing import STANDING, Standing, applies, plane
+from optipromp.core.pushing.packs.standing import STANDING, PathsBetween, Standing, applies, plane
 from optipromp.core.pushing.path import ToolPath, through, turning
 from optipromp.core.pushing.searching import search
 from optipromp.core.robots.tools import Cup, FrankaHand
