@@ -14,8 +14,6 @@ package is fast.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from optipromp._moved import keep_former_paths
-
 if TYPE_CHECKING:
     from optipromp.core.errors import Code as Code
     from optipromp.core.errors import OptiPrompError as OptiPrompError
@@ -98,9 +96,6 @@ _HOMES = {
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = ["__version__", *sorted(_HOME_OF)]
-
-
-keep_former_paths()
 
 
 def __getattr__(name: str) -> Any:
