@@ -91,7 +91,8 @@ def test_a_pack_that_is_pressed_against_a_wall_is_named() -> None:
 
 def test_a_hand_that_comes_too_near_to_a_wall_is_told() -> None:
     model = Standing(shelf(pack((0.0, -0.2))), HAND)
-    way = led((-0.26, 0.0), (-0.2, 0.19), (-0.1, 0.19), (-0.1, 0.0), (0.0, 0.0))
+    side = 0.30 - max(part[:, 1].max() for part in HAND.outline()) - 0.008  # the wall is at 0.30
+    way = led((-0.26, 0.0), (-0.2, side), (-0.09, side), (-0.09, 0.0), (0.0, 0.0))
     assert model.predict(*judged(way)).harm > model.good
     model._places[:, 0] = 0.0  # the target is known exactly
     assert model.predict(*judged(way)).object == ""
@@ -182,13 +183,13 @@ def test_a_pack_on_the_line_goes_aside_and_the_target_stays() -> None:
     np.testing.assert_allclose(best.points[off, 2], low, atol=1e-9)
 
 
-@pytest.mark.parametrize("seed", [1, 3])
-def test_generated_shelves(seed: int) -> None:
+@pytest.mark.parametrize(("seed", "most"), [(1, 1.6), (3, 3.1)])
+def test_generated_shelves(seed: int, most: float) -> None:
     scene = generate("shelf", seed)
     assert applies(scene, HAND)
     model = Standing(scene, HAND)
     path, _ = next(search(model, partial(turning, scene.frame[2], None), np.random.default_rng(0)))
-    assert path.harm < 3.0
+    assert path.harm < most
 
 
 def test_late_there_is_a_path_and_little_is_tried_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
