@@ -63,8 +63,8 @@ class Metrics:
         passage: by pushable, the offsets along x_g and y_g at which the tool passes [m]; the second
             is M_p.
         stem_projection: by pushable, y_g·S_n of its stem [m].
-        drift_shortfall: by pushable, lack of the gripper's radius as the tool passes on the side
-            away from the stem (constraint 1) [m].
+        drift_shortfall: by pushable, what constraint 1 lacks from t_1 on: the scene's
+            ``drift_offset``, else the gripper's radius, less the least s_n·y_g·(fk − X_n) [m].
         stem_gap: by pushable, smallest distance between the segment from tool to fruit and the
             stem's line (constraint 2) [m].
         clearance_static: smallest distance of a body sphere to a static object [m].
@@ -238,7 +238,7 @@ def paper_violations(scene: Scene, metrics: Metrics, tolerance: float = 1e-4) ->
     for item in scene.pushables:
         short, gap = metrics.drift_shortfall[item.id], metrics.stem_gap[item.id]
         if short is not None and short > tolerance:
-            near = f"{short * 1e3:.1f} mm nearer than the gripper's radius"
+            near = f"{short * 1e3:.1f} mm nearer than constraint 1 asks for"
             text = f"the tool passes {item.id} {near}"
             out.append(Violation("drift", text, item.id, None, short, "m"))
         if item.stem is not None and gap is not None and gap < item.stem.radius:
