@@ -8,13 +8,13 @@ The verbs are :func:`plan`, :func:`plan_many`, :func:`plan_sequence`, :func:`jud
 :func:`simulate` (which needs the extra ``sim``). Shapes, robots, primitives, pushing and costs are
 in the sub-packages ``geometry``, ``scenes``, ``robots``, ``promp``, ``pushing`` and
 ``optimization.costs``. Each name below is loaded when it is first used, so that importing the
-package is fast.
+package is fast. Gymnasium knows ``optipromp/Pick-v0`` and ``optipromp/PickProMP-v0`` then.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from optipromp._moved import keep_former_paths
+from optipromp._moved import hook_imports
 
 if TYPE_CHECKING:
     from optipromp.core.errors import Code as Code
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from optipromp.core.planning.plan import plan as plan
     from optipromp.core.planning.sequence import PickSequence as PickSequence
     from optipromp.core.planning.sequence import plan_sequence as plan_sequence
+    from optipromp.core.planning.task import robot_of as robot_of
     from optipromp.core.promp import Basis as Basis
     from optipromp.core.promp import JointPoint as JointPoint
     from optipromp.core.promp import ProMP as ProMP
@@ -77,6 +78,7 @@ _HOMES = {
         "plan_pick",
         "plan_sequence",
     ),
+    "core.planning.task": ("robot_of",),
     "core.promp": (
         "Basis",
         "JointPoint",
@@ -100,7 +102,7 @@ _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 __all__ = ["__version__", *sorted(_HOME_OF)]
 
 
-keep_former_paths()
+hook_imports()
 
 
 def __getattr__(name: str) -> Any:

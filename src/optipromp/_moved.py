@@ -1,12 +1,18 @@
-"""The paths that modules had before the rings: kept for one release, with a warning."""
+"""Hooks of imports: former paths of modules, and the environments for Gymnasium.
+
+The paths that modules had before the rings are kept for one release, with a warning. Gymnasium asks
+no entry points, and to import it takes several times as long as to import this package. So the
+environments are registered as soon as somebody else loads its registry.
+"""
 
 import sys
 import warnings
 from collections.abc import Sequence
 from importlib import import_module
 from importlib.abc import Loader, MetaPathFinder
-from importlib.machinery import ModuleSpec
+from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
+from typing import Any
 
 _CORE = (
     "arrays", "budget", "compiled", "documents", "errors", "execution", "files", "geometry",
@@ -33,6 +39,7 @@ MOVED = {
     **{f"optipromp.{room}": f"optipromp.core.{room}" for room in _CORE},
 }
 """The present path of each room by its former path."""
+REGISTRY = "gymnasium.envs.registration"
 
 
 class _Alias(Loader):
@@ -53,11 +60,13 @@ class _Alias(Loader):
 
 
 class _Finder(MetaPathFinder):
-    """Finds modules by their former paths."""
+    """Finds modules by their former paths, and the registry of Gymnasium."""
 
     def find_spec(
         self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
+        if name == REGISTRY:
+            return _registering(PathFinder.find_spec(name, path))
         if not name.startswith("optipromp."):
             return None
         former = next((room for room in MOVED if name == room or name.startswith(f"{room}.")), None)
@@ -67,7 +76,21 @@ class _Finder(MetaPathFinder):
         return ModuleSpec(name, _Alias(present), is_package=name in MOVED)
 
 
-def keep_former_paths() -> None:
-    """Let Python find modules by their former paths."""
+def _registering(spec: ModuleSpec | None) -> ModuleSpec | None:
+    if spec is not None and spec.loader is not None:
+        execute = spec.loader.exec_module
+        spec.loader.exec_module = lambda module: (execute(module), _register(module))  # type: ignore
+    return spec
+
+
+def _register(registry: Any) -> None:
+    for name, kind in (("Pick-v0", "PickEnv"), ("PickProMP-v0", "PickProMPEnv")):
+        registry.register(f"optipromp/{name}", entry_point=f"optipromp.bench.env:{kind}")
+
+
+def hook_imports() -> None:
+    """Let Python find modules by their former paths, and Gymnasium the environments."""
     if not any(type(finder).__name__ == _Finder.__name__ for finder in sys.meta_path):
         sys.meta_path.insert(0, _Finder())  # before a room's own folder is searched
+        if REGISTRY in sys.modules:
+            _register(sys.modules[REGISTRY])

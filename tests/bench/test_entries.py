@@ -5,12 +5,12 @@ import pytest
 
 from optipromp import Plan, Trajectory
 from optipromp.bench.entries import ENTRIES
-from optipromp.bench.entries.motions import NEAR, gentle
 from optipromp.bench.sets import scene_of
 from optipromp.bench.tracks import against, check_entry, loaded
 from optipromp.core.arrays import lengths
 from optipromp.core.planning.task import posed
 from optipromp.core.pushing.parameters import PUSH
+from optipromp.timing import NEAR, gentle
 
 PLAN = [name for name, each in ENTRIES.items() if each.track == "plan"]
 

@@ -37,7 +37,7 @@ def test_episodes_are_clean_picks(made: list[EpisodeData]) -> None:
         assert each.seen["arm"].shape[0] == each.seen["objects"].shape[0] == count + 1
         assert each.actions.shape == (count, 3)
         assert np.abs(each.actions).max() <= 1.0
-        assert each.rewards[-1] > 4.0  # that of a clean pick
+        assert 0.8 < each.rewards.sum() < 1.0  # that of a clean pick, less the time
 
 
 def test_minari_reads_and_replays_what_was_written(
