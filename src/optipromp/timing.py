@@ -36,6 +36,7 @@ ROWS = 20, 60, 100
 EACH = 4  # intervals between two waypoints that are tried, too, chosen
 NEAR = 0.12  # [m] of the tool point from a fruit's surface, within which the tool is slow: a choice
 LEAST = 250  # waypoints of a gentle motion, at least: a choice
+RATE = 1000.0  # [Hz] at which the curve through fewer is sampled, to space them evenly: a choice
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +127,10 @@ def gentle(scene: Scene, waypoints: ArrayLike) -> Trajectory:
     robot, q = robot_of(scene), np.asarray(waypoints, dtype=np.float64)
     if len(q) < LEAST:
         limits = robot.velocity, robot.acceleration, robot.jerk
-        way = timed(q, *limits, joint_names=robot.joint_names)
-        q = way.sample(np.linspace(0.0, way.duration, LEAST))[0]
+        rows = timed(q, *limits, joint_names=robot.joint_names).resample(RATE).positions
+        far = np.append(0.0, np.cumsum(lengths(np.diff(rows, axis=0))))
+        even = np.linspace(0.0, far[-1], LEAST)
+        q = np.stack([np.interp(even, far, column) for column in rows.T], axis=1)
     points, _ = robot.tool_pose(q)
     away = np.full(len(q), np.inf)
     for item in scene.objects:

@@ -186,12 +186,19 @@ def test_one_action_is_paid_by_the_score() -> None:
         )
     assert rewards["ours"] >= 1.0 - HARM
     assert rewards["straight"] <= -1.0
-    quick = PickProMPEnv(simulated=False)
-    for action, clean in ((weights, True), (0.0 * weights, False)):
-        quick.reset(seed=0, options=SCENE)
-        _, reward, *_, info = quick.step(action)
-        assert info["is_success"] == clean
-        assert reward >= 1.0 - HARM if clean else reward <= 0.0
+
+
+def test_one_action_is_paid_by_the_push_models_word() -> None:
+    env, told = PickProMPEnv(simulated=False), set()
+    for scene, factor in ((200_001, 1.0), (200_001, 0.0), (200_002, 0.0)):
+        env.reset(seed=0, options={"preset": "limp", "scene": scene})
+        assert env.situation is not None
+        action = factor * weights_of(plan(env.situation.seen)).ravel()
+        _, reward, *_, info = env.step(action)
+        worth = info["is_success"] - (info["cause"] == "HARM_PREDICTED")
+        assert reward == pytest.approx(worth - HARM * min(info["harm"], 1.0))
+        told.add(worth)
+    assert {1, -1} <= told
 
 
 @pytest.mark.parametrize(
