@@ -18,7 +18,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optipromp.core.arrays import FloatArray, lengths
+from optipromp.core.arrays import FloatArray, evenly, lengths
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.fastest import fastest, ramped
 from optipromp.core.planning.parameters import TIMING
@@ -118,7 +118,7 @@ def gentle(scene: Scene, waypoints: ArrayLike) -> Trajectory:
     Args:
         scene: whose robot and tool :func:`optipromp.robot_of` has.
         waypoints: (m, n) of its n joints, m >= 2 [rad or m]. The curve of :func:`timed` joins
-            fewer than 250, and is sampled anew.
+            fewer than 250, and is sampled evenly.
 
     Raises:
         InvalidRequestError: waypoints as for :func:`timed`, or of another number of joints.
@@ -127,10 +127,8 @@ def gentle(scene: Scene, waypoints: ArrayLike) -> Trajectory:
     robot, q = robot_of(scene), np.asarray(waypoints, dtype=np.float64)
     if len(q) < LEAST:
         limits = robot.velocity, robot.acceleration, robot.jerk
-        rows = timed(q, *limits, joint_names=robot.joint_names).resample(RATE).positions
-        far = np.append(0.0, np.cumsum(lengths(np.diff(rows, axis=0))))
-        even = np.linspace(0.0, far[-1], LEAST)
-        q = np.stack([np.interp(even, far, column) for column in rows.T], axis=1)
+        path = timed(q, *limits, joint_names=robot.joint_names)
+        q = evenly(path.resample(RATE).positions, LEAST)
     points, _ = robot.tool_pose(q)
     away = np.full(len(q), np.inf)
     for item in scene.objects:

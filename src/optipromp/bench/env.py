@@ -131,7 +131,7 @@ class _Scenes(gymnasium.Env[Any, Any]):
         if not np.isfinite(asked).all():
             k = int(np.argmin(np.isfinite(asked)))
             raise InvalidRequestError(f"action[{k}] is {asked[k]}; must be finite")
-        return np.clip(asked, -1.0, 1.0)
+        return np.asarray(np.clip(asked, -1.0, 1.0))
 
     def render(self) -> Any:
         """Arm and fruits now, (height, width, 3) of bytes; None without a mode of rendering."""

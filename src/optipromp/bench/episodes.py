@@ -233,9 +233,9 @@ def write_minari(episodes: Sequence[EpisodeData], folder: Path, name: str) -> st
                 author="OptI-ProMP", code_permalink=f"optipromp {source_version()}",
                 description="A cup picks a ripe fruit among unripe ones: the planner of optipromp.",
             )  # fmt: skip
-            for each in root.rglob("namespace_metadata.json"):
-                if not (there := folder / each.relative_to(root)).exists():
-                    write_atomically(there, each.read_bytes())
+            for file in root.rglob("namespace_metadata.json"):
+                if not (there := folder / file.relative_to(root)).exists():
+                    write_atomically(there, file.read_bytes())
     finally:
         os.environ.pop("MINARI_DATASETS_PATH", None)
         if before is not None:
@@ -292,17 +292,12 @@ def write_lerobot(episodes: Sequence[EpisodeData], folder: Path) -> None:
     index = {  # LeRobot reads the file by pandas, and looks tasks up by the index
         "index_columns": ["task"], "column_indexes": [], "pandas_version": "2.0.0",
         "columns": [
-            {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": own,
-             "metadata": None}
-            for name, kind, own in (
-                ("task_index", "int64", "int64"), ("task", "unicode", "object")
-            )
+            {"name": n, "field_name": n, "pandas_type": kind, "numpy_type": own, "metadata": None}
+            for n, kind, own in (("task_index", "int64", "int64"), ("task", "unicode", "object"))
         ],
     }  # fmt: skip
-    _parquet(
-        folder / "meta/tasks.parquet",
-        named.replace_schema_metadata({"pandas": json.dumps(index)}),
-    )
+    named = named.replace_schema_metadata({"pandas": json.dumps(index)})
+    _parquet(folder / "meta/tasks.parquet", named)
     features = {name: _feature(name, value) for name, value in whole.items()}
     stats = {name: _stats(value) for name, value in whole.items()}
     write_atomically(folder / "meta/stats.json", json_text(stats).encode())
@@ -357,12 +352,12 @@ def _feature(name: str, value: AnyArray) -> dict[str, Any]:
 
 def _stats(value: AnyArray) -> dict[str, Any]:
     """Least, largest, mean, deviation and count; of pictures by channel, as shares of 255."""
-    rows, shape = value.astype(np.float64).reshape(len(value), -1), (-1,)
-    if value.ndim == 4:
-        rows, shape = rows.reshape(-1, value.shape[-1]) / 255.0, (-1, 1, 1)
+    rows, picture = value.astype(np.float64).reshape(len(value), -1), value.ndim == 4
+    if picture:
+        rows = rows.reshape(-1, value.shape[-1]) / 255.0
     moments = {
         "min": rows.min(axis=0), "max": rows.max(axis=0), "mean": rows.mean(axis=0),
         "std": rows.std(axis=0),
     }  # fmt: skip
-    told = {name: each.reshape(shape).tolist() for name, each in moments.items()}
+    told = {k: (v.reshape(-1, 1, 1) if picture else v).tolist() for k, v in moments.items()}
     return {**told, "count": [len(value)]}

@@ -173,7 +173,7 @@ def moved_when_whole(folder: Path, name: str) -> Iterator[Path]:
     """A new folder, whose entry ``name`` is moved into ``folder`` if nothing is raised.
 
     Raises:
-        InvalidRequestError: an OSError or ValueError, also of the caller: nothing is left there.
+        InvalidRequestError: for an OSError or ValueError, the caller's too; nothing is left.
     """
     with _writing(folder / name), _aside(folder, "new") as temporary:
         temporary.mkdir()

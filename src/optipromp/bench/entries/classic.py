@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from optipromp.bench.entries.motions import Pathed, gentle_plan
-from optipromp.core.arrays import FloatArray, lengths
+from optipromp.core.arrays import FloatArray, evenly
 from optipromp.core.budget import Budget
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.optimization import covariant
@@ -127,12 +127,7 @@ class Rrt:
             InvalidRequestError: OMPL is not installed.
         """
         corners = _grown(resolve(scene), self.fruits, seed)
-        if corners is None:
-            return None
-        far = np.append(0.0, np.cumsum(lengths(np.diff(corners, axis=0))))
-        tau = np.linspace(0.0, far[-1], LEAST)
-        q = np.stack([np.interp(tau, far, column) for column in corners.T], axis=1)
-        return gentle(scene, q)
+        return None if corners is None else gentle(scene, evenly(corners, LEAST))
 
 
 class RrtObstacles(Rrt):
