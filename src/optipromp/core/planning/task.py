@@ -183,20 +183,15 @@ def laden(robot: Robot, attached: Sequence[Attached]) -> Robot:
     return with_tool(robot, Laden(robot.tool, loads))
 
 
-def posed(
-    scene: Scene, robot: Robot | None = None, state: State | None = None
-) -> tuple[Robot, State]:
-    """The scene's robot with its tool, and the state of the arm at the start.
+def robot_of(scene: Scene, robot: Robot | None = None) -> Robot:
+    """The scene's robot with the scene's tool, and with what the tool holds.
 
-    Args:
-        scene: with a robot, a tool and a start.
-        robot: with its tool, in place of the scene's robot and tool. It is given what is attached.
-        state: of the arm, in place of the scene's start.
+    All of a scene stands in this robot's base frame. ``scene.load_robot()`` is without the tool.
+    ``robot`` has its own tool, and stands in the place of the scene's robot and tool.
 
     Raises:
         InvalidRobotError: a robot that cannot be loaded.
         InvalidSceneError: a tool of an unknown kind.
-        StartInvalidError: wrong joint count, or outside the joint limits.
         InvalidRequestError: a tool that cannot be made or mounted.
     """
     spec = None
@@ -211,6 +206,21 @@ def posed(
     attached = tuple(item for item in scene.attached if item.id not in held)
     if spec or attached or scene.may_touch:
         robot = _equip(robot, spec, attached, scene.may_touch)
+    return robot
+
+
+def posed(
+    scene: Scene, robot: Robot | None = None, state: State | None = None
+) -> tuple[Robot, State]:
+    """The robot of :func:`robot_of`, and the state of the arm at the start.
+
+    ``state`` is of the arm, in place of the scene's start.
+
+    Raises:
+        StartInvalidError: wrong joint count, or outside the joint limits.
+        OptiPrompError: what :func:`robot_of` raises.
+    """
+    robot = robot_of(scene, robot)
     if state is None:
         links = robot.link_names
         if scene.place is not None and scene.target is not None:

@@ -228,7 +228,7 @@ class Scene(Shown):
         return f"{self.name}: {self.robot}; {objects or 'no objects'}"
 
     def load_robot(self) -> Robot:
-        """The robot without a tool. Raises InvalidRobotError if it cannot be loaded."""
+        """The robot without its tool (``optipromp.robot_of`` has it); raises InvalidRobotError."""
         return load_arm(self.robot, self.base_dir, self.choice)[0]
 
     @cached_property
