@@ -10,6 +10,7 @@ from optipromp.core.judging.ends import AXIS_TOLERANCE as AXIS_TOLERANCE
 from optipromp.core.judging.ends import GOAL_TOLERANCE as GOAL_TOLERANCE
 from optipromp.core.judging.entered import struck as struck
 from optipromp.core.judging.entered import touching as touching
+from optipromp.core.judging.keeping import left_path as left_path
 from optipromp.core.judging.kinematics import centers as centers
 from optipromp.core.judging.kinematics import refined as refined
 from optipromp.core.judging.near import nearest_static as nearest_static

@@ -5,15 +5,13 @@ import math
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.judging.ends import BORDER, tool_frames
+from optipromp.core.judging.ends import BORDER, tool_poses
 from optipromp.core.judging.violation import Violation
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
 
 
-def left_path(
-    scene: Scene, robot: Robot, times: FloatArray, q: FloatArray, points: FloatArray
-) -> list[Violation]:
+def left_path(scene: Scene, robot: Robot, times: FloatArray, q: FloatArray) -> list[Violation]:
     """Violations of the path's constraints, each at its largest amount.
 
     Args:
@@ -21,14 +19,14 @@ def left_path(
         robot: with the scene's tool.
         times: (M,) of the checks [s].
         q: (M, n) configurations at the checks.
-        points: (M, 3) tool points at the checks [m].
     """
     out: list[Violation] = []
     if scene.path is None:
         return out
     upright, plane = scene.path.upright, scene.path.plane
+    points, frames = tool_poses(robot, q)
     if upright is not None:
-        axes = tool_frames(robot, q) @ upright.axis
+        axes = frames @ upright.axis
         across = np.linalg.norm(np.cross(axes, upright.direction), axis=1)
         off = np.arctan2(across, axes @ upright.direction)
         worst = int(np.argmax(off))

@@ -1,11 +1,14 @@
-"""Roots that move: the carriages that the stems hang on are driven along their motion."""
+"""Roots that move: the carriages that the stems hang on are driven along their motion.
+
+A root moves by the scene's motion of its fruit, and by the sway and the jump of a plant.
+"""
 
 from typing import Any
 
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
-from optipromp.laboratory.simulation.disturbances import CARRIAGE_MASS, RootMotion
+from optipromp.laboratory.simulation.disturbances import CARRIAGE_MASS
 from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.world import World
 
@@ -20,12 +23,11 @@ class Carriages:
 
     Args:
         world: whose roots move.
-        motion: of its roots.
         data: at the beginning; roots and fruits are displaced and given their velocities.
     """
 
-    def __init__(self, world: World, motion: RootMotion, data: Any) -> None:
-        self._motion, self._step = motion, float(world.model.opt.timestep)
+    def __init__(self, world: World, data: Any) -> None:
+        self._world, self._step = world, float(world.model.opt.timestep)
         self._at = np.array([root.position for root in world.roots])[:, None] + np.arange(3)
         self._dofs = np.array([root.spin for root in world.roots])[:, None] + np.arange(3)
         self._hold = -np.asarray(world.model.opt.gravity)
@@ -40,7 +42,13 @@ class Carriages:
         engine().mj_forward(world.model, data)
 
     def _place(self, step: int) -> FloatArray:
-        return self._motion.position(step * self._step)
+        time, motion = step * self._step, self._world.motion
+        courses = [root.course for root in self._world.roots]
+        out = np.zeros((len(courses), 3)) if motion is None else motion.position(time)
+        for k, course in enumerate(courses):
+            if course is not None:
+                out[k] += course.at(np.array([time - self._world.parameters.engine.settle]))[0]
+        return out
 
     def _velocity(self) -> FloatArray:
         out: FloatArray = (self._places[1] - self._places[0]) / self._step

@@ -30,6 +30,8 @@ def apart(scene: Scene) -> tuple[Scene, dict[str, float]]:
             points = np.array(item.stem.points)
             points[0] += by[item.id]
             stem = replace(item.stem, points=points)
-            item = replace(item, position=item.position + by[item.id], stem=stem)
+            motion = item.motion and item.motion.shifted(by[item.id])
+            position = item.position + by[item.id]
+            item = replace(item, position=position, stem=stem, motion=motion)
         objects.append(item)
     return replace(scene, objects=rooted(objects)), far

@@ -33,12 +33,12 @@ class Execution:
         self.mujoco = engine()
         self.model, self.data = world.model, world.data(motion.positions[0])
         p = world.parameters
-        moved = world.motion
-        self.carriages = None if moved is None else Carriages(world, moved, self.data)
+        self.carriages = Carriages(world, self.data) if world.roots else None
+        soft = ("static", "avoid") if p.thing.avoid_as == "soft" else ("static",)
         self.movers = [
-            (int(self.model.body(f"static:{item.id}").mocapid[0]), item.motion)
-            for item in world.scene.objects
-            if item.motion is not None
+            (int(self.model.body(f"{item.role}:{item.id}").mocapid[0]), course)
+            for item, course in world.scene.movers
+            if item.role in soft
         ]
         self.log = ContactLog(world, p.thresholds.stem_force)
         self.stems = StemWatch(world)
@@ -116,7 +116,8 @@ class Execution:
         if self.carriages is not None:
             self.carriages.drive(self.data, self.steps)
         for body, motion in self.movers:
-            at = motion.at(np.array([0.0, self.steps * self.step]))
+            now = self.steps * self.step - self.world.parameters.engine.settle
+            at = motion.at(np.array([0.0, now]))
             self.data.mocap_pos[body] = at[1] - at[0]
         self.mujoco.mj_step1(self.model, self.data)
         if self.steps % self.tick == 0:
