@@ -15,6 +15,7 @@ from optipromp.core.scenes.motion import ObjectMotion
 from optipromp.core.scenes.scene import JointGoal
 from optipromp.core.trajectory import Trajectory
 
+
 @pytest.fixture(scope="module")
 def swing(panda: Robot) -> Trajectory:
     """The first joint turns by 1.2 rad within 20 s."""

@@ -5,6 +5,7 @@ fruits. Both look at the trajectory from its first instant to its last. Planning
 and reporting all call :func:`verdict`, or its parts :func:`judged` and :func:`predicted`.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,7 +21,7 @@ from optipromp.core.planning.options import PlanOptions
 from optipromp.core.planning.result import Plan
 from optipromp.core.planning.task import MOST_POINTS, Task, as_of, passages, resolve, spaced
 from optipromp.core.pushing.model import Prediction, PushModel
-from optipromp.core.pushing.path import along
+from optipromp.core.pushing.path import STEP, along
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene
@@ -187,7 +188,13 @@ def led(task: Task, model: PushModel, trajectory: Trajectory) -> PushMotion:
 
     def moved(rows: slice, struck: Overlap | None = None) -> PushMotion:
         way, turned = spaced(points[rows], axes[rows])
-        at = along(points[rows], times[rows, None], len(way))[:, 0] if task.courses else times
+        if not task.courses:
+            return PushMotion(way, turned, struck, {})
+        at = along(points[rows], times[rows, None], len(way))[:, 0]
+        far = at[0] * max(course.fastest for course in task.courses.values())
+        before = math.ceil(far / STEP)  # points at which the tool waits: roots drift from time 0 on
+        at = np.append(np.linspace(0.0, at[0], before, endpoint=False), at)
+        way, turned = (np.vstack([np.tile(x[0], (before, 1)), x]) for x in (way, turned))
         drift = {name: course.at(at) for name, course in task.courses.items()}
         return PushMotion(way, turned, struck, drift)
 

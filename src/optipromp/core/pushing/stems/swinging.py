@@ -97,7 +97,7 @@ def push(
             continue
         q = max(p - 1, 0)
         x, y, z = at.x - points[q, 0], at.y - points[q, 1], at.z - points[q, 2]
-        step = CupStep(cup, at, MouthPose(x, y, z, 0.0, 0.0, 0.0), p == 0)
+        step = CupStep(cup, at, MouthPose(x, y, z, 0.0, 0.0, 0.0), p)
         _follow_truss(s, f, held, load)
         _advance(s, f, c, d, step, solid)
         positions[p] = f.center
