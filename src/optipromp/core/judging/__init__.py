@@ -2,6 +2,7 @@
 
 from optipromp.core.judging.clearance import Overlap as Overlap
 from optipromp.core.judging.clearance import clearances as clearances
+from optipromp.core.judging.clearance import nearest_static as nearest_static
 from optipromp.core.judging.clearance import pushed_away as pushed_away
 from optipromp.core.judging.clearance import swept as swept
 from optipromp.core.judging.curve import Extremes as Extremes
@@ -10,10 +11,9 @@ from optipromp.core.judging.ends import AXIS_TOLERANCE as AXIS_TOLERANCE
 from optipromp.core.judging.ends import GOAL_TOLERANCE as GOAL_TOLERANCE
 from optipromp.core.judging.entered import struck as struck
 from optipromp.core.judging.entered import touching as touching
-from optipromp.core.judging.keeping import left_path as left_path
 from optipromp.core.judging.kinematics import centers as centers
 from optipromp.core.judging.kinematics import refined as refined
-from optipromp.core.judging.near import nearest_static as nearest_static
+from optipromp.core.judging.lines import left_path as left_path
 from optipromp.core.judging.speed import too_fast as too_fast
 from optipromp.core.judging.validator import JUDGE as JUDGE
 from optipromp.core.judging.validator import RATES as RATES

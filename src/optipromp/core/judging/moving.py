@@ -4,8 +4,7 @@ The checks are so dense that between two of them neither body nor object moves f
 they may come nearer between two checks is taken off each distance.
 """
 
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -22,36 +21,24 @@ from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.trajectory import Trajectory
 
 APART = 0.004  # [m] that an object moves between two checks, at most: a choice
+BY_TOOL = "clearance_avoid_tool"
 
 
-class _Asked(NamedTuple):
-    """Parts of an object that moves, and the spheres that are measured against them.
+def _asked(
+    item: SceneObject, distal: BoolArray
+) -> Iterator[tuple[list[SceneObject], str, BoolArray, str]]:
+    """What an object's role asks for; every stem is to be avoided by the arm (B_d).
 
-    Attributes:
-        parts: as objects that stand where they are at time 0.
-        metric: of the smallest distance; "" for none.
-        spheres: (B,) whether each counts.
-        minded: whether a contact is forbidden.
-        name: of the parts, in words.
+    Parts as objects that stand, their name, the spheres (B,) that are measured against them, and
+    the metric of the distance, "" for none.
     """
-
-    parts: Sequence[SceneObject]
-    metric: str
-    spheres: BoolArray
-    minded: bool
-    name: str
-
-
-def _asked(item: SceneObject, distal: BoolArray) -> Iterator[_Asked]:
-    """What an object's role asks for; every stem is to be avoided by the arm (B_d)."""
     metric = f"clearance_{item.role}"
-    spheres = np.ones_like(distal) if item.role == "static" else ~distal
-    yield _Asked([item], metric, spheres, True, item.id)
+    yield [item], item.id, ~distal if item.role != "static" else np.ones_like(distal), metric
     if item.role == "avoid":
-        yield _Asked([item], "clearance_avoid_tool", distal, False, item.id)
+        yield [item], item.id, distal, BY_TOOL
     if item.stem is not None:
         stems = [piece for one in item.stem.likely() for piece in pieces(item, one)]
-        yield _Asked(stems, "", ~distal, True, f"the stem of {item.id}")
+        yield stems, f"the stem of {item.id}", ~distal, ""
 
 
 def met(
@@ -71,19 +58,19 @@ def met(
         share = min(1.0, MOST_CHECKS / max(float(asked.sum()), 1.0))
         times, q, _ = along(trajectory, np.maximum(parts, asked * share).astype(np.int64))
         radius, places = radii(scene, robot, item) + scene.padding_of(item), course.at(times)
-        for each in _asked(item, distal):
-            own = np.where(each.spheres, radius, -np.inf)
+        for objects, name, counted, metric in _asked(item, distal):
+            own = np.where(counted, radius, -np.inf)
             if np.isneginf(own).all():
                 continue
             gap, sphere, at = min(
                 _nearest(part, robot, own, places + (part.position - item.position), np.array(q))
-                for part in each.parts
+                for part in objects
             )
-            if each.metric:
-                least[each.metric] = min(least.get(each.metric, np.inf), float(gap))
-            if each.minded and gap < 0.0:
+            if metric:
+                least[metric] = min(least.get(metric, np.inf), float(gap))
+            if gap < 0.0 and metric != BY_TOOL:  # which is allowed
                 link = str(robot.link_names[robot.spheres.link[sphere]])
-                found.append(Overlap(link, each.name, item.role, -gap, float(times[at])))
+                found.append(Overlap(link, name, item.role, -gap, float(times[at])))
     return least, found
 
 

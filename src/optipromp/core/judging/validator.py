@@ -17,14 +17,12 @@ import numpy as np
 
 from optipromp.core.arrays import lengths
 from optipromp.core.judging import kinematics
-from optipromp.core.judging.clearance import Overlap, pushed_away, swept
+from optipromp.core.judging.clearance import Overlap, nearest_static, pushed_away, swept
 from optipromp.core.judging.curve import extremes
 from optipromp.core.judging.ends import ends
 from optipromp.core.judging.entered import entered, touching
-from optipromp.core.judging.keeping import left_path
-from optipromp.core.judging.lines import left_lines
+from optipromp.core.judging.lines import left_lines, left_path
 from optipromp.core.judging.moving import met
-from optipromp.core.judging.near import nearest_static
 from optipromp.core.judging.passing import as_passed, passing
 from optipromp.core.judging.speed import among_fruits, largest, stands, too_fast
 from optipromp.core.judging.violation import Violation

@@ -26,9 +26,8 @@ from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.entities import NOBODY, Entity, layers
 from optipromp.laboratory.simulation.fruits import BuiltFruit, add_fruit, bows, trusses_of
 from optipromp.laboratory.simulation.grip import add_grip
-from optipromp.laboratory.simulation.grown import grown
+from optipromp.laboratory.simulation.grown import apart, grown
 from optipromp.laboratory.simulation.parameters import SimulationParameters
-from optipromp.laboratory.simulation.parting import apart
 from optipromp.laboratory.simulation.solids import add_shape
 
 STATIC_COLOUR = (0.62, 0.60, 0.57, 1.0)
