@@ -96,12 +96,9 @@ class Controller:
         servo: bool = True,
         real_time: bool = False,
     ) -> None:
-        moving = [item.id for item, _ in scene.movers if item.role != "pushable"]
-        if moving:
-            raise InvalidRequestError(
-                f"{', '.join(moving)} move: a closed loop follows fruits alone; leave the motion "
-                "out, or plan without a loop"
-            )
+        if moving := [item.id for item, _ in scene.movers if item.role != "pushable"]:
+            told = "a closed loop follows fruits alone; leave the motion out, or plan without one"
+            raise InvalidRequestError(f"{', '.join(moving)} move: {told}")
         compile_once()
         self.robot, state = posed(scene, robot)
         self.scene, self.seed, self.parameters, self.servo = scene, seed, parameters, servo

@@ -101,9 +101,8 @@ def objects_of(
 def _stems(scene: Scene) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
     """The S pieces of all stems as capsules; of an unseen stem, those of all likely stems.
 
-    Returns:
-        Rows (S,) of the objects that hang; middles (S, 3) [m]; rotations (S, 3, 3), local to world;
-        sizes (S, 3) [m]: radius, half length and 0.
+    Rows (S,) of the objects that hang; middles (S, 3) [m]; rotations (S, 3, 3), local to world;
+    sizes (S, 3) [m]: radius, half length and 0.
     """
     hangs = [(k, item.stem) for k, item in enumerate(scene.objects) if item.stem is not None]
     held = [(k, one) for k, stem in hangs for one in stem.likely()]

@@ -72,7 +72,7 @@ def struck(
     """The deepest penetration of the tool or the last link into a target, a pushable or a stem.
 
     It is the deepest over configurations ``q`` (M, n); None where none exceeds :data:`BRUSHED`.
-    ``by``: displacements (M, 3) from its place of each object that moves, by id [m].
+    ``by``: displacements (M, 3) or more from its place of each object that moves, by id [m].
     """
     distal = np.flatnonzero(robot.spheres.distal)
     if not len(distal):
@@ -85,7 +85,7 @@ def struck(
         if scene.may_meet(name, item.id):
             continue
         if item.id in by:
-            mine = mine[0] - by[item.id][:, None], mine[1]
+            mine = mine[0] - by[item.id][: len(q), None], mine[1]
         found.append(Overlap(name, item.id, item.role, _depth(item, *mine)))
         for piece in () if item.stem is None else pieces(item, item.stem):
             told = f"the stem of {item.id}"

@@ -68,23 +68,20 @@ def _among(task: Task, made_for: Callable[[Task], Plan]) -> Plan:
         seen = replace(task, scene=given)
         when = dict.fromkeys(given.drifting, IN_TIME.met)
         for _ in range(IN_TIME.rounds if when else 1):
-            made = made_for(as_of(seen, when))
-            mine: tuple[tuple[bool, bool], Plan] | None = None
+            made, tried = made_for(as_of(seen, when)), list[Plan]()
             for wait in _waits(task):
                 found = _in(task, made, _still(made, wait) if wait else None)
-                rank = found.success, made.success
-                if mine is None or rank > mine[0]:
-                    mine = rank, found
+                tried.append(found)
                 if found.success and _room(found) >= min(_room(made), IN_TIME.room):
                     return found
                 if not made.success or any((one.time or wait) < wait for one in found.contacts):
                     break  # what is met while the arm waits is met in a longer wait too
                 if when and not found.contacts:
                     break  # what is pushed is elsewhere after a longer wait
-            assert mine is not None
-            if best is None or mine[0] > best[0]:
-                best = mine
-            before, when = when, passages(seen, mine[1].trajectory)
+            mine = max(tried, key=lambda one: one.success)
+            if best is None or (mine.success, made.success) > best[0]:
+                best = (mine.success, made.success), mine
+            before, when = when, passages(seen, mine.trajectory)
             if _near(seen.scene, before, when):
                 break
     assert best is not None

@@ -137,12 +137,9 @@ def plan_pick(
     if scene.place is None or scene.target is None:
         what = "place" if scene.target is not None else "target"
         raise InvalidRequestError(f"{scene.name} has no {what}: a pick needs a target and a place")
-    if scene.movers:
-        names = ", ".join(item.id for item, _ in scene.movers)
-        raise InvalidRequestError(
-            f"{scene.name} has a place, and {names} move: the legs of a pick know no motion; leave "
-            "out the motions, or the place, and plan the reach alone"
-        )
+    if names := ", ".join(item.id for item, _ in scene.movers):
+        told = "the legs of a pick know no motion; leave out the motions, or plan the reach alone"
+        raise InvalidRequestError(f"{scene.name} has a place, and {names} move: {told}")
     reach = plan(scene, progress=progress, **request)
     return after(reach, progress, **request)
 

@@ -202,18 +202,13 @@ def led(task: Task, model: PushModel, trajectory: Trajectory) -> PushMotion:
         return moved(slice(None))
     first = _approach(points @ task.scene.frame[2] - model.candidates.entry)
     struck = None
-    before = moved(slice(first + 1))
-    if first and not before.among(model).clear(before.points, before.axes):
+    before = moved(slice(first + 1)) if first else None
+    if before and not before.among(model).clear(before.points, before.axes):
         by = {name: course.at(times) for name, course in task.courses.items()}
-        if not (task.begun and _struck(task, q[:1], by)):  # begun among fruits
-            struck = _struck(task, q[: first + 1], by)
+        if not (task.begun and judging.struck(task.scene, task.robot, q[:1], by)):  # among fruits
+            struck = judging.struck(task.scene, task.robot, q[: first + 1], by)
         first = 0
     return moved(slice(first, None), struck)
-
-
-def _struck(task: Task, q: FloatArray, by: Mapping[str, FloatArray]) -> Overlap | None:
-    """The overlap of :func:`judging.struck` at the first configurations (m, n) of a trajectory."""
-    return judging.struck(task.scene, task.robot, q, {k: off[: len(q)] for k, off in by.items()})
 
 
 def _approach(heights: FloatArray) -> int:

@@ -127,9 +127,7 @@ def _fitted(
     """Two balls on ``line`` (3,) from the local origin that touch the shape's ends along the line.
 
     Of 16 radii for each ball: the pair whose hull has the least mean distance from the surface.
-
-    Returns:
-        Position of the lower ball on the line, both radii, and the distance of the centres [m].
+    Position of the lower ball on the line, both radii, and the distance of the centres [m].
     """
     points, axis = shape.mesh().vertices, np.array(line)
     height = points @ axis
