@@ -5,7 +5,6 @@ fruits. Both look at the trajectory from its first instant to its last. Planning
 and reporting all call :func:`verdict`, or its parts :func:`judged` and :func:`predicted`.
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -191,12 +190,15 @@ def led(task: Task, model: PushModel, trajectory: Trajectory) -> PushMotion:
         if not task.courses:
             return PushMotion(way, turned, struck, {})
         at = along(points[rows], times[rows, None], len(way))[:, 0]
-        far = at[0] * max(course.fastest for course in task.courses.values())
-        before = math.ceil(far / STEP)  # points at which the tool waits: roots drift from time 0 on
-        at = np.append(np.linspace(0.0, at[0], before, endpoint=False), at)
-        way, turned = (np.vstack([np.tile(x[0], (before, 1)), x]) for x in (way, turned))
-        drift = {name: course.at(at) for name, course in task.courses.items()}
-        return PushMotion(way, turned, struck, drift)
+        since = np.append(0.0, at[:-1])  # roots drift from time 0 on, while the tool waits
+        fastest = max(course.fastest for course in task.courses.values())
+        steps = np.maximum(np.ceil((at - since) * fastest / STEP), 1).astype(np.int64)
+        row = np.repeat(np.arange(len(at)), steps)
+        share = (np.arange(len(row)) - np.searchsorted(row, row) + 1) / steps[row]
+        here = np.where(share < 1.0, np.maximum(row - 1, 0), row)
+        now = since[row] + share * (at - since)[row]
+        drift = {name: course.at(now) for name, course in task.courses.items()}
+        return PushMotion(way[here], turned[here], struck, drift)
 
     if task.back is not None:
         return moved(slice(None))
