@@ -81,8 +81,8 @@ def _among(task: Task, made_for: Callable[[Task], Plan]) -> Plan:
             mine = max(tried, key=lambda one: one.success)
             if best is None or (mine.success, made.success) > best[0]:
                 best = (mine.success, made.success), mine
-            before, when = when, passages(seen, mine.trajectory)
-            if _near(seen.scene, before, when):
+            before, when = when, passages(seen, found.trajectory)
+            if found.contacts or _near(seen.scene, before, when):
                 break
     assert best is not None
     return best[1]
