@@ -85,6 +85,19 @@ def pushables_of(scene: Scene, gripper_radius: float) -> Pushables:
     )  # fmt: skip
 
 
+def as_passed(scene: Scene, times: FloatArray, tips: FloatArray) -> Scene:
+    """The scene in which each pushable that moves stands where it is as the tool passes it last.
+
+    ``times`` (T,) [s] and tool points ``tips`` (T, 3) of the waypoints. A pushable that the tool
+    does not pass stands where it is at the end.
+    """
+    when = {}
+    for name, course in scene.drifting.items():
+        passed = np.flatnonzero(np.diff(np.sign((tips - course.at(times)) @ scene.frame[2])))
+        when[name] = float(times[passed[-1] if len(passed) else -1])
+    return scene.standing(when)
+
+
 def passing(scene: Scene, tips: FloatArray, rims: FloatArray, gripper_radius: float) -> Passing:
     """The passage of a tool past the pushables of a scene.
 

@@ -21,6 +21,7 @@ from optipromp.core.scenes.constraints import PathConstraints
 from optipromp.core.scenes.goals import Goal, JointGoal, PoseGoal, RegionGoal, transformed
 from optipromp.core.scenes.held import Attached, Pair, Place, checked
 from optipromp.core.scenes.lines import Lines, check_lines
+from optipromp.core.scenes.motion import ObjectMotion
 from optipromp.core.scenes.objects import ROLES, STEM_RADIUS, Role, SceneObject, Stem
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.values import array, keep, named, suggest, unit
@@ -274,6 +275,17 @@ class Scene(Shown):
         return self._by_role["static"]
 
     @cached_property
+    def movers(self) -> tuple[tuple[SceneObject, ObjectMotion], ...]:
+        """The objects that move, in file order, and their motions."""
+        courses = ((item, item.course) for item in self.objects)
+        return tuple((item, course) for item, course in courses if course is not None)
+
+    @property
+    def drifting(self) -> dict[str, ObjectMotion]:
+        """The motions of the pushables that move, by id [m, s]."""
+        return {item.id: course for item, course in self.movers if item.role == "pushable"}
+
+    @cached_property
     def positions(self) -> FloatArray:
         """Positions (N, 3) of the objects [m]."""
         return joined([item.position for item in self.objects]).reshape(-1, 3)
@@ -328,6 +340,13 @@ class Scene(Shown):
     def up(self) -> FloatArray:
         """(3,) the world's upward vertical in the base frame, opposite to gravity."""
         return frozen(self.base.rotation[2])
+
+    def standing(self, when: Mapping[str, float]) -> Scene:
+        """The scene whose objects stand where they are at times ``when`` [s], by id."""
+        if not when:
+            return self
+        objects = (o.standing(when[o.id]) if o.id in when else o for o in self.objects)
+        return replace(self, objects=tuple(objects))
 
     def transformed(self, pose: Pose) -> Scene:
         """The same world in another frame, in which the present base has the ``pose``.

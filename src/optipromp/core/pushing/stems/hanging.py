@@ -1,8 +1,10 @@
 """The push model of fruits on bending stems."""
 
+import copy
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from typing import Self
 
 import numpy as np
 
@@ -28,6 +30,7 @@ from optipromp.core.scenes.objects import UNSEEN_SPREAD
 from optipromp.core.scenes.scene import Scene, SceneObject
 
 HANGING = PUSH.hanging
+STIFFNESS_SPREAD = PUSH.beam.stiffness_spread
 TOGETHER = 4  # states whose harm is computed between two steps of a plan that works in slices
 WEIGHT = 4  # of these states, in steps, measured: a step takes 1 ms in the median, 4 states 2 to 5
 NOTHING = Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
@@ -85,6 +88,7 @@ class Hanging(PushModel):
         self.searched = HANGING.screened_states if detected else HANGING.screened_known
         self.states = HANGING.detected_states if detected else HANGING.states
         self.stems = sampled(fruits, self.searched, self.states, tuple(scene.up.tolist()))
+        self._by: FloatArray | None = None  # (N, P, 3) drifts of the roots [m]
         self.candidates = PathsPast(
             scene, neighbours, self.cup, (self.static, avoid), camera, gripper_radius, self.searched
         )
@@ -95,8 +99,8 @@ class Hanging(PushModel):
         """See :class:`PushModel`; the parts are those of :class:`Harm`."""
         every = HANGING.screened_every if states == 1 else HANGING.every
         told = states > self.searched
-        some = self._some(self.searched if told else 0, states)
-        motion, hopeless = _steps(points, axes, every), PUSH.harm.hopeless
+        some, motion = self._steps(self.searched if told else 0, states, points, axes, every)
+        hopeless = PUSH.harm.hopeless
         total, worst = 0.0, limit * states
         for first in range(0, states, TOGETHER):
             part = first, min(first + TOGETHER, states)
@@ -113,11 +117,20 @@ class Hanging(PushModel):
 
     def led(self, state: int, points: FloatArray, axes: FloatArray) -> Led:
         """Effect of a motion of the tool on the fruits in one state."""
-        return led(self._some(state, 1), *_steps(points, axes), self.cup, self.static)
+        one, motion = self._steps(state, 1, points, axes)
+        return led(one, *motion, self.cup, self.static)
+
+    def drifting(self, by: Mapping[str, FloatArray]) -> Self:
+        """See :class:`PushModel`."""
+        moved = copy.copy(self)
+        still = np.zeros_like(next(iter(by.values())))
+        moved._by = np.stack([by.get(fruit.id, still) for fruit in self.fruits])
+        return moved
 
     def clear(self, points: FloatArray, axes: FloatArray) -> bool:
         """See :class:`PushModel`; in any state."""
-        return bool(clear(self.stems, points, axes, self.cup))
+        every, (points, axes, _) = self._steps(0, self.searched + self.states, points, axes, 1)
+        return bool(clear(every, points, axes, self.cup))
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
         """See :class:`PushModel`; all swallowed fruits are named, before a missed target."""
@@ -129,7 +142,7 @@ class Hanging(PushModel):
         found = worst.harm
         names = [fruit.id for fruit in self.fruits]
         if found.inside > BRIEFLY:
-            points, axes, dt = _steps(points, axes)
+            _, (points, axes, dt) = self._steps(0, 1, points, axes)
             within = steps_inside(worst.positions, points, axes, self.cup)[1:]
             most = max(int(within.max()), 1)
             first, *others = (
@@ -170,10 +183,20 @@ class Hanging(PushModel):
         ids = tuple(fruit.id for fruit in self.fruits)
         return Moved(ids, before + gone, np.zeros(self.count))
 
-    def _some(self, first: int, states: int) -> Stems:
-        """The stems of ``states`` states, from the ``first`` on."""
+    def _steps(
+        self, first: int, states: int, points: FloatArray, axes: FloatArray,
+        every: int = HANGING.every,
+    ) -> tuple[Stems, tuple[FloatArray, FloatArray, float]]:  # fmt: skip
+        """The stems of ``states`` states from the ``first`` on, and the motion at the steps.
+
+        The motion is points and tool axes (T, 3), and the time of a step [s].
+        """
         low, high = first * self.count, (first + states) * self.count
-        return Stems(*(values[low:high] for values in self.stems))
+        some = Stems(*(values[low:high] for values in self.stems))
+        chosen = np.append(np.arange(0, len(points) - 1, every), len(points) - 1)
+        if self._by is not None:
+            some = some._replace(drift=np.tile(self._by[:, chosen], (states, 1, 1)))
+        return some, (points[chosen], axes[chosen], every * STEP / HANGING.model_speed)
 
 
 def _hanging(
@@ -204,18 +227,6 @@ def _cut(scene: Scene, tool: Tool) -> tuple[float, ...]:
     if not isinstance(blades, Scissor):
         return ()
     return math.hypot(*scene.approach.shift), 0.5 * blades.blade_width, *scene.frame[0].tolist()
-
-
-def _steps(
-    points: FloatArray, axes: FloatArray, every: int = HANGING.every
-) -> tuple[FloatArray, FloatArray, float]:
-    """Points and tool axes (T, 3) at the steps of the model, and the time of a step [s]."""
-    chosen = np.append(np.arange(0, len(points) - 1, every), len(points) - 1)
-    return points[chosen], axes[chosen], every * STEP / HANGING.model_speed
-
-
-HANGING = PUSH.hanging
-STIFFNESS_SPREAD = PUSH.beam.stiffness_spread
 
 
 @lru_cache(maxsize=4)  # by identity: all approaches to a target meet the same fruits
