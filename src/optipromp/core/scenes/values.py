@@ -33,7 +33,10 @@ def keep(name: str, value: object) -> float:
 
 def array(name: str, values: object, *shape: int | None) -> FloatArray:
     """``values`` as a read-only array; refused if not finite or not of ``shape`` (None: any)."""
-    array = frozen(values)
+    try:
+        array = frozen(values)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidSceneError(f"{name} is {values!r:.60}: must be finite numbers") from None
     fits = [want in (None, have) for want, have in zip(shape, array.shape, strict=False)]
     if array.ndim != len(shape) or not all(fits):
         wanted = ", ".join("n" if size is None else str(size) for size in shape)
