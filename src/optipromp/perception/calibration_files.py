@@ -8,11 +8,11 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.documents import read_document
-from optipromp.core.errors import InvalidRequestError, InvalidSceneError, OptiPrompError
+from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.files import is_file
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.values import array, suggest
+from optipromp.core.scenes.values import suggest
 from optipromp.perception.boards import Board
 from optipromp.perception.calibration import BoardView, SeenTool
 from optipromp.perception.pictures import CameraModel, flange_of, read_pixels
@@ -114,6 +114,9 @@ def _joints(entry: Mapping[str, Any], robot: Robot | None, what: str) -> FloatAr
 
 def _vector(entry: Mapping[str, Any], key: str, count: int, what: str) -> FloatArray:
     try:
-        return array(key, entry.get(key), count)
-    except InvalidSceneError as error:
-        raise InvalidRequestError(f"{what}: {error.message}") from None
+        values = np.asarray(entry.get(key), dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        values = np.zeros(0)
+    if values.shape != (count,) or not np.isfinite(values).all():
+        raise InvalidRequestError(f"{what}: {key} must be {count} numbers")
+    return values

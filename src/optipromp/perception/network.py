@@ -41,9 +41,12 @@ import numpy
 import onnxruntime
 if sys.platform != "win32":
     import resource
-    resource.setrlimit(resource.RLIMIT_AS, ({MEMORY}, {MEMORY}))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    resource.setrlimit(resource.RLIMIT_CPU, (int(sys.argv[1]), int(sys.argv[1])))
+    for kind, soft in (
+        (resource.RLIMIT_AS, {MEMORY}), (resource.RLIMIT_CPU, int(sys.argv[1])),
+        (resource.RLIMIT_CORE, 0),
+    ):
+        hard = resource.getrlimit(kind)[1]
+        resource.setrlimit(kind, (soft if hard < 0 else min(soft, hard), hard))
 options = onnxruntime.SessionOptions()
 options.intra_op_num_threads, options.log_severity_level = 1, 4
 try:
@@ -95,7 +98,7 @@ class ByNetwork:
             self._try(content)
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = 1
-        options.log_severity_level = 3
+        options.log_severity_level = 4  # what fails is raised
         self._run_options = onnxruntime.RunOptions
         try:
             self._session = onnxruntime.InferenceSession(
@@ -132,6 +135,7 @@ class ByNetwork:
     def _told(self, seen: NDArray[np.float32]) -> FloatArray:
         """What the network says (9, H, W) of what it sees (5, H, W); ended when time is over."""
         options = self._run_options()
+        options.log_severity_level = 4
         bell = Timer(self._seconds, setattr, (options, "terminate", True))
         bell.start()
         try:
