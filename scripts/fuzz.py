@@ -33,7 +33,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-BATCH = 500  # inputs of one process: each imports what it needs, 1.3 s
+BATCH = 250  # inputs of one process, after which the state is written
 SECONDS = 10.0  # [s] of processor time
 HUNG, ASLEEP = 60.0, 900.0  # [s] of processor time, of the clock: until the process is ended
 POSTURES = 200  # at which self-collision is looked at, not 20,000: nine tenths of all the time
@@ -71,7 +71,7 @@ def one(
     return made.kind, outcome, details
 
 
-def batch(seed: int, start: int, kinds: list[str], pipe: int) -> None:
+def batch(seed: int, indices: range, kinds: list[str], pipe: int) -> None:
     """In a process of its own: run a batch, telling each input's begin and end."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     pages = int(Path("/proc/self/statm").read_text().split()[0])
@@ -79,7 +79,7 @@ def batch(seed: int, start: int, kinds: list[str], pipe: int) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     with os.fdopen(pipe, "w") as told, open(os.devnull, "w") as nowhere:  # noqa: PTH123
         os.dup2(nowhere.fileno(), 2)
-        for index in range(start, start + BATCH):
+        for index in indices:
             with tempfile.TemporaryDirectory() as name:
                 os.chdir(name)
 
@@ -92,18 +92,18 @@ def batch(seed: int, start: int, kinds: list[str], pipe: int) -> None:
             print(json.dumps([index, *result]), file=told, flush=True)
 
 
-def run_batch(seed: int, start: int, kinds: list[str]) -> list[tuple[int, str, str, str]]:
+def run_batch(seed: int, indices: range, kinds: list[str]) -> list[tuple[int, str, str, str]]:
     """The results of a batch, up to a death or its end."""
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
         os.close(reading)
         try:
-            batch(seed, start, kinds, writing)
+            batch(seed, indices, kinds, writing)
         finally:
             os._exit(0)
     os.close(writing)
-    results, current, kind, buffer = [], start, "?", b""
+    results, current, kind, buffer = [], indices[0], "?", b""
     deadline, why = time.monotonic() + ASLEEP, "death"
     while True:
         ready, _, _ = select.select([reading], [], [], max(0.0, deadline - time.monotonic()))
@@ -123,7 +123,7 @@ def run_batch(seed: int, start: int, kinds: list[str]) -> list[tuple[int, str, s
     _, status = os.waitpid(child, 0)
     if os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGPROF:
         why = "over 10 s"
-    if len(results) < BATCH:
+    if len(results) < len(indices):
         results.append((current, kind, why, f"status {status}"))
     return results
 
@@ -203,8 +203,10 @@ def main() -> None:
     commit = subprocess.run(git, capture_output=True, text=True).stdout.strip()
     state.setdefault("kinds", kinds)
     end = time.monotonic() + 60.0 * options.minutes
-    while time.monotonic() < end if options.count is None else state["next"] < options.count:
-        results = run_batch(state["seed"], state["next"], state["kinds"])
+    most = sys.maxsize if options.count is None else options.count
+    while state["next"] < most and (options.count is not None or time.monotonic() < end):
+        indices = range(state["next"], min(state["next"] + BATCH, most))
+        results = run_batch(state["seed"], indices, state["kinds"])
         count(state, commit, results)
         state["next"] += len(results)
         if options.state is not None:

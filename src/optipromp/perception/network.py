@@ -91,8 +91,7 @@ class ByNetwork:
             raise InvalidRequestError(f"the network needs {installed_by('vision')}") from None
         self._file, self._seconds = str(model or "the network"), seconds
         if model is None:
-            own = resources.files("optipromp.perception") / "data" / "eyes.onnx"
-            content = own.read_bytes()
+            content = (resources.files(__package__) / "data" / "eyes.onnx").read_bytes()
         else:
             content = read_bytes(Path(model), InvalidRequestError)
             self._try(content)
@@ -125,12 +124,10 @@ class ByNetwork:
             )
         except subprocess.TimeoutExpired:
             raise self._no_network(f"it runs for more than {PATIENCE * limit} s") from None
-        if done.returncode == -_OVER:
-            raise self._no_network(f"it runs for more than {limit} s")
-        if done.returncode:
-            told = done.stderr.decode(errors="replace").strip().splitlines() or [""]
-            ends = f"it ends its process ({done.returncode})"
-            raise self._no_network(ends if done.returncode < 0 else told[-1])
+        if code := done.returncode:
+            told = done.stderr.decode(errors="replace").strip() or "?"
+            ends = {-_OVER: f"it runs for more than {limit} s", 1: told.splitlines()[-1]}
+            raise self._no_network(ends.get(code, f"it ends its process ({code})"))
 
     def _told(self, seen: NDArray[np.float32]) -> FloatArray:
         """What the network says (9, H, W) of what it sees (5, H, W); ended when time is over."""
@@ -139,27 +136,21 @@ class ByNetwork:
         bell = Timer(self._seconds, setattr, (options, "terminate", True))
         bell.start()
         try:
-            told = self._session.run(None, {self._input: seen[None]}, options)[0]
+            told = np.asarray(self._session.run(None, {self._input: seen[None]}, options)[0])
         except Exception as error:  # of the runtime
             late = f"a picture takes more than {self._seconds:g} s" if options.terminate else error
             raise self._no_network(late) from None
         finally:
             bell.cancel()
-        shape = 1, len(CLASSES) + 2, *SIZE
-        if not (isinstance(told, np.ndarray) and told.shape == shape and told.dtype.kind == "f"):
-            what = f"{told.dtype} {told.shape}" if isinstance(told, np.ndarray) else type(told)
-            raise self._no_network(f"its output is {what}")
+        if told.shape != (1, len(CLASSES) + 2, *SIZE) or told.dtype.kind != "f":
+            raise self._no_network(f"its output is {told.dtype} {told.shape}")
         if not np.isfinite(told).all():
             raise self._no_network("its output is not finite")
         return np.asarray(told[0])
 
     def find(self, picture: DepthPicture) -> Found:
-        """See :class:`optipromp.perception.finder.Finder`.
-
-        Raises:
-            InvalidRequestError: the network fails, takes too long, or its output is not as it must
-                be.
-        """
+        """See :class:`optipromp.perception.finder.Finder`; refuses what the network of a file of
+        your own says if it is no answer (InvalidRequestError)."""
         shape = picture.depth.shape
         steps = shape[0] / SIZE[0], shape[1] / SIZE[1]
         rows = ((np.arange(SIZE[0]) + 0.5) * steps[0]).astype(int)

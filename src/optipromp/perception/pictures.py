@@ -72,10 +72,8 @@ class CameraModel:
             value, least = getattr(self, name), -FARTHEST_PIXEL if name in ("cx", "cy") else 1.0
             number = isinstance(value, int | float) and not isinstance(value, bool)
             if not number or not least <= value <= FARTHEST_PIXEL:
-                raise InvalidRequestError(
-                    f"camera.{name} is {value!r:.40}; must be {least:g} to {FARTHEST_PIXEL:g} "
-                    "[pixel]"
-                )
+                limits = f"{least:g} to {FARTHEST_PIXEL:g} [pixel]"
+                raise InvalidRequestError(f"camera.{name} is {value!r:.40}; must be {limits}")
         for name in ("width", "height"):
             if getattr(self, name) != int(getattr(self, name)):
                 raise InvalidRequestError(f"camera.{name} is no whole number of pixels")
@@ -280,25 +278,20 @@ def decoded(content: bytes, path: str, mode: str | None = None) -> NDArray[Any]:
     image, most = _pillow(), f"must have at most {MOST_PIXELS:,}"
     try:
         with image.open(io.BytesIO(content), formats=FORMATS) as opened:
-            wide, high, own = opened.width, opened.height, opened.mode
-            if wide * high > MOST_PIXELS:
-                raise InvalidRequestError(f"{path}: has {wide} x {high} pixels; {most}")
-            if mode is None and own not in DEPTHS:
-                raise InvalidRequestError(
-                    f"{path}: is of mode {own}; a picture of depth must have one channel of 16 or "
-                    f"32 bits ({', '.join(DEPTHS)})"
-                )
-            return np.asarray(opened if mode is None else opened.convert(mode))
-    except InvalidRequestError:
-        raise
+            if opened.width * opened.height > MOST_PIXELS:
+                wrong = f"has {opened.width} x {opened.height} pixels; {most}"
+            elif mode is None and opened.mode not in DEPTHS:
+                wrong = f"is of mode {opened.mode}; a picture of depth must have one channel of "
+                wrong += f"16 or 32 bits ({', '.join(DEPTHS)})"
+            else:
+                return np.asarray(opened if mode is None else opened.convert(mode))
     except image.DecompressionBombError as error:
         (count,) = re.findall(r"\((\d+) pixels", str(error)) or ["too many"]
-        raise InvalidRequestError(f"{path}: has {count} pixels; {most}") from None
+        wrong = f"has {count} pixels; {most}"
     except Exception as error:  # of the decoders, which raise whatever goes wrong in them
         reason = str(error).partition(" <_io")[0] or type(error).__name__
-        raise InvalidRequestError(
-            f"{path}: no picture that can be read ({reason}); must be {', '.join(FORMATS)}"
-        ) from None
+        wrong = f"no picture that can be read ({reason}); must be {', '.join(FORMATS)}"
+    raise InvalidRequestError(f"{path}: {wrong}")
 
 
 def picture_files(name: str, picture: DepthPicture) -> dict[str, bytes]:
