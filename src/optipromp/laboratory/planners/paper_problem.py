@@ -22,7 +22,8 @@ from optipromp.core.planning.goals import find
 from optipromp.core.planning.options import PlanOptions, Strategy
 from optipromp.core.planning.parameters import GOAL, PRIMITIVE, WAYPOINT
 from optipromp.core.planning.primitive import led_through, on_branch, via_points
-from optipromp.core.planning.task import Task
+from optipromp.core.planning.result import ViaPoint
+from optipromp.core.planning.task import Task, pushed_aside
 from optipromp.core.planning.timing import timed
 from optipromp.core.promp.model import ProMP
 from optipromp.core.pushing.rules import Drift, detection_variance, drift_choices
@@ -75,6 +76,7 @@ class Posed:
         waypoints: number of waypoints, and the first at or after t_1.
         drift: place of each pushable to pass, and the direction to its free side.
         offsets: (N,) lateral offset that constraint 1 asks for at each pushable [m].
+        via: tool points that the ProMP was conditioned on, the target last.
         initial: (T, n) the conditioned ProMP.
         points: (T, 3) tool points of ``initial`` [m].
     """
@@ -85,6 +87,7 @@ class Posed:
     waypoints: Waypoints
     drift: Drift
     offsets: FloatArray
+    via: tuple[ViaPoint, ...]
     initial: FloatArray
     points: FloatArray
 
@@ -124,8 +127,11 @@ class Posed:
         return timed(self.task, self.options, q, slow)
 
     def problem(self, terms: Sequence[Cost], constraints: Sequence[Cost], ends: bool) -> Problem:
-        """The problem over the waypoints; the first is fixed, with ``ends`` also the last."""
-        task, options = self.task, self.options
+        """The problem over the waypoints; the first is fixed, with ``ends`` also the last.
+
+        Objects that stand are no obstacles: the tool pushes them aside before the arm comes.
+        """
+        task, options = pushed_aside(self.task), self.options
         cutoff = max(options.paper.epsilon, options.static_clearance, options.avoid_clearance)
         return Problem(
             task.robot, task.surroundings, terms, constraints, self.waypoints.count,
@@ -162,26 +168,29 @@ def posed_problems(
     The configuration whose motion takes the fewest waypoints comes first.
     """
     positions, offsets = [obj.position for obj in task.neighbours], drift_offsets(task, options)
-    branches: list[tuple[FloatArray, FloatArray]] = []
+    names = ["camera", *(obj.id for obj in task.neighbours), "goal"]
+    branches: list[tuple[FloatArray, FloatArray, tuple[ViaPoint, ...]]] = []
     for goal in goals:
         branch = None
         if positions:
             points, deviations = via_points(task, positions, options.paper.via_deviation)
             branch = on_branch(task, points, goal)
         if branch is None:
-            branches.append((goal[None], np.zeros(1)))
+            met = (ViaPoint("goal", task.robot.tool_pose(goal)[0]),)
+            branches.append((goal[None], np.zeros(1), met))
             continue
         variances = deviations.astype(np.float64) ** 2  # a deviation may be an integer
         variances[1:-1] += [detection_variance(obj) for obj in task.neighbours]
-        branches.append((branch, variances / PRIMITIVE.lever_arm**2))
+        met = tuple(map(ViaPoint, names, points))
+        branches.append((branch, variances / PRIMITIVE.lever_arm**2, met))
     branches.sort(key=lambda branch: spaced(task, options, branch[0]).count)
-    for values, variances in branches:
+    for values, variances, met in branches:
         waypoints = spaced(task, options, values)
         phases = np.linspace(waypoints.phase, 1.0, len(values)) if len(values) > 1 else [1.0]
         q = led_through(promp, task.start, np.array(phases), values, variances, waypoints.count)
         points = task.robot.tool_pose(q)[0]
         yield [
-            Posed(task, options, strategy, waypoints, drift, offsets, q, points)
+            Posed(task, options, strategy, waypoints, drift, offsets, met, q, points)
             for drift in drift_choices(
                 task.scene, task.neighbours, options.paper.drift, window="paper"
             )

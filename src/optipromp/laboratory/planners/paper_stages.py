@@ -41,7 +41,7 @@ from optipromp.core.planning.options import PlanOptions, Strategy
 from optipromp.core.planning.parameters import SOLVE
 from optipromp.core.planning.pick import limits_and_clearances, schedule
 from optipromp.core.planning.result import Planned, Stage
-from optipromp.core.planning.task import Task
+from optipromp.core.planning.task import Task, pushed_aside
 from optipromp.core.planning.verdict import judged
 from optipromp.core.promp.model import ProMP
 from optipromp.core.scenes.scene import PoseGoal
@@ -105,7 +105,7 @@ def solve(
     def attempts() -> Iterator[tuple[float, list[Posed]]]:
         """Trust radii with the choices of sides of a goal, in the order in which they are tried."""
         yield from itertools.product(radii[:1], by_goal)
-        more = further(task, task.seed, goals)
+        more = further(pushed_aside(task), task.seed, goals)
         new = list(posed_problems(task, promp, options, strategy, more))
         yield from itertools.product(radii[:1], new)
         yield from itertools.product(radii[1:], by_goal + new)
@@ -141,7 +141,8 @@ def solve(
     initial = unmoved.trajectory if same else best.posed.timed(best.posed.initial)
     return Planned(
         best.trajectory, best.posed.waypoints.first, initial, None, stages, bool(stages), times,
-        passed_over(best.judgement, left), paper=options.paper, authors=strategy == "sequential",
+        passed_over(best.judgement, left), via=best.posed.via, paper=options.paper,
+        authors=strategy == "sequential",
     )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from optipromp.core.arrays import BoolArray, FloatArray, frozen, lengths
 from optipromp.core.pushing.model import Moved, PushModel
 from optipromp.core.pushing.packs import trials
 from optipromp.core.pushing.packs.paths import PathsBetween
-from optipromp.core.pushing.packs.plane import half_height, packs, plane
+from optipromp.core.pushing.packs.plane import packs, plane
 from optipromp.core.pushing.packs.quasi_static import JAMMED, Pushed, push
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP
@@ -56,7 +56,7 @@ class Standing(PushModel):
         self.names = [obj.id for obj in seen]
         self._seen = np.array([obj.position for obj in seen])
         near = self.bench.objects.radius[:, None] + np.zeros(3)  # along x_g, y_g, z_g
-        near[:, 0] = [half_height(obj, self.frame) for obj in seen]
+        near[:, 0] = [obj.extent(self.frame[0]) for obj in seen]
         near += STANDING.sure * self.board.spread[:, None]
         place = (self._seen - self.target) @ self.frame.T
         self._packs = (place - near).min(axis=0), (place + near).max(axis=0)
