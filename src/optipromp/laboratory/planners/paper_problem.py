@@ -23,7 +23,8 @@ from optipromp.core.planning.options import PlanOptions, Strategy
 from optipromp.core.planning.parameters import GOAL, PRIMITIVE, WAYPOINT
 from optipromp.core.planning.primitive import led_through, on_branch, via_points
 from optipromp.core.planning.result import ViaPoint
-from optipromp.core.planning.task import Task, pushed_aside
+from optipromp.core.planning.slow import paced
+from optipromp.core.planning.task import Task, pushed_aside, stands
 from optipromp.core.planning.timing import timed
 from optipromp.core.promp.model import ProMP
 from optipromp.core.pushing.rules import Drift, detection_variance, drift_choices
@@ -122,7 +123,9 @@ class Posed:
         return functionals(self.task, paper, self.waypoints.first, sequential)
 
     def timed(self, q: FloatArray) -> Trajectory:
-        """Waypoints ``q`` (T, n) as a trajectory, slow on the approach where neighbours hang."""
+        """Waypoints ``q`` (T, n) as a trajectory, slow on the approach among what is pushed."""
+        if stands(self.task):
+            return paced(self.task, self.options, q, self.waypoints.first, None)
         slow = self.waypoints.first if self.task.neighbours else None
         return timed(self.task, self.options, q, slow)
 
