@@ -122,7 +122,7 @@ def solve(
                 if strategy == "joint":
                     solved = _joint(posed, budget)
                 else:
-                    solved = _staged(posed, radius, budget)
+                    solved = _judged(posed, *staged(posed, radius, budget))
                 left += [solved.judgement] if solved.valid and solved.narrow else []
                 best = solved if best is None or solved.rank < best.rank else best
         assert best is not None  # there is at least one choice of sides
@@ -216,8 +216,10 @@ def _joint(posed: Posed, budget: Budget) -> Solved:
     return _judged(posed, result.q, [stage])
 
 
-def _staged(posed: Posed, radius: float, budget: Budget) -> Solved:
-    """The push stage and the collision stage in turn; ``radius`` [rad] is the push's first trust.
+def staged(posed: Posed, radius: float, budget: Budget) -> tuple[FloatArray, list[Stage]]:
+    """The waypoints (T, n) after the push stage and the collision stage, and both stages.
+
+    The push stage's first trust radius is ``radius`` [rad].
 
     With ``constraints: paper``, a collision stage after the push keeps constraints 1 to 3 as
     penalties. Otherwise the collision stage may undo a part of the drift, as the authors' does.
@@ -225,7 +227,7 @@ def _staged(posed: Posed, radius: float, budget: Budget) -> Solved:
     options, q = posed.options, posed.initial
     stages: list[Stage] = []
     if options.iterations == 0:
-        return _judged(posed, q, stages)
+        return q, stages
     order = ("collision", "push") if posed.task.scene.static else ("push", "collision")
     for place, name in enumerate(order):
         if stages and budget.cut:
@@ -241,7 +243,7 @@ def _staged(posed: Posed, radius: float, budget: Budget) -> Solved:
             )
             q, stage = _collision(posed, q, limit, budget, hold)
             stages.append(stage)
-    return _judged(posed, q, stages)
+    return q, stages
 
 
 class Spline:
