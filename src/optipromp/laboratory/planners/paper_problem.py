@@ -178,8 +178,8 @@ def posed_problems(
         if positions:
             points, deviations = via_points(task, positions, options.paper.via_deviation)
             branch = on_branch(task, points, goal)
+        met: tuple[ViaPoint, ...] = (ViaPoint("goal", task.robot.tool_pose(goal)[0]),)
         if branch is None:
-            met = (ViaPoint("goal", task.robot.tool_pose(goal)[0]),)
             branches.append((goal[None], np.zeros(1), met))
             continue
         variances = deviations.astype(np.float64) ** 2  # a deviation may be an integer

@@ -154,7 +154,7 @@ def _over_limits(
             panel.plot(t, share[:, joint], color=colours[joint], lw=1.2, label=label)
         if place and before is not None:
             first = (before.sample(t / t[-1] * before.duration)[0] - robot.lower) / unit
-            for joint in np.flatnonzero(np.abs(first - share).max(axis=0) > APART):
+            for joint in np.flatnonzero(np.abs(first - share).max(axis=0) > APART).tolist():
                 panel.plot(t, first[:, joint], color=colours[joint], lw=1.0, ls=":")
                 words += "" if "dotted" in words else "; dotted: the conditioned ProMP"
         low, high = (0.0, 100.0) if place else (-100.0, 100.0)
