@@ -124,10 +124,10 @@ def test_the_paper_s_planner_shows_what_it_was_conditioned_on(strategy: Strategy
     made = plan("scenario-3", planner="paper", strategy=strategy)
     found = {name: point for name, point, _ in drawn.conditioned_on(made)}
     assert [*found] == ["start", "camera", "n1", "n2", "goal"]
-    np.testing.assert_allclose(found["camera"], made.task.camera)
+    np.testing.assert_allclose(found["camera"], made.task.camera, atol=2e-4)
     np.testing.assert_allclose(found["goal"], made.task.goal.position, atol=1e-6)
     for fruit in made.task.neighbours:
-        np.testing.assert_allclose(found[fruit.id], fruit.position)
+        np.testing.assert_allclose(found[fruit.id], fruit.position, atol=2e-4)
     points, _ = made.robot.tool_pose(made.initial.positions)
     for name, most in (("start", 1e-6), ("n1", 0.008), ("n2", 0.008), ("goal", 1e-4)):
         away = np.linalg.norm(points - found[name], axis=1).min()

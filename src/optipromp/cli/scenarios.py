@@ -70,7 +70,7 @@ def scenarios(
 def _shown(rows: Sequence["ScenarioRow"], out: Path | None) -> Shown:
     yield table_one(rows)
     yield reductions(rows)
-    yield NOTE
+    yield "why our falls are not the paper's: docs/concepts.md and scripts/paper_falls.py"
     for row in rows:
         yield f"{row.case.key}, {row.case.title}: {row.plan.message}"
     if out is not None:
@@ -85,12 +85,6 @@ SHORT = {
     "TIMEOUT": "timeout",
 }
 """Statuses in the width of the table; the lines below it say more."""
-NOTE = (
-    "Where a cost was 0, the arm with its real size never comes near the obstacle. "
-    "scripts/paper_falls.py begins with the paper's body points instead, and shows that the fall "
-    "of the push hangs on which waypoint happens to lie nearest y = 0 (docs/concepts.md)."
-)
-"""Why our falls are not the paper's."""
 
 
 def table_one(rows: Sequence["ScenarioRow"]) -> "Table":

@@ -130,11 +130,8 @@ class Posed:
         return timed(self.task, self.options, q, slow)
 
     def problem(self, terms: Sequence[Cost], constraints: Sequence[Cost], ends: bool) -> Problem:
-        """The problem over the waypoints; the first is fixed, with ``ends`` also the last.
-
-        Objects that stand are no obstacles: the tool pushes them aside before the arm comes.
-        """
-        task, options = pushed_aside(self.task), self.options
+        """The problem over the waypoints; the first is fixed, with ``ends`` also the last."""
+        task, options = pushed_aside(self.task), self.options  # before the arm comes
         cutoff = max(options.paper.epsilon, options.static_clearance, options.avoid_clearance)
         return Problem(
             task.robot, task.surroundings, terms, constraints, self.waypoints.count,
@@ -172,28 +169,27 @@ def posed_problems(
     """
     positions, offsets = [obj.position for obj in task.neighbours], drift_offsets(task, options)
     names = ["camera", *(obj.id for obj in task.neighbours), "goal"]
-    branches: list[tuple[FloatArray, FloatArray, tuple[ViaPoint, ...]]] = []
+    branches: list[tuple[FloatArray, FloatArray]] = []
     for goal in goals:
         branch = None
         if positions:
             points, deviations = via_points(task, positions, options.paper.via_deviation)
             branch = on_branch(task, points, goal)
-        met: tuple[ViaPoint, ...] = (ViaPoint("goal", task.robot.tool_pose(goal)[0]),)
         if branch is None:
-            branches.append((goal[None], np.zeros(1), met))
+            branches.append((goal[None], np.zeros(1)))
             continue
         variances = deviations.astype(np.float64) ** 2  # a deviation may be an integer
         variances[1:-1] += [detection_variance(obj) for obj in task.neighbours]
-        met = tuple(map(ViaPoint, names, points))
-        branches.append((branch, variances / PRIMITIVE.lever_arm**2, met))
+        branches.append((branch, variances / PRIMITIVE.lever_arm**2))
     branches.sort(key=lambda branch: spaced(task, options, branch[0]).count)
-    for values, variances, met in branches:
+    for values, variances in branches:
         waypoints = spaced(task, options, values)
         phases = np.linspace(waypoints.phase, 1.0, len(values)) if len(values) > 1 else [1.0]
         q = led_through(promp, task.start, np.array(phases), values, variances, waypoints.count)
-        points = task.robot.tool_pose(q)[0]
+        met, points = (task.robot.tool_pose(one)[0] for one in (values, q))
+        via = tuple(map(ViaPoint, names[-len(met) :], met))
         yield [
-            Posed(task, options, strategy, waypoints, drift, offsets, met, q, points)
+            Posed(task, options, strategy, waypoints, drift, offsets, via, q, points)
             for drift in drift_choices(
                 task.scene, task.neighbours, options.paper.drift, window="paper"
             )

@@ -217,9 +217,7 @@ def _joint(posed: Posed, budget: Budget) -> Solved:
 
 
 def staged(posed: Posed, radius: float, budget: Budget) -> tuple[FloatArray, list[Stage]]:
-    """The waypoints (T, n) after the push stage and the collision stage, and both stages.
-
-    The push stage's first trust radius is ``radius`` [rad].
+    """Waypoints (T, n) after both stages, and the stages; the push's first trust is ``radius``.
 
     With ``constraints: paper``, a collision stage after the push keeps constraints 1 to 3 as
     penalties. Otherwise the collision stage may undo a part of the drift, as the authors' does.
