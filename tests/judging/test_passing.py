@@ -14,7 +14,7 @@ from scipy.optimize import lsq_linear
 from tests.judging.builders import moving, obj, to
 
 from optipromp.core import judging
-from optipromp.core.geometry import Sphere
+from optipromp.core.geometry import Box, Cylinder, Shape, Sphere
 from optipromp.core.judging.passing import between
 from optipromp.core.judging.passing import passing as judged_passing
 from optipromp.core.robots.model import Robot
@@ -23,11 +23,13 @@ from optipromp.core.trajectory import State
 
 FRUIT = np.array([0.0, 0.0, 0.6])
 TARGET = np.array([0.0, 0.0, 0.75])
+BALL = Sphere(0.015)
 
 
 def passing(
-    gantry: Robot, stem: Any, aside: Callable[[np.ndarray], Any], fruit: Any = FRUIT
-) -> judging.Judgement:
+    gantry: Robot, stem: Any, aside: Callable[[np.ndarray], Any], fruit: Any = FRUIT,
+    shape: Shape = BALL,
+) -> judging.Judgement:  # fmt: skip
     """The tool goes up past a fruit with lateral offsets ``aside(height over the fruit)``."""
     height = np.linspace(0.2, 0.75, 56)
     path = np.zeros((56, 3))
@@ -38,7 +40,7 @@ def passing(
     scene = to(
         None,
         obj("target", Sphere(0.015), TARGET, name="ripe"),
-        SceneObject("n", "pushable", Sphere(0.015), np.asarray(fruit), stem=hung),
+        SceneObject("n", "pushable", shape, np.asarray(fruit), stem=hung),
     )
     # the ball of the y carriage hangs 0.5 under the fruit's height, out of the way
     return judging.judge(scene, gantry, moving(gantry, path - [0.0, 0.0, 0.13], dt=9.0))
@@ -213,6 +215,18 @@ def test_drift_shortfall_counts_from_the_camera_point_on(gantry: Robot) -> None:
         found = judging.judge(replace(scene, options=options), gantry, motion).metrics
         assert found.drift_shortfall["n"] == pytest.approx(short, abs=1e-9), options
         assert found.M_p["n"] == pytest.approx(-0.045)
+
+
+@pytest.mark.parametrize("shape", [Cylinder(0.05, 0.03), Box((0.14, 0.02, 0.03))])
+def test_the_window_is_the_extent_along_the_approach(shape: Shape, gantry: Robot) -> None:
+    """15 mm over and under a flat thing's centre, however wide the thing is."""
+    for height, short in ((0.0051, 0.05), (0.0149, 0.0)):  # a waypoint every 10 mm
+
+        def aside(h: float, far: float = height) -> tuple[float, float]:
+            return 0.0, -0.06 if abs(h) < far else 0.0
+
+        metrics = passing(gantry, (0.0, 0.05, 0.2), aside, shape=shape).metrics
+        assert metrics.drift_shortfall["n"] == pytest.approx(short)
 
 
 @pytest.mark.parametrize("stem", [None, (0.0, 0.0, 0.2), (0.05, 0.0, 0.2)])

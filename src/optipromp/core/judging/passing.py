@@ -33,7 +33,8 @@ class Pushables(NamedTuple):
 
     ids: list[str]
     places: FloatArray  # (K, 3) X_n [m]
-    radii: FloatArray  # (K,) r_n [m]
+    radii: FloatArray  # (K,) of balls that hold the objects [m]
+    half: FloatArray  # (K,) r_n, half the extent along z_g [m]
     hangs: BoolArray  # (K,) whether there is a stem
     flat: FloatArray  # (K, 3) S_n, the stem's first piece, without its part along z_g [m]
     leans: BoolArray  # (K,) whether the stem decides on which side to pass
@@ -77,7 +78,7 @@ def pushables_of(scene: Scene, gripper_radius: float) -> Pushables:
     own = asked if isinstance(asked, Mapping) else {}
     usual = gripper_radius if asked is None or asked is own else asked
     return Pushables(
-        ids, places, radii, hangs, flat,
+        ids, places, radii, np.array([item.extent(up) for item in items]), hangs, flat,
         hangs & (lengths(flat) >= least),
         np.where(hangs & (np.abs(projection) >= least), -np.sign(projection), 0.0),
         np.array(points), start, radii + 2.0 * gripper_radius, in_the_way, under,
@@ -135,7 +136,7 @@ def passing(scene: Scene, tips: FloatArray, rims: FloatArray, gripper_radius: fl
     m_p = tip @ lateral
     side = np.where(objects.side == 0.0, np.sign(m_p), objects.side)
     least, gap = np.full(len(places), np.inf), np.full(len(places), np.inf)
-    stems = places, objects.radii, objects.points, objects.start
+    stems = places, objects.radii, objects.half, objects.points, objects.start
     first = len(tips) - 1 - int(np.argmin(lengths(tips - objects.camera)[::-1]))  # the last of them
     first = 0 if scene.target is None else first
     passed = tip_asked & (waypoint >= first)
@@ -221,16 +222,16 @@ def window(path, first, rows, waypoint, side, lateral, up, stems, least, gap):
         waypoint: (K,) waypoint of each passage; the window includes it.
         side: (K,) s_n.
         lateral, up: (3,) y_g and z_g.
-        stems: ``places``, ``radii``, ``points`` and ``start`` of :class:`Pushables`.
+        stems: ``places``, ``radii``, ``half``, ``points`` and ``start`` of :class:`Pushables`.
         least: (K,) smallest s_n·y_g·(fk − X_n) [m].
         gap: (K,) smallest distance from the stem's line to the segment from tool point to fruit,
             which ends at the fruit's surface, where the stem begins [m].
     """
-    places, radii, points, start = stems
+    places, radii, half, points, start = stems
     for k in rows:
         p, end = places[k], np.empty(3)
         for t in range(first, path.shape[0]):
-            if abs(_over(path[t], p, up)) > radii[k] and t != waypoint[k]:
+            if abs(_over(path[t], p, up)) > half[k] and t != waypoint[k]:
                 continue
             least[k] = min(least[k], side[k] * _over(path[t], p, lateral))
             away = 0.0

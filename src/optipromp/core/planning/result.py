@@ -187,7 +187,7 @@ class Plan(Shown):
         contacts: pairs that touch but must not.
         time: wall time, ``total`` and per stage [s].
         first: index of the first waypoint on the approach.
-        via: points of the tool that ``promp`` and ``i-promp`` conditioned the primitive on.
+        via: points of the tool that the planner conditioned the primitive on, the target last.
     """
 
     task: Task

@@ -13,7 +13,7 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, frame_along, frozen
 from optipromp.core.errors import InvalidSceneError
-from optipromp.core.geometry.shapes import Capsule, Shape
+from optipromp.core.geometry.shapes import Box, Capsule, Cylinder, Shape
 from optipromp.core.scenes.motion import ObjectMotion
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import IDENTITY, from_quaternion, product, unit_quaternion
@@ -305,6 +305,18 @@ class SceneObject:
     def radius(self) -> float:
         """Radius [m] of a ball about ``position`` that contains the shape."""
         return self.shape.measure.bound
+
+    def extent(self, axis: FloatArray) -> float:
+        """Half the extent [m] along a unit vector (3,); of a shape with no formula, the radius."""
+        along = self.rotation.T @ axis
+        match self.shape:
+            case Box(size):
+                return 0.5 * float(np.abs(along) @ np.array(size))
+            case Cylinder(radius, length):
+                return 0.5 * length * abs(float(along[2])) + radius * float(np.hypot(*along[:2]))
+            case Capsule(radius, length):
+                return radius + 0.5 * length * abs(float(along[2]))
+        return self.radius
 
 
 def _checked(physical: Mapping[str, float]) -> dict[str, float]:

@@ -13,7 +13,7 @@ from optipromp.core.arrays import BoolArray, FloatArray, frozen, lengths
 from optipromp.core.pushing.candidates import Candidates, Round, Schedule
 from optipromp.core.pushing.model import Moved, PushModel
 from optipromp.core.pushing.packs import trials
-from optipromp.core.pushing.packs.plane import Plane, half_height, packs, plane
+from optipromp.core.pushing.packs.plane import Plane, packs, plane
 from optipromp.core.pushing.packs.quasi_static import JAMMED, Pushed, push
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP, ToolPath, through
@@ -69,7 +69,6 @@ class PathsBetween(Candidates):
         )
 
 
-STANDING = PUSH.standing
 MOVES = 1e-4  # [m or rad] motion of an object in a step of the model that is a push: a choice
 EVERY = round(PUSH.pack.step / STEP)  # points of a path per step of the model
 
@@ -104,7 +103,7 @@ class Standing(PushModel):
         self.names = [obj.id for obj in seen]
         self._seen = np.array([obj.position for obj in seen])
         near = self.bench.objects.radius[:, None] + np.zeros(3)  # along x_g, y_g, z_g
-        near[:, 0] = [half_height(obj, self.frame) for obj in seen]
+        near[:, 0] = [obj.extent(self.frame[0]) for obj in seen]
         near += STANDING.sure * self.board.spread[:, None]
         place = (self._seen - self.target) @ self.frame.T
         self._packs = (place - near).min(axis=0), (place + near).max(axis=0)
