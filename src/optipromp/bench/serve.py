@@ -10,53 +10,188 @@ The benchmark connects, and sends a line for each call; the policy answers each 
 ===================================================================  =============================
 
 A scene is a scene file's document (docs/scene-format.md), and so are objects: the fruits as last
-seen. An answer ``{"error": "…"}`` ends the episode. ``optipromp bench run --entry tcp:HOST:PORT
---track policy`` asks such a policy; :func:`serve` makes one of a Python class.
+seen. An answer ``{"error": "…"}`` ends the episode, and so does one that is late
+(:class:`optipromp.bench.limits.Patience`) or longer than 100,000 bytes. ``optipromp bench run
+--entry tcp:HOST:PORT --track policy`` asks such a policy; :func:`serve` makes one of a Python
+class.
 """
 
 import json
 import socket
+import time
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 from optipromp.bench.episode import Observation
-from optipromp.bench.tracks import Acting
+from optipromp.bench.limits import ACTION, LINE, PATIENCE, EntryError, Patience
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.scenes.io import scene_from_dict, scene_to_dict
 from optipromp.core.scenes.scene import Scene, SceneObject
 
-PATIENCE = 30.0  # [s] for an answer: planners that plan in reset take seconds: a choice
-LONGEST = 10_000_000  # [byte] of a line: a choice
+T = TypeVar("T")
 
 
-class Served:
-    """A policy at ``HOST:PORT``, as an entry.
-
-    Raises:
-        InvalidRequestError: nobody listens there.
-    """
-
-    def __init__(self, address: str) -> None:
-        host, _, port = address.rpartition(":")
-        try:
-            self._socket = socket.create_connection((host or "127.0.0.1", int(port)), PATIENCE)
-        except (OSError, ValueError) as error:
-            raise InvalidRequestError(
-                f"no policy answers at {address!r} ({error}): start it, then give tcp:HOST:PORT"
-            ) from None
-        self._stream = self._socket.makefile("rwb")
-        self._scene: Scene | None = None
+class Policy(Protocol):
+    """A policy; see :class:`optipromp.bench.tracks.Acting`."""
 
     def reset(self, scene: Scene, seed: int) -> None:
-        """See :class:`optipromp.bench.tracks.Acting`."""
-        self._scene = scene
-        self._ask({"call": "reset", "scene": scene_to_dict(scene), "seed": seed})
+        """A new episode."""
 
     def act(self, seen: Observation) -> FloatArray:
-        """See :class:`optipromp.bench.tracks.Acting`."""
+        """Joint velocities (n,)."""
+
+
+class Wire:
+    """Calls over a socket, each answered by a line of JSON within a time.
+
+    A deadline is of the whole answer, so that one byte at a time gains nothing.
+    """
+
+    def __init__(self, own: socket.socket) -> None:
+        self._socket, self._rest = own, bytearray()
+
+    def ask(self, message: bytes, seconds: float) -> dict[str, Any]:
+        """The answer to a message.
+
+        Raises:
+            TimeoutError, OSError: none came; EOFError: the other side hung up.
+            ValueError: no JSON object, or more than LINE bytes.
+        """
+        self._until, self._rest = time.monotonic() + seconds, bytearray()
+        self._socket.settimeout(seconds)
+        self._socket.sendall(message)
+        while (end := self._rest.find(b"\n")) < 0:
+            if len(self._rest) > LINE:
+                raise ValueError(f"an answer of more than {LINE} bytes without the end of its line")
+            self._hear()
+        line = bytes(self._rest[:end])
+        del self._rest[: end + 1]
+        try:
+            answer = json.loads(line)
+        except (ValueError, RecursionError):
+            told = line[:200].decode("utf-8", "replace")
+            raise ValueError(f"the answer was {told!r}; must be JSON") from None
+        if not isinstance(answer, dict):
+            raise ValueError(f"the answer was {str(answer)[:200]}; must be a JSON object")
+        return answer
+
+    def rest(self, count: int) -> bytes:
+        """``count`` bytes after an answer, within its time; raises as :meth:`ask`."""
+        while len(self._rest) < count:
+            self._hear()
+        return bytes(self._rest[:count])
+
+    def _hear(self) -> None:
+        left = self._until - time.monotonic()
+        if left <= 0.0:
+            raise TimeoutError
+        self._socket.settimeout(left)
+        got = self._socket.recv(1 << 16)
+        if not got:
+            raise EOFError
+        self._rest += got
+
+    def close(self) -> None:
+        """Hang up."""
+        self._socket.close()
+
+
+def velocity_of(answer: dict[str, Any]) -> FloatArray:
+    """The joint velocities (n,) of an answer.
+
+    Raises:
+        EntryError: there are none.
+    """
+    told = answer.get("velocity")
+    try:
+        if isinstance(told, list) and len(told) <= ACTION:
+            return np.array([float(value) for value in told])
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise EntryError(f"the answer was {str(answer)[:200]}; must be {{'velocity': [...]}}")
+
+
+class Remote:
+    """An entry at the other end of a wire, which is cut when an answer fails."""
+
+    def __init__(self, patience: Patience = PATIENCE) -> None:
+        self.patience = patience
+        self._wire: Wire | None = None
+
+    def _within(self, seconds: float, call: Callable[[Wire], T]) -> T:
+        """The result of a call of the wire. Raises EntryError where there is none."""
+        assert self._wire is not None, "call begin first"
+        try:
+            return call(self._wire)
+        except TimeoutError:
+            cause = f"no answer within {seconds:g} s"
+        except (OSError, EOFError):
+            cause = self._ended()
+        except (ValueError, InvalidRequestError) as error:
+            cause = str(error)
+        self.close()
+        raise EntryError(cause)
+
+    def _ask(self, message: bytes, seconds: float) -> dict[str, Any]:
+        """The answer to a message. Raises EntryError where there is none, or an error."""
+        answer = self._within(seconds, lambda wire: wire.ask(message, seconds))
+        if "error" in answer:
+            raise EntryError(str(answer["error"]))
+        return answer
+
+    def _ended(self) -> str:
+        """Why the other side is gone."""
+        return "the policy hung up"
+
+    def close(self) -> None:
+        """Hang up."""
+        if self._wire is not None:
+            self._wire.close()
+        self._wire = None
+
+
+class Served(Remote):
+    """A policy at ``HOST:PORT``, as an entry.
+
+    Args:
+        address: HOST:PORT; without a host, this machine's.
+        patience: the time that it has.
+    """
+
+    def __init__(self, address: str, patience: Patience = PATIENCE) -> None:
+        super().__init__(patience)
+        self.address = address
+        self._scene: Scene | None = None
+
+    def begin(self) -> None:
+        """Connect, anew for each episode.
+
+        Raises:
+            EntryError: nobody listens there.
+        """
+        self.close()
+        host, _, port = self.address.rpartition(":")
+        try:
+            place = host or "127.0.0.1", int(port)
+            self._wire = Wire(socket.create_connection(place, self.patience.reset))
+        except (OSError, ValueError, OverflowError) as error:
+            raise EntryError(
+                f"no policy answers at {self.address!r} ({error}): start it, then give "
+                "tcp:HOST:PORT"
+            ) from None
+
+    def reset(self, scene: Scene, seed: int) -> None:
+        """See :class:`Policy`."""
+        self._scene = scene
+        told = {"call": "reset", "scene": scene_to_dict(scene), "seed": seed}
+        self._ask(_line(told), self.patience.reset)
+
+    def act(self, seen: Observation) -> FloatArray:
+        """See :class:`Policy`."""
         assert self._scene is not None
         shown = replace(self._scene, objects=(*seen.fruits, *self._scene.static))
         told = {
@@ -67,37 +202,14 @@ class Served:
             },
             "objects": scene_to_dict(shown)["objects"],
         }  # fmt: skip
-        answer = self._ask(told)
-        try:
-            return np.array(answer["velocity"], dtype=np.float64)
-        except (KeyError, TypeError, ValueError):
-            raise InvalidRequestError(
-                f"the policy answered {str(answer)[:200]}; must be {{'velocity': [...]}}"
-            ) from None
-
-    def _ask(self, message: dict[str, Any]) -> dict[str, Any]:
-        try:
-            self._stream.write(json.dumps(message).encode() + b"\n")
-            self._stream.flush()
-            line = self._stream.readline(LONGEST)
-        except OSError as error:
-            raise InvalidRequestError(f"the policy does not answer: {error}") from None
-        try:
-            answer = json.loads(line)
-        except ValueError:
-            told = line[:200].decode("utf-8", "replace") or "nothing"
-            raise InvalidRequestError(f"the policy answered {told!r}; must be JSON") from None
-        if not isinstance(answer, dict) or "error" in answer:
-            raise InvalidRequestError(f"the policy answered {str(answer)[:500]}")
-        return answer
-
-    def close(self) -> None:
-        """Hang up."""
-        self._stream.close()
-        self._socket.close()
+        return velocity_of(self._ask(_line(told), self.patience.act))
 
 
-def serve(policy: Acting, port: int = 0, host: str = "127.0.0.1", calls: int | None = None) -> None:
+def _line(message: dict[str, Any]) -> bytes:
+    return json.dumps(message).encode() + b"\n"
+
+
+def serve(policy: Policy, port: int = 0, host: str = "127.0.0.1", calls: int | None = None) -> None:
     """Serve a Python policy, one caller after the other; prints the address first.
 
     Args:
@@ -125,7 +237,7 @@ def serve(policy: Acting, port: int = 0, host: str = "127.0.0.1", calls: int | N
                             answer = {"velocity": policy.act(_seen(message, scene)).tolist()}
                     except Exception as error:  # the caller tells of it
                         answer = {"error": f"{type(error).__name__}: {error}"}
-                    stream.write(json.dumps(answer).encode() + b"\n")
+                    stream.write(_line(answer))
                     stream.flush()
 
 
