@@ -1,7 +1,6 @@
 """Entries of the benchmark's tests, in a module of their own: each works in another process."""
 
 import os
-import socket
 import sys
 import time
 from pathlib import Path
@@ -36,11 +35,11 @@ class Still:
         return still(scene)
 
 
-class Refuses:
-    """Refuse every scene."""
+class Broken:
+    """An entry with a defect."""
 
     def plan(self, scene: Scene, seed: int) -> None:
-        return None
+        raise ZeroDivisionError("a defect")
 
 
 class Ours:
@@ -100,30 +99,24 @@ class Patcher:
         return still(scene)
 
 
-class Broken:
-    """An entry with a defect."""
-
-    def plan(self, scene: Scene, seed: int) -> None:
-        raise ZeroDivisionError("a defect")
+HOWS = (
+    "exit", "interrupt", "surrogate", "text", "long", "rows", "begin", "names", "abort", "hang",
+)  # fmt: skip
 
 
 class Wrong:
-    """Do wrong in a way that depends on the scene's fruits: each scene another way of ending."""
-
-    how = ""
+    """Do wrong in the way of :data:`HOWS` that the seed tells."""
 
     def plan(self, scene: Scene, seed: int) -> Any:
-        match self.how:
+        own = still(scene)
+        t, q, zero, names = own.times, own.positions, 0.0 * own.positions, own.joint_names
+        match HOWS[seed % len(HOWS)]:
             case "exit":
                 sys.exit(0)
-            case "abort":
-                os._exit(3)
             case "interrupt":
                 raise KeyboardInterrupt
             case "surrogate":
                 raise ValueError("bad \ud800 letter\x1b[2J\n" + "a" * 100_000)
-            case "hang":
-                time.sleep(1000.0)
             case "text":
                 return "a text"
             case "long":
@@ -131,89 +124,16 @@ class Wrong:
             case "rows":
                 return still(scene, 50.0, 100_001)
             case "begin":
-                own = still(scene)
-                q = own.positions + 0.1
-                return Trajectory(own.times, q, 0 * q, 0 * q, own.joint_names)
+                return Trajectory(t, q + 0.1, zero, zero, names)
             case "names":
-                own = still(scene)
-                q = own.positions
-                return Trajectory(own.times, q, 0 * q, 0 * q, own.joint_names[::-1])
-        return None
+                return Trajectory(t, q, zero, zero, names[::-1])
+            case "abort":
+                os._exit(3)
+        return time.sleep(1000.0)
 
 
-def _wrong(how: str) -> type:
-    return type(how.title(), (Wrong,), {"how": how})
-
-
-class Raw:
-    """Write to the judge's socket as if there were no rules."""
-
-    content: Any = b""
+class Aborts:
+    """End the process in every scene."""
 
     def plan(self, scene: Scene, seed: int) -> None:
-        own = socket.socket(fileno=os.dup(int(sys.argv[1])))
-        own.settimeout(5.0)
-        for piece in self.content:
-            own.sendall(piece)
-            if len(piece) == 1:
-                time.sleep(0.05)
-        time.sleep(1000.0)
-
-
-class Drip(Raw):
-    content = [b" "] * 100_000
-
-
-class Flood(Raw):
-    content = [b"a" * 65_536] * 1000
-
-
-class Pickle(Raw):
-    content = (b"\x80\x04K\x01.\n",)
-
-
-class Deep(Raw):
-    content = (b"[" * 50_000 + b"\n",)
-
-
-class Huge(Raw):
-    content = (b'{"rows": 1000000000000, "names": ["a"]}\n',)
-
-
-class Wide(Raw):
-    content = (b'{"rows": 100000, "names": [' + b'"a",' * 1000 + b'"a"]}\n',)
-
-
-class Nan(Raw):
-    content = (b'{"rows": 2, "names": ["a"]}\n' + b"\xff" * 64,)
-
-
-def __getattr__(name: str) -> Any:
-    if name.islower() or name.startswith("_"):
-        raise AttributeError(name)
-    return _wrong(name.lower())
-
-
-class Acts:
-    """A policy that answers something else than velocities."""
-
-    answer: Any = None
-
-    def reset(self, scene: Scene, seed: int) -> None: ...
-
-    def act(self, seen: Observation) -> Any:
-        return self.answer
-
-
-class ActsNan(Acts):
-    answer = np.full(7, np.nan)
-
-
-class ActsThree(Acts):
-    answer = np.zeros(3)
-
-
-class Waits(Acts):
-    """Stand still."""
-
-    answer = np.zeros(7)
+        os._exit(3)

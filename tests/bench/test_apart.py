@@ -1,42 +1,45 @@
 """An entry works in a process of its own: it learns nothing of the judge and ends no run."""
 
-import os
 import socket
+import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from tests.bench import entrants as entries
-from tests.bench.entrants import HERE, entry
+from tests.bench.entrants import HOWS, entry
 from typer.testing import CliRunner
 
+from optipromp import Scene
 from optipromp.bench import running
-from optipromp.bench.apart import dismissed, hired
-from optipromp.bench.limits import ROWS, Patience
+from optipromp.bench.apart import Apart, dismissed
+from optipromp.bench.limits import ROWS, EntryError, Patience, words
 from optipromp.bench.results import BenchRun, run_bench
-from optipromp.bench.running import BenchRow, Exercise, attempted
+from optipromp.bench.running import Exercise, attempted
+from optipromp.bench.serve import Wire
 from optipromp.bench.sets import SceneSet, scene_of
+from optipromp.bench.tracks import asked
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 
-SHORT = Patience(plan=1.0, reset=1.0, act=0.3)
+SHORT = Patience(plan=2.0, reset=2.0, act=0.5)
 TASK = Exercise("", "plan", "limp", 110_000, engines=("flight",))
 
 
-@pytest.fixture(autouse=True, scope="module")
-def _ended() -> Iterator[None]:
-    yield
-    dismissed()
+@pytest.fixture(scope="module")
+def apart() -> Iterator[Apart]:
+    own = Apart(entry(entries.Wrong), "plan", SHORT)
+    yield own
+    own.close()
 
 
-def row(spec: str, **more: object) -> BenchRow:
-    """What becomes of one scene in one engine."""
-    (made,), motions = attempted(replace(TASK, entry=spec, **more))  # type: ignore[arg-type]
-    assert bool(motions) != (made.result == "error")
-    return made
+@pytest.fixture(scope="module")
+def seen() -> Scene:
+    return running.situated(TASK)[0].seen
 
 
 def test_an_entry_learns_neither_word_nor_seeds_nor_folder(
@@ -62,69 +65,100 @@ def test_scene_physics_and_entry_have_seeds_of_their_own() -> None:
     )
 
 
-def test_a_changed_judge_is_another_processs() -> None:
+def test_a_changed_judge_is_another_ones() -> None:
     """The entry patches its own copy of the verdict; the motion stays what it is."""
-    assert row(entry(entries.Patcher)).result == "missed"
+    (made,), _ = attempted(replace(TASK, entry=entry(entries.Patcher)))
+    dismissed()
+    assert made.result == "missed"
     assert running._result(False, True) == "harmed"
-
-
-@pytest.mark.parametrize(
-    ("how", "result", "cause"),
-    [
-        ("Exit", "error", "SystemExit: 0"),
-        ("Interrupt", "error", "KeyboardInterrupt"),
-        ("Surrogate", "error", r"ValueError: bad \ud800 letter\x1b[2J aaa"),
-        ("Text", "error", "the entry gave a str"),
-        ("Long", "refused", "takes 61 s; at most 60"),
-        ("Rows", "error", f"must have at most {ROWS}"),
-        ("Begin", "refused", "begins 0.1 rad off the start"),
-        ("Names", "refused", "must be"),
-        ("Broken", "error", "ZeroDivisionError: a defect"),
-    ],
-)
-def test_what_an_entry_does_wrong_is_a_row(how: str, result: str, cause: str) -> None:
-    made = row(f"{HERE}:{how}")
-    assert (made.result, cause in made.cause) == (result, True), made.cause
-    assert made.cause.isprintable()
-    assert len(made.cause) <= 300
 
 
 @pytest.mark.parametrize(
     ("how", "cause"),
     [
-        ("Abort", "its process ended (exit code 3)"),
-        ("Hang", "no answer within 1 s"),
-        ("Drip", "no answer within 1 s"),
-        ("Flood", "more than 100000 bytes"),
-        ("Pickle", "must be JSON"),
-        ("Deep", "must be JSON"),
-        ("Huge", "1000000000000 rows"),
-        ("Wide", "too large"),
-        ("Nan", "finite"),
+        ("long", "takes 61 s; at most 60"),
+        ("begin", "begins 0.1 rad off the start"),
+        ("names", "must be "),
     ],
 )
-def test_a_process_that_breaks_the_rules_is_ended(how: str, cause: str) -> None:
-    spec, began = f"{HERE}:{how}", time.monotonic()
-    made = row(spec, patience=SHORT)
-    assert made.result == "error"
-    assert cause in made.cause
-    assert hired(spec, "plan", SHORT)._process is None  # type: ignore[union-attr]
-    assert time.monotonic() - began < 60.0
-    dismissed()
+def test_a_motion_that_no_controller_takes_is_refused(
+    apart: Apart, seen: Scene, how: str, cause: str
+) -> None:
+    apart.begin()
+    made = asked(lambda: apart.plan(seen, HOWS.index(how)), seen)
+    assert made.refused
+    assert cause in made.why
+
+
+@pytest.mark.parametrize(
+    ("how", "cause"),
+    [
+        ("exit", "SystemExit: 0"),
+        ("interrupt", "KeyboardInterrupt"),
+        ("surrogate", r"ValueError: bad \ud800 letter\x1b[2J aaa"),
+        ("text", "the entry gave a str"),
+        ("rows", f"must have 2 to {ROWS}"),
+        ("abort", "its process ended (exit code 3)"),
+        ("hang", "no answer within 2 s"),
+    ],
+)
+def test_what_an_entry_does_wrong_is_its_error(
+    apart: Apart, seen: Scene, how: str, cause: str
+) -> None:
+    apart.begin()
+    with pytest.raises(EntryError) as told:
+        apart.plan(seen, HOWS.index(how))
+    line = words(told.value.message)
+    assert cause in line
+    assert line.isprintable()
+    assert len(line) <= 300
+
+
+@pytest.mark.parametrize(
+    ("pieces", "cause"),
+    [
+        ([b" "] * 10_000, "no answer within 2 s"),
+        ([b"a" * 65_536] * 100, "more than 100000 bytes"),
+        ([b"\x80\x04K\x01.\n"], "must be JSON"),
+        ([b"[" * 50_000 + b"\n"], "must be JSON"),
+        ([b'{"rows": 1000000000000, "names": ["a"]}\n'], "1000000000000 rows"),
+        ([b'{"rows": 100000, "names": [' + b'"a",' * 1000 + b'"a"]}\n'], "too large"),
+        ([b'{"rows": 2, "names": ["a"]}\n' + b"\xff" * 64], "finite"),
+        ([b'{"rows": true, "names": [[]]}\n' + b"\xff" * 64], "True rows"),
+        ([b'{"rows": -1, "names": ["a"]}\n'], "-1 rows"),
+    ],
+)
+def test_an_entry_that_writes_to_the_judge_is_cut_off(
+    seen: Scene, pieces: list[bytes], cause: str
+) -> None:
+    ours, theirs = socket.socketpair()
+    own = Apart("x:X", "plan", SHORT)
+    own._wire = Wire(ours)
+    own._process = subprocess.Popen(["sleep", "100"], start_new_session=True)
+    enemy = threading.Thread(target=written, args=(theirs, pieces), daemon=True)
+    enemy.start()
+    with pytest.raises(EntryError) as told:
+        own.plan(seen, 0)
+    assert cause in told.value.message
+    assert own._process is None
+    enemy.join(5.0)
+
+
+def written(own: socket.socket, pieces: list[bytes]) -> None:
+    """Write pieces, single bytes slowly."""
+    with own, suppress(OSError):
+        for piece in pieces:
+            own.sendall(piece)
+            time.sleep(0.01 if len(piece) == 1 else 0.0)
+        while own.recv(65_536):  # until the other side has enough
+            pass
 
 
 def test_a_run_goes_on_after_a_scene_that_ends_the_entry(tmp_path: Path) -> None:
-    spec = f"{HERE}:Abort"
+    spec = entry(entries.Aborts)
     rows = run_bench(BenchRun.of(spec, "plan", SceneSet("w", ("limp",), 2)), tmp_path, workers=1)
     assert [each.result for each in rows] == ["error"] * 4
     assert (tmp_path / "submission.zip").exists()
-
-
-def test_policies_answer_velocities_of_the_joints() -> None:
-    task = {"track": "policy", "patience": SHORT}
-    assert "finite" in row(entry(entries.ActsNan), **task).cause
-    assert "shape (3,)" in row(entry(entries.ActsThree), **task).cause
-    assert "answer was" in row(entry(entries.Acts), **task).cause or True
 
 
 def server(answer: Callable[[socket.socket], None]) -> Iterator[str]:
@@ -148,25 +182,12 @@ def hangs_up(caller: socket.socket) -> None:
 
 
 def drips(caller: socket.socket) -> None:
-    try:
-        while True:
-            caller.sendall(b" ")
-            time.sleep(0.05)
-    except OSError:
-        caller.close()
-
-
-def floods(caller: socket.socket) -> None:
-    try:
-        while True:
-            caller.sendall(b"a" * 65_536)
-    except OSError:
-        caller.close()
+    written(caller, [b" "] * 1000)
 
 
 def says(text: bytes) -> Callable[[socket.socket], None]:
     def answer(caller: socket.socket) -> None:
-        with caller, caller.makefile("rwb") as stream:
+        with suppress(OSError), caller, caller.makefile("rwb") as stream:
             for line in stream:
                 stream.write(b"{}\n" if b'"reset"' in line else text)
                 stream.flush()
@@ -178,13 +199,12 @@ def says(text: bytes) -> Callable[[socket.socket], None]:
     ("answer", "cause"),
     [
         (hangs_up, "the policy hung up"),
-        (drips, "no answer within 1 s"),
-        (floods, "more than 100000 bytes"),
+        (drips, "no answer within 2 s"),
         (says(b"velocity 1 2 3\n"), "velocity 1 2 3"),
-        (says(b"\xff\xfe\x00\n"), "must be JSON"),
         (says(b"[]\n"), "must be a JSON object"),
         (says(b'{"error":"\\ud800"}\n'), r"\ud800"),
         (says(b'{"velocity":[NaN,0,0,0,0,0,0]}\n'), "finite"),
+        (says(b'{"velocity":[0]}\n'), "shape (1,)"),
         (says(b'{"velocity":[' + b"1" * 400 + b",0,0,0,0,0,0]}\n"), "velocity"),
         (says(b'{"velocity":["a"]}\n'), "must be {'velocity': [...]}"),
     ],
@@ -193,8 +213,9 @@ def test_a_served_policy_that_breaks_the_rules_is_a_row(
     answer: Callable[[socket.socket], None], cause: str
 ) -> None:
     for address in server(answer):
-        made = row(address, track="policy", patience=SHORT)
-        assert made.result == "error"
+        task = replace(TASK, entry=address, track="policy", patience=SHORT)
+        (made,), motions = attempted(task)
+        assert (made.result, motions) == ("error", {})
         assert cause in made.cause
 
 
@@ -206,29 +227,36 @@ def test_a_policy_nobody_serves_is_told_before_the_run(tmp_path: Path) -> None:
         run_bench(replace(run, track="plan"), tmp_path / "other", workers=1)
 
 
-@pytest.mark.parametrize(
-    ("name", "source", "word"),
-    [
+def test_an_entry_that_cannot_be_made_is_told(
+    apart: Apart, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, source, word in (
         ("syntax", "def (", "SyntaxError"),
         ("value", "raise ValueError('at import')", "at import"),
-        ("exits", "raise SystemExit(3)", "SystemExit"),
-        ("ends", "import os; os._exit(0)", "exit code 0"),
+        ("exits", "raise SystemExit(3)", "SystemExit: 3"),
         ("maker", "class A:\n def __init__(self): raise RuntimeError('no')", "RuntimeError: no"),
         ("bare", "class A: pass", "no method plan"),
-        ("empty", "", "AttributeError"),
-    ],
-)
-def test_an_entry_that_cannot_be_made_is_one_error(
-    name: str, source: str, word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+        ("void", "", "AttributeError"),
+        ("ends", "import os; os._exit(0)", "exit code 0"),
+    ):
+        Path(f"{name}.py").write_text(source)
+        monkeypatch.setattr(apart, "spec", f"{name}:A")
+        with pytest.raises(EntryError, match=word):
+            apart.begin()
+
+
+def test_a_run_of_an_entry_that_ends_at_import_is_one_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / f"{name}.py").write_text(source)
+    (tmp_path / "ends.py").write_text("import os; os._exit(0)")
     monkeypatch.chdir(tmp_path)
     told = CliRunner().invoke(
-        app, ["bench", "run", "--entry", f"{name}:A", "--count", "1", "--out", "o"]
+        app, ["bench", "run", "--entry", "ends:A", "--count", "1", "--out", "o"]
     )
     assert told.exit_code == 2
     assert told.output.count("error INVALID_REQUEST") == 1
-    assert word in told.output
+    assert "exit code 0" in told.output
     assert not (tmp_path / "o/rows.csv").exists()
 
 
@@ -238,4 +266,3 @@ def test_a_hidden_scene_is_no_seed_away() -> None:
     truth, _ = scene_of(TASK.preset, TASK.seed)
     assert truth.name == "limp-110000"
     assert seen.name == running.situated(replace(TASK, seed=110_001))[0].seen.name == "scene"
-    assert os.sep not in seen.name

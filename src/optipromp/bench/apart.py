@@ -62,8 +62,8 @@ class Apart(Remote):
 
         def motion(wire: Wire) -> Trajectory:
             rows, names = answer.get("rows"), answer.get("names")
-            if not (isinstance(rows, int) and isinstance(names, list) and rows <= ROWS):
-                raise ValueError(f"the motion has {rows} rows; must have at most {ROWS}")
+            if type(rows) is not int or not isinstance(names, list) or not 2 <= rows <= ROWS:
+                raise ValueError(f"the motion has {rows} rows; must have 2 to {ROWS}")
             wide = 3 * len(names) + 1
             if 8 * rows * wide > MOTION_FILE:
                 raise ValueError(f"the motion has {rows} rows of {len(names)} joints: too large")

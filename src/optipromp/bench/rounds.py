@@ -118,21 +118,21 @@ def entry_digest(entry: str) -> str:
 
 def _sources(module: str, entry: str) -> Iterator[tuple[str, Path]]:
     """Name and path of each file of a module, or of the package that it is in."""
-    names, places = module.split("."), [str(Path.cwd()), *sys.path]
+    names, places, root = module.split("."), [str(Path.cwd()), *sys.path], None
     for k in range(len(names)):
         spec = PathFinder.find_spec(".".join(names[: k + 1]), places)
         if spec is None:
             break
         places = list(spec.submodule_search_locations or [])
-        if spec.origin is not None and places:
+        if root is None and spec.origin is not None and places:
             root = Path(places[0])
-            for path in sorted(root.rglob("*")):
-                if path.is_file() and "__pycache__" not in path.parts:
-                    yield path.relative_to(root).as_posix(), path
-            return
-        if spec.origin is not None and k == len(names) - 1:
-            yield names[-1], Path(spec.origin)
-            return
+    else:
+        assert spec is not None
+        files = [Path(spec.origin or "")] if root is None else sorted(root.rglob("*"))
+        for path in files:
+            if path.is_file() and "__pycache__" not in path.parts:
+                yield path.name if root is None else path.relative_to(root).as_posix(), path
+        return
     raise InvalidRequestError(
         f"entry {entry!r} cannot be made: there is no module {module!r} here or on Python's path; "
         "an entry is MODULE:CLASS, of a class without arguments"

@@ -19,30 +19,23 @@ class.
 import json
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from optipromp.bench.episode import Observation
 from optipromp.bench.limits import ACTION, LINE, PATIENCE, EntryError, Patience
+from optipromp.bench.tracks import Acting
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.scenes.io import scene_from_dict, scene_to_dict
 from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.laboratory.experiments.eyes import without_fruits
 
 T = TypeVar("T")
-
-
-class Policy(Protocol):
-    """A policy; see :class:`optipromp.bench.tracks.Acting`."""
-
-    def reset(self, scene: Scene, seed: int) -> None:
-        """A new episode."""
-
-    def act(self, seen: Observation) -> FloatArray:
-        """Joint velocities (n,)."""
+PLAIN: dict[str, Any] = {"target": "pushable"}  # for scenes of what is seen, with or without one
 
 
 class Wire:
@@ -185,31 +178,39 @@ class Served(Remote):
             ) from None
 
     def reset(self, scene: Scene, seed: int) -> None:
-        """See :class:`Policy`."""
+        """See :class:`optipromp.bench.tracks.Acting`."""
         self._scene = scene
         told = {"call": "reset", "scene": scene_to_dict(scene), "seed": seed}
         self._ask(_line(told), self.patience.reset)
 
     def act(self, seen: Observation) -> FloatArray:
-        """See :class:`Policy`."""
+        """See :class:`optipromp.bench.tracks.Acting`."""
         assert self._scene is not None
-        shown = replace(self._scene, objects=(*seen.fruits, *self._scene.static))
         told = {
             "call": "act", "time": seen.time, "age": seen.age,
             **{
                 name: getattr(seen, name).tolist()
                 for name in ("q", "velocity", "tool_point", "tool_axis", "force")
             },
-            "objects": scene_to_dict(shown)["objects"],
+            "objects": _objects((*seen.fruits, *self._scene.static), self._scene),
         }  # fmt: skip
         return velocity_of(self._ask(_line(told), self.patience.act))
+
+
+def _objects(items: Sequence[SceneObject], scene: Scene) -> list[dict[str, Any]]:
+    """The objects of a scene's document, among which there may be no target."""
+    plain = tuple(replace(item, role=PLAIN.get(item.role, item.role)) for item in items)
+    told: list[dict[str, Any]] = scene_to_dict(replace(without_fruits(scene), objects=plain))[
+        "objects"
+    ]
+    return [{**each, "role": item.role} for each, item in zip(told, items, strict=True)]
 
 
 def _line(message: dict[str, Any]) -> bytes:
     return json.dumps(message).encode() + b"\n"
 
 
-def serve(policy: Policy, port: int = 0, host: str = "127.0.0.1", calls: int | None = None) -> None:
+def serve(policy: Acting, port: int = 0, host: str = "127.0.0.1", calls: int | None = None) -> None:
     """Serve a Python policy, one caller after the other; prints the address first.
 
     Args:
@@ -242,8 +243,11 @@ def serve(policy: Policy, port: int = 0, host: str = "127.0.0.1", calls: int | N
 
 
 def _seen(message: dict[str, Any], scene: Scene) -> Observation:
-    document = {**scene_to_dict(scene), "objects": message["objects"]}
-    items: tuple[SceneObject, ...] = scene_from_dict(document).objects
+    bare, told = scene_to_dict(without_fruits(scene)), message["objects"]
+    roles = [each["role"] for each in told]
+    plain = [{**each, "role": PLAIN.get(each["role"], each["role"])} for each in told]
+    found = scene_from_dict({**bare, "objects": plain}).objects
+    items = [replace(item, role=role) for item, role in zip(found, roles, strict=True)]
     q, velocity, point, axis, force = (
         np.array(message[name]) for name in ("q", "velocity", "tool_point", "tool_axis", "force")
     )
