@@ -20,7 +20,6 @@ from optipromp.bench.apart import Apart, dismissed
 from optipromp.bench.limits import ROWS, EntryError, Patience, words
 from optipromp.bench.results import BenchRun, run_bench
 from optipromp.bench.running import Exercise, attempted
-from optipromp.bench.serve import Wire
 from optipromp.bench.sets import SceneSet, scene_of
 from optipromp.bench.tracks import asked
 from optipromp.cli.main import app
@@ -119,8 +118,8 @@ def test_what_an_entry_does_wrong_is_its_error(
     [
         ([b" "] * 10_000, "no answer within 2 s"),
         ([b"a" * 65_536] * 100, "more than 100000 bytes"),
-        ([b"\x80\x04K\x01.\n"], "must be JSON"),
-        ([b"[" * 50_000 + b"\n"], "must be JSON"),
+        ([b"\x80\x04K\x01.\n"], "must be a JSON object"),
+        ([b"[" * 50_000 + b"\n"], "must be a JSON object"),
         ([b'{"rows": 1000000000000, "names": ["a"]}\n'], "1000000000000 rows"),
         ([b'{"rows": 100000, "names": [' + b'"a",' * 1000 + b'"a"]}\n'], "too large"),
         ([b'{"rows": 2, "names": ["a"]}\n' + b"\xff" * 64], "finite"),
@@ -133,7 +132,7 @@ def test_an_entry_that_writes_to_the_judge_is_cut_off(
 ) -> None:
     ours, theirs = socket.socketpair()
     own = Apart("x:X", "plan", SHORT)
-    own._wire = Wire(ours)
+    own._socket = ours
     own._process = subprocess.Popen(["sleep", "100"], start_new_session=True)
     enemy = threading.Thread(target=written, args=(theirs, pieces), daemon=True)
     enemy.start()

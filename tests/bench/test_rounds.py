@@ -197,7 +197,7 @@ def test_a_publication_is_verified_and_told_by_digests(done: Path, here: Path) -
     document = json.loads(Path("release/results.json").read_text())
     assert set(document["sha256"]) | {"results.json"} == {p.name for p in Path("release").iterdir()}
     assert document["entries"]["mine:Mine"]["verified"] == "motions"
-    assert document["word"] == submission(done / "submission.zip").run.scenes.word
+    assert document["scenes"]["word"] == submission(done / "submission.zip").run.scenes.word
     assert leaderboard([Path("release/mine_Mine.zip")]).verified == {"mine:Mine": "motions"}
     assert bench("publish", "results", "--out", "release")[0] == 2  # not over it
 

@@ -21,7 +21,7 @@ import numpy as np
 from optipromp.bench.entrant import Refused
 from optipromp.bench.episode import Observation
 from optipromp.bench.limits import MOTION_FILE, PATIENCE, ROWS, Patience
-from optipromp.bench.serve import Remote, Served, Wire, velocity_of
+from optipromp.bench.serve import Remote, Served, velocity_of
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.processes import THREADS, packed
@@ -43,46 +43,37 @@ class Apart(Remote):
         self._folder: tempfile.TemporaryDirectory[str] | None = None
 
     def begin(self) -> None:
-        """Make the entry anew, for a scene or an episode.
-
-        Raises:
-            EntryError: it cannot be made.
-        """
+        """Make the entry anew for a scene or an episode. Raises EntryError where it cannot."""
         if self._process is None or self._process.poll() is not None:
             self.close()
             self._start()
-        self._call(self.patience.start, "make", str(Path.cwd()), self.spec, self.track)
+        told = packed(("make", str(Path.cwd()), self.spec, self.track))
+        self._ask(told, self.patience.start)
 
     def plan(self, *given: Any) -> Trajectory | Refused:
         """The answer of the entry's ``plan``. Raises EntryError where there is none."""
-        seconds = self.patience.plan
-        answer = self._call(seconds, "plan", *given)
+        return self._ask(packed(("plan", *given)), self.patience.plan, self._motion)
+
+    def _motion(self, answer: dict[str, Any]) -> Trajectory | Refused:
         if isinstance(answer.get("refused"), str):
             return Refused(answer["refused"])
-
-        def motion(wire: Wire) -> Trajectory:
-            rows, names = answer.get("rows"), answer.get("names")
-            if type(rows) is not int or not isinstance(names, list) or not 2 <= rows <= ROWS:
-                raise ValueError(f"the motion has {rows} rows; must have 2 to {ROWS}")
-            wide = 3 * len(names) + 1
-            if 8 * rows * wide > MOTION_FILE:
-                raise ValueError(f"the motion has {rows} rows of {len(names)} joints: too large")
-            table = np.frombuffer(wire.rest(8 * rows * wide), dtype="<f8").reshape(rows, wide)
-            q, velocities, accelerations = np.split(table[:, 1:], 3, axis=1)
-            return Trajectory(table[:, 0], q, velocities, accelerations, tuple(map(str, names)))
-
-        return self._within(seconds, motion)
+        rows, names = answer.get("rows"), answer.get("names")
+        if type(rows) is not int or not isinstance(names, list) or not 2 <= rows <= ROWS:
+            raise ValueError(f"the motion has {rows} rows; must have 2 to {ROWS}")
+        wide = 3 * len(names) + 1
+        if 8 * rows * wide > MOTION_FILE:
+            raise ValueError(f"the motion has {rows} rows of {len(names)} joints: too large")
+        table = np.frombuffer(self._bytes(8 * rows * wide), dtype="<f8").reshape(rows, wide)
+        q, velocities, accelerations = np.split(table[:, 1:], 3, axis=1)
+        return Trajectory(table[:, 0], q, velocities, accelerations, tuple(map(str, names)))
 
     def reset(self, scene: Scene, seed: int) -> None:
         """See :class:`optipromp.bench.tracks.Acting`."""
-        self._call(self.patience.reset, "reset", scene, seed)
+        self._ask(packed(("reset", scene, seed)), self.patience.reset)
 
     def act(self, seen: Observation) -> FloatArray:
         """See :class:`optipromp.bench.tracks.Acting`."""
-        return velocity_of(self._call(self.patience.act, "act", seen))
-
-    def _call(self, seconds: float, *given: Any) -> dict[str, Any]:
-        return self._ask(packed(given), seconds)
+        return self._ask(packed(("act", seen)), self.patience.act, velocity_of)
 
     def _start(self) -> None:
         ours, theirs = socket.socketpair()
@@ -97,7 +88,7 @@ class Apart(Remote):
             close_fds=posix, pass_fds=(number,) if posix else (), start_new_session=posix,
         )  # fmt: skip
         theirs.close()
-        self._wire = Wire(ours)
+        self._socket = ours
 
     def _ended(self) -> str:
         assert self._process is not None

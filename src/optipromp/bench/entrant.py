@@ -90,30 +90,22 @@ def motion_of(answer: object) -> Trajectory | Refused:
     return answer
 
 
-class Stand:
-    """The entry of this process and its answers."""
-
-    def __init__(self) -> None:
-        self.entry: Any = None
-
-    def answer(self, call: str, given: tuple[Any, ...]) -> tuple[Mapping[str, Any], bytes]:
-        """The line of an answer, and the numbers after it."""
-        if call == "make":
-            here, *named = given
-            if here not in sys.path:
-                sys.path.insert(0, here)
-            self.entry = loaded(*named)
-        elif call == "reset":
-            self.entry.reset(*given)
-        elif call == "act":
-            return {"velocity": np.array(self.entry.act(*given), dtype=np.float64).tolist()}, b""
-        else:
-            made = motion_of(self.entry.plan(*given))
-            if isinstance(made, Refused):
-                return {"refused": made.why[:2000]}, b""
-            table = np.column_stack([made.times, *made.rows()])
-            return {"rows": len(table), "names": made.joint_names}, table.astype("<f8").tobytes()
-        return {}, b""
+def answered(entry: Any, call: str, given: list[Any]) -> tuple[Any, Mapping[str, Any], bytes]:
+    """The entry, made by ``make``; the line of its answer; and the numbers after that."""
+    if call == "make":
+        here, *named = given
+        if here not in sys.path:
+            sys.path.insert(0, here)
+        return loaded(*named), {}, b""
+    if call == "plan":
+        made = motion_of(entry.plan(*given))
+        if isinstance(made, Refused):
+            return entry, {"refused": made.why[:2000]}, b""
+        table = np.column_stack([made.times, *made.rows()]).astype("<f8")
+        return entry, {"rows": len(table), "names": made.joint_names}, table.tobytes()
+    told = getattr(entry, call)(*given)
+    velocity = np.array(told, dtype=np.float64).tolist() if call == "act" else []
+    return entry, {"velocity": velocity}, b""
 
 
 def main(number: int) -> None:
@@ -128,17 +120,16 @@ def main(number: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
     from optipromp.core import ready  # noqa: F401  (compiles now, not while an entry thinks)
 
-    stand = Stand()
+    entry: Any = None
     with socket.socket(fileno=number) as own, own.makefile("rwb") as stream:
         while stream.peek(1):
             call, *given = pickle.load(stream)
-            numbers = b""
             try:
-                line, numbers = stand.answer(call, tuple(given))
+                entry, line, numbers = answered(entry, call, given)
             except InvalidRequestError as error:
-                line = {"error": error.message}
+                line, numbers = {"error": error.message}, b""
             except BaseException as error:  # SystemExit, too: this scene's row tells of it
-                line = {"error": f"{type(error).__name__}: {error}"[:2000]}
+                line, numbers = {"error": f"{type(error).__name__}: {error}"[:2000]}, b""
             stream.write(json.dumps(line).encode() + b"\n" + numbers)
             stream.flush()
 

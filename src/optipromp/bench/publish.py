@@ -3,6 +3,7 @@
 import hashlib
 import subprocess
 from collections.abc import Iterable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -44,29 +45,24 @@ def published(results: Iterable[Path], out: Path, unverified: bool = False) -> d
     entries: dict[str, Any] = {}
     for path in paths:
         run, _, _, sha256 = submission(path)
-        by = recorded(path, sha256, run)
+        by, name = recorded(path, sha256, run), file_name(run.entry)
         if by == "no" and not unverified:
             raise InvalidRequestError(
                 f"{path} is not verified: run 'optipromp bench verify {path} --entry {run.entry}', "
                 "or give --unverified"
             )
-        name = file_name(run.entry)
         if f"{name}.zip" in files:
             raise InvalidRequestError(f"two entries have the file name {name}.zip: rename one")
-        own = {f"{name}.zip": path.read_bytes()}
+        files[f"{name}.zip"] = path.read_bytes()
         if by != "no":
-            own[f"{name}{RECORD}"] = path.with_suffix(RECORD).read_bytes()
-        files |= own
-        entries[run.entry] = {"digest": run.digest, "verified": by, "files": list(own)}
+            files[f"{name}{RECORD}"] = path.with_suffix(RECORD).read_bytes()
+        entries[run.entry] = {"file": f"{name}.zip", "digest": run.digest, "verified": by}
     files["leaderboard.md"] = markdown(board).encode()
     files["leaderboard.json"] = json_text(board.to_dict()).encode()
     run = board.run
+    common = {k: v for k, v in asdict(run).items() if k not in ("entry", "digest")}
     document = {
-        "track": run.track, "word": run.scenes.word, "presets": run.scenes.presets,
-        "count": run.scenes.count, "condition": run.condition, "variation": run.variation,
-        "drawn": None if run.round is None else run.round.drawn,
-        "version": run.version, "commit": commit() if run.version == source_version() else "",
-        "processor": run.processor,
+        **common, "commit": commit() if run.version == source_version() else "",
         "order": board.order, "entries": entries,
         "sha256": {name: hashlib.sha256(content).hexdigest() for name, content in files.items()},
     }  # fmt: skip
@@ -82,8 +78,7 @@ def commit() -> str:
     root = Path(optipromp.__file__).resolve().parents[2]
     try:
         told = subprocess.run(
-            ["git", "-C", str(root), "describe", "--always", "--abbrev=40", "--dirty=+",
-             "--exclude=*"],
+            ["git", "-C", root, "describe", "--always", "--abbrev=40", "--dirty=+", "--exclude=*"],
             capture_output=True, text=True, timeout=SLOW, check=True,
         )  # fmt: skip
     except (OSError, subprocess.SubprocessError):

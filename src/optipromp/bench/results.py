@@ -34,7 +34,6 @@ from optipromp.bench.limits import (
     ROW_FILE,
     RUN_FILE,
     SUBMISSION,
-    EntryError,
     Patience,
     words,
 )
@@ -166,16 +165,10 @@ def engines_of(condition: str, variation: str) -> tuple[Engine, ...]:
 def staffed(
     entry: str, track: Track, workers: int | None, patience: Patience = PATIENCE
 ) -> Iterator[None]:
-    """Entries in processes that end with the context; refuses one that cannot be made.
-
-    Raises:
-        InvalidRequestError: it cannot be made, or lacks the track's methods.
-    """
+    """Entries in processes that end with the context. Raises InvalidRequestError where the entry
+    cannot be made, or lacks the track's methods."""
     try:
-        try:
-            hired(entry, track, patience).begin()
-        except EntryError as error:
-            raise InvalidRequestError(error.message) from None
+        hired(entry, track, patience).begin()
         if (workers or cores()) > 1:
             dismissed()  # each worker has its own
         yield
@@ -334,7 +327,12 @@ def _zipped(run: BenchRun, folder: Path, rows: Sequence[BenchRow]) -> None:
         put(ROWS, _lines(rows, header=True))
         for task in run.tasks():
             put(f"{MOTIONS}/{_file(task)}", (folder / MOTIONS / _file(task)).read_bytes())
-    write_atomically(folder / ZIP, stream.getvalue())
+    if len(content := stream.getvalue()) > SUBMISSION:
+        most = SUBMISSION // 1_000_000
+        raise InvalidRequestError(
+            f"{folder}: a submission of {len(content)} bytes; at most {most} MB"
+        )
+    write_atomically(folder / ZIP, content)
 
 
 Means = Literal["entry", "motions", "no"]

@@ -20,6 +20,7 @@ import json
 import socket
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -38,67 +39,8 @@ T = TypeVar("T")
 PLAIN: dict[str, Any] = {"target": "pushable"}  # for scenes of what is seen, with or without one
 
 
-class Wire:
-    """Calls over a socket, each answered by a line of JSON within a time.
-
-    A deadline is of the whole answer, so that one byte at a time gains nothing.
-    """
-
-    def __init__(self, own: socket.socket) -> None:
-        self._socket, self._rest = own, bytearray()
-
-    def ask(self, message: bytes, seconds: float) -> dict[str, Any]:
-        """The answer to a message.
-
-        Raises:
-            TimeoutError, OSError: none came; EOFError: the other side hung up.
-            ValueError: no JSON object, or more than LINE bytes.
-        """
-        self._until, self._rest = time.monotonic() + seconds, bytearray()
-        self._socket.settimeout(seconds)
-        self._socket.sendall(message)
-        while (end := self._rest.find(b"\n")) < 0:
-            if len(self._rest) > LINE:
-                raise ValueError(f"an answer of more than {LINE} bytes without the end of its line")
-            self._hear()
-        line = bytes(self._rest[:end])
-        del self._rest[: end + 1]
-        try:
-            answer = json.loads(line)
-        except (ValueError, RecursionError):
-            told = line[:200].decode("utf-8", "replace")
-            raise ValueError(f"the answer was {told!r}; must be JSON") from None
-        if not isinstance(answer, dict):
-            raise ValueError(f"the answer was {str(answer)[:200]}; must be a JSON object")
-        return answer
-
-    def rest(self, count: int) -> bytes:
-        """``count`` bytes after an answer, within its time; raises as :meth:`ask`."""
-        while len(self._rest) < count:
-            self._hear()
-        return bytes(self._rest[:count])
-
-    def _hear(self) -> None:
-        left = self._until - time.monotonic()
-        if left <= 0.0:
-            raise TimeoutError
-        self._socket.settimeout(left)
-        got = self._socket.recv(1 << 16)
-        if not got:
-            raise EOFError
-        self._rest += got
-
-    def close(self) -> None:
-        """Hang up."""
-        self._socket.close()
-
-
 def velocity_of(answer: dict[str, Any]) -> FloatArray:
-    """The joint velocities (n,) of an answer.
-
-    Raises:
-        EntryError: there are none.
-    """
+    """The joint velocities (n,) of an answer; raises EntryError where there are none."""
     told = answer.get("velocity")
     try:
         if isinstance(told, list) and len(told) <= ACTION:
@@ -109,32 +51,68 @@ def velocity_of(answer: dict[str, Any]) -> FloatArray:
 
 
 class Remote:
-    """An entry at the other end of a wire, which is cut when an answer fails."""
+    """An entry at the other end of a socket: each call is answered by a line of JSON within a time.
+
+    The time is of the whole answer, so that one byte at a time gains nothing. The socket is closed
+    when an answer fails.
+    """
 
     def __init__(self, patience: Patience = PATIENCE) -> None:
         self.patience = patience
-        self._wire: Wire | None = None
+        self._socket: socket.socket | None = None
 
-    def _within(self, seconds: float, call: Callable[[Wire], T]) -> T:
-        """The result of a call of the wire. Raises EntryError where there is none."""
-        assert self._wire is not None, "call begin first"
+    def _ask(self, message: bytes, seconds: float, read: Callable[[dict[str, Any]], T] = dict) -> T:
+        """What ``read`` makes of the answer to a message. Raises EntryError where there is none."""
+        assert self._socket is not None, "call begin first"
+        self._until, self._rest = time.monotonic() + seconds, bytearray()
         try:
-            return call(self._wire)
+            self._socket.settimeout(seconds)
+            self._socket.sendall(message)
+            answer = self._line()
+            if "error" not in answer:
+                return read(answer)
         except TimeoutError:
             cause = f"no answer within {seconds:g} s"
         except (OSError, EOFError):
             cause = self._ended()
         except (ValueError, InvalidRequestError) as error:
             cause = str(error)
+        else:
+            raise EntryError(str(answer["error"]))
         self.close()
         raise EntryError(cause)
 
-    def _ask(self, message: bytes, seconds: float) -> dict[str, Any]:
-        """The answer to a message. Raises EntryError where there is none, or an error."""
-        answer = self._within(seconds, lambda wire: wire.ask(message, seconds))
-        if "error" in answer:
-            raise EntryError(str(answer["error"]))
+    def _line(self) -> dict[str, Any]:
+        while (end := self._rest.find(b"\n")) < 0:
+            if len(self._rest) > LINE:
+                raise ValueError(f"an answer of more than {LINE} bytes without the end of its line")
+            self._hear()
+        line = bytes(self._rest[:end])
+        del self._rest[: end + 1]
+        try:
+            answer = json.loads(line)
+        except (ValueError, RecursionError):
+            answer = None
+        if not isinstance(answer, dict):
+            told = line[:200].decode("utf-8", "replace")
+            raise ValueError(f"the answer was {told!r}; must be a JSON object")
         return answer
+
+    def _bytes(self, count: int) -> bytes:
+        """The bytes after the line of an answer."""
+        while len(self._rest) < count:
+            self._hear()
+        return bytes(self._rest[:count])
+
+    def _hear(self) -> None:
+        left = self._until - time.monotonic()
+        if left <= 0.0 or self._socket is None:
+            raise TimeoutError
+        self._socket.settimeout(left)
+        got = self._socket.recv(1 << 16)
+        if not got:
+            raise EOFError
+        self._rest += got
 
     def _ended(self) -> str:
         """Why the other side is gone."""
@@ -142,18 +120,13 @@ class Remote:
 
     def close(self) -> None:
         """Hang up."""
-        if self._wire is not None:
-            self._wire.close()
-        self._wire = None
+        if self._socket is not None:
+            self._socket.close()
+        self._socket = None
 
 
 class Served(Remote):
-    """A policy at ``HOST:PORT``, as an entry.
-
-    Args:
-        address: HOST:PORT; without a host, this machine's.
-        patience: the time that it has.
-    """
+    """A policy at ``HOST:PORT`` (without a host: of this machine), as an entry."""
 
     def __init__(self, address: str, patience: Patience = PATIENCE) -> None:
         super().__init__(patience)
@@ -161,16 +134,12 @@ class Served(Remote):
         self._scene: Scene | None = None
 
     def begin(self) -> None:
-        """Connect, anew for each episode.
-
-        Raises:
-            EntryError: nobody listens there.
-        """
+        """Connect, anew for each episode. Raises EntryError where nobody listens."""
         self.close()
         host, _, port = self.address.rpartition(":")
         try:
             place = host or "127.0.0.1", int(port)
-            self._wire = Wire(socket.create_connection(place, self.patience.reset))
+            self._socket = socket.create_connection(place, self.patience.reset)
         except (OSError, ValueError, OverflowError) as error:
             raise EntryError(
                 f"no policy answers at {self.address!r} ({error}): start it, then give "
@@ -181,7 +150,7 @@ class Served(Remote):
         """See :class:`optipromp.bench.tracks.Acting`."""
         self._scene = scene
         told = {"call": "reset", "scene": scene_to_dict(scene), "seed": seed}
-        self._ask(_line(told), self.patience.reset)
+        self._ask(_packed(told), self.patience.reset)
 
     def act(self, seen: Observation) -> FloatArray:
         """See :class:`optipromp.bench.tracks.Acting`."""
@@ -194,19 +163,17 @@ class Served(Remote):
             },
             "objects": _objects((*seen.fruits, *self._scene.static), self._scene),
         }  # fmt: skip
-        return velocity_of(self._ask(_line(told), self.patience.act))
+        return self._ask(_packed(told), self.patience.act, velocity_of)
 
 
 def _objects(items: Sequence[SceneObject], scene: Scene) -> list[dict[str, Any]]:
     """The objects of a scene's document, among which there may be no target."""
     plain = tuple(replace(item, role=PLAIN.get(item.role, item.role)) for item in items)
-    told: list[dict[str, Any]] = scene_to_dict(replace(without_fruits(scene), objects=plain))[
-        "objects"
-    ]
+    told = scene_to_dict(replace(without_fruits(scene), objects=plain))["objects"]
     return [{**each, "role": item.role} for each, item in zip(told, items, strict=True)]
 
 
-def _line(message: dict[str, Any]) -> bytes:
+def _packed(message: dict[str, Any]) -> bytes:
     return json.dumps(message).encode() + b"\n"
 
 
@@ -224,7 +191,7 @@ def serve(policy: Acting, port: int = 0, host: str = "127.0.0.1", calls: int | N
         while calls is None or calls > 0:
             calls = None if calls is None else calls - 1
             caller, _ = listening.accept()
-            with caller, caller.makefile("rwb") as stream:
+            with suppress(OSError), caller, caller.makefile("rwb") as stream:
                 scene: Scene | None = None
                 for line in stream:
                     message = json.loads(line)
@@ -238,7 +205,7 @@ def serve(policy: Acting, port: int = 0, host: str = "127.0.0.1", calls: int | N
                             answer = {"velocity": policy.act(_seen(message, scene)).tolist()}
                     except Exception as error:  # the caller tells of it
                         answer = {"error": f"{type(error).__name__}: {error}"}
-                    stream.write(_line(answer))
+                    stream.write(_packed(answer))
                     stream.flush()
 
 

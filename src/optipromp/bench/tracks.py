@@ -134,11 +134,7 @@ def misnamed(trajectory: Trajectory, scene: Scene) -> str:
 
 
 def acted(policy: Acting, episode: Episode, seed: int) -> Deed:
-    """Let a policy act until the episode is over.
-
-    Raises:
-        EntryError: it gave no velocities of the joints.
-    """
+    """Let a policy act until the episode is over. Raises EntryError where it gave no velocities."""
     policy.reset(episode.scene, seed)
     actions, times = [], []
     while not (episode.done or episode.ended):
