@@ -365,20 +365,13 @@ class Verified:
 
 @dataclass(frozen=True)
 class Record:
-    """What a verification confirmed, beside the submission; it says so, and is not signed.
-
-    Attributes:
-        sha256: of the submission's file.
-        by: see :class:`Verified`.
-        digest: of the entry's source.
-        rows: number of rows.
-        version: of the library, with a digest of its source.
-        processor: kind of machine.
-    """
+    """What a verification confirmed, in a file beside the submission; it is not signed."""
 
     sha256: str
+    """Of the submission's file."""
     by: Means
     digest: str
+    """Of the entry's source."""
     rows: int
     version: str
     processor: str
@@ -396,13 +389,8 @@ def verify(
 
     Without the ``entry`` its motions are executed: they do what the rows say, and whether the entry
     would make them is not known. With it, the entry is asked for every scene again. Causes of
-    errors may differ, as they name addresses. Of another kind of processor the last bits of forces
-    may differ.
-
-    Args:
-        path: of the submission.
-        entry: MODULE:CLASS, name or tcp:HOST:PORT of the submitted entry.
-        workers, ray, progress: see :func:`run_bench`.
+    errors may differ, as they name addresses; so may the last bits of another kind of processor.
+    Further arguments: see :func:`run_bench`.
 
     Raises:
         InvalidRequestError: no submission, a motion that is none, another library version, another
