@@ -48,7 +48,7 @@ class Apart(Remote):
             self.close()
             self._start()
         told = packed(("make", str(Path.cwd()), self.spec, self.track))
-        self._ask(told, self.patience.start)
+        self._ask(told, self.patience.start, bool)
 
     def plan(self, *given: Any) -> Trajectory | Refused:
         """The answer of the entry's ``plan``. Raises EntryError where there is none."""
@@ -69,7 +69,7 @@ class Apart(Remote):
 
     def reset(self, scene: Scene, seed: int) -> None:
         """See :class:`optipromp.bench.tracks.Acting`."""
-        self._ask(packed(("reset", scene, seed)), self.patience.reset)
+        self._ask(packed(("reset", scene, seed)), self.patience.reset, bool)
 
     def act(self, seen: Observation) -> FloatArray:
         """See :class:`optipromp.bench.tracks.Acting`."""

@@ -61,7 +61,7 @@ class Remote:
         self.patience = patience
         self._socket: socket.socket | None = None
 
-    def _ask(self, message: bytes, seconds: float, read: Callable[[dict[str, Any]], T] = dict) -> T:
+    def _ask(self, message: bytes, seconds: float, read: Callable[[dict[str, Any]], T]) -> T:
         """What ``read`` makes of the answer to a message. Raises EntryError where there is none."""
         assert self._socket is not None, "call begin first"
         self._until, self._rest = time.monotonic() + seconds, bytearray()
@@ -150,7 +150,7 @@ class Served(Remote):
         """See :class:`optipromp.bench.tracks.Acting`."""
         self._scene = scene
         told = {"call": "reset", "scene": scene_to_dict(scene), "seed": seed}
-        self._ask(_packed(told), self.patience.reset)
+        self._ask(_packed(told), self.patience.reset, bool)
 
     def act(self, seen: Observation) -> FloatArray:
         """See :class:`optipromp.bench.tracks.Acting`."""
