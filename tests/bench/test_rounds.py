@@ -162,8 +162,8 @@ def test_an_entry_is_asked_again(done: Path, here: Path) -> None:
     assert (code, "not verified: 2 rows" in told) == (1, True)
     assert "--entry mine:Mine" in told
     told_now = verify(forged, entry="mine:Mine", workers=1)
-    assert [(a.result, b.result) for a, b in told_now.changed] == [("refused", "error")] * 2
-    assert "moves otherwise" in told_now.changed[0][1].cause
+    assert [(a.result, b.result) for a, b in told_now.changed] == [("refused", "missed")] * 2
+    assert "another motion" in told_now.changed[0][1].cause
     assert leaderboard([forged]).verified == {"mine:Mine": "no"}
 
     Path("mine.py").write_text(MINE.format(many=0, seconds=0.5))

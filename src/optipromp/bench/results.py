@@ -328,10 +328,8 @@ def _zipped(run: BenchRun, folder: Path, rows: Sequence[BenchRow]) -> None:
         for task in run.tasks():
             put(f"{MOTIONS}/{_file(task)}", (folder / MOTIONS / _file(task)).read_bytes())
     if len(content := stream.getvalue()) > SUBMISSION:
-        most = SUBMISSION // 1_000_000
-        raise InvalidRequestError(
-            f"{folder}: a submission of {len(content)} bytes; at most {most} MB"
-        )
+        told = f"{len(content)} bytes; at most {SUBMISSION}"
+        raise InvalidRequestError(f"the submission of {folder} has {told}")
     write_atomically(folder / ZIP, content)
 
 
@@ -341,20 +339,15 @@ Means = Literal["entry", "motions", "no"]
 
 @dataclass(frozen=True)
 class Verified:
-    """A submission that was executed once more.
-
-    Attributes:
-        run: what it says that it is.
-        rows: as submitted.
-        changed: pairs of rows, submitted and now, that differ in more than times of thinking.
-        unconfirmed: rows without a motion, which the entry alone can confirm.
-        by: whether the entry was asked again, or its motions were executed again.
-    """
+    """A submission that was executed once more."""
 
     run: BenchRun
     rows: tuple[BenchRow, ...]
+    """As submitted."""
     changed: tuple[tuple[BenchRow, BenchRow], ...]
+    """Pairs of rows, submitted and now, that differ in more than times of thinking."""
     unconfirmed: tuple[BenchRow, ...]
+    """Rows without a motion, which the entry alone can confirm."""
     by: Means
 
     @property
@@ -448,7 +441,8 @@ def asked_again(task: Exercise, content: bytes, where: str) -> list[BenchRow]:
         for k, each in arrays.items()
     ):
         return rows
-    return [replace(row, result="error", cause="the entry moves otherwise") for row in rows]
+    # a digest that no row has, so that all of them differ
+    return [replace(row, digest="", cause=f"another motion: {row.cause}") for row in rows]
 
 
 def recorded(path: Path, sha256: str, run: BenchRun) -> Means:

@@ -18,7 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from optipromp.bench.apart import SERVED
 from optipromp.bench.entrant import parts
-from optipromp.bench.limits import RUN_FILE
+from optipromp.bench.limits import RUN_FILE, words
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import read_bytes
 from optipromp.laboratory.experiments.runs import source_version
@@ -28,26 +28,17 @@ WORD = 16  # random bytes of a word: nobody guesses it
 
 @dataclass(frozen=True)
 class Round:
-    """A test set and the entries that were handed in before it was drawn.
-
-    Attributes:
-        word: of the set.
-        entries: digest of the source by entry, see :func:`entry_digest`.
-        version: of the library, with a digest of its source.
-        drawn: when, in UTC.
-    """
+    """A test set and the entries that were handed in before it was drawn."""
 
     word: str
     entries: Mapping[str, str]
+    """Digest of the source by entry, see :func:`entry_digest`."""
     version: str
     drawn: str
+    """When, in UTC."""
 
     def check(self, entry: str, digest: str, version: str) -> None:
-        """Refuse what was not handed in.
-
-        Raises:
-            InvalidRequestError: another digest, or another version of the library.
-        """
+        """Raise InvalidRequestError for another digest, or another version of the library."""
         if self.entries.get(entry) != digest:
             known = ", ".join(f"{name} {told[:12]}" for name, told in self.entries.items())
             raise InvalidRequestError(
@@ -79,15 +70,11 @@ def draw_round(entries: Iterable[str]) -> Round:
 
 
 def read_round(path: Path) -> Round:
-    """The round of a file of ``bench draw``.
-
-    Raises:
-        InvalidRequestError: the file is none.
-    """
+    """The round of a file of ``bench draw``. Raises InvalidRequestError where it is none."""
     try:
         return TypeAdapter(Round).validate_json(read_bytes(path, InvalidRequestError, RUN_FILE))
     except ValidationError as error:
-        told = " ".join(str(error).split())[:200]
+        told = words(str(error))
         raise InvalidRequestError(f"{path} is no round of 'bench draw': {told}") from None
 
 
