@@ -279,16 +279,17 @@ def _told(
 
 def _shown(board: "Leaderboard", words: str) -> Shown:
     left = "entry", "engine", "clean (95 %)", "harmed", "missed", "refused", "score", "p"
-    shown = grid((*left, "verified"))
-    shown.columns[0].no_wrap, shown.columns[0].overflow = False, "fold"
+    shown = grid((*left, "verified"), padding=(0, 0))
+    for column in shown.columns[1:]:
+        column.no_wrap = False  # so that names stay whole
     for entry in board.order:
-        for engine in board.run.engines:
+        for k, engine in enumerate(board.run.engines):
             s = board.of(entry, engine)
             clean = f"{s.clean}/{s.runs} ({100 * s.low:.0f}–{100 * s.high:.0f})"
             shown.add_row(
-                entry, engine, clean, str(s.harmed), str(s.missed),
+                "" if k else entry, engine, clean, str(s.harmed), str(s.missed),
                 str(s.refused + s.errors), f"{100 * s.score:.0f}",
-                "–" if s.p is None else f"{s.p:.3f}", board.verified[entry],
+                "–" if s.p is None else f"{s.p:.3f}", "" if k else board.verified[entry],
             )  # fmt: skip
     yield shown
     if words:
