@@ -96,8 +96,7 @@ class Apart(Remote):
             code = self._process.wait(LAST)
         except subprocess.TimeoutExpired:
             return "its process hung up"
-        told = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-        return f"its process ended ({told})"
+        return f"its process ended ({f'signal {-code}' if code < 0 else f'exit code {code}'})"
 
     def close(self) -> None:
         """End the process, and all that it started, and remove its folder."""
