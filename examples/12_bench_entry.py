@@ -55,7 +55,7 @@ if __name__ == "__main__":
     run = BenchRun.of(f"{Path(__file__).stem}:Up", "plan", scenes)
     with tempfile.TemporaryDirectory() as folder:
         rows = run_bench(run, Path(folder), workers=1)
-        again = verify(Path(folder) / "submission.zip", workers=1)
+        again = verify(Path(folder) / "submission.zip", entry=run.entry, workers=1)
     for row in rows:
         print(row.preset, row.seed, row.engine, row.result, row.cause)
-    print("verified" if not again.changed else again.changed)
+    print("verified" if again.confirmed else again.changed)

@@ -19,6 +19,7 @@ are kept in OUT/rows.csv, and a run goes on where it ended. The table is printed
 
 import argparse
 import csv
+import hashlib
 import itertools
 import math
 import zlib
@@ -31,7 +32,6 @@ from typing import Any
 import numpy as np
 import yaml
 
-from optipromp.bench.sets import SceneSet
 from optipromp.bench.table import paired, told_p
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.planning import plan
@@ -226,7 +226,9 @@ def run(
     """Run what OUT/rows.csv lacks."""
     known = {**arms(out / "arms"), **further}
     done = {(row.arm, row.cell, row.seed, row.neck) for row in rows_of(out)}
-    first = SceneSet(word).first
+    first = 10_000_000 + 1000 * (
+        int.from_bytes(hashlib.sha256(word.encode()).digest()[:8], "big") % 1_000_000
+    )
     tasks = [
         (arm, known[arm], cell, seed, neck)
         for seed in range(first, first + count)

@@ -25,7 +25,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 LONG = {
-    "bench": "benchmark entries env episodes learnt serve",
+    "bench": "apart benchmark entries env episodes learnt rounds serve",
     "benchmarks": "suite",
     "control": "controller driver servo tracker tracks",
     "cli": "folder generate_study markup plan process ros_node simulate_closed_loop",

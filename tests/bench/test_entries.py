@@ -7,9 +7,10 @@ import pytest
 
 import optipromp
 from optipromp import Plan, Trajectory, plan, robot_of
+from optipromp.bench.entrant import loaded
 from optipromp.bench.entries import ENTRIES
 from optipromp.bench.sets import scene_of
-from optipromp.bench.tracks import against, check_entry, loaded
+from optipromp.bench.tracks import against
 from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.task import posed
@@ -28,9 +29,7 @@ def test_an_entry_answers_alike_each_time(name: str) -> None:
     if name.startswith("rrt"):
         pytest.importorskip("ompl")
     scene, _ = scene_of("cluster", 110_000)
-    entry = loaded(name)
-    check_entry(entry, "plan")
-    one, other = (curve(loaded(name).plan(scene, 3)) for _ in range(2))
+    one, other = (curve(loaded(name, "plan").plan(scene, 3)) for _ in range(2))
     assert (one is None) == (other is None)
     if one is not None and other is not None:
         assert np.array_equal(one.positions, other.positions)
@@ -41,7 +40,7 @@ def test_an_entry_answers_alike_each_time(name: str) -> None:
 def test_an_entry_pushes_something_aside(name: str) -> None:
     """In a scene that the straight way does not solve, the path is off the straight line."""
     scene, _ = scene_of("cluster", 110_001)
-    told = curve(loaded(name).plan(scene, 0))
+    told = curve(loaded(name, "plan").plan(scene, 0))
     assert told is not None
     robot, _ = posed(scene)
     points, _ = robot.tool_pose(told.positions)

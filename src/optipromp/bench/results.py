@@ -1,28 +1,43 @@
 """The folder of a run of the benchmark, its zip, and the zip executed once more.
 
 ==============================  ===================================================================
-``run.json``                    entry, track, set, condition, variation, engines, version
+``run.json``                    entry and its digest, track, set, condition, variation, engines,
+                                version, round
 ``rows.csv``                    a row a scene and engine, as they come; a run goes on where it
                                 ended, also with a larger ``count``
 ``motions/PRESET-SEED.npz``     trajectory (times, positions, velocities, accelerations), or joint
                                 velocities of a policy by engine
 ``submission.zip``              all of these, once every scene is done
+``submission.verified.json``    what ``bench verify`` confirmed of the zip, by its SHA-256
 ==============================  ===================================================================
 """
 
 import csv
+import hashlib
 import io
-import json
 import platform
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
+from optipromp.bench.apart import SERVED, dismissed, hired
+from optipromp.bench.limits import (
+    MEMBERS,
+    MOTION_FILE,
+    PATIENCE,
+    ROW_FILE,
+    RUN_FILE,
+    SUBMISSION,
+    Patience,
+    words,
+)
+from optipromp.bench.rounds import Round, entry_digest
 from optipromp.bench.running import (
     COLUMNS,
     ENGINES,
@@ -35,18 +50,29 @@ from optipromp.bench.running import (
     rows_and_arrays,
 )
 from optipromp.bench.sets import SceneSet
-from optipromp.bench.tracks import CONDITION, Track, check_entry, loaded
-from optipromp.core.arrays import FloatArray
+from optipromp.bench.tracks import CONDITION, Track
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.files import check_folder, json_text, write_atomically
-from optipromp.core.scenes.values import suggest
+from optipromp.core.files import (
+    check_folder,
+    is_folder,
+    is_there,
+    json_text,
+    npz,
+    read_bytes,
+    read_npz,
+    write_atomically,
+)
+from optipromp.core.processes import cores
+from optipromp.core.shown import is_name, suggest
 from optipromp.laboratory.experiments.cluster import over
 from optipromp.laboratory.experiments.conditions import CONDITIONS
+from optipromp.laboratory.experiments.locking import locked
 from optipromp.laboratory.experiments.runs import source_version
 from optipromp.laboratory.experiments.variations import VARIATIONS
 
 RUN, ROWS, MOTIONS, ZIP = "run.json", "rows.csv", "motions", "submission.zip"
-LARGEST = 1_000_000_000  # [byte] of a submission's content: 800 motions have 50 million
+LOCK, RECORD = ".lock", ".verified.json"
+SAME = 1e-6  # [rad, 1/s, 1/s²] by which two motions are one: other processors, other last bits
 
 
 @dataclass(frozen=True)
@@ -54,7 +80,7 @@ class BenchRun:
     """A run of the benchmark.
 
     Attributes:
-        entry: name, or MODULE:CLASS.
+        entry: name, MODULE:CLASS or tcp:HOST:PORT.
         track: one of :data:`optipromp.bench.tracks.TRACKS`.
         scenes: the set.
         condition: of :data:`optipromp.laboratory.experiments.conditions.CONDITIONS`.
@@ -62,9 +88,12 @@ class BenchRun:
         engines: that execute. Conditions that move plants and variations are of ``arm`` alone.
         version: of the library, with a digest of its source.
         processor: kind of machine; other machines may differ in last bits.
+        digest: of the entry's source; empty of tcp:.
+        round: in which the set was drawn after the digest; None: the word was known before.
 
     Raises:
-        InvalidRequestError: an unknown condition or variation.
+        InvalidRequestError: an unknown condition or variation, other engines than the condition's,
+            or an entry that is not of the round.
     """
 
     entry: str
@@ -75,6 +104,8 @@ class BenchRun:
     engines: tuple[Engine, ...] = ENGINES
     version: str = ""
     processor: str = ""
+    digest: str = ""
+    round: Round | None = None
 
     def __post_init__(self) -> None:
         for name, value, valid in (
@@ -83,26 +114,69 @@ class BenchRun:
         ):
             if value not in valid:
                 raise InvalidRequestError(f"{name} is {value!r}: {suggest(value, valid)}")
+        for text in (self.entry, self.version or "-", self.processor or "-"):
+            if not is_name(text):
+                raise InvalidRequestError(f"{text[:60]!r} is no name: must be printable letters")
+        engines = engines_of(self.condition, self.variation)
+        if self.engines != engines:
+            raise InvalidRequestError(
+                f"engines are {', '.join(self.engines)}; {self.condition} {self.variation} has "
+                f"{', '.join(engines)}"
+            )
+        if self.round is not None:
+            self.round.check(self.entry, self.digest, self.version)
+            if self.round.word != self.scenes.word:
+                raise InvalidRequestError(
+                    f"the set is of {self.scenes.word!r}; its round drew {self.round.word!r}"
+                )
 
     @classmethod
     def of(
         cls, entry: str, track: Track, scenes: SceneSet, condition: str | None = None,
-        variation: str = "",
+        variation: str = "", round: Round | None = None,
     ) -> "BenchRun":  # fmt: skip
-        """A run on this machine: the track's condition by default, and all engines that have it."""
+        """A run on this machine: the track's condition by default, and all engines that have it.
+
+        Raises:
+            InvalidRequestError: as the class; there is no source of the entry.
+        """
         condition = CONDITION[track] if condition is None else condition
-        both = condition in STEADY and not variation
         return cls(
-            entry, track, scenes, condition, variation, ENGINES if both else ("arm",),
-            source_version(), f"{platform.system()} {platform.machine()}",
+            entry, track, scenes, condition, variation, engines_of(condition, variation),
+            source_version(), f"{platform.system()} {platform.machine()}", entry_digest(entry),
+            round,
         )  # fmt: skip
 
-    def tasks(self) -> Iterator[Exercise]:
+    def tasks(self, patience: Patience = PATIENCE) -> Iterator[Exercise]:
         """One for each scene."""
         for preset, seed in self.scenes.scenes():
             yield Exercise(
-                self.entry, self.track, preset, seed, self.condition, self.variation, self.engines
-            )
+                self.entry, self.track, preset, seed, self.condition, self.variation, self.engines,
+                self.scenes.word, patience,
+            )  # fmt: skip
+
+
+def engines_of(condition: str, variation: str) -> tuple[Engine, ...]:
+    """Plants that move, and varied physics, are of ``arm`` alone."""
+    return ENGINES if condition in STEADY and not variation else ("arm",)
+
+
+@contextmanager
+def staffed(
+    entry: str, track: Track, workers: int | None, patience: Patience = PATIENCE
+) -> Iterator[None]:
+    """Entries in processes that end with the context. Raises InvalidRequestError where the entry
+    cannot be made, or lacks the track's methods."""
+    try:
+        hired(entry, track, patience).begin()
+        if (workers or cores()) > 1:
+            dismissed()  # each worker has its own
+        yield
+    finally:
+        dismissed()
+
+
+Progress = Callable[[int, int, BenchRow | None], None]
 
 
 def run_bench(
@@ -111,89 +185,98 @@ def run_bench(
     *,
     workers: int | None = None,
     ray: str | None = None,
-    progress: Callable[[int, int, BenchRow | None], None] | None = None,
+    progress: Progress | None = None,
+    patience: Patience = PATIENCE,
 ) -> list[BenchRow]:
     """Run the scenes that a folder does not hold yet; see :mod:`optipromp.bench.results`.
 
     Args:
         run: what to run.
         folder: of the results, made if need be.
-        workers: processes; None: one a core.
+        workers: processes; None: one a core. tcp: has one caller at a time, so one.
         ray: address of a Ray cluster in place of them.
         progress: called with the number of scenes done, of all scenes, and the newest row.
+        patience: the time that the entry has for an answer.
 
     Returns:
         All rows, in the order of the set.
 
     Raises:
-        InvalidRequestError: an unknown entry, or one without the track's methods; the folder
-            cannot be written, or holds rows of another run; a process ended.
+        InvalidRequestError: an entry that cannot be made, or without the track's methods; the
+            folder cannot be written, holds rows of another run, or another run writes there; a
+            process ended.
     """
-    entry = loaded(run.entry)
-    check_entry(entry, run.track)
-    getattr(entry, "close", bool)()
-    check_folder(folder)
+    check_folder(folder / MOTIONS)
     (folder / MOTIONS).mkdir(parents=True, exist_ok=True)
-    _settle(run, folder / RUN)
-    rows = read_rows(folder)
-    done = {row.key for row in rows}
-    tasks = [
-        task for task in run.tasks()
-        if not all((task.preset, task.seed, engine) in done for engine in task.engines)
-    ]  # fmt: skip
-    total = len(list(run.tasks()))
-    if progress is not None:
-        progress(total - len(tasks), total, None)
-    count = total - len(tasks)
+    with locked(folder / LOCK), staffed(run.entry, run.track, workers, patience):
+        _settle(run, folder / RUN)
+        rows = read_rows(folder)
+        done = {row.key for row in rows}
+        all_ = list(run.tasks(patience))
+        tasks = [t for t in all_ if not {(t.preset, t.seed, e) for e in t.engines} <= done]
 
-    def hear(index: int, result: Any) -> None:
-        nonlocal count
-        if isinstance(result, Exception):
-            raise InvalidRequestError(f"{result}; begin again to go on")
-        fresh, arrays = result
-        task = tasks[index]
-        write_atomically(folder / MOTIONS / _file(task), _packed(arrays))
-        _append(folder / ROWS, [row for row in fresh if row.key not in done])
-        rows.extend(fresh)
-        count += 1
-        if progress is not None:
-            progress(count, total, fresh[0])
+        def hear(task: Exercise, result: Any) -> None:
+            fresh, arrays = result
+            write_atomically(folder / MOTIONS / _file(task), npz(arrays, compressed=True))
+            _append(folder / ROWS, [row for row in fresh if row.key not in done])
+            rows.extend(fresh)
 
-    over(rows_and_arrays, [(task,) for task in tasks], hear, workers=workers, ray=ray)
-    held = {row.key: row for row in rows}
-    ordered = [held[t.preset, t.seed, e] for t in run.tasks() for e in t.engines]
-    _zipped(run, folder, ordered)
+        _over(rows_and_arrays, tasks, [()] * len(tasks), hear, len(all_), workers, ray, progress)
+        held = {row.key: row for row in rows}
+        ordered = [held[t.preset, t.seed, e] for t in all_ for e in t.engines]
+        _zipped(run, folder, ordered)
     return ordered
 
 
+def _over(
+    function: Callable[..., Any], tasks: Sequence[Exercise], more: Sequence[tuple[Any, ...]],
+    hear: Callable[[Exercise, Any], None], total: int, workers: int | None, ray: str | None,
+    progress: Progress | None,
+) -> None:  # fmt: skip
+    """Call a function of each task and ``more``."""
+    count = total - len(tasks)
+    tell = progress or (lambda *_: None)
+    tell(count, total, None)
+
+    def heard(index: int, result: Any) -> None:
+        nonlocal count
+        if isinstance(result, Exception):
+            raise InvalidRequestError(f"{result}; begin again to go on")
+        hear(tasks[index], result)
+        count += 1
+        rows = result[0] if isinstance(result, tuple) else result
+        tell(count, total, rows[0] if rows else None)
+
+    if tasks and tasks[0].entry.startswith(SERVED):
+        workers, ray = 1, None
+    jobs = [(task, *each) for task, each in zip(tasks, more, strict=True)]
+    over(function, jobs, heard, workers=workers, ray=ray)
+
+
 def _settle(run: BenchRun, path: Path) -> None:
-    wanted = json.loads(json_text(asdict(run)))
-    if path.exists():
-        found = json.loads(path.read_text("utf-8"))
-        fewer = found.get("scenes", {}).get("count", 0) < run.scenes.count
-        more = {**found, "scenes": {**found.get("scenes", {}), "count": run.scenes.count}}
-        if fewer and more == wanted:  # the first scenes of a set are those of a smaller one
-            write_atomically(path, json_text(wanted).encode())
-            return
-        different = [name for name in wanted if found.get(name) != wanted[name]]
-        if different:
-            name = different[0]
+    if is_there(path):
+        found = _run_of(read_bytes(path, InvalidRequestError, RUN_FILE), str(path))
+        alike = replace(found, scenes=replace(found.scenes, count=run.scenes.count))
+        if alike != run or found.scenes.count > run.scenes.count:  # a larger set begins alike
+            name = next(f for f in vars(run) if getattr(found, f) != getattr(run, f))
             raise InvalidRequestError(
-                f"{path.parent} holds a run with {name} {found.get(name)!r}, this one has "
-                f"{wanted[name]!r}: choose another folder"
+                f"{path.parent} holds a run with {name} {getattr(found, name)!r}, this one has "
+                f"{getattr(run, name)!r}: choose another folder"
             )
-    else:
-        write_atomically(path, json_text(wanted).encode())
+    write_atomically(path, json_text(asdict(run)).encode())
+
+
+def _run_of(content: bytes, where: str) -> BenchRun:
+    """The run of a run.json's content."""
+    try:
+        return TypeAdapter(BenchRun).validate_json(content)
+    except (ValidationError, InvalidRequestError) as error:
+        told = words(str(error))
+        raise InvalidRequestError(f"{where} holds no run of the benchmark: {told}") from None
 
 
 def _file(task: Exercise) -> str:
     return f"{task.preset}-{task.seed}.npz"
-
-
-def _packed(arrays: Mapping[str, FloatArray]) -> bytes:
-    stream = io.BytesIO()
-    np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
-    return stream.getvalue()
 
 
 def _lines(rows: Iterable[BenchRow], header: bool) -> bytes:
@@ -202,7 +285,7 @@ def _lines(rows: Iterable[BenchRow], header: bool) -> bytes:
     if header:
         table.writeheader()
     for row in rows:
-        table.writerow(asdict(replace(row, cause=" ".join(row.cause.split()))))
+        table.writerow(asdict(replace(row, cause=words(row.cause))))
     return text.getvalue().encode()
 
 
@@ -218,7 +301,7 @@ def read_rows(folder: Path) -> list[BenchRow]:
         InvalidRequestError: something that is no row.
     """
     path = folder / ROWS
-    content = path.read_bytes() if path.exists() else b""
+    content = read_bytes(path, InvalidRequestError, ROW_FILE) if is_there(path) else b""
     whole = content[: content.rfind(b"\n") + 1]
     if len(whole) < len(content):
         path.write_bytes(whole)
@@ -244,96 +327,180 @@ def _zipped(run: BenchRun, folder: Path, rows: Sequence[BenchRow]) -> None:
         put(ROWS, _lines(rows, header=True))
         for task in run.tasks():
             put(f"{MOTIONS}/{_file(task)}", (folder / MOTIONS / _file(task)).read_bytes())
-    write_atomically(folder / ZIP, stream.getvalue())
+    if len(content := stream.getvalue()) > SUBMISSION:
+        told = f"{len(content)} bytes; at most {SUBMISSION}"
+        raise InvalidRequestError(f"the submission of {folder} has {told}")
+    write_atomically(folder / ZIP, content)
+
+
+Means = Literal["entry", "motions", "no"]
+"""How a submission was verified: the entry was asked again, its motions were executed again."""
 
 
 @dataclass(frozen=True)
 class Verified:
-    """A submission that was executed once more.
-
-    Attributes:
-        run: what it says that it is.
-        rows: as submitted.
-        changed: pairs of rows, submitted and now, that differ in more than times of thinking.
-    """
+    """A submission that was executed once more."""
 
     run: BenchRun
     rows: tuple[BenchRow, ...]
+    """As submitted."""
     changed: tuple[tuple[BenchRow, BenchRow], ...]
+    """Pairs of rows, submitted and now, that differ in more than times of thinking."""
+    unconfirmed: tuple[BenchRow, ...]
+    """Rows without a motion, which the entry alone can confirm."""
+    by: Means
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether every row was."""
+        return not (self.changed or self.unconfirmed)
+
+
+@dataclass(frozen=True)
+class Record:
+    """What a verification confirmed, in a file beside the submission; it is not signed."""
+
+    sha256: str
+    """Of the submission's file."""
+    by: Means
+    digest: str
+    """Of the entry's source."""
+    rows: int
+    version: str
+    processor: str
 
 
 def verify(
     path: Path,
     *,
+    entry: str | None = None,
     workers: int | None = None,
     ray: str | None = None,
-    progress: Callable[[int, int, BenchRow | None], None] | None = None,
+    progress: Progress | None = None,
 ) -> Verified:
-    """Execute every motion of a submission again, and compare the rows bit for bit.
+    """Execute a submission again and compare the rows bit for bit; leave a :class:`Record` of it.
 
-    The entry itself is not asked: what it did stands in the file, and so does what it saw, by the
-    seeds. Of another kind of processor the last bits of forces may differ.
+    Without the ``entry`` its motions are executed: they do what the rows say, and whether the entry
+    would make them is not known. With it, the entry is asked for every scene again. Causes of
+    errors may differ, as they name addresses; so may the last bits of another kind of processor.
+    Further arguments: see :func:`run_bench`.
 
     Raises:
-        InvalidRequestError: no submission, motions that are missing, or another library version.
+        InvalidRequestError: no submission, a motion that is none, another library version, another
+            entry than the submitted one.
     """
-    run, rows, motions = submission(path)
+    run, rows, motions, sha256 = submission(path)
     if run.version != source_version():
         raise InvalidRequestError(
             f"{path} is of version {run.version}, this is {source_version()}: install that one"
         )
-    tasks = list(run.tasks())
+    if entry is not None:
+        digest = entry_digest(entry)
+        if digest != run.digest:
+            raise InvalidRequestError(
+                f"entry {entry!r} has the digest {digest[:12] or 'none'}, the submission's has "
+                f"{run.digest[:12] or 'none'}: give the entry as it was submitted"
+            )
+    tasks = [replace(task, entry=entry or "") for task in run.tasks()]
     fresh: dict[tuple[str, int, str], BenchRow] = {}
-    known = {row.key: row for row in rows}
-    count = 0
 
-    def hear(_: int, result: Any) -> None:
-        nonlocal count
-        if isinstance(result, Exception):
-            raise InvalidRequestError(str(result))
+    def hear(task: Exercise, result: list[BenchRow]) -> None:
         fresh.update({row.key: row for row in result})
-        count += 1
-        if progress is not None:
-            progress(count, len(tasks), result[0] if result else None)
 
-    jobs = [(task, motions[_file(task)]) for task in tasks]
-    over(again, jobs, hear, workers=workers, ray=ray)
-    changed = []
-    for key, row in known.items():
-        if row.result == "error" and not motions[f"{row.preset}-{row.seed}.npz"]:
-            continue  # the entry raised an error: nothing to execute
-        now = fresh.get(key)
-        told = row if now is None or row.result != "refused" else replace(row, cause=now.cause)
-        if now is None or now.judged() != told.judged():
-            changed.append((row, now or replace(row, result="error", cause="not executed")))
-    return Verified(run, tuple(rows), tuple(changed))
+    more = [(motions[_file(task)], f"{path}: {MOTIONS}/{_file(task)}") for task in tasks]
+    call = again if entry is None else asked_again
+    with nullcontext() if entry is None else staffed(entry, run.track, workers):
+        _over(call, tasks, more, hear, len(tasks), workers, ray, progress)
+    changed, unconfirmed = [], []
+    for row in rows:
+        now = fresh.get(row.key)
+        if now is None and row.result in ("refused", "error"):
+            unconfirmed.append(row)
+            continue
+        now = now or replace(row, result="error", cause="not executed")
+        told = replace(row, cause=now.cause) if row.result == now.result == "error" else row
+        if now.judged() != told.judged():
+            changed.append((row, now))
+    by: Means = "motions" if entry is None else "entry"
+    made = Verified(run, tuple(rows), tuple(changed), tuple(unconfirmed), by)
+    beside = path.with_suffix(RECORD)
+    if made.confirmed and recorded(path, sha256, run) != "entry":
+        record = Record(sha256, by, run.digest, len(rows), run.version, run.processor)
+        write_atomically(beside, json_text(asdict(record)).encode())
+    elif made.changed:
+        beside.unlink(missing_ok=True)
+    return made
 
 
-def submission(
-    path: Path,
-) -> tuple[BenchRun, list[BenchRow], dict[str, dict[str, FloatArray]]]:
-    """Run, rows and motions of a submission's file.
+def asked_again(task: Exercise, content: bytes, where: str) -> list[BenchRow]:
+    """The rows of an entry that is asked again, if its motion is the one of the content."""
+    rows, arrays = rows_and_arrays(task)
+    told = read_npz(where, content=content, most=MOTION_FILE)
+    if told.keys() == arrays.keys() and all(
+        np.shape(told[k]) == np.shape(each) and np.allclose(told[k], each, rtol=0.0, atol=SAME)
+        for k, each in arrays.items()
+    ):
+        return rows
+    # a digest that no row has, so that all of them differ
+    return [replace(row, digest="", cause=f"another motion: {row.cause}") for row in rows]
+
+
+def recorded(path: Path, sha256: str, run: BenchRun) -> Means:
+    """How the submission of a path was verified, by the record beside it."""
+    try:
+        content = read_bytes(path.with_suffix(RECORD), InvalidRequestError, RUN_FILE)
+        record = TypeAdapter(Record).validate_json(content)
+    except (ValidationError, InvalidRequestError):
+        return "no"
+    wanted = (sha256, run.digest, run.version)
+    return record.by if (record.sha256, record.digest, record.version) == wanted else "no"
+
+
+def zip_of(path: Path) -> Path:
+    """The submission of a run's folder, or the path itself."""
+    return path / ZIP if is_folder(path) else path
+
+
+class Submission(NamedTuple):
+    """What a submission's file holds."""
+
+    run: BenchRun
+    rows: list[BenchRow]
+    motions: dict[str, bytes]
+    """Contents of the files of motions by name, packed as they are."""
+    sha256: str
+
+
+def submission(path: Path) -> Submission:
+    """A submission's file.
 
     Raises:
         InvalidRequestError: the file is none, is too large, or lacks something.
     """
+    content = read_bytes(path, InvalidRequestError, SUBMISSION)
+    sizes = {RUN: RUN_FILE, ROWS: ROW_FILE}
     try:
-        with zipfile.ZipFile(path) as file:
-            size = sum(each.file_size for each in file.infolist())
-            if size > LARGEST:
-                raise InvalidRequestError(f"{path} holds {size} bytes; at most {LARGEST}")
-            run = TypeAdapter(BenchRun).validate_json(file.read(RUN))
-            rows = _parsed(file.read(ROWS), f"{path}: {ROWS}")
-            motions = {}
-            for task in run.tasks():
-                content = io.BytesIO(file.read(f"{MOTIONS}/{_file(task)}"))
-                with np.load(content, allow_pickle=False) as arrays:
-                    motions[_file(task)] = {
-                        name: np.array(arrays[name], dtype=np.float64) for name in arrays.files
-                    }
-    except (OSError, zipfile.BadZipFile, KeyError, ValueError, ValidationError) as error:
-        raise InvalidRequestError(f"{path} is no submission: {error}") from None
+        if content.count(b"PK\x01\x02") > MEMBERS:
+            raise ValueError(f"more than {MEMBERS} files")
+        with zipfile.ZipFile(io.BytesIO(content)) as file:
+
+            def held(name: str) -> bytes:
+                told = file.getinfo(name)
+                if told.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                    raise ValueError(f"{name} is packed as {told.compress_type}; must be deflated")
+                most = sizes.get(name, MOTION_FILE)
+                if told.file_size > most:
+                    raise ValueError(f"{name} has {told.file_size} bytes; at most {most}")
+                return file.read(told)
+
+            run = _run_of(held(RUN), f"{path}: {RUN}")
+            rows = _parsed(held(ROWS), f"{path}: {ROWS}")
+            motions = {_file(task): held(f"{MOTIONS}/{_file(task)}") for task in run.tasks()}
+    except InvalidRequestError:
+        raise
+    except Exception as error:  # zipfile and zlib raise whatever goes wrong in them
+        raise InvalidRequestError(f"{path} is no submission: {words(str(error))}") from None
     wanted = {(t.preset, t.seed, e) for t in run.tasks() for e in t.engines}
     if {row.key for row in rows} != wanted or len(rows) != len(wanted):
         raise InvalidRequestError(f"{path}: rows and scenes differ")
-    return run, rows, motions
+    return Submission(run, rows, motions, hashlib.sha256(content).hexdigest())

@@ -1,4 +1,8 @@
-"""One scene of the benchmark: an entry is asked, and both engines execute what it gives."""
+"""One scene of the benchmark: an entry is asked, and both engines execute what it gives.
+
+The entry sees a scene named :data:`NEUTRAL`, and a seed of its own: nothing from which the true
+scene, the physics or the looks could be drawn again.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
@@ -7,21 +11,15 @@ from typing import Any, Literal, cast
 import numpy as np
 from pydantic import TypeAdapter
 
+from optipromp.bench.apart import Apart, Entry, hired
 from optipromp.bench.episode import Episode
 from optipromp.bench.flight import Word
-from optipromp.bench.sets import scene_of
-from optipromp.bench.tracks import (
-    Deed,
-    Track,
-    acted,
-    against,
-    asked,
-    loaded,
-    photographed,
-    replayed,
-)
+from optipromp.bench.limits import MOTION_FILE, PATIENCE, EntryError, Patience, too_long, words
+from optipromp.bench.sets import BITS, DEVELOPMENT, SHORT, drawn, scene_of
+from optipromp.bench.tracks import Deed, Track, acted, against, asked, photographed, replayed
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import ExecutionError, InvalidRequestError, OptiPrompError
+from optipromp.core.errors import InvalidRequestError, OptiPrompError
+from optipromp.core.files import read_npz
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.io import scene_to_dict
 from optipromp.core.scenes.scene import Scene
@@ -36,6 +34,9 @@ Engine = Literal["arm", "flight"]
 ENGINES: tuple[Engine, ...] = ("arm", "flight")
 """``arm``: the whole arm with its controller; ``flight``: a cup in flight, a model of its own."""
 Result = Literal["clean", "harmed", "missed", "refused", "error"]
+NEUTRAL = "scene"
+"""Name of every scene that an entry gets."""
+MOTION_ARRAYS = "times", "positions", "velocities", "accelerations"
 STEADY = "none", "zero-mean", "detector", "missed", "calibration"
 """Conditions in which plants stand still, so that the engine ``flight`` has them, too."""
 
@@ -51,6 +52,8 @@ class Exercise:
         condition: of :data:`optipromp.laboratory.experiments.conditions.CONDITIONS`.
         variation: of :data:`optipromp.laboratory.experiments.variations.VARIATIONS`; empty: none.
         engines: that execute the motion.
+        word: of the set, which the entry does not get.
+        patience: the time that the entry has.
     """
 
     entry: str
@@ -60,6 +63,12 @@ class Exercise:
     condition: str = "none"
     variation: str = ""
     engines: tuple[Engine, ...] = ENGINES
+    word: str = DEVELOPMENT
+    patience: Patience = PATIENCE
+
+    def drawn(self, purpose: str, bits: int = BITS) -> int:
+        """The seed of ``physics`` and looks, or of the ``entry``; see :mod:`.sets`."""
+        return drawn(self.word, self.preset, self.seed, purpose, bits)
 
 
 @dataclass(frozen=True)
@@ -121,10 +130,11 @@ def situated(task: Exercise) -> tuple[Situation, str]:
         InvalidRequestError: an unknown condition or variation, or another scene than the frozen.
     """
     scene, digest = scene_of(task.preset, task.seed)
-    setting = CONDITIONS[task.condition](scene, task.seed)
-    setting = setting._replace(seen=untold(setting.seen))
+    seed = task.drawn("physics")
+    setting = CONDITIONS[task.condition](scene, seed)
+    setting = setting._replace(seen=replace(untold(setting.seen), name=NEUTRAL))
     if task.variation:
-        rng = np.random.default_rng([task.seed, 2])
+        rng = np.random.default_rng([seed, 2])
         changed, parameters = VARIATIONS[task.variation](setting.scene, rng)
         setting = setting._replace(scene=changed, parameters=parameters)
     return setting, digest
@@ -140,22 +150,22 @@ def attempted(task: Exercise) -> tuple[list[BenchRow], Deeds]:
     Errors of the entry are rows; those of the task are raised.
 
     Raises:
-        InvalidRequestError: an unknown entry, preset, condition or variation.
+        InvalidRequestError: an unknown preset, condition or variation.
     """
-    entry = loaded(task.entry)
+    entry = hired(task.entry, task.track, task.patience)
     setting, digest = situated(task)
+    seed = task.drawn("entry", SHORT)
     if task.track == "policy":
-        try:
-            return _by_policy(entry, task, setting, digest)
-        finally:
-            getattr(entry, "close", bool)()
+        return _by_policy(entry, task, setting, digest, seed)
+    assert isinstance(entry, Apart)
+    given = (setting.seen, seed)
+    if task.track == "picture":
+        known = replace(without_fruits(setting.scene), name=NEUTRAL)
+        given = (photographed(setting, task.drawn("physics")), known, seed)  # type: ignore[assignment]
     try:
-        if task.track == "picture":
-            picture, known = photographed(setting, task.seed), without_fruits(setting.scene)
-            motion = asked(lambda: entry.plan(picture, known, task.seed), setting.seen)
-        else:
-            motion = asked(lambda: entry.plan(setting.seen, task.seed), setting.seen)
-    except Exception as error:
+        entry.begin()
+        motion = asked(lambda: entry.plan(*given), setting.seen)
+    except EntryError as error:
         return _errors(task, digest, error), {}
     motions = dict.fromkeys(task.engines, motion)
     return executed_rows(task, setting, digest, motions), motions
@@ -169,7 +179,7 @@ def executed_rows(
     for engine, motion in motions.items():
         row = BenchRow(task.preset, task.seed, digest, engine, "refused", thought=motion.thought)
         if motion.refused:
-            rows.append(replace(row, cause=motion.why))
+            rows.append(replace(row, cause=words(motion.why)))
         elif motion.actions is not None:
             episode = _episode(task, setting, engine)
             replayed(motion, episode)
@@ -180,15 +190,16 @@ def executed_rows(
 
 
 def _by_policy(
-    entry: Any, task: Exercise, setting: Situation, digest: str
+    entry: Entry, task: Exercise, setting: Situation, digest: str, seed: int
 ) -> tuple[list[BenchRow], Deeds]:
     """The rows of a policy, which acts anew in every engine."""
     rows, motions = list[BenchRow](), dict[Engine, Deed]()
     for engine in task.engines:
+        episode = _episode(task, setting, engine)
         try:
-            episode = _episode(task, setting, engine)
-            motion = acted(entry, episode)
-        except Exception as error:
+            entry.begin()
+            motion = acted(entry, episode, seed)
+        except EntryError as error:
             rows += _errors(replace(task, engines=(engine,)), digest, error)
             continue
         motions[engine] = motion
@@ -198,11 +209,12 @@ def _by_policy(
 
 
 def _episode(task: Exercise, setting: Situation, engine: Engine) -> Episode:
+    seed = task.drawn("physics")
     if engine == "arm":
-        return Episode(setting, task.seed)
+        return Episode(setting, seed)
     from optipromp.bench.flown import FlightWorld
 
-    return Episode(setting, task.seed, world=FlightWorld(setting.scene, task.seed))
+    return Episode(setting, seed, world=FlightWorld(setting.scene, seed))
 
 
 def _flown(
@@ -210,18 +222,17 @@ def _flown(
 ) -> BenchRow:
     assert motion.trajectory is not None
     truth = _aimed(setting.scene, motion) if task.track == "picture" else setting.scene
+    seed = task.drawn("physics")
     try:
         if engine == "arm":
-            run = simulate(motion.trajectory, truth, parameters=setting.parameters, seed=task.seed)
+            run = simulate(motion.trajectory, truth, parameters=setting.parameters, seed=seed)
             return _judged(row, run.outcome, motion.trajectory.duration)
         from optipromp.bench.flight import execute
 
         rows = motion.trajectory.resample(1000.0)
-        word = execute(scene_to_dict(truth), rows.times, rows.positions, task.seed)
-    except (ExecutionError, RuntimeError) as error:
-        return replace(row, result="error", cause=str(error))
-    except (OptiPrompError, ValueError) as error:
-        raise InvalidRequestError(f"{task.preset} {task.seed}, engine {engine}: {error}") from None
+        word = execute(scene_to_dict(truth), rows.times, rows.positions, seed)
+    except (OptiPrompError, RuntimeError, ValueError) as error:
+        return replace(row, result="error", cause=words(str(error)))
     return _judged(row, word, motion.trajectory.duration)
 
 
@@ -262,12 +273,9 @@ def _rounded(value: float | FloatArray) -> float:
     return round(float(value), 3)
 
 
-def _errors(task: Exercise, digest: str, error: Exception) -> list[BenchRow]:
-    words = f"{type(error).__name__}: {error}"
-    return [
-        BenchRow(task.preset, task.seed, digest, engine, "error", cause=words)
-        for engine in task.engines
-    ]
+def _errors(task: Exercise, digest: str, error: EntryError) -> list[BenchRow]:
+    row = BenchRow(task.preset, task.seed, digest, "arm", "error", cause=words(str(error)))
+    return [replace(row, engine=engine) for engine in task.engines]
 
 
 def rows_and_arrays(task: Exercise) -> tuple[list[BenchRow], dict[str, FloatArray]]:
@@ -278,23 +286,36 @@ def rows_and_arrays(task: Exercise) -> tuple[list[BenchRow], dict[str, FloatArra
     return rows, next(iter(motions.values())).arrays() if motions else {}
 
 
-def again(task: Exercise, arrays: Mapping[str, FloatArray]) -> list[BenchRow]:
-    """The rows of motions from a file, executed once more.
+def again(task: Exercise, content: bytes, where: str) -> list[BenchRow]:
+    """The rows of a motion from a file's content, executed once more.
 
     Raises:
         InvalidRequestError: as :func:`attempted`; arrays that are no motion of the scene's robot.
     """
+    arrays = read_npz(where, content=content, most=MOTION_FILE)
+    wanted = set(task.engines if task.track == "policy" else MOTION_ARRAYS)
+    for name, array in arrays.items():
+        if name not in wanted or array.dtype != np.float64 or not np.isfinite(array).all():
+            raise InvalidRequestError(
+                f"{where} has {name} of type {array.dtype}; must be finite float64, of "
+                f"{', '.join(sorted(wanted))}"
+            )
     setting, digest = situated(task)
+    count = len(posed(setting.seen)[1].q)
     if task.track == "policy":
+        for name, array in arrays.items():
+            if array.ndim != 2 or array.shape[1] != count:
+                raise InvalidRequestError(
+                    f"{where}: {name} has shape {array.shape}; must be k actions of {count} joints"
+                )
         motions = {e: Deed(actions=arrays[e]) for e in task.engines if e in arrays}
         return executed_rows(task, setting, digest, motions)
-    motion = Deed()
-    if arrays:
-        names = posed(setting.seen)[0].joint_names
-        given = Trajectory(
-            arrays["times"], arrays["positions"], arrays["velocities"], arrays["accelerations"],
-            names,
-        )  # fmt: skip
-        wrong = against(given, setting.seen)
-        motion = Deed(why=wrong) if wrong else Deed(given)
-    return executed_rows(task, setting, digest, dict.fromkeys(task.engines, motion))
+    if not arrays:
+        return []
+    if set(arrays) != wanted:
+        raise InvalidRequestError(f"{where} has {', '.join(arrays)}; must have {MOTION_ARRAYS}")
+    given = Trajectory(**arrays, joint_names=posed(setting.seen)[0].joint_names)
+    wrong = too_long(given.times) or against(given, setting.seen)
+    if wrong:
+        raise InvalidRequestError(f"{where} holds a motion that no controller takes: {wrong}")
+    return executed_rows(task, setting, digest, dict.fromkeys(task.engines, Deed(given)))

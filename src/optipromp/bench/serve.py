@@ -10,91 +10,171 @@ The benchmark connects, and sends a line for each call; the policy answers each 
 ===================================================================  =============================
 
 A scene is a scene file's document (docs/scene-format.md), and so are objects: the fruits as last
-seen. An answer ``{"error": "…"}`` ends the episode. ``optipromp bench run --entry tcp:HOST:PORT
---track policy`` asks such a policy; :func:`serve` makes one of a Python class.
+seen. An answer ``{"error": "…"}`` ends the episode, and so does one that is late
+(:class:`optipromp.bench.limits.Patience`) or longer than 100,000 bytes. ``optipromp bench run
+--entry tcp:HOST:PORT --track policy`` asks such a policy; :func:`serve` makes one of a Python
+class.
 """
 
 import json
 import socket
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from optipromp.bench.episode import Observation
+from optipromp.bench.limits import ACTION, LINE, PATIENCE, EntryError, Patience
 from optipromp.bench.tracks import Acting
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.scenes.io import scene_from_dict, scene_to_dict
 from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.laboratory.experiments.eyes import without_fruits
 
-PATIENCE = 30.0  # [s] for an answer: planners that plan in reset take seconds: a choice
-LONGEST = 10_000_000  # [byte] of a line: a choice
+T = TypeVar("T")
+PLAIN: dict[str, Any] = {"target": "pushable"}  # for scenes of what is seen, with or without one
 
 
-class Served:
-    """A policy at ``HOST:PORT``, as an entry.
+def velocity_of(answer: dict[str, Any]) -> FloatArray:
+    """The joint velocities (n,) of an answer; raises EntryError where there are none."""
+    told = answer.get("velocity")
+    try:
+        if isinstance(told, list) and len(told) <= ACTION:
+            return np.array([float(value) for value in told])
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise EntryError(f"the answer was {str(answer)[:200]}; must be {{'velocity': [...]}}")
 
-    Raises:
-        InvalidRequestError: nobody listens there.
+
+class Remote:
+    """An entry at the other end of a socket: each call is answered by a line of JSON within a time.
+
+    The time is of the whole answer, so that one byte at a time gains nothing. The socket is closed
+    when an answer fails.
     """
 
-    def __init__(self, address: str) -> None:
-        host, _, port = address.rpartition(":")
+    def __init__(self, patience: Patience = PATIENCE) -> None:
+        self.patience = patience
+        self._socket: socket.socket | None = None
+
+    def _ask(self, message: bytes, seconds: float, read: Callable[[dict[str, Any]], T]) -> T:
+        """What ``read`` makes of the answer to a message. Raises EntryError where there is none."""
+        assert self._socket is not None, "call begin first"
+        self._until, self._rest = time.monotonic() + seconds, bytearray()
         try:
-            self._socket = socket.create_connection((host or "127.0.0.1", int(port)), PATIENCE)
-        except (OSError, ValueError) as error:
-            raise InvalidRequestError(
-                f"no policy answers at {address!r} ({error}): start it, then give tcp:HOST:PORT"
-            ) from None
-        self._stream = self._socket.makefile("rwb")
+            self._socket.settimeout(seconds)
+            self._socket.sendall(message)
+            answer = self._line()
+            if "error" not in answer:
+                return read(answer)
+        except TimeoutError:
+            cause = f"no answer within {seconds:g} s"
+        except (OSError, EOFError):
+            cause = self._ended()
+        except (ValueError, InvalidRequestError) as error:
+            cause = str(error)
+        else:
+            raise EntryError(str(answer["error"]))
+        self.close()
+        raise EntryError(cause)
+
+    def _line(self) -> dict[str, Any]:
+        while (end := self._rest.find(b"\n")) < 0:
+            if len(self._rest) > LINE:
+                raise ValueError(f"an answer of more than {LINE} bytes without the end of its line")
+            self._hear()
+        line = bytes(self._rest[:end])
+        del self._rest[: end + 1]
+        try:
+            answer = json.loads(line)
+        except (ValueError, RecursionError):
+            answer = None
+        if not isinstance(answer, dict):
+            told = line[:200].decode("utf-8", "replace")
+            raise ValueError(f"the answer was {told!r}; must be a JSON object")
+        return answer
+
+    def _bytes(self, count: int) -> bytes:
+        """The bytes after the line of an answer."""
+        while len(self._rest) < count:
+            self._hear()
+        return bytes(self._rest[:count])
+
+    def _hear(self) -> None:
+        left = self._until - time.monotonic()
+        if left <= 0.0 or self._socket is None:
+            raise TimeoutError
+        self._socket.settimeout(left)
+        got = self._socket.recv(1 << 16)
+        if not got:
+            raise EOFError
+        self._rest += got
+
+    def _ended(self) -> str:
+        """Why the other side is gone."""
+        return "the policy hung up"
+
+    def close(self) -> None:
+        """Hang up."""
+        if self._socket is not None:
+            self._socket.close()
+        self._socket = None
+
+
+class Served(Remote):
+    """A policy at ``HOST:PORT`` (without a host: of this machine), as an entry."""
+
+    def __init__(self, address: str, patience: Patience = PATIENCE) -> None:
+        super().__init__(patience)
+        self.address = address
         self._scene: Scene | None = None
+
+    def begin(self) -> None:
+        """Connect, anew for each episode. Raises EntryError where nobody listens."""
+        self.close()
+        host, _, port = self.address.rpartition(":")
+        try:
+            place = host or "127.0.0.1", int(port)
+            self._socket = socket.create_connection(place, self.patience.reset)
+        except (OSError, ValueError, OverflowError) as error:
+            raise EntryError(
+                f"no policy answers at {self.address!r} ({error}): start it, then give "
+                "tcp:HOST:PORT"
+            ) from None
 
     def reset(self, scene: Scene, seed: int) -> None:
         """See :class:`optipromp.bench.tracks.Acting`."""
         self._scene = scene
-        self._ask({"call": "reset", "scene": scene_to_dict(scene), "seed": seed})
+        told = {"call": "reset", "scene": scene_to_dict(scene), "seed": seed}
+        self._ask(_packed(told), self.patience.reset, bool)
 
     def act(self, seen: Observation) -> FloatArray:
         """See :class:`optipromp.bench.tracks.Acting`."""
         assert self._scene is not None
-        shown = replace(self._scene, objects=(*seen.fruits, *self._scene.static))
         told = {
             "call": "act", "time": seen.time, "age": seen.age,
             **{
                 name: getattr(seen, name).tolist()
                 for name in ("q", "velocity", "tool_point", "tool_axis", "force")
             },
-            "objects": scene_to_dict(shown)["objects"],
+            "objects": _objects((*seen.fruits, *self._scene.static), self._scene),
         }  # fmt: skip
-        answer = self._ask(told)
-        try:
-            return np.array(answer["velocity"], dtype=np.float64)
-        except (KeyError, TypeError, ValueError):
-            raise InvalidRequestError(
-                f"the policy answered {str(answer)[:200]}; must be {{'velocity': [...]}}"
-            ) from None
+        return self._ask(_packed(told), self.patience.act, velocity_of)
 
-    def _ask(self, message: dict[str, Any]) -> dict[str, Any]:
-        try:
-            self._stream.write(json.dumps(message).encode() + b"\n")
-            self._stream.flush()
-            line = self._stream.readline(LONGEST)
-        except OSError as error:
-            raise InvalidRequestError(f"the policy does not answer: {error}") from None
-        try:
-            answer = json.loads(line)
-        except ValueError:
-            told = line[:200].decode("utf-8", "replace") or "nothing"
-            raise InvalidRequestError(f"the policy answered {told!r}; must be JSON") from None
-        if not isinstance(answer, dict) or "error" in answer:
-            raise InvalidRequestError(f"the policy answered {str(answer)[:500]}")
-        return answer
 
-    def close(self) -> None:
-        """Hang up."""
-        self._stream.close()
-        self._socket.close()
+def _objects(items: Sequence[SceneObject], scene: Scene) -> list[dict[str, Any]]:
+    """The objects of a scene's document, among which there may be no target."""
+    plain = tuple(replace(item, role=PLAIN.get(item.role, item.role)) for item in items)
+    told = scene_to_dict(replace(without_fruits(scene), objects=plain))["objects"]
+    return [{**each, "role": item.role} for each, item in zip(told, items, strict=True)]
+
+
+def _packed(message: dict[str, Any]) -> bytes:
+    return json.dumps(message).encode() + b"\n"
 
 
 def serve(policy: Acting, port: int = 0, host: str = "127.0.0.1", calls: int | None = None) -> None:
@@ -111,7 +191,7 @@ def serve(policy: Acting, port: int = 0, host: str = "127.0.0.1", calls: int | N
         while calls is None or calls > 0:
             calls = None if calls is None else calls - 1
             caller, _ = listening.accept()
-            with caller, caller.makefile("rwb") as stream:
+            with suppress(OSError), caller, caller.makefile("rwb") as stream:
                 scene: Scene | None = None
                 for line in stream:
                     message = json.loads(line)
@@ -125,13 +205,16 @@ def serve(policy: Acting, port: int = 0, host: str = "127.0.0.1", calls: int | N
                             answer = {"velocity": policy.act(_seen(message, scene)).tolist()}
                     except Exception as error:  # the caller tells of it
                         answer = {"error": f"{type(error).__name__}: {error}"}
-                    stream.write(json.dumps(answer).encode() + b"\n")
+                    stream.write(_packed(answer))
                     stream.flush()
 
 
 def _seen(message: dict[str, Any], scene: Scene) -> Observation:
-    document = {**scene_to_dict(scene), "objects": message["objects"]}
-    items: tuple[SceneObject, ...] = scene_from_dict(document).objects
+    bare, told = scene_to_dict(without_fruits(scene)), message["objects"]
+    roles = [each["role"] for each in told]
+    plain = [{**each, "role": PLAIN.get(each["role"], each["role"])} for each in told]
+    found = scene_from_dict({**bare, "objects": plain}).objects
+    items = [replace(item, role=role) for item, role in zip(found, roles, strict=True)]
     q, velocity, point, axis, force = (
         np.array(message[name]) for name in ("q", "velocity", "tool_point", "tool_axis", "force")
     )

@@ -1,8 +1,9 @@
 """Frozen sets of scenes: the same bunches for everybody, told by their digests.
 
 The seeds of the *development* set are public, and its digests stand in ``data/development.json``
-(written by ``python -m optipromp.bench.sets``). A *test* set is drawn by the runner: a word, by
-default a random one, gives its seeds, so nobody has tuned on them. A result names its word, and
+(written by ``python -m optipromp.bench.sets``). A *test* set is drawn by a word, the secret of the
+runner until the results are out: digests of it give the seed of each scene, that of its physics and
+looks, and the one that the entry gets, so none of them tells another. A result names its word, and
 anybody draws the same scenes again.
 
 A digest is of a scene's document with numbers rounded to 0.1 µm, because the last bits of numbers
@@ -21,6 +22,9 @@ from typing import Any, cast
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.scenes.io import scene_to_dict
 from optipromp.core.scenes.scene import Scene
+from optipromp.core.scenes.values import suggest
+from optipromp.core.shown import is_name
+from optipromp.laboratory.generate import PRESETS as ALL
 from optipromp.laboratory.generate import Preset, generate
 
 PRESETS: tuple[str, ...] = ("cluster", "mixed", "field", "wild")
@@ -28,7 +32,9 @@ COUNT = 200
 """Scenes of a preset."""
 DEVELOPMENT = "development"
 FIRST = 110_000  # seed of the development set: above those of all other studies
-BEYOND, SETS = 10_000_000, 1_000_000  # first seed of all test sets, number of these
+BEYOND = 10_000_000  # above the seeds of all studies
+BITS = 52  # of a seed, which nobody searches through; a number of JSON holds it exactly
+SHORT = 31  # bits of an entry's seed: libraries take no longer ones
 PLACES = 7  # decimals of numbers in a digest [m]: far above the last bits, far below a millimetre
 FILE = "development.json"
 
@@ -43,7 +49,8 @@ class SceneSet:
         count: scenes of each.
 
     Raises:
-        InvalidRequestError: no preset, or a count that is not 1 to 1,000.
+        InvalidRequestError: no word, no preset, an unknown one or one twice, or a count that is
+            not 1 to 1,000.
     """
 
     word: str = DEVELOPMENT
@@ -56,20 +63,31 @@ class SceneSet:
                 f"a set has {len(self.presets)} presets and {self.count} scenes of each; must have "
                 "at least one preset and 1 to 1,000 scenes"
             )
+        if not is_name(self.word):
+            raise InvalidRequestError(f"word is {self.word[:60]!r}; must be 1 to 1,000 letters")
+        for k, name in enumerate(self.presets):
+            if name not in ALL:
+                raise InvalidRequestError(f"preset is {name!r}: {suggest(name, ALL)}")
+            if name in self.presets[:k]:
+                raise InvalidRequestError(f"preset {name!r} stands twice: name each once")
 
-    @property
-    def first(self) -> int:
-        """The first seed."""
+    def seed(self, preset: str, index: int) -> int:
+        """The seed of a scene, the first of which has the index 0."""
         if self.word == DEVELOPMENT:
-            return FIRST
-        number = int.from_bytes(hashlib.sha256(self.word.encode()).digest()[:8], "big")
-        return BEYOND + 1000 * (number % SETS)
+            return FIRST + index
+        return BEYOND + drawn(self.word, preset, index, "scene")
 
     def scenes(self) -> Iterable[tuple[str, int]]:
         """Preset and seed of every scene."""
         for preset in self.presets:
-            for seed in range(self.first, self.first + self.count):
-                yield preset, seed
+            for index in range(self.count):
+                yield preset, self.seed(preset, index)
+
+
+def drawn(word: str, preset: str, number: int, purpose: str, bits: int = BITS) -> int:
+    """A number of ``bits`` bits, by a digest: whoever has some of them learns no other."""
+    text = json.dumps([word, preset, number, purpose]).encode()
+    return int.from_bytes(hashlib.sha256(text).digest()[:8], "big") >> (64 - bits)
 
 
 def scene_of(preset: str, seed: int) -> tuple[Scene, str]:

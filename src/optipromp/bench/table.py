@@ -8,7 +8,7 @@ from typing import Any
 
 import scipy.stats
 
-from optipromp.bench.results import ZIP, BenchRun, submission
+from optipromp.bench.results import BenchRun, Means, recorded, submission, zip_of
 from optipromp.bench.running import BenchRow
 from optipromp.core.errors import InvalidRequestError
 from optipromp.laboratory.experiments.statistics import wilson
@@ -56,11 +56,13 @@ class Leaderboard:
         run: of the first entry: track, set, condition, variation are those of all.
         order: names of the entries; by the smaller of their scores in the engines.
         standings: of every entry, engine, and preset (empty: all).
+        verified: by entry: ``entry``, ``motions`` or ``no``; see ``bench verify``.
     """
 
     run: BenchRun
     order: tuple[str, ...]
     standings: tuple[Ranked, ...]
+    verified: Mapping[str, Means]
 
     def of(self, entry: str, engine: str, preset: str = "") -> Ranked:
         """One standing."""
@@ -81,18 +83,20 @@ def leaderboard(files: Iterable[Path]) -> Leaderboard:
             of one entry.
     """
     held: dict[str, tuple[BenchRun, Sequence[BenchRow]]] = {}
-    for path in files:
-        run, rows, _ = submission(path / ZIP if path.is_dir() else path)
+    verified: dict[str, Means] = {}
+    for path in map(zip_of, files):
+        run, rows, _, sha256 = submission(path)
         if run.entry in held:
             raise InvalidRequestError(f"two submissions of {run.entry}: the second is {path}")
         first = next(iter(held.values()), (run,))[0]
-        for name in ("track", "scenes", "condition", "variation", "engines", "version"):
+        for name in ("track", "scenes", "condition", "variation", "engines", "version", "round"):
             if getattr(run, name) != getattr(first, name):
                 raise InvalidRequestError(
                     f"{path} has {name} {getattr(run, name)}, {first.entry} has "
                     f"{getattr(first, name)}: a table is of one set under one condition"
                 )
         held[run.entry] = run, rows
+        verified[run.entry] = recorded(path, sha256, run)
     if not held:
         raise InvalidRequestError("a table needs at least one submission")
     rows_of = {entry: rows for entry, (_, rows) in held.items()}
@@ -107,7 +111,7 @@ def leaderboard(files: Iterable[Path]) -> Leaderboard:
         for engine in run.engines
         for entry in order
     ]
-    return Leaderboard(run, tuple(order), tuple(standings))
+    return Leaderboard(run, tuple(order), tuple(standings), {e: verified[e] for e in order})
 
 
 def _standing(
@@ -160,12 +164,13 @@ def markdown(board: Leaderboard) -> str:
         f"Track `{run.track}`, set `{run.scenes.word}`, {run.scenes.count} scenes each of "
         f"{', '.join(run.scenes.presets)}; condition `{run.condition}`"
         + (f", variation `{run.variation}`" if run.variation else "")
-        + f"; version `{run.version}`.",
+        + f"; version `{run.version}`"
+        + (f"; drawn {run.round.drawn}, after the entries' digests." if run.round else "."),
         "",
         "| | entry | " + " | ".join(
             f"{e}: clean (95 %) | harmed | missed | refused | p" for e in engines
-        ) + " | score | think |",
-        "|---|---|" + "---|" * (5 * len(engines) + 2),
+        ) + " | score | think | verified |",
+        "|---|---|" + "---|" * (5 * len(engines) + 3),
     ]  # fmt: skip
     for rank, entry in enumerate(board.order, 1):
         all_ = [board.of(entry, engine) for engine in engines]
@@ -177,7 +182,8 @@ def markdown(board: Leaderboard) -> str:
         )
         score = min(s.score for s in all_)
         lines.append(
-            f"| {rank} | `{entry}` | {cells} | {100 * score:.1f} | {_time(all_[0].thought)} |"
+            f"| {rank} | `{entry}` | {cells} | {100 * score:.1f} | {_time(all_[0].thought)} | "
+            f"{board.verified[entry]} |"
         )
     lines += ["", "Clean, harmed by preset, in %:", ""]
     heads = [f"{preset}: {engine}" for preset in run.scenes.presets for engine in engines]

@@ -7,28 +7,26 @@
              scene as known before any picture (robot, tool, approach, start, static objects)
 ===========  ======================================================================================
 
-An entry is a class without arguments. A motion is all that an entry did, so both engines execute
-it, and ``bench verify`` does so again.
+An entry is a class without arguments, in a process of its own (:mod:`optipromp.bench.apart`). A
+motion is all that an entry did, so both engines execute it, and ``bench verify`` does so again.
 """
 
-import importlib
-import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Literal, Protocol, cast
 
 import numpy as np
 
-from optipromp.bench.episode import Episode, Observation
+from optipromp.bench.entrant import Refused, motion_of
+from optipromp.bench.episode import LONGEST, Episode, Observation
+from optipromp.bench.limits import EntryError, too_long
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.judging import extremes
 from optipromp.core.planning import Plan
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.scene import Scene
-from optipromp.core.scenes.values import suggest
 from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.experiments.conditions import Situation
 from optipromp.perception.pictures import DepthPicture
@@ -98,67 +96,14 @@ class Deed:
         }  # fmt: skip
 
 
-def loaded(spec: str) -> Any:
-    """The entry of a name in :data:`optipromp.bench.entries.ENTRIES`, or of MODULE:CLASS.
-
-    ``tcp:HOST:PORT`` is a policy in another process (:mod:`optipromp.bench.serve`).
-
-    The working folder is searched for the module, too.
-
-    Raises:
-        InvalidRequestError: there is no such name, module or class, or the class cannot be made.
-    """
-    from optipromp.bench.entries import ENTRIES
-
-    if spec.startswith("tcp:"):
-        from optipromp.bench.serve import Served
-
-        return Served(spec.removeprefix("tcp:"))
-    known = ENTRIES.get(spec)
-    module, colon, attribute = (known.spec if known else spec).partition(":")
-    if not colon:
-        raise InvalidRequestError(f"entry is {spec!r}: {suggest(spec, tuple(ENTRIES))}")
-    here = str(Path.cwd())
-    if here not in sys.path:
-        sys.path.insert(0, here)
-    try:
-        return getattr(importlib.import_module(module), attribute)()
-    except (ImportError, AttributeError, TypeError) as error:
-        raise InvalidRequestError(
-            f"entry {spec!r} cannot be made ({type(error).__name__}: {error}); an entry is "
-            "MODULE:CLASS, of a class without arguments"
-        ) from None
-
-
-def check_entry(entry: Any, track: Track) -> None:
-    """Refuse an entry without the methods of a track.
-
-    Raises:
-        InvalidRequestError: a method is missing.
-    """
-    for name in ("reset", "act") if track == "policy" else ("plan",):
-        if not callable(getattr(entry, name, None)):
-            raise InvalidRequestError(
-                f"{type(entry).__name__} has no method {name}; the track {track} asks for it"
-            )
-
-
 def asked(call: Callable[[], Any], scene: Scene) -> Deed:
     """The motion of an entry's answer, which is checked before it is executed."""
     began = time.perf_counter()
-    answer = call()
+    answer = motion_of(call())
     thought = time.perf_counter() - began
-    if isinstance(answer, Plan):
-        if not answer.success:
-            return Deed(thought=thought, why=f"{answer.status}: {answer.message}")
-        answer = answer.trajectory
-    if answer is None:
-        return Deed(thought=thought, why="refused")
-    if not isinstance(answer, Trajectory):
-        raise InvalidRequestError(
-            f"the entry gave a {type(answer).__name__}; must be a Trajectory, a Plan or None"
-        )
-    wrong = against(answer, scene)
+    if isinstance(answer, Refused):
+        return Deed(thought=thought, why=answer.why)
+    wrong = too_long(answer.times) or against(answer, scene) or misnamed(answer, scene)
     return Deed(None if wrong else answer, thought=thought, why=wrong)
 
 
@@ -191,16 +136,27 @@ def against(trajectory: Trajectory, scene: Scene) -> str:
     )
 
 
-def acted(policy: Acting, episode: Episode) -> Deed:
-    """Let a policy act until the episode is over."""
-    policy.reset(episode.scene, episode.seed)
+def misnamed(trajectory: Trajectory, scene: Scene) -> str:
+    """What is wrong with the names of a trajectory's joints; empty: nothing."""
+    names = posed(scene)[0].joint_names
+    if trajectory.joint_names == names:
+        return ""
+    return f"joints {', '.join(trajectory.joint_names)}; must be {', '.join(names)}"
+
+
+def acted(policy: Acting, episode: Episode, seed: int) -> Deed:
+    """Let a policy act until the episode is over. Raises EntryError where it gave no velocities."""
+    policy.reset(episode.scene, seed)
     actions, times = [], []
     while not (episode.done or episode.ended):
         seen = episode.observe()
         began = time.perf_counter()
-        velocity = np.array(policy.act(seen), dtype=np.float64)
+        velocity = policy.act(seen)
         times.append(time.perf_counter() - began)
-        episode.act(velocity)
+        try:
+            episode.act(velocity)
+        except InvalidRequestError as error:
+            raise EntryError(error.message) from None
         actions.append(velocity)
     count = episode.robot.n_joints
     return Deed(
@@ -210,9 +166,21 @@ def acted(policy: Acting, episode: Episode) -> Deed:
 
 
 def replayed(motion: Deed, episode: Episode) -> None:
-    """The episode once more, with the actions that a policy took."""
-    for velocity in cast(FloatArray, motion.actions):
+    """The episode once more, with the actions that a policy took.
+
+    Raises:
+        InvalidRequestError: there are more or fewer than until the episode was over.
+    """
+    actions = cast(FloatArray, motion.actions)
+    for count, velocity in enumerate(actions):
+        if episode.done or episode.ended:
+            raise InvalidRequestError(
+                f"{len(actions)} actions; the episode is over after {count}, and lasts {LONGEST:g} "
+                "s at most"
+            )
         episode.act(velocity)
+    if not (episode.done or episode.ended):
+        raise InvalidRequestError(f"{len(actions)} actions, after which the episode goes on")
 
 
 def photographed(situation: Situation, seed: int) -> DepthPicture:

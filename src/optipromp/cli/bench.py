@@ -1,6 +1,5 @@
 """``optipromp bench``: the benchmark of reaching in hanging clutter."""
 
-import secrets
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -20,6 +19,10 @@ bench = typer.Typer(
     help="Compare pickers on frozen scenes, in two physics engines (docs/benchmark.md).",
 )  # fmt: skip
 
+Results = Annotated[
+    list[Path], typer.Argument(metavar="RESULTS...", help="Folders or submissions.")
+]
+
 
 @bench.command("run")
 @command()
@@ -36,10 +39,16 @@ def run(
         typer.Option(
             "--set",
             metavar="WORD",
-            help="development, or a word that draws a test set; without one, a new word is drawn.",
+            help="development, or a word that draws a test set.",
         ),
     ] = "development",
-    draw: Annotated[bool, typer.Option("--draw", help="Draw a new test set.")] = False,
+    draw: Annotated[
+        bool, typer.Option("--draw", help="A round of this entry alone: its digest, then a word.")
+    ] = False,
+    round_: Annotated[
+        Path | None,
+        typer.Option("--round", metavar="FILE", help="Of 'bench draw': its word, its entries."),
+    ] = None,
     preset: Annotated[
         str, typer.Option(metavar="NAMES", help="Presets, separated by commas.")
     ] = "cluster,mixed,field,wild",
@@ -56,8 +65,10 @@ def run(
     """Run an entry on every scene of a set, and leave a submission.
 
     An entry is a class of at most 40 lines; examples/12_bench_entry.py has one.
-    Harm counts before success: a scene is clean only if the target alone was
-    picked and nothing was harmed.
+    It works in a process of its own and sees scenes only. A scene in which it
+    raises, exits, hangs (60 s a plan, 1 s an action) or moves for more than
+    60 s is a row, and the run goes on. Harm counts before success: a scene is
+    clean only if the target alone was picked and nothing was harmed.
 
     [bold]Examples[/bold]
 
@@ -65,9 +76,11 @@ def run(
     optipromp bench run --entry opti-promp --count 5 --out mine
     optipromp bench run --entry mine:Picker --track plan --out mine
     optipromp bench run --entry mine:Policy --track policy --draw --out test
+    optipromp bench run --entry mine:Picker --round round.json --out mine
     """
     from optipromp.bench.entries import ENTRIES
     from optipromp.bench.results import BenchRun, run_bench
+    from optipromp.bench.rounds import draw_round, read_round
     from optipromp.bench.sets import SceneSet
     from optipromp.bench.tracks import TRACKS
     from optipromp.core.scenes.values import suggest
@@ -75,9 +88,12 @@ def run(
     asked = track or (ENTRIES[entry].track if entry in ENTRIES else "plan")
     if asked not in TRACKS:
         raise InvalidRequestError(f"track is {asked!r}: {suggest(asked, TRACKS)}")
-    word = secrets.token_hex(6) if draw else scenes
+    if draw + (round_ is not None) + (scenes != "development") > 1:
+        raise InvalidRequestError("--set, --draw and --round name three sets: give one of them")
+    drawn = draw_round([entry]) if draw else None if round_ is None else read_round(round_)
+    word = scenes if drawn is None else drawn.word
     chosen = SceneSet(word, tuple(filter(None, preset.split(","))), count)
-    made = BenchRun.of(entry, asked, chosen, condition, variation)
+    made = BenchRun.of(entry, asked, chosen, condition, variation, drawn)
     say_if_compiling()
     with progress_bar(20) as say:
         rows = run_bench(made, out, workers=workers, ray=ray, progress=_told(say))
@@ -92,47 +108,99 @@ def run(
 @command()
 def verify(
     submission: Annotated[Path, typer.Argument(metavar="ZIP", help="Of 'bench run'.")],
+    entry: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="The submitted entry, which is asked again."),
+    ] = None,
     workers: Workers = None,
     ray: Cluster = None,
 ) -> Report:
-    """Execute a submission's motions once more, and compare every row.
+    """Execute a submission once more, and compare every row.
 
-    The entry itself is not needed. The exit code is 1 where a row differs.
+    With --entry, the entry is asked for every scene again: its rows, refusals
+    and errors must come again. Without it, the motions in the file are executed:
+    they do what the rows say, but whether the entry made them is not known, and
+    a refusal has no motion. A success leaves a record beside the zip, which
+    'bench table' and 'bench publish' read. The exit code is 1 where a row
+    differs or is not confirmed.
 
-    [bold]Example[/bold]
+    [bold]Examples[/bold]
 
     \b
-    optipromp bench verify mine/submission.zip
+    optipromp bench verify mine/submission.zip --entry mine:Picker
+    optipromp bench verify theirs.zip
     """
     from optipromp.bench.results import verify as again
 
     say_if_compiling()
     with progress_bar(20) as say:
-        told = again(submission, workers=workers, ray=ray, progress=_told(say))
+        told = again(submission, entry=entry, workers=workers, ray=ray, progress=_told(say))
     changed = [
         {"preset": a.preset, "seed": a.seed, "engine": a.engine, "told": a.judged(),
          "now": b.judged()} for a, b in told.changed
     ]  # fmt: skip
-    lines = [
+    words = [f"{len(told.rows)} rows, {len(changed)} of which differ"]
+    if told.unconfirmed:
+        words.append(
+            f"not verified: {len(told.unconfirmed)} rows are refusals or errors without a motion; "
+            f"give --entry {told.run.entry}"
+        )
+    elif not changed:
+        words.append(f"verified by {'the entry' if told.by == 'entry' else 'its motions alone'}")
+    words += [
         f"{a.preset} {a.seed} {a.engine}: {a.result} {a.cause} | now {b.result} {b.cause}"
         for a, b in told.changed[:20]
     ]
-    words = f"{len(told.rows)} rows, {len(changed)} of which differ"
-    document = {"rows": len(told.rows), "changed": changed}
-    return Report(document, [words, *lines], FAILED if changed else OK)
+    document = {
+        "rows": len(told.rows), "changed": changed, "unconfirmed": len(told.unconfirmed),
+        "verified": told.by if told.confirmed else "no",
+    }  # fmt: skip
+    return Report(document, words, OK if told.confirmed else FAILED)
+
+
+@bench.command("draw")
+@command()
+def draw_(
+    entry: Annotated[
+        list[str],
+        typer.Option(metavar="NAME", help="Of 'bench list', or MODULE:CLASS; several times."),
+    ],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Of the round; is not written over.")],
+) -> Report:
+    """Draw a test set for entries that are handed in: their digests first, then the word.
+
+    'bench run --round FILE' refuses an entry whose source has changed since. A
+    package counts with all its files; a single module with its own file only.
+
+    [bold]Example[/bold]
+
+    \b
+    optipromp bench draw --entry opti-promp --entry mine:Picker --out round.json
+    """
+    from dataclasses import asdict
+
+    from optipromp.bench.rounds import draw_round
+    from optipromp.core.files import is_there, json_text, write_atomically
+
+    if is_there(out):
+        raise InvalidRequestError(f"{out} is there: a round is drawn once; name another file")
+    made = draw_round(entry)
+    write_atomically(out, json_text(asdict(made)).encode())
+    lines = [f"{name}: {digest[:16]}" for name, digest in made.entries.items()]
+    return Report(asdict(made), [*lines, f"word {made.word}; wrote {out}"])
 
 
 @bench.command("table")
 @command()
 def table(
-    results: Annotated[
-        list[Path], typer.Argument(metavar="RESULTS...", help="Folders or submissions.")
-    ],
+    results: Results,
     out: Annotated[
         Path | None, typer.Option("--markdown", metavar="FILE", help="Leave the page here.")
     ] = None,
 ) -> Report:
     """Make the leaderboard of submissions on one set.
+
+    The column verified says what 'bench verify' confirmed: entry, motions or no.
 
     [bold]Example[/bold]
 
@@ -146,6 +214,32 @@ def table(
     if out is not None:
         write_atomically(out, markdown(board).encode())
     return Report(board.to_dict(), _shown(board, "" if out is None else f"wrote {out}"))
+
+
+@bench.command("publish")
+@command()
+def publish(
+    results: Results,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="New; of the files of a release.")],
+    unverified: Annotated[
+        bool, typer.Option("--unverified", help="Take what 'bench verify' did not confirm, too.")
+    ] = False,
+) -> Report:
+    """Gather submissions, what verified them, the table and the digests of all.
+
+    DIR/results.json is small and names version, commit, set and the SHA-256 of
+    every file: it can stand in a repository while the rest is a release's.
+
+    [bold]Example[/bold]
+
+    \b
+    optipromp bench publish ours theirs.zip --out release
+    """
+    from optipromp.bench.publish import DIGESTS, published
+
+    made = published(results, out, unverified)
+    lines = [f"{digest}  {name}" for name, digest in made["sha256"].items()]
+    return Report(made, [*lines, f"wrote {out / DIGESTS}, of commit {made['commit'] or 'none'}"])
 
 
 @bench.command("list")
@@ -166,6 +260,7 @@ def entries() -> Report:
         "entries": {name: each._asdict() for name, each in ENTRIES.items()},
     }
     shown = grid(("entry", "track", "what it does"))
+    shown.columns[2].no_wrap = False  # so that the others stay whole
     for name, each in ENTRIES.items():
         shown.add_row(name, each.track, each.text)
     words = ", ".join(f"{name} (condition {value})" for name, value in CONDITION.items())
@@ -183,15 +278,18 @@ def _told(
 
 
 def _shown(board: "Leaderboard", words: str) -> Shown:
-    shown = grid(("entry", "engine", "clean (95 %)", "harmed", "missed", "refused", "score", "p"))
+    left = "entry", "engine", "clean (95 %)", "harmed", "missed", "refused", "score", "p"
+    shown = grid((*left, "verified"), padding=(0, 0))
+    for column in shown.columns[1:]:
+        column.no_wrap = False  # so that names stay whole
     for entry in board.order:
-        for engine in board.run.engines:
+        for k, engine in enumerate(board.run.engines):
             s = board.of(entry, engine)
             clean = f"{s.clean}/{s.runs} ({100 * s.low:.0f}–{100 * s.high:.0f})"
             shown.add_row(
-                entry.rpartition(":")[2], engine, clean, str(s.harmed), str(s.missed),
+                "" if k else entry, engine, clean, str(s.harmed), str(s.missed),
                 str(s.refused + s.errors), f"{100 * s.score:.0f}",
-                "–" if s.p is None else f"{s.p:.3f}",
+                "–" if s.p is None else f"{s.p:.3f}", "" if k else board.verified[entry],
             )  # fmt: skip
     yield shown
     if words:

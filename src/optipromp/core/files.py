@@ -298,27 +298,33 @@ def npz(arrays: Mapping[str, Any], *, compressed: bool = False) -> bytes:
     return stream.getvalue()
 
 
-def read_npz(path: Path, error: type[OptiPrompError] = InvalidRequestError) -> dict[str, Any]:
-    """All arrays of an NPZ file. Never unpickles.
+def read_npz(
+    path: Path | str,
+    error: type[OptiPrompError] = InvalidRequestError,
+    *,
+    content: bytes | None = None,
+    most: int = LARGEST_ARRAYS,
+) -> dict[str, Any]:
+    """All arrays of an NPZ file, or of the ``content`` of one. Never unpickles.
 
     Raises:
-        OptiPrompError: of the type ``error``: the file is missing, damaged or no NPZ.
+        OptiPrompError: of the type ``error``: the file is missing, damaged, no NPZ, or its arrays
+            have more than ``most`` bytes.
     """
     import numpy as np
 
-    content = read_bytes(path, error)
+    content = read_bytes(Path(path), error) if content is None else content
     if not content.startswith(b"PK"):
         raise error(f"{path} is not a readable NPZ file of plain arrays (no archive)")
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as archive:
             size = sum(entry.file_size for entry in archive.zip.infolist())
-            if size <= LARGEST_ARRAYS:
+            if size <= most:
                 return {key: _array(key, archive[key]) for key in archive.files}
     except Exception as cause:  # zipfile, zlib, tokenize, NumPy raise whatever goes wrong in them
         reason = " ".join(str(cause).split())[:120] or type(cause).__name__
         raise error(f"{path} is not a readable NPZ file of plain arrays ({reason})") from None
-    most = LARGEST_ARRAYS / 1e6
-    raise error(f"{path}: unpacks to {size / 1e6:.0f} MB: must be at most {most:.0f}")
+    raise error(f"{path}: unpacks to {size / 1e6:.0f} MB: must be at most {most / 1e6:.0f}")
 
 
 def _array(key: str, member: Any) -> Any:
