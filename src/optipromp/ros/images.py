@@ -242,7 +242,7 @@ def _of_cloud(item: Message, pose: Pose) -> DepthPicture:
     except (KeyError, TypeError, ValueError):
         raise InvalidRequestError(
             f"a cloud of {height} x {width} points has {len(data)} bytes, row_step "
-            f"{item.row_step}, point_step {item.point_step} and fields at {places}: must fit together"
+            f"{item.row_step}, point_step {item.point_step} and fields at {places}: they must agree"
         ) from None
     packed = cells["rgb"].astype(np.uint32)
     rgb = np.dstack([(packed >> shift & 255).astype(np.uint8) for shift in (16, 8, 0)])
