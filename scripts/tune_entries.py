@@ -19,9 +19,9 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from optipromp.bench.entries.classic import BesideFruits, FromLine
+from benchmarks.entries.classic import BesideFruits, FromLine
+from benchmarks.entries.sampling import ByEpisodes, ByHorizon, ByMppi
 from optipromp.bench.entries.motions import gentle_plan
-from optipromp.bench.entries.sampling import ByEpisodes, ByHorizon, ByMppi
 from optipromp.bench.running import Exercise, executed_rows, situated
 from optipromp.bench.sets import FIRST, PRESETS
 from optipromp.bench.tracks import asked

@@ -122,5 +122,6 @@ def _sources(module: str, entry: str) -> Iterator[tuple[str, Path]]:
         return
     raise InvalidRequestError(
         f"entry {entry!r} cannot be made: there is no module {module!r} here or on Python's path; "
-        "an entry is MODULE:CLASS, of a class without arguments"
+        "an entry is MODULE:CLASS, of a class without arguments, and benchmarks.entries is in the "
+        "clone alone: run its entries there"
     )

@@ -1,4 +1,7 @@
-"""The entries of this library, by name (``optipromp bench list``)."""
+"""The entries of this project, by name (``optipromp bench list``).
+
+Those of other people's methods (``CLASSIC``) are in the clone alone, in ``benchmarks/entries``.
+"""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -23,7 +26,7 @@ PLANNERS: Mapping[str, str] = {
     "opti-promp": "ours",
 }
 CLASSIC: Mapping[str, Contender] = {
-    name: Contender(f"optipromp.bench.entries.{module}:{kind}", text)
+    name: Contender(f"benchmarks.entries.{module}:{kind}", text)
     for name, module, kind, text in (
         ("rrt", "classic", "Rrt", "RRT-Connect (OMPL); last link and tool may touch fruits"),
         ("rrt-obstacles", "classic", "RrtObstacles", "the same with every fruit an obstacle"),
