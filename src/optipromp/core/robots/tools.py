@@ -11,7 +11,7 @@ import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, frozen
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError
-from optipromp.core.geometry.shapes import Box, Cylinder, MeshShape, hull_faces
+from optipromp.core.geometry.shapes import Box, Cylinder, MeshShape, Shape, hull_faces
 from optipromp.core.robots.cup_cover import NECK_RADIUS, cover_cup
 from optipromp.core.robots.grippers import FingerGripper, Scissor
 from optipromp.core.robots.laden import cover_load, loads_of
@@ -31,7 +31,7 @@ from optipromp.core.robots.tool_protocol import (
 
 TOOL_LINK = "tool"
 WALL = 0.002  # [m] chosen: thickness of a cup's floor, and of its wall by default
-Corners = tuple[tuple[int, int, int], ...]
+Corners = tuple[tuple[float, float, float], ...]
 FINGERS = 0.0584  # [m] before the flange, where the fingers of the Franka hand begin
 # The Franka hand: convex parts by their corners [mm], each its own mirror image in x. Half of the
 # thickness along x, then y and z in the hand's axes: of the palm from the flange, of a finger from
@@ -43,7 +43,7 @@ PALM: Corners = (
 )  # fmt: skip
 FINGER: dict[str, Corners] = {
     "base": ((11, 2, 0), (11, 26, 0), (11, 25, 19), (9, 16, 36), (9, 7, 36)),
-    "pad": ((9, 0, 36), (9, 16, 36), (9, 14, 50), (9, 0, 50), (6, 14, 54), (6, 0, 54)),
+    "pad": ((8, 0, 36), (8, 15, 36), (8, 15, 53.9), (8, 0, 53.9)),
 }
 # y, z, radius [m] in the same axes: the fewest spheres that contain every point of the maker's
 # meshes and reach at most 15 mm beyond them (scripts/fit_cover.py). They contain the parts above.
@@ -153,7 +153,8 @@ class FrankaHand(Tool):
 
     The tool point lies between the finger tips, 0.1034 beyond the flange. Palm and fingers are
     convex parts, which simulation and push models use. The body spheres contain all of them and
-    every point of the maker's collision meshes, and reach at most 15 mm beyond either.
+    every point of the maker's collision meshes; they reach at most 15 mm beyond the meshes and
+    17 mm beyond the parts.
     """
 
     fingers = True
@@ -214,11 +215,14 @@ def _hand(hand: FrankaHand) -> tuple[Solid, ...]:
         at = np.array([0.0, sign * hand.gripper_radius, FINGERS])
         parts += [(f"{side} {name}", "finger", rows, at, sign) for name, rows in FINGER.items()]
     out = []
+    shape: Shape
     for name, part, rows, at, sign in parts:
         half = 1e-3 * np.array(rows) * [1.0, sign, 1.0]
         corners = np.concatenate([half, half * [-1.0, 1.0, 1.0]]) + at
-        shape = MeshShape(corners, hull_faces(corners))
-        out.append(Solid(f"hand:{name}", shape, np.zeros(3), (w, x, y, z), part))
+        middle, shape = np.zeros(3), MeshShape(corners, hull_faces(corners))
+        if len(rows) == 4:  # an upright box, which meets a can in two points, a mesh in one
+            middle, shape = 0.5 * (corners.min(0) + corners.max(0)), Box(tuple(np.ptp(corners, 0)))
+        out.append(Solid(f"hand:{name}", shape, hand.rotation @ middle, (w, x, y, z), part))
     return tuple(out)
 
 
