@@ -68,9 +68,9 @@ def changed(random: Random, document: Any) -> Any:
                 del holder[key]
             case 1 | 2:
                 holder[key] = value(random)
-            case 3 | 4 if isinstance(old, int | float) and not isinstance(old, bool):
+            case 3 | 4 if _is_number(old):
                 holder[key] = old * random.choice([-1, 0, 0.5, 0.99, 1.01, 2, 10, 1e-3, 1e3, 1e12])
-            case 3 | 4 | 5 if isinstance(old, int | float) and not isinstance(old, bool):
+            case 3 | 4 | 5 if _is_number(old):
                 holder[key] = old + random.gauss(0.0, random.choice([1e-9, 1e-2, 0.1, 1.0]))
             case 5 if isinstance(holder, list):
                 holder.insert(random.randrange(len(holder) + 1), copy.deepcopy(old))
@@ -80,6 +80,11 @@ def changed(random: Random, document: Any) -> Any:
             case _ if isinstance(holder, dict):
                 holder[random.choice(["x", "scale", "frame", str(key) + "s", "goal"])] = old
     return document
+
+
+def _is_number(old: Any) -> bool:
+    """Whether a value is a number that floats hold."""
+    return isinstance(old, int | float) and not isinstance(old, bool) and not abs(old) > 10**308
 
 
 def keys_of(holder: Any) -> Any:

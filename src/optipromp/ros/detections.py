@@ -111,7 +111,10 @@ def _read(one: Message, k: int, given: DetectionParameters) -> SceneObject | Non
     if role is None:
         return None
     pose = read_pose(one.bbox.center)
-    covariance = np.array(best.pose.covariance, dtype=np.float64).reshape(6, 6)[:3, :3]
+    covariance = np.array(best.pose.covariance, dtype=np.float64)
+    if covariance.size != 36:
+        raise InvalidRequestError(f"detections[{k}] has a covariance of {covariance.size}, not 36")
+    covariance = covariance.reshape(6, 6)[:3, :3]
     if not covariance.any():
         covariance = given.sigma**2 * np.eye(3)
     stem = None

@@ -241,8 +241,9 @@ def _of_cloud(item: Message, pose: Pose) -> DepthPicture:
         cells = np.ascontiguousarray(rows).view(np.dtype(layout)).reshape(height, width)
     except (KeyError, TypeError, ValueError):
         raise InvalidRequestError(
-            f"a cloud of {height} x {width} points has {len(data)} bytes, row_step "
-            f"{item.row_step}, point_step {item.point_step} and fields at {places}: they must agree"
+            f"a cloud of {height} x {width} points has {len(data)} bytes, "
+            f"row_step {item.row_step}, point_step {item.point_step} and fields at {places}: must "
+            "fit together"
         ) from None
     packed = cells["rgb"].astype(np.uint32)
     rgb = np.dstack([(packed >> shift & 255).astype(np.uint8) for shift in (16, 8, 0)])
