@@ -253,13 +253,16 @@ def test_a_motion_that_is_none_is_refused(content: bytes, word: str) -> None:
 @pytest.mark.parametrize(
     ("actions", "word"),
     [
-        (np.zeros((1001, 7)), "over after 1000, and lasts 20 s"),
+        (np.zeros((26, 7)), "over after 25, and lasts"),
         (np.zeros((10, 7)), "goes on"),
         (np.zeros((10, 6)), "7 joints"),
         (np.full((10, 7), np.inf), "finite"),
     ],
 )
-def test_an_episode_lasts_as_long_as_it_lasts(actions: np.ndarray, word: str) -> None:
+def test_an_episode_lasts_as_long_as_it_lasts(
+    actions: np.ndarray, word: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("optipromp.bench.episode.LONGEST", 0.5)  # [s], in place of 20
     task = Exercise("", "policy", "limp", 110_000, engines=("flight",))
     with pytest.raises(InvalidRequestError, match=word):
         again(task, npz({"flight": actions}, compressed=True), "motions/x.npz")

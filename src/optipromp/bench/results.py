@@ -18,7 +18,7 @@ import io
 import platform
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -208,9 +208,12 @@ def run_bench(
     """
     check_folder(folder / MOTIONS)
     (folder / MOTIONS).mkdir(parents=True, exist_ok=True)
-    with locked(folder / LOCK), staffed(run.entry, run.track, workers, patience):
-        _settle(run, folder / RUN)
+    with ExitStack() as stack:
+        stack.enter_context(locked(folder / LOCK))
+        _check_run(run, folder / RUN)
         rows = read_rows(folder)
+        stack.enter_context(staffed(run.entry, run.track, workers, patience))
+        write_atomically(folder / RUN, json_text(asdict(run)).encode())
         done = {row.key for row in rows}
         all_ = list(run.tasks(patience))
         tasks = [t for t in all_ if not {(t.preset, t.seed, e) for e in t.engines} <= done]
@@ -253,7 +256,7 @@ def _over(
     over(function, jobs, heard, workers=workers, ray=ray)
 
 
-def _settle(run: BenchRun, path: Path) -> None:
+def _check_run(run: BenchRun, path: Path) -> None:
     if is_there(path):
         found = _run_of(read_bytes(path, InvalidRequestError, RUN_FILE), str(path))
         alike = replace(found, scenes=replace(found.scenes, count=run.scenes.count))
@@ -263,7 +266,6 @@ def _settle(run: BenchRun, path: Path) -> None:
                 f"{path.parent} holds a run with {name} {getattr(found, name)!r}, this one has "
                 f"{getattr(run, name)!r}: choose another folder"
             )
-    write_atomically(path, json_text(asdict(run)).encode())
 
 
 def _run_of(content: bytes, where: str) -> BenchRun:
