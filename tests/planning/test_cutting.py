@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.robots.builders import INNER
 
-from optipromp.core.planning.cutting import aimed_at_stem
+from optipromp.core.planning.task import aimed_at_stem
 from optipromp.core.pushing.stems.hanging import Hanging
 from optipromp.core.robots import Cup, Mounted, Scissor
 from optipromp.core.scenes import Scene, Stem
