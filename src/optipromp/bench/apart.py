@@ -118,11 +118,7 @@ _staff: dict[tuple[str, str, Patience], Entry] = {}  # one process an entry, for
 
 
 def hired(spec: str, track: str, patience: Patience = PATIENCE) -> Entry:
-    """The entry of a name, MODULE:CLASS or tcp:HOST:PORT, in the one process that is for it.
-
-    Raises:
-        InvalidRequestError: tcp: for another track than ``policy``.
-    """
+    """The entry of a name, MODULE:CLASS or tcp:HOST:PORT, in the one process that is for it."""
     if spec.startswith(SERVED) and track != "policy":
         raise InvalidRequestError(f"entry {spec!r} is of the track policy; this one is {track}")
     key = spec, track, patience

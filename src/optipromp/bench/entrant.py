@@ -30,11 +30,7 @@ class Refused(NamedTuple):
 
 
 def parts(spec: str) -> tuple[str, str]:
-    """Module and class of a name in :data:`optipromp.bench.entries.ENTRIES`, or of MODULE:CLASS.
-
-    Raises:
-        InvalidRequestError: neither.
-    """
+    """Module and class of a name in :data:`optipromp.bench.entries.ENTRIES`, or of MODULE:CLASS."""
     from optipromp.bench.entries import ENTRIES
 
     known = ENTRIES.get(spec)
@@ -47,12 +43,7 @@ def parts(spec: str) -> tuple[str, str]:
 
 
 def loaded(spec: str, track: str) -> Any:
-    """The entry of :func:`parts`, made anew.
-
-    Raises:
-        InvalidRequestError: there is no such module or class, it cannot be made, or it lacks a
-            method of the track.
-    """
+    """The entry of :func:`parts`, made anew."""
     module, attribute = parts(spec)
     try:
         entry: Any = importlib.import_module(module)
@@ -73,11 +64,7 @@ def loaded(spec: str, track: str) -> Any:
 
 
 def motion_of(answer: object) -> Trajectory | Refused:
-    """The motion of an entry's answer.
-
-    Raises:
-        InvalidRequestError: an answer of another type.
-    """
+    """The motion of an entry's answer."""
     if isinstance(answer, Plan):
         told = f"{answer.status}: {answer.message}"
         return answer.trajectory if answer.success else Refused(told)

@@ -72,10 +72,6 @@ class _Scenes(gymnasium.Env[Any, Any]):
         seeds: first of the scenes' seeds, and the last plus one. A few hundred of them are made
             once and held, which saves three quarters of the time of an action of a primitive.
         render_mode: ``rgb_array``, or None.
-
-    Raises:
-        InvalidRequestError: an argument, an option or an action that is not valid, by its name; a
-            step before ``reset``, or after the end of an episode.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": round(RATE)}  # noqa: RUF012

@@ -60,9 +60,6 @@ class Episode:
         seed: of physics and looks. The same velocities give the same episode to the last bit.
         rate: at which velocities come [Hz]; divides the controller's rate.
         world: that the episode happens in; None: the main simulation.
-
-    Raises:
-        InvalidRequestError: a rate that does not divide the controller's; no MuJoCo.
     """
 
     def __init__(
@@ -128,11 +125,7 @@ class Episode:
         )  # fmt: skip
 
     def act(self, velocity: FloatArray) -> None:
-        """Let the joints come to velocities (n,) [rad/s or m/s] within one period.
-
-        Raises:
-            InvalidRequestError: another shape, or a value that is not finite.
-        """
+        """Let the joints come to velocities (n,) [rad/s or m/s] within one period."""
         wanted = np.asarray(velocity, dtype=np.float64)
         if wanted.shape != self.state.q.shape or not np.isfinite(wanted).all():
             raise InvalidRequestError(

@@ -148,9 +148,6 @@ def collected(
         workers: processes; None: one a core.
         ray: address of a Ray cluster in place of them.
         progress: called with the number of episodes kept, of all, and words.
-
-    Raises:
-        InvalidRequestError: fewer than ``count`` episodes are to be had; a process ended.
     """
     kept: dict[int, EpisodeData] = {}
     low = 0
@@ -174,12 +171,7 @@ def collected(
 
 
 def check_place(form: Format, folder: Path, name: str = "") -> None:
-    """Test, before episodes are made, that they can be written.
-
-    Raises:
-        InvalidRequestError: Minari or pyarrow is not installed; the folder cannot be written, or
-            holds such a dataset already; a name that is no id of a Minari dataset.
-    """
+    """Test, before episodes are made, that they can be written."""
     if form == "minari" and not re.fullmatch(r"([\w-]{2,}/)*[\w-]+-v\d+", name, re.ASCII):
         raise InvalidRequestError(f"name is {name!r}; must be like optipromp/pick/expert-v0")
     try:
@@ -197,9 +189,6 @@ def write_minari(episodes: Sequence[EpisodeData], folder: Path, name: str) -> st
     """Write episodes as a Minari dataset under ``folder``, whole or not at all; returns its id.
 
     Read it with ``MINARI_DATASETS_PATH`` set to the folder: ``minari.load_dataset(id)``.
-
-    Raises:
-        InvalidRequestError: see :func:`check_place`; the disk is full.
     """
     check_place("minari", folder, name)
     import minari
@@ -247,9 +236,6 @@ def write_lerobot(episodes: Sequence[EpisodeData], folder: Path) -> None:
     """Write episodes as a LeRobot dataset, version 3.0, whose root is ``folder``.
 
     Frames are the k observations before the k actions. Pictures are PNG in the Parquet file.
-
-    Raises:
-        InvalidRequestError: see :func:`check_place`.
     """
     check_place("lerobot", folder)
     import pyarrow as pa

@@ -299,9 +299,6 @@ class Flight:
         scene: a scene's document: built-in Panda, a cup.
         q: (7,) configuration at the beginning [rad].
         seed: draws to which side each stem is bowed.
-
-    Raises:
-        ValueError: another robot or tool, or a shape that cannot hang.
     """
 
     def __init__(self, scene: Mapping[str, Any], q: np.ndarray, seed: int = 0) -> None:
@@ -333,11 +330,7 @@ class Flight:
         return place, -quaternion if quaternion @ near < 0.0 else quaternion
 
     def to(self, q: np.ndarray, period: float) -> None:
-        """Lead the cup to the pose at ``q`` (7,) within a ``period`` [s], a multiple of STEP.
-
-        Raises:
-            RuntimeError: the engine broke down.
-        """
+        """Lead the cup to the pose at ``q`` (7,) within a ``period`` [s], a multiple of STEP."""
         before, after = self._lead, self._posed(q, self._lead[1])
         count = round(period / STEP)
         share = np.arange(count)[:, None] / count
@@ -412,10 +405,6 @@ def execute(scene: Mapping[str, Any], times: np.ndarray, q: np.ndarray, seed: in
     """Fly the cup along a plan: configurations (T, 7) at times (T,) [s], in a scene's document.
 
     ``seed`` draws to which side each stem is bowed.
-
-    Raises:
-        ValueError: as :class:`Flight`.
-        RuntimeError: the engine broke down.
     """
     period = 10 * STEP  # the lead moves in steps of 5 ms, in between by interpolation
     flown = Flight(scene, q[0], seed)

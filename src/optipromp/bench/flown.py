@@ -22,10 +22,6 @@ class FlightWorld:
 
     The arm is where its reference is. Plants stand still: conditions that move them, or change
     their physics, are of the first engine alone.
-
-    Raises:
-        InvalidRequestError: another robot or tool than a cup on the built-in Panda, or a shape
-            that cannot hang.
     """
 
     def __init__(self, scene: Scene, seed: int = 0) -> None:
@@ -43,11 +39,7 @@ class FlightWorld:
         return self._flight.time
 
     def step(self, reference: State) -> State:
-        """Lead the cup to a reference within one tick; returns the state after it.
-
-        Raises:
-            ExecutionError: the engine broke down.
-        """
+        """Lead the cup to a reference within one tick; returns the state after it."""
         self.reference = reference
         try:
             self._flight.to(reference.q, TICK)

@@ -36,11 +36,7 @@ def bumps(height: FloatArray) -> FloatArray:
 
 
 def path_of(task: Task, weights: FloatArray) -> ToolPath:
-    """The tool path of weights (2, COUNT) for a task.
-
-    Raises:
-        InvalidRequestError: weights of another shape, or that are not finite.
-    """
+    """The tool path of weights (2, COUNT) for a task."""
     weights = np.asarray(weights, dtype=np.float64)
     if weights.shape != (2, COUNT) or not np.isfinite(weights).all():
         raise InvalidRequestError(f"weights have shape {weights.shape}; must be (2, {COUNT})")

@@ -30,11 +30,6 @@ def published(results: Iterable[Path], out: Path, unverified: bool = False) -> d
     Returns:
         The content of ``results.json``: set, round, version, commit, and of each entry its files
         with their SHA-256.
-
-    Raises:
-        InvalidRequestError: as :func:`optipromp.bench.table.leaderboard`; an entry that is not
-            verified; two entries whose files have one name; the folder cannot be written, or holds
-            something.
     """
     paths = [zip_of(path) for path in results]
     board = leaderboard(paths)

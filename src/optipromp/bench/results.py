@@ -90,10 +90,6 @@ class BenchRun:
         processor: kind of machine; other machines may differ in last bits.
         digest: of the entry's source; empty of tcp:.
         round: in which the set was drawn after the digest; None: the word was known before.
-
-    Raises:
-        InvalidRequestError: an unknown condition or variation, other engines than the condition's,
-            or an entry that is not of the round.
     """
 
     entry: str
@@ -135,11 +131,7 @@ class BenchRun:
         cls, entry: str, track: Track, scenes: SceneSet, condition: str | None = None,
         variation: str = "", round: Round | None = None,
     ) -> "BenchRun":  # fmt: skip
-        """A run on this machine: the track's condition by default, and all engines that have it.
-
-        Raises:
-            InvalidRequestError: as the class; there is no source of the entry.
-        """
+        """A run on this machine: the track's condition by default, and all engines that have it."""
         condition = CONDITION[track] if condition is None else condition
         return cls(
             entry, track, scenes, condition, variation, engines_of(condition, variation),
@@ -200,11 +192,6 @@ def run_bench(
 
     Returns:
         All rows, in the order of the set.
-
-    Raises:
-        InvalidRequestError: an entry that cannot be made, or without the track's methods; the
-            folder cannot be written, holds rows of another run, or another run writes there; a
-            process ended.
     """
     check_folder(folder / MOTIONS)
     (folder / MOTIONS).mkdir(parents=True, exist_ok=True)
@@ -297,11 +284,7 @@ def _append(path: Path, rows: Sequence[BenchRow]) -> None:
 
 
 def read_rows(folder: Path) -> list[BenchRow]:
-    """The rows of a folder; a line that an interruption cut short is dropped.
-
-    Raises:
-        InvalidRequestError: something that is no row.
-    """
+    """The rows of a folder; a line that an interruption cut short is dropped."""
     path = folder / ROWS
     content = read_bytes(path, InvalidRequestError, ROW_FILE) if is_there(path) else b""
     whole = content[: content.rfind(b"\n") + 1]
@@ -386,10 +369,6 @@ def verify(
     would make them is not known. With it, the entry is asked for every scene again. Causes of
     errors may differ, as they name addresses; so may the last bits of another kind of processor.
     Further arguments: see :func:`run_bench`.
-
-    Raises:
-        InvalidRequestError: no submission, a motion that is none, another library version, another
-            entry than the submitted one.
     """
     run, rows, motions, sha256 = submission(path)
     if run.version != source_version():
@@ -474,11 +453,7 @@ class Submission(NamedTuple):
 
 
 def submission(path: Path) -> Submission:
-    """A submission's file.
-
-    Raises:
-        InvalidRequestError: the file is none, is too large, or lacks something.
-    """
+    """A submission's file."""
     content = read_bytes(path, InvalidRequestError, SUBMISSION)
     sizes = {RUN: RUN_FILE, ROWS: ROW_FILE}
     try:

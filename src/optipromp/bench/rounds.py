@@ -52,11 +52,7 @@ class Round:
 
 
 def draw_round(entries: Iterable[str]) -> Round:
-    """Take the digests of entries, then draw a word.
-
-    Raises:
-        InvalidRequestError: no entry, one twice, one without a source here, or an unknown one.
-    """
+    """Take the digests of entries, then draw a word."""
     named = tuple(entries)
     for k, name in enumerate(named):
         if name.startswith(SERVED) or name in named[:k]:
@@ -83,9 +79,6 @@ def entry_digest(entry: str) -> str:
     files of the package; of an entry of ours, the version of the library; of tcp:, empty.
 
     The entry is not imported.
-
-    Raises:
-        InvalidRequestError: there is no such module.
     """
     if entry.startswith(SERVED):
         return ""

@@ -113,22 +113,14 @@ COLUMNS: tuple[str, ...] = tuple(field.name for field in fields(BenchRow))
 
 
 def row_of(texts: Mapping[str, str]) -> BenchRow:
-    """A row from its cells.
-
-    Raises:
-        ValueError, KeyError: cells that are not a row's.
-    """
+    """A row from its cells."""
     values = {name: texts[name] or None for name in COLUMNS}
     values["cause"] = values["cause"] or ""
     return TypeAdapter(BenchRow).validate_python(values)
 
 
 def situated(task: Exercise) -> tuple[Situation, str]:
-    """The setting of a task and the digest of its scene.
-
-    Raises:
-        InvalidRequestError: an unknown condition or variation, or another scene than the frozen.
-    """
+    """The setting of a task and the digest of its scene."""
     scene, digest = scene_of(task.preset, task.seed)
     seed = task.drawn("physics")
     setting = CONDITIONS[task.condition](scene, seed)
@@ -148,9 +140,6 @@ def attempted(task: Exercise) -> tuple[list[BenchRow], Deeds]:
     """Ask an entry for its motion in a scene, and execute it in every engine.
 
     Errors of the entry are rows; those of the task are raised.
-
-    Raises:
-        InvalidRequestError: an unknown preset, condition or variation.
     """
     entry = hired(task.entry, task.track, task.patience)
     setting, digest = situated(task)
@@ -287,11 +276,7 @@ def rows_and_arrays(task: Exercise) -> tuple[list[BenchRow], dict[str, FloatArra
 
 
 def again(task: Exercise, content: bytes, where: str) -> list[BenchRow]:
-    """The rows of a motion from a file's content, executed once more.
-
-    Raises:
-        InvalidRequestError: as :func:`attempted`; arrays that are no motion of the scene's robot.
-    """
+    """The rows of a motion from a file's content, executed once more."""
     arrays = read_npz(where, content=content, most=MOTION_FILE)
     wanted = set(task.engines if task.track == "policy" else MOTION_ARRAYS)
     for name, array in arrays.items():

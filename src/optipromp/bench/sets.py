@@ -47,10 +47,6 @@ class SceneSet:
         word: ``development``, or the word that a test set is drawn by.
         presets: names of presets; see ``optipromp generate --help``.
         count: scenes of each.
-
-    Raises:
-        InvalidRequestError: no word, no preset, an unknown one or one twice, or a count that is
-            not 1 to 1,000.
     """
 
     word: str = DEVELOPMENT
@@ -91,12 +87,7 @@ def drawn(word: str, preset: str, number: int, purpose: str, bits: int = BITS) -
 
 
 def scene_of(preset: str, seed: int) -> tuple[Scene, str]:
-    """A scene and its digest.
-
-    Raises:
-        InvalidRequestError: an unknown preset, or a scene of the development set whose digest is
-            not the frozen one: another version of the generator draws other scenes.
-    """
+    """A scene and its digest."""
     scene = generate(cast(Preset, preset), seed)
     told = digest(scene)
     known = frozen_digests().get(preset, {}).get(str(seed))

@@ -76,12 +76,7 @@ class Leaderboard:
 
 
 def leaderboard(files: Iterable[Path]) -> Leaderboard:
-    """The leaderboard of submissions, or of folders that hold one.
-
-    Raises:
-        InvalidRequestError: no submission, or two of different sets, tracks or conditions, or two
-            of one entry.
-    """
+    """The leaderboard of submissions, or of folders that hold one."""
     held: dict[str, tuple[BenchRun, Sequence[BenchRow]]] = {}
     verified: dict[str, Means] = {}
     for path in map(zip_of, files):

@@ -166,11 +166,7 @@ def acted(policy: Acting, episode: Episode, seed: int) -> Deed:
 
 
 def replayed(motion: Deed, episode: Episode) -> None:
-    """The episode once more, with the actions that a policy took.
-
-    Raises:
-        InvalidRequestError: there are more or fewer than until the episode was over.
-    """
+    """The episode once more, with the actions that a policy took."""
     actions = cast(FloatArray, motion.actions)
     for count, velocity in enumerate(actions):
         if episode.done or episode.ended:

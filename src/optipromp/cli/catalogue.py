@@ -72,9 +72,6 @@ def asked(
     promp, i-promp and opti-promp take the settings of a plan. Another planner takes its own
     settings, and time, effort and risk of the plan. ``stated`` are settings that have their own
     command-line option.
-
-    Raises:
-        InvalidRequestError: see :func:`settings`; an unknown planner.
     """
     from optipromp.core.planning import PlanOptions
     from optipromp.core.planning.planner import factory, make, settings_of
@@ -97,10 +94,6 @@ def settings(pairs: Sequence[str], **given: Any) -> Any:
 
     A setting of the paper's planners is ``paper.key``. ``given`` are settings that have their own
     command-line option; None: not stated.
-
-    Raises:
-        InvalidRequestError: an unknown key (the message lists the known ones), a text that is no
-            pair, a value that is not allowed.
     """
     from optipromp.core.planning import PlanOptions
 

@@ -47,11 +47,7 @@ class Entry:
 
 
 def scene_files(folder: Path) -> list[Path]:
-    """The scene files in ``folder``, by name; robot files and plans are passed over.
-
-    Raises:
-        InvalidRequestError: there is none, or the folder cannot be read.
-    """
+    """The scene files in ``folder``, by name; robot files and plans are passed over."""
     from optipromp.cli.check import Kind, kind_of
 
     try:

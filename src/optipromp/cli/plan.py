@@ -122,11 +122,7 @@ class Wanted:
     timeout: Timeout = None
 
     def request(self) -> Request:
-        """The request of these options; a learnt primitive is read from its file.
-
-        Raises:
-            InvalidRequestError: an unknown setting, or a value that is not allowed.
-        """
+        """The request of these options; a learnt primitive is read from its file."""
         from optipromp.cli.catalogue import asked
 
         stated = {

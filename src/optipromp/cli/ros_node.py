@@ -198,13 +198,7 @@ def _eyes(scene: "Scene", wanted: bool) -> Iterator["Watcher | None"]:
 
 
 def _pick(loop: "PickLoop", seen: dict[str, str], moved: str) -> None:
-    """Carry messages between ROS and the loop until the pick has ended and its curve is sent.
-
-    Args:
-        loop: of the pick.
-        seen: types of the topics of detections or pictures.
-        moved: topic of the trajectories.
-    """
+    """Carry messages between ROS and the loop until the pick has ended and its curve is sent."""
     import rclpy
     from rclpy.executors import ExternalShutdownException
     from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data

@@ -172,11 +172,7 @@ def _table(header: Sequence[str], lines: Sequence[Sequence[str]]) -> list[str]:
 
 
 def renew(page: Path, text: str) -> None:
-    """Write the tables to ``page``; where the page has both marks, only between them.
-
-    Raises:
-        InvalidRequestError: the page cannot be read or written.
-    """
+    """Write the tables to ``page``; where the page has both marks, only between them."""
     from optipromp.core.errors import InvalidRequestError
     from optipromp.core.files import is_there, read_bytes, write_atomically
 

@@ -14,11 +14,7 @@ LEAST_MEMORY = 800_000_000
 
 
 def check_memory() -> None:
-    """Refuse to begin if the process has too little memory to compile kernels.
-
-    Raises:
-        InvalidRequestError: the address space is limited below :data:`LEAST_MEMORY`.
-    """
+    """Refuse to begin if the process has too little memory to compile kernels."""
     if sys.platform != "win32":
         import resource
 

@@ -50,10 +50,6 @@ def read_document(path: Path, error: type[OptiPrompError], holds: str) -> Any:
         path: of the file.
         error: type of the error that is raised.
         holds: the required content of the file, in words.
-
-    Raises:
-        OptiPrompError: of the type ``error``: the file is missing, empty, binary, truncated,
-            malformed, too large or nested too deep; the message names the file and the line.
     """
     text = ""
     try:
@@ -106,12 +102,7 @@ def _read_json(text: str) -> Any:
 
 
 def read_yaml(text: str) -> Any:
-    """The plain value of one YAML document.
-
-    Raises:
-        yaml.YAMLError: no YAML, or outside the subset that is read; with the line.
-        ValueError: the text is too large, or a number too long.
-    """
+    """The plain value of one YAML document."""
     reader, value, documents = _Reader(yaml.parse(text, Loader=_Parser)), None, 0
     for event in reader.events:
         if isinstance(event, yaml.DocumentStartEvent):

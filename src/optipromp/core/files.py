@@ -25,12 +25,7 @@ LARGEST_ARRAYS = 256_000_000
 
 
 def read_bytes(path: Path, error: type[OptiPrompError], most: int = LARGEST_ARRAYS) -> bytes:
-    """The content of a file of at most ``most`` bytes.
-
-    Raises:
-        OptiPrompError: of the type ``error``: the file does not exist, is a folder, a device or a
-            pipe, cannot be read or is too large; the message names it and the reason.
-    """
+    """The content of a file of at most ``most`` bytes."""
     try:
         found = path.stat()
         if stat.S_ISDIR(found.st_mode):
@@ -101,9 +96,6 @@ def check_inside(
     """``path``, which a file in ``folder`` names, if it lies in its :func:`homes` or in ``more``.
 
     Links are followed.
-
-    Raises:
-        OptiPrompError: of the type ``error``: the path lies elsewhere.
     """
     try:
         real = path.resolve()
@@ -126,9 +118,6 @@ def write_atomically(path: Path, content: bytes) -> None:
 
     If the writing is interrupted (a full disk, Ctrl-C, a kill), ``path`` holds its old content or
     the new. Remains of killed processes beside it are removed.
-
-    Raises:
-        InvalidRequestError: the folder or the file cannot be written; the message says why.
     """
     if is_there(path) and not is_file(path):
         raise InvalidRequestError(f"cannot write {path}: it is no file")
@@ -143,9 +132,6 @@ def write_together(folder: Path, files: Mapping[str, bytes]) -> None:
     The files are written to a temporary folder, which is then renamed to :data:`COMMITTED`: from
     then on they count as written. Last they are moved to their places. If that is interrupted by a
     kill, :func:`settle` finishes it. Other files of the folder stay.
-
-    Raises:
-        InvalidRequestError: the folder or a file cannot be written; the message says why.
     """
     for name in files:
         if is_there(folder / name) and not is_file(folder / name):
@@ -170,11 +156,7 @@ def write_together(folder: Path, files: Mapping[str, bytes]) -> None:
 
 @contextmanager
 def moved_when_whole(folder: Path, name: str) -> Iterator[Path]:
-    """A new folder, whose entry ``name`` is moved into ``folder`` if nothing is raised.
-
-    Raises:
-        InvalidRequestError: for an OSError or ValueError, the caller's too; nothing is left.
-    """
+    """A new folder, whose entry ``name`` is moved into ``folder`` if nothing is raised."""
     with _writing(folder / name), _aside(folder, "new") as temporary:
         temporary.mkdir()
         yield temporary
@@ -183,11 +165,7 @@ def moved_when_whole(folder: Path, name: str) -> Iterator[Path]:
 
 
 def settle(folder: Path) -> None:
-    """Move the files that :func:`write_together` has committed in a folder to their places.
-
-    Raises:
-        OSError: a file cannot be moved.
-    """
+    """Move the files that :func:`write_together` has committed in a folder to their places."""
     committed = folder / COMMITTED
     while is_folder(committed) and not committed.is_symlink():
         with suppress(FileNotFoundError):  # another process moves it too
@@ -267,11 +245,7 @@ def cache_folder() -> Path | None:
 
 
 def check_folder(folder: Path) -> None:
-    """Test that files can be written in ``folder``, which need not exist; nothing is left there.
-
-    Raises:
-        InvalidRequestError: they cannot; the message names the folder and the reason.
-    """
+    """Test that files can be written in ``folder``, which need not exist; nothing is left there."""
     new = [path for path in (folder, *folder.parents) if not is_there(path)]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -305,12 +279,7 @@ def read_npz(
     content: bytes | None = None,
     most: int = LARGEST_ARRAYS,
 ) -> dict[str, Any]:
-    """All arrays of an NPZ file, or of the ``content`` of one. Never unpickles.
-
-    Raises:
-        OptiPrompError: of the type ``error``: the file is missing, damaged, no NPZ, or its arrays
-            have more than ``most`` bytes.
-    """
+    """All arrays of an NPZ file, or of the ``content`` of one. Never unpickles."""
     import numpy as np
 
     content = read_bytes(Path(path), error) if content is None else content

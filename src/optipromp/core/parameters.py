@@ -32,11 +32,7 @@ def parameter(default: Any, unit: str, kind: Kind, source: str) -> Any:
 
 
 class Settings:
-    """Base of dataclasses that users make by keyword: an unknown name is refused as wrong input.
-
-    Raises:
-        InvalidRequestError: a keyword that is no field; names the nearest field.
-    """
+    """Base of dataclasses that users make by keyword: an unknown name is refused as wrong input."""
 
     def __new__(cls, *_: object, **given: object) -> Self:
         """Check the keywords, before the dataclass reads them."""

@@ -70,11 +70,6 @@ def run_each(
             which tasks end. The result is BrokenProcessPool if the process of a task ended twice.
         workers: processes; with one worker or one task, everything is called in this process.
         prepare: called once in every process before its first task.
-
-    Raises:
-        InvalidRequestError: processes cannot start.
-        pickle.PicklingError, AttributeError, TypeError: ``function`` cannot be pickled.
-        Exception: raised by a call, with the index of its task as a note.
     """
     if min(workers, len(tasks)) <= 1:
         if prepare is not None and tasks:

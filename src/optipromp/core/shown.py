@@ -78,9 +78,6 @@ class Shown:
         """A picture for notebooks, with matplotlib's ``figure`` and ``save(path)`` of a PNG file.
 
         The picture of a primitive takes the demonstrations that it was learnt from, if any.
-
-        Raises:
-            InvalidRequestError: a value of this type has no picture.
         """
         return _needed().plot(self, *args)
 
@@ -88,9 +85,6 @@ class Shown:
         """A 3-D view for notebooks; ``open()`` opens it in a browser.
 
         ``save(path)`` writes one HTML file that needs no network.
-
-        Raises:
-            InvalidRequestError: viser is not installed, or a value of this type has no 3-D view.
         """
         return _needed().show(self)
 

@@ -34,11 +34,7 @@ class Table:
     rows: list[list[str]]
 
     def numbers(self, columns: Sequence[int]) -> FloatArray:
-        """The numbers (R, C) in the columns of the C indices, for all R rows.
-
-        Raises:
-            OptiPrompError: a value is no finite number; the message names line and column.
-        """
+        """The numbers (R, C) in the columns of the C indices, for all R rows."""
         out = np.empty((len(self.rows), len(columns)))
         for k, row in enumerate(self.rows):
             for i, column in enumerate(columns):
@@ -56,12 +52,7 @@ class Table:
 
 
 def read_table(path: Path, error: type[OptiPrompError], wanted: str) -> Table:
-    """Read a CSV file; ``wanted`` describes the expected header in messages.
-
-    Raises:
-        OptiPrompError: of the type ``error``: the file cannot be read, is empty or no CSV file, or
-            a row is shorter or longer than the header; the message names file and line.
-    """
+    """Read a CSV file; ``wanted`` describes the expected header in messages."""
     try:
         text = read_bytes(path, error, LARGEST_TEXT).decode("utf-8-sig")
         lines = io.StringIO(text, newline="")

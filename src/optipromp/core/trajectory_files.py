@@ -94,9 +94,6 @@ def curve(
             those of the cubics through positions and velocities are taken: the mean of both sides.
         names: of the n columns.
         joint_names: of the robot, in its order.
-
-    Raises:
-        InvalidRequestError: see :func:`columns` and :class:`Trajectory`.
     """
     order = columns(names, joint_names, "the trajectory")
     times = np.asarray(times, dtype=np.float64)
@@ -123,9 +120,6 @@ def columns(names: Sequence[str], joints: Sequence[str], what: str) -> list[int]
         names: in any order.
         joints: of the robot, in its order.
         what: the owner of the names, which begins the error.
-
-    Raises:
-        InvalidRequestError: a joint is missing, two prefixes fit, or a name occurs twice.
     """
     names = list(names)
     if not joints:

@@ -136,11 +136,7 @@ def _flat(values: Any, columns: int) -> FloatArray:
 
 
 def opencv() -> Any:
-    """OpenCV's module.
-
-    Raises:
-        InvalidRequestError: it is not installed.
-    """
+    """OpenCV's module."""
     try:
         import cv2
     except ImportError:

@@ -33,10 +33,6 @@ def read_views(
         board: that they show.
         camera: that took them.
         robot: whose joints are told.
-
-    Raises:
-        InvalidRequestError: a file that is missing or cannot be read, a picture of another size, or
-            joints without a robot.
     """
     views, without = [], []
     for name, entry in _entries(poses).items():
@@ -64,9 +60,6 @@ def read_seen_tool(path: Path, robot: Robot | None = None) -> tuple[SeenTool, ..
         path: YAML or JSON, a mapping from names to ``camera``, the tool's centre in the frame of
             the camera (3,) [m], and its ``position`` in the base (3,) or the arm's ``joints`` (n,).
         robot: whose joints are told, with its tool.
-
-    Raises:
-        InvalidRequestError: as :func:`read_views`.
     """
     found = []
     for name, entry in _entries(path).items():

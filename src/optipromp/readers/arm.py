@@ -48,10 +48,6 @@ def choose_arm(
         srdf: groups of joints, some of which are arms.
         name: of the arm: a group of the SRDF, or a part of the name of its group, its tip or all
             its joints.
-
-    Raises:
-        InvalidRobotError: a link does not exist, ``base`` is not before ``tip``, several arms are
-            alike (the message lists them), or no arm has the ``name``.
     """
     tree = Tree(model)
     for key, link in (("tip", tip), ("base", base)):

@@ -34,10 +34,6 @@ def build(
         path: the file that messages name: the robot file, or the bare description.
         choice: the caller's choice of the arm; it precedes that of ``entry``.
         srdf: the SRDF; None: the SRDF beside the description, if there is one.
-
-    Raises:
-        InvalidRobotError: the name holds control characters; the arm, its limits or its home
-            cannot be used; a link is unknown; a mesh cannot be read.
     """
     if (name := printable(entry.name)) != entry.name:
         raise InvalidRobotError(f"{path}: the robot's name '{name[:60]}' holds control characters")

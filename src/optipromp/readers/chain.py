@@ -62,11 +62,6 @@ def serial_chain(
 
     Movable joints off the chain stand at their value in ``held`` [rad or m], else at zero or the
     limit nearest to zero. Frames are relative to the root, whatever the base.
-
-    Raises:
-        InvalidRobotError: the path has no movable joint; a joint cannot move (without limits, for
-            example) or be held as asked; the limits of a mimic joint and of its leader have no
-            value in common.
     """
     tree = Tree(model)
     base = model.root if base is None else base

@@ -50,9 +50,6 @@ def cover_links(
     """Covers of the links, in their frames, over their collision geometry or else their visual.
 
     Covers of ``fixed`` links are coarser.
-
-    Raises:
-        InvalidRobotError: a mesh is missing, malformed or degenerate.
     """
     shapes = {link: model.links[link].collisions or model.links[link].visuals for link in links}
     over = _cover_shapes(model, [(link, one) for link in links for one in shapes[link]], fixed)

@@ -45,10 +45,6 @@ def run_limited(
         path: of the robot description.
         given: further arguments of the function.
         limits: of the process.
-
-    Raises:
-        InvalidRobotError: the function refused the file, or the process ended early or reached a
-            limit.
     """
     with tempfile.TemporaryDirectory(prefix="optipromp-") as folder:
         out = Path(folder) / "out"

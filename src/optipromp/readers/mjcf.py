@@ -48,13 +48,7 @@ def is_mjcf(path: Path) -> bool:
 
 
 def read_mjcf(path: Path) -> UrdfModel:
-    """Read the MJCF file at ``path``; its meshes are written to the cache folder.
-
-    Raises:
-        InvalidRobotError: MuJoCo is not installed or cannot read the file within the limits of
-            :mod:`optipromp.readers.limited`; or the file holds more than :data:`MOST_BODIES`
-            bodies, a length beyond 20 m, or a name that is no UTF-8.
-    """
+    """Read the MJCF file at ``path``; its meshes are written to the cache folder."""
     try:
         import mujoco
     except ImportError:

@@ -25,10 +25,6 @@ def mjcf_files(path: Path, check: Callable[[Path], Path] = Path) -> list[Path] |
 
     Returns:
         The files; None if one is not found or an MJCF is no XML.
-
-    Raises:
-        InvalidRobotError: a name means a device or pipe, or an element asks for more than
-            :data:`MOST_COPIES` copies or :data:`MOST_HEIGHTS` heights.
     """
     trees = dict[Path, Node]()
     new = {path}

@@ -52,10 +52,6 @@ def with_meshes_found(
     """``model`` with the ``package://`` meshes of ``links`` as files, and DAE meshes in metres.
 
     A link with collision geometry that lacks a visual mesh loses its visual geometry.
-
-    Raises:
-        InvalidRobotError: a mesh of the collision geometry, or of the visual geometry of a link
-            without one, is not found; or an entry of ``package_dirs`` is no folder.
     """
     for each in package_dirs:
         if not is_folder(each):
@@ -132,10 +128,6 @@ def expanded(
     """The xacro file at ``path`` with ``arguments`` by name, or else their defaults.
 
     xacro runs in a process of its own, within :data:`optipromp.readers.limited.LIMITS`.
-
-    Raises:
-        InvalidRobotError: the user has neither named nor allowed the file, the extra for xacro is
-            not installed, xacro refuses the file, or an argument that the file does not declare.
     """
     short = f"xacro {path.name} > {path.name.split('.')[0]}.urdf"
     if not named_by_user and os.environ.get(ALLOW_XACRO) != "1":

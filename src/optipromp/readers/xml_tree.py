@@ -65,10 +65,6 @@ def read_xml(path: Path, content: bytes | None = None) -> Node:
     """The root element of the XML file at ``path``, in any encoding of XML.
 
     ``content`` is read in place of the file's content.
-
-    Raises:
-        InvalidRobotError: the file cannot be read, is not well-formed XML, declares entities or
-            refers to external entities (which are never opened), or holds unexpanded xacro.
     """
     from xml.sax import SAXParseException
 

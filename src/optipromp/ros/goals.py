@@ -33,9 +33,6 @@ def read_goal(
         constraints: ``moveit_msgs/Constraints``, one at most.
         world: with the robot and its frames.
         prefix: of joint and link names in ROS.
-
-    Raises:
-        InvalidRequestError: a wrong value; the message names the field and valid values.
     """
     robot = world.robot
     if not constraints:

@@ -167,11 +167,7 @@ class LiveScene:
 
 
 def in_base(header: Message, frames: Mapping[str, Pose]) -> Pose:
-    """The pose in the base frame of the frame that a header names.
-
-    Raises:
-        InvalidRequestError: an unknown frame; the message lists the known ones.
-    """
+    """The pose in the base frame of the frame that a header names."""
     if header.frame_id in frames:
         return frames[header.frame_id]
     raise InvalidRequestError(

@@ -59,11 +59,7 @@ def quaternion(item: Message) -> FloatArray:
 
 
 def read_pose(item: Message) -> Pose:
-    """The pose of a ``geometry_msgs/Pose``.
-
-    Raises:
-        InvalidSceneError: a value that is not finite, a quaternion that is not of length 1.
-    """
+    """The pose of a ``geometry_msgs/Pose``."""
     return Pose(vector(item.position), quaternion(item.orientation))
 
 
@@ -103,11 +99,7 @@ def geometry(shape: Shape) -> dict[str, Any]:
 
 
 def read_geometry(item: Message) -> list[Placed]:
-    """The shapes of a ``CollisionObject`` in its frame; the inverse of :func:`geometry`.
-
-    Raises:
-        InvalidSceneError: no shape, a cone or prism, more poses than shapes, wrong sizes.
-    """
+    """The shapes of a ``CollisionObject`` in its frame; the inverse of :func:`geometry`."""
     solids = _placed(item.primitives, item.primitive_poses, "primitive")
     parts: list[Placed] = [(_solid(solid, k), where) for k, (solid, where) in enumerate(solids)]
     united = _capsule(parts) or _cloud(parts)

@@ -32,11 +32,7 @@ WIDEST = 1.5  # of a weight: as in training
 
 @cache
 def session(name: str) -> Any:
-    """The network of a file of this package, on one core.
-
-    Raises:
-        InvalidRequestError: onnxruntime is not installed.
-    """
+    """The network of a file of this package, on one core."""
     try:
         import onnxruntime  # type: ignore[import-untyped]
     except ImportError:

@@ -124,11 +124,7 @@ class Streamed:
         self.rows: list[tuple[float, FloatArray, FloatArray]] = []
 
     def followed(self) -> Executed:
-        """Follow the curves to their end, or to rest.
-
-        Raises:
-            ExecutionError: a failure, or no tick at all.
-        """
+        """Follow the curves to their end, or to rest."""
         ended = False
         try:
             with self.arm.stream() as ticks:

@@ -63,9 +63,6 @@ def distance_grid(shape: Shape) -> DistanceGrid:
 
     The cache folder is ``OPTIPROMP_CACHE``, else the platform's. A folder that cannot be written is
     no error.
-
-    Raises:
-        InvalidSceneError: the mesh is degenerate.
     """
     shape = shape if isinstance(shape, PointCloudShape) else shape.mesh(FINE)
     key = _key(shape)
@@ -94,9 +91,6 @@ def mesh_grid(mesh: MeshShape) -> DistanceGrid:
     The nodes hold exact distances to the triangles, signed by the generalised winding number; the
     mesh may have either orientation. The spacing is the longest side / 48, halved while the
     grid misses a thin part and the finer grid has at most 1.5 million nodes.
-
-    Raises:
-        InvalidSceneError: the mesh has no area, no volume, or is not closed.
     """
     from optipromp.core.geometry.triangles import signed_grid
 
@@ -142,9 +136,6 @@ def check_closed(mesh: MeshShape) -> None:
 
     A mesh is closed if as many faces run along every edge in one sense as in the other: then its
     winding number is an integer everywhere. Vertices at one place count as one.
-
-    Raises:
-        InvalidSceneError: the message names the file and the fault.
     """
     name = f"mesh {mesh.path}" if mesh.path is not None else "mesh"
     corners = mesh.vertices[mesh.faces]

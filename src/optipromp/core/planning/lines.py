@@ -98,11 +98,7 @@ class Branch:
 
 
 def along_lines(task: Task, promp: ProMP, options: Searched, budget: Budget) -> Planned | Failed:
-    """The motion through the scene's way points to the goal, or the way point where it ends.
-
-    Raises:
-        InvalidRequestError: a motion that runs is to be continued.
-    """
+    """The motion through the scene's way points to the goal, or the way point where it ends."""
     lines = task.scene.waypoints
     assert lines is not None
     if task.running is not None:

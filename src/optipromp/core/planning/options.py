@@ -290,11 +290,7 @@ class PlanOptions(Searched):
 def stated(
     options: PlanOptions | None, settings: Mapping[str, Any], verb: Callable[..., object]
 ) -> PlanOptions:
-    """The options of a call of ``verb``, with the settings that it got as keywords of their own.
-
-    Raises:
-        InvalidRequestError: a keyword that is neither a setting nor an argument of ``verb``.
-    """
+    """The options of a call of ``verb``, with the settings that it got as keywords of their own."""
     options = options or PlanOptions()
     names = [item.name for item in fields(PlanOptions)]
     for name in settings:

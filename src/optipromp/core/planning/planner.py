@@ -89,11 +89,7 @@ def _load(entry: metadata.EntryPoint) -> Factory:
 
 
 def factory(name: str, what: str = "planner") -> Factory:
-    """The factory of the planner with a name; ``what`` stands for the name in an error's message.
-
-    Raises:
-        InvalidRequestError: an unknown name, or a package that cannot be loaded.
-    """
+    """The factory of the planner with a name; ``what`` is the name's word in an error."""
     if name in _known:
         return _known[name]
     joined = _joined()
@@ -123,11 +119,7 @@ def planner_names() -> tuple[str, ...]:
 
 
 def strategist() -> str:
-    """The name of the planner that takes a strategy and constraints; see :class:`Planner`.
-
-    Raises:
-        InvalidRequestError: no planner that can be loaded takes them.
-    """
+    """The name of the planner that takes a strategy and constraints; see :class:`Planner`."""
     for name in dict.fromkeys((*_known, *_joined())):
         try:
             if getattr(factory(name), "takes_strategy", False):
@@ -143,11 +135,7 @@ def settings_of(kind: Factory) -> tuple[str, ...]:
 
 
 def make(name: str, **settings: Any) -> Planner:
-    """The planner of a name, with settings.
-
-    Raises:
-        InvalidRequestError: an unknown name, or a setting that the planner does not have.
-    """
+    """The planner of a name, with settings."""
     kind = factory(name)
     for setting in settings:
         if setting not in settings_of(kind):
@@ -157,11 +145,7 @@ def make(name: str, **settings: Any) -> Planner:
 
 
 def check_way(planner: Planner, scene: Scene) -> None:
-    """Refuse a planner for a scene that says of the way to its goal what the planner ignores.
-
-    Raises:
-        InvalidRequestError: naming the planner, what it ignores, and what would be right.
-    """
+    """Refuse a planner for a scene that says of the way to its goal what the planner ignores."""
     for said in getattr(planner, "ignores", ()):
         if getattr(scene, said) is not None:
             strategy = getattr(planner, "strategy", None)

@@ -189,10 +189,6 @@ def chosen_planner(planner: Planner | str, strategy: str, options: PlanOptions) 
     A request of opti-promp with the strategy ``sequential``, or with the constraints of the paper,
     means the planner that takes a strategy (:func:`strategist`). The planners promp, i-promp and
     opti-promp ignore options that are no settings of theirs.
-
-    Raises:
-        InvalidRequestError: an unknown name, an option that is no setting of the planner, or an
-            object that is no planner.
     """
     if strategy not in STRATEGIES:
         raise InvalidRequestError(f"strategy is {strategy!r}; {suggest(strategy, STRATEGIES)}")

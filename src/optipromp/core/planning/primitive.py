@@ -115,11 +115,6 @@ def learnt(task: Task, demonstrations: ProMP | str | Path | None, basis: Basis =
             (:func:`optipromp.core.robots.library.built_in_twin`). Where there are none, the smooth
             prior about the start takes their place, with a warning.
         basis: of a ProMP that is learnt here.
-
-    Raises:
-        InvalidDemonstrationError: a file that cannot be used; joints of other names; demonstrations
-            or a ProMP's mean far beyond the joints' limits.
-        InvalidRequestError: a file of a ProMP that cannot be read.
     """
     robot = task.robot
     if demonstrations is not None:

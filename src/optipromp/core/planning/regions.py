@@ -19,9 +19,6 @@ def goals_of(goals: tuple[Goal, ...], robot: Robot, start: FloatArray) -> tuple[
     """The goals of a scene for an arm at ``start`` (n,).
 
     A joint that may turn without end goes to the nearest of its equal values.
-
-    Raises:
-        InvalidRequestError: a goal in joints that is not a configuration of the robot.
     """
     return tuple(
         _turned(goal, robot, start) if isinstance(goal, JointGoal) else goal for goal in goals

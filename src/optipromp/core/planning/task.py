@@ -174,11 +174,7 @@ def _equip(
 
 
 def laden(robot: Robot, attached: Sequence[Attached]) -> Robot:
-    """The robot whose tool holds ``attached``.
-
-    Raises:
-        InvalidRequestError: the robot has no tool, or has a link of the name of an attached shape.
-    """
+    """The robot whose tool holds ``attached``."""
     if robot.tool is None:
         raise InvalidRequestError(
             f"attached {attached[0].id!r}: {robot.name} has no tool; give the scene a tool, "
@@ -222,10 +218,6 @@ def posed(
     """The robot of :func:`robot_of`, and the state of the arm at the start.
 
     ``state`` is of the arm, in place of the scene's start.
-
-    Raises:
-        StartInvalidError: wrong joint count, or outside the joint limits.
-        OptiPrompError: what :func:`robot_of` raises.
     """
     robot = robot_of(scene, robot)
     if state is None:
@@ -254,10 +246,6 @@ def resolve(scene: Scene, robot: Robot | None = None, state: State | None = None
     """The task of a scene; its arguments are those of :func:`posed`.
 
     The approach of a scissor ends on the stem of the target.
-
-    Raises:
-        InvalidRequestError: a goal in joints that is not a configuration of the robot.
-        OptiPrompError: what :func:`posed` raises.
     """
     robot, begin = posed(scene, robot, state)
     scene = aimed_at_stem(scene, robot.tool)

@@ -167,14 +167,6 @@ def _led(
 
     The excess is the time integral of (speed of the tool / ``speed`` - 1) [s] where that is over
     ``TIMING.spare``.
-
-    Args:
-        robot: with its tool.
-        points: (6, m, n) control points of the quintics.
-        h: (m,) durations of the quintics [s].
-        path: (P, 3) tool points at waypoints [m].
-        slow: (P-1,) the slow intervals; a sample nearest to another interval does not count.
-        speed: largest speed of the tool [m/s].
     """
     s = np.linspace(0.0, 1.0, UNDERWAY.samples + 1)[:, None]
     power = np.arange(6)

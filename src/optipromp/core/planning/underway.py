@@ -39,12 +39,7 @@ Moving = State | Sequence[FloatArray]
 
 
 def begun(start_state: Moving | None, previous: Plan | None, at: float | None) -> State | None:
-    """The state that a plan begins from: ``start_state``, or the state of ``previous`` at ``at``.
-
-    Raises:
-        InvalidRequestError: ``at`` without ``previous`` or the other way round, a time outside the
-            running plan, or an invalid state.
-    """
+    """The state that a plan begins from: ``start_state``, or that of ``previous`` at ``at``."""
     if (previous is None) != (at is None):
         raise InvalidRequestError("previous and at go together: the running plan, and its time [s]")
     if previous is not None and at is not None:

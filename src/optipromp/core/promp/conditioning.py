@@ -156,9 +156,6 @@ def conditioned_mean(
         places: phase and order of derivative of each of P points.
         values: (P, n) joint positions or their derivatives.
         variances: of each point, the same for all joints; 0 is exact.
-
-    Raises:
-        InvalidRequestError: as :func:`condition`.
     """
     update = _update(promp, places, variances)
     if update.inverse.null is None:

@@ -16,12 +16,7 @@ RANK_TOLERANCE = 1e-11
 
 
 def check_covariance(covariance: ArrayLike, size: int, name: str) -> FloatArray:
-    """A symmetric copy (size, size) of a positive semi-definite matrix, which may be singular.
-
-    Raises:
-        InvalidRequestError: a wrong shape; an asymmetry above 1e-8 of the largest entry, or a
-            negative eigenvalue above 1e-10 of the largest one: more than rounding makes.
-    """
+    """A symmetric copy (size, size) of a positive semi-definite matrix, which may be singular."""
     matrix = finite_array(covariance, name, 2)
     if matrix.shape != (size, size):
         raise InvalidRequestError(f"{name}: expected shape ({size}, {size}), got {matrix.shape}")

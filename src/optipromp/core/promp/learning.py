@@ -259,11 +259,7 @@ def held_out_residuals(
 
 
 def gather(demonstrations: DemonstrationsLike, joint_names: Sequence[str] | None) -> Samples:
-    """Check demonstrations and align them on phase.
-
-    Raises:
-        InvalidDemonstrationError: no demonstration; a value that is not finite; unequal joints.
-    """
+    """Check demonstrations and align them on phase."""
     error = InvalidDemonstrationError
     if isinstance(demonstrations, Demonstration):
         demonstrations = (demonstrations,)
@@ -297,11 +293,7 @@ def gather(demonstrations: DemonstrationsLike, joint_names: Sequence[str] | None
 
 
 def _stacked(demonstrations: DemonstrationsLike) -> FloatArray | None:
-    """A copy (N, T, n) of arrays of finite numbers of one shape; None for anything else.
-
-    Raises:
-        InvalidDemonstrationError: an array (N, T, n) with a value that is not finite.
-    """
+    """A copy (N, T, n) of arrays of finite numbers of one shape; None for anything else."""
     if isinstance(demonstrations, np.ndarray):
         if demonstrations.ndim != 3:
             return None

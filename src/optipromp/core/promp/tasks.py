@@ -86,11 +86,7 @@ class Rows:
         return Rows(position, turn, axis, with_axis, variance)
 
     def evaluate(self, task_map: TaskMap, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Residuals (m, r) and Jacobian (m, r, n) at joints q (m, n).
-
-        Raises:
-            InvalidRequestError: the task map returns a wrong shape or a value that is not finite.
-        """
+        """Residuals (m, r) and Jacobian (m, r, n) at joints q (m, n)."""
         m, n = q.shape
         outputs = [np.ascontiguousarray(part, dtype=np.float64) for part in task_map(q)]
         shapes = [part.shape for part in outputs]

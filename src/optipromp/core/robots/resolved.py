@@ -162,9 +162,6 @@ def read_resolved(path: Path, check: Callable[[Path], Path] = Path) -> Robot:
     Args:
         path: of the file.
         check: called with each mesh file that the robot names and that exists.
-
-    Raises:
-        InvalidRobotError: the file cannot be read or is no resolved robot.
     """
     data = read_npz(path, InvalidRobotError)
     try:

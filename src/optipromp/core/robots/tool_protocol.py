@@ -135,11 +135,7 @@ AGREE = 1e-6  # [m] largest difference of two numbers of a tool that must agree:
 
 
 def check_tool(tool: Tool) -> None:
-    """Refuse an object without the members of a tool, and a tool whose numbers disagree.
-
-    Raises:
-        InvalidRequestError: naming the members, their values and what would be right.
-    """
+    """Refuse an object without the members of a tool, and a tool whose numbers disagree."""
     name = type(tool).__name__
     missing = [member for member in MEMBERS if not hasattr(tool, member)]
     if missing:
@@ -172,11 +168,7 @@ def check_tool(tool: Tool) -> None:
 def check_length(
     tool: str, field: str, value: object, low: float, high: float, open_below: bool = False
 ) -> None:
-    """Refuse a length that is no number between ``low`` and ``high`` [m].
-
-    Raises:
-        InvalidRequestError: naming the tool, the field, the value and the range.
-    """
+    """Refuse a length that is no number between ``low`` and ``high`` [m]."""
     number = value if isinstance(value, int | float) and not isinstance(value, bool) else np.nan
     if number <= high and (low < number if open_below else low <= number):
         return

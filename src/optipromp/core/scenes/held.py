@@ -111,11 +111,7 @@ class Place:
 def checked(
     attached: Iterable[Attached], may_touch: Iterable[Sequence[str]], ids: Collection[str]
 ) -> tuple[tuple[Attached, ...], tuple[Pair, ...]]:
-    """Attached shapes and pairs as tuples.
-
-    Raises:
-        InvalidSceneError: an id that is taken, or a pair that does not hold two different names.
-    """
+    """Attached shapes and pairs as tuples."""
     held, taken = tuple(attached), {*ids, TOOL}
     for index, item in enumerate(held):
         if item.id in taken:
@@ -139,9 +135,6 @@ def check_names(pairs: Iterable[Pair], objects: Collection[str], links: Collecti
     """Refuse pairs of names that are neither objects nor links, or of two objects.
 
     ``links``: names of all links, of attached shapes, and of the tool.
-
-    Raises:
-        InvalidSceneError: naming the pair and what would be right.
     """
     for index, pair in enumerate(pairs):
         for name in pair:

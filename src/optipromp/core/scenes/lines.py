@@ -88,11 +88,7 @@ def axes_of(pose: RegionGoal) -> FloatArray:
 
 
 def check_lines(lines: Lines, goals: tuple[Goal, ...]) -> None:
-    """Refuse lines that do not lead to one goal, or that do not tell how the tool turns.
-
-    Raises:
-        InvalidSceneError: the message names the way point.
-    """
+    """Refuse lines that do not lead to one goal, or that do not tell how the tool turns."""
     if len(goals) != 1 or isinstance(goals[0], JointGoal):
         has = "joints" if len(goals) == 1 else f"{len(goals)} entries" if goals else ""
         told = f"goal has {has}" if has else "the scene has no goal"

@@ -25,9 +25,6 @@ def unit_quaternion(values: ArrayLike) -> FloatArray:
 
     A quaternion of a length within 1e-3 of 1 is normalised and keeps its sign. A normalised
     quaternion is returned unchanged, to the bit.
-
-    Raises:
-        InvalidSceneError: another shape, a value that is not finite, no unit length, no rotation.
     """
     if values is IDENTITY:
         return IDENTITY

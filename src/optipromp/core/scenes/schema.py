@@ -333,10 +333,6 @@ def parse(document: Any, source: str) -> SceneModel:
     Args:
         document: the content of the file, as plain Python values.
         source: the name of the document in messages, usually the file.
-
-    Raises:
-        InvalidSceneError: the document does not fit the schema; one line with source, field, value
-            and what would be right.
     """
     try:
         return SceneModel.model_validate(document)

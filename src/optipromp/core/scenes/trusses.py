@@ -22,11 +22,7 @@ def nearest(points: FloatArray, point: FloatArray) -> tuple[int, FloatArray]:
 
 
 def parents_first(objects: Sequence[SceneObject]) -> list[SceneObject]:
-    """The objects in their order, but each after its stem's parent.
-
-    Raises:
-        InvalidSceneError: a parent is no object, has no stem, or grows from its own child.
-    """
+    """The objects in their order, but each after its stem's parent."""
     by_id = {item.id: item for item in objects}
     out: dict[str, SceneObject] = {}
     for item in objects:
@@ -48,12 +44,7 @@ def parents_first(objects: Sequence[SceneObject]) -> list[SceneObject]:
 
 
 def check(objects: Sequence[SceneObject]) -> None:
-    """Refuse stems whose root is not on their parent's stem.
-
-    Raises:
-        InvalidSceneError: as :func:`parents_first`; a root is farther from its parent's stem than
-            :data:`STEM_SLACK`; or the parent moves.
-    """
+    """Refuse stems whose root is not on their parent's stem."""
     if all(item.stem is None or item.stem.parent is None for item in objects):
         return
     by_id = {item.id: item for item in parents_first(objects)}

@@ -60,10 +60,6 @@ def attempt(scene: Scene, planner: str, *, seed: int = 0, risk: float = PlanOpti
         planner: one of :func:`study_planners`.
         seed: of everything random.
         risk: share of promised successes that may be broken, see :class:`PlanOptions`.
-
-    Raises:
-        InvalidRequestError: an unknown planner, or a risk that is not between 0 and 1.
-        InvalidSceneError, InvalidRobotError, StartInvalidError: wrong input.
     """
     solver = make(planner)
     made = plan(scene, planner=solver, seed=seed, options=PlanOptions(risk=risk))

@@ -41,10 +41,6 @@ def over(
         ray: address of a Ray cluster in place of them: ``auto``, ``HOST:PORT``, or ``local``,
             which begins one here.
         prepare: called once in every process before its first task.
-
-    Raises:
-        InvalidRequestError: Ray is not installed, or no cluster answers; processes cannot start.
-        Exception: raised by a call, with the index of its task as a note.
     """
     if ray is None:
         run_each(function, tasks, done, workers=workers or cores(), prepare=prepare)

@@ -250,11 +250,7 @@ def run_scenarios(
 
 
 def core_distances(item: SceneObject, points: FloatArray) -> FloatArray:
-    """Distances (M,) of points (M, 3) to the core of a ball or of a box.
-
-    Raises:
-        InvalidRequestError: another shape.
-    """
+    """Distances (M,) of points (M, 3) to the core of a ball or of a box."""
     off = (points - item.position) @ item.rotation
     if isinstance(item.shape, Box):
         half = 0.5 * np.array(item.shape.size)

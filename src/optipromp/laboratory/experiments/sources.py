@@ -30,9 +30,6 @@ def drawn(source: Source, seed: int, robot: str | Path, choice: Choice) -> tuple
 
     A scene file gives the same scene for every seed. ``robot`` takes the place of its own, unless
     it is :data:`OWN`; ``choice`` is of the arm in the robot's file.
-
-    Raises:
-        InvalidSceneError: the file cannot be used.
     """
     if not isinstance(source, Path):
         scene, report = generate_with_report(source, seed, robot, choice)

@@ -41,9 +41,6 @@ def write_results(rows: Sequence[Row], cells: Sequence[Cell], folder: Path) -> t
 
     Returns:
         The names of the files.
-
-    Raises:
-        InvalidRequestError: a file cannot be written.
     """
     found = calibration(rows)
     document: dict[str, Any] = {

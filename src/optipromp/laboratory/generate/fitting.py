@@ -171,10 +171,6 @@ def fitted(
         rounds: in which places that almost fit are varied where none fits, such as
             :data:`ROUNDS`, which takes some seconds. The generator draws another scene instead.
         neck: least length of the cup's neck [m]; it is longer where links would reach fruits.
-
-    Raises:
-        UnfitError: the arm can work at the scene from no place; the message says which requirement
-            fails, and by how much.
     """
     assert scene.tool is not None
     work = work_of(scene, arm)

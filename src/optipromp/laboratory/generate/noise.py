@@ -29,10 +29,6 @@ class Noise:
         missed: probability that a pushable in full view is not seen.
         hidden: probability that a pushable that others wholly hide is not seen. For a partly
             hidden one the probability is interpolated by the hidden share.
-
-    Raises:
-        InvalidRequestError: a number that is not finite, a standard deviation that is negative, a
-            probability outside 0 to 1.
     """
 
     position: float = 0.0

@@ -51,9 +51,6 @@ def at_robot(scene: Scene, robot: str | Path, choice: Choice) -> Scene:
 
     Where no one place serves all scenes, the base is placed for this scene
     (:func:`optipromp.laboratory.generate.fitting.fitted`).
-
-    Raises:
-        UnfitError: neither is possible.
     """
     path = Path(robot).absolute() if Path(robot).suffix else robot
     arm = load_arm(path, choice=choice)[0]
@@ -104,9 +101,6 @@ def place(robot: Robot, way: FloatArray, axis: FloatArray) -> Standpoint:
         robot: with its tool.
         way: tool points (P, 3) from the start, in the frame of the preset's base [m].
         axis: (3,) tool axis at all of them.
-
-    Raises:
-        InvalidRequestError: the robot can follow the way from no place.
     """
     middle = 0.5 * (way.min(axis=0) + way.max(axis=0))
     far = float(np.linalg.norm(robot.kinematics.translation, axis=1).sum()) + BEYOND

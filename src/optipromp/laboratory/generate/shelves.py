@@ -79,11 +79,7 @@ def apart(one: Footprint, other: Footprint) -> bool:
 
 
 def sample(name: str, count: int, rng: np.random.Generator) -> Scene:
-    """One sample of ``count`` packs before a can.
-
-    Raises:
-        OverlapError: no place was found for a pack.
-    """
+    """One sample of ``count`` packs before a can."""
     board = float(rng.uniform(*BOARD))
     at = rng.uniform(PACK_LOW, PACK_HIGH)
     front, back = float(at[0] - rng.uniform(*DEPTH)), float(at[0] + rng.uniform(*BEHIND))

@@ -45,11 +45,7 @@ def count(rng: np.random.Generator) -> int:
 
 
 def sample(name: str, pushables: int, rng: np.random.Generator) -> Scene:
-    """One sample of a target and ``pushables`` fruits.
-
-    Raises:
-        OverlapError: no place was found for a fruit.
-    """
+    """One sample of a target and ``pushables`` fruits."""
     scene = bunches.sample(name, 0, False, None, rng)
     ripe = scene.objects[0]
     fruits = [_hung("ripe", "target", ripe.radius, ripe.position, rng)]

@@ -143,9 +143,6 @@ def drift_offsets(task: Task, options: PlanOptions) -> FloatArray:
     """The lateral offset (N,) that constraint 1 asks for at each neighbour [m].
 
     It is that of the options, else of the scene, else R_gripper.
-
-    Raises:
-        InvalidRequestError: an offset of an id that no pushable of the scene has.
     """
     wanted = options.paper.drift_offset
     wanted = task.scene.options.get("drift_offset") if wanted is None else wanted

@@ -338,10 +338,6 @@ def perceived_scene(look: Look, scene: Scene) -> Scene:
     keep their ids and roles. Where fruits hang (a detection or an object of ``scene`` has a stem),
     targets and pushables whose stem was not seen get an upright one, as long as the median of
     those seen, or 0.15 m.
-
-    Raises:
-        InvalidRequestError: the target is not seen.
-        InvalidSceneError: a detection has the id of a static object.
     """
     found = look.in_base()
     if scene.target is not None and not any(item.role == "target" for item in found):

@@ -8,11 +8,7 @@ from optipromp.core.errors import InvalidRequestError, installed_by
 
 
 def engine() -> Any:
-    """The ``mujoco`` module; rendering off screen through EGL unless ``MUJOCO_GL`` says otherwise.
-
-    Raises:
-        InvalidRequestError: it is not installed.
-    """
+    """The ``mujoco`` module; it renders off screen by EGL unless ``MUJOCO_GL`` says otherwise."""
     if sys.platform.startswith("linux"):
         os.environ.setdefault("MUJOCO_GL", "egl")
     try:

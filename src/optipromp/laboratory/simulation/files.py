@@ -38,9 +38,6 @@ def write_run(
 
     Returns:
         The names of the files.
-
-    Raises:
-        InvalidRequestError: the folder cannot be written.
     """
     scene = None
     with suppress(OptiPrompError):  # a mesh that has no file
@@ -60,11 +57,7 @@ def write_run(
 
 
 def read_parameters(document: Mapping[str, Any]) -> SimulationParameters:
-    """The parameters in the document of ``outcome.json``; without any, the defaults.
-
-    Raises:
-        InvalidRequestError: a parameter is unknown or out of its range.
-    """
+    """The parameters in the document of ``outcome.json``; without any, the defaults."""
     groups, default = document.get("parameters") or {}, SimulationParameters()
     made = {}
     try:

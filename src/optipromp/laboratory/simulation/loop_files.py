@@ -146,11 +146,7 @@ def _coming(stretch: Stretch, time: float, points: int) -> FloatArray:
 
 
 def write_loop(loop: Loop, folder: Path) -> str:
-    """Write ``loop.npz`` into a folder, whole or not at all; returns the file's name.
-
-    Raises:
-        InvalidRequestError: the file cannot be written.
-    """
+    """Write ``loop.npz`` into a folder, whole or not at all; returns the file's name."""
     record = record_of(loop)
     arrays = {item.name: np.asarray(getattr(record, item.name)) for item in fields(LoopRecord)}
     for name in ("stages", "ids", "begun", "reasons"):
@@ -164,11 +160,7 @@ def _strings(words: Sequence[str]) -> NDArray[np.str_]:
 
 
 def read_loop(path: Path) -> LoopRecord:
-    """The record in a file that :func:`write_loop` wrote.
-
-    Raises:
-        InvalidRequestError: the file is missing, damaged, or holds no such record.
-    """
+    """The record in a file that :func:`write_loop` wrote."""
     found = {"looked": np.zeros((0, 2)), "discs": np.zeros((0, 5)), **read_npz(path)}
     words: dict[str, Any]
     try:

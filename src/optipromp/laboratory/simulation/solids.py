@@ -40,9 +40,6 @@ def add_shape(
     A shape that MuJoCo lacks becomes its mesh: the convex hull where that is nearly the same, else
     boxes that fill it at the resolution of its distance grid. A point cloud becomes balls.
     ``properties`` are set on every geom.
-
-    Raises:
-        InvalidSceneError: a mesh that takes no box, or too many.
     """
     import mujoco
 

@@ -45,11 +45,7 @@ def run_rows(run: "Run") -> list[tuple[str, str]]:
 
 
 def run_page(run: "Run") -> str:
-    """The HTML of a run: arm, fruits and stems as they moved.
-
-    Raises:
-        InvalidRequestError: viser is not installed.
-    """
+    """The HTML of a run: arm, fruits and stems as they moved."""
     moving = Moving(build(run.scene, run.robot, run.parameters, run.seed))
     times = run.rollout.times
     count = min(max(round(FRAME_RATE * float(times[-1])), 1), FRAMES)

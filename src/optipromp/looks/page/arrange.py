@@ -52,11 +52,7 @@ def place(scene: Scene, grip: Grip) -> FloatArray:
 
 
 def moved(scene: Scene, grip: Grip, to: FloatArray) -> Scene:
-    """The scene with a grip at ``to`` (3,) [m].
-
-    Raises:
-        InvalidSceneError: a stem without length.
-    """
+    """The scene with a grip at ``to`` (3,) [m]."""
     shift = np.asarray(to) - place(scene, grip)
     objects = (
         _shifted(item, shift, grip.part) if item.id in grip.ids else item for item in scene.objects

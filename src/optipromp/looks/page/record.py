@@ -60,11 +60,7 @@ class Recorder:
         return True
 
     def accept(self) -> int:
-        """Keep the demonstration under way; returns the number of demonstrations.
-
-        Raises:
-            InvalidRequestError: it has too few samples.
-        """
+        """Keep the demonstration under way; returns the number of demonstrations."""
         if len(self.times) < FEWEST_SAMPLES:
             raise InvalidRequestError(
                 f"the recording has {len(self.times)} samples: drag the tool further"
@@ -75,11 +71,7 @@ class Recorder:
 
     @property
     def demonstrations(self) -> Demonstrations:
-        """The accepted demonstrations.
-
-        Raises:
-            InvalidDemonstrationError: nothing was.
-        """
+        """The accepted demonstrations."""
         return Demonstrations(tuple(self.kept), self.robot.joint_names)
 
     def learn(self) -> ProMP:

@@ -98,12 +98,7 @@ class Replay:
 
 
 def load_replay(folder: Path) -> Replay:
-    """The replay of what ``optipromp simulate`` left in a folder.
-
-    Raises:
-        InvalidRequestError: files are missing or damaged, or do not tell the scene.
-        InvalidSceneError: the scene cannot be used.
-    """
+    """The replay of what ``optipromp simulate`` left in a folder."""
     outcome = read_document(folder / "outcome.json", InvalidRequestError, "an outcome")
     arrays: dict[str, Any] = dict(read_npz(folder / "rollout.npz"))
     try:
@@ -126,11 +121,7 @@ def load_replay(folder: Path) -> Replay:
 
 
 def execute(plan: Plan, name: str) -> Replay:
-    """Execute a plan in the simulation.
-
-    Raises:
-        InvalidRequestError: MuJoCo is not installed.
-    """
+    """Execute a plan in the simulation."""
     from optipromp.laboratory.simulation import simulate
 
     run = simulate(plan, seed=plan.seed)

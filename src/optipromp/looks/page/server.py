@@ -22,9 +22,6 @@ class Page:
         host: address of the server.
         port: of the server; 0: any free one.
         out: folder into which windows save.
-
-    Raises:
-        InvalidRequestError: viser is not installed; the port is taken.
     """
 
     def __init__(
@@ -68,11 +65,7 @@ class Page:
 
 
 def usable(host: str, port: int) -> int:
-    """The port, or a free one for 0.
-
-    Raises:
-        InvalidRequestError: the port is taken or not allowed.
-    """
+    """The port, or a free one for 0."""
     try:
         family, *_ = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, socket.SOCK_STREAM) as probe:

@@ -31,10 +31,6 @@ def open_source(item: str, beside: str | None = None) -> Source:
     Args:
         item: name or path.
         beside: a second folder of a rollout, replayed beside the first.
-
-    Raises:
-        InvalidRequestError: the item is none of these, or damaged.
-        InvalidSceneError: a scene that cannot be used.
     """
     folder = Path(item)
     replays = tuple(

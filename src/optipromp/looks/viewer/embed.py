@@ -30,11 +30,7 @@ UNMOVED = 1e-4  # [m] an object that moves by less is not sent again
 
 
 def scene_page(scene: Scene, robot: Robot | None = None, q: FloatArray | None = None) -> str:
-    """The HTML of a scene with its robot at ``q`` (n,), by default at its start.
-
-    Raises:
-        InvalidRequestError: viser is not installed.
-    """
+    """The HTML of a scene with its robot at ``q`` (n,), by default at its start."""
     robot, state = posed(scene, robot)
     with recording(scene, robot) as (nodes, record):
         nodes.pose(state.q if q is None else q)
@@ -42,11 +38,7 @@ def scene_page(scene: Scene, robot: Robot | None = None, q: FloatArray | None = 
 
 
 def plan_page(plan: "Plan") -> str:
-    """The HTML of a plan: the moving arm, fruits that move as predicted, lines of the tool point.
-
-    Raises:
-        InvalidRequestError: viser is not installed.
-    """
+    """The HTML of a plan: the moving arm, fruits as predicted, lines of the tool point."""
     curve = plan.trajectory
     places = {item.id: item.position for item in plan.scene.objects}
     with recording(plan.scene, plan.robot) as (nodes, record):

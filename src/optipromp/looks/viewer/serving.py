@@ -32,9 +32,6 @@ def listening(host: str, port: int) -> Any:
     address of this machine, a request to any other host name is refused too (DNS rebinding). No
     other page may show this one in a frame. A malformed message ends its connection, with a line on
     standard error.
-
-    Raises:
-        InvalidRequestError: viser is not installed.
     """
     try:
         import viser

@@ -29,11 +29,7 @@ class Shapes(NamedTuple):
 
 
 def shapes(parts: Sequence[FloatArray | float]) -> Shapes:
-    """Shapes of polygons (k, 2) and of discs given by their radius.
-
-    Raises:
-        ValueError: a polygon of more than :data:`CORNERS` corners, or not convex, or clockwise.
-    """
+    """Shapes of polygons (k, 2) and of discs given by their radius."""
     corners, normals = np.zeros((2, len(parts), CORNERS, 2))
     count, radius = np.zeros(len(parts), dtype=np.int64), np.zeros(len(parts))
     box = np.zeros((len(parts), 4))
