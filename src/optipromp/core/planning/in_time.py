@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from optipromp.core.arrays import frozen
+from optipromp.core.budget import clock
 from optipromp.core.errors import Code
 from optipromp.core.planning.parameters import IN_TIME
 from optipromp.core.planning.result import Plan
@@ -45,25 +46,26 @@ def later(scene: Scene, time: float) -> Scene:
     return replace(scene, objects=tuple(objects))
 
 
-def plan_in_time(task: Task, made_for: Callable[[Task], Plan]) -> Plan:
+def plan_in_time(task: Task, made_for: Callable[[Task], Plan], late: float = np.inf) -> Plan:
     """The first valid plan with ``IN_TIME.room`` among objects that move; else the best plan.
 
-    ``made_for`` plans a task in which nothing moves.
+    ``made_for`` plans a task in which nothing moves. Nothing new is tried after ``late`` [s], a
+    time of the plan's clock.
     """
-    best = _among(task, made_for)
-    if best.success or not task.state.moving:
+    best = _among(task, made_for, late)
+    if best.success or not task.state.moving or clock() > late:
         return best
     brake = stopped(task.robot, task.state)
     if met := verdict(task, brake).judgement.contacts:
         return replace(best, message=f"{best.message}; the arm brakes too late: {met[0]}")
-    made = _in(task, _among(_stood(task, brake), made_for), brake)
+    made = _in(task, _among(_stood(task, brake), made_for, late), brake)
     if made.success:
         note = f"the arm brakes first, {brake.duration:.2f} s; without, {best.message}"
         return replace(made, message=f"{made.message}; note: {note}")
     return replace(best, message=f"{best.message}; with a brake first, {made.message}")
 
 
-def _among(task: Task, made_for: Callable[[Task], Plan]) -> Plan:
+def _among(task: Task, made_for: Callable[[Task], Plan], late: float) -> Plan:
     """:func:`plan_in_time` without a brake."""
     best: tuple[tuple[bool, bool], Plan] | None = None
     scene = task.scene
@@ -80,10 +82,18 @@ def _among(task: Task, made_for: Callable[[Task], Plan]) -> Plan:
                 best = rank, found
             if found.success and _room(found) >= min(_room(made), IN_TIME.room):
                 return found
-            if not made.success or any((one.time or wait) < wait for one in found.contacts):
+            if (cut := clock() > late) or not made.success:
+                break
+            if any((one.time or wait) < wait for one in found.contacts):
                 break  # what is met while the arm waits is met in a longer wait too
+        if cut:
+            break
     assert best is not None
-    return best[1]
+    made = best[1]
+    if cut and not made.success:
+        message = f"time ran out; the best so far: {made.message}"
+        return replace(made, status=Code.TIMEOUT, message=message)
+    return made
 
 
 def _stood(task: Task, brake: Trajectory) -> Task:
