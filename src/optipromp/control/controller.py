@@ -28,6 +28,7 @@ from optipromp.control.plant import (
     scene_of,
     settled,
     target_row,
+    tracked_at_most,
     unseen,
 )
 from optipromp.control.servo import Route
@@ -36,6 +37,7 @@ from optipromp.control.stages import Decision, LoopStage, excess, with_covarianc
 from optipromp.control.stiffness import Stiffness, by_wrench
 from optipromp.control.tracked import Tracked
 from optipromp.control.tracker import Tracker
+from optipromp.control.tracks import TrackerParameters
 from optipromp.control.views import views
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import OptiPrompError
@@ -98,7 +100,8 @@ class Controller:
     ) -> None:
         compile_once()
         self.robot, state = posed(scene, robot)
-        self.scene, self.seed, self.parameters, self.servo = scene, seed, parameters, servo
+        self.seed, self.parameters, self.servo = seed, parameters, servo
+        self.scene = scene = tracked_at_most(scene, TrackerParameters.most)
         known = [item for item in scene.objects if item.role in ("target", "pushable")]
         self.tracker = Tracker(scene, first=[with_covariance(item, parameters) for item in known])
         self.stage, self.events, self.cycles = LoopStage.LOOK, list[Decision](), list[float]()
@@ -206,6 +209,8 @@ class Controller:
         if self._eye is not None and (missing := unseen(tracked, self._eye, self._since)):
             names = (f"{a} (behind {b})" if b else a for a, b in missing.items())
             why += f"; not seen from here: {', '.join(names)}"
+        if self.tracker.left:
+            why += f"; {self.tracker.left} that were seen are not tracked, as too many"
         self._enter(LoopStage.GO, now, why)
         self._driver.blind = self._at_camera and not self.servo
         return self._driver.set_out(Route.of(made), now, tracked)
