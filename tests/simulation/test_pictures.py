@@ -45,17 +45,55 @@ def test_a_picture_shows_the_ripe_fruit(run):
     assert png(picture).startswith(b"\x89PNG")
 
 
-def test_a_film_can_be_played(run):
+@pytest.mark.parametrize(("kind", "codec"), [("webm", "vp9"), ("mp4", "h264")])
+def test_a_film_can_be_played(run, kind, codec):
     import av
 
-    content = film(run, SMALL, fps=10)
+    content = film(run, SMALL, fps=10, **({} if kind == "webm" else {"kind": kind}))
     with av.open(io.BytesIO(content)) as container:
+        assert kind in container.format.name
         stream = container.streams.video[0]
-        assert stream.codec_context.name == "h264"
-        shown = sum(1 for _ in container.decode(stream))
+        assert stream.codec_context.name.removeprefix("lib") in (codec, f"vpx-{codec}")
+        shown = [frame.to_ndarray(format="rgb24") for frame in container.decode(stream)]
         assert (stream.width, stream.height) == (160, 120)
-    assert shown == pytest.approx(10 * (run.rollout.times[-1] + LINGER), abs=2)
+    assert len(shown) == len(moments(run, 10)) + round(10 * LINGER)
+    (first,) = frames(run, np.array([0.0]), SMALL, caption=True, fine=False)
+    assert np.abs(shown[0].astype(int) - first).mean() < 8.0  # of 255
     assert (View().width, View().height) == (1280, 720)
+
+
+def test_a_film_without_a_wish_needs_no_encoder_under_the_gpl(run, monkeypatch):
+    import av
+
+    asked, add = [], av.container.OutputContainer.add_stream
+
+    class Container:
+        def __init__(self, container):
+            self.container = container
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *error):
+            self.container.close()
+
+        def mux(self, packet):
+            self.container.mux(packet)
+
+        def add_stream(self, codec, **options):
+            asked.append(codec)
+            if codec == "libx264":
+                raise av.codec.codec.UnknownCodecError(codec)
+            return add(self.container, codec, **options)
+
+    opened = av.open
+    monkeypatch.setattr(av, "open", lambda *a, **k: Container(opened(*a, **k)))
+    assert film(run, SMALL, fps=2)[:4] == b"\x1a\x45\xdf\xa3"
+    assert asked == ["libvpx-vp9"]
+    with pytest.raises(InvalidRequestError, match=r"no encoder libx264.* \.mp4"):
+        film(run, SMALL, fps=2, kind="mp4")
+    with pytest.raises(InvalidRequestError, match="kind of film is 'avi': valid are webm, mp4"):
+        film(run, SMALL, kind="avi")
 
 
 def test_the_caption_tells_the_outcome_at_the_end(run):

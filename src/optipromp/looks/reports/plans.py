@@ -69,9 +69,11 @@ def plan_report(folder: Path | str) -> bytes:
         section("Settings", table(_settings(plan))),
         made_with(_command(plan), {"plan written by": f"optipromp {written}"}),
     ]
-    moving = folder / "run.mp4"
-    if is_file(moving):
-        shown = film(moving.read_bytes(), "The run in the physics simulation")
+    films = [path for kind in ("webm", "mp4") if is_file(path := folder / f"run.{kind}")]
+    if films:
+        newest = max(films, key=lambda path: path.stat().st_mtime)
+        words = "The run in the physics simulation"
+        shown = film(newest.read_bytes(), newest.suffix[1:], words)
         if sum(map(len, parts)) + len(shown) < LARGEST_FILE:
             parts.insert(2, section("Film", shown, screen=True))
     if sum(map(len, parts)) > LARGEST_FILE:
