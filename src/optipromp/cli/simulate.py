@@ -222,10 +222,8 @@ def _leave(
 def _shown(run: "Run", told: str) -> list[str]:
     from optipromp.laboratory.simulation.words import run_rows
 
-    done = "picked and placed" if run.outcome.placed else "picked"
-    verdict = done if run.success else f"failed: {run.outcome.cause}"
     return [
-        f"{run.scene.name}  {told}  {verdict}",
+        f"{run.scene.name}  {told}  {run.outcome.told}",
         run.outcome.message,
         *(f"  {name:<26}{words}" for name, words in run_rows(run)),
     ]

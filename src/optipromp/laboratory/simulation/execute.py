@@ -56,8 +56,7 @@ class Run(Shown):
         return float(self.rollout.times[-1]) / max(self.seconds, 1e-9)
 
     def _words(self) -> str:
-        told = "picked" if self.success else f"failed, {self.outcome.cause}"
-        return f"in {self.scene.name}: {told}, {self.outcome.duration:.2f} s"
+        return f"in {self.scene.name}: {self.outcome.told}, {self.outcome.duration:.2f} s"
 
     def _table(self) -> Sequence[tuple[str, str]]:
         from optipromp.laboratory.simulation.words import run_rows

@@ -205,10 +205,9 @@ def captioned(picture: Picture, run: Run, index: int, said: str = "") -> Picture
     pen.text((size, at), f"{run.rollout.times[index]:.1f} s", PALE, font, anchor="lm")
     pen.text((5 * size, at), _force_words(run, index) + said, PALE, font, anchor="lm")
     if run.rollout.times[index] >= run.rollout.motion:
-        words = "picked, nothing harmed" if run.success else f"failed: {run.outcome.cause}"
-        if run.success and run.outcome.picked is None:
-            words = "nothing harmed"
-        pen.text((width - size, at), words, GOOD if run.success else BAD, font, anchor="rm")
+        pen.text(
+            (width - size, at), run.outcome.told, GOOD if run.success else BAD, font, anchor="rm"
+        )
     picture[-bar:] = np.asarray(image)
     return picture
 

@@ -128,8 +128,9 @@ def _run(folder: Path) -> list[str]:
         return []
     try:
         found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        good = "picked, nothing harmed" if found["picked"] else "nothing harmed"
         rows = [
-            ("outcome", "picked, nothing harmed" if found["success"] else f"{found['cause']}"),
+            ("outcome", good if found["success"] else f"{found['cause']}"),
             ("in words", found["message"]),
             ("largest force on what is not to be picked", f"{found['unripe_peak_force']:.2f} N"),
             *(
