@@ -75,6 +75,12 @@ def simulate(
     slow: Annotated[
         float, typer.Option(metavar="FACTOR", help="How many times slower a film runs.")
     ] = 1.0,
+    failed_leg: Annotated[
+        bool,
+        typer.Option(
+            "--failed-leg", help="Of a pick whose retreat or carry failed: execute that leg, too."
+        ),
+    ] = False,
     *,
     disturbed: Disturbed,
     eyes: LoopOptions,
@@ -112,6 +118,7 @@ def simulate(
             "--planner": None if planner == "opti-promp" else planner,
             "--strategy": None if strategy == "joint" else strategy,
             "--speed": speed,
+            "--failed-leg": failed_leg or None,
         }
     )
     parameters = disturbed.of(SimulationParameters())
@@ -132,7 +139,7 @@ def simulate(
         warn_of_gravity(leg.robot, leg.trajectory.positions, leg.scene.up, "on the way")
     (first, *_) = legs.values()
     with waiting(f"executing in {(truth or first.scene).name} ..."):
-        run = execute(plan, truth, parameters=parameters, seed=seed)
+        run = execute(plan, truth, parameters=parameters, seed=seed, failed_leg=failed_leg)
     return _executed(run, (first.planner, plan.status), leave(run), folder)
 
 
