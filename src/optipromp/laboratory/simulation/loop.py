@@ -68,11 +68,11 @@ class Loop:
 
     @property
     def result(self) -> str:
-        """``clean``, ``harmed``, ``gave_up`` or ``missed`` (nothing was harmed, nothing picked)."""
+        """``clean``, ``harmed``, ``gave_up`` or ``missed`` (nothing harmed; not picked or placed)."""
         outcome = self.run.outcome
         if outcome.success:
             return "clean"
-        if any(cause != Cause.NOT_PICKED for cause in outcome.causes):
+        if set(outcome.causes) - {Cause.NOT_PICKED, Cause.NOT_PLACED}:
             return "harmed"
         return "gave_up" if self.stage is LoopStage.GAVE_UP else "missed"
 
