@@ -38,17 +38,19 @@ from optipromp.control.stiffness import Stiffness, by_wrench
 from optipromp.control.tracked import Tracked
 from optipromp.control.tracker import Tracker
 from optipromp.control.tracks import TrackerParameters
-from optipromp.control.views import views
-from optipromp.core.arrays import FloatArray
+from optipromp.core.arrays import FloatArray, frame_along, rotation
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning import Plan, plan
 from optipromp.core.planning.plan import compile_once
 from optipromp.core.planning.task import posed
+from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
 
+_STEPS = 8  # of a turn, each at most 7 degrees: inverse kinematics stays on its branch
+_MISS = 1e-6  # [m] error above which a configuration is none
 BRAKING = 0.15  # [s] before the approach, at which the tool begins to stop and look: a choice
 
 
@@ -394,3 +396,22 @@ class Controller:
         if route is None or route.plan is None or self.stage is not LoopStage.GO:
             return {}
         return pushed_by(route, self._driver.phase(time))
+
+
+def views(robot: Robot, q: FloatArray, parameters: LoopParameters) -> list[FloatArray]:
+    """Configurations (n,) from which a camera on the tool sees what it does not see from ``q``.
+
+    The tool point stays. The tool axis turns by each of ``parameters.views`` [degrees], to four
+    sides each; what the arm does not reach is left out.
+    """
+    point, axis = robot.tool_pose(q)
+    across = frame_along(axis)[:, :2].T
+    found = []
+    for angle in parameters.views:
+        for side in (across[0], across[1], -across[0], -across[1]):
+            part = np.linspace(0.0, math.radians(angle), _STEPS + 1)[1:]
+            axes = np.array([rotation(side, one) @ axis for one in part])
+            path, errors = ik.track(robot, np.tile(point, (_STEPS, 1)), axes, q)
+            if errors.max() <= _MISS:
+                found.append(path[-1])
+    return found

@@ -68,7 +68,7 @@ class Loop:
 
     @property
     def result(self) -> str:
-        """``clean``, ``harmed``, ``gave_up`` or ``missed`` (nothing harmed; not picked or placed)."""
+        """``clean``, ``harmed``, ``gave_up`` or ``missed`` (unharmed, not picked or placed)."""
         outcome = self.run.outcome
         if outcome.success:
             return "clean"
