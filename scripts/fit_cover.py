@@ -1,9 +1,10 @@
 """Fit the spheres of the built-in Panda and its hand to the maker's collision meshes.
 
 For each link the fewest spheres are sought that contain every point of its convex collision mesh
-and reach at most EXCESS beyond the arm: set cover over candidate spheres, solved as an integer
-program (SciPy's HiGHS). What the neighbouring link fills at every angle of the joint between counts
-as arm, and points of a link that lie in it need no cover: no obstacle comes there.
+(of the hand also of its simulated parts) and reach at most EXCESS beyond the arm: set cover over
+candidate spheres, solved as an integer program (SciPy's HiGHS). What the neighbouring link fills at
+every angle of the joint between counts as arm, and points of a link that lie in it need no cover:
+no obstacle comes there.
 
     python scripts/fit_cover.py MESHES [--links link0,hand,…]
 
@@ -24,6 +25,7 @@ from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.spatial import ConvexHull
 
 from optipromp.core.robots import load_robot
+from optipromp.core.robots.tools import FINGER, PALM
 
 EXCESS = 0.0159  # [m] on the grid; measured exactly it is at most 15 mm
 VOXEL = 0.002  # [m] of the grid on which distances are measured
@@ -35,6 +37,7 @@ SAMPLE = 0.008  # [m] longest edge of the subdivided surface whose points are co
 TURNS = 16  # angles of a joint at which the neighbour is looked at
 SECONDS = 30.0  # for one integer program
 ROBOT = load_robot("panda")
+PARTS = {"hand": [PALM], "finger": [*FINGER.values()]}
 
 
 class Link:
@@ -46,6 +49,11 @@ class Link:
         self.normals, self.offsets, self.bounds = faces[:, :3], -faces[:, 3], mesh.bounds
         mesh.merge_vertices()
         vertices, _ = trimesh.remesh.subdivide_to_size(mesh.vertices, mesh.faces, SAMPLE)
+        for corners in PARTS.get(name, []):  # the shape that is simulated, too
+            half = 1e-3 * np.array(corners)
+            own = trimesh.convex.convex_hull(np.concatenate([half, half * [-1.0, 1.0, 1.0]]))
+            more, _ = trimesh.remesh.subdivide_to_size(own.vertices, own.faces, SAMPLE)
+            vertices = np.concatenate([vertices, more])
         cells = (vertices / (0.5 * SAMPLE)).round().astype(int)
         self.surface = vertices[np.unique(cells, axis=0, return_index=True)[1]]
 

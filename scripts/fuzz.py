@@ -1,12 +1,15 @@
 """Give the library mutated input, each in a process with limits, and count what comes of it.
 
     python scripts/fuzz.py --minutes 60 --seed 1 --state fuzz.json
+    python scripts/fuzz.py --doors --count 10000 --seed 1 --state doors.json
 
-An input is the mutant of ``random.Random(f"{seed}:{index}")`` (tests/fuzzing/mutants.py). A typed
-error, a plan that failed and a success that the judge confirms are right. Wrong are: an exception
-of another type or a false success, more than 10 s of processor time, more than 1 GB of memory
-beyond what the process began with, and the death of the process. The state is written after each
-batch, and a later run goes on from it; ``--again INDEX`` runs one input here, with its traceback.
+The second is of the doors of cameras, networks, calibrations, messages, meshes and the benchmark
+(tests/fuzzing/doors.py); ``--kinds camera mesh`` makes inputs of some kinds alone. An input is the
+mutant of ``random.Random(f"{seed}:{index}")`` (tests/fuzzing/mutants.py). A typed error, a plan
+that failed and a success that the judge confirms are right. Wrong are: an exception of another type
+or a false success, more than 10 s of processor time, more than 1 GB of memory beyond what the
+process began with, and the death of the process. The state is written after each batch, and a later
+run goes on from it; ``--again INDEX`` runs one input here, with its traceback.
 """
 
 import argparse
@@ -30,7 +33,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-BATCH = 500  # inputs of one process: each imports what it needs, 1.3 s
+BATCH = 250  # inputs of one process, after which the state is written
 SECONDS = 10.0  # [s] of processor time
 HUNG, ASLEEP = 60.0, 900.0  # [s] of processor time, of the clock: until the process is ended
 POSTURES = 200  # at which self-collision is looked at, not 20,000: nine tenths of all the time
@@ -38,11 +41,20 @@ MEMORY = 1 << 30  # [bytes]
 WRONG = ("untyped", "over 10 s", "over 1 GB", "death")
 
 
-def one(seed: int, index: int, folder: Path, begun: Callable[[str], None]) -> tuple[str, str, str]:
-    """Kind, outcome, and details of what is wrong, of one input."""
-    from tests.fuzzing.mutants import mutant
+def made_of(seed: int, index: int, kinds: list[str]) -> Any:
+    """The input of a seed and an index, of one of some kinds."""
+    from tests.fuzzing.doors import DOORS
+    from tests.fuzzing.mutants import KINDS, mutant
 
-    made = mutant(random.Random(f"{seed}:{index}"))
+    chosen = [pair for pair in (*KINDS, *DOORS) if pair[1].__name__ in kinds]
+    return mutant(random.Random(f"{seed}:{index}"), chosen)
+
+
+def one(
+    seed: int, index: int, kinds: list[str], folder: Path, begun: Callable[[str], None]
+) -> tuple[str, str, str]:
+    """Kind, outcome, and details of what is wrong, of one input."""
+    made = made_of(seed, index, kinds)
     begun(made.kind)
     began = time.process_time()
     try:
@@ -59,7 +71,7 @@ def one(seed: int, index: int, folder: Path, begun: Callable[[str], None]) -> tu
     return made.kind, outcome, details
 
 
-def batch(seed: int, start: int, pipe: int) -> None:
+def batch(seed: int, indices: range, kinds: list[str], pipe: int) -> None:
     """In a process of its own: run a batch, telling each input's begin and end."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     pages = int(Path("/proc/self/statm").read_text().split()[0])
@@ -67,7 +79,7 @@ def batch(seed: int, start: int, pipe: int) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     with os.fdopen(pipe, "w") as told, open(os.devnull, "w") as nowhere:  # noqa: PTH123
         os.dup2(nowhere.fileno(), 2)
-        for index in range(start, start + BATCH):
+        for index in indices:
             with tempfile.TemporaryDirectory() as name:
                 os.chdir(name)
 
@@ -75,23 +87,23 @@ def batch(seed: int, start: int, pipe: int) -> None:
                     signal.setitimer(signal.ITIMER_PROF, HUNG)
                     print(json.dumps([index, kind]), file=told, flush=True)
 
-                result = one(seed, index, Path(name), begun)
+                result = one(seed, index, kinds, Path(name), begun)
                 os.chdir("/")
             print(json.dumps([index, *result]), file=told, flush=True)
 
 
-def run_batch(seed: int, start: int) -> list[tuple[int, str, str, str]]:
+def run_batch(seed: int, indices: range, kinds: list[str]) -> list[tuple[int, str, str, str]]:
     """The results of a batch, up to a death or its end."""
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
         os.close(reading)
         try:
-            batch(seed, start, writing)
+            batch(seed, indices, kinds, writing)
         finally:
             os._exit(0)
     os.close(writing)
-    results, current, kind, buffer = [], start, "?", b""
+    results, current, kind, buffer = [], indices[0], "?", b""
     deadline, why = time.monotonic() + ASLEEP, "death"
     while True:
         ready, _, _ = select.select([reading], [], [], max(0.0, deadline - time.monotonic()))
@@ -111,7 +123,7 @@ def run_batch(seed: int, start: int) -> list[tuple[int, str, str, str]]:
     _, status = os.waitpid(child, 0)
     if os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGPROF:
         why = "over 10 s"
-    if len(results) < BATCH:
+    if len(results) < len(indices):
         results.append((current, kind, why, f"status {status}"))
     return results
 
@@ -141,7 +153,8 @@ def count(state: dict[str, Any], commit: str, results: list[tuple[int, str, str,
         state["outcomes"][outcome] = state["outcomes"].get(outcome, 0) + 1
         if outcome in WRONG:
             state["wrong"].append([index, kind, outcome, details, commit])
-            print(f"{index} {kind}: {outcome}\n{details}", flush=True)
+            again = f"--seed {state['seed']} --kinds {' '.join(state['kinds'])} --again {index}"
+            print(f"{index} {kind}: {outcome}\n{details}  {again}", flush=True)
 
 
 def main() -> None:
@@ -150,35 +163,50 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=1.0)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--state", type=Path, default=None)
-    parser.add_argument("--again", type=int, default=None)
+    parser.add_argument("--again", type=int, default=None, metavar="INDEX")
+    parser.add_argument("--count", type=int, default=None, help="inputs, in place of --minutes")
+    parser.add_argument("--doors", action="store_true", help="all kinds of the doors")
+    parser.add_argument("--kinds", nargs="+", default=[], metavar="NAME")
     options = parser.parse_args()
-    if options.again is not None:
-        from tests.fuzzing.mutants import mutant
+    from tests.fuzzing.doors import DOORS, warm_doors
+    from tests.fuzzing.mutants import KINDS, warm
 
+    doors = [make.__name__ for _, make in DOORS]
+    every = [make.__name__ for _, make in KINDS]
+    kinds = options.kinds or (doors if options.doors else every)
+    if unknown := set(kinds) - {*every, *doors}:
+        parser.error(f"unknown kinds {', '.join(unknown)}; valid are {', '.join(every + doors)}")
+    if options.again is not None:
         with tempfile.TemporaryDirectory() as name:
             os.chdir(name)
-            print(mutant(random.Random(f"{options.seed}:{options.again}")).run(Path(name)))
+            print(made_of(options.seed, options.again, kinds).run(Path(name)))
         return
-    from tests.fuzzing.mutants import warm
 
     from optipromp import plan
     from optipromp.readers import self_collision
 
     self_collision.SORTING_POSTURES = POSTURES
     cache = tempfile.TemporaryDirectory(prefix="fuzz-")  # where no robot is known already
-    os.environ["OPTIPROMP_CACHE"] = cache.name
-    plan("scenario-3")  # loads and compiles before the processes fork
-    warm()
+    if set(kinds) & set(every):
+        os.environ["OPTIPROMP_CACHE"] = cache.name
+        plan("scenario-3")  # loads and compiles before the processes fork
+        warm()
+    if set(kinds) & set(doors):
+        warm_doors(kinds)
     state: dict[str, Any] = {
-        "seed": options.seed, "next": 0, "counts": {}, "commits": {}, "outcomes": {}, "wrong": [],
+        "seed": options.seed, "kinds": kinds, "next": 0, "counts": {}, "commits": {},
+        "outcomes": {}, "wrong": [],
     }  # fmt: skip
     if options.state is not None and options.state.exists():
         state = json.loads(options.state.read_text())
     git = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
     commit = subprocess.run(git, capture_output=True, text=True).stdout.strip()
+    state.setdefault("kinds", kinds)
     end = time.monotonic() + 60.0 * options.minutes
-    while time.monotonic() < end:
-        results = run_batch(state["seed"], state["next"])
+    most = sys.maxsize if options.count is None else options.count
+    while state["next"] < most and (options.count is not None or time.monotonic() < end):
+        indices = range(state["next"], min(state["next"] + BATCH, most))
+        results = run_batch(state["seed"], indices, state["kinds"])
         count(state, commit, results)
         state["next"] += len(results)
         if options.state is not None:

@@ -31,7 +31,7 @@ import numpy as np
 
 from optipromp.bench.entries.learnt import hand_of
 from optipromp.bench.env import PickEnv, PickProMPEnv
-from optipromp.bench.expert import follower
+from optipromp.bench.episodes import follower
 from optipromp.bench.primitive import COUNT, weights_of
 from optipromp.bench.senses import MOST, WIDTH, objects_of
 from optipromp.bench.sets import PRESETS

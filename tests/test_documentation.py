@@ -57,7 +57,15 @@ def test_the_scenes_that_are_shown_are_scenes(tmp_path: Path) -> None:
     for text in texts:
         (tmp_path / "shown.yaml").write_text(text)
         names.append(load_scene(tmp_path / "shown.yaml").name)
-    assert names == ["table-top", "row-7", "free-space", "full-cup", "seam", "punnet-in-hand"]
+    assert names == [
+        "table-top",
+        "row-7",
+        "free-space",
+        "full-cup",
+        "seam",
+        "punnet-in-hand",
+        "conveyor",
+    ]
 
 
 @pytest.mark.parametrize("package", PUBLIC)

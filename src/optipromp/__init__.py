@@ -8,13 +8,16 @@ The verbs are :func:`plan`, :func:`plan_many`, :func:`plan_sequence`, :func:`jud
 :func:`simulate` (which needs the extra ``sim``). Shapes, robots, primitives, pushing and costs are
 in the sub-packages ``geometry``, ``scenes``, ``robots``, ``promp``, ``pushing`` and
 ``optimization.costs``. Each name below is loaded when it is first used, so that importing the
-package is fast.
+package is fast. Gymnasium knows ``optipromp/Pick-v0`` and ``optipromp/PickProMP-v0`` then.
 """
 
+import sys
+from collections.abc import Sequence
 from importlib import import_module
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec, PathFinder
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
-
-from optipromp._moved import keep_former_paths
 
 if TYPE_CHECKING:
     from optipromp.core.errors import Code as Code
@@ -37,6 +40,7 @@ if TYPE_CHECKING:
     from optipromp.core.planning.plan import plan as plan
     from optipromp.core.planning.sequence import PickSequence as PickSequence
     from optipromp.core.planning.sequence import plan_sequence as plan_sequence
+    from optipromp.core.planning.task import robot_of as robot_of
     from optipromp.core.promp import Basis as Basis
     from optipromp.core.promp import JointPoint as JointPoint
     from optipromp.core.promp import ProMP as ProMP
@@ -77,6 +81,7 @@ _HOMES = {
         "plan_pick",
         "plan_sequence",
     ),
+    "core.planning.task": ("robot_of",),
     "core.promp": (
         "Basis",
         "JointPoint",
@@ -100,9 +105,6 @@ _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 __all__ = ["__version__", *sorted(_HOME_OF)]
 
 
-keep_former_paths()
-
-
 def __getattr__(name: str) -> Any:
     if name == "__version__":
         from importlib.metadata import version
@@ -115,3 +117,33 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return __all__
+
+
+_REGISTRY = "gymnasium.envs.registration"
+
+
+class _Environments(MetaPathFinder):
+    """Registers the environments as soon as Gymnasium's registry is loaded.
+
+    Gymnasium reads no entry points, and its import takes several times as long as this package's.
+    """
+
+    def find_spec(
+        self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        spec = PathFinder.find_spec(name, path) if name == _REGISTRY else None
+        if spec is not None and spec.loader is not None:
+            execute = spec.loader.exec_module
+            spec.loader.exec_module = lambda module: (execute(module), _register(module))  # type: ignore
+        return spec
+
+
+def _register(registry: Any) -> None:
+    for name, kind in (("Pick-v0", "PickEnv"), ("PickProMP-v0", "PickProMPEnv")):
+        registry.register(f"optipromp/{name}", entry_point=f"optipromp.bench.env:{kind}")
+
+
+if _REGISTRY in sys.modules:
+    _register(sys.modules[_REGISTRY])
+elif not any(type(finder).__name__ == _Environments.__name__ for finder in sys.meta_path):
+    sys.meta_path.insert(0, _Environments())

@@ -1,8 +1,9 @@
-r"""Jerk-limited timing of any waypoints of any arm; it needs no scene and no robot file.
+r"""Jerk-limited timing of any waypoints: of any arm, or of a scene's robot, slow near fruits.
 
->>> from optipromp.timing import timed
+>>> from optipromp.timing import gentle, timed
 >>> curve = timed(waypoints, velocity=2.0, acceleration=10.0, jerk=100.0)
 >>> rows = curve.resample(1000)
+>>> motion = gentle(scene, waypoints)
 
 The path through the waypoints is a spline over the chord length. The path is sampled at
 many points, and the times of these are chosen as :mod:`optipromp.core.planning.timing` says: the
@@ -17,18 +18,25 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optipromp.core.arrays import FloatArray, lengths
+from optipromp.core.arrays import FloatArray, evenly, lengths
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.fastest import fastest, ramped
 from optipromp.core.planning.parameters import TIMING
+from optipromp.core.planning.task import robot_of
+from optipromp.core.planning.timing import shortest
+from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import GREATEST, Trajectory, chained
 
-__all__ = ["timed"]
+__all__ = ["gentle", "timed"]
 
 ROWS = 20, 60, 100
 """Numbers of intervals between two stops that are tried, chosen: the fastest curve is kept."""
 
 EACH = 4  # intervals between two waypoints that are tried, too, chosen
+NEAR = 0.12  # [m] of the tool point from a fruit's surface, within which the tool is slow: a choice
+LEAST = 250  # waypoints of a gentle motion, at least: a choice
+RATE = 1000.0  # [Hz] at which the curve through fewer is sampled, to space them evenly: a choice
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +106,36 @@ def timed(
     ends = [0, *sorted({*stops}), len(q) - 1]
     parts = [_between(limits, q[a : b + 1], chords[a:b]) for a, b in pairwise(ends)]
     return chained(parts)
+
+
+def gentle(scene: Scene, waypoints: ArrayLike) -> Trajectory:
+    """The fastest motion of a scene's robot through waypoints that is slow near fruits.
+
+    It goes from rest to rest within the robot's limits of velocity, acceleration and jerk at every
+    instant. Within 12 cm of the surface of an object that is not static, the tool point is at most
+    as fast as in our plans (0.1 m/s). The benchmark's entries, ours too, are timed so.
+
+    Args:
+        scene: whose robot and tool :func:`optipromp.robot_of` has.
+        waypoints: (m, n) of its n joints, m >= 2 [rad or m]. The curve of :func:`timed` joins
+            fewer than 250, and is sampled evenly.
+
+    Raises:
+        InvalidRequestError: waypoints as for :func:`timed`, or of another number of joints.
+        OptiPrompError: what :func:`optipromp.robot_of` raises.
+    """
+    robot, q = robot_of(scene), np.asarray(waypoints, dtype=np.float64)
+    if len(q) < LEAST:
+        limits = robot.velocity, robot.acceleration, robot.jerk
+        path = timed(q, *limits, joint_names=robot.joint_names)
+        q = evenly(path.resample(RATE).positions, LEAST)
+    points, _ = robot.tool_pose(q)
+    away = np.full(len(q), np.inf)
+    for item in scene.objects:
+        if item.role != "static":
+            away = np.minimum(away, lengths(points - item.position) - item.radius)
+    near = away < NEAR
+    return shortest(robot, q, near[1:] | near[:-1], PUSH.hanging.speed)
 
 
 def _limit(name: str, value: ArrayLike, count: int) -> FloatArray:

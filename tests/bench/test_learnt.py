@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from tests.loaded import script
 
-from optipromp.bench.entries.learnt import objects_in, proposals, told
+from optipromp.bench.entries.learnt import proposals, told
 from optipromp.bench.primitive import COUNT
-from optipromp.bench.senses import MOST, WIDTH
+from optipromp.bench.senses import MOST, WIDTH, objects_in
 from optipromp.bench.sets import scene_of
 from optipromp.core.arrays import FloatArray
 

@@ -81,7 +81,6 @@ def test_plan_prints_one_document_and_leaves_its_files(tmp_path: Path) -> None:
         "waypoints.npz",
         "reach.png",
         "joints.png",
-        "cost.png",
     }
     kept = read((out / "plan.json").read_text(encoding="utf-8"))
     assert {key: kept[key] for key in document} == document

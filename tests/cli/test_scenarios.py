@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from optipromp.cli.scenarios import BEGIN, END, markdown, renew
+from optipromp.cli.scenarios import BEGIN, END, _shown, markdown, renew
 from optipromp.laboratory.experiments.scenarios import CASES, ScenarioRow, run_scenarios
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "concepts.md"
@@ -46,6 +46,17 @@ def test_the_paper_s_figures_are_those_of_the_cases(rows: tuple[ScenarioRow, ...
         if paper is not None:
             wanted = [str(round(1e3 * x)) for x in (paper.M_c, paper.M_p["n1"], paper.M_p["n2"])]
         assert told == wanted
+
+
+def test_the_command_says_why_our_falls_are_not_the_paper_s(rows: tuple[ScenarioRow, ...]) -> None:
+    """The note stands under the falls, and what it names is there."""
+    note = str(list(_shown(rows, None))[2])
+    assert note.startswith("why our falls are not the paper's")
+    root = PAGE.parents[1]
+    named = re.findall(r"(?:scripts|docs)/\w+\.\w+", note)
+    assert len(named) == 2
+    assert all((root / name).is_file() for name in named)
+    assert "paper_falls.py" in PAGE.read_text(encoding="utf-8")
 
 
 def test_a_page_keeps_what_is_beside_its_marks(tmp_path: Path) -> None:

@@ -21,9 +21,15 @@ from optipromp.laboratory.experiments.conditions import (
     drop_one,
     miscalibrated,
 )
-from optipromp.laboratory.experiments.executed import cut, executed
 from optipromp.laboratory.experiments.loop_statistics import ALL, loop_summary
-from optipromp.laboratory.experiments.loops import LOOPS, LoopChoice, loop_again, run_loops
+from optipromp.laboratory.experiments.loops import (
+    LOOPS,
+    LoopChoice,
+    cut,
+    executed,
+    loop_again,
+    run_loops,
+)
 from optipromp.laboratory.experiments.row_files import rows_of
 from optipromp.laboratory.experiments.runs import COLUMNS, Row, row_from_text
 from optipromp.laboratory.experiments.statistics import summary, wilson

@@ -239,9 +239,9 @@ KINDS: list[tuple[int, Callable[[Random], Mutant]]] = [
 ]  # fmt: skip
 
 
-def mutant(random: Random) -> Mutant:
-    """A mutant of any kind."""
-    weights, makers = zip(*KINDS, strict=True)
+def mutant(random: Random, kinds: list[tuple[int, Callable[[Random], Mutant]]] = KINDS) -> Mutant:
+    """A mutant of any of some kinds."""
+    weights, makers = zip(*kinds, strict=True)
     return random.choices(makers, weights)[0](random)
 
 

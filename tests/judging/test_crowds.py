@@ -122,20 +122,22 @@ def test_a_fruit_is_passed_alike_alone_and_among_others(seed: int, aim: bool) ->
         stem = Stem(np.array([at, at + lean, at + 2.0 * lean])) if rng.random() < 0.7 else None
         fruits.append(SceneObject(f"n{i}", "pushable", Sphere(0.02), at, stem=stem))
     ripe = obj("target", Sphere(0.02), [0.0, 0.0, 0.7], name="ripe")
+    lowest = obj("pushable", Sphere(0.02), [0.0, 0.0, 0.5], name="lowest")  # decides t_1 for all
     tips = np.column_stack([*rng.normal(0.0, 0.03, (2, 50)), np.linspace(0.4, 0.7, 50)])
     rims = tips + [0.0, 0.0, 0.06]
     goal = {} if aim else {"goal": JointGoal(np.zeros(7))}
 
     def asked(*objects: SceneObject) -> Passing:
         return passing(
-            Scene("s", "panda", (*objects, ripe) if aim else objects, **goal), tips, rims, 0.05
-        )
+            Scene("s", "panda", (lowest, *objects, ripe) if aim else objects, **goal),
+            tips, rims, 0.05,
+        )  # fmt: skip
 
     together, each = asked(*fruits), [asked(fruit) for fruit in fruits]
     assert together.wrong == [wrong for alone in each for wrong in alone.wrong]
     for name in ("M_p", "stem_projection", "drift_shortfall", "stem_gap"):
         figures = getattr(together, name)
-        assert [*figures] == [fruit.id for fruit in fruits]
+        assert [*figures][aim:] == [fruit.id for fruit in fruits]
         for fruit, alone in zip(fruits, each, strict=True):
             assert figures[fruit.id] == pytest.approx(getattr(alone, name)[fruit.id], abs=1e-12)
 

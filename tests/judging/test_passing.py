@@ -3,6 +3,7 @@
 import itertools
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from scipy.optimize import lsq_linear
 from tests.judging.builders import moving, obj, to
 
 from optipromp.core import judging
-from optipromp.core.geometry import Sphere
+from optipromp.core.geometry import Box, Cylinder, Shape, Sphere
 from optipromp.core.judging.passing import between
 from optipromp.core.judging.passing import passing as judged_passing
 from optipromp.core.robots.model import Robot
@@ -22,11 +23,13 @@ from optipromp.core.trajectory import State
 
 FRUIT = np.array([0.0, 0.0, 0.6])
 TARGET = np.array([0.0, 0.0, 0.75])
+BALL = Sphere(0.015)
 
 
 def passing(
-    gantry: Robot, stem: Any, aside: Callable[[np.ndarray], Any], fruit: Any = FRUIT
-) -> judging.Judgement:
+    gantry: Robot, stem: Any, aside: Callable[[np.ndarray], Any], fruit: Any = FRUIT,
+    shape: Shape = BALL,
+) -> judging.Judgement:  # fmt: skip
     """The tool goes up past a fruit with lateral offsets ``aside(height over the fruit)``."""
     height = np.linspace(0.2, 0.75, 56)
     path = np.zeros((56, 3))
@@ -37,7 +40,7 @@ def passing(
     scene = to(
         None,
         obj("target", Sphere(0.015), TARGET, name="ripe"),
-        SceneObject("n", "pushable", Sphere(0.015), np.asarray(fruit), stem=hung),
+        SceneObject("n", "pushable", shape, np.asarray(fruit), stem=hung),
     )
     # the ball of the y carriage hangs 0.5 under the fruit's height, out of the way
     return judging.judge(scene, gantry, moving(gantry, path - [0.0, 0.0, 0.13], dt=9.0))
@@ -188,6 +191,44 @@ def test_drift_shortfall_is_the_worst_of_the_window(gantry: Robot) -> None:
     assert metrics.drift_shortfall["n"] == pytest.approx(0.01)
 
 
+def test_drift_shortfall_counts_from_the_camera_point_on(gantry: Robot) -> None:
+    """Down past the fruit on its stem's side, then from the camera point up on the other side."""
+    down, up = np.linspace(0.7, 0.485, 40), np.linspace(0.485, 0.75, 40)
+    path = np.zeros((80, 3))
+    path[:, 2] = np.concatenate([down, up])
+    path[:, 1] = np.where(np.arange(80) < 40, np.interp(path[:, 2], [0.485, 0.6], [0.0, 0.3]),
+                          np.interp(path[:, 2], [0.485, 0.58], [0.0, -0.045]))  # fmt: skip
+    path[-1] = TARGET
+    stem = Stem(np.array([FRUIT, FRUIT + [0.0, 0.05, 0.2]]))
+    scene = to(
+        None,
+        obj("target", Sphere(0.015), TARGET, name="ripe"),
+        SceneObject("n", "pushable", Sphere(0.015), FRUIT, stem=stem),
+    )
+    motion = moving(gantry, path - [0.0, 0.0, 0.13], dt=9.0)
+    for options, short in (
+        ({}, 0.005),  # of the gripper's radius, 0.05
+        ({"drift_offset": 0.047}, 0.002),
+        ({"drift_offset": {"n": 0.01}}, 0.0),
+        ({"drift_offset": {}}, 0.005),
+    ):
+        found = judging.judge(replace(scene, options=options), gantry, motion).metrics
+        assert found.drift_shortfall["n"] == pytest.approx(short, abs=1e-9), options
+        assert found.M_p["n"] == pytest.approx(-0.045)
+
+
+@pytest.mark.parametrize("shape", [Cylinder(0.05, 0.03), Box((0.14, 0.02, 0.03))])
+def test_the_window_is_the_extent_along_the_approach(shape: Shape, gantry: Robot) -> None:
+    """15 mm over and under a flat thing's centre, however wide the thing is."""
+    for height, short in ((0.0051, 0.05), (0.0149, 0.0)):  # a waypoint every 10 mm
+
+        def aside(h: float, far: float = height) -> tuple[float, float]:
+            return 0.0, -0.06 if abs(h) < far else 0.0
+
+        metrics = passing(gantry, (0.0, 0.05, 0.2), aside, shape=shape).metrics
+        assert metrics.drift_shortfall["n"] == pytest.approx(short)
+
+
 @pytest.mark.parametrize("stem", [None, (0.0, 0.0, 0.2), (0.05, 0.0, 0.2)])
 @pytest.mark.parametrize("y", [-0.03, 0.03])
 def test_where_no_stem_decides_the_side_that_is_passed_counts(
@@ -235,7 +276,7 @@ def test_the_papers_constraints_as_a_check(gantry: Robot) -> None:
         assert all(v.subject == "n" and " n" in str(v) for v in found)
         if kinds == ["drift"]:
             assert found[0].amount == pytest.approx(0.02)
-            assert str(found[0]) == "the tool passes n 20.0 mm nearer than the gripper's radius"
+            assert str(found[0]) == "the tool passes n 20.0 mm nearer than constraint 1 asks for"
 
 
 def independent(a: Any, b: Any, c: Any, d: Any) -> float:

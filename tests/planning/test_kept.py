@@ -104,10 +104,29 @@ def test_what_the_path_says_is_kept_on_the_whole_way(goal: Any, path: Any, kind:
         assert found.judgement.violations[0].time is not None
 
 
-def test_a_start_that_breaks_the_path_is_no_success() -> None:
-    made = plan(scene(ASIDE, {"upright": {"axis": [0, 0, 1], "angle": 20}}))
-    assert made.status in (Code.GOAL_UNREACHABLE, Code.INVALID_PLAN)
-    assert "path" in made.message
+@pytest.mark.parametrize("path", [
+    {"upright": {"axis": [0, 0, 1], "angle": 20}},
+    {"plane": {"point": [0, 0, 0.9], "normal": [0, 0, 1], "within": 0.006}},
+])  # fmt: skip
+def test_a_start_that_breaks_the_path_is_told_at_once(path: Any) -> None:
+    asked = []
+
+    class Asked:
+        """A planner that is not to be asked."""
+
+        keeps_path = True
+
+        def solve(self, task: Any, budget: Any) -> Any:
+            asked.append(task)
+            raise AssertionError
+
+    for planner in ("opti-promp", Asked()):
+        made = plan(scene(ASIDE, path), planner=planner)
+        assert made.status is Code.START_INVALID
+        (kind,) = path
+        assert f"path.{kind}" in made.message
+        assert "choose a start that keeps the path" in made.message
+    assert not asked
 
 
 def test_a_saved_path_is_the_same_path_and_turns_with_the_frame(tmp_path: Path) -> None:

@@ -263,7 +263,7 @@ def test_an_obstacle_that_appears_too_late_is_told(bare: Scene, direct: Plan) ->
         ({"motion": {"times": [0, 0], "positions": [[0, 0, 0], [0, 0, 1]]}}, "must increase"),
         ({"motion": {"times": [0, 1], "positions": [[1, 0, 0], [0, 0, 1]]}}, "at time 0"),
         ({"motion": {"times": [0, 1, 2], "positions": [[0, 0, 0], [0, 0, 1]]}}, "positions"),
-        ({"velocity": [0, 0, 1], "role": "avoid"}, "must be of a static object"),
+        ({"velocity": [0, 0, 1], "role": "target"}, "it must stand; a closed loop"),
         ({"velocity": [0, 0]}, "velocity"),
         ({"velocity": [0, 0, 1], "motion": {"times": [0, 1], "positions": [[0] * 3] * 2}}, "one"),
         ({"motion": {"time": [0, 1]}}, "time"),

@@ -297,6 +297,7 @@ def test_the_paper_s_own_cases_are_feasible(name: str, strategy: Any, seed: int)
     options = PlanOptions(constraints="paper")
     result = plan(name, strategy=strategy, seed=seed, options=options)
     assert result.status in VALID, result.message
+    assert result.metrics.drift_shortfall == {"n1": 0.0, "n2": 0.0}  # by the scene's offsets
     wanted = {"n1": 0.010, "n2": 0.002}
     tools, up = result.robot.tool_pose(result.trajectory.positions)[0], result.scene.frame[2]
     for item in result.scene.pushables:

@@ -310,3 +310,45 @@ def test_a_fruit_between_cup_and_wall_shares_what_is_left() -> None:
     assert positions[-1, 0, 0] == pytest.approx(TARGET[0] - 0.0065, abs=5e-4)
     assert forces[-1, 0] == pytest.approx(0.0035 * CONTACT, rel=0.1)
     assert forces[-1, 0] > 10.0 * loose[-1, 0]
+
+
+# --- roots that drift --------------------------------------------------------------------------
+
+
+def drifting(s: Stems, by: np.ndarray) -> Stems:
+    """The stems whose roots all drift by (P, 3) [m]."""
+    return s._replace(drift=np.tile(by, (len(s.root), 1, 1)))
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.floats(-0.03, 0.03), st.floats(-0.03, 0.03))
+def test_a_root_that_drifts_and_a_cup_that_comes_are_alike(x: float, y: float) -> None:
+    """What counts is their motion relative to each other; friction alone knows a difference."""
+    s = hung(((0, 0, 0), (0.0, 0.0, 0.2)))
+    points = along((0.06, 0, 0), (0.03, 0, 0))
+    by = np.linspace(0.0, 1.0, len(points))[:, None] * [x, y, 0.0]
+    positions, forces, _ = led(drifting(s, by), points)
+    other, pressed, _ = led(s, points - by)
+    np.testing.assert_allclose(positions - by[:, None], other, atol=1e-3)
+    assert abs(forces.max() - pressed.max()) <= 0.1 * pressed.max() + 0.02
+
+
+def test_a_fruit_is_led_by_its_root_into_one_that_hangs_still() -> None:
+    s = hung(((0, 0, 0), (0.0, 0.0, 0.2)), ((0.06, 0, 0), (0.06, 0.0, 0.2)))
+    points = np.tile(TARGET - [0.0, 0.0, 0.3], (80, 1))  # the cup is far below
+    by = np.zeros((2, 80, 3))
+    by[0, :, 0] = np.linspace(0.0, 0.05, 80)
+    positions, forces, _ = led(s._replace(drift=by), points)
+    between = np.linalg.norm(positions[:, 1] - positions[:, 0], axis=1)
+    assert between.min() > 0.028  # two radii of 15 mm, pressed a little
+    assert positions[-1, 1, 0] - positions[0, 1, 0] > 0.002
+    assert positions[-1, 0, 0] - positions[0, 0, 0] < 0.035  # it hangs back from its root
+    assert forces[-1].min() > 0.0
+
+
+def test_no_drift_and_a_drift_of_zero_are_the_same_push() -> None:
+    s = hung(((0, 0, 0), (0.0, 0.0, 0.2)), ((0.04, 0, 0), (0.06, 0.0, 0.2)))
+    points = along((0.06, 0.01, 0), (0.0, 0, 0))
+    for mine, plain in zip(led(drifting(s, np.zeros((len(points), 3))), points), led(s, points),
+                           strict=True):  # fmt: skip
+        np.testing.assert_array_equal(mine, plain)

@@ -18,6 +18,7 @@ trimesh = pytest.importorskip("trimesh")
 
 LINKS = [f"link{i}" for i in range(8)]
 EXCESS = 0.015  # [m] as panda.yaml and FrankaHand state it
+SHAPE = 0.002  # [m] as the corners of FrankaHand state it
 RIM = 0.03  # [m] of the base's height, whose edge no sphere above the mounting plane can contain
 
 
@@ -150,18 +151,38 @@ def test_every_point_of_the_open_hand_is_in_a_sphere(meshes: Path, kind: str) ->
         assert gaps(points, FrankaHand().spheres()).max() <= 1e-9
 
 
-def test_every_point_of_the_open_hand_is_in_what_the_simulation_collides(meshes: Path) -> None:
-    """Boxes of palm and fingers: within 3 mm, what they leave out of the curved parts."""
+def hulls(folder: Path) -> list[object]:
+    """The parts of the hand's one shape, for Coal."""
+    out = []
+    for k, solid in enumerate(FrankaHand().solids()):
+        path = folder / f"{k}.stl"
+        trimesh.convex.convex_hull(solid.corners).export(path)
+        out.append(convex(path))
+    return out
+
+
+def test_the_hand_s_shape_is_the_maker_s(meshes: Path, tmp_path: Path) -> None:
+    """No point of the hand's skin stands out of palm and fingers by more than 2 mm.
+
+    The collision mesh of a finger is its convex hull, which fills what the finger leaves free.
+    """
     pytest.importorskip("collada")
-    hand = FrankaHand()
+    bodies = hulls(tmp_path)
     for points in hand_parts(meshes, "visual"):
-        outside = []
-        for _, center, half, turn in hand.boxes():
-            c, s = np.cos(turn), np.sin(turn)
-            about = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-            local = (points @ hand.rotation - center) @ about
-            outside.append(np.linalg.norm(np.maximum(np.abs(local) - half, 0.0), axis=1))
-        assert np.min(outside, axis=0).max() <= 3e-3
+        assert max(min(distance(body, p) for body in bodies) for p in points[::3]) <= SHAPE
+    assert FrankaHand().front == pytest.approx(0.066, abs=1e-4)
+
+
+def test_the_hand_s_shape_reaches_little_beyond_the_maker_s(meshes: Path) -> None:
+    """By 3 mm at most: each corner, from the convex meshes of palm and fingers."""
+    hand = FrankaHand()
+    palm, finger = (convex(meshes / "collision" / f"{n}.stl") for n in ("hand", "finger"))
+    at = np.array([0.0, hand.gripper_radius, 0.0584])
+    for solid in hand.solids():
+        for corner in solid.corners @ hand.rotation:
+            right = corner * [-1.0, -1.0, 1.0]
+            fingers = [distance(finger, p - at) for p in (corner, right)]
+            assert min(distance(palm, corner), *fingers) <= 3e-3, solid.name
 
 
 def test_no_sphere_of_the_hand_reaches_farther_beyond_it_than_stated(meshes: Path) -> None:

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry import Sphere
-from optipromp.core.pushing.stems.states import sampled
+from optipromp.core.pushing.stems.hanging import sampled
 from optipromp.core.scenes import Scene, SceneObject, save_scene, scene_from_dict
 from optipromp.core.scenes.hidden import ROOM, cleared
 from optipromp.core.scenes.io import scene_to_dict

@@ -12,8 +12,7 @@ from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning.task import posed
 from optipromp.core.trajectory import State
 from optipromp.laboratory.experiments.conditions import CONDITIONS, Situation
-from optipromp.laboratory.experiments.executed import executed
-from optipromp.laboratory.experiments.loops import picked
+from optipromp.laboratory.experiments.loops import executed, picked
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import (
     Detector,

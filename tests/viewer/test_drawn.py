@@ -8,10 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from optipromp.core.planning import Plan, plan
-from optipromp.core.planning.options import PlanOptions
+from optipromp.core.planning.options import PlanOptions, Strategy
 from optipromp.core.planning.task import resolve
 from optipromp.core.pushing.interactive import pushes
+from optipromp.core.scenes import load_scene
 from optipromp.looks.viewer import drawn
+from optipromp.looks.viewer.reach import reach_figure
 
 
 @pytest.fixture(scope="module")
@@ -114,6 +116,34 @@ def test_i_promp_shows_what_it_was_conditioned_on(interactive: Plan) -> None:
         np.testing.assert_allclose(found[push.id], push.position)
         np.testing.assert_allclose(found[f"{push.id} pushed"], push.pushed)
     assert len(drawn.tool_path(interactive)) == 0
+
+
+@pytest.mark.parametrize("strategy", ["sequential", "joint"])
+def test_the_paper_s_planner_shows_what_it_was_conditioned_on(strategy: Strategy) -> None:
+    """As figure 3 of the paper: start, camera point, the unripe fruits, and the target."""
+    made = plan("scenario-3", planner="paper", strategy=strategy)
+    found = {name: point for name, point, _ in drawn.conditioned_on(made)}
+    assert [*found] == ["start", "camera", "n1", "n2", "goal"]
+    np.testing.assert_allclose(found["camera"], made.task.camera, atol=2e-4)
+    np.testing.assert_allclose(found["goal"], made.task.goal.position, atol=1e-6)
+    for fruit in made.task.neighbours:
+        np.testing.assert_allclose(found[fruit.id], fruit.position, atol=2e-4)
+    points, _ = made.robot.tool_pose(made.initial.positions)
+    for name, most in (("start", 1e-6), ("n1", 0.008), ("n2", 0.008), ("goal", 1e-4)):
+        away = np.linalg.norm(points - found[name], axis=1).min()
+        assert away < most, f"the conditioned ProMP passes {name} {1e3 * away:.1f} mm away"
+    words = {
+        text.get_text() for legend in reach_figure(made).legends for text in legend.get_texts()
+    }
+    assert {"conditioned at: start", "camera", "unripe fruit", "target"} <= words
+
+
+def test_where_nothing_is_in_the_way_the_paper_s_planner_is_conditioned_on_the_goal() -> None:
+    scene = load_scene("scenario-3")
+    kept = tuple(item for item in scene.objects if item.role != "pushable")
+    made = plan(replace(scene, objects=kept), planner="paper")
+    assert [via.name for via in made.via] == ["goal"]
+    np.testing.assert_allclose(made.via[0].position, made.task.goal.position, atol=1e-6)
 
 
 def test_opti_promp_shows_the_tool_path_that_was_chosen(optimised: Plan) -> None:

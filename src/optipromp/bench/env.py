@@ -1,10 +1,14 @@
 """Gymnasium environments of the simulation: ``optipromp/Pick-v0`` and ``optipromp/PickProMP-v0``.
 
-Importing this module registers both: ``gymnasium.make("optipromp.bench.env:optipromp/Pick-v0")``
-does so by itself.
+``import optipromp`` registers both.
+
+Rewards are the benchmark's score: at the end 1 for a clean pick, -1 for harm, 0 for neither. On the
+way ``Pick-v0`` pays the change of a potential (nearness to the target less harm), which is 0 at the
+beginning and at the end: it adds up to nothing, whatever the arm does.
 """
 
-from collections.abc import Sequence
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -13,20 +17,23 @@ import numpy as np
 from gymnasium import spaces
 
 from optipromp.bench.drive import joints_for
-from optipromp.bench.episode import Episode
+from optipromp.bench.episode import RATE, Episode, score
 from optipromp.bench.primitive import COUNT, OfWeights
-from optipromp.bench.senses import MOST, WIDTH, objects_of, state_of
+from optipromp.bench.senses import MOST, WIDTH, objects_in, state_of
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import InvalidRequestError, OptiPrompError
+from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
 from optipromp.core.planning import Plan, plan
+from optipromp.core.scenes.values import suggest
 from optipromp.laboratory.experiments.conditions import CONDITIONS, Situation
-from optipromp.laboratory.generate import Preset, generate
-from optipromp.laboratory.simulation import Outcome, Simulation, simulate
+from optipromp.laboratory.generate import PRESETS, Preset, generate
+from optipromp.laboratory.simulation import Outcome, Run, Simulation, simulate
 
 SPEED = 0.15  # [m/s] of the tool at an action of 1: a choice; plans push at 0.1 m/s
 JOINTS = 0.5  # share of the joints' largest velocities at an action of 1: a choice
-PROGRESS, HARM, TIME, WON = 5.0, 1.0, 0.02, 5.0
-"""Rewards: by metre nearer to the target, by share of harm, by second, and of a clean pick."""
+PROGRESS, HARM = 1.0, 0.25
+"""Of the potential: by metre nearer to the target, and by share of harm (1 at most): choices."""
+TIME = 0.01  # reward lost by second: 0.2 for an idle episode, less than missed is from clean
+SHOWN = 640, 480  # [pixel] of rendered pictures: a choice
 CURRICULUM: tuple[Preset, ...] = ("limp", "cluster", "elongated", "tight", "truss", "field", "wild")
 """Presets of hanging fruit, the easiest first."""
 TRAINING = 200_000, 1_000_000
@@ -39,6 +46,23 @@ def _situation(condition: str, preset: Preset, number: int) -> Situation:
     return CONDITIONS[condition](generate(preset, number), number)
 
 
+def _one_of(name: str, value: Any, valid: Sequence[str]) -> None:
+    if not (isinstance(value, str) and value in valid):
+        raise InvalidRequestError(f"{name} is {value!r}: {suggest(str(value), tuple(valid))}")
+
+
+def _whole(name: str, value: Any, least: int = 0) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise InvalidRequestError(f"{name} is {value!r}; must be a whole number from {least}")
+    return int(value)
+
+
+def _pair(name: str, value: Any, least: int) -> tuple[int, int]:
+    if not (isinstance(value, Sequence) and len(value) == 2):
+        raise InvalidRequestError(f"{name} is {value!r}; must be two whole numbers")
+    return _whole(f"{name}[0]", value[0], least), _whole(f"{name}[1]", value[1], least)
+
+
 class _Scenes(gymnasium.Env[Any, Any]):
     """Scenes by preset and condition; each episode has a scene of its own.
 
@@ -47,27 +71,90 @@ class _Scenes(gymnasium.Env[Any, Any]):
         condition: of :data:`optipromp.laboratory.experiments.conditions.CONDITIONS`.
         seeds: first of the scenes' seeds, and the last plus one. A few hundred of them are made
             once and held, which saves three quarters of the time of an action of a primitive.
+        render_mode: ``rgb_array``, or None.
+
+    Raises:
+        InvalidRequestError: an argument, an option or an action that is not valid, by its name; a
+            step before ``reset``, or after the end of an episode.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012 (as Gymnasium declares it)
+    metadata = {"render_modes": ["rgb_array"], "render_fps": round(RATE)}  # noqa: RUF012
 
     def __init__(
-        self, presets: str | Sequence[str] = "cluster", condition: str = "none",
-        seeds: tuple[int, int] = TRAINING,
+        self, presets: str | Sequence[str], condition: str, seeds: tuple[int, int],
+        render_mode: str | None,
     ) -> None:  # fmt: skip
-        self.presets = (presets,) if isinstance(presets, str) else tuple(presets)
-        if condition not in CONDITIONS:
-            raise InvalidRequestError(f"condition is {condition!r}; valid: {', '.join(CONDITIONS)}")
-        self.condition, self.seeds = condition, seeds
+        self.presets: tuple[Any, ...] = (presets,) if isinstance(presets, str) else tuple(presets)
+        for each in self.presets or ("",):
+            _one_of("presets", each, PRESETS)
+        _one_of("condition", condition, tuple(CONDITIONS))
+        if render_mode is not None:
+            _one_of("render_mode", render_mode, self.metadata["render_modes"])
+        self.condition, self.render_mode = condition, render_mode
+        self.seeds = _pair("seeds", seeds, 0)
+        if self.seeds[0] >= self.seeds[1]:
+            raise InvalidRequestError(f"seeds is {seeds!r}; the second must be above the first")
         few = len(self.presets) * (seeds[1] - seeds[0]) <= HELD
         self._made = _situation if few else _situation.__wrapped__  # others hardly come again
-        self.render_mode: str | None = None
+        self._onlooker: Any = None
+        self._number: int | None = None
+        self._begun = False
 
     def _drawn(self, options: dict[str, Any] | None) -> tuple[Situation, int]:
-        given = options or {}
-        preset = given.get("preset", self.presets[int(self.np_random.integers(len(self.presets)))])
-        number = int(given.get("scene", self.np_random.integers(*self.seeds)))
-        return self._made(self.condition, preset, number), number
+        """The scene of a new episode."""
+        asked = {} if options is None else options
+        if not isinstance(asked, Mapping):
+            raise InvalidRequestError(f"options is {asked!r}; must be a dictionary, or None")
+        for name in asked:
+            _one_of("options: name", name, ("preset", "scene"))
+        preset = asked.get("preset", self.presets[int(self.np_random.integers(len(self.presets)))])
+        number = asked.get("scene", self.np_random.integers(*self.seeds))
+        _one_of("options['preset']", preset, PRESETS)
+        situation = self._made(self.condition, preset, _whole("options['scene']", number))
+        self.close()
+        self._begun, self._number = True, int(number)
+        return situation, self._number
+
+    def _asked(self, action: Any) -> FloatArray:
+        """An action as numbers between -1 and 1."""
+        if not self._begun:
+            raise InvalidRequestError("no episode is under way: call reset first")
+        shape = self.action_space.shape
+        try:
+            asked = np.asarray(action)
+        except ValueError:  # lists of unlike lengths
+            asked = np.empty((), dtype=object)
+        if asked.shape != shape or asked.dtype.kind not in "fiu":
+            words = f"{asked.dtype} of shape {asked.shape}" if asked.shape else repr(action)
+            raise InvalidRequestError(f"action is {words}; must be numbers of shape {shape}")
+        asked = asked.astype(np.float64)
+        if not np.isfinite(asked).all():
+            k = int(np.argmin(np.isfinite(asked)))
+            raise InvalidRequestError(f"action[{k}] is {asked[k]}; must be finite")
+        return np.asarray(np.clip(asked, -1.0, 1.0))
+
+    def render(self) -> Any:
+        """Arm and fruits now, (height, width, 3) of bytes; None without a mode of rendering."""
+        if self._number is None:
+            raise InvalidRequestError("no episode is under way: call reset first")
+        if self.render_mode is None:
+            return None
+        simulation, state = self._now()
+        if self._onlooker is None:
+            from optipromp.laboratory.simulation.render import Onlooker
+
+            self._onlooker = Onlooker(simulation.world, *SHOWN)
+        return self._onlooker.picture(state)
+
+    @abstractmethod
+    def _now(self) -> tuple[Simulation, FloatArray]:
+        """A simulation of the scene, and the state of its world that is shown."""
+
+    def close(self) -> None:
+        """Give the renderers back."""
+        if self._onlooker is not None:
+            self._onlooker.close()
+            self._onlooker = None
 
 
 class PickEnv(_Scenes):
@@ -77,11 +164,12 @@ class PickEnv(_Scenes):
     ``observation="picture"`` also ``rgb`` (height, width, 3) and ``depth`` (height, width) [m] of
     the camera in the tool's mouth. Actions, each between -1 and 1: ``tool``: velocity of the tool
     point along x_g, y_g, z_g of the approach, whose axis the tool keeps; ``joints``: velocities.
-    An episode ends when the tool holds the target, when something is harmed, or after 20 s. Its
-    last ``info`` has ``is_success``, ``cause`` and ``outcome``, as the simulation judges.
+    An episode ends when the tool has held a fruit for 0.3 s, when something is harmed, or after
+    20 s. Its last ``info`` has ``is_success``, ``cause`` and ``outcome``, as the simulation judges.
+    The rewards of an episode add up to its score (1 clean, -1 harmed, 0 missed) less 0.01 a second.
 
     Args:
-        presets, condition, seeds: see :class:`_Scenes`.
+        presets, condition, seeds, render_mode: see :class:`_Scenes`.
         action: ``tool`` or ``joints``.
         observation: ``state`` or ``picture``.
         size: width and height of pictures [pixel].
@@ -91,17 +179,13 @@ class PickEnv(_Scenes):
         self, presets: str | Sequence[str] = "cluster", condition: str = "none",
         seeds: tuple[int, int] = TRAINING, action: Literal["tool", "joints"] = "tool",
         observation: Literal["state", "picture"] = "state", size: tuple[int, int] = (96, 72),
+        render_mode: str | None = None,
     ) -> None:  # fmt: skip
-        super().__init__(presets, condition, seeds)
-        for name, value, valid in (
-            ("action", action, ("tool", "joints")),
-            ("observation", observation, ("state", "picture")),
-        ):
-            if value not in valid:
-                raise InvalidRequestError(f"{name} is {value!r}; valid: {', '.join(valid)}")
-        self.action, self.observation, self.size = action, observation, size
-        robot = generate(self.presets[0], seeds[0]).load_robot()  # type: ignore[arg-type]
-        count = robot.n_joints
+        super().__init__(presets, condition, seeds, render_mode)
+        _one_of("action", action, ("tool", "joints"))
+        _one_of("observation", observation, ("state", "picture"))
+        self.action, self.observation, self.size = action, observation, _pair("size", size, 1)
+        count = generate(self.presets[0], seeds[0]).load_robot().n_joints
         seen: dict[str, spaces.Space[Any]] = {
             "arm": spaces.Box(-np.inf, np.inf, (2 * count + 11,)),
             "objects": spaces.Box(-np.inf, np.inf, (MOST, WIDTH)),
@@ -121,18 +205,16 @@ class PickEnv(_Scenes):
         """Begin an episode. ``options`` may name its ``preset`` and its ``scene``, a seed."""
         super().reset(seed=seed)
         situation, number = self._drawn(options)
-        self.close()
         self.episode = Episode(situation, number)
         if self.observation == "picture":
             self._camera = _camera(self.episode, self.size, number)
-        self._away, self._harm = self._distance(), 0.0
+        self._raw, self._potential = self._worth(), 0.0
         return self._seen(), {"scene": situation.scene.name, "is_success": False}
 
     def step(self, action: FloatArray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """One period of 20 ms."""
-        episode = self.episode
-        assert episode is not None, "call reset first"
-        asked = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
+        asked, episode = self._asked(action), self.episode
+        assert episode is not None
         if self.action == "tool":
             frame = episode.scene.frame
             q = episode.state.q
@@ -140,29 +222,36 @@ class PickEnv(_Scenes):
         else:
             velocity = JOINTS * episode.robot.velocity * asked
         episode.act(velocity)
-        away, harm = self._distance(), episode.harm()
-        worst = min(max(harm.fruit, harm.stem, harm.static, float(harm.torn)), 2.0)
-        reward = PROGRESS * (self._away - away) - HARM * (worst - self._harm)
-        reward -= TIME * episode.period
-        self._away, self._harm = away, worst
         terminated = episode.done
         truncated = episode.ended and not terminated
-        info: dict[str, Any] = {"is_success": False, "harm": worst}
+        info: dict[str, Any] = {"is_success": False, "harm": min(episode.harm().worst, 2.0)}
+        potential = 0.0 if terminated or truncated else self._worth() - self._raw
+        reward = potential - self._potential - TIME * episode.period
+        self._potential = potential
         if terminated or truncated:
+            self._begun = False
             outcome = episode.outcome()
             assert isinstance(outcome, Outcome)
-            info = {
-                **info, "is_success": bool(outcome.success), "outcome": outcome,
-                "cause": "" if outcome.cause is None else str(outcome.cause),
-            }  # fmt: skip
-            reward += WON * outcome.success
+            info |= _told(outcome)
+            reward += score(outcome)
         return self._seen(), float(reward), bool(terminated), bool(truncated), info
 
+    def _now(self) -> tuple[Simulation, FloatArray]:
+        assert self.episode is not None
+        assert isinstance(self.episode.simulation, Simulation)
+        return self.episode.simulation, np.array(self.episode.simulation.data.qpos)
+
     def close(self) -> None:
-        """Give the renderer back."""
+        """Give the renderers back."""
+        super().close()
         if self._camera is not None:
             self._camera.__exit__(None, None, None)
             self._camera = None
+
+    def _worth(self) -> float:
+        """The potential of the present state, up to a constant."""
+        assert self.episode is not None
+        return -PROGRESS * self._distance() - HARM * min(self.episode.harm().worst, 1.0)
 
     def _distance(self) -> float:
         """Of the true target's centre from the tool point [m]."""
@@ -183,6 +272,11 @@ class PickEnv(_Scenes):
         return out
 
 
+def _told(outcome: Outcome) -> dict[str, Any]:
+    cause = "" if outcome.cause is None else str(outcome.cause)
+    return {"is_success": bool(outcome.success), "outcome": outcome, "cause": cause}
+
+
 def _camera(episode: Episode, size: tuple[int, int], seed: int) -> Any:
     from optipromp.laboratory.simulation.live_camera import LiveCamera
     from optipromp.laboratory.simulation.photograph import PhotoParameters
@@ -198,14 +292,20 @@ class PickProMPEnv(_Scenes):
 
     Observation: ``objects`` of the scene as seen, about the target. Action: 2 × COUNT weights
     between -1 and 1. The motion is judged and, where the arm can follow it, simulated; with
-    ``simulated=False`` the push model's word counts, which takes a hundredth of the time.
+    ``simulated=False`` the push model's word counts, which takes a hundredth of the time. The
+    reward is the score (1 clean, -1 harmed, 0 missed or not followed), less a quarter of the
+    predicted harm (1 at most), which does not change the order of the three.
     """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012
 
     def __init__(
         self, presets: str | Sequence[str] = "cluster", condition: str = "none",
-        seeds: tuple[int, int] = TRAINING, simulated: bool = True,
+        seeds: tuple[int, int] = TRAINING, simulated: bool = True, render_mode: str | None = None,
     ) -> None:  # fmt: skip
-        super().__init__(presets, condition, seeds)
+        super().__init__(presets, condition, seeds, render_mode)
+        if render_mode is not None and not simulated:
+            raise InvalidRequestError("render_mode: what is not simulated cannot be shown")
         self.simulated = simulated
         self.observation_space = spaces.Dict(
             {"objects": spaces.Box(-np.inf, np.inf, (MOST, WIDTH))}
@@ -214,47 +314,51 @@ class PickProMPEnv(_Scenes):
         self.situation: Situation | None = None
         self.made: Plan | None = None
         """The plan of the last action."""
+        self._run: Run | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Begin an episode of one step. ``options`` may name its ``preset`` and its ``scene``."""
         super().reset(seed=seed)
-        self.situation, self._number = self._drawn(options)
+        (self.situation, _), self._run = self._drawn(options), None
         return self._seen(), {"scene": self.situation.scene.name, "is_success": False}
 
     def step(self, action: FloatArray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Follow the path of the weights; the episode ends."""
-        assert self.situation is not None, "call reset first"
-        weights = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0).reshape(2, COUNT)
+        weights = self._asked(action).reshape(2, COUNT)
+        assert self.situation is not None
+        assert self._number is not None
+        self._begun = False
         info: dict[str, Any] = {"is_success": False, "cause": "", "harm": np.nan}
-        reward = -HARM
         try:
             made = plan(self.situation.seen, planner=OfWeights(weights=weights))
         except OptiPrompError as error:
             info["cause"] = str(error.code)
-            return self._seen(), reward, True, False, info
+            return self._seen(), 0.0, True, False, info
+        self.made, reward = made, 0.0
         if made.prediction is not None:
             info["harm"] = float(made.prediction.harm)
-            reward -= min(info["harm"], 2.0) * HARM
-        self.made = made
-        if self.simulated and made.trajectory is not None:
-            outcome = simulate(
+            reward -= HARM * min(info["harm"], 1.0)
+        if self.simulated:
+            self._run = simulate(
                 made.trajectory, self.situation.scene, robot=made.robot,
                 parameters=self.situation.parameters, seed=self._number,
-            ).outcome  # fmt: skip
-            info |= {"is_success": bool(outcome.success), "outcome": outcome}
-            info["cause"] = "" if outcome.cause is None else str(outcome.cause)
-        elif not self.simulated:
+            )  # fmt: skip
+            outcome = self._run.outcome
+            info |= _told(outcome)
+            reward += score(outcome)
+        else:
             info |= {"is_success": made.success, "cause": "" if made.success else str(made.status)}
-        return self._seen(), reward + WON * info["is_success"], True, False, info
+            reward += made.success - (made.status == Code.HARM_PREDICTED)
+        return self._seen(), float(reward), True, False, info
+
+    def _now(self) -> tuple[Simulation, FloatArray]:
+        assert self.situation is not None
+        assert self._number is not None
+        first = Simulation(self.situation.scene, self._number, self.situation.parameters)
+        return first, np.array(self._run.rollout.states[-1] if self._run else first.data.qpos)
 
     def _seen(self) -> dict[str, Any]:
         assert self.situation is not None
-        scene = self.situation.seen
-        origin = np.zeros(3) if scene.target is None else scene.target.position
-        return {"objects": objects_of(scene.objects, scene, origin).astype(np.float32)}
-
-
-gymnasium.register("optipromp/Pick-v0", entry_point="optipromp.bench.env:PickEnv")
-gymnasium.register("optipromp/PickProMP-v0", entry_point="optipromp.bench.env:PickProMPEnv")
+        return {"objects": objects_in(self.situation.seen).astype(np.float32)}

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from optipromp.bench.flown import FlightWorld
 
 RATE = 50.0  # [Hz] at which a policy is asked: a choice
-HELD = 0.3  # [s] for which the tool must hold the target before a pick ends: a choice
+HELD = 0.3  # [s] for which the tool must hold a fruit before a pick ends: a choice
 LONGEST = 20.0  # [s] of a pick, after which it ends: a choice; plans take 4 to 12 s
 
 
@@ -83,7 +83,7 @@ class Episode:
         self._fruits = tuple(o for o in situation.seen.objects if o.role != "static")
         for _ in range(round(situation.parameters.engine.settle / self.simulation.tick)):
             self.state = self.simulation.step(self.reference)
-        self._begin, self._held = self.simulation.time, 0.0
+        self._begin, self._held = self.simulation.time, dict[str, float]()
         self._see()
 
     @property
@@ -113,8 +113,8 @@ class Episode:
 
     @property
     def done(self) -> bool:
-        """Whether the target was held for a while, something was harmed, or the physics broke."""
-        return self.broken or self._held >= HELD or self.harm().done
+        """Whether a fruit was held for a while, something was harmed, or the physics broke."""
+        return self.broken or any(t >= HELD for t in self._held.values()) or self.harm().done
 
     def observe(self) -> Observation:
         """What a policy knows now."""
@@ -144,7 +144,8 @@ class Episode:
                 self.state = self.simulation.step(each)
         except ExecutionError:  # the simulation is broken, and the outcome tells of it
             pass
-        self._held = self._held + self.period if self.holds() else 0.0
+        held = self.simulation.held()
+        self._held = {name: self._held.get(name, 0.0) + self.period for name in held}
         self._see()
 
     def _see(self) -> None:
@@ -154,15 +155,22 @@ class Episode:
         for look in self.eye.delivered(now):
             self._look, self._fruits = look, look.in_base()
 
-    def holds(self) -> bool:
-        """Whether the tool holds the true target now; False without one."""
-        target = self.situation.scene.target
-        return target is not None and self.simulation.holds(target.id)
-
     def harm(self) -> HarmSoFar:
-        """What was harmed so far."""
-        return self.simulation.harm()
+        """What was harmed so far; a fruit beside the target that was held for a while counts."""
+        target = self.situation.scene.target
+        kept = [name for name, t in self._held.items() if t >= HELD]
+        others = len(kept) - (target is not None and target.id in kept)
+        return replace(self.simulation.harm(), swallowed=others)
 
     def outcome(self) -> "Outcome | Word":
         """Stand still for a moment, and judge all that happened."""
         return self.simulation.outcome()
+
+
+def score(outcome: "Outcome | Word") -> int:
+    """An outcome as the benchmark counts it: 1 clean, -1 harmed, 0 missed; harm comes first."""
+    if outcome.success:
+        return 1
+    if isinstance(outcome, Outcome):
+        return -any(each not in ("not_picked", "not_placed") for each in outcome.causes)
+    return -bool(outcome.harm or outcome.swallowed)

@@ -9,21 +9,24 @@ Parquet file, without a dependency on LeRobot, whose package wants a PyTorch of 
 import io
 import json
 import os
+import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from optipromp.bench.env import PickEnv
+from optipromp.bench.env import SPEED, PickEnv
 from optipromp.bench.episode import RATE
-from optipromp.bench.expert import follower
+from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.errors import InvalidRequestError, OptiPrompError, installed_by
-from optipromp.core.files import check_folder, json_text, write_atomically
-from optipromp.core.planning import plan
+from optipromp.core.files import check_folder, json_text, moved_when_whole, write_atomically
+from optipromp.core.planning import Plan, plan
+from optipromp.core.planning.task import tool_motion
 from optipromp.core.processes import cores
 from optipromp.laboratory.experiments.cluster import over
 from optipromp.laboratory.experiments.runs import source_version
@@ -36,6 +39,10 @@ VERSION = "v3.0"
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 FIRST = 300_000
 """First seed by default: above those of training (200,000 and on) of the learnt entries."""
+
+STEP = 0.02  # [s] of a plan between two points of its path
+SEARCH = 15  # points ahead among which the nearest is taken: a choice
+AHEAD = 5  # points by which the tool aims ahead: a choice
 
 
 @dataclass(frozen=True)
@@ -72,6 +79,25 @@ class EpisodeData:
 def environment(presets: Sequence[str], condition: str, pictures: bool) -> PickEnv:
     """The environment that episodes are of."""
     return PickEnv(presets, condition, observation="picture" if pictures else "state")
+
+
+def follower(made: Plan) -> Callable[[FloatArray], FloatArray]:
+    """The actions (3,) at tool points (3,) that bring the tool to a plan's path and along it.
+
+    The place on the path is that of the nearest point ahead, so a disturbed tool is not late.
+    """
+    times = np.arange(0.0, made.trajectory.duration, STEP)
+    points, _ = tool_motion(made.robot, made.trajectory.sample(times)[0])
+    frame, at = made.scene.frame, 0
+
+    def action(point: FloatArray) -> FloatArray:
+        nonlocal at
+        at += int(np.argmin(lengths(points[at : at + SEARCH] - point)))
+        then = min(at + AHEAD, len(points) - 1)
+        velocity = (points[then] - point) / (AHEAD * STEP)
+        return np.asarray(np.clip(frame @ velocity / SPEED, -1.0, 1.0))
+
+    return action
 
 
 def driven_episode(ask: EpisodeAsk) -> EpisodeData | None:
@@ -147,23 +173,38 @@ def collected(
     return [kept[k] for k in sorted(kept)[:count]]
 
 
+def check_place(form: Format, folder: Path, name: str = "") -> None:
+    """Test, before episodes are made, that they can be written.
+
+    Raises:
+        InvalidRequestError: Minari or pyarrow is not installed; the folder cannot be written, or
+            holds such a dataset already; a name that is no id of a Minari dataset.
+    """
+    if form == "minari" and not re.fullmatch(r"([\w-]{2,}/)*[\w-]+-v\d+", name, re.ASCII):
+        raise InvalidRequestError(f"name is {name!r}; must be like optipromp/pick/expert-v0")
+    try:
+        import_module("pyarrow" if form == "lerobot" else "minari")
+    except ImportError as error:
+        raise InvalidRequestError(
+            f"{form} files need {error.name}: {installed_by('episodes')}"
+        ) from None
+    check_folder(folder)
+    if (folder / (name if form == "minari" else "meta/info.json")).exists():
+        raise InvalidRequestError(f"{folder} holds a dataset {name} already: choose another folder")
+
+
 def write_minari(episodes: Sequence[EpisodeData], folder: Path, name: str) -> str:
-    """Write episodes as a Minari dataset under ``folder``; returns its id.
+    """Write episodes as a Minari dataset under ``folder``, whole or not at all; returns its id.
 
     Read it with ``MINARI_DATASETS_PATH`` set to the folder: ``minari.load_dataset(id)``.
 
     Raises:
-        InvalidRequestError: Minari is not installed; the dataset is there already.
+        InvalidRequestError: see :func:`check_place`; the disk is full.
     """
-    check_folder(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    before = os.environ.get("MINARI_DATASETS_PATH")
-    os.environ["MINARI_DATASETS_PATH"] = str(folder.resolve())
-    try:
-        import minari
-        from minari.data_collector import EpisodeBuffer
-    except ImportError:
-        raise InvalidRequestError(f"minari files need Minari: {installed_by('episodes')}") from None
+    check_place("minari", folder, name)
+    import minari
+    from minari.data_collector import EpisodeBuffer
+
     first = episodes[0].ask
     presets = tuple(dict.fromkeys(each.ask.preset for each in episodes))
     env = environment(presets, first.condition, first.pictures)
@@ -181,21 +222,23 @@ def write_minari(episodes: Sequence[EpisodeData], folder: Path, name: str) -> st
                 truncations=(ends & (not each.terminated)).tolist(), infos={"is_success": told},
             )
         )  # fmt: skip
+    before = os.environ.get("MINARI_DATASETS_PATH")
     try:
-        with warnings.catch_warnings():  # of addresses and environments that are left out
-            warnings.simplefilter("ignore", UserWarning)
+        with moved_when_whole(folder, name) as root, warnings.catch_warnings():
+            os.environ["MINARI_DATASETS_PATH"] = str(root.resolve())
+            warnings.simplefilter("ignore", UserWarning)  # addresses and environments left out
             minari.create_dataset_from_buffers(
                 name, buffers, observation_space=env.observation_space,
                 action_space=env.action_space, algorithm_name="opti-promp", data_format="arrow",
                 author="OptI-ProMP", code_permalink=f"optipromp {source_version()}",
                 description="A cup picks a ripe fruit among unripe ones: the planner of optipromp.",
             )  # fmt: skip
-    except ValueError as error:
-        raise InvalidRequestError(f"{folder}: {error}") from None
+            for file in root.rglob("namespace_metadata.json"):
+                if not (there := folder / file.relative_to(root)).exists():
+                    write_atomically(there, file.read_bytes())
     finally:
-        if before is None:
-            del os.environ["MINARI_DATASETS_PATH"]
-        else:
+        os.environ.pop("MINARI_DATASETS_PATH", None)
+        if before is not None:
             os.environ["MINARI_DATASETS_PATH"] = before
     return name
 
@@ -206,18 +249,11 @@ def write_lerobot(episodes: Sequence[EpisodeData], folder: Path) -> None:
     Frames are the k observations before the k actions. Pictures are PNG in the Parquet file.
 
     Raises:
-        InvalidRequestError: pyarrow is not installed; the folder cannot be written, or holds a
-            dataset already.
+        InvalidRequestError: see :func:`check_place`.
     """
-    try:
-        import pyarrow as pa
-    except ImportError:
-        raise InvalidRequestError(
-            f"lerobot files need pyarrow: {installed_by('episodes')}"
-        ) from None
-    check_folder(folder)
-    if (folder / "meta/info.json").exists():
-        raise InvalidRequestError(f"{folder} holds a dataset already: choose another folder")
+    check_place("lerobot", folder)
+    import pyarrow as pa
+
     tasks = list(dict.fromkeys(TASK.format(each.ask.preset) for each in episodes))
     columns: dict[str, list[Any]] = {}
     rows: list[dict[str, Any]] = []
@@ -256,17 +292,12 @@ def write_lerobot(episodes: Sequence[EpisodeData], folder: Path) -> None:
     index = {  # LeRobot reads the file by pandas, and looks tasks up by the index
         "index_columns": ["task"], "column_indexes": [], "pandas_version": "2.0.0",
         "columns": [
-            {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": own,
-             "metadata": None}
-            for name, kind, own in (
-                ("task_index", "int64", "int64"), ("task", "unicode", "object")
-            )
+            {"name": n, "field_name": n, "pandas_type": kind, "numpy_type": own, "metadata": None}
+            for n, kind, own in (("task_index", "int64", "int64"), ("task", "unicode", "object"))
         ],
     }  # fmt: skip
-    _parquet(
-        folder / "meta/tasks.parquet",
-        named.replace_schema_metadata({"pandas": json.dumps(index)}),
-    )
+    named = named.replace_schema_metadata({"pandas": json.dumps(index)})
+    _parquet(folder / "meta/tasks.parquet", named)
     features = {name: _feature(name, value) for name, value in whole.items()}
     stats = {name: _stats(value) for name, value in whole.items()}
     write_atomically(folder / "meta/stats.json", json_text(stats).encode())
@@ -321,17 +352,12 @@ def _feature(name: str, value: AnyArray) -> dict[str, Any]:
 
 def _stats(value: AnyArray) -> dict[str, Any]:
     """Least, largest, mean, deviation and count; of pictures by channel, as shares of 255."""
-    if value.ndim == 4:
-        value = value.astype(np.float64).reshape(-1, value.shape[-1]) / 255.0
-        told = {k: v.reshape(-1, 1, 1).tolist() for k, v in _moments(value).items()}
-    else:
-        rows = value.astype(np.float64).reshape(len(value), -1)
-        told = {k: v.tolist() for k, v in _moments(rows).items()}
-    return {**told, "count": [len(value)]}
-
-
-def _moments(rows: AnyArray) -> dict[str, AnyArray]:
-    return {
+    rows, picture = value.astype(np.float64).reshape(len(value), -1), value.ndim == 4
+    if picture:
+        rows = rows.reshape(-1, value.shape[-1]) / 255.0
+    moments = {
         "min": rows.min(axis=0), "max": rows.max(axis=0), "mean": rows.mean(axis=0),
         "std": rows.std(axis=0),
     }  # fmt: skip
+    told = {k: (v.reshape(-1, 1, 1) if picture else v).tolist() for k, v in moments.items()}
+    return {**told, "count": [len(value)]}

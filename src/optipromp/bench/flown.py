@@ -75,9 +75,9 @@ class FlightWorld:
             frozen(np.zeros((len(ids), 3))), attached, tuple(frozen(s) for _, _, s in places),
         )  # fmt: skip
 
-    def holds(self, name: str) -> bool:
-        """Whether a fruit is in the cup now."""
-        return self._flight.inside(name)
+    def held(self) -> tuple[str, ...]:
+        """The fruits in the cup now."""
+        return tuple(filter(self._flight.inside, self._flight.ids))
 
     def wrench(self) -> FloatArray:
         """(6,) of the world on the tool: force [N], and zeros."""

@@ -39,6 +39,13 @@ def objects_of(items: Sequence[SceneObject], scene: Scene, origin: FloatArray) -
     return out
 
 
+def objects_in(scene: Scene) -> FloatArray:
+    """The objects of a scene about its target, as a network sees them."""
+    return objects_of(
+        scene.objects, scene, np.zeros(3) if scene.target is None else scene.target.position
+    )
+
+
 def state_of(seen: Observation, scene: Scene) -> dict[str, FloatArray]:
     """An observation as arrays: ``arm`` (2n + 11,) and ``objects`` (MOST, WIDTH).
 

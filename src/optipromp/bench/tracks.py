@@ -163,21 +163,32 @@ def asked(call: Callable[[], Any], scene: Scene) -> Deed:
 
 
 def against(trajectory: Trajectory, scene: Scene) -> str:
-    """What a controller of the scene's robot would refuse a trajectory for; empty: nothing."""
+    """What a controller of the scene's robot would refuse a trajectory for; empty: nothing.
+
+    The words have joint, value, limit and time of the gravest excess, and what would be right.
+    """
     robot, state = posed(scene)
-    if trajectory.positions.shape[1] != len(state.q):
-        return f"{trajectory.positions.shape[1]} joints; the robot has {len(state.q)}"
-    off = float(np.abs(trajectory.positions[0] - state.q).max())
-    if off > AT_START:
-        return f"begins {off:.3g} rad off the start"
+    names, turns = robot.joint_names, robot.kinematics
+    if (count := trajectory.positions.shape[1]) != len(names):
+        return f"the motion has {count} joints; {robot.name} has {len(names)}: {', '.join(names)}"
+    k = int(np.argmax(np.abs(trajectory.positions[0] - state.q)))
+    begin = trajectory.positions[0, k]
+    if abs(begin - state.q[k]) > AT_START:
+        return f"{names[k]} begins at {begin:.6g}; the start is {state.q[k]:.6g}: begin there"
     most = extremes(trajectory)
-    if (most.lowest < robot.lower - AT_START).any() or (
-        most.highest > robot.upper + AT_START
-    ).any():
-        return "leaves the range of a joint"
-    limits = np.array([robot.velocity, robot.acceleration])
-    share = float((most.largest[:2] / limits).max())
-    return f"{share:.2f} of a joint's limit of velocity or acceleration" if share > LIMIT else ""
+    values = np.stack([most.lowest, most.highest, *most.largest[:2]])
+    limits = np.stack([robot.lower, robot.upper, robot.velocity, robot.acceleration])
+    over = np.stack([limits[0] - values[0], values[1] - limits[1]]) / AT_START  # far above 1
+    over = np.concatenate([over, values[2:] / (LIMIT * limits[2:])])
+    if over.max() <= 1.0:
+        return ""
+    row, k = divmod(int(np.argmax(over)), len(names))
+    unit = ("m" if (turns.kind[turns.dof == k] == 1).any() else "rad") + ("", "", "/s", "/s²")[row]
+    right = "keep the path in its range" if row < 2 else "time it with optipromp.timing"
+    return (
+        f"{names[k]} reaches {values[row, k]:.4g} {unit} at {most.when[row, k]:.2f} s; its limit "
+        f"is {limits[row, k]:.4g}: {right}"
+    )
 
 
 def acted(policy: Acting, episode: Episode) -> Deed:

@@ -218,6 +218,7 @@ def _scene(item: str) -> dict[str, Any]:
         "tool": scene.tool.kind if scene.tool is not None else None,
         "start": bound.start.tolist(),
         **by_role,
+        "moving": [item.id for item, _ in scene.movers],
         "goal": ", ".join(type(goal).__name__ for goal in scene.goals) or "the target",
     }
 

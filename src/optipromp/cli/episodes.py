@@ -60,6 +60,7 @@ def episodes(
     for what, value, valid in given:
         if value not in valid:
             raise InvalidRequestError(f"{what} is {value!r}: {suggest(value, valid)}")
+    bench.check_place(form, out, name)  # type: ignore[arg-type]
     first = bench.FIRST if seed is None else seed
     asks = [
         bench.EpisodeAsk(presets[k % len(presets)], first + k, condition, pictures)
@@ -68,10 +69,7 @@ def episodes(
     say_if_compiling()
     with progress_bar(20) as say:
         made = bench.collected(asks, count, keep=keep, workers=workers, ray=ray, progress=say)  # type: ignore[arg-type]
-    if form == "minari":
-        bench.write_minari(made, out, name)
-    else:
-        bench.write_lerobot(made, out)
+    bench.write_minari(made, out, name) if form == "minari" else bench.write_lerobot(made, out)
     steps, clean = sum(len(each.rewards) for each in made), sum(each.success for each in made)
     document = {
         "format": form, "out": str(out), "episodes": len(made), "steps": steps, "clean": clean,

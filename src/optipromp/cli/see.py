@@ -250,8 +250,12 @@ def _load(asked: _Asked, known: "Scene") -> "DepthPicture":
     from optipromp.core.planning.task import posed
     from optipromp.perception.pictures import flange_of, load_camera, load_picture
 
-    hand = None
-    if load_camera(asked.camera)[0].mount == "hand":
+    hand, model = None, load_camera(asked.camera)[0]
+    if model.mount == "base" and model.pose.is_identity:
+        raise InvalidRequestError(
+            f"{asked.camera}: must have position and orientation, of the camera in the robot's base"
+        )
+    if model.mount == "hand":
         robot, state = posed(known)
         hand = flange_of(robot, state.q)
     return load_picture(asked.rgb, asked.depth, asked.camera, hand)
@@ -270,11 +274,13 @@ def _answer(
     ]
     record: dict[str, Any] = {
         "name": asked.name, "scene": None, "fruits": fruits, "ms": round(1e3 * took, 1),
-        "assumed": [], "status": Code.SUCCESS, "message": "",
+        "assumed": [], "left_out": sight.found.left_out, "status": Code.SUCCESS, "message": "",
     }  # fmt: skip
     stems = sum(each.stem is not None for each in sight.detections)
     ripe = sum(each.region.kind == "ripe" for each in sight.detections)
     line = f"{asked.name}: {ripe} ripe, {len(fruits) - ripe} unripe, {stems} stems"
+    if sight.found.left_out:
+        line += f" ({sight.found.left_out} smaller places of their colours were left out)"
     try:
         scene, assumed = seen_scene(sight, known)
     except InvalidRequestError as error:

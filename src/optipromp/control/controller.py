@@ -39,7 +39,7 @@ from optipromp.control.tracked import Tracked
 from optipromp.control.tracker import Tracker
 from optipromp.control.tracks import TrackerParameters
 from optipromp.core.arrays import FloatArray, frame_along, rotation
-from optipromp.core.errors import OptiPrompError
+from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning import Plan, plan
 from optipromp.core.planning.plan import compile_once
@@ -100,6 +100,9 @@ class Controller:
         servo: bool = True,
         real_time: bool = False,
     ) -> None:
+        if moving := [item.id for item, _ in scene.movers if item.role != "pushable"]:
+            told = "a closed loop follows fruits alone; leave the motion out, or plan without one"
+            raise InvalidRequestError(f"{', '.join(moving)} move: {told}")
         compile_once()
         self.robot, state = posed(scene, robot)
         self.seed, self.parameters, self.servo = seed, parameters, servo

@@ -41,6 +41,13 @@ def lengths(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.einsum("ki,ki->k", vectors, vectors)))
 
 
+def evenly(corners: FloatArray, count: int) -> FloatArray:
+    """Points (count, n), evenly along the polyline through ``corners`` (k, n)."""
+    far = np.append(0.0, np.cumsum(lengths(np.diff(corners, axis=0))))
+    at = np.linspace(0.0, far[-1], count)
+    return np.stack([np.interp(at, far, column) for column in corners.T], axis=1)
+
+
 def frame_along(axis: FloatArray) -> FloatArray:
     """A rotation (..., 3, 3) whose third column is the unit vector ``axis`` (..., 3)."""
     x = np.cross(np.eye(3)[np.abs(axis).argmin(axis=-1)], axis)

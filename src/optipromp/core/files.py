@@ -168,6 +168,20 @@ def write_together(folder: Path, files: Mapping[str, bytes]) -> None:
         settle(folder)
 
 
+@contextmanager
+def moved_when_whole(folder: Path, name: str) -> Iterator[Path]:
+    """A new folder, whose entry ``name`` is moved into ``folder`` if nothing is raised.
+
+    Raises:
+        InvalidRequestError: for an OSError or ValueError, the caller's too; nothing is left.
+    """
+    with _writing(folder / name), _aside(folder, "new") as temporary:
+        temporary.mkdir()
+        yield temporary
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (temporary / name).rename(folder / name)
+
+
 def settle(folder: Path) -> None:
     """Move the files that :func:`write_together` has committed in a folder to their places.
 

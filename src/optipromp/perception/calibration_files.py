@@ -115,7 +115,7 @@ def _joints(entry: Mapping[str, Any], robot: Robot | None, what: str) -> FloatAr
 def _vector(entry: Mapping[str, Any], key: str, count: int, what: str) -> FloatArray:
     try:
         values = np.asarray(entry.get(key), dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         values = np.zeros(0)
     if values.shape != (count,) or not np.isfinite(values).all():
         raise InvalidRequestError(f"{what}: {key} must be {count} numbers")

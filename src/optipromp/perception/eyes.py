@@ -20,7 +20,7 @@ from optipromp.perception.fusing import fused
 from optipromp.perception.geometry import ByGeometry, box_of
 from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.pictures import DepthPicture
-from optipromp.perception.spheroids import Spheroid, all_fitted, claimed
+from optipromp.perception.spheroids import NEAREST, Spheroid, all_fitted, claimed
 from optipromp.perception.stems import SeenStem, stem_of
 
 KINDS = {"ripe": 1, "unripe": 2, "stem": 2}
@@ -145,7 +145,8 @@ def _left(
         if not left.any():
             continue
         focal = 0.5 * (picture.camera.fx + picture.camera.fy)
-        wide = 2 * round(0.6 * p.radius * focal / float(np.median(depth[left]))) + 1
+        wide = round(0.6 * p.radius * focal / max(float(np.median(depth[left])), NEAREST))
+        wide = 2 * min(wide, max(left.shape)) + 1
         dense = gaussian_filter(uniform_filter(left.astype(np.float32), wide), 2.0)
         peaks = (dense == maximum_filter(dense, wide)) & (dense > DENSE) & left
         rows = np.argwhere(peaks)

@@ -6,10 +6,12 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from optipromp.core.arrays import BoolArray
+from optipromp.core.arrays import BoolArray, IntArray
 from optipromp.perception.pictures import DepthPicture
 
 Class = Literal["ripe", "unripe", "stem"]
+MOST_REGIONS = 256  # of a picture: a choice; pictures of rows have up to 201
+MOST_MASKS = 120_000_000  # [pixel] of all regions, a byte each, which bounds memory: a choice
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,9 +40,15 @@ class Region:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """All that was found in one picture, the surest first."""
+    """All that was found in one picture, the surest first.
+
+    Attributes:
+        regions: fruits and stems.
+        left_out: how many places of fruits the finder left out, because there are too many.
+    """
 
     regions: tuple[Region, ...]
+    left_out: int = 0
 
     @property
     def fruits(self) -> tuple[Region, ...]:
@@ -51,6 +59,13 @@ class Found:
     def stems(self) -> tuple[Region, ...]:
         """The regions of stems."""
         return tuple(region for region in self.regions if region.kind == "stem")
+
+
+def largest(sizes: IntArray, pixels: int) -> IntArray:
+    """The rows, in order, of the largest of sizes (K,): :data:`MOST_REGIONS`, or as many as
+    :data:`MOST_MASKS` holds in a picture of some pixels."""
+    most = min(MOST_REGIONS, MOST_MASKS // pixels)
+    return np.sort(np.argsort(-sizes, kind="stable")[:most])
 
 
 class Finder(Protocol):

@@ -17,7 +17,7 @@ from scipy.ndimage import (
 )
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
-from optipromp.perception.finder import Class, Found, Region
+from optipromp.perception.finder import Class, Found, Region, largest
 from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.pictures import DepthPicture
 
@@ -27,6 +27,8 @@ HOLE = 4  # [pixel] from a depth, within which colours count where none was meas
 RAGGED = 2  # [pixel] by which edges of depth are ragged: a choice
 WALL = 1.2  # radii of the largest fruit inside a surface that is a wall: a choice
 REACH = 1.6  # radii of the ball inside a fruit up to which the fruit goes: a choice
+MOST_BALLS = 512  # of an island: a choice; pictures of rows have up to 196
+MOST_WORK = 6  # areas of the picture that the boxes of islands have together; rows have 1.8
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,8 @@ class ByGeometry:
 
     Pixels of the colours of fruits are cut apart where the depth jumps. What is wider than a stem
     is a fruit; fruits that touch are parted at their necks (the power diagram of the largest discs
-    inside). What is left of the colours of stems is stem.
+    inside). What is left of the colours of stems is stem. Of too many fruits the largest
+    are regions, see :func:`optipromp.perception.finder.largest`.
     """
 
     parameters: EyeParameters = field(default_factory=EyeParameters)
@@ -56,85 +59,101 @@ class ByGeometry:
         green[close] = dyed & (_apart(hue, p.green_hue) < p.green_width) & ~red
         depth = _filled(np.where(near, picture.depth[box], 0.0), ripe | green)
         focal = 0.5 * (camera.fx + camera.fy)
-        regions: list[Region] = []
         stems = np.zeros(picture.depth.shape, dtype=bool)
         stems[box] = green & near
         kinds: tuple[tuple[Class, BoolArray], ...] = (("ripe", ripe), ("unripe", green))
+        left_out = 0
+        found: list[tuple[Class, tuple[slice, ...], BoolArray]] = []
         for kind, mask in kinds:
-            for part, pixels in self._parted(mask, depth, focal):
-                whole = np.zeros(picture.depth.shape, dtype=bool)
-                whole[box][part] = pixels
-                stems[box][part] &= ~pixels
-                regions.append(Region(kind, whole, _roundness(pixels)))
+            parts, left = self._parted(mask, depth, focal)
+            found += [(kind, part, pixels) for part, pixels in parts]
+            left_out += left
+        regions = []
+        for k in largest(np.array([pixels.sum() for _, _, pixels in found]), stems.size):
+            kind, part, pixels = found[k]
+            whole = np.zeros(picture.depth.shape, dtype=bool)
+            whole[box][part] = pixels
+            stems[box][part] &= ~pixels
+            regions.append(Region(kind, whole, _roundness(pixels)))
+        left_out += len(found) - len(regions)
         regions.sort(key=lambda region: -region.score)
-        return Found((*regions, Region("stem", stems, 1.0)))
+        return Found((*regions, Region("stem", stems, 1.0)), left_out)
 
     def _parted(
         self, mask: BoolArray, depth: FloatArray, focal: float
-    ) -> list[tuple[tuple[slice, ...], BoolArray]]:
-        """The fruits among the pixels of one colour: boxes, and the pixels in them."""
+    ) -> tuple[list[tuple[tuple[slice, ...], BoolArray]], int]:
+        """The largest fruits among the pixels of one colour: boxes, and the pixels in them; and
+        how many others there are."""
         p = self.parameters
         steps = depth - minimum_filter(depth, 3) > p.step  # the nearer side keeps its edge
         whole = binary_closing(mask, SQUARE) & ~steps
         parts = np.zeros(mask.shape, dtype=np.int64)
         islands, _ = label(whole)
-        areas = np.bincount(islands.ravel(), (depth / focal).ravel() ** 2)  # [m²]
-        for row, box in enumerate(find_objects(islands), start=1):
-            if areas[row] > math.pi * p.thin**2:
-                fruits = _part(islands[box] == row, depth[box] / focal, p)
-                parts[box] += np.where(fruits > 0, fruits + parts.max(), 0)
+        areas = np.bincount(islands.ravel(), (depth / focal).ravel() ** 2)[1:]  # [m²]
+        boxes = find_objects(islands)
+        wide = np.flatnonzero(areas > math.pi * p.thin**2)
+        wide = wide[np.argsort(-areas[wide], kind="stable")]
+        work = np.cumsum([islands[boxes[row]].size for row in wide], dtype=np.int64)
+        rows = np.sort(wide[work <= MOST_WORK * mask.size])
+        left_out, count = len(wide) - len(rows), 0
+        for row in rows:
+            box = boxes[row]
+            fruits, left = _part(islands[box] == row + 1, depth[box] / focal, p)
+            parts[box] += np.where(fruits > 0, fruits + count, 0)
+            count, left_out = count + int(fruits.max()), left_out + left
         grown = maximum_filter(parts, 2 * RAGGED + 1)
         parts = np.where(mask & (parts == 0), grown, parts)
-        out = []
-        for row, box in enumerate(find_objects(parts), start=1):
-            if box is not None:
-                box = tuple(slice(max(b.start - MARGIN, 0), b.stop + MARGIN) for b in box)
-                pixels = binary_fill_holes(parts[box] == row)
+        out, boxes, sizes = [], find_objects(parts), np.bincount(parts.ravel(), minlength=1)[1:]
+        chosen = largest(sizes, mask.size)
+        for row in chosen:
+            if boxes[row] is not None:
+                box = tuple(slice(max(b.start - MARGIN, 0), b.stop + MARGIN) for b in boxes[row])
+                pixels = binary_fill_holes(parts[box] == row + 1)
                 if pixels.sum() >= p.least_pixels:
                     out.append((box, pixels))
-        return out
+        return out, left_out + int(np.sum(np.delete(sizes, chosen) >= p.least_pixels))
 
 
-def _part(island: BoolArray, metres: FloatArray, p: EyeParameters) -> IntArray:
-    """Numbers (h, w) from 1 of the fruits of an island of one colour and surface; 0: none.
+def _part(island: BoolArray, metres: FloatArray, p: EyeParameters) -> tuple[IntArray, int]:
+    """Numbers (h, w) from 1 of the fruits of an island of one colour and surface, 0: none; and how
+    many peaks beyond :data:`MOST_BALLS` are left out, the narrowest.
 
     Each peak of the distance from the edge is the middle of a ball. A pixel belongs to the ball
     with the least power (square of the distance from the middle, less that of the radius): the cut
-    between two discs that overlap.
-
-    Args:
-        island: (h, w) the pixels.
-        metres: (h, w) metres of a pixel.
-        p: sizes.
+    between two discs that overlap. A ball is compared within the reach of the largest only: beyond
+    it no pixel is of any ball.
     """
     parts = np.zeros(island.shape, dtype=np.int64)
     edge = distance_transform_edt(np.pad(island, 1))[1:-1, 1:-1]
     core = edge * metres > p.thin
     if not core.any():
-        return parts
+        return parts, 0
     wall = edge * metres > WALL * p.most_radius
     if wall.any():  # look at what is beside it
         within = distance_transform_edt(~wall) * metres <= 1.1 * WALL * p.most_radius
         return _part(island & ~within, metres, p)
     smooth = gaussian_filter(edge, 1.0)
     peaks = np.argwhere((smooth == maximum_filter(smooth, 5)) & core)
-    if not len(peaks):
-        return parts
     radii = edge[peaks[:, 0], peaks[:, 1]]
     island = island & (distance_transform_edt(~core) * metres <= p.thin)  # without its stem
-    kept: list[int] = []
-    for k in np.argsort(-radii, kind="stable").tolist():
-        away = np.linalg.norm(peaks[kept] - peaks[k], axis=1)
-        if not len(kept) or (away > radii[kept]).all():
-            kept.append(k)
-    rows = np.argwhere(island)
-    off = rows[:, None] - peaks[kept][None]
-    power = (off**2).sum(axis=2) - radii[kept] ** 2
-    best = power.argmin(axis=1)
-    inside = power[np.arange(len(rows)), best] < (REACH**2 - 1.0) * radii[kept][best] ** 2
-    rows, best = rows[inside], best[inside]
-    parts[rows[:, 0], rows[:, 1]] = best + 1
-    return parts
+    order = np.argsort(-radii, kind="stable")
+    peaks, radii = peaks[order], radii[order]
+    least, squares = np.full(island.shape, np.inf), [0.0]
+    reach = math.ceil(REACH * radii.max(initial=0.0))
+    while len(peaks) and len(squares) <= MOST_BALLS:
+        squares.append(radii[0] ** 2)
+        box = tuple(slice(max(at - reach, 0), at + reach + 1) for at in peaks[0].tolist())
+        size = parts[box].shape
+        down, across = (
+            np.arange(n) + (b.start - at) for n, b, at in zip(size, box, peaks[0], strict=True)
+        )
+        power = down[:, None] ** 2 + across**2 - squares[-1]
+        nearer = power < least[box]
+        least[box][nearer], parts[box][nearer] = power[nearer], len(squares) - 1
+        apart = np.linalg.norm(peaks - peaks[0], axis=1) > radii[0]
+        peaks, radii = peaks[apart], radii[apart]
+    parts[~(island & (least < (REACH**2 - 1.0) * np.array(squares)[parts]))] = 0
+    return parts, len(peaks)
 
 
 def hsv(rgb: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -3,6 +3,7 @@
 import io
 import json
 import math
+import re
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -27,6 +28,13 @@ ENDS = ".rgb.png", ".depth.png", ".camera.json"
 OVERLAY = ".overlay.png"
 """End of the name of a picture with what was found, beside the scene that was seen."""
 MOST_PIXELS = 16_000_000  # of a picture: a choice
+MOST_SEEN = 1_310_720  # pixels that are looked at, 1280 x 1024: a choice; bounds time and memory
+FARTHEST_PIXEL = 1e6  # [pixel] largest size, focal length and place of an axis: a choice
+WORKSPACE, CLOSEST = 10.0, 0.1  # [m] beyond which, below which all depths are in wrong units
+FORMATS = "PNG", "JPEG", "TIFF", "BMP", "PPM"
+"""What Pillow may read; other formats run programs or take memory before their size is known."""
+DEPTHS = "I;16", "I;16B", "I;16L", "I;16N", "I", "F"
+"""Pillow's modes of a picture of depth: one channel of 16 or 32 bits."""
 _REQUIRED = "width", "height", "fx", "fy", "cx", "cy"
 _KEYS = (*_REQUIRED, "position", "orientation", "depth_scale", "mount")
 Mount = Literal["base", "hand"]
@@ -44,8 +52,8 @@ class CameraModel:
         mount: ``base`` of the robot; or ``hand``, the flange: see :meth:`on`.
 
     Raises:
-        InvalidRequestError: an unknown mount, a number that is not finite, or a size or focal
-            length not above 0.
+        InvalidRequestError: an unknown mount, a size or focal length that is not 1 to 1e6 pixels,
+            an axis farther than 1e6 pixels, or too many pixels.
     """
 
     width: int
@@ -61,12 +69,11 @@ class CameraModel:
         if self.mount not in get_args(Mount):
             raise InvalidRequestError(f"camera.mount is {self.mount!r}; must be base or hand")
         for name in _REQUIRED:
-            value = getattr(self, name)
+            value, least = getattr(self, name), -FARTHEST_PIXEL if name in ("cx", "cy") else 1.0
             number = isinstance(value, int | float) and not isinstance(value, bool)
-            if not number or not math.isfinite(value):
-                raise InvalidRequestError(f"camera.{name} is {value!r}; must be a finite number")
-            if name not in ("cx", "cy") and value <= 0:
-                raise InvalidRequestError(f"camera.{name} is {value:g}; must be above 0 [pixel]")
+            if not number or not least <= value <= FARTHEST_PIXEL:
+                limits = f"{least:g} to {FARTHEST_PIXEL:g} [pixel]"
+                raise InvalidRequestError(f"camera.{name} is {value!r:.40}; must be {limits}")
         for name in ("width", "height"):
             if getattr(self, name) != int(getattr(self, name)):
                 raise InvalidRequestError(f"camera.{name} is no whole number of pixels")
@@ -126,9 +133,10 @@ class CameraModel:
         if missing:
             raise InvalidRequestError(f"{source}: {', '.join(missing)} missing")
         scale = document.get("depth_scale", 1e-3)
-        if not isinstance(scale, int | float) or not 1e-6 <= scale <= 1.0:
+        number = isinstance(scale, int | float) and not isinstance(scale, bool)
+        if not number or not 1e-6 <= scale <= 1.0:
             raise InvalidRequestError(
-                f"{source}: depth_scale is {scale!r}; must be the metres of a step, as 0.001"
+                f"{source}: depth_scale is {scale!r:.40}; must be the metres of a step, as 0.001"
             )
         try:
             pose = Pose(
@@ -177,8 +185,27 @@ class DepthPicture:
                     f"{name} has shape {value.shape}; the camera has {size[0]} rows and "
                     f"{size[1]} columns"
                 )
-        if not (np.isfinite(self.depth).all() and (self.depth >= 0.0).all()):
-            raise InvalidRequestError("depth must be finite and not negative [m]; 0: not measured")
+        wrong = ~(np.isfinite(self.depth) & (self.depth >= 0.0))
+        if wrong.any():
+            row, column = np.argwhere(wrong)[0]
+            raise InvalidRequestError(
+                f"depth is {self.depth[row, column]:g} at row {row}, column {column} and wrong at "
+                f"{int(wrong.sum())} pixels; must be finite and not negative [m]; 0: not measured"
+            )
+
+    def thinned(self) -> "DepthPicture":
+        """The picture with every second (third, ...) row and column of one that has more than
+        :data:`MOST_SEEN` pixels, and its camera."""
+        k = math.ceil(math.sqrt(self.depth.size / MOST_SEEN))
+        if k <= 1:
+            return self
+        first, lens = (k - 1) // 2, self.camera
+        rgb, depth = self.rgb[first::k, first::k], self.depth[first::k, first::k]
+        camera = replace(
+            lens, width=depth.shape[1], height=depth.shape[0], fx=lens.fx / k, fy=lens.fy / k,
+            cx=(lens.cx - first) / k, cy=(lens.cy - first) / k,
+        )  # fmt: skip
+        return DepthPicture(rgb, depth, camera)
 
     @cached_property
     def points(self) -> FloatArray:
@@ -202,11 +229,11 @@ def flange_of(robot: Robot, q: FloatArray) -> Pose:
 
 
 def load_picture(rgb: Path, depth: Path, camera: Path, hand: Pose | None = None) -> DepthPicture:
-    """A picture of three files.
+    """A picture of three files, :meth:`thinned <DepthPicture.thinned>` if it is large.
 
     Args:
-        rgb: PNG or another picture that Pillow reads.
-        depth: 16-bit PNG whose steps are the camera's ``depth_scale``, or NPZ with an array
+        rgb: one of :data:`FORMATS`.
+        depth: 16-bit PNG or TIFF whose steps are the camera's ``depth_scale``, or NPZ with an array
             ``depth`` (height, width) [m].
         camera: JSON or YAML, see :meth:`CameraModel.from_document`.
         hand: in the base frame; for a camera on it.
@@ -219,33 +246,52 @@ def load_picture(rgb: Path, depth: Path, camera: Path, hand: Pose | None = None)
         arrays = read_npz(depth)
         if "depth" not in arrays:
             raise InvalidRequestError(f"{depth}: no array 'depth'; has {', '.join(arrays)}")
-        far = np.asarray(arrays["depth"], dtype=np.float64)
+        far = arrays["depth"]
+        if far.dtype.kind not in "fiu":
+            raise InvalidRequestError(f"{depth}: 'depth' is of {far.dtype}; must be numbers [m]")
+        far = far.astype(np.float64)
+    elif depth.suffix.lower() == ".npy":
+        raise InvalidRequestError(f"{depth}: must be a picture, or NPZ with an array 'depth' [m]")
     else:
-        steps = read_pixels(depth)
-        if steps.ndim != 2:
-            raise InvalidRequestError(f"{depth}: a picture of depth has one channel, 16 bits")
-        far = steps.astype(np.float64) * scale
+        far = read_pixels(depth).astype(np.float64) * scale
+    colours = read_pixels(rgb, "RGB").astype(np.uint8)
     try:
-        return DepthPicture(read_pixels(rgb, "RGB").astype(np.uint8), far, model.on(hand))
+        picture = DepthPicture(colours, far, model.on(hand))
     except InvalidRequestError as error:
         raise InvalidRequestError(f"{rgb}, {depth}: {error.message}") from None
+    known = far[far > 0.0]
+    if known.size and not (known.min() < WORKSPACE and known.max() > CLOSEST):
+        raise InvalidRequestError(
+            f"{depth}: measured depths are {known.min():.3g} to {known.max():.3g} m: are they in "
+            "metres, or by the camera's depth_scale?"
+        )
+    return picture.thinned()
 
 
 def read_pixels(path: Path, mode: str | None = None) -> NDArray[Any]:
-    """The pixels of a picture file; ``mode`` is Pillow's, as ``RGB``."""
+    """The pixels of a picture file; ``mode`` is Pillow's, as ``RGB``, None: one of depth."""
     return decoded(read_bytes(path, InvalidRequestError), str(path), mode)
 
 
 def decoded(content: bytes, path: str, mode: str | None = None) -> NDArray[Any]:
     """The pixels of a picture's bytes; ``path`` tells in messages where they are from."""
-    image = _pillow()
+    image, most = _pillow(), f"must have at most {MOST_PIXELS:,}"
     try:
-        with image.open(io.BytesIO(content)) as opened:
+        with image.open(io.BytesIO(content), formats=FORMATS) as opened:
             if opened.width * opened.height > MOST_PIXELS:
-                raise InvalidRequestError(f"{path}: more than {MOST_PIXELS:,} pixels")
-            return np.asarray(opened if mode is None else opened.convert(mode))
-    except (OSError, ValueError, SyntaxError) as error:
-        raise InvalidRequestError(f"{path}: no picture that can be read ({error})") from None
+                wrong = f"has {opened.width} x {opened.height} pixels; {most}"
+            elif mode is None and opened.mode not in DEPTHS:
+                wrong = f"is of mode {opened.mode}; a picture of depth must have one channel of "
+                wrong += f"16 or 32 bits ({', '.join(DEPTHS)})"
+            else:
+                return np.asarray(opened if mode is None else opened.convert(mode))
+    except image.DecompressionBombError as error:
+        (count,) = re.findall(r"\((\d+) pixels", str(error)) or ["too many"]
+        wrong = f"has {count} pixels; {most}"
+    except Exception as error:  # of the decoders, which raise whatever goes wrong in them
+        reason = str(error).partition(" <_io")[0] or type(error).__name__
+        wrong = f"no picture that can be read ({reason}); must be {', '.join(FORMATS)}"
+    raise InvalidRequestError(f"{path}: {wrong}")
 
 
 def picture_files(name: str, picture: DepthPicture) -> dict[str, bytes]:

@@ -14,6 +14,7 @@ from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.pictures import DepthPicture
 
 MOST_POINTS, MOST_RAYS = 120, 60  # that a fit uses: a choice
+TOUCHING = 1e-3  # [m] depth below which nothing is measured, but numbers overflow: a choice
 INSIDE = 2  # [pixel] from the outline to the depths that are used: edges of depth are ragged
 BEFORE = 0.006  # [m] by which something that hides a fruit is nearer than it: a choice
 GRID, WIDE = 25, 1.4  # samples across a fruit, and radii from its middle to the last: a choice
@@ -173,6 +174,8 @@ def start_of(picture: DepthPicture, seed: Region, p: EyeParameters) -> SeedStart
     rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), 2 * MOST_POINTS)).astype(int)]
     far = depth[rows[:, 0], rows[:, 1]]
     middle = float(np.median(far))
+    if middle < TOUCHING:
+        return None
     near = np.abs(far - middle) < p.most_radius
     if not near.any():  # as many pixels far before the middle as behind it: the nearer half
         middle = float(far[far < middle].max())

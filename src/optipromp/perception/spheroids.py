@@ -23,6 +23,8 @@ from optipromp.perception.pictures import DepthPicture
 from optipromp.perception.shown import SpheroidViews, rays_of, shown_of, slack_of, start_of
 
 FIRST, AGAIN, ROUNDS = 6, 4, 2  # steps to a seed, after each claim, and claims: a choice
+BATCH = 256  # seeds that are fitted at once, which bounds memory: a choice
+NEAREST = 0.05  # [m] of a fruit's centre: a choice
 ODDS = 6.65, 6.34, -22.0, -20.0, -13.5, -2.4
 """Of a fruit by share, logarithm of round, through, spill, off, and 1."""
 
@@ -100,6 +102,9 @@ def all_fitted(
         up: (3,) unit, upwards in the frame of the camera.
         p: numbers of the fit.
     """
+    if len(seeds) > BATCH:
+        parts = [slice(k, k + BATCH) for k in range(0, len(seeds), BATCH)]
+        return [f for s in parts for f in all_fitted(picture, seeds[s], kinds[s], colours, up, p)]
     out: list[Spheroid | None] = [None] * len(seeds)
     axes = frame_along(up)
     starts = [start_of(picture, seed, p) for seed in seeds]
@@ -135,7 +140,7 @@ def all_fitted(
 
 def _sound(x: FloatArray, p: EyeParameters) -> BoolArray:
     radius = np.exp(x[:, 3])
-    return np.asarray((radius >= p.least_radius) & (radius <= p.most_radius) & (x[:, 2] > 0.05))
+    return np.asarray((radius >= p.least_radius) & (radius <= p.most_radius) & (x[:, 2] > NEAREST))
 
 
 def _spheroid(

@@ -64,7 +64,7 @@ class Taken:
         """
         pose = Pose() if pose is None else pose
         if self.depth is None:
-            return _of_cloud(self.colour, pose)
+            return _of_cloud(self.colour, pose).thinned()
         rgb, depth = _colour(self.colour), _depth(self.depth)
         if rgb.shape[:2] != depth.shape:
             raise InvalidRequestError(
@@ -79,9 +79,9 @@ class Taken:
         fx, cx, fy, cy = (float(matrix[k]) for k in (0, 2, wide + 1, wide + 2))
         camera = CameraModel(int(info.width), int(info.height), fx, fy, cx, cy, pose)
         picture = DepthPicture(rgb, depth, camera)
-        if self.rectified or not np.any(info.d):
-            return picture
-        return _straight(picture, np.asarray(info.d), info.distortion_model)
+        if not self.rectified and np.any(info.d):
+            picture = _straight(picture, np.asarray(info.d), info.distortion_model)
+        return picture.thinned()
 
 
 class Pictures:
@@ -183,6 +183,8 @@ def _depth(item: Message) -> FloatArray:
     """Depths [m]; 0 where nothing was measured."""
     if item.__msgtype__ == COMPRESSED:
         data = bytes(item.data)  # 12 bytes tell how depths were coded, then comes a PNG
+        if len(data) < 12:
+            raise InvalidRequestError(f"a compressed depth has {len(data)} bytes; must have 12")
         _, a, b = struct.unpack("<iff", data[:12])
         steps = decoded(data[12:], "a compressed depth").astype(np.float64)
         if not item.format.startswith("32FC1"):
@@ -227,15 +229,21 @@ def _of_cloud(item: Message, pose: Pose) -> DepthPicture:
         raise InvalidRequestError(f"a cloud without {', '.join(lacking)}: has {', '.join(fields)}")
     order = ">" if item.is_bigendian else "<"
     chosen = [fields[name] for name in ("x", "y", "z")]
-    forms = [order + _NUMBERS[field.datatype] for field in chosen] + [order + "u4"]
     places = [field.offset for field in (*chosen, fields["rgb"])]
-    layout: Any = {
-        "names": ["x", "y", "z", "rgb"], "formats": forms, "offsets": places,
-        "itemsize": int(item.point_step),
-    }  # fmt: skip
     data = np.asarray(item.data, dtype=np.uint8)[: height * int(item.row_step)]
-    rows = data.reshape(height, int(item.row_step))[:, : width * int(item.point_step)]
-    cells = np.ascontiguousarray(rows).view(np.dtype(layout)).reshape(height, width)
+    try:
+        forms = [order + _NUMBERS[field.datatype] for field in chosen] + [order + "u4"]
+        layout: Any = {
+            "names": ["x", "y", "z", "rgb"], "formats": forms, "offsets": places,
+            "itemsize": int(item.point_step),
+        }  # fmt: skip
+        rows = data.reshape(height, int(item.row_step))[:, : width * int(item.point_step)]
+        cells = np.ascontiguousarray(rows).view(np.dtype(layout)).reshape(height, width)
+    except (KeyError, TypeError, ValueError):
+        raise InvalidRequestError(
+            f"a cloud of {height} x {width} points has {len(data)} bytes, row_step {item.row_step}, "
+            f"point_step {item.point_step} and fields at {places}: must fit together"
+        ) from None
     packed = cells["rgb"].astype(np.uint32)
     rgb = np.dstack([(packed >> shift & 255).astype(np.uint8) for shift in (16, 8, 0)])
     x, y, z = (np.asarray(cells[name], dtype=np.float64) for name in ("x", "y", "z"))
@@ -265,6 +273,10 @@ def _straight(picture: DepthPicture, bent: FloatArray, model: str) -> DepthPictu
     """The picture without the distortion of its lens, by OpenCV."""
     if model not in ("plumb_bob", "rational_polynomial", ""):
         raise InvalidRequestError(f"distortion {model!r} is not read: take the rectified pictures")
+    if len(bent) not in (4, 5, 8, 12, 14) or not np.isfinite(bent).all():
+        raise InvalidRequestError(
+            f"distortion has {len(bent)} numbers; must be 4, 5, 8, 12 or 14 finite ones"
+        )
     cv, lens = opencv(), picture.camera
     matrix = np.array([[lens.fx, 0, lens.cx], [0, lens.fy, lens.cy], [0, 0, 1.0]])
     size = lens.width, lens.height

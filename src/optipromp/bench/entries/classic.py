@@ -5,8 +5,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from optipromp.bench.entries.motions import ROWS, Pathed, gentle, gentle_plan
-from optipromp.core.arrays import FloatArray, lengths
+from optipromp.bench.entries.motions import Pathed, gentle_plan
+from optipromp.core.arrays import FloatArray, evenly
 from optipromp.core.budget import Budget
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.optimization import covariant
@@ -22,6 +22,7 @@ from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.planners.obstacles import Chomp
 from optipromp.laboratory.planners.straight import gently
+from optipromp.timing import LEAST, gentle
 
 LONGEST = 5.0  # [s] of a tree's search: a choice; ours takes 0.2 s at most
 FINE = 0.005  # share of the space between two checked configurations: as in our benchmarks
@@ -126,12 +127,7 @@ class Rrt:
             InvalidRequestError: OMPL is not installed.
         """
         corners = _grown(resolve(scene), self.fruits, seed)
-        if corners is None:
-            return None
-        far = np.append(0.0, np.cumsum(lengths(np.diff(corners, axis=0))))
-        tau = np.linspace(0.0, far[-1], ROWS)
-        q = np.stack([np.interp(tau, far, column) for column in corners.T], axis=1)
-        return gentle(scene, q)
+        return None if corners is None else gentle(scene, evenly(corners, LEAST))
 
 
 class RrtObstacles(Rrt):

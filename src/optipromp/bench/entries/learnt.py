@@ -14,7 +14,7 @@ from optipromp.bench.entries.motions import Pathed, gentle_plan, harm_of
 from optipromp.bench.env import SPEED
 from optipromp.bench.episode import Observation
 from optipromp.bench.primitive import COUNT, OfWeights, path_of
-from optipromp.bench.senses import objects_of, state_of
+from optipromp.bench.senses import objects_in, state_of
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, installed_by
 from optipromp.core.planning import Plan, plan
@@ -53,12 +53,6 @@ def told(name: str, **arrays: FloatArray) -> FloatArray:
     """What a network tells of one example."""
     given = {key: np.asarray(value, dtype=np.float32)[None] for key, value in arrays.items()}
     return np.asarray(session(name).run(None, given)[0][0], dtype=np.float64)
-
-
-def objects_in(scene: Scene) -> FloatArray:
-    """The objects of a scene about its target, as a network sees them."""
-    origin = np.zeros(3) if scene.target is None else scene.target.position
-    return objects_of(scene.objects, scene, origin)
 
 
 def hand_of(arm: FloatArray) -> FloatArray:

@@ -6,37 +6,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from optipromp.bench.primitive import COUNT, path_of
-from optipromp.core.arrays import FloatArray, lengths
+from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import Budget
 from optipromp.core.errors import Code
 from optipromp.core.planning import Plan
 from optipromp.core.planning.planners import OptiProMP, goal_configurations
 from optipromp.core.planning.result import Failed, Harmful, Planned
-from optipromp.core.planning.task import Task, posed, pushed_aside, spaced
-from optipromp.core.planning.timing import shortest
+from optipromp.core.planning.task import Task, pushed_aside, spaced
 from optipromp.core.pushing.model import PushModel
-from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import ToolPath
 from optipromp.core.scenes.scene import PoseGoal, Scene
 from optipromp.core.trajectory import Trajectory
-
-NEAR = 0.12  # [m] of the tool point from a fruit's surface, within which the tool is slow: a choice
-ROWS = 250  # waypoints of a motion that is timed anew: a choice
-
-
-def gentle(scene: Scene, q: FloatArray) -> Trajectory:
-    """The fastest motion through waypoints (T, n), at most as fast near fruits as ours.
-
-    A method that knows no pushes would be judged by its haste otherwise.
-    """
-    robot, _ = posed(scene)
-    points, _ = robot.tool_pose(q)
-    away = np.full(len(q), np.inf)
-    for item in scene.objects:
-        if item.role != "static":
-            away = np.minimum(away, lengths(points - item.position) - item.radius)
-    near = away < NEAR
-    return shortest(robot, q, near[1:] | near[:-1], PUSH.hanging.speed)
+from optipromp.timing import LEAST, gentle
 
 
 def gentle_plan(made: Plan, scene: Scene) -> Trajectory | None:
@@ -44,7 +25,7 @@ def gentle_plan(made: Plan, scene: Scene) -> Trajectory | None:
     own = made.trajectory
     if float(np.ptp(own.positions, axis=0).max()) == 0.0:
         return None
-    q, _, _ = own.sample(np.linspace(0.0, own.duration, ROWS))
+    q, _, _ = own.sample(np.linspace(0.0, own.duration, LEAST))
     return gentle(scene, q)
 
 

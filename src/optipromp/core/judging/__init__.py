@@ -2,6 +2,7 @@
 
 from optipromp.core.judging.clearance import Overlap as Overlap
 from optipromp.core.judging.clearance import clearances as clearances
+from optipromp.core.judging.clearance import nearest_static as nearest_static
 from optipromp.core.judging.clearance import pushed_away as pushed_away
 from optipromp.core.judging.clearance import swept as swept
 from optipromp.core.judging.curve import Extremes as Extremes
@@ -12,7 +13,7 @@ from optipromp.core.judging.entered import struck as struck
 from optipromp.core.judging.entered import touching as touching
 from optipromp.core.judging.kinematics import centers as centers
 from optipromp.core.judging.kinematics import refined as refined
-from optipromp.core.judging.near import nearest_static as nearest_static
+from optipromp.core.judging.lines import left_path as left_path
 from optipromp.core.judging.speed import too_fast as too_fast
 from optipromp.core.judging.validator import JUDGE as JUDGE
 from optipromp.core.judging.validator import RATES as RATES

@@ -63,17 +63,16 @@ def objects_of(
 ) -> tuple[Objects, tuple[SceneObject, ...]]:
     """Objects of simple shape as arrays, and the meshes and point clouds; without the target.
 
-    Stems, the target's included, are capsules. ``counted``: indices of the objects whose
-    bodies and stems count; None: all.
+    Objects that move are left out. Stems, the target's included, are capsules. ``counted``: indices
+    of the objects whose bodies and stems count; None: all.
     """
     role = np.full(len(scene.objects), -1)
     for name, code in ROLES.items():
         role[scene.rows(name)] = code
-    role[[item.motion is not None for item in scene.objects]] = -1  # see judging/moving.py
-    counts = np.ones(len(role), dtype=np.bool_)
-    if counted is not None:
-        counts = np.isin(np.arange(len(role)), list(counted))
-        role[~counts] = -1
+    counts = np.array([item.course is None for item in scene.objects], dtype=np.bool_)
+    if counted is not None:  # what moves: see judging/moving.py
+        counts &= np.isin(np.arange(len(role)), list(counted))
+    role[~counts] = -1
     kind, size, bound = measured([item.shape for item in scene.objects])
     owner, middle, turn, capsule = _stems(scene)
     rows = np.concatenate([np.arange(len(role)), len(role) + owner])
@@ -102,9 +101,8 @@ def objects_of(
 def _stems(scene: Scene) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
     """The S pieces of all stems as capsules; of an unseen stem, those of all likely stems.
 
-    Returns:
-        Rows (S,) of the objects that hang; middles (S, 3) [m]; rotations (S, 3, 3), local to world;
-        sizes (S, 3) [m]: radius, half length and 0.
+    Rows (S,) of the objects that hang; middles (S, 3) [m]; rotations (S, 3, 3), local to world;
+    sizes (S, 3) [m]: radius, half length and 0.
     """
     hangs = [(k, item.stem) for k, item in enumerate(scene.objects) if item.stem is not None]
     held = [(k, one) for k, stem in hangs for one in stem.likely()]

@@ -102,7 +102,7 @@ def _region(
     if goal.axis is not None:
         angle = between(axis.tolist(), goal.axis.tolist())
     elif goal.rotation is not None:
-        angle, what = turned_by(tool_frames(robot, last[None])[0], goal.rotation), "tool"
+        angle, what = turned_by(tool_poses(robot, last[None])[1][0], goal.rotation), "tool"
     most = AXIS_TOLERANCE if goal.angle is None else math.radians(goal.angle)
     if angle is not None and angle > most + BORDER:
         text = (
@@ -138,13 +138,8 @@ def unlimited(robot: Robot) -> BoolArray:
     return np.asarray(out, dtype=np.bool_)
 
 
-def tool_frames(robot: Robot, q: FloatArray) -> FloatArray:
-    """Axes (M, 3, 3) of the tool's frame, in columns, at configurations ``q`` (M, n)."""
-    return tool_poses(robot, q)[1]
-
-
 def tool_poses(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Tool points (M, 3) [m] and axes (M, 3, 3) of the tool's frame at ``q`` (M, n)."""
+    """Tool points (M, 3) [m], axes (M, 3, 3) of the tool's frame in columns, at ``q`` (M, n)."""
     turns, origins, body = np.empty((len(q), 3, 3)), np.empty((len(q), 3)), body_of(robot)
     last_poses(body, np.array(q, dtype=np.float64, order="C"), turns, origins)
     turn = np.eye(3) if robot.tool is None else np.asarray(robot.tool.rotation)

@@ -3,18 +3,18 @@
 Tool and last link may touch all of these during a motion. No motion may begin inside of one.
 """
 
-from dataclasses import replace
-from itertools import pairwise, product
+from collections.abc import Mapping
+from itertools import product
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, frame_along, lengths
-from optipromp.core.geometry.shapes import GRID, Capsule
+from optipromp.core.arrays import FloatArray, lengths
+from optipromp.core.geometry.shapes import GRID
 from optipromp.core.judging.clearance import Overlap, enter, swept
 from optipromp.core.judging.distances import Objects, measured, nearest
 from optipromp.core.judging.kinematics import centers
+from optipromp.core.judging.parts import pieces
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.scenes.scene import Scene, SceneObject
 
 BRUSHED = 0.005  # [m] depth that does not count: spheres stand out of a cup's wall by 4.5 mm
@@ -24,7 +24,9 @@ def touching(scene: Scene, robot: Robot, q: FloatArray, *, begun: bool = False) 
     """Contacts that no motion may begin with, at ``q`` (n,).
 
     A motion that continues one that ran (``begun``) may begin inside of targets and pushables.
+    Objects that move are where they are at time 0.
     """
+    scene = scene.standing({item.id: 0.0 for item, _ in scene.movers})
     _, contacts, points, axes = swept(scene, robot, q[None])
     return [*contacts, *([] if begun else entered(scene, robot, q, points[0], axes[0]))]
 
@@ -64,10 +66,13 @@ def entered(
     return out
 
 
-def struck(scene: Scene, robot: Robot, q: FloatArray) -> Overlap | None:
+def struck(
+    scene: Scene, robot: Robot, q: FloatArray, by: Mapping[str, FloatArray]
+) -> Overlap | None:
     """The deepest penetration of the tool or the last link into a target, a pushable or a stem.
 
     It is the deepest over configurations ``q`` (M, n); None where none exceeds :data:`BRUSHED`.
+    ``by``: displacements (M, 3) or more from its place of each object that moves, by id [m].
     """
     distal = np.flatnonzero(robot.spheres.distal)
     if not len(distal):
@@ -79,15 +84,12 @@ def struck(scene: Scene, robot: Robot, q: FloatArray) -> Overlap | None:
         name, mine = str(robot.link_names[one]), (spheres[:, link == one], radius[link == one])
         if scene.may_meet(name, item.id):
             continue
+        if item.id in by:
+            mine = mine[0] - by[item.id][: len(q), None], mine[1]
         found.append(Overlap(name, item.id, item.role, _depth(item, *mine)))
-        for low, high in pairwise(() if item.stem is None else item.stem.points):
-            assert item.stem is not None
-            length = float(np.linalg.norm(high - low))
-            turn = to_quaternion(frame_along((high - low) / length))
-            piece = replace(item, shape=Capsule(item.stem.radius, length), stem=None,
-                            position=0.5 * (low + high), orientation=turn)  # fmt: skip
-            depth = _depth(piece, *mine)
-            found.append(Overlap(name, f"the stem of {item.id}", item.role, depth))
+        for piece in () if item.stem is None else pieces(item, item.stem):
+            told = f"the stem of {item.id}"
+            found.append(Overlap(name, told, item.role, _depth(piece, *mine)))
     deepest = max(found, key=lambda overlap: overlap.depth, default=None)
     return None if deepest is None or deepest.depth <= BRUSHED else deepest
 

@@ -1,4 +1,4 @@
-r"""The way of the tool against the straight lines between way points.
+r"""The way of the tool against the constraints of its path, and against lines between way points.
 
 A motion of any origin does not tell when it is on which line. Of all ways to divide it, the one
 counts whose largest deviation is least. With the deviation :math:`d_k(m)` of check m from line k,
@@ -16,7 +16,7 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.judging.curve import along
-from optipromp.core.judging.ends import AXIS_TOLERANCE, tool_poses
+from optipromp.core.judging.ends import AXIS_TOLERANCE, BORDER, tool_poses
 from optipromp.core.judging.kinematics import fitting
 from optipromp.core.judging.violation import Violation
 from optipromp.core.robots.model import Robot
@@ -38,6 +38,45 @@ class Deviation(NamedTuple):
     def share(self, lines: Lines) -> FloatArray:
         """The larger of both (M,), as a share of what is allowed."""
         return np.asarray(np.maximum(self.off / lines.within, self.angle / AXIS_TOLERANCE))
+
+
+def left_path(scene: Scene, robot: Robot, times: FloatArray, q: FloatArray) -> list[Violation]:
+    """Violations of the path's constraints, each at its largest amount.
+
+    Args:
+        scene: with the constraints, if any.
+        robot: with the scene's tool.
+        times: (M,) of the checks [s].
+        q: (M, n) configurations at the checks.
+    """
+    out: list[Violation] = []
+    if scene.path is None:
+        return out
+    upright, plane = scene.path.upright, scene.path.plane
+    points, frames = tool_poses(robot, q)
+    if upright is not None:
+        axes = frames @ upright.axis
+        across = np.linalg.norm(np.cross(axes, upright.direction), axis=1)
+        off = np.arctan2(across, axes @ upright.direction)
+        worst = int(np.argmax(off))
+        if off[worst] > math.radians(upright.angle) + BORDER:
+            text = (
+                f"the tool leans {math.degrees(off[worst]):.1f} degrees at {times[worst]:.2f} s "
+                f"(path.upright: at most {upright.angle:g})"
+            )
+            amount = float(off[worst])
+            out.append(Violation("upright", text, "", float(times[worst]), amount, "rad"))
+    if plane is not None:
+        far = np.abs((points - plane.point) @ plane.normal)
+        worst = int(np.argmax(far))
+        if far[worst] > plane.within + BORDER:
+            text = (
+                f"the tool is {1e3 * far[worst]:.1f} mm off its plane at {times[worst]:.2f} s "
+                f"(path.plane: at most {1e3 * plane.within:g})"
+            )
+            amount = float(far[worst])
+            out.append(Violation("plane", text, "", float(times[worst]), amount, "m"))
+    return out
 
 
 def left_lines(

@@ -4,63 +4,86 @@ The checks are so dense that between two of them neither body nor object moves f
 they may come nearer between two checks is taken off each distance.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, IntArray, lengths
+from optipromp.core.arrays import BoolArray, FloatArray, IntArray, lengths
 from optipromp.core.compiled import inner
 from optipromp.core.geometry.shapes import GRID
 from optipromp.core.judging.clearance import CONFIGURATIONS, Overlap
 from optipromp.core.judging.curve import along
 from optipromp.core.judging.distances import measured, nearest, to_surface
 from optipromp.core.judging.kinematics import MOST_CHECKS, centers
-from optipromp.core.judging.parts import radii
+from optipromp.core.judging.parts import pieces, radii
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.trajectory import Trajectory
 
 APART = 0.004  # [m] that an object moves between two checks, at most: a choice
+BY_TOOL = "clearance_avoid_tool"
+
+
+def _asked(
+    item: SceneObject, distal: BoolArray
+) -> Iterator[tuple[list[SceneObject], str, BoolArray, str]]:
+    """What an object's role asks for; every stem is to be avoided by the arm (B_d).
+
+    Parts as objects that stand, their name, the spheres (B,) that are measured against them, and
+    the metric of the distance, "" for none.
+    """
+    metric = f"clearance_{item.role}"
+    yield [item], item.id, ~distal if item.role != "static" else np.ones_like(distal), metric
+    if item.role == "avoid":
+        yield [item], item.id, distal, BY_TOOL
+    if item.stem is not None:
+        stems = [piece for one in item.stem.likely() for piece in pieces(item, one)]
+        yield stems, f"the stem of {item.id}", ~distal, ""
 
 
 def met(
     scene: Scene, robot: Robot, trajectory: Trajectory, rows: IntArray
-) -> tuple[float | None, list[Overlap]]:
-    """Smallest distance of any body sphere to an object that moves [m], and the contacts.
+) -> tuple[dict[str, float], list[Overlap]]:
+    """Smallest distances to objects that move [m], by the name of the metric, and the contacts.
 
-    Pairs that may touch are left out; the padding of an object is taken off its distances.
-    ``rows`` (T,) are indices of the waypoints among the checks of objects that stand: there are no
-    fewer checks here. None where nothing moves that is minded.
+    Which links must not touch an object depends on its role, as for those that stand. Pairs that
+    may touch are left out; the padding of an object is taken off its distances. ``rows`` (T,) are
+    indices of the waypoints among the checks of objects that stand: there are no fewer checks here.
     """
-    movers = [item for item in scene.objects if item.motion is not None]
-    if not movers or not len(robot.spheres.radius):
-        return None, []
+    least, found = dict[str, float](), list[Overlap]()
     parts, steps = np.diff(rows), np.diff(trajectory.times)
-    least, found = np.inf, []
-    for item in movers:
-        assert item.motion is not None
-        asked = np.ceil(item.motion.fastest * steps / APART)
+    distal = np.asarray(robot.spheres.distal, dtype=np.bool_)
+    for item, course in scene.movers if len(distal) else ():
+        asked = np.ceil(course.fastest * steps / APART)
         share = min(1.0, MOST_CHECKS / max(float(asked.sum()), 1.0))
         times, q, _ = along(trajectory, np.maximum(parts, asked * share).astype(np.int64))
-        radius = radii(scene, robot, item) + scene.padding_of(item)
-        if np.isneginf(radius).all():
-            continue
-        gap, sphere, at = _nearest(item, robot, radius, times, np.array(q))
-        least = min(least, gap)
-        if gap < 0.0:
-            link = str(robot.link_names[robot.spheres.link[sphere]])
-            found.append(Overlap(link, item.id, item.role, -gap, float(times[at])))
-    return (float(least) if np.isfinite(least) else None), found
+        radius, places = radii(scene, robot, item) + scene.padding_of(item), course.at(times)
+        for objects, name, counted, metric in _asked(item, distal):
+            own = np.where(counted, radius, -np.inf)
+            if np.isneginf(own).all():
+                continue
+            gap, sphere, at = min(
+                _nearest(part, robot, own, places + (part.position - item.position), np.array(q))
+                for part in objects
+            )
+            if metric:
+                least[metric] = min(least.get(metric, np.inf), float(gap))
+            if gap < 0.0 and metric != BY_TOOL:  # which is allowed
+                link = str(robot.link_names[robot.spheres.link[sphere]])
+                found.append(Overlap(link, name, item.role, -gap, float(times[at])))
+    return least, found
 
 
 def _nearest(
-    item: SceneObject, robot: Robot, radius: FloatArray, times: FloatArray, q: FloatArray
+    item: SceneObject, robot: Robot, radius: FloatArray, places: FloatArray, q: FloatArray
 ) -> tuple[float, int, int]:
     """Smallest distance [m] at the checks, with the index of the sphere and that of the check.
 
-    ``radius`` (B,) of the robot's spheres; minus infinity leaves a sphere out.
+    ``radius`` (B,) of the robot's spheres; minus infinity leaves a sphere out. ``places`` (M, 3) of
+    the object at the checks [m].
     """
-    assert item.motion is not None
     (kind,), size, _ = measured([item.shape])
-    places, counted = item.motion.at(times), np.flatnonzero(np.isfinite(radius))
+    counted = np.flatnonzero(np.isfinite(radius))
     radius = radius[counted]
     best = np.inf, 0, 0
     for start in range(0, len(q), CONFIGURATIONS):

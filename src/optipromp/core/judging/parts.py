@@ -9,7 +9,8 @@ import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.robots.model import BodySpheres, Robot
-from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.core.scenes.rotations import to_quaternion
+from optipromp.core.scenes.scene import Scene, SceneObject, Stem
 
 
 class BodyPart(NamedTuple):
@@ -49,6 +50,15 @@ def spared(scene: Scene, robot: Robot, item: SceneObject) -> frozenset[str]:
     if not scene.may_touch:
         return frozenset()
     return frozenset(name for name in robot.link_names if scene.may_meet(name, item.id))
+
+
+def pieces(item: SceneObject, stem: Stem) -> list[SceneObject]:
+    """The straight pieces of a ``stem`` of ``item``, as objects that stand."""
+    return [
+        replace(item, shape=shape, position=middle, orientation=to_quaternion(turn), stem=None,
+                motion=None)
+        for shape, middle, turn in stem.pieces()
+    ]  # fmt: skip
 
 
 def radii(scene: Scene, robot: Robot, item: SceneObject) -> FloatArray:

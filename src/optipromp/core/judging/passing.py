@@ -2,6 +2,7 @@
 
 import functools
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +22,7 @@ class Passing(NamedTuple):
 
     M_p: ById  # y_g·(fk − X_n) where the tool passes n for the last time
     stem_projection: ById  # y_g·S_n
-    drift_shortfall: ById  # constraint 1: lack of the gripper's radius
+    drift_shortfall: ById  # constraint 1: lack of the offset that it asks for
     stem_gap: ById  # constraint 2: from the segment between tool and fruit to the stem's line
     passage: Ways  # components along x_g and y_g of fk − X_n there
     wrong: list[tuple[str, int, float]]  # passed on the stem's side: id, waypoint, depth [m]
@@ -32,7 +33,8 @@ class Pushables(NamedTuple):
 
     ids: list[str]
     places: FloatArray  # (K, 3) X_n [m]
-    radii: FloatArray  # (K,) r_n [m]
+    radii: FloatArray  # (K,) of balls that hold the objects [m]
+    half: FloatArray  # (K,) r_n, half the extent along z_g [m]
     hangs: BoolArray  # (K,) whether there is a stem
     flat: FloatArray  # (K, 3) S_n, the stem's first piece, without its part along z_g [m]
     leans: BoolArray  # (K,) whether the stem decides on which side to pass
@@ -43,6 +45,8 @@ class Pushables(NamedTuple):
     in_the_way: BoolArray  # (K,) whether a straight approach would push the object (method §4, 1)
     under: FloatArray  # (K,) distance of the top below the target's bottom, along z_g [m]
     projection: ById  # y_g·S_n [m]
+    offset: FloatArray  # (K,) that constraint 1 asks for: the scene's drift_offset, else R_gripper
+    camera: FloatArray  # (3,) camera point: before target and lowest fruit in the way [m], or NaN
 
 
 @functools.lru_cache(maxsize=4)
@@ -61,21 +65,38 @@ def pushables_of(scene: Scene, gripper_radius: float) -> Pushables:
     least = DECIDED * lengths(stems)
     projection = stems @ lateral
     radii, under = scene.bounds[rows], np.full(len(items), np.inf)
-    in_the_way = np.zeros(len(items), dtype=bool)
+    in_the_way, camera = np.zeros(len(items), dtype=bool), np.full(3, np.nan)
     if scene.target is not None:
         off = places - scene.target.position
         along = off @ up
         aside = lengths(off - along[:, None] * up)
         in_the_way = (along >= -0.2) & (along < 0.0) & (aside <= 1.5 * gripper_radius)
         under = -along - scene.target.radius - radii
-    ids = [item.id for item in items]
+        lowest = (along - radii)[in_the_way].min(initial=0.0)
+        camera = scene.target.position + (lowest - scene.approach.camera_distance) * up
+    ids, asked = [item.id for item in items], scene.options.get("drift_offset")
+    own = asked if isinstance(asked, Mapping) else {}
+    usual = gripper_radius if asked is None or asked is own else asked
     return Pushables(
-        ids, places, radii, hangs, flat,
+        ids, places, radii, np.array([item.extent(up) for item in items]), hangs, flat,
         hangs & (lengths(flat) >= least),
         np.where(hangs & (np.abs(projection) >= least), -np.sign(projection), 0.0),
         np.array(points), start, radii + 2.0 * gripper_radius, in_the_way, under,
-        _known(ids, projection, hangs),
+        _known(ids, projection, hangs), np.array([float(own.get(n, usual)) for n in ids]), camera,
     )  # fmt: skip
+
+
+def as_passed(scene: Scene, times: FloatArray, tips: FloatArray) -> Scene:
+    """The scene in which each pushable that moves stands where it is as the tool passes it last.
+
+    ``times`` (T,) [s] and tool points ``tips`` (T, 3) of the waypoints. A pushable that the tool
+    does not pass stands where it is at the end.
+    """
+    when = {}
+    for name, course in scene.drifting.items():
+        passed = np.flatnonzero(np.diff(np.sign((tips - course.at(times)) @ scene.frame[2])))
+        when[name] = float(times[passed[-1] if len(passed) else -1])
+    return scene.standing(when)
 
 
 def passing(scene: Scene, tips: FloatArray, rims: FloatArray, gripper_radius: float) -> Passing:
@@ -86,8 +107,9 @@ def passing(scene: Scene, tips: FloatArray, rims: FloatArray, gripper_radius: fl
     the target that the rim reaches the target before the tool point passes the pushable.
 
     Constraints 1 and 2 are evaluated at the waypoints of the passing window,
-    |z_g·(fk − X_n)| <= r_n, and at the waypoint nearest the passage. They concern pushables that
-    the tool passes within two gripper radii, or that a straight approach would push.
+    |z_g·(fk − X_n)| <= r_n, and at the waypoint nearest the passage, from t_1 on: the waypoint
+    nearest the camera point. They concern pushables that the tool passes then, within two gripper
+    radii, or that a straight approach would push.
 
     Args:
         scene: with the pushables and the frame F_g.
@@ -114,16 +136,19 @@ def passing(scene: Scene, tips: FloatArray, rims: FloatArray, gripper_radius: fl
     m_p = tip @ lateral
     side = np.where(objects.side == 0.0, np.sign(m_p), objects.side)
     least, gap = np.full(len(places), np.inf), np.full(len(places), np.inf)
-    stems = places, objects.radii, objects.points, objects.start
+    stems = places, objects.radii, objects.half, objects.points, objects.start
+    first = len(tips) - 1 - int(np.argmin(lengths(tips - objects.camera)[::-1]))  # the last of them
+    first = 0 if scene.target is None else first
+    passed = tip_asked & (waypoint >= first)
     window(
-        np.array(tips), np.flatnonzero(tip_asked), waypoint, side, np.array(lateral), np.array(up),
-        stems, least, gap,
+        np.array(tips), first, np.flatnonzero(passed), waypoint, side, np.array(lateral),
+        np.array(up), stems, least, gap,
     )  # fmt: skip
     return Passing(
         _known(objects.ids, m_p, waypoint >= 0),
         dict(objects.projection),
-        _known(objects.ids, np.maximum(gripper_radius - least, 0.0), tip_asked),
-        _known(objects.ids, gap, tip_asked & objects.hangs),
+        _known(objects.ids, np.maximum(objects.offset - least, 0.0), passed),
+        _known(objects.ids, gap, passed & objects.hangs),
         {
             name: (x, y) if at >= 0 else None
             for name, x, y, at in zip(
@@ -187,25 +212,26 @@ def _over(point, place, up):
 
 
 @kernel
-def window(path, rows, waypoint, side, lateral, up, stems, least, gap):
+def window(path, first, rows, waypoint, side, lateral, up, stems, least, gap):
     """The paper's constraints 1 and 2 over the passing windows, in place.
 
     Args:
         path: (T, 3) tool points at the waypoints [m].
+        first: waypoint at t_1.
         rows: indices of the pushables to evaluate.
         waypoint: (K,) waypoint of each passage; the window includes it.
         side: (K,) s_n.
         lateral, up: (3,) y_g and z_g.
-        stems: ``places``, ``radii``, ``points`` and ``start`` of :class:`Pushables`.
+        stems: ``places``, ``radii``, ``half``, ``points`` and ``start`` of :class:`Pushables`.
         least: (K,) smallest s_n·y_g·(fk − X_n) [m].
         gap: (K,) smallest distance from the stem's line to the segment from tool point to fruit,
             which ends at the fruit's surface, where the stem begins [m].
     """
-    places, radii, points, start = stems
+    places, radii, half, points, start = stems
     for k in rows:
         p, end = places[k], np.empty(3)
-        for t in range(path.shape[0]):
-            if abs(_over(path[t], p, up)) > radii[k] and t != waypoint[k]:
+        for t in range(first, path.shape[0]):
+            if abs(_over(path[t], p, up)) > half[k] and t != waypoint[k]:
                 continue
             least[k] = min(least[k], side[k] * _over(path[t], p, lateral))
             away = 0.0

@@ -67,11 +67,17 @@ def among_fruits(
     if target.stem is None:
         return None
     objects = pushables_of(scene, robot.gripper_radius)
-    mark(
-        np.array(points), np.array(axes), np.array(objects.places[objects.hangs]),
-        np.array(objects.radii[objects.hangs]) + NEAR, robot.gripper_radius, tool.reach, tool.depth,
-        near,
-    )  # fmt: skip
+    moves = np.array([name in scene.drifting for name in objects.ids], dtype=bool)
+    tools = [(points, objects.hangs & ~moves)]
+    for k in np.flatnonzero(moves).tolist():  # the tool relative to what is where it is at time 0
+        by = scene.drifting[objects.ids[k]].at(along(trajectory, np.diff(rows))[0])
+        tools.append((points - by + objects.places[k], np.arange(len(moves)) == k))
+    for at, which in tools:
+        mark(
+            np.array(at), np.array(axes), np.array(objects.places[which]),
+            np.array(objects.radii[which]) + NEAR, robot.gripper_radius, tool.reach, tool.depth,
+            near,
+        )  # fmt: skip
     return _fastest(robot, trajectory, rows, near)
 
 

@@ -17,15 +17,13 @@ import numpy as np
 
 from optipromp.core.arrays import lengths
 from optipromp.core.judging import kinematics
-from optipromp.core.judging.clearance import Overlap, pushed_away, swept
+from optipromp.core.judging.clearance import Overlap, nearest_static, pushed_away, swept
 from optipromp.core.judging.curve import extremes
 from optipromp.core.judging.ends import ends
 from optipromp.core.judging.entered import entered, touching
-from optipromp.core.judging.keeping import left_path
-from optipromp.core.judging.lines import left_lines
+from optipromp.core.judging.lines import left_lines, left_path
 from optipromp.core.judging.moving import met
-from optipromp.core.judging.near import nearest_static
-from optipromp.core.judging.passing import passing
+from optipromp.core.judging.passing import as_passed, passing
 from optipromp.core.judging.speed import among_fruits, largest, stands, too_fast
 from optipromp.core.judging.violation import Violation
 from optipromp.core.parameters import Checked, parameter
@@ -63,8 +61,8 @@ class Metrics:
         passage: by pushable, the offsets along x_g and y_g at which the tool passes [m]; the second
             is M_p.
         stem_projection: by pushable, y_g·S_n of its stem [m].
-        drift_shortfall: by pushable, lack of the gripper's radius as the tool passes on the side
-            away from the stem (constraint 1) [m].
+        drift_shortfall: by pushable, what constraint 1 lacks from t_1 on: the scene's
+            ``drift_offset``, else the gripper's radius, less the least s_n·y_g·(fk − X_n) [m].
         stem_gap: by pushable, smallest distance between the segment from tool to fruit and the
             stem's line (constraint 2) [m].
         clearance_static: smallest distance of a body sphere to a static object [m].
@@ -168,16 +166,16 @@ def judge(
     q = trajectory.positions
     times, fine, waypoints, complete = kinematics.refined(robot, trajectory)
     distances, contacts, points, every = swept(scene, robot, fine, times)
-    away, moving = met(scene, robot, trajectory, waypoints)
+    beside, moving = met(scene, robot, trajectory, waypoints)
     contacts, notes = pushed_away(scene, robot, fine, contacts)
     inside = [] if begun else entered(scene, robot, q[0], points[0], every[0])
     contacts += [*inside, *moving]
     at_start = touching(scene, robot, q[0], begun=begun) if contacts else []
     tips, axes = points[waypoints], every[waypoints]
     rims = tips + (0.0 if robot.tool is None else robot.tool.depth) * axes
-    passed = passing(scene, tips, rims, robot.gripper_radius)
+    passed = passing(as_passed(scene, trajectory.times, tips), tips, rims, robot.gripper_radius)
     end, at_goal = ends(scene, robot, q[-1], tips[-1], axes[-1], trajectory.duration)
-    missed = [*end.missed, *left_path(scene, robot, times, fine, points)]
+    missed = [*end.missed, *left_path(scene, robot, times, fine)]
     missed += left_lines(scene, robot, trajectory, points, waypoints)
     motion, broken = _motion(robot, trajectory, start)
     instants = trajectory.times.tolist()
@@ -212,9 +210,9 @@ def judge(
             )
         else:
             near = None
-    if away is not None:
-        closest = distances["clearance_static"]
-        distances["clearance_static"] = away if closest is None else min(closest, away)
+    for name, away in beside.items():
+        closest = distances[name]
+        distances[name] = away if closest is None else min(closest, away)
     figures: dict[str, Any] = {**distances, **motion}
     metrics = Metrics(
         M_p=passed.M_p, passage=passed.passage, stem_projection=passed.stem_projection,
@@ -238,7 +236,7 @@ def paper_violations(scene: Scene, metrics: Metrics, tolerance: float = 1e-4) ->
     for item in scene.pushables:
         short, gap = metrics.drift_shortfall[item.id], metrics.stem_gap[item.id]
         if short is not None and short > tolerance:
-            near = f"{short * 1e3:.1f} mm nearer than the gripper's radius"
+            near = f"{short * 1e3:.1f} mm nearer than constraint 1 asks for"
             text = f"the tool passes {item.id} {near}"
             out.append(Violation("drift", text, item.id, None, short, "m"))
         if item.stem is not None and gap is not None and gap < item.stem.radius:

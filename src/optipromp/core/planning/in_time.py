@@ -1,14 +1,16 @@
 """Plans among objects that move: round all their places, or after they have passed.
 
 The planner sees objects that stand: first the moving objects at all the places of their curves (the
-swept volume), then none of them, then those at the ends of their curves. A motion from rest waits
+swept volume), then none of them, then those at the ends of their curves. A pushable that moves is
+seen where the last plan's tool passes it, until that place hardly changes. A motion from rest waits
 as long as the judge, which knows where each object is at each time, finds a contact. An arm that
 moves cannot wait: where no motion on from its state is valid, it brakes and plans from rest.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +20,7 @@ from optipromp.core.budget import clock
 from optipromp.core.errors import Code
 from optipromp.core.planning.parameters import IN_TIME
 from optipromp.core.planning.result import Plan
-from optipromp.core.planning.task import Task, reach
+from optipromp.core.planning.task import Task, as_of, passages, reach
 from optipromp.core.planning.timing import stopped
 from optipromp.core.planning.verdict import verdict
 from optipromp.core.scenes.scene import Scene, SceneObject
@@ -28,21 +30,13 @@ JUDGED = Code.SUCCESS, Code.INVALID_PLAN, Code.HARM_PREDICTED
 """Statuses that the judge gives anew."""
 
 
-def moves(scene: Scene) -> bool:
-    """Whether any object of the scene moves."""
-    return any(item.motion is not None for item in scene.objects)
-
-
 def later(scene: Scene, time: float) -> Scene:
     """The scene for one to whom ``time`` [s] is time 0: objects are where they are by then."""
-    if not moves(scene):
+    motions = {item.id: course.later(time) for item, course in scene.movers}
+    if not motions:
         return scene
-    objects = []
-    for item in scene.objects:
-        if item.motion is not None:
-            motion = item.motion.later(time)
-            item = replace(item, motion=motion, position=motion.at(np.zeros(1))[0])
-        objects.append(item)
+    there = scene.standing(dict.fromkeys(motions, time))
+    objects = (replace(o, motion=motions.get(o.id, o.motion)) for o in there.objects)
     return replace(scene, objects=tuple(objects))
 
 
@@ -67,25 +61,33 @@ def plan_in_time(task: Task, made_for: Callable[[Task], Plan], late: float = np.
 
 def _among(task: Task, made_for: Callable[[Task], Plan], late: float) -> Plan:
     """:func:`plan_in_time` without a brake."""
+    ended = task.scene.standing({item.id: np.inf for item, _ in task.scene.movers})
+    scenes = [_swept(task), ended]
+    if len(task.scene.movers) > len(task.scene.drifting):
+        scenes.insert(1, replace(task.scene, objects=_standing(task.scene)))
     best: tuple[tuple[bool, bool], Plan] | None = None
-    scene = task.scene
-    for given in (
-        _swept(task),
-        replace(scene, objects=_standing(scene)),
-        replace(scene, objects=_ended(scene)),
-    ):
-        made = made_for(replace(task, scene=given))
-        for wait in _waits(task):
-            found = _in(task, made, _still(made, wait) if wait else None)
-            rank = found.success, made.success
-            if best is None or rank > best[0]:
-                best = rank, found
-            if found.success and _room(found) >= min(_room(made), IN_TIME.room):
-                return found
-            if (cut := clock() > late) or not made.success:
+    for given in scenes:
+        seen = replace(task, scene=given)
+        when = dict.fromkeys(given.drifting, IN_TIME.met)
+        for _ in range(IN_TIME.rounds if when else 1):
+            made, tried = made_for(as_of(seen, when)), list[Plan]()
+            for wait in _waits(task):
+                found = _in(task, made, _still(made, wait) if wait else None)
+                tried.append(found)
+                if found.success and _room(found) >= min(_room(made), IN_TIME.room):
+                    return found
+                if (cut := clock() > late) or not made.success:
+                    break
+                if any((one.time or wait) < wait for one in found.contacts):
+                    break  # what is met while the arm waits is met in a longer wait too
+                if when and not found.contacts:
+                    break  # what is pushed is elsewhere after a longer wait
+            mine = max(tried, key=lambda one: one.success)
+            if best is None or (mine.success, made.success) > best[0]:
+                best = (mine.success, made.success), mine
+            before, when = when, passages(seen, found.trajectory)
+            if cut or found.contacts or _near(seen.scene, before, when):
                 break
-            if any((one.time or wait) < wait for one in found.contacts):
-                break  # what is met while the arm waits is met in a longer wait too
         if cut:
             break
     assert best is not None
@@ -94,6 +96,12 @@ def _among(task: Task, made_for: Callable[[Task], Plan], late: float) -> Plan:
         message = f"time ran out; the best so far: {made.message}"
         return replace(made, status=Code.TIMEOUT, message=message)
     return made
+
+
+def _near(scene: Scene, when: Mapping[str, float], other: Mapping[str, float]) -> bool:
+    """Whether pushables are at the same places at two times each [s], by id."""
+    places = (scene.drifting[k].at(np.array([t, other[k]])) for k, t in when.items())
+    return all(math.dist(*two) < IN_TIME.same for two in places)
 
 
 def _stood(task: Task, brake: Trajectory) -> Task:
@@ -113,35 +121,26 @@ def _room(made: Plan) -> float:
 
 
 def _standing(scene: Scene) -> tuple[SceneObject, ...]:
-    return tuple(item for item in scene.objects if item.motion is None)
-
-
-def _ended(scene: Scene) -> tuple[SceneObject, ...]:
-    """The objects, those that move at the ends of their curves."""
-    return tuple(
-        item
-        if item.motion is None
-        else replace(item, position=item.motion.positions[-1], motion=None)
-        for item in scene.objects
-    )
+    """The objects that stand, and the pushables."""
+    return tuple(o for o in scene.objects if o.course is None or o.role == "pushable")
 
 
 def _swept(task: Task) -> Scene:
-    """The scene whose moving objects are at all places of their curves within the arm's reach.
+    """The scene whose moving objects, but pushables, are at all places within the arm's reach.
 
     Each place has the padding of its object, and may be touched by what may touch the object.
     """
     out, pairs = list(_standing(task.scene)), list(task.scene.may_touch)
-    for item in task.scene.objects:
-        if item.motion is None:
+    for item, course in task.scene.movers:
+        if item.role == "pushable":
             continue
-        last = min(float(item.motion.times[-1]), IN_TIME.horizon)
+        last = min(float(course.times[-1]), IN_TIME.horizon)
         spacing = IN_TIME.spacing * (item.radius if np.isfinite(item.radius) else 1.0)
-        count = int(np.ceil(item.motion.fastest * max(last, 0.0) / spacing)) + 1
-        places = item.motion.at(np.linspace(0.0, max(last, 0.0), min(count, IN_TIME.most)))
+        count = int(np.ceil(course.fastest * max(last, 0.0) / spacing)) + 1
+        places = course.at(np.linspace(0.0, max(last, 0.0), min(count, IN_TIME.most)))
         near = np.linalg.norm(places, axis=1) - item.radius < reach(task.robot)
         copies = [
-            replace(item, id=f"{item.id}~{k}", position=place, motion=None)
+            replace(item, motion=None).at(place, f"{item.id}~{k}")
             for k, place in enumerate(places[near])
         ]
         touching = [name for pair in pairs if item.id in pair for name in pair if name != item.id]
@@ -164,6 +163,9 @@ def _in(task: Task, made: Plan, before: Trajectory | None) -> Plan:
         curves = [chained([before, curve]) for curve in curves]
         first += before.n_waypoints - 1
     trajectory, initial, followed = curves
+    if made.task.scene.approach is not task.scene.approach:  # another was chosen
+        scene = replace(task.scene, approach=made.task.scene.approach)
+        task = replace(task, scene=scene, goal=made.task.goal)
     found = verdict(task, trajectory)
     status, message = found.status, found.message
     if status is not Code.SUCCESS and made.status not in JUDGED:

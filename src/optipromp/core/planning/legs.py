@@ -129,13 +129,17 @@ def plan_pick(
         The legs. A leg that fails is returned too, with its code; no leg comes after it.
 
     Raises:
-        InvalidRequestError: the scene has no target, no place, or a robot without a tool.
+        InvalidRequestError: the scene has no target, no place, objects that move, or a robot
+            without a tool.
         OptiPrompError: an error of :func:`optipromp.core.planning.plan.plan`.
     """
     scene = scene if isinstance(scene, Scene) else load_scene(scene)
     if scene.place is None or scene.target is None:
         what = "place" if scene.target is not None else "target"
         raise InvalidRequestError(f"{scene.name} has no {what}: a pick needs a target and a place")
+    if names := ", ".join(item.id for item, _ in scene.movers):
+        told = "the legs of a pick know no motion; leave out the motions, or plan the reach alone"
+        raise InvalidRequestError(f"{scene.name} has a place, and {names} move: {told}")
     reach = plan(scene, progress=progress, **request)
     return after(reach, progress, **request)
 

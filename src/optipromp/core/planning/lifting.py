@@ -56,7 +56,7 @@ def settled(reach: Plan, scene: Scene) -> Scene:
     places: dict[str, tuple[FloatArray, float]] = {}
     model, robot = reach.push_model, reach.robot
     if model is not None:
-        points, axes, _ = led(reach.task, model, reach.trajectory)
+        points, axes, *_ = led(reach.task, model, reach.trajectory)
         left = model.moved(points, axes)
         ends = zip(left.ids, left.positions, left.turns, strict=True)
         places = {id_: (place, float(turn)) for id_, place, turn in ends}

@@ -172,8 +172,8 @@ class Timed(Settings):
     Attributes:
         waypoints: number T of waypoints, 3 to 20,000; None: as many as keep every joint's step
             below ``max_step``.
-        duration: of the trajectory [s]; None: the shortest that the limits and ``approach_speed``
-            allow.
+        duration: of the trajectory [s]; None: a short one within the limits and
+            ``approach_speed``.
         approach_speed: largest speed of the tool on its path, where something is to be pushed
             [m/s]; None: the speed of the push model. ``duration`` overrides it. A plan whose tool
             is faster among fruits than pushes are predicted for is no success.

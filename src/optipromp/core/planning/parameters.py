@@ -333,6 +333,11 @@ class InTimeParameters(Checked):
     room: float = parameter(0.01, "m", "choice", "from objects that move, where there is a way")
     wait: float = parameter(0.25, "s", "choice", "between two times of departure that are tried")
     longest: float = parameter(20.0, "s", "choice", "wait at the start")
+    met: float = parameter(
+        3.0, "s", "choice", "at which a pushable that moves is passed, in the first plan"
+    )
+    rounds: int = parameter(4, "1", "choice", "plans until a pushable is where the plan takes it")
+    same: float = parameter(1e-3, "m", "choice", "between two places of a pushable that are one")
 
 
 WAYPOINT = WaypointParameters()

@@ -21,7 +21,7 @@ from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.optimization.kernels import add_stiffness
 from optipromp.core.planning import approaches, tree
 from optipromp.core.planning.functionals import functional_values
-from optipromp.core.planning.in_time import later, moves, plan_in_time
+from optipromp.core.planning.in_time import later, plan_in_time
 from optipromp.core.planning.options import PaperOptions, PlanOptions, Strategy, stated
 from optipromp.core.planning.parameters import UNDERWAY
 from optipromp.core.planning.planner import Planner, check_way, label
@@ -127,7 +127,7 @@ def plan(
                 risk = max(task.risk, UNDERWAY.risk)
                 tasks = [replace(each, risk=risk) for each in tasks]
         way = functools.partial(_best_way, planner=solver, options=options, began=began, say=say)
-        if not moves(scene):
+        if not scene.movers:
             return way(tasks)
         late = _late(began + options.timeout, options)
         made = [
@@ -293,7 +293,8 @@ def _plan(
 ) -> Plan | Harmful:
     """The judged plan of one approach; a planner's answer that all paths do harm as it is.
 
-    The planner is not asked where the arm touches something at the start, or rests at the goal.
+    The planner is not asked where the arm touches something at the start, breaks the path's
+    constraints there, or rests at the goal.
     """
     began = clock()
     budget = Budget(_late(end, options), np.inf if options.effort is None else options.effort, say)
@@ -304,6 +305,9 @@ def _plan(
     found: Planned | Failed | Harmful = stay
     if touching:
         found = Failed(Code.START_IN_COLLISION, "at the start " + "; ".join(map(str, touching)))
+    elif astray := judging.left_path(task.scene, task.robot, np.zeros(1), task.start[None]):
+        told = f"{'; '.join(map(str, astray))}: choose a start that keeps the path, or widen it"
+        found = Failed(Code.START_INVALID, f"at the start {told}")
     elif not there:
         found = planner.solve(task, budget)
     if isinstance(found, Harmful) and task.sparing:

@@ -11,7 +11,7 @@ from optipromp.core.files import plain
 from optipromp.core.judging import Judgement, Metrics, Overlap
 from optipromp.core.planning.options import PaperOptions, Strategy
 from optipromp.core.planning.regions import reached
-from optipromp.core.planning.task import Task
+from optipromp.core.planning.task import Task, as_of, passages
 from optipromp.core.pushing.model import Prediction, PushModel
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
@@ -187,7 +187,7 @@ class Plan(Shown):
         contacts: pairs that touch but must not.
         time: wall time, ``total`` and per stage [s].
         first: index of the first waypoint on the approach.
-        via: points of the tool that ``promp`` and ``i-promp`` conditioned the primitive on.
+        via: points of the tool that the planner conditioned the primitive on, the target last.
     """
 
     task: Task
@@ -231,7 +231,8 @@ class Plan(Shown):
     @property
     def push_model(self) -> PushModel | None:
         """The push model for the trajectory's last configuration; None where no model applies."""
-        return self.task.push_model(self.trajectory.positions[-1])
+        bound = as_of(self.task, passages(self.task, self.trajectory))
+        return bound.push_model(self.trajectory.positions[-1])
 
     @property
     def goal(self) -> int | None:

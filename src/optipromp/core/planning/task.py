@@ -1,8 +1,8 @@
 """A task: the scene's robot with its tool, start, goal, obstacles, neighbours and push model."""
 
 import functools
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,11 +31,13 @@ from optipromp.core.robots.self_collision import letting_touch
 from optipromp.core.robots.suction import PRESS
 from optipromp.core.robots.tools import make_tool, with_tool
 from optipromp.core.scenes.held import Pair, check_names
+from optipromp.core.scenes.motion import ObjectMotion
 from optipromp.core.scenes.scene import Attached, Goal, PoseGoal, Scene, SceneObject
 from optipromp.core.trajectory import State, Trajectory
 
 AMONG = 0.3  # [m] behind the target, within which the arm may meet objects that stand: a choice
 MOST_POINTS = 50_000  # of a tool's motion, which are 50 m at STEP: more than any arm's
+MOMENTS = 200  # of a trajectory at which the passage of what moves is looked for: a choice
 FARTHER = 0.1  # [m] beyond its reach, where objects still concern the arm: a choice
 NEAR = 0.065  # [m] cells list obstacles this near to a body sphere: more than GOAL.room
 
@@ -64,6 +66,7 @@ class Task:
         sparing: whether the planner may answer :class:`Harmful` instead of following a path.
         beyond: the least harm of the tool paths out of the arm's reach.
         back: the push model of a retreat, for its whole motion; None: the task is none.
+        courses: how pushables move about their places in ``scene``, by id; see :func:`as_of`.
         begun: whether ``state`` replaces the scene's start: the tool may be among fruits already.
     """
 
@@ -87,6 +90,7 @@ class Task:
     beyond: float = np.inf
     back: PushModel | None = None
     sparing: bool = False
+    courses: Mapping[str, ObjectMotion] = field(default_factory=dict)
 
     @property
     def start(self) -> FloatArray:
@@ -183,20 +187,15 @@ def laden(robot: Robot, attached: Sequence[Attached]) -> Robot:
     return with_tool(robot, Laden(robot.tool, loads))
 
 
-def posed(
-    scene: Scene, robot: Robot | None = None, state: State | None = None
-) -> tuple[Robot, State]:
-    """The scene's robot with its tool, and the state of the arm at the start.
+def robot_of(scene: Scene, robot: Robot | None = None) -> Robot:
+    """The scene's robot with the scene's tool, and with what the tool holds.
 
-    Args:
-        scene: with a robot, a tool and a start.
-        robot: with its tool, in place of the scene's robot and tool. It is given what is attached.
-        state: of the arm, in place of the scene's start.
+    All of a scene stands in this robot's base frame. ``scene.load_robot()`` is without the tool.
+    ``robot`` has its own tool, and stands in the place of the scene's robot and tool.
 
     Raises:
         InvalidRobotError: a robot that cannot be loaded.
         InvalidSceneError: a tool of an unknown kind.
-        StartInvalidError: wrong joint count, or outside the joint limits.
         InvalidRequestError: a tool that cannot be made or mounted.
     """
     spec = None
@@ -211,6 +210,21 @@ def posed(
     attached = tuple(item for item in scene.attached if item.id not in held)
     if spec or attached or scene.may_touch:
         robot = _equip(robot, spec, attached, scene.may_touch)
+    return robot
+
+
+def posed(
+    scene: Scene, robot: Robot | None = None, state: State | None = None
+) -> tuple[Robot, State]:
+    """The robot of :func:`robot_of`, and the state of the arm at the start.
+
+    ``state`` is of the arm, in place of the scene's start.
+
+    Raises:
+        StartInvalidError: wrong joint count, or outside the joint limits.
+        OptiPrompError: what :func:`robot_of` raises.
+    """
+    robot = robot_of(scene, robot)
     if state is None:
         links = robot.link_names
         if scene.place is not None and scene.target is not None:
@@ -257,6 +271,35 @@ def approached(task: Task, scene: Scene) -> Task:
     assert scene.aim is not None
     goal, near = PoseGoal(scene.aim, scene.frame[2]), neighbours(scene, task.robot.gripper_radius)
     return replace(task, scene=scene, goal=goal, neighbours=near)
+
+
+def passages(task: Task, trajectory: Trajectory) -> dict[str, float]:
+    """When the tool is nearest to each pushable that moves [s], by id."""
+    if not (courses := task.scene.drifting):
+        return {}
+    times = np.linspace(0.0, trajectory.duration, MOMENTS)
+    points, _ = task.robot.tool_pose(trajectory.sample(times)[0])
+    return {
+        name: float(times[np.argmin(lengths(points - course.at(times)))])
+        for name, course in courses.items()
+    }
+
+
+def as_of(task: Task, when: Mapping[str, float]) -> Task:
+    """The task whose pushables stand where they are at times ``when`` [s], by id.
+
+    Its ``courses`` are their displacements from there.
+    """
+    if not when:
+        return task
+    scene = task.scene.standing(when)
+    here, before = {item.id: item for item in scene.objects}, task.scene.drifting
+    courses = {name: before[name].shifted(-here[name].position) for name in when}
+    near = tuple(here[item.id] for item in task.neighbours)
+    if task.entry is None:
+        near = neighbours(scene, task.robot.gripper_radius)
+    passed = tuple(here[item.id] for item in task.passed)
+    return replace(task, scene=scene, neighbours=near, passed=passed, courses=courses)
 
 
 @functools.lru_cache(maxsize=32)

@@ -34,9 +34,9 @@ def timed(
     slow: Slow,
     speed: float | None = None,
 ) -> Trajectory:
-    """Waypoints (T, n) as a trajectory of ``options.duration``, or of the shortest duration.
+    """Waypoints (T, n) as a trajectory of ``options.duration``, or as :func:`shortest` times them.
 
-    In the ``slow`` intervals of the shortest trajectory the tool's speed stays below
+    Without a duration the tool's speed stays in the ``slow`` intervals below
     ``options.approach_speed``, or else below ``speed`` [m/s] (None: that of the push model).
     """
     usual = PUSH.standing.speed if stands(task) else PUSH.hanging.speed
@@ -50,8 +50,9 @@ def timed(
 
 
 def shortest(robot: Robot, q: FloatArray, slow: Slow = None, speed: float = np.inf) -> Trajectory:
-    """The shortest trajectory through waypoints ``q`` (T, n), from rest to rest.
+    """The shortest trajectory found through waypoints ``q`` (T, n), from rest to rest.
 
+    Another may be shorter: equal intervals are not tried against others, and the search is local.
     It keeps the robot's limits of velocity, acceleration and jerk at every instant. In the ``slow``
     intervals it keeps the tool's ``speed`` [m/s] in the mean. Where the tool's speed decides, the
     intervals are equal, unless ``slow`` is a mask. Where the joints' limits decide, the intervals

@@ -162,10 +162,10 @@ def _begun(share: FloatArray) -> FloatArray:
 
 
 def same(task: Task, previous: Plan) -> bool:
-    """Whether every pushable is where the running plan's scene has it."""
+    """Whether every pushable is where the running plan's scene has it, and stands."""
     before = {o.id: o.position for o in previous.scene.pushables}
     return all(
-        o.id in before and math.dist(o.position, before[o.id]) < UNDERWAY.same
+        o.course is None and o.id in before and math.dist(o.position, before[o.id]) < UNDERWAY.same
         for o in task.scene.pushables
     )
 
@@ -173,10 +173,10 @@ def same(task: Task, previous: Plan) -> bool:
 def pushed(task: Task, previous: Plan, at: float) -> tuple[FloatArray, FloatArray] | None:
     """Tool points and axes (P, 3) of the running plan's push so far.
 
-    None before the approach.
+    None before the approach, and where a pushable moves.
     """
     begin = float(previous.trajectory.times[previous.first])
-    if task.entry is None or at <= begin:
+    if task.entry is None or at <= begin or task.scene.drifting:
         return None
     q, _, _ = previous.trajectory.sample(np.linspace(begin, at, UNDERWAY.rows))
     now = tool_motion(task.robot, q)

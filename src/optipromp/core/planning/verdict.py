@@ -18,8 +18,9 @@ from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.judging import Judgement, Overlap
 from optipromp.core.planning.options import PlanOptions
 from optipromp.core.planning.result import Plan
-from optipromp.core.planning.task import MOST_POINTS, Task, resolve, spaced
+from optipromp.core.planning.task import MOST_POINTS, Task, as_of, passages, resolve, spaced
 from optipromp.core.pushing.model import Prediction, PushModel
+from optipromp.core.pushing.path import STEP, along
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene
@@ -148,9 +149,11 @@ def judged(
 def predicted(task: Task, trajectory: Trajectory) -> Prediction | None:
     """The prediction of a trajectory's push.
 
-    None where no model applies, and for a trajectory that does not move.
+    The roots of pushables that move are where they are at each time. None where no model applies,
+    and for a trajectory that does not move.
     """
     q = trajectory.positions
+    task = as_of(task, passages(task, trajectory))
     model = None if (q == q[0]).all() else task.push_model(q[-1])
     return None if model is None else prediction(model, led(task, model, trajectory))
 
@@ -161,11 +164,17 @@ class PushMotion(NamedTuple):
     Attributes:
         points, axes: (P, 3) of the tool.
         struck: the deepest overlap of the tool or the last link before the approach; None: none.
+        drift: displacements (P, 3) of the roots that move, by id [m].
     """
 
     points: FloatArray
     axes: FloatArray
     struck: Overlap | None
+    drift: Mapping[str, FloatArray]
+
+    def among(self, model: PushModel) -> PushModel:
+        """The model whose roots drift as they do in this motion."""
+        return model.drifting(self.drift) if self.drift else model
 
 
 def led(task: Task, model: PushModel, trajectory: Trajectory) -> PushMotion:
@@ -174,16 +183,34 @@ def led(task: Task, model: PushModel, trajectory: Trajectory) -> PushMotion:
     The motion before the approach is left out where it surely touches nothing. There the arm is
     faster than the tool of a push model: an object that it strikes counts as harmed.
     """
-    q, points, axes = _followed(task.robot, trajectory)
+    q, points, axes, times = _followed(task.robot, trajectory)
+
+    def moved(rows: slice, struck: Overlap | None = None) -> PushMotion:
+        way, turned = spaced(points[rows], axes[rows])
+        if not task.courses:
+            return PushMotion(way, turned, struck, {})
+        at = along(points[rows], times[rows, None], len(way))[:, 0]
+        since = np.append(0.0, at[:-1])  # roots drift from time 0 on, while the tool waits
+        fastest = max(course.fastest for course in task.courses.values())
+        steps = np.maximum(np.ceil((at - since) * fastest / STEP), 1).astype(np.int64)
+        row = np.repeat(np.arange(len(at)), steps)
+        share = (np.arange(len(row)) - np.searchsorted(row, row) + 1) / steps[row]
+        here = np.where(share < 1.0, np.maximum(row - 1, 0), row)
+        now = since[row] + share * (at - since)[row]
+        drift = {name: course.at(now) for name, course in task.courses.items()}
+        return PushMotion(way[here], turned[here], struck, drift)
+
     if task.back is not None:
-        return PushMotion(*spaced(points, axes), None)
+        return moved(slice(None))
     first = _approach(points @ task.scene.frame[2] - model.candidates.entry)
     struck = None
-    if first and not model.clear(*spaced(points[: first + 1], axes[: first + 1])):
-        if not (task.begun and judging.struck(task.scene, task.robot, q[:1])):  # begun among fruits
-            struck = judging.struck(task.scene, task.robot, q[: first + 1])
+    before = moved(slice(first + 1)) if first else None
+    if before and not before.among(model).clear(before.points, before.axes):
+        by = {name: course.at(times) for name, course in task.courses.items()}
+        if not (task.begun and judging.struck(task.scene, task.robot, q[:1], by)):  # among fruits
+            struck = judging.struck(task.scene, task.robot, q[: first + 1], by)
         first = 0
-    return PushMotion(*spaced(points[first:], axes[first:]), struck)
+    return moved(slice(first, None), struck)
 
 
 def _approach(heights: FloatArray) -> int:
@@ -201,19 +228,21 @@ def harm_of(model: PushModel, motion: PushMotion) -> float:
     """The harm of a motion; where the arm strikes something before the approach, 2 thresholds."""
     if motion.struck is not None:
         return 2.0 * model.threshold
-    return model.harm(motion.points, motion.axes, model.states)
+    return motion.among(model).harm(motion.points, motion.axes, model.states)
 
 
 def prediction(model: PushModel, motion: PushMotion, harm: float | None = None) -> Prediction:
     """The prediction of a motion; ``harm``: its harm, where that is known."""
     if motion.struck is None:
-        return model.predict(motion.points, motion.axes, harm)
+        return motion.among(model).predict(motion.points, motion.axes, harm)
     cause = f"is struck by {motion.struck.link} before the approach"
     return Prediction(harm_of(model, motion), model.threshold, motion.struck.other, cause, {}, 1.0)
 
 
-def _followed(robot: Robot, trajectory: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Configurations (M, n), tool points and axes (M, 3) of a trajectory's waypoints.
+def _followed(
+    robot: Robot, trajectory: Trajectory
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Configurations (M, n), tool points and axes (M, 3), times (M,) of a trajectory's waypoints.
 
     Samples of the curve are added between waypoints whose tool points are over ``COARSE`` apart.
     """
@@ -221,11 +250,11 @@ def _followed(robot: Robot, trajectory: Trajectory) -> tuple[FloatArray, FloatAr
     points, axes = robot.tool_pose(q)
     parts = np.maximum(np.ceil(lengths(np.diff(points, axis=0)) / COARSE), 1.0)
     if parts.max() == 1.0 or parts.sum() > MOST_POINTS:
-        return q, points, axes
+        return q, points, axes, trajectory.times
     row = np.repeat(np.arange(len(parts)), parts.astype(np.int64))
     share = (np.arange(len(row)) - np.searchsorted(row, row)) / parts[row]
     at = trajectory.times[row] + share * np.diff(trajectory.times)[row]
     fine, _, _ = trajectory.sample(at)
     fine[share == 0.0] = q[:-1]  # without rounding
     fine = np.vstack([fine, q[-1:]])
-    return fine, *robot.tool_pose(fine)
+    return fine, *robot.tool_pose(fine), np.append(at, trajectory.times[-1])

@@ -55,7 +55,7 @@ def way_back(reach: Plan, robot: Robot) -> PushModel | None:
     if before is None:
         points, axes = tool_motion(reach.robot, reach.trajectory.positions[reach.first :])
         return WayBack(model, points, axes, ())
-    points, axes, _ = led(reach.task, before, reach.trajectory)
+    points, axes, *_ = led(reach.task, before, reach.trajectory)
     radius = {item.id: item.radius for item in hanging}
     moved = before.moved(points, axes)
     off = moved.positions - points[-1]

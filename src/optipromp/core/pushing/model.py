@@ -2,6 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,6 +50,14 @@ class PushModel(ABC):
         Pushables are at their positions before any push. False where the model cannot tell.
         """
         return False
+
+    def drifting(self, by: Mapping[str, FloatArray]) -> "PushModel":
+        """The model for motions of P points, while the roots of stems drift.
+
+        ``by``: drifts (P, 3) at the points, by the ids of the fruits [m]; at least one. What does
+        not hang does not drift.
+        """
+        return self
 
     @abstractmethod
     def harm(
@@ -109,6 +118,10 @@ class Combined(_Guided):
     def __init__(self, *models: PushModel) -> None:
         super().__init__(models[0])
         self.models, self.states = models, max(model.states for model in models)
+
+    def drifting(self, by: Mapping[str, FloatArray]) -> PushModel:
+        """See :class:`PushModel`; of all models."""
+        return Combined(*(model.drifting(by) for model in self.models))
 
     def clear(self, points: FloatArray, axes: FloatArray) -> bool:
         """See :class:`PushModel`; for every model."""

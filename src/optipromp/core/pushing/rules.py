@@ -141,16 +141,16 @@ def passing_windows(
 ) -> FloatArray:
     """The windows (N, 2) of :class:`Drift` for pushables passed in ``directions`` (N, 3) [m].
 
-    The ``paper`` window is the extent of the pushable about its centre. The rim, ``depth`` [m]
+    The ``paper`` window is the extent of the pushable along z_g. The rim, ``depth`` [m]
     above the tool point, decides whether a fruit ends inside the mouth, and must be aside before it
     reaches the pushable: the ``rim`` window begins lower by the depth. It ends with the paper's
     window, or earlier, as soon as the rim is safely past the centre, where the rim takes in the
     target or the next pushable asks for another direction.
     """
-    radii = np.array([obj.radius for obj in objects])
-    if window == "paper" or scene.target is None or not len(objects):
-        return np.stack([-radii, radii], axis=1).reshape(-1, 2)
     up = scene.frame[2]
+    if window == "paper" or scene.target is None or not len(objects):
+        return np.array([(-half, half) for half in (o.extent(up) for o in objects)]).reshape(-1, 2)
+    radii = np.array([obj.radius for obj in objects])
     heights = np.array([obj.position for obj in objects]) @ up
     capture = float(scene.target.position @ up) - depth - scene.target.radius
     under = np.full(len(radii), RULE_UNDER)

@@ -1,10 +1,6 @@
-"""Tools on the flange: the swallowing cup, the Franka hand, and the mounting of any tool.
+"""Tools on the flange: the swallowing cup, the Franka hand, and the mounting of any tool."""
 
-The boxes of the Franka hand are from memory of franka_description, not checked against the file: a
-palm 204 mm wide, 63 mm thick and 66 mm to its front, and fingers whose rubber tips are 17.5 mm
-high, 15 mm wide and 18.5 mm long, 80 mm apart when open.
-"""
-
+import functools
 import math
 import warnings
 from collections.abc import Mapping
@@ -15,7 +11,7 @@ import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, frozen
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError
-from optipromp.core.geometry.shapes import Box, Cylinder
+from optipromp.core.geometry.shapes import Box, Cylinder, MeshShape, hull_faces
 from optipromp.core.robots.cup_cover import NECK_RADIUS, cover_cup
 from optipromp.core.robots.grippers import FingerGripper, Scissor
 from optipromp.core.robots.laden import cover_load, loads_of
@@ -35,17 +31,22 @@ from optipromp.core.robots.tool_protocol import (
 
 TOOL_LINK = "tool"
 WALL = 0.002  # [m] chosen: thickness of a cup's floor, and of its wall by default
-PALM = 0.0316, 0.02  # [m] of the Franka hand: half of its thickness, middle before the flange
-PALM_HALF = 0.102, 0.0459  # [m] half of its width, half of its length
-FINGERS = 0.0584  # [m] before the flange, where the fingers begin
-FINGER = {  # boxes of an open finger: x, y, z of the centre, three half edges [m], turn [rad]
-    "mount": (0.0, 0.0185, 0.011, 0.011, 0.0075, 0.010, 0.0),
-    "diagonal": (0.0, 0.0159, 0.02835, 0.00875, 0.0035, 0.01175, math.pi / 6.0),
-    "pad": (0.0, 0.00758, 0.04525, 0.00875, 0.0076, 0.00925, 0.0),
+Corners = tuple[tuple[int, int, int], ...]
+FINGERS = 0.0584  # [m] before the flange, where the fingers of the Franka hand begin
+# The Franka hand: convex parts by their corners [mm], each its own mirror image in x. Half of the
+# thickness along x, then y and z in the hand's axes: of the palm from the flange, of a finger from
+# the inner side of its pad at FINGERS. The maker's visual meshes stand at most 2 mm out of them.
+PALM: Corners = (
+    (2, -78, -28), (1, -103, -16), (23, 77, -10), (16, -91, -4), (26, 85, -4), (32, 1, 0),
+    (22, 94, 2), (18, -99, 31), (20, 99, 50), (16, 101, 55), (15, -102, 57), (18, -92, 63),
+    (15, 93, 64), (13, -96, 66), (12, 96, 66),
+)  # fmt: skip
+FINGER: dict[str, Corners] = {
+    "base": ((11, 2, 0), (11, 26, 0), (11, 25, 19), (9, 16, 36), (9, 7, 36)),
+    "pad": ((9, 0, 36), (9, 16, 36), (9, 14, 50), (9, 0, 50), (6, 14, 54), (6, 0, 54)),
 }
-PADS = FINGER["pad"]
-# y, z, radius [m] in the axes of the hand or of a finger: the fewest spheres that contain every
-# point of the maker's meshes and reach at most 15 mm beyond them (scripts/fit_cover.py).
+# y, z, radius [m] in the same axes: the fewest spheres that contain every point of the maker's
+# meshes and reach at most 15 mm beyond them (scripts/fit_cover.py). They contain the parts above.
 PALM_SPHERES = (
     (-0.064, -0.004, 0.0312), (-0.08, 0.004, 0.0328), (-0.02, 0.008, 0.0423),
     (0.028, 0.012, 0.041), (0.068, 0.016, 0.039), (-0.016, 0.036, 0.0378),
@@ -111,7 +112,7 @@ class Cup(Tool):
         return min(self.opening / 2.0, self.radius - 1e-4), self.radius
 
     def outline(self) -> tuple[FloatArray, ...]:
-        """The cup cut along its axis: neck, base and walls; see :meth:`FrankaHand.outline`."""
+        """The cup cut along its axis: neck, base and walls; see :meth:`Tool.outline`."""
         (inner, outer), rim, flange = self.mouth, self.depth, -self.reach
         base = rim - self.height
         neck = (flange, base, -NECK_RADIUS, NECK_RADIUS)
@@ -150,9 +151,9 @@ class Cup(Tool):
 class FrankaHand(Tool):
     """The Franka hand, open. It is mounted turned by -45 degrees about flange z, as Franka does.
 
-    The tool point lies between the finger tips, 0.1034 beyond the flange. The body spheres contain
-    every point of the maker's collision meshes and reach at most 15 mm beyond them. The push models
-    and the simulation use a palm and two fingers instead, see :meth:`boxes` and :meth:`outline`.
+    The tool point lies between the finger tips, 0.1034 beyond the flange. Palm and fingers are
+    convex parts, which simulation and push models use. The body spheres contain all of them and
+    every point of the maker's collision meshes, and reach at most 15 mm beyond either.
     """
 
     fingers = True
@@ -185,70 +186,40 @@ class FrankaHand(Tool):
     @property
     def mouth(self) -> tuple[float, float]:
         """Half the opening between the fingers, and half the distance of their backs [m]."""
-        mount = FINGER["mount"]
-        return self.gripper_radius, self.gripper_radius + mount[1] + mount[4]
+        half = self.gripper_radius
+        return half, half + 1e-3 * max(y for _, y, _ in FINGER["base"])
 
     @property
     def front(self) -> float:
         """Height of the palm's front over the flange [m]."""
-        return PALM[1] + PALM_HALF[1]
+        return 1e-3 * max(z for *_, z in PALM)
 
     @property
     def tip(self) -> float:
         """Height of the finger tips over the flange [m]."""
-        return FINGERS + PADS[2] + PADS[5]
-
-    def boxes(self) -> tuple[tuple[str, FloatArray, FloatArray, float], ...]:
-        """The open hand as boxes: name, centre (3,), half edges (3,) [m], turn about x [rad].
-
-        In the hand's axes (:attr:`rotation`) with the origin at the flange.
-        """
-        out = [("palm", np.array([0.0, 0.0, PALM[1]]), np.array([PALM[0], *PALM_HALF]), 0.0)]
-        for side, sign in (("left", 1.0), ("right", -1.0)):
-            for part, (x, y, z, a, b, c, turn) in FINGER.items():
-                center = np.array([x, sign * (self.gripper_radius + y), FINGERS + z])
-                out.append((f"{side} {part}", center, np.array([a, b, c]), sign * turn))
-        return tuple(out)
-
-    def outline(self) -> tuple[FloatArray, ...]:
-        """The open hand seen along its x: convex polygons (k, 2), counter-clockwise.
-
-        Columns: along the tool axis and along the hand's y, from the tool point [m].
-        """
-        out = []
-        low, high = (PALM[1] + np.array([-1.0, 1.0]) * PALM_HALF[1] - self.reach).tolist()
-        out.append(rectangle(low, high, -PALM_HALF[0], PALM_HALF[0]))
-        mount, pads = FINGER["mount"], PADS
-        near, far, tip = mount[2] + mount[5], pads[2] - pads[5], pads[2] + pads[5]
-        outer, inner = mount[1] + mount[4], pads[1] + pads[4]
-        base = [(0.0, 0.0), (far, 0.0), (far, inner), (near, outer), (0.0, outer)]
-        pad = [(far, 0.0), (tip, 0.0), (tip, inner), (far, inner)]
-        for sign in (1.0, -1.0):
-            for corners in (base, pad):
-                part = np.array(corners) * [1.0, sign]
-                part += [FINGERS - self.reach, sign * self.gripper_radius]
-                out.append(part if sign > 0 else part[::-1])
-        return tuple(out)
+        return FINGERS + 1e-3 * max(z for *_, z in FINGER["pad"])
 
     def solids(self) -> tuple[Solid, ...]:
-        """The :meth:`boxes`."""
-        turned, out = self.rotation, []
-        for name, center, half, turn in self.boxes():
-            c, s = np.cos(turn), np.sin(turn)
-            about = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-            w, x, y, z = quaternion(turned @ about).tolist()
-            a, b, c = (2.0 * half).tolist()
-            part: Part = "palm" if name == "palm" else "finger"
-            shape = Box((a, b, c))
-            out.append(Solid(f"hand:{name}", shape, turned @ center, (w, x, y, z), part))
-        return tuple(out)
+        """The palm, and base and pad of either finger."""
+        return _hand(self)
 
-    def inertia(self, mass: float) -> tuple[FloatArray, FloatArray]:
-        """Centre (3,) [m] and inertia (3, 3) [kg m²] of a palm of the whole ``mass`` [kg]."""
-        turned, (_, middle, half, _) = self.rotation, self.boxes()[0]
-        a, b, c = (half**2).tolist()
-        own = np.diag(mass / 3.0 * np.array([b + c, a + c, a + b]))
-        return turned @ middle, turned @ own @ turned.T
+
+@functools.lru_cache(maxsize=8)
+def _hand(hand: FrankaHand) -> tuple[Solid, ...]:
+    w, x, y, z = quaternion(hand.rotation).tolist()
+    parts: list[tuple[str, Part, Corners, FloatArray, float]] = [
+        ("palm", "palm", PALM, np.zeros(3), 1.0)
+    ]
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        at = np.array([0.0, sign * hand.gripper_radius, FINGERS])
+        parts += [(f"{side} {name}", "finger", rows, at, sign) for name, rows in FINGER.items()]
+    out = []
+    for name, part, rows, at, sign in parts:
+        half = 1e-3 * np.array(rows) * [1.0, sign, 1.0]
+        corners = np.concatenate([half, half * [-1.0, 1.0, 1.0]]) + at
+        shape = MeshShape(corners, hull_faces(corners))
+        out.append(Solid(f"hand:{name}", shape, np.zeros(3), (w, x, y, z), part))
+    return tuple(out)
 
 
 TOOLS: dict[str, type[Tool]] = {

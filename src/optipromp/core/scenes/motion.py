@@ -13,6 +13,7 @@ from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.values import array
 
 FOR_EVER = 600.0  # [s] a choice: for so long an object with a velocity moves
+FASTEST = 10.0  # [m/s] chosen: a larger speed is a number in millimetres
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +27,8 @@ class ObjectMotion:
         positions: (k, 3) of the object at these times, in the base frame [m].
 
     Raises:
-        InvalidSceneError: times that do not increase, or arrays that do not fit.
+        InvalidSceneError: times that do not increase, arrays that do not fit, or a speed above
+            :data:`FASTEST`.
     """
 
     times: FloatArray
@@ -44,6 +46,11 @@ class ObjectMotion:
             raise InvalidSceneError(f"motion.times are {times.tolist()}: must increase")
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "positions", array("motion.positions", positions, len(times), 3))
+        if self.fastest > FASTEST:
+            raise InvalidSceneError(
+                f"motion reaches {self.fastest:.3g} m/s: must be at most {FASTEST:g} [m/s]; "
+                "millimetres? then write scale: 0.001 at the top"
+            )
 
     @classmethod
     def steady(cls, position: FloatArray, velocity: FloatArray) -> Self:
@@ -64,6 +71,10 @@ class ObjectMotion:
     def later(self, time: float) -> ObjectMotion:
         """The same motion for one to whom ``time`` [s] is time 0."""
         return replace(self, times=self.times - time)
+
+    def shifted(self, by: FloatArray) -> ObjectMotion:
+        """The same motion, displaced ``by`` (3,) [m]."""
+        return replace(self, positions=self.positions + by)
 
     def transformed(self, pose: Pose) -> ObjectMotion:
         """The same motion in another frame, in which its present frame has the ``pose``."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, frame_along, frozen
 from optipromp.core.errors import InvalidSceneError
-from optipromp.core.geometry.shapes import Capsule, Shape
+from optipromp.core.geometry.shapes import Box, Capsule, Cylinder, Shape
 from optipromp.core.scenes.motion import ObjectMotion
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import IDENTITY, from_quaternion, product, unit_quaternion
@@ -40,6 +40,7 @@ UNSEEN_SPREAD = 0.35
 STEEPEST = 60.0  # [degrees] chosen: largest standard deviation of a tilt
 
 _LARGEST_SIGMA = 10.0  # [m] chosen
+FASTEST_ROOT = 0.1  # [m/s] of a stem's root: as slow as the tool for which pushes are predicted
 STEM_SLACK = 0.005  # [m] chosen: largest distance of a stem's ends from its fruit and its parent
 
 
@@ -176,13 +177,15 @@ class SceneObject:
             of the standard deviation of the logarithm of the stiffness.
         sigma: in place of ``covariance``: standard deviation of each coordinate of the detected
             position [m]. It is converted to a covariance, and the attribute reads None.
-        motion: of a static object; at time 0 the object is at its ``position``.
+        motion: of any object but the target; at time 0 the object is at its ``position``. Its
+            stem moves with it. A pushable that moves hangs on a stem of its own, whose root is
+            led at :data:`FASTEST_ROOT` at most.
         padding: of a static object: distance that the robot keeps from it [m]; None: the scene's.
 
     Raises:
         InvalidSceneError: the role is unknown, a fruit is a half space, a value is not finite or of
-            the wrong shape, a padding is negative or the object is not static, or a stem starts
-            away from its fruit.
+            the wrong shape, a padding is negative or the object is not static, a stem starts away
+            from its fruit, or an object has a motion that its role does not allow.
     """
 
     id: str
@@ -222,14 +225,26 @@ class SceneObject:
                     "at its fruit"
                 )
         if self.motion is not None:
-            if self.role != "static":
-                raise InvalidSceneError(f"a {self.role} has a motion: must be of a static object")
+            if (refused := self._immobile(self.motion)) is not None:
+                raise InvalidSceneError(f"a {self.role} has a motion{refused}")
             off = float(np.linalg.norm(self.motion.at(np.zeros(1))[0] - self.position))
             if off > 1e-6:  # [m] rounding
                 raise InvalidSceneError(
                     f"motion is {off:.3g} m from position at time 0: must be there"
                 )
         object.__setattr__(self, "physical", _checked(self.physical))
+
+    def _immobile(self, motion: ObjectMotion) -> str | None:
+        """Why the object may not have a motion, and what to do; None: it may."""
+        if self.role == "target":
+            return ": it must stand; a closed loop (simulate --closed-loop) follows one that moves"
+        if self.role != "pushable":
+            return None
+        if self.stem is None or self.stem.parent is not None:
+            return " and no stem of its own: what moves is the root; state a stem without parent"
+        if motion.fastest > FASTEST_ROOT * (1.0 + 1e-9):
+            return f" of {motion.fastest:.3g} m/s: must be at most {FASTEST_ROOT:g}, or role avoid"
+        return None
 
     @cached_property
     def rotation(self) -> FloatArray:
@@ -256,7 +271,7 @@ class SceneObject:
         )
 
     def at(self, position: FloatArray, id: str | None = None) -> SceneObject:
-        """A copy of the object at another position; its stem is moved along.
+        """A copy of the object at another position; its stem and its motion are moved along.
 
         The orientation, the covariance and the stem's parent stay. Fruits of a truss are moved
         together: a scene refuses a stem whose root has left the stem that it grows from.
@@ -271,12 +286,37 @@ class SceneObject:
         to, stem = array("position", position, 3), self.stem
         if stem is not None:
             stem = replace(stem, points=stem.points + (to - self.position))
-        return replace(self, id=self.id if id is None else id, position=to, stem=stem)
+        motion = self.motion and self.motion.shifted(to - self.position)
+        name = self.id if id is None else id
+        return replace(self, id=name, position=to, stem=stem, motion=motion)
+
+    @property
+    def course(self) -> ObjectMotion | None:
+        """The motion; None where it leads nowhere, or the object has none."""
+        return self.motion if self.motion is not None and self.motion.fastest > 0.0 else None
+
+    def standing(self, time: float) -> SceneObject:
+        """The object as it stands at a ``time`` [s], without its motion."""
+        if self.motion is None:
+            return self
+        return replace(self, motion=None).at(self.motion.at(np.array([time]))[0])
 
     @property
     def radius(self) -> float:
         """Radius [m] of a ball about ``position`` that contains the shape."""
         return self.shape.measure.bound
+
+    def extent(self, axis: FloatArray) -> float:
+        """Half the extent [m] along a unit vector (3,); of a shape with no formula, the radius."""
+        along = self.rotation.T @ axis
+        match self.shape:
+            case Box(size):
+                return 0.5 * float(np.abs(along) @ np.array(size))
+            case Cylinder(radius, length):
+                return 0.5 * length * abs(float(along[2])) + radius * float(np.hypot(*along[:2]))
+            case Capsule(radius, length):
+                return radius + 0.5 * length * abs(float(along[2]))
+        return self.radius
 
 
 def _checked(physical: Mapping[str, float]) -> dict[str, float]:

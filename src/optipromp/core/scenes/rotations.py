@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import InvalidSceneError
-from optipromp.core.scenes.values import array
+from optipromp.core.scenes.values import array, numbers
 
 IDENTITY = frozen([1.0, 0.0, 0.0, 0.0])
 """The quaternion of the identity."""
@@ -31,7 +31,9 @@ def unit_quaternion(values: ArrayLike) -> FloatArray:
     """
     if values is IDENTITY:
         return IDENTITY
-    if np.shape(values) == (3, 3):
+    if not isinstance(values, np.ndarray):
+        values = numbers("orientation", values)
+    if values.shape == (3, 3):
         matrix = array("orientation", values, 3, 3)
         off = float(np.abs(matrix @ matrix.T - _EYE).max())
         if off > _TOLERANCE or np.linalg.det(matrix) < 0.0:

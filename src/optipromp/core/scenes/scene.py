@@ -21,6 +21,7 @@ from optipromp.core.scenes.constraints import PathConstraints
 from optipromp.core.scenes.goals import Goal, JointGoal, PoseGoal, RegionGoal, transformed
 from optipromp.core.scenes.held import Attached, Pair, Place, checked
 from optipromp.core.scenes.lines import Lines, check_lines
+from optipromp.core.scenes.motion import ObjectMotion
 from optipromp.core.scenes.objects import ROLES, STEM_RADIUS, Role, SceneObject, Stem
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.values import array, keep, named, suggest, unit
@@ -233,7 +234,7 @@ class Scene(Shown):
         return f"{self.name}: {self.robot}; {objects or 'no objects'}"
 
     def load_robot(self) -> Robot:
-        """The robot without a tool. Raises InvalidRobotError if it cannot be loaded."""
+        """The robot without its tool (``optipromp.robot_of`` has it); raises InvalidRobotError."""
         return load_arm(self.robot, self.base_dir, self.choice)[0]
 
     @cached_property
@@ -277,6 +278,17 @@ class Scene(Shown):
     def static(self) -> tuple[SceneObject, ...]:
         """The objects that no part of the robot may touch, in file order."""
         return self._by_role["static"]
+
+    @cached_property
+    def movers(self) -> tuple[tuple[SceneObject, ObjectMotion], ...]:
+        """The objects that move, in file order, and their motions."""
+        courses = ((item, item.course) for item in self.objects)
+        return tuple((item, course) for item, course in courses if course is not None)
+
+    @property
+    def drifting(self) -> dict[str, ObjectMotion]:
+        """The motions of the pushables that move, by id [m, s]."""
+        return {item.id: course for item, course in self.movers if item.role == "pushable"}
 
     @cached_property
     def positions(self) -> FloatArray:
@@ -333,6 +345,13 @@ class Scene(Shown):
     def up(self) -> FloatArray:
         """(3,) the world's upward vertical in the base frame, opposite to gravity."""
         return frozen(self.base.rotation[2])
+
+    def standing(self, when: Mapping[str, float]) -> Scene:
+        """The scene whose objects stand where they are at times ``when`` [s], by id."""
+        if not when:
+            return self
+        objects = (o.standing(when[o.id]) if o.id in when else o for o in self.objects)
+        return replace(self, objects=tuple(objects))
 
     def transformed(self, pose: Pose) -> Scene:
         """The same world in another frame, in which the present base has the ``pose``.

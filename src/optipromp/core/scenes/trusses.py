@@ -51,8 +51,8 @@ def check(objects: Sequence[SceneObject]) -> None:
     """Refuse stems whose root is not on their parent's stem.
 
     Raises:
-        InvalidSceneError: as :func:`parents_first`; or a root is farther from its parent's stem
-            than :data:`STEM_SLACK`.
+        InvalidSceneError: as :func:`parents_first`; a root is farther from its parent's stem than
+            :data:`STEM_SLACK`; or the parent moves.
     """
     if all(item.stem is None or item.stem.parent is None for item in objects):
         return
@@ -62,6 +62,11 @@ def check(objects: Sequence[SceneObject]) -> None:
             continue
         other = by_id[item.stem.parent].stem
         assert other is not None
+        if by_id[item.stem.parent].motion is not None:
+            raise InvalidSceneError(
+                f"object {item.stem.parent!r} has a motion and carries the stem of {item.id!r}: "
+                "fruits of a truss must stand"
+            )
         off = float(np.linalg.norm(nearest(other.points, item.stem.root)[1] - item.stem.root))
         if off > STEM_SLACK:
             raise InvalidSceneError(

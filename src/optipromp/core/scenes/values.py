@@ -11,7 +11,7 @@ from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.shapes import FARTHEST
 from optipromp.core.shown import is_name, no_name, suggest
 
-__all__ = ["array", "named", "suggest", "unit"]
+__all__ = ["array", "named", "numbers", "suggest", "unit"]
 
 
 def named(what: str, text: object) -> None:
@@ -31,9 +31,17 @@ def keep(name: str, value: object) -> float:
     return float(number)
 
 
+def numbers(name: str, values: object) -> FloatArray:
+    """``values`` as a read-only array of any shape; refused if they are no numbers."""
+    try:
+        return frozen(values)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidSceneError(f"{name} is {values!r:.60}: must be finite numbers") from None
+
+
 def array(name: str, values: object, *shape: int | None) -> FloatArray:
     """``values`` as a read-only array; refused if not finite or not of ``shape`` (None: any)."""
-    array = frozen(values)
+    array = numbers(name, values)
     fits = [want in (None, have) for want, have in zip(shape, array.shape, strict=False)]
     if array.ndim != len(shape) or not all(fits):
         wanted = ", ".join("n" if size is None else str(size) for size in shape)

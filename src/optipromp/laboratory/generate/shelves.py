@@ -126,11 +126,7 @@ def _place(
     high: FloatArray,
     rng: np.random.Generator,
 ) -> Footprint:
-    """A can or a box, with even odds, before the target, within the shelf and apart from ``taken``.
-
-    Raises:
-        OverlapError: none of :data:`PLACES_TRIED` places is free.
-    """
+    """A can or a box, with even odds, before the target, within the shelf, apart from ``taken``."""
     can = bool(rng.integers(2))
     radius, yaw = float(rng.uniform(*CAN_RADIUS)), float(rng.uniform(0.0, np.pi))
     half = 0.5 * rng.uniform(*PACK_EDGE, 2)

@@ -15,7 +15,7 @@ from optipromp.core.planning.planner import WAY
 from optipromp.core.planning.planners import goal_configurations
 from optipromp.core.planning.primitive import learnt
 from optipromp.core.planning.result import Failed, Harmful, Planned
-from optipromp.core.planning.task import Task
+from optipromp.core.planning.task import Task, pushed_aside
 from optipromp.core.promp.basis import Basis
 
 PAPER_BASIS = Basis(count=5, width=4.0, outside=1)
@@ -44,7 +44,7 @@ class Paper(Optimised):
         from optipromp.laboratory.planners.paper_stages import solve  # with SciPy's optimisers
 
         promp = learnt(task, task.demonstrations, PAPER_BASIS)
-        chosen = goal_configurations(task, budget)
+        chosen = goal_configurations(pushed_aside(task), budget)
         if not len(chosen.q):
             return chosen.failed
         budget.say(f"optimising ({self.strategy})")

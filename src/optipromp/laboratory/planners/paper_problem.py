@@ -22,7 +22,9 @@ from optipromp.core.planning.goals import find
 from optipromp.core.planning.options import PlanOptions, Strategy
 from optipromp.core.planning.parameters import GOAL, PRIMITIVE, WAYPOINT
 from optipromp.core.planning.primitive import led_through, on_branch, via_points
-from optipromp.core.planning.task import Task
+from optipromp.core.planning.result import ViaPoint
+from optipromp.core.planning.slow import paced
+from optipromp.core.planning.task import Task, pushed_aside, stands
 from optipromp.core.planning.timing import timed
 from optipromp.core.promp.model import ProMP
 from optipromp.core.pushing.rules import Drift, detection_variance, drift_choices
@@ -75,6 +77,7 @@ class Posed:
         waypoints: number of waypoints, and the first at or after t_1.
         drift: place of each pushable to pass, and the direction to its free side.
         offsets: (N,) lateral offset that constraint 1 asks for at each pushable [m].
+        via: tool points that the ProMP was conditioned on, the target last.
         initial: (T, n) the conditioned ProMP.
         points: (T, 3) tool points of ``initial`` [m].
     """
@@ -85,6 +88,7 @@ class Posed:
     waypoints: Waypoints
     drift: Drift
     offsets: FloatArray
+    via: tuple[ViaPoint, ...]
     initial: FloatArray
     points: FloatArray
 
@@ -119,13 +123,15 @@ class Posed:
         return functionals(self.task, paper, self.waypoints.first, sequential)
 
     def timed(self, q: FloatArray) -> Trajectory:
-        """Waypoints ``q`` (T, n) as a trajectory, slow on the approach where neighbours hang."""
+        """Waypoints ``q`` (T, n) as a trajectory, slow on the approach among what is pushed."""
+        if stands(self.task):
+            return paced(self.task, self.options, q, self.waypoints.first, None)
         slow = self.waypoints.first if self.task.neighbours else None
         return timed(self.task, self.options, q, slow)
 
     def problem(self, terms: Sequence[Cost], constraints: Sequence[Cost], ends: bool) -> Problem:
         """The problem over the waypoints; the first is fixed, with ``ends`` also the last."""
-        task, options = self.task, self.options
+        task, options = pushed_aside(self.task), self.options  # before the arm comes
         cutoff = max(options.paper.epsilon, options.static_clearance, options.avoid_clearance)
         return Problem(
             task.robot, task.surroundings, terms, constraints, self.waypoints.count,
@@ -162,6 +168,7 @@ def posed_problems(
     The configuration whose motion takes the fewest waypoints comes first.
     """
     positions, offsets = [obj.position for obj in task.neighbours], drift_offsets(task, options)
+    names = ["camera", *(obj.id for obj in task.neighbours), "goal"]
     branches: list[tuple[FloatArray, FloatArray]] = []
     for goal in goals:
         branch = None
@@ -179,9 +186,10 @@ def posed_problems(
         waypoints = spaced(task, options, values)
         phases = np.linspace(waypoints.phase, 1.0, len(values)) if len(values) > 1 else [1.0]
         q = led_through(promp, task.start, np.array(phases), values, variances, waypoints.count)
-        points = task.robot.tool_pose(q)[0]
+        met, points = (task.robot.tool_pose(one)[0] for one in (values, q))
+        via = tuple(map(ViaPoint, names[-len(met) :], met))
         yield [
-            Posed(task, options, strategy, waypoints, drift, offsets, q, points)
+            Posed(task, options, strategy, waypoints, drift, offsets, via, q, points)
             for drift in drift_choices(
                 task.scene, task.neighbours, options.paper.drift, window="paper"
             )

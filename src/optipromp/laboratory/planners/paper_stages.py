@@ -41,7 +41,7 @@ from optipromp.core.planning.options import PlanOptions, Strategy
 from optipromp.core.planning.parameters import SOLVE
 from optipromp.core.planning.pick import limits_and_clearances, schedule
 from optipromp.core.planning.result import Planned, Stage
-from optipromp.core.planning.task import Task
+from optipromp.core.planning.task import Task, pushed_aside
 from optipromp.core.planning.verdict import judged
 from optipromp.core.promp.model import ProMP
 from optipromp.core.scenes.scene import PoseGoal
@@ -105,7 +105,7 @@ def solve(
     def attempts() -> Iterator[tuple[float, list[Posed]]]:
         """Trust radii with the choices of sides of a goal, in the order in which they are tried."""
         yield from itertools.product(radii[:1], by_goal)
-        more = further(task, task.seed, goals)
+        more = further(pushed_aside(task), task.seed, goals)
         new = list(posed_problems(task, promp, options, strategy, more))
         yield from itertools.product(radii[:1], new)
         yield from itertools.product(radii[1:], by_goal + new)
@@ -122,7 +122,7 @@ def solve(
                 if strategy == "joint":
                     solved = _joint(posed, budget)
                 else:
-                    solved = _staged(posed, radius, budget)
+                    solved = _judged(posed, *staged(posed, radius, budget))
                 left += [solved.judgement] if solved.valid and solved.narrow else []
                 best = solved if best is None or solved.rank < best.rank else best
         assert best is not None  # there is at least one choice of sides
@@ -141,7 +141,8 @@ def solve(
     initial = unmoved.trajectory if same else best.posed.timed(best.posed.initial)
     return Planned(
         best.trajectory, best.posed.waypoints.first, initial, None, stages, bool(stages), times,
-        passed_over(best.judgement, left), paper=options.paper, authors=strategy == "sequential",
+        passed_over(best.judgement, left), via=best.posed.via, paper=options.paper,
+        authors=strategy == "sequential",
     )  # fmt: skip
 
 
@@ -215,8 +216,8 @@ def _joint(posed: Posed, budget: Budget) -> Solved:
     return _judged(posed, result.q, [stage])
 
 
-def _staged(posed: Posed, radius: float, budget: Budget) -> Solved:
-    """The push stage and the collision stage in turn; ``radius`` [rad] is the push's first trust.
+def staged(posed: Posed, radius: float, budget: Budget) -> tuple[FloatArray, list[Stage]]:
+    """Waypoints (T, n) after both stages, and the stages; the push's first trust is ``radius``.
 
     With ``constraints: paper``, a collision stage after the push keeps constraints 1 to 3 as
     penalties. Otherwise the collision stage may undo a part of the drift, as the authors' does.
@@ -224,7 +225,7 @@ def _staged(posed: Posed, radius: float, budget: Budget) -> Solved:
     options, q = posed.options, posed.initial
     stages: list[Stage] = []
     if options.iterations == 0:
-        return _judged(posed, q, stages)
+        return q, stages
     order = ("collision", "push") if posed.task.scene.static else ("push", "collision")
     for place, name in enumerate(order):
         if stages and budget.cut:
@@ -240,7 +241,7 @@ def _staged(posed: Posed, radius: float, budget: Budget) -> Solved:
             )
             q, stage = _collision(posed, q, limit, budget, hold)
             stages.append(stage)
-    return _judged(posed, q, stages)
+    return q, stages
 
 
 class Spline:

@@ -55,11 +55,7 @@ def gently(task: Task, q: FloatArray) -> Planned:
 
 
 def _parts(task: Task) -> tuple[FloatArray, FloatArray] | None:
-    """Waypoints (m, n) from start to camera point, and on to the target; None where unreachable.
-
-    Raises:
-        InvalidRequestError: the goal is a configuration or a region.
-    """
+    """Waypoints (m, n) from start to camera point, and on to the target; None where unreachable."""
     if not isinstance(task.goal, PoseGoal):
         raise InvalidRequestError("straight needs a target, or a goal with position and axis alone")
     robot, goal, axis = task.robot, task.goal.position, task.goal.axis

@@ -48,7 +48,8 @@ def mjcf(
 
     Joints and actuators have the names of the robot's joints; an actuator's control is the wanted
     joint value. The keyframe :data:`START` holds the state to begin with. Everything is in the
-    robot's base frame; gravity follows ``scene.base``. Meshes are written into the text.
+    robot's base frame; gravity follows ``scene.base``. Meshes are written into the text. Objects
+    that move are where they are at time 0: stems have fixed roots, the others are mocap bodies.
 
     Args:
         scene: robot and objects.
@@ -62,7 +63,9 @@ def mjcf(
         InvalidRequestError: MuJoCo is not installed.
     """
     calm = replace(parameters or SimulationParameters(), disturbance=DisturbanceParameters())
-    world = build(scene, robot, calm, seed)
+    hung = ("pushable", "avoid") if calm.thing.avoid_as == "fruits" else ("pushable",)
+    still = scene.standing({item.id: 0.0 for item, _ in scene.movers if item.role in hung})
+    world = build(still, robot, calm, seed)
     spec, q = world.spec, robot.check_configuration(start)
     joints = _name_joints(spec, world)
     held = [held_body(load.id) for load in loads_of(robot.tool)]

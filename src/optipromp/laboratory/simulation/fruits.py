@@ -109,7 +109,7 @@ def add_fruit(
     )
     nodes = chain.nodes
     grows_from = None if truss is None else truss.grows_from
-    if grows_from is None and parameters.disturbance.in_motion:
+    if grows_from is None and (parameters.disturbance.in_motion or obj.course is not None):
         grows_from = add_carriage(spec, key, nodes[0])
     _add_chain(spec, obj.stem, chain, stiffness, parameters, key, stem_entity, grows_from)
     mouth = obj.rotation.T @ (nodes[-1] - obj.position)

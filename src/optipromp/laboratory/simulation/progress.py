@@ -20,17 +20,24 @@ class HarmSoFar:
         stem: longest time for which a stem was pressed over what it bears.
         static: largest force on a static object over what counts as a contact.
         torn: number of fruits that came off.
+        swallowed: number of other fruits that the tool keeps; an episode counts them.
     """
 
     fruit: float = 0.0
     stem: float = 0.0
     static: float = 0.0
     torn: int = 0
+    swallowed: int = 0
+
+    @property
+    def worst(self) -> float:
+        """The largest share; at least 1 where a fruit came off or was swallowed."""
+        return max(self.fruit, self.stem, self.static, float(self.torn + self.swallowed))
 
     @property
     def done(self) -> bool:
         """Whether the pick can no longer be clean."""
-        return max(self.fruit, self.stem, self.static) > 1.0 or self.torn > 0
+        return max(self.fruit, self.stem, self.static) > 1.0 or self.torn + self.swallowed > 0
 
 
 def harm_so_far(world: World, log: ContactLog, torn: int) -> HarmSoFar:

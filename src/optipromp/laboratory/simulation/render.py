@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,15 +11,16 @@ from numpy.typing import NDArray
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, installed_by
 from optipromp.core.shown import suggest
-from optipromp.laboratory.simulation.camera import View, shot
+from optipromp.laboratory.simulation.camera import AROUND, View, shot
 from optipromp.laboratory.simulation.dress import dressed
 from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.execute import Run
-from optipromp.laboratory.simulation.world import build
+from optipromp.laboratory.simulation.world import World, build
 
 __all__ = ["View", "animation", "film", "frames", "moments", "png"]
 
 SMALL = 640, 360  # [pixel] of an animation
+ASIDE = 1.2  # [m] of an onlooker from what it looks at: a choice
 VIVID = 45  # of 255, least spread of a vivid pixel's red, green and blue
 VIVID_WEIGHT = 40  # times that a vivid pixel is repeated in the choice of the palette, at most
 CODECS = {  # by the suffix of a film: encoder and its settings
@@ -53,22 +55,52 @@ def frames(
         InvalidRequestError: MuJoCo is not installed, or cannot draw off screen.
     """
     view = view or View()
-    mujoco = engine()
     world = build(run.scene, run.robot, run.parameters, run.seed)
     model = dressed(world)
     model.vis.quality.offsamples = 4 if fine else 0
-    data = mujoco.MjData(model)
+    data = engine().MjData(model)
     renderer = canvas(model, view.width, view.height)
     camera = shot(world, model, run, times, view)
     with renderer:
         for k, time in enumerate(times):
             index = max(int(np.searchsorted(run.rollout.times, time + 1e-9) - 1), 0)
-            data.qpos[:] = run.rollout.states[index]
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_camlight(model, data)
-            renderer.update_scene(data, camera.at(k))
-            picture = renderer.render().copy()
+            picture = _drawn(renderer, model, data, run.rollout.states[index], camera.at(k))
             yield captioned(picture, run, index) if caption else picture
+
+
+def _drawn(renderer: Any, model: Any, data: Any, state: FloatArray, camera: Any) -> Picture:
+    data.qpos[:] = state
+    engine().mj_kinematics(model, data)
+    engine().mj_camlight(model, data)
+    renderer.update_scene(data, camera)
+    return np.array(renderer.render())
+
+
+class Onlooker:
+    """A camera that stands aside of a ``world``, for pictures of ``width`` x ``height`` pixels.
+
+    Raises:
+        InvalidRequestError: MuJoCo cannot draw off screen.
+    """
+
+    def __init__(self, world: World, width: int, height: int) -> None:
+        model = dressed(replace(world, spec=world.spec.copy()))
+        self._renderer, self._camera = canvas(model, width, height), engine().MjvCamera()
+        self._drawn = model, engine().MjData(model)
+        scene = world.scene
+        point, _ = world.robot.tool_pose(world.robot.home if scene.start is None else scene.start)
+        middle = 0.5 * (point + (point if scene.aim is None else scene.aim))
+        self._camera.lookat[:], self._camera.distance = middle, ASIDE
+        self._camera.azimuth = np.rad2deg(np.arctan2(middle[1], middle[0])) + AROUND[0]
+        self._camera.elevation = View().elevation
+
+    def picture(self, state: FloatArray) -> Picture:
+        """The picture (height, width, 3) of a ``state`` of the world, its ``qpos``."""
+        return _drawn(self._renderer, *self._drawn, state, self._camera)
+
+    def close(self) -> None:
+        """Give the renderer back."""
+        self._renderer.close()
 
 
 def canvas(model: Any, width: int, height: int) -> Any:

@@ -285,8 +285,14 @@ class Simulation:
 
     def holds(self, name: str) -> bool:
         """Whether the tool holds a target or pushable now."""
-        fruits, q = self.fruits(), self.state().q[None]
-        return bool(in_tool(self._world, q, fruits.positions[None, fruits.ids.index(name)])[0])
+        return name in self.held()
+
+    def held(self) -> tuple[str, ...]:
+        """The targets and pushables that the tool holds now."""
+        fruits = self.fruits()
+        q = np.tile(self.state().q, (len(fruits.ids), 1))
+        inside = in_tool(self._world, q, fruits.positions) if fruits.ids else ()
+        return tuple(id_ for id_, held in zip(fruits.ids, inside, strict=True) if held)
 
     def wrench(self) -> FloatArray:
         """(6,) of the world on the tool in the last step, in the robot's base frame.

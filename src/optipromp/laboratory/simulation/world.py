@@ -10,6 +10,7 @@ from optipromp.core.arrays import FloatArray, IntArray, frame_along, frozen
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.motion import ObjectMotion
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.scenes.scene import Scene, SceneObject, Stem
@@ -25,9 +26,8 @@ from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.entities import NOBODY, Entity, layers
 from optipromp.laboratory.simulation.fruits import BuiltFruit, add_fruit, bows, trusses_of
 from optipromp.laboratory.simulation.grip import add_grip
-from optipromp.laboratory.simulation.grown import grown
+from optipromp.laboratory.simulation.grown import apart, grown
 from optipromp.laboratory.simulation.parameters import SimulationParameters
-from optipromp.laboratory.simulation.parting import apart
 from optipromp.laboratory.simulation.solids import add_shape
 
 STATIC_COLOUR = (0.62, 0.60, 0.57, 1.0)
@@ -75,11 +75,13 @@ class Root(NamedTuple):
     Attributes:
         position, spin: first indices of its slides into qpos and qvel.
         fruits: indices into ``World.fruits`` of those that hang on it.
+        course: of the scene, as displacements; None: it moves by the world's motion alone.
     """
 
     position: int
     spin: int
     fruits: tuple[int, ...]
+    course: ObjectMotion | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +99,8 @@ class World:
         overlapping: pairs of labels of entities that overlap in the scene and so do not collide.
         parted: distance by which fruits that overlapped were moved apart, by id [m].
         spec: the ``MjSpec`` that the model was compiled from.
-        roots: that move; none without a sway or jump.
-        motion: of the roots, in their order; None where they stand.
+        roots: that move, by the scene, or by a sway or jump.
+        motion: of the roots, in their order, beside the scene's; None without a sway or jump.
         miscalibration: of the arm; true places are ``miscalibration @ believed``.
     """
 
@@ -163,27 +165,31 @@ def build(
         model = draft.compile()
     named = tuple((draft.entities[a].label, draft.entities[b].label) for a, b in pairs)
     world = draft.world(model, named, parted)
-    return _moving(world, seed) if parameters.disturbance.in_motion else world
+    return _moving(world, seed)
 
 
 def _moving(world: World, seed: int) -> World:
     """The world with its roots and their motion."""
-    tops = roots_of(world.scene.objects)
+    tops, shaken = roots_of(world.scene.objects), world.parameters.disturbance.in_motion
+    courses = {item.id: course.shifted(-item.position) for item, course in world.scene.movers}
     by: dict[str, list[int]] = {}  # a fruit of a neighbouring cluster has a root of its own
     for index, fruit in enumerate(world.fruits):
-        if fruit.built.has_stem:
+        if fruit.built.has_stem and (shaken or fruit.id in courses):
             key = tops.get(fruit.id, "") if fruit.built.shown else fruit.built.key
             by.setdefault(key, []).append(index)
     if not by:
         return world
     joints = [world.model.joint(f"root:{key}:0") for key in by]
     roots = tuple(
-        Root(int(joint.qposadr[0]), int(joint.dofadr[0]), tuple(mine))
+        Root(int(joint.qposadr[0]), int(joint.dofadr[0]), tuple(mine),
+             courses.get(world.fruits[mine[0]].id))
         for joint, mine in zip(joints, by.values(), strict=True)
-    )
+    )  # fmt: skip
     bodies = [[world.fruits[k].body for k in root.fruits] for root in roots]
     hanging = [[(world.model.body_pos[b], _reach(world.model, b)) for b in own] for own in bodies]
-    motion = root_motion(world.parameters.disturbance, seed, world.scene.up, hanging)
+    motion = None
+    if shaken:
+        motion = root_motion(world.parameters.disturbance, seed, world.scene.up, hanging)
     slides = np.concatenate([np.arange(root.spin, root.spin + 3) for root in roots])
     own = np.delete(world.model.dof_M0, slides)
     world.model.stat.meaninertia = own.mean()  # by which the solver ends: without the carriages
@@ -277,7 +283,8 @@ class _Draft:
 
     def _static(self, obj: SceneObject) -> None:
         p = self.parameters.thing
-        body = self.spec.worldbody.add_body(name=f"static:{obj.id}", mocap=obj.motion is not None)
+        moves = obj.course is not None
+        body = self.spec.worldbody.add_body(name=f"static:{obj.id}", mocap=moves)
         add_shape(
             self.spec, body, obj.shape, f"static:{obj.id}", obj.rotation, obj.position,
             rgba=STATIC_COLOUR, friction=[obj.physical.get("friction", p.friction), 0.005, 1e-4],
@@ -287,7 +294,8 @@ class _Draft:
 
     def _soft(self, obj: SceneObject) -> None:
         k = self.parameters.thing.cluster_stiffness
-        body = self.spec.worldbody.add_body(name=f"avoid:{obj.id}")
+        moves = obj.course is not None
+        body = self.spec.worldbody.add_body(name=f"avoid:{obj.id}", mocap=moves)
         add_shape(
             self.spec, body, obj.shape, f"avoid:{obj.id}", obj.rotation, obj.position,
             rgba=AVOID_COLOUR, friction=[0.1, 0.005, 1e-4], condim=3, priority=1,
@@ -312,7 +320,8 @@ class _Draft:
             center = obj.position + reach * direction
             root = center + (p.cluster_stem + reach * (1.0 - z)) * self.scene.up
             stem, ball = Stem(np.array([center, root])), Sphere(CLUSTER_FRUIT_RADIUS)
-            fruit = SceneObject(obj.id, "pushable", ball, center, stem=stem)
+            motion = obj.motion and obj.motion.shifted(center - obj.position)
+            fruit = SceneObject(obj.id, "avoid", ball, center, stem=stem, motion=motion)
             built = add_fruit(
                 self.spec, fruit, self.parameters, entity, entity, self.scene.up,
                 key=f"{obj.id}:{k}", kind="avoid",

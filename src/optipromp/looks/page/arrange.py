@@ -73,7 +73,8 @@ def _shifted(item: SceneObject, shift: FloatArray, part: str) -> SceneObject:
         rows = {"object": slice(0, 1), "root": slice(-1, None), "whole": slice(None)}[part]
         points[rows] += shift
         stem = replace(stem, points=points)
-    return replace(item, position=position, stem=stem)
+    motion = item.motion and item.motion.shifted(position - item.position)
+    return replace(item, position=position, stem=stem, motion=motion)
 
 
 def tool_radius(scene: Scene) -> float | None:

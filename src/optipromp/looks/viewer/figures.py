@@ -24,8 +24,9 @@ if TYPE_CHECKING:
     from optipromp.core.trajectory import Trajectory
 
 LIMIT, RECORDED = "#7a7f87", "#3d434b"
-LEAST = 0.05  # [rad or m] shown above and below the middle of a joint's motion, at least
-CHANGED = 0.01  # change of a cost over its largest value above which the cost is drawn
+SHOWN = ("limit", *RATES)  # kinds of violation that have a panel
+APART = 2.0  # [% of a joint's range] from the plan, where the conditioned ProMP is drawn: a choice
+CHANGED = 0.1  # change of a cost over its largest value above which the cost is drawn: a choice
 _NAMES = {
     "static": "$F_s$, static obstacles",
     "avoid": "$F_d$, objects to avoid",
@@ -55,17 +56,22 @@ def png(figure: "Figure", dpi: int = 160) -> bytes:
 
 
 def changed_terms(plan: "Plan") -> Mapping[str, "Term"]:
-    """The costs that differ between the trajectories or over the iterations."""
+    """The costs that changed over the iterations of a stage.
+
+    Iterations of the joint stage that do not begin at the followed path do not count: they are of
+    a scene without packs.
+    """
     out = {}
     for name, term in plan.terms.items():
-        values = [term.initial, term.followed, term.final, *term.history]
-        if max(values) - min(values) > CHANGED * max(map(abs, values)):
+        values = term.history or (0.0,)
+        own = term.stage != "joint" or np.isclose(values[0], term.followed)
+        if own and max(values) - min(values) > CHANGED * max(map(abs, values)):
             out[name] = term
     return out
 
 
 def cost_figure(plan: "Plan") -> "Figure":
-    """Each cost that changed: at the conditioned ProMP, the followed path and each iteration."""
+    """Each of the :func:`changed_terms`: at ProMP, followed path and each iteration."""
     from matplotlib.figure import Figure
 
     terms = changed_terms(plan)
@@ -84,42 +90,11 @@ def cost_figure(plan: "Plan") -> "Figure":
 
 
 def joint_figure(plan: "Plan") -> "Figure":
-    """Joint positions of each trajectory over time, with the limits that are near."""
-    robot = plan.robot
-    figure, panels = _joint_panels(robot.n_joints)
-    for joint, (panel, name) in enumerate(zip(panels, robot.joint_names, strict=True)):
-        for motion in motions(plan):
-            times = np.linspace(0.0, motion.trajectory.duration, 301)
-            q = motion.trajectory.sample(times)[0][:, joint]
-            panel.plot(times, q, color=motion.colour, lw=motion.width, label=motion.name)
-        low, high = panel.get_ylim()
-        room = max(0.5 * (high - low), LEAST)
-        low, high = 0.5 * (low + high) - room, 0.5 * (low + high) + room
-        limits = robot.lower[joint], robot.upper[joint]
-        for limit in limits:
-            if low - room < limit < high + room:
-                panel.axhline(limit, color=LIMIT, lw=1.0, ls=(0, (4, 3)), label="limit")
-                low, high = min(low, limit - 0.1 * room), max(high, limit + 0.1 * room)
-        panel.set_ylim(low, high)
-        unit = "m" if (robot.kinematics.kind[robot.kinematics.dof == joint] == 1).any() else "rad"
-        panel.set_title(
-            f"{name} [{unit}], limits {limits[0]:.2f} to {limits[1]:.2f}".replace("$", r"\$"),
-            fontsize=9,
-            loc="left",
-        )
-        panel.margins(x=0.0)
-        _plain(panel)
-    found = [panel.get_legend_handles_labels() for panel in panels]
-    unique = {
-        label: handle
-        for handles, labels in found
-        for label, handle in zip(labels, handles, strict=True)
-    }
-    figure.legend(
-        unique.values(), unique.keys(), loc="outside lower center", ncols=4, frameon=False
-    )
-    figure.suptitle(f"{title(plan)}\njoints over time [s]", fontsize=11)
-    return figure
+    """Each joint's place, velocity and acceleration over their limits, and the conditioned ProMP.
+
+    The ProMP is drawn where it differs from the plan, at equal shares of both durations.
+    """
+    return _over_limits(plan.trajectory, plan.robot, (), title(plan), plan.initial)
 
 
 def trajectory_figure(trajectory: "Trajectory") -> "Figure":
@@ -139,45 +114,69 @@ def trajectory_figure(trajectory: "Trajectory") -> "Figure":
 def limits_figure(
     trajectory: "Trajectory", robot: "Robot", violations: "Sequence[Violation]", name: str
 ) -> "Figure":
-    """Each joint's velocity, acceleration and jerk over their limits, over time, and violations.
+    """Each joint's place between its limits, and velocity, acceleration and jerk over theirs.
 
     A violation that has a time is a vertical line in the panel of its kind, else in all panels.
     """
+    wrong = f"{len(violations)} violations" if violations else "no violation"
+    heading = f"{name}: {wrong}".replace("$", r"\$")
+    return _over_limits(trajectory, robot, violations, heading)
+
+
+def _over_limits(
+    trajectory: "Trajectory", robot: "Robot", violations: "Sequence[Violation]", heading: str,
+    before: "Trajectory | None" = None,
+) -> "Figure":  # fmt: skip
+    """A panel for each kind of limit that a joint has; dotted: ``before``, then without jerks."""
     from matplotlib import colormaps
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9.0, 8.0), layout="constrained")
-    panels = figure.subplots(len(RATES), 1, sharex=True)
     t = np.linspace(0.0, trajectory.duration, 2001)
-    _, velocity, acceleration = trajectory.sample(t)
-    jerk = np.gradient(acceleration, t, axis=0)
+    q, velocity, acceleration = trajectory.sample(t)
+    span = 0.01 * (robot.upper - robot.lower)  # 1 % of the range
+    most = robot.velocity, robot.acceleration, robot.jerk
+    rates = velocity, acceleration, np.gradient(acceleration, t, axis=0)
+    rows = [("limit", "position, % of the way from the lower to the upper limit", span, q)]
+    rows += [
+        (kind, f"{kind}, % of its limit", 0.01 * limit, values)
+        for kind, limit, values in zip(RATES, most, rates, strict=True)
+        if kind != "jerk" or before is None
+    ]
+    rows = [row for row in rows if np.isfinite(row[2]).any()]
+    figure = Figure(figsize=(9.0, 1.0 + 2.4 * len(rows)), layout="constrained")
+    panels = figure.subplots(len(rows), 1, sharex=True, squeeze=False).ravel()
     colours = colormaps["tab10"](np.arange(robot.n_joints) % 10)
-    limits = robot.velocity, robot.acceleration, robot.jerk
-    for panel, kind, values, limit in zip(
-        panels, RATES, (velocity, acceleration, jerk), limits, strict=True
-    ):
+    for panel, (kind, words, unit, values) in zip(panels, rows, strict=True):
+        place = kind == "limit"
+        unit = np.where(np.isinf(unit), np.nan, unit)
+        share = (values - robot.lower if place else values) / unit
         for joint, label in enumerate(robot.joint_names):
-            share = 100.0 * values[:, joint] / limit[joint]
-            panel.plot(t, share, color=colours[joint], lw=1.2, label=label)
-        high = max(112.0, 1.1 * float(np.abs(100.0 * values / limit).max()))
-        for side in (-100.0, 100.0):
+            panel.plot(t, share[:, joint], color=colours[joint], lw=1.2, label=label)
+        if place and before is not None:
+            first = (before.sample(t / t[-1] * before.duration)[0] - robot.lower) / unit
+            for joint in np.flatnonzero(np.abs(first - share).max(axis=0) > APART).tolist():
+                panel.plot(t, first[:, joint], color=colours[joint], lw=1.0, ls=":")
+                words += "" if "dotted" in words else "; dotted: the conditioned ProMP"
+        low, high = (0.0, 100.0) if place else (-100.0, 100.0)
+        for side in (low, high):
             panel.axhline(side, color=LIMIT, lw=1.0, ls=(0, (4, 3)))
+        room = 0.06 * (high - low)
+        low, high = min(low, np.nanmin(share)) - room, max(high, np.nanmax(share)) + room
         for found in violations:
-            if found.time is not None and (found.kind == kind or found.kind not in RATES):
+            if found.time is not None and (found.kind == kind or found.kind not in SHOWN):
                 panel.axvline(found.time, color=RED, lw=1.2)
                 panel.annotate(
-                    f" {found.kind} {found.subject}", (found.time, 0.97 * high), fontsize=8,
+                    f" {found.kind} {found.subject}", (found.time, high - 0.3 * room), fontsize=8,
                     color=RED, va="top", ha="left" if found.time < t[-1] / 2 else "right",
                 )  # fmt: skip
-        panel.set_ylim(-high, high)
-        panel.set_title(f"{kind}, % of its limit", fontsize=9, loc="left")
+        panel.set_ylim(low, high)
+        panel.set_title(words, fontsize=9, loc="left")
         panel.margins(x=0.0)
         _plain(panel)
     panels[-1].set_xlabel("time [s]")
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=7, frameon=False)
-    wrong = f"{len(violations)} violations" if violations else "no violation"
-    figure.suptitle(f"{name}: {wrong}".replace("$", r"\$"), fontsize=11)
+    figure.suptitle(heading, fontsize=11)
     return figure
 
 
@@ -231,15 +230,9 @@ def _joint_panels(joints: int) -> tuple["Figure", "NDArray[np.object_]"]:
 def _draw_cost(panel: "Axes", name: str, term: "Term", drawn: set[str]) -> None:
     """Draw a cost at each of the ``drawn`` trajectories, and at each iteration of its stage.
 
-    Changes by other stages, before and after, lie apart from the iterations. The joint stage has no
-    others: where its iterations do not begin at the followed path, they are of a scene without
-    packs, and are not drawn.
+    Changes by other stages, before and after, lie apart from the iterations.
     """
-    alone = term.stage == "joint"
-    optimised = len(term.history) > 1 and not (
-        alone and not np.isclose(term.history[0], term.followed)
-    )
-    history = np.array(term.history if optimised else [term.followed, term.final])
+    history = np.array(term.history)
     last = len(history) - 1
     gap = max(1.0, 0.25 * last)
     begin = 0.0 if np.isclose(history[0], term.followed) else -gap
@@ -248,9 +241,9 @@ def _draw_cost(panel: "Axes", name: str, term: "Term", drawn: set[str]) -> None:
     points = [
         (before, term.initial, PRIMITIVE, "conditioned ProMP", "ProMP"),
         (begin, term.followed, FOLLOWED, "followed path",
-         "0" if optimised and begin == 0.0 else "followed"),
+         "0" if begin == 0.0 else "followed"),
         (end, term.final, OPTIMISED, "optimised",
-         f"{last}" if optimised and end == last else "optimised"),
+         f"{last}" if end == last else "optimised"),
     ]  # fmt: skip
     points = [point for point in points if point[3] in drawn]
     for at, values_at in (
@@ -271,9 +264,8 @@ def _draw_cost(panel: "Axes", name: str, term: "Term", drawn: set[str]) -> None:
     ticks = {x: tick for x, *_, tick in points}
     ticks |= {0.0: "0"} if begin < 0.0 else {}
     ticks |= {last: f"{last}"} if end > last else {}
-    if optimised:
-        ticks |= {t: f"{t:.0f}" for t in panel.get_xticks() if 0 < t < 0.93 * last and t % 1 == 0}
-        panel.set_xlabel(f"iteration of the stage {term.stage}")
+    ticks |= {t: f"{t:.0f}" for t in panel.get_xticks() if 0 < t < 0.93 * last and t % 1 == 0}
+    panel.set_xlabel(f"iteration of the stage {term.stage}")
     panel.set_xticks([*ticks], [*ticks.values()])
     panel.set_ylabel("cost")
     panel.margins(x=0.08)

@@ -37,17 +37,17 @@ def plane(scene: Scene, tool: Tool, behind: Sequence[FloatArray] = ()) -> Plane:
     standing = (target, *packs(scene, target))
     parts, area, lever = zip(*(_footprint(obj, frame) for obj in standing), strict=True)
     flat = np.array([frame[[2, 1]] @ (obj.position - target.position) for obj in standing])
-    tall = np.array([2.0 * half_height(obj, frame) for obj in standing])
+    tall = np.array([2.0 * obj.extent(frame[0]) for obj in standing])
     walls, edge, drop = [], -np.inf, 0.0
     thick = float(tool.spheres()[:, 3].max()) + STANDING.low
-    bottom = half_height(target, frame)
+    bottom = target.extent(frame[0])
     level = np.abs((scene.positions - target.position) @ frame[0]) - scene.bounds
     around = scene.around(target.position, STANDING.around, "static")
     for obj in scene.objects_at(around[level[around] < bottom + STANDING.touching]):
         if not isinstance(obj.shape, Box):
             continue
         height = float(frame[0] @ (obj.position - target.position))
-        half = half_height(obj, frame)
+        half = obj.extent(frame[0])
         part, _, _ = _footprint(obj, frame)
         assert not isinstance(part, float)
         at = part + frame[[2, 1]] @ (obj.position - target.position)
@@ -88,17 +88,6 @@ def _spread(obj: SceneObject) -> float:
     if obj.covariance is None:
         return STANDING.unsure
     return max(STANDING.unsure, float(np.sqrt(np.max(np.diag(obj.covariance)))))
-
-
-def half_height(obj: SceneObject, frame: FloatArray) -> float:
-    """Half the extent of an object along x_g [m]."""
-    up = obj.rotation.T @ frame[0]
-    match obj.shape:
-        case Box(size):
-            return 0.5 * float(np.abs(up) @ np.array(size))
-        case Cylinder(radius, length):
-            return 0.5 * length * abs(float(up[2])) + radius * float(np.hypot(up[0], up[1]))
-    return obj.radius
 
 
 def _footprint(obj: SceneObject, frame: FloatArray) -> tuple[FloatArray | float, float, float]:

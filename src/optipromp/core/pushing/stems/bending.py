@@ -61,6 +61,7 @@ class Stems(NamedTuple):
     # [m/N]; (N, 0, 3, 3) where no stem grows from another
     rest: FloatArray  # (N, 2L) deflections of the loaded points at rest: the bow of the stem [m]
     lifted: FloatArray  # (N,) arc minus chord of that bow [m]
+    drift: FloatArray  # (N, P, 3) of the roots at the points of a path [m]; (N, 0, 3): they stand
 
 
 def stems(
@@ -126,9 +127,7 @@ def _fitted(
     """Two balls on ``line`` (3,) from the local origin that touch the shape's ends along the line.
 
     Of 16 radii for each ball: the pair whose hull has the least mean distance from the surface.
-
-    Returns:
-        Position of the lower ball on the line, both radii, and the distance of the centres [m].
+    Position of the lower ball on the line, both radii, and the distance of the centres [m].
     """
     points, axis = shape.mesh().vertices, np.array(line)
     height = points @ axis
@@ -211,6 +210,7 @@ def bent(
     return Stems(
         root, axes, length, mass, radius, thickness, 1.0 - apart / length, above, shape, condensed,
         between, shortening, joint, np.zeros((count, 2 * loaded)), np.zeros(count),
+        np.zeros((count, 0, 3)),
     )  # fmt: skip
 
 

@@ -59,7 +59,7 @@ class CupStep(NamedTuple):
     cup: Mouth
     at: MouthPose
     shift: MouthPose  # motion of the tool point in this step (x, y, z) [m]
-    begins: bool  # whether this is the first step of the path
+    point: int  # of the path, from 0
 
 
 @inlined
@@ -107,7 +107,7 @@ def relax(
                     away = gap - cup.outer + cup.neck if gap < ABOVE else gap - ABOVE
                     clear = other + int((away - CLOSE) * n / s.length[i])
             elif kind == ON_WALL:
-                if f.resting[i] and not step.begins:
+                if f.resting[i] and step.point > 0:
                     continue
                 gap, n0, n1, n2, share = on_wall(s, f, i, solid, other)
             else:
@@ -151,6 +151,14 @@ def _slip(
 ) -> tuple[float, float, float]:
     """Slip (x, y, z) of this step between fruit or stem i and its partner [m]."""
     at, shift, chord = step.at, step.shift, s.length[i] - f.up[i]
+    d0 = d1 = d2 = 0.0  # drift of the root of i, and of that of its partner backwards
+    if s.drift.shape[1]:
+        now, last = s.drift[:, step.point], s.drift[:, max(step.point - 1, 0)]
+        back = 0.0 if kind in (ON_CUP, STEM_ON_CUP) else 1.0
+        d0 = now[i, 0] - last[i, 0] - back * (now[o, 0] - last[o, 0])
+        d1 = now[i, 1] - last[i, 1] - back * (now[o, 1] - last[o, 1])
+        d2 = now[i, 2] - last[i, 2] - back * (now[o, 2] - last[o, 2])
+        shift = MouthPose(shift.x - d0, shift.y - d1, shift.z - d2, 0.0, 0.0, 0.0)
     x0, x1, x2 = f.center[i, 0], f.center[i, 1], f.center[i, 2]
     a0, a1, a2 = f.began[i, 0], f.began[i, 1], f.began[i, 2]
     if kind in (STEM_ON_FRUIT, STEM_ON_CUP):
@@ -178,7 +186,7 @@ def _slip(
         along = level(s, o, x0, x1, x2)
         y0, y1, y2 = place(s, f.u, o, s.length[o] - f.up[o], along)
         b0, b1, b2 = place(s, f.before, o, s.length[o] - f.up[o], along)
-    return x0 - a0 - y0 + b0, x1 - a1 - y1 + b1, x2 - a2 - y2 + b2
+    return x0 - a0 - y0 + b0 + d0, x1 - a1 - y1 + b1 + d1, x2 - a2 - y2 + b2 + d2
 
 
 @inlined

@@ -1,30 +1,36 @@
 """The push model of fruits on bending stems."""
 
+import copy
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import Self
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray
+from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.budget import step
 from optipromp.core.geometry.obstacles import near
 from optipromp.core.pushing.model import Moved, PushModel
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP
-from optipromp.core.pushing.stems.bending import Stems, balls_of
+from optipromp.core.pushing.rules import detection_variance
+from optipromp.core.pushing.stems.bending import Stems, balls_of, bowed, moved, parents, stems
 from optipromp.core.pushing.stems.cup import Mouth
 from optipromp.core.pushing.stems.harm import BRIEFLY, Harm, score_of
+from optipromp.core.pushing.stems.parting import part
 from optipromp.core.pushing.stems.paths import PathsPast
-from optipromp.core.pushing.stems.states import sampled
 from optipromp.core.pushing.stems.swinging import Led, clear, led, steps_inside, summed_score
 from optipromp.core.robots.cup_cover import NECK_RADIUS
 from optipromp.core.robots.grippers import Scissor
 from optipromp.core.robots.mounted import unmounted
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.robots.tools import WALL
+from optipromp.core.scenes.objects import UNSEEN_SPREAD
 from optipromp.core.scenes.scene import Scene, SceneObject
 
 HANGING = PUSH.hanging
+STIFFNESS_SPREAD = PUSH.beam.stiffness_spread
 TOGETHER = 4  # states whose harm is computed between two steps of a plan that works in slices
 WEIGHT = 4  # of these states, in steps, measured: a step takes 1 ms in the median, 4 states 2 to 5
 NOTHING = Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
@@ -82,6 +88,7 @@ class Hanging(PushModel):
         self.searched = HANGING.screened_states if detected else HANGING.screened_known
         self.states = HANGING.detected_states if detected else HANGING.states
         self.stems = sampled(fruits, self.searched, self.states, tuple(scene.up.tolist()))
+        self._by: FloatArray | None = None  # (N, P, 3) drifts of the roots [m]
         self.candidates = PathsPast(
             scene, neighbours, self.cup, (self.static, avoid), camera, gripper_radius, self.searched
         )
@@ -92,8 +99,8 @@ class Hanging(PushModel):
         """See :class:`PushModel`; the parts are those of :class:`Harm`."""
         every = HANGING.screened_every if states == 1 else HANGING.every
         told = states > self.searched
-        some = self._some(self.searched if told else 0, states)
-        motion, hopeless = _steps(points, axes, every), PUSH.harm.hopeless
+        some, motion = self._steps(self.searched if told else 0, states, points, axes, every)
+        hopeless = PUSH.harm.hopeless
         total, worst = 0.0, limit * states
         for first in range(0, states, TOGETHER):
             part = first, min(first + TOGETHER, states)
@@ -110,11 +117,20 @@ class Hanging(PushModel):
 
     def led(self, state: int, points: FloatArray, axes: FloatArray) -> Led:
         """Effect of a motion of the tool on the fruits in one state."""
-        return led(self._some(state, 1), *_steps(points, axes), self.cup, self.static)
+        one, motion = self._steps(state, 1, points, axes)
+        return led(one, *motion, self.cup, self.static)
+
+    def drifting(self, by: Mapping[str, FloatArray]) -> Self:
+        """See :class:`PushModel`."""
+        moved = copy.copy(self)
+        still = np.zeros_like(next(iter(by.values())))
+        moved._by = np.stack([by.get(fruit.id, still) for fruit in self.fruits])
+        return moved
 
     def clear(self, points: FloatArray, axes: FloatArray) -> bool:
         """See :class:`PushModel`; in any state."""
-        return bool(clear(self.stems, points, axes, self.cup))
+        every, (points, axes, _) = self._steps(0, self.searched + self.states, points, axes, 1)
+        return bool(clear(every, points, axes, self.cup))
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
         """See :class:`PushModel`; all swallowed fruits are named, before a missed target."""
@@ -126,7 +142,7 @@ class Hanging(PushModel):
         found = worst.harm
         names = [fruit.id for fruit in self.fruits]
         if found.inside > BRIEFLY:
-            points, axes, dt = _steps(points, axes)
+            _, (points, axes, dt) = self._steps(0, 1, points, axes)
             within = steps_inside(worst.positions, points, axes, self.cup)[1:]
             most = max(int(within.max()), 1)
             first, *others = (
@@ -167,10 +183,20 @@ class Hanging(PushModel):
         ids = tuple(fruit.id for fruit in self.fruits)
         return Moved(ids, before + gone, np.zeros(self.count))
 
-    def _some(self, first: int, states: int) -> Stems:
-        """The stems of ``states`` states, from the ``first`` on."""
+    def _steps(
+        self, first: int, states: int, points: FloatArray, axes: FloatArray,
+        every: int = HANGING.every,
+    ) -> tuple[Stems, tuple[FloatArray, FloatArray, float]]:  # fmt: skip
+        """The stems of ``states`` states from the ``first`` on, and the motion at the steps.
+
+        The motion is points and tool axes (T, 3), and the time of a step [s].
+        """
         low, high = first * self.count, (first + states) * self.count
-        return Stems(*(values[low:high] for values in self.stems))
+        some = Stems(*(values[low:high] for values in self.stems))
+        chosen = np.append(np.arange(0, len(points) - 1, every), len(points) - 1)
+        if self._by is not None:
+            some = some._replace(drift=np.tile(self._by[:, chosen], (states, 1, 1)))
+        return some, (points[chosen], axes[chosen], every * STEP / HANGING.model_speed)
 
 
 def _hanging(
@@ -203,9 +229,74 @@ def _cut(scene: Scene, tool: Tool) -> tuple[float, ...]:
     return math.hypot(*scene.approach.shift), 0.5 * blades.blade_width, *scene.frame[0].tolist()
 
 
-def _steps(
-    points: FloatArray, axes: FloatArray, every: int = HANGING.every
-) -> tuple[FloatArray, FloatArray, float]:
-    """Points and tool axes (T, 3) at the steps of the model, and the time of a step [s]."""
-    chosen = np.append(np.arange(0, len(points) - 1, every), len(points) - 1)
-    return points[chosen], axes[chosen], every * STEP / HANGING.model_speed
+@lru_cache(maxsize=4)  # by identity: all approaches to a target meet the same fruits
+def sampled(
+    fruits: tuple[SceneObject, ...], searched: int, states: int, vertical: tuple[float, ...]
+) -> Stems:
+    """``searched`` states for the search, the perceived one first, then ``states`` for the harm.
+
+    A path does better in the states that it was chosen in: its harm is predicted in other states.
+    The samples for the harm have the spread of the errors, those for the search a wider spread.
+    """
+    up, samples = np.array(vertical), searched - 1 + states
+    wider = np.where(np.arange(samples) < searched - 1, HANGING.wider, 1.0)[:, None]
+    cases = _cases(fruits, up)
+    seen, count = cases[0], len(fruits)
+    sure = [fruit.covariance is None for fruit in fruits]
+    deviation = np.sqrt([detection_variance(fruit) for fruit in fruits])
+    spread = np.where(sure, HANGING.shift, deviation * wider)
+    turn = np.where(sure, HANGING.turn, HANGING.detected_turn)
+    told = [None if fruit.stem is None else fruit.stem.tilt for fruit in fruits]
+    turn = np.array([own if own is not None else by for own, by in zip(told, turn, strict=True)])
+    turn = np.deg2rad(turn) * seen.length
+    shifted, swung = _normal((samples, len(fruits), 3))
+    shift = spread[..., None] * shifted
+    swing = turn[:, None] * (swung - (swung @ up)[..., None] * up)  # level
+    place = np.array([balls_of(fruit).center for fruit in fruits])
+    hidden = [fruit.stem is not None and fruit.stem.unseen for fruit in fruits]
+    longer = np.exp(np.where(hidden, UNSEEN_SPREAD, 0.0) * (swung @ up)) - 1.0
+    swing = swing + longer[..., None] * (seen.root - place)
+    places = np.concatenate([place[None], place + shift])
+    roots = np.concatenate([seen.root[None], seen.root + shift + swing])
+    part(places, roots, seen.radius, seen.above, (1.0 - seen.upper) * seen.length)
+    size, turn = _uniform((2, (samples + 1) * count))
+    beam = PUSH.beam
+    size = beam.bow_least + size * (beam.bow_most - beam.bow_least)
+    return bowed(moved(cases, roots, places), size, 2.0 * np.pi * turn)
+
+
+def _cases(fruits: Sequence[SceneObject], up: FloatArray) -> list[Stems]:
+    """The expected stems; where stiffnesses are uncertain, also all stems softer, and all stiffer.
+
+    The stems of a plant are alike.
+    """
+    wide = np.array([_spread(fruit) for fruit in fruits])
+    if (wide == 1.0).all():
+        return [stems(fruits, up)]
+    factors = np.stack([np.ones(len(fruits)), 1.0 / wide, wide])
+    if (parents(fruits) >= 0).any():
+        return [stems(fruits, up, factor) for factor in factors]
+    every, count = stems([*fruits] * len(factors), up, factors.ravel()), len(fruits)
+    return [
+        Stems(*(values[k : k + count] for values in every))
+        for k in range(0, len(factors) * count, count)
+    ]
+
+
+def _spread(fruit: SceneObject) -> float:
+    """Standard deviation of a stem's stiffness as a factor; 1 for a known stiffness."""
+    assumed = 1.0 if "stem_stiffness" in fruit.physical else STIFFNESS_SPREAD
+    return fruit.physical.get("stem_stiffness_spread", assumed)
+
+
+@lru_cache(maxsize=16)
+def _uniform(shape: tuple[int, ...]) -> FloatArray:
+    """Uniform numbers between 0 and 1 of a fixed seed."""
+    return frozen(np.random.default_rng(1).random(shape))
+
+
+@lru_cache(maxsize=16)
+def _normal(shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+    """Two arrays of standard normal numbers of a fixed seed."""
+    rng = np.random.default_rng(0)
+    return frozen(rng.standard_normal(shape)), frozen(rng.standard_normal(shape))

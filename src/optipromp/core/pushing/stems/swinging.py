@@ -78,11 +78,12 @@ def push(
         np.zeros((count, dofs)),
     )  # fmt: skip
     pinched, spell = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
-    held, load = s.root, np.zeros((s.joint.shape[1], 3))
+    fixed, held, load = s.root, s.root.copy(), np.zeros((s.joint.shape[1], 3))
     s = Stems(
-        held.copy(), s.axes, s.length, s.mass, s.radius, s.thickness, s.upper, s.above, s.shape,
-        s.stiffness, s.compliance, s.shortening, s.joint, s.rest, s.lifted,
+        fixed.copy(), s.axes, s.length, s.mass, s.radius, s.thickness, s.upper, s.above, s.shape,
+        s.stiffness, s.compliance, s.shortening, s.joint, s.rest, s.lifted, s.drift,
     )  # fmt: skip
+    _drift(s, f, fixed, held, 0)
     overlapping(s, f.u, c.overlap)
     list_fruits(c)
     for i in range(count):
@@ -90,12 +91,13 @@ def push(
         freely(s, i, d)
     for p in range(len(points)):
         at = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
+        _drift(s, f, fixed, held, p)
         if p > 0 and _untouched(s, f, at, cup):
             positions[p] = f.center
             continue
         q = max(p - 1, 0)
         x, y, z = at.x - points[q, 0], at.y - points[q, 1], at.z - points[q, 2]
-        step = CupStep(cup, at, MouthPose(x, y, z, 0.0, 0.0, 0.0), p == 0)
+        step = CupStep(cup, at, MouthPose(x, y, z, 0.0, 0.0, 0.0), p)
         _follow_truss(s, f, held, load)
         _advance(s, f, c, d, step, solid)
         positions[p] = f.center
@@ -103,6 +105,20 @@ def push(
         if score_of(so_far[0], so_far[1], so_far[2], so_far[3], so_far[4], False) > worst:
             return p + 1
     return len(points)
+
+
+@inner
+def _drift(s: Stems, f: Fruits, fixed: FloatArray, held: FloatArray, p: int) -> None:
+    """Move the roots from where they are ``fixed`` (N, 3) to where they are ``held`` at point p.
+
+    A fruit whose root has moved no longer rests.
+    """
+    for i in range(len(held) if s.drift.shape[1] else 0):
+        for k in range(3):
+            held[i, k] = fixed[i, k] + s.drift[i, p, k]
+            f.resting[i] &= s.drift[i, p, k] == s.drift[i, 0, k]
+            s.root[i, k] = held[i, k]
+        hang(s, f, i)
 
 
 @inner
@@ -146,6 +162,8 @@ def _untouched(s: Stems, f: Fruits, at: MouthPose, cup: Mouth) -> bool:
 def clear(s: Stems, points: FloatArray, axes: FloatArray, cup: Mouth) -> bool:
     """Whether the cup, led through points (P, 3), stays away from all fruits and stems at rest.
 
+    Roots that drift do so without a swing.
+
     Fruit and stem are clear before the rim, behind the end of the last link, or aside of both.
     """
     e, wide = s.axes, max(cup.outer, cup.neck, cup.flange) + CLOSE
@@ -153,6 +171,8 @@ def clear(s: Stems, points: FloatArray, axes: FloatArray, cup: Mouth) -> bool:
         at = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
         for i in range(len(s.root)):
             x, y, z, far = s.root[i, 0], s.root[i, 1], s.root[i, 2], s.length[i]
+            if s.drift.shape[1]:
+                x, y, z = x + s.drift[i, p, 0], y + s.drift[i, p, 1], z + s.drift[i, p, 2]
             above, _, a, b, c = in_cup(x, y, z, at)
             x, y, z = x + far * e[i, 2, 0], y + far * e[i, 2, 1], z + far * e[i, 2, 2]
             h, _, u, v, w = in_cup(x, y, z, at)
@@ -294,6 +314,7 @@ def summed_score(
             s.radius[low:high], s.thickness[low:high], s.upper[low:high], s.above[low:high],
             s.shape[low:high], s.stiffness[low:high], s.compliance[low:high],
             s.shortening[low:high], s.joint[low:high], s.rest[low:high], s.lifted[low:high],
+            s.drift[low:high],
         )  # fmt: skip
         left = min(worst - total, hopeless)
         h[:], forces[:], stem_forces[:] = 0.0, 0.0, 0.0

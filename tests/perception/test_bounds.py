@@ -1,0 +1,220 @@
+"""Any picture, camera and network: an answer or a refusal, soon and in little memory."""
+
+import io
+import os
+import resource
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.ndimage import gaussian_filter
+from tests.fuzzing import networks
+from tests.fuzzing.doors import camera_files, picture
+from typer.testing import CliRunner
+
+from optipromp.cli.main import app
+from optipromp.core.errors import InvalidRequestError
+from optipromp.perception import (
+    ByGeometry,
+    ByNetwork,
+    CameraModel,
+    DepthPicture,
+    load_camera,
+    load_picture,
+    look_at,
+)
+from optipromp.perception.finder import MOST_REGIONS, largest
+
+
+def wall(height: int, width: int, far: float) -> DepthPicture:
+    """A green wall whose depth has the noise of a small stereo camera."""
+    rng, size = np.random.default_rng(0), (height, width)
+    smooth = 0.0081 * gaussian_filter(rng.standard_normal(size), 2.0) / 0.141
+    depth = far + far**2 * (smooth + 0.0035 * rng.standard_normal(size))
+    rgb = np.broadcast_to(np.array([85, 120, 75], np.uint8), (*size, 3))
+    lens = CameraModel(width, height, 0.75 * width, 0.75 * width, width / 2, height / 2)
+    return DepthPicture(rgb, depth, lens)
+
+
+def test_a_wall_has_no_more_regions_than_a_picture_may_have() -> None:
+    found = ByGeometry().find(wall(240, 320, 0.8))
+    assert len(found.fruits) == MOST_REGIONS
+    assert found.left_out > 100
+    sizes = sorted(int(region.pixels.sum()) for region in found.fruits)
+    assert sizes[0] >= 60
+
+
+def test_a_large_wall_takes_little_memory() -> None:
+    shown = wall(480, 640, 0.8)
+    look_at(wall(240, 320, 0.7))  # loads what is loaded once
+    child = os.fork()
+    if child == 0:
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+        limit = pages * resource.getpagesize() + 500_000_000
+        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+        resource.setrlimit(resource.RLIMIT_CPU, (30, 30))
+        code = 1
+        try:
+            code = 0 if look_at(shown).found.left_out else 2
+        finally:
+            os._exit(code)
+    assert os.waitpid(child, 0)[1] == 0
+
+
+def test_the_largest_are_chosen_in_order() -> None:
+    sizes = np.arange(1000)[::-1].copy()
+    assert (largest(sizes, 1000) == np.arange(MOST_REGIONS)).all()
+    assert len(largest(sizes, 12_000_000)) == 10
+    assert (largest(np.array([3, 9, 3]), 1000) == [0, 1, 2]).all()
+
+
+def test_a_large_picture_is_thinned_with_its_camera() -> None:
+    lens = CameraModel(2001, 1501, 1500.0, 1500.0, 1000.0, 750.0)
+    depth = np.full((1501, 2001), 0.5)
+    depth[750, 1000] = 0.4
+    thin = DepthPicture(np.zeros((1501, 2001, 3), np.uint8), depth, lens).thinned()
+    assert thin.depth.shape == (751, 1001)
+    assert np.argwhere(thin.depth == 0.4).tolist() == [[375, 500]]
+    assert thin.points[375, 500] == pytest.approx([0.0, 0.0, 0.4])
+    far = lens.rays[0, 2000]
+    assert thin.camera.rays[0, 1000] == pytest.approx(far)
+    assert picture().thinned() is picture()
+
+
+def png(width: int, height: int, bits: int = 8, colours: int = 2) -> bytes:
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return (
+            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        )
+
+    head = struct.pack(">IIBBBBB", width, height, bits, colours, 0, 0, 0)
+    parts = chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(b"")) + chunk(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + parts
+
+
+def saved(mode: str, kind: str = "PNG") -> bytes:
+    Image.new(mode, (96, 72)).save(stream := io.BytesIO(), kind)
+    return stream.getvalue()
+
+
+def npz(array: np.ndarray) -> bytes:
+    np.savez(stream := io.BytesIO(), depth=array)
+    return stream.getvalue()
+
+
+def npy(array: np.ndarray) -> bytes:
+    np.save(stream := io.BytesIO(), array)
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("a.rgb.png", png(30_000, 30_000), "has 900000000 pixels; must have at most 16,000,000"),
+        ("a.depth.png", png(30_000, 30_000, 16, 0), "at most 16,000,000"),
+        ("a.rgb.png", png(4100, 4100), "has 4100 x 4100 pixels; must have at most 16,000,000"),
+        ("a.depth.png", saved("P"), "mode P; a picture of depth must have one channel of 16"),
+        ("a.depth.png", saved("L"), "mode L; a picture of depth"),
+        ("a.rgb.png", saved("P", "GIF"), "must be PNG, JPEG"),
+        ("d.npy", npy(np.ones((72, 96))), "must be a picture, or NPZ"),
+        ("d.npz", npz(np.full((72, 96), "x")), "is of <U1; must be numbers"),
+        ("d.npz", npz(np.full((72, 96), np.nan)), "nan at row 0, column 0 and wrong at 6912"),
+        ("d.npz", npz(np.full((72, 96), 500.0)), "are they in metres"),
+        ("a.depth.png", None, "a device or pipe; must be a file"),
+        ("a.rgb.png", None, "a device or pipe; must be a file"),
+    ],
+)  # fmt: skip
+def test_pictures_are_refused_with_their_cause(
+    name: str, content: bytes | None, told: str, tmp_path: Path
+) -> None:
+    for file, own in (camera_files() | ({} if content is None else {name: content})).items():
+        (tmp_path / file).write_bytes(own)
+    if content is None:
+        (tmp_path / name).unlink()
+        os.mkfifo(tmp_path / name)
+    depth = tmp_path / (name if name.startswith("d.") else "a.depth.png")
+    with pytest.raises(InvalidRequestError, match=told) as refusal:
+        load_picture(tmp_path / "a.rgb.png", depth, tmp_path / "a.camera.json")
+    assert name in refusal.value.message
+    assert "_io" not in refusal.value.message
+
+
+def test_depths_that_are_next_to_nothing_show_no_fruit() -> None:
+    shown = picture()
+    near = DepthPicture(shown.rgb, np.full_like(shown.depth, 1e-300), shown.camera)
+    assert look_at(near).detections == ()
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("width", 10**400), ("fx", 10**400), ("fx", 1e300), ("fx", 1e-320), ("cx", -(10**400)),
+     ("cy", 1e300), ("depth_scale", 10**400), ("depth_scale", True), ("position", "abc"),
+     ("position", [10**400, 0, 0]), ("position", [{}, 0, 0]), ("orientation", [1, 0, 0, [0]]),
+     ("orientation", [10**400, 0, 0, 0])],
+)  # fmt: skip
+def test_numbers_of_a_camera_that_no_camera_has(key: str, value: object, tmp_path: Path) -> None:
+    import json
+
+    document = json.loads(camera_files()["a.camera.json"]) | {key: value}
+    (tmp_path / "c.json").write_text(json.dumps(document))
+    with pytest.raises(InvalidRequestError, match=key) as refusal:
+        load_camera(tmp_path / "c.json")
+    assert "must be" in refusal.value.message
+    assert len(refusal.value.message) < 300
+
+
+def test_see_wants_the_place_of_the_camera(tmp_path: Path) -> None:
+    import json
+
+    document = json.loads(camera_files()["a.camera.json"])
+    del document["position"], document["orientation"]
+    for name, content in camera_files().items():
+        (tmp_path / name).write_bytes(content)
+    (tmp_path / "a.camera.json").write_text(json.dumps(document))
+    done = CliRunner().invoke(app, ["see", str(tmp_path)])
+    assert done.exit_code == 2
+    assert "must have position and orientation" in done.output
+
+
+WRONG_NETWORKS = {
+    "it runs for more than": networks.loop(always=True),
+    "INVALID_ARGUMENT": networks.right(seen=(1, 3, 64, 64), told=(1, 9, 64, 64)),
+    r"its output is float32 \(1, 7, 240, 320\)": networks.right(told=(1, 7, 240, 320)),
+    r"its output is float32 \(1, 9, 8, 8\)": networks.filled(1.0, 1, 9, 8, 8),
+    r"its output is float32 \(\)": networks.filled(1.0),
+    "its output is object": networks.cast(networks.STRING),
+    "its output is not finite": networks.filled(float("nan"), *networks.TOLD),
+    "ConstantOfShape": networks.filled(1.0, 1, 9, 40_000, 40_000),
+    "ends its process|runs for more|PROTOBUF|no network": b"\x08\x09" + bytes(range(256)),
+}
+
+
+@pytest.mark.parametrize("told", WRONG_NETWORKS)
+def test_other_networks_are_refused(told: str, tmp_path: Path) -> None:
+    (tmp_path / "n.onnx").write_bytes(WRONG_NETWORKS[told])
+    with pytest.raises(InvalidRequestError, match=told) as refusal:
+        ByNetwork(tmp_path / "n.onnx", seconds=2.0).find(picture())
+    assert "n.onnx" in refusal.value.message
+    assert "must have one input" in refusal.value.message
+
+
+def test_a_network_that_never_ends_on_this_picture_is_ended(tmp_path: Path) -> None:
+    (tmp_path / "n.onnx").write_bytes(networks.loop(always=False))
+    finder = ByNetwork(tmp_path / "n.onnx", seconds=1.0)
+    with pytest.raises(InvalidRequestError, match="a picture takes more than 1 s"):
+        finder.find(picture())
+
+
+def test_a_network_of_ones_own_is_taken_whatever_its_input_is_called(tmp_path: Path) -> None:
+    (tmp_path / "n.onnx").write_bytes(networks.right(name="x"))
+    found = ByNetwork(tmp_path / "n.onnx").find(picture())
+    assert all(region.pixels.shape == picture().depth.shape for region in found.regions)
+
+
+def test_a_pipe_is_no_network(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "n.onnx")
+    with pytest.raises(InvalidRequestError, match="a device or pipe"):
+        ByNetwork(tmp_path / "n.onnx")
