@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, installed_by
 from optipromp.core.shown import suggest
-from optipromp.laboratory.simulation.camera import AROUND, View, shot
+from optipromp.laboratory.simulation.camera import AROUND, LEVELS, View, shot
 from optipromp.laboratory.simulation.dress import dressed
 from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.execute import Run
@@ -92,7 +92,7 @@ class Onlooker:
         middle = 0.5 * (point + (point if scene.aim is None else scene.aim))
         self._camera.lookat[:], self._camera.distance = middle, ASIDE
         self._camera.azimuth = np.rad2deg(np.arctan2(middle[1], middle[0])) + AROUND[0]
-        self._camera.elevation = View().elevation
+        self._camera.elevation = LEVELS[0]
 
     def picture(self, state: FloatArray) -> Picture:
         """The picture (height, width, 3) of a ``state`` of the world, its ``qpos``."""
