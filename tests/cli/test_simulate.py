@@ -69,3 +69,16 @@ def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
     result = invoke("scenario-3")
     assert result.exit_code == 2
     assert "pip install -e '.[sim]'" in result.stderr
+
+
+def test_a_motion_to_a_free_goal_picks_nothing_and_says_so(tmp_path):
+    scene = {
+        "name": "free", "robot": "panda", "tool": {"kind": "cup", "radius": 0.03},
+        "start": [0, -0.3, 0, -2.2, 0, 1.9, 0.8], "objects": [],
+        "goal": {"joints": [0.3, -0.3, 0, -2.2, 0, 1.9, 0.8]},
+    }  # fmt: skip
+    (tmp_path / "free.yaml").write_text(json.dumps(scene))
+    result = invoke(tmp_path / "free.yaml", "--out", tmp_path)
+    assert result.exit_code == 0, result.stdout
+    assert "(plan: success)  nothing harmed" in result.stdout
+    assert "picked" not in result.stdout

@@ -3,13 +3,16 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
+from optipromp.core.geometry import Sphere
+from optipromp.core.scenes import Place, Scene, SceneObject, Stem
 from optipromp.core.scenes.io import save_scene
-from optipromp.core.scenes.scene import JointGoal
+from optipromp.core.scenes.scene import JointGoal, ToolSpec
 from optipromp.laboratory.experiments.conditions import SETTLE
 from optipromp.laboratory.generate import generate
 from optipromp.looks.page.replay import load_replay
@@ -55,6 +58,36 @@ def test_a_pick_from_a_plant_that_sways_is_drawn_and_replayed(tmp_path):
     assert shown.record.begun == tuple(item["stage"] for item in document["decisions"])
     with Image.open(tmp_path / "run.gif") as picture:
         assert picture.n_frames > 5
+
+
+def test_a_loop_in_a_scene_with_a_place_brings_the_fruit_there(tmp_path):
+    """The loop picks; retreat and carry follow, as plan_pick plans them."""
+    ripe = SceneObject(
+        "ripe", "target", Sphere(0.017), np.array([0.45, 0.0, 0.8]),
+        stem=Stem(np.array([[0.45, 0.0, 0.8], [0.45, 0.01, 0.97]])),
+    )  # fmt: skip
+    place = Place(np.array([0.35, -0.35, 0.45]), np.array([0.6, 0.0, -0.8]))
+    start = np.array([1.42, 1.10, -1.26, -2.42, -1.69, 1.02, 0.8])
+    scene = Scene("one", "panda", (ripe,), ToolSpec("cup", {"radius": 0.03}), start, place=place)
+    save_scene(scene, tmp_path / "scene.yaml")
+    out = tmp_path / "out"
+    result = invoke("simulate", tmp_path / "scene.yaml", "--closed-loop", "--json", "--out", out)
+    document = json.loads(result.stdout)
+    assert result.exit_code == 0, document["message"]
+    assert document["legs"] == dict.fromkeys(("reach", "retreat", "carry"), "success")
+    assert document["placed"] is True
+    assert document["placed_off"] < 0.01
+    shown = load_replay(out)
+    assert shown.record is not None
+    row = list(shown.arrays["fruit_ids"]).index("ripe")
+    away = np.linalg.norm(shown.arrays["fruit_positions"][-1, row] - place.position)
+    assert away < 0.04
+    far = replace(scene, place=replace(place, position=np.array([1.6, 0.0, 0.4])))
+    save_scene(far, tmp_path / "far.yaml")
+    result = invoke("simulate", tmp_path / "far.yaml", "--closed-loop", "--out", out)
+    assert result.exit_code == 1
+    assert "closed loop: missed  failed: not_placed" in result.stdout
+    assert "of the plan, carry: " in " ".join(result.stdout.split())
 
 
 def test_the_options_of_the_loop_reach_it(tmp_path):

@@ -12,10 +12,9 @@ import pytest
 from tests.control.benches import Picked, eye_of, in_order, pick, still, without_fruits
 
 from optipromp.control import controller as module
-from optipromp.control.controller import Controller, LoopStage
+from optipromp.control.controller import Controller, LoopStage, views
 from optipromp.control.look import Look
 from optipromp.control.parameters import CONTROL
-from optipromp.control.views import views
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning import plan

@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_erosion
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry.shapes import Ellipsoid, Sphere
 from optipromp.perception import ByGeometry, CameraModel, DepthPicture, EyeParameters, look_at
+from optipromp.perception.finder import Region
+from optipromp.perception.shown import INSIDE, start_of
 from optipromp.perception.spheroids import fitted
 
 CAMERA = CameraModel(320, 240, 480.0, 480.0, 159.5, 119.5)
@@ -143,3 +146,24 @@ def test_an_empty_picture_shows_nothing() -> None:
     sight = look_at(Painter().picture(), up=UP)
     assert sight.detections == ()
     assert sight.look.detections == ()
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_region_half_near_and_half_far_begins_at_its_near_half() -> None:
+    """The median of as many pixels at 0.3 m as at 0.9 m is a depth at which there is none."""
+    picture = Painter().ellipsoid(np.array([0.0, 0.0, 0.45]), (0.02,) * 3, RED).picture()
+    pixels = picture.depth > 0.0
+    rows = np.argwhere(pixels)
+    depth = picture.depth.copy()
+    depth[tuple(rows[: len(rows) // 2].T)], depth[tuple(rows[len(rows) // 2 :].T)] = 0.3, 0.9
+    one = np.zeros_like(pixels)
+    one[tuple(rows[: 2 * (len(rows) // 2)].T)] = True
+    inside = binary_erosion(one, iterations=INSIDE)
+    far = depth[inside]
+    odd = int((far == 0.3).sum() - (far == 0.9).sum())
+    flip = np.argwhere(inside & (depth == (0.3 if odd > 0 else 0.9)))[: abs(odd) // 2]
+    depth[tuple(flip.T)] = 0.9 if odd > 0 else 0.3
+    found = start_of(DepthPicture(picture.rgb, depth, CAMERA), Region("ripe", one, 1.0), P)
+    assert found is not None
+    assert np.isfinite(found.place).all()
+    assert found.place[2] == pytest.approx(0.3)

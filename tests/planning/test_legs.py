@@ -86,9 +86,81 @@ def test_a_retreat_that_would_pull_a_fruit_off_is_refused(caught: Picked) -> Non
 
 def test_a_fruit_caught_behind_the_tool_is_torn_off_in_the_simulation(caught: Picked) -> None:
     pytest.importorskip("mujoco")
-    outcome = simulate(caught).outcome
+    outcome = simulate(caught, failed_leg=True).outcome
     assert "n2" in outcome.torn
     assert outcome.placed is False
+    assert outcome.message.startswith("of the plan, retreat: harm is predicted: n2 is caught")
+
+
+@pytest.fixture(scope="module")
+def unplaced() -> Picked:
+    """A pick whose place is out of reach: its carry fails."""
+    scene = placing("tight", 3)
+    return plan_pick(replace(scene, place=replace(PLACE, position=np.array([1.6, 0.0, 0.4]))))
+
+
+@pytest.mark.parametrize("name", ["caught", "unplaced"])
+def test_a_pick_whose_later_leg_failed_is_executed_up_to_there(
+    name: str, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    pytest.importorskip("mujoco")
+    from optipromp import write_pick
+
+    made: Picked = request.getfixturevalue(name)
+    *before, failed = made.legs
+    assert [made.legs[leg].success for leg in made.legs] == [True] * len(before) + [False]
+    write_pick(made, tmp_path)
+    back = load_pick(tmp_path)
+    assert isinstance(back, Picked)
+    assert (back.status, list(back.legs)) == (made.status, list(made.legs))
+    assert back.message == made.message
+    for run in (simulate(made), simulate(back)):
+        outcome = run.outcome
+        assert not outcome.success
+        assert str(outcome.cause) == "not_placed"
+        assert (outcome.picked, outcome.placed, outcome.torn) == (True, False, ())
+        assert outcome.message.startswith(f"of the plan, {failed}: ")
+        last = made.legs[before[-1]].trajectory.positions[-1]
+        assert np.abs(run.rollout.q[-1] - last).max() < 0.01
+
+
+def test_the_command_line_films_a_pick_whose_carry_failed(unplaced: Picked, tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    av = pytest.importorskip("av")
+    from optipromp import write_pick
+    from optipromp.laboratory.simulation.render import View, film
+
+    write_pick(unplaced, tmp_path)
+    try:
+        film(simulate(unplaced.reach), View(width=64, height=64), fps=1)
+    except InvalidRequestError as error:
+        pytest.skip(error.message)
+    result = invoke("simulate", tmp_path, "--video", "--slow", "0.2")
+    assert result.exit_code == 1, result.stdout
+    assert "failed: not_placed" in result.stdout
+    assert "of the plan, carry: " in " ".join(result.stdout.split())
+    with av.open(str(tmp_path / "run.webm")) as container:
+        shown = sum(1 for _ in container.decode(video=0))
+    planned = sum(unplaced.legs[leg].trajectory.duration for leg in (REACH, RETREAT))
+    assert shown >= 5 * planned  # 25 pictures a second of a film that is five times faster
+
+
+def test_a_fruit_that_stays_is_written_with_the_legs_that_succeeded(tmp_path: Path) -> None:
+    save_scene(placing("elongated", 2), tmp_path / "bunch.yaml")
+    target = placing("elongated", 2).target
+    assert target is not None
+    out = tmp_path / "picks"
+    result = invoke(
+        "plan", tmp_path / "bunch.yaml", "--targets", target.id, "--no-figures", "--out", out,
+        "--json",
+    )  # fmt: skip
+    assert result.exit_code == 1, result.stdout
+    (left,) = json.loads(result.stdout)["left"]
+    assert left["out"] == str(out / f"left-{target.id}")
+    back = load_pick(left["out"])
+    assert isinstance(back, Picked)
+    assert back.reach.success
+    assert str(back.status) == left["status"] == "HARM_PREDICTED"
 
 
 def test_the_simulation_carries_the_fruit_to_its_place(picked: Picked) -> None:

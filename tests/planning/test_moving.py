@@ -11,10 +11,14 @@ from typer.testing import CliRunner
 
 import optipromp
 from optipromp.cli.main import app
-from optipromp.core.errors import InvalidRequestError, InvalidSceneError
+from optipromp.core.budget import Budget, pause
+from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
 from optipromp.core.geometry.shapes import Box, Sphere
 from optipromp.core.planning import Plan, PlanOptions, detour
 from optipromp.core.planning.in_time import later
+from optipromp.core.planning.planners import OptiProMP
+from optipromp.core.planning.result import Failed, Harmful, Planned
+from optipromp.core.planning.task import Task
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import Scene, SceneObject
 from optipromp.core.scenes.io import save_scene
@@ -304,3 +308,58 @@ def test_a_moving_object_through_the_command_line(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["simulate", str(out), "--json"])
     assert done.exit_code == 0, done.output
     assert json.loads((out / "plan.json").read_text())["status"] == "success"
+
+
+class Slow:
+    """A planner that takes a second of the plan's clock for a goal more than it does."""
+
+    def __init__(self) -> None:
+        self.asked = 0
+
+    def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
+        self.asked += 1
+        pause(-1.0)
+        return OptiProMP().solve(task, budget)
+
+
+@pytest.mark.parametrize("what", ["stands", "moves"])
+def test_time_holds_for_several_goals_and_what_was_not_tried_is_told(
+    bare: Scene, what: str
+) -> None:
+    assert isinstance(bare.goal, JointGoal)
+    away = [JointGoal(bare.goal.joints + 0.01 * np.eye(7)[0] * k) for k in range(30)]
+    motion = ObjectMotion(np.array([0.0, 60.0]), np.array([4.0 * OUT, 5.0 * OUT]))
+    ball = SceneObject("ball", "static", Sphere(0.06), 4.0 * OUT)
+    ball = replace(ball, motion=motion if what == "moves" else None)
+    slow = Slow()
+    try:
+        made = optipromp.plan(
+            replace(bare, goal=tuple(away), objects=(ball,)), planner=slow, timeout=4.5
+        )
+    finally:
+        pause(float(slow.asked))
+    assert 2 <= slow.asked <= 5
+    assert made.success
+    assert f"{30 - slow.asked} of 30 goals were not tried, time ran out" in made.message
+
+
+def test_a_search_among_what_moves_that_time_cuts_is_a_timeout(bare: Scene, direct: Plan) -> None:
+    end = direct.robot.tool_pose(direct.trajectory.positions[-1:])[0][0]
+    leaves = ObjectMotion(np.array([0.0, 3.0]), np.array([end, end + OUT]))
+    ball = SceneObject("ball", "static", Sphere(0.06), end, motion=leaves)
+    scene = replace(bare, objects=(ball,))
+    assert optipromp.plan(scene).success
+    slow = Slow()
+    try:
+        made = optipromp.plan(scene, planner=slow, timeout=0.5)
+    finally:
+        pause(float(slow.asked))
+    assert slow.asked <= 1
+    assert made.status is Code.TIMEOUT
+    assert made.message.startswith("time ran out; the best so far: ")
+
+
+def test_more_goals_than_the_judge_can_hold_an_end_against_are_refused(bare: Scene) -> None:
+    assert isinstance(bare.goal, JointGoal)
+    with pytest.raises(InvalidSceneError, match=r"goal has 1001 entries: must have 1 to 1000"):
+        replace(bare, goal=(bare.goal,) * 1001)

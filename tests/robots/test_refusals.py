@@ -383,3 +383,56 @@ def test_branch_that_moves_with_the_chain_is_refused(
     links = f'<link name="a"/><link name="b">{ball}</link><link name="c">{ball}</link>'
     joints = joint("ab", "a", "b") + joint("ac", "a", "c", more='<mimic joint="ab"/>')
     refused(urdf(joints, links), "'c'", "'ac'", "serial chain")
+
+
+DAE = """<?xml version="1.0"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<library_geometries><geometry id="g"><mesh><source id="p">
+<float_array id="pa" count="12">0 0 0 .1 0 0 0 .1 0 0 0 .1</float_array>
+<technique_common><accessor source="#pa" count="4" stride="3"><param name="X" type="float"/>
+<param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<triangles count="4"><input semantic="VERTEX" source="#v" offset="0"/>
+<p>0 2 1 0 1 {index} 0 3 2 1 2 3</p></triangles></mesh></geometry></library_geometries>
+<library_visual_scenes><visual_scene id="s"><node><instance_geometry url="#g"/></node>
+</visual_scene></library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>
+"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "index", "words"),
+    [
+        ("ply", 99, "face 1 names vertex 99: must be 0 to 3"),
+        ("ply", -1, "face 1 names vertex -1: must be 0 to 3"),
+        ("obj", 99, "face 2 names vertex 99: must be 1 to 4"),
+        ("obj", 0, "face 2 names vertex 0: must be 1 to 4"),
+        ("off", 99, "outside the range"),
+        ("off", -1, "outside the range"),
+        ("dae", 99, "holds no triangles"),
+        ("dae", -1, "an index of a face is -1: must be 0 or more"),
+        ("glb", 99, "face 1 names vertex 99: must be 0 to 3"),
+    ],
+)
+def test_an_index_of_a_face_that_names_no_vertex_is_refused(
+    urdf: Writer, joint: Callable[..., str], tmp_path: Path, kind: str, index: int, words: str
+) -> None:
+    """A negative index counts from the end for the library that reads meshes."""
+    trimesh = pytest.importorskip("trimesh")
+    corners = [[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]
+    mesh = trimesh.Trimesh(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], process=False)
+    file = tmp_path / f"part.{kind}"
+    if kind == "dae":
+        pytest.importorskip("collada")
+        file.write_text(DAE.format(index=index))
+    elif kind == "glb":
+        mesh.export(file)
+        old = np.array([0, 2, 1, 0, 1, 3], dtype="<u4").tobytes()
+        assert old in file.read_bytes()
+        new = np.array([0, 2, 1, 0, 1, index], dtype="<u4").tobytes()
+        file.write_bytes(file.read_bytes().replace(old, new))
+    else:
+        mesh.export(file, **({"encoding": "ascii"} if kind == "ply" else {}))
+        old = {"obj": "f 1 2 4", "off": "3 0 1 3", "ply": "3 0 1 3"}[kind]
+        assert file.read_text().count(old) == 1
+        file.write_text(file.read_text().replace(old, f"{old[:-1]}{index}"))
+    refused(urdf(joint("ab", "a", "b"), MESH.format("collision", file.name)), file.name, words)

@@ -17,7 +17,7 @@ def run():
 
 
 def test_a_run_has_a_line_and_a_table(run):
-    assert re.fullmatch(r"<Run in scenario-4: picked, \d\.\d\d s>", repr(run))
+    assert re.fullmatch(r"<Run in scenario-4: picked, nothing harmed, \d\.\d\d s>", repr(run))
     html = run._repr_html_()
     assert "target taken in" in html
     assert run.outcome.message in html

@@ -174,6 +174,7 @@ def loop_document(loop: "Loop") -> dict[str, Any]:
             {"time": event.time, "stage": event.stage, "why": event.why}
             for event in loop.controller.events
         ],
+        "legs": {} if loop.picked is None else {k: v.status for k, v in loop.picked.legs.items()},
         "cycles": len(loop.controller.cycles),
         **loop_figures(loop),
     }
@@ -192,6 +193,7 @@ def loop_lines(document: dict[str, Any]) -> list[str]:
         f"99 % {1e3 * document['cycle_p99']:.1f} ms"
     )
     figures = (
+        *((name, str(status)) for name, status in document["legs"].items()),
         ("looks", str(document["looks"])),
         ("cycles", cycles),
         ("tracker's NIS", told),

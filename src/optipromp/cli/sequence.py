@@ -30,7 +30,10 @@ def plan_targets(
     written = []
     if out is not None:
         homes = [file_name(f"{i + 1}-{id_}") for i, id_ in enumerate(found.order)]
-        for home, pick, told in zip(homes, found.whole, document["picks"], strict=True):
+        homes += [file_name(f"left-{left.id}") for left in found.left]
+        made = [*found.whole, *(left.made for left in found.left)]
+        tolds = [*document["picks"], *document["left"]]
+        for home, pick, told in zip(homes, made, tolds, strict=True):
             if isinstance(pick, Picked):
                 output.write_legs(pick, out / home, figures=False)
             else:

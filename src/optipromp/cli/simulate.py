@@ -65,11 +65,22 @@ def simulate(
             "PLAN_DIR, or in out.",
         ),
     ] = None,
-    video: Annotated[bool, typer.Option("--video", help="Draw a film of it: run.mp4.")] = False,
+    video: Annotated[
+        bool, typer.Option("--video", help="Draw a film of it: run.webm (VP9).")
+    ] = False,
+    mp4: Annotated[
+        bool, typer.Option("--mp4", help="And as run.mp4 (H.264), by x264, which is GPL.")
+    ] = False,
     gif: Annotated[bool, typer.Option("--gif", help="And as an animation: run.gif.")] = False,
     slow: Annotated[
         float, typer.Option(metavar="FACTOR", help="How many times slower a film runs.")
     ] = 1.0,
+    failed_leg: Annotated[
+        bool,
+        typer.Option(
+            "--failed-leg", help="Of a pick whose retreat or carry failed: execute that leg, too."
+        ),
+    ] = False,
     *,
     disturbed: Disturbed,
     eyes: LoopOptions,
@@ -107,13 +118,15 @@ def simulate(
             "--planner": None if planner == "opti-promp" else planner,
             "--strategy": None if strategy == "joint" else strategy,
             "--speed": speed,
+            "--failed-leg": failed_leg or None,
         }
     )
     parameters = disturbed.of(SimulationParameters())
     if speed is not None:
         parameters = replace(parameters, control=replace(parameters.control, speed=speed))
     truth = None if true_scene is None else load_scene(true_scene)
-    leave = partial(_leave, folder=folder, video=video, gif=gif, slow=slow)
+    kinds = [kind for kind, on in (("webm", video), ("mp4", mp4), ("gif", gif)) if on]
+    leave = partial(_leave, folder=folder, kinds=kinds, slow=slow)
     if eyes:
         seen = _scene(scene_or_plan, arm.of(robot))
         say_if_compiling()
@@ -126,7 +139,7 @@ def simulate(
         warn_of_gravity(leg.robot, leg.trajectory.positions, leg.scene.up, "on the way")
     (first, *_) = legs.values()
     with waiting(f"executing in {(truth or first.scene).name} ..."):
-        run = execute(plan, truth, parameters=parameters, seed=seed)
+        run = execute(plan, truth, parameters=parameters, seed=seed, failed_leg=failed_leg)
     return _executed(run, (first.planner, plan.status), leave(run), folder)
 
 
@@ -189,23 +202,26 @@ def _scene(item: str, named: Named) -> "Scene":
 
 
 def _leave(
-    run: "Run", folder: Path, video: bool, gif: bool, slow: float, loop: "Loop | None" = None
+    run: "Run", folder: Path, kinds: Sequence[str], slow: float, loop: "Loop | None" = None
 ) -> tuple[str, ...]:
     """Write the files of a run or a loop; their names."""
     from optipromp.laboratory.simulation.files import write_run
     from optipromp.laboratory.simulation.loop_files import write_loop
 
     films = {}
-    if video or gif:
+    if kinds:
         from optipromp.laboratory.simulation.loop_film import loop_animation, loop_film
         from optipromp.laboratory.simulation.render import animation, film
 
         with waiting("drawing"):
-            if video:
-                films["run.mp4"] = loop_film(loop, slow=slow) if loop else film(run, slow=slow)
-            if gif:
-                made = loop_animation(loop, slow=slow) if loop else animation(run, slow=slow)
-                films["run.gif"] = made
+            for kind in kinds:
+                if kind == "gif":
+                    made = loop_animation(loop, slow=slow) if loop else animation(run, slow=slow)
+                elif loop:
+                    made = loop_film(loop, slow=slow, kind=kind)
+                else:
+                    made = film(run, slow=slow, kind=kind)
+                films[f"run.{kind}"] = made
     further = (write_loop(loop, folder),) if loop else ()
     return *write_run(run, folder, films), *further
 
@@ -213,10 +229,8 @@ def _leave(
 def _shown(run: "Run", told: str) -> list[str]:
     from optipromp.laboratory.simulation.words import run_rows
 
-    done = "picked and placed" if run.outcome.placed else "picked"
-    verdict = done if run.success else f"failed: {run.outcome.cause}"
     return [
-        f"{run.scene.name}  {told}  {verdict}",
+        f"{run.scene.name}  {told}  {run.outcome.told}",
         run.outcome.message,
         *(f"  {name:<26}{words}" for name, words in run_rows(run)),
     ]

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from optipromp.control.association import Pairing, common_shift, paired, visible
+from optipromp.control.association import Pairing, common_shift, paired, target_of, visible
 from optipromp.control.motion import Layout, Oscillators, PlantState
 from optipromp.control.tracks import Frame, Seen, Track, TrackerParameters, new_track, push_noise
 from optipromp.core.arrays import BoolArray, FloatArray, lengths
@@ -25,6 +25,7 @@ class Belief:
         tracks: F tracks, in the order of the state's fruits.
         begun: number of tracks ever started.
         looks: number of looks.
+        left: detections and tracks that the last look left out, because there were too many.
     """
 
     time: float
@@ -32,6 +33,7 @@ class Belief:
     tracks: tuple[Track, ...] = ()
     begun: int = 0
     looks: int = 0
+    left: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,11 +110,21 @@ def step(belief: Belief, event: Arrival, world: Setting) -> tuple[Belief, Record
         state = state.after(event.time - belief.time, given.drift)
     push = np.array([event.pushed.get(track.id, np.zeros(3)) for track in tracks]).reshape(-1, 3)
     expected = (state.layout.position @ state.mean).reshape(-1, 3) + push
+    centre, far, found = _centre(tracks, expected, seen), math.inf, len(seen.items)
+    if len(seen.items) > 2 * given.most:  # of what is farther away this look tells nothing
+        seen, far = seen.nearest(centre, 2 * given.most)
+        event = replace(event, seen=seen)
+    left = found - len(seen.items)
     pushes = push_noise(push, given)
     noise = pushes[:, None] + seen.covariances[None]
     radii = np.array([track.radius for track in tracks])
     hiding = (event.balls, world.static)
-    looked_at = visible(seen.look, expected, radii, given.reach, hiding)
+
+    def shown(places: FloatArray) -> BoolArray:
+        sight = visible(seen.look, places, radii, given.reach, hiding)
+        return np.asarray(sight & (lengths(places - centre) <= far))
+
+    looked_at = shown(expected)
     pairs = paired(state, expected, noise, tracks, seen, given, looked_at)
     shaken = False
     sure = np.array([track.confirmed for track in tracks], dtype=bool)
@@ -120,7 +132,7 @@ def step(belief: Belief, event: Arrival, world: Setting) -> tuple[Belief, Record
         shift = common_shift(expected[sure], seen.positions, pairs.scale, given)
         if shaken := bool(shift.any()):
             expected = expected + shift
-            looked_at = visible(seen.look, expected, radii, given.reach, hiding)
+            looked_at = shown(expected)
             pairs = paired(state, expected, noise, tracks, seen, given, looked_at)
             state = state.shaken(math.sqrt(float(shift @ shift)))
     state, record = _corrected(state, pairs, event, expected, (push, pushes), belief, given)
@@ -130,8 +142,16 @@ def step(belief: Belief, event: Arrival, world: Setting) -> tuple[Belief, Record
     if shaken:
         record = Record(event.time, (), np.zeros(0))
     tracks = _counted(tracks, pairs, event, push, looked_at, world)
-    belief = replace(belief, time=event.time, state=state, tracks=tracks)
-    return _renewed(belief, pairs, event, world), record
+    belief = replace(belief, time=event.time, state=state, tracks=tracks, left=left)
+    return _renewed(belief, pairs, event, world, centre), record
+
+
+def _centre(tracks: tuple[Track, ...], expected: FloatArray, seen: Seen) -> FloatArray:
+    """(3,) where the pick is: the target; else what was seen as one; else the camera [m]."""
+    if (target := target_of(tracks)).any():
+        return np.asarray(expected[target][0])
+    wanted = [item.role == "target" for item in seen.items]
+    return seen.positions[wanted].mean(axis=0) if any(wanted) else seen.look.camera.position
 
 
 def _white(spread: FloatArray, given: TrackerParameters) -> FloatArray:
@@ -242,32 +262,48 @@ def _found(track: Track, item: SceneObject, event: Arrival, world: Setting, came
     )
 
 
-def _renewed(belief: Belief, pairs: Pairing, event: Arrival, world: Setting) -> Belief:
-    """The belief without dead tracks, and with new ones."""
-    given, tracks, state = world.parameters, belief.tracks, belief.state
+def _renewed(
+    belief: Belief, pairs: Pairing, event: Arrival, world: Setting, centre: FloatArray
+) -> Belief:
+    """The belief without dead tracks, and with new ones; of too many tracks the best.
+
+    The target is the best; then odds count, and nearness to ``centre`` (3,).
+    """
+    given, tracks, state, left = world.parameters, belief.tracks, belief.state, belief.left
     alive = np.array(
         [track.lost < (given.die if track.confirmed else given.missed) for track in tracks],
         dtype=bool,
     )
+    first, new = not belief.looks and given.first_confirmed, pairs.new
+    existence = given.detected if first else given.born
+    if (over := int(alive.sum()) + len(new) - given.most) > 0:
+        chance = np.array([*(track.existence for track in tracks), *[existence] * len(new)])
+        places = (state.layout.position @ state.mean).reshape(-1, 3)
+        places = np.concatenate([places, event.seen.positions[new]])
+        near = 1.0 + (lengths(places - centre) / given.beside) ** 2
+        worth = chance / (1.0 - chance) / near
+        worth[: len(tracks)][target_of(tracks)] = np.inf
+        worth[: len(tracks)][~alive] = -1.0
+        best = np.zeros(len(worth), dtype=bool)
+        best[np.argsort(-worth, kind="stable")[: given.most]] = True
+        alive, new, left = best[: len(tracks)], new[best[len(tracks) :]], left + over
     if not alive.all():
         kept = np.flatnonzero(alive)
         state, tracks = state.only(kept), tuple(tracks[k] for k in kept.tolist())
     if any(track.stems for track in tracks):
         state = state.turned(_swings(tracks, given))
-    first = not belief.looks and given.first_confirmed
     fresh, number = [], belief.begun
-    for k in pairs.new.tolist():
+    for k in new.tolist():
         while f"fruit-{number}" in world.taken:
             number += 1
         item, seen = event.seen.items[k], event.seen
         track = new_track(
             f"fruit-{number}", item, seen.turn, seen.look.camera.orientation, world.frame
         )
-        existence = given.detected if first else given.born
         fresh.append(replace(track, confirmed=first, existence=existence, last_seen=event.time))
         number += 1
     if fresh:
         swings = _swings(tuple(fresh), given)
-        spread = _white(event.seen.covariances[pairs.new], given)
-        state = state.with_fruits(swings, event.seen.positions[pairs.new], spread)
-    return Belief(belief.time, state, tracks + tuple(fresh), number, belief.looks + 1)
+        spread = _white(event.seen.covariances[new], given)
+        state = state.with_fruits(swings, event.seen.positions[new], spread)
+    return Belief(belief.time, state, tracks + tuple(fresh), number, belief.looks + 1, left)

@@ -28,6 +28,7 @@ from optipromp.control.plant import (
     scene_of,
     settled,
     target_row,
+    tracked_at_most,
     unseen,
 )
 from optipromp.control.servo import Route
@@ -36,17 +37,20 @@ from optipromp.control.stages import Decision, LoopStage, excess, with_covarianc
 from optipromp.control.stiffness import Stiffness, by_wrench
 from optipromp.control.tracked import Tracked
 from optipromp.control.tracker import Tracker
-from optipromp.control.views import views
-from optipromp.core.arrays import FloatArray
+from optipromp.control.tracks import TrackerParameters
+from optipromp.core.arrays import FloatArray, frame_along, rotation
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning import Plan, plan
 from optipromp.core.planning.plan import compile_once
 from optipromp.core.planning.task import posed
+from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
 
+_STEPS = 8  # of a turn, each at most 7 degrees: inverse kinematics stays on its branch
+_MISS = 1e-6  # [m] error above which a configuration is none
 BRAKING = 0.15  # [s] before the approach, at which the tool begins to stop and look: a choice
 
 
@@ -101,7 +105,8 @@ class Controller:
             raise InvalidRequestError(f"{', '.join(moving)} move: {told}")
         compile_once()
         self.robot, state = posed(scene, robot)
-        self.scene, self.seed, self.parameters, self.servo = scene, seed, parameters, servo
+        self.seed, self.parameters, self.servo = seed, parameters, servo
+        self.scene = scene = tracked_at_most(scene, TrackerParameters.most)
         known = [item for item in scene.objects if item.role in ("target", "pushable")]
         self.tracker = Tracker(scene, first=[with_covariance(item, parameters) for item in known])
         self.stage, self.events, self.cycles = LoopStage.LOOK, list[Decision](), list[float]()
@@ -209,6 +214,8 @@ class Controller:
         if self._eye is not None and (missing := unseen(tracked, self._eye, self._since)):
             names = (f"{a} (behind {b})" if b else a for a, b in missing.items())
             why += f"; not seen from here: {', '.join(names)}"
+        if self.tracker.left:
+            why += f"; {self.tracker.left} that were seen are not tracked, as too many"
         self._enter(LoopStage.GO, now, why)
         self._driver.blind = self._at_camera and not self.servo
         return self._driver.set_out(Route.of(made), now, tracked)
@@ -392,3 +399,22 @@ class Controller:
         if route is None or route.plan is None or self.stage is not LoopStage.GO:
             return {}
         return pushed_by(route, self._driver.phase(time))
+
+
+def views(robot: Robot, q: FloatArray, parameters: LoopParameters) -> list[FloatArray]:
+    """Configurations (n,) from which a camera on the tool sees what it does not see from ``q``.
+
+    The tool point stays. The tool axis turns by each of ``parameters.views`` [degrees], to four
+    sides each; what the arm does not reach is left out.
+    """
+    point, axis = robot.tool_pose(q)
+    across = frame_along(axis)[:, :2].T
+    found = []
+    for angle in parameters.views:
+        for side in (across[0], across[1], -across[0], -across[1]):
+            part = np.linspace(0.0, math.radians(angle), _STEPS + 1)[1:]
+            axes = np.array([rotation(side, one) @ axis for one in part])
+            path, errors = ik.track(robot, np.tile(point, (_STEPS, 1)), axes, q)
+            if errors.max() <= _MISS:
+                found.append(path[-1])
+    return found

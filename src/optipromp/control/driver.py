@@ -146,7 +146,7 @@ def without_fruits(scene: Scene, q: FloatArray | None = None) -> Scene:
     """
     still = tuple(item for item in scene.objects if item.role in ("static", "avoid"))
     rest = JointGoal(posed(scene)[1].q if q is None else q)
-    return replace(scene, objects=still, goal=rest, waypoints=None)
+    return replace(scene, objects=still, goal=rest, waypoints=None, place=None)
 
 
 def _ahead(route: Route, phase: float, begins: float, field: Displacement) -> FloatArray:

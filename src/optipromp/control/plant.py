@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -43,6 +44,18 @@ def scene_of(
     if offset is not None:
         seen = [shifted(item, -offset) for item in seen]
     return replace(base, objects=rooted([*still, *seen]), goal=None)
+
+
+def tracked_at_most(scene: Scene, most: int) -> Scene:
+    """The scene with at most so many fruits; those farther from the target are only avoided."""
+    fruits = [item for item in scene.objects if item.role in ("target", "pushable")]
+    if len(fruits) <= most:
+        return scene
+    centre = (scene.target or fruits[0]).position
+    fruits.sort(key=lambda item: (item.role != "target", math.dist(item.position, centre)))
+    far = {item.id for item in fruits[most:]}
+    objects = (replace(o, role="avoid") if o.id in far else o for o in scene.objects)
+    return replace(scene, objects=tuple(objects))
 
 
 def _as_grown(item: SceneObject, known: Stem | None) -> SceneObject:
@@ -202,7 +215,7 @@ def gave_way(
         parameters: with the least displacement that counts, and the reach of a detection.
     """
     fruits = {item.id: item for item in scene.objects if item.stem is not None}
-    found = np.array([item.position for item in look.in_base()]).reshape(-1, 3)
+    found = np.array([look.camera @ item.position for item in look.detections]).reshape(-1, 3)
     out = []
     for row, name in enumerate(tracked.ids):
         if name not in pushed or name not in fruits or not len(found):

@@ -47,7 +47,7 @@ class Tracker:
 
     Raises:
         InvalidRequestError: a first object has no covariance or is static; ids of first objects
-            repeat.
+            repeat, or are more than ``parameters.most``.
     """
 
     def __init__(
@@ -63,6 +63,8 @@ class Tracker:
         names = frozenset(item.id for item in objects)
         if len(names) < len(objects):
             raise InvalidRequestError("ids of first objects repeat: must be unique")
+        if len(names) > given.most:
+            raise InvalidRequestError(f"{len(names)} first objects: must be {given.most} at most")
         for item in objects:
             if item.covariance is None:
                 raise InvalidRequestError(f"first object {item.id} has no covariance")
@@ -84,6 +86,11 @@ class Tracker:
     def time(self) -> float:
         """Time of the newest look [s]; minus infinity before the first."""
         return self._newest.time
+
+    @property
+    def left(self) -> int:
+        """Number of detections and tracks that the newest look left out, as too many."""
+        return self._newest.left
 
     def add(self, look: Look, pushed: Mapping[str, FloatArray] | None = None) -> None:
         """Fold a look in.

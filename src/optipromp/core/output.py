@@ -49,6 +49,7 @@ from optipromp.core.pushing.model import Prediction
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import scene_from_dict, scene_to_dict
 from optipromp.core.scenes.scene import Scene
+from optipromp.core.shown import printable
 from optipromp.core.trajectory import State
 from optipromp.core.trajectory_files import arrays, csv, from_arrays
 
@@ -56,6 +57,7 @@ FORMAT = 4
 PUSHED = ("pushed_points", "pushed_axes")
 FILES = ("trajectory.csv", "trajectory.npz", "waypoints.npz")
 OF = "reach_sha256"  # of waypoints.npz, in the file of another leg
+TOLD = "status"  # of another leg, and its message; without them it is a success
 START = "start"  # (3, n) position, velocity and acceleration
 SEARCHED = Code.TIMEOUT, Code.GOAL_IN_COLLISION, Code.GOAL_UNREACHABLE, Code.NO_PLAN
 WORSE = Code.SUCCESS, Code.HARM_PREDICTED, Code.INVALID_PLAN, Code.START_IN_COLLISION, *SEARCHED
@@ -298,7 +300,9 @@ def write_pick(picked: Picked, folder: Path, *, rate: float = RATE) -> tuple[str
     of = _of(folder)
     for name in AFTER:
         if name in picked.legs:
-            content = npz({OF: of, **arrays(picked.legs[name].trajectory)}, compressed=True)
+            one = picked.legs[name]
+            rows = {OF: of, TOLD: [one.status, one.message], **arrays(one.trajectory)}
+            content = npz(rows, compressed=True)
             write_atomically(folder / f"{name}.npz", content)
             names.append(f"{name}.npz")
     return tuple(names)
@@ -307,10 +311,11 @@ def write_pick(picked: Picked, folder: Path, *, rate: float = RATE) -> tuple[str
 def load_pick(path: Path | str) -> Picked | Plan:
     """Load what :func:`write_pick` or :func:`write_plan` left: a pick, or a plan of one motion.
 
-    Every leg is judged again. Legs of another reach than that of the folder are passed over.
+    Every leg is judged again. Legs of another reach than that of the folder are passed over. The
+    leg that failed, if any, is the last one, with its status.
 
     Raises:
-        InvalidPlanError: a leg that the judge refuses.
+        InvalidPlanError: a leg that is a success by its file and not by the judge.
         OptiPrompError: what :func:`optipromp.core.output.load_plan` raises.
     """
     path = Path(path)
@@ -325,6 +330,8 @@ def load_pick(path: Path | str) -> Picked | Plan:
         rows = read_npz(file)
         try:
             curve, of = from_arrays(rows), str(rows[OF])
+            status, message = map(str, rows.get(TOLD, (Code.SUCCESS, "")))
+            code = Code(status)
         except (KeyError, ValueError) as error:
             raise InvalidRequestError(f"{file}: no leg that this version wrote ({error})") from None
         if of != _of(folder):
@@ -332,6 +339,9 @@ def load_pick(path: Path | str) -> Picked | Plan:
         if curve.joint_names != reach.robot.joint_names:
             raise InvalidRequestError(f"{file}: must have the joints of {reach.robot.name}")
         legs[name] = leg(task_of(name, legs, curve), curve, 0.0)
+        if code is not Code.SUCCESS:
+            legs[name] = replace(legs[name], status=code, message=printable(message))
+            break
         if not legs[name].success:
             raise InvalidPlanError(f"{file}: judged again: {legs[name].message}")
     return Picked(legs)

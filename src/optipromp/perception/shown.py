@@ -177,6 +177,9 @@ def start_of(picture: DepthPicture, seed: Region, p: EyeParameters) -> SeedStart
     if middle < TOUCHING:
         return None
     near = np.abs(far - middle) < p.most_radius
+    if not near.any():  # as many pixels far before the middle as behind it: the nearer half
+        middle = float(far[far < middle].max())
+        near = np.abs(far - middle) < p.most_radius
     points = rays_of(picture, rows[near] + begin) * far[near][:, None]
     points = points[:: max(len(points) // MOST_POINTS, 1)]
     per = max(p.patch * len(points) / area, 1.0)

@@ -10,6 +10,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.errors import InvalidRobotError, installed_by
 from optipromp.core.files import read_bytes
+from optipromp.core.geometry.loading import face_fault, index_fault
 from optipromp.core.robots.description import LinkShape, mesh_file, mesh_name
 from optipromp.readers.urdf import LENGTH_LIMIT, UrdfModel
 
@@ -67,6 +68,8 @@ def _load(path: Path, where: str) -> tuple[FloatArray, IntArray]:
         content = read_bytes(path, InvalidRobotError, LARGEST_MESH)
     except InvalidRobotError as error:
         raise InvalidRobotError(f"{where}: {error.message}") from None
+    if fault := index_fault(path.suffix, content):
+        raise InvalidRobotError(f"{where}: {fault}")
     kind = path.suffix.lower()[1:]
     try:  # from memory, so that trimesh reads no other file
         mesh: Any = trimesh.load(
@@ -78,4 +81,6 @@ def _load(path: Path, where: str) -> tuple[FloatArray, IntArray]:
         raise InvalidRobotError(f"{where}: not a mesh that can be read: {error}") from error
     if vertices.ndim != 2 or faces.ndim != 2 or not len(faces):
         raise InvalidRobotError(f"{where}: holds no triangles")
+    if fault := face_fault(faces, len(vertices)):
+        raise InvalidRobotError(f"{where}: {fault}")
     return vertices, faces

@@ -28,7 +28,7 @@ from optipromp.readers.robot_file import RobotFile, read_robot_file
 from optipromp.readers.srdf import srdf_files
 from optipromp.readers.urdf import UrdfModel, read_urdf
 
-_VERSION = 1  # of the readers: raise it when the same files give another robot
+_VERSION = 2  # of the readers: raise it when the same files give another robot
 _HELD = 16  # robots in memory, chosen
 
 Stamps = tuple[tuple[Path, tuple[int, int] | None], ...]

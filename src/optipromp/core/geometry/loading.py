@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import contextlib
 import io
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray
+from optipromp.core.arrays import BoolArray, FloatArray, IntArray
 from optipromp.core.errors import InvalidSceneError, installed_by
 from optipromp.core.files import read_bytes, read_npz
 from optipromp.core.geometry.grids import check_closed
 from optipromp.core.geometry.shapes import MeshShape, PointCloudShape
 
 _MESH_SUFFIXES = (".stl", ".obj", ".ply")
+_VERTEX = re.compile(rb"^[ \t]*v[ \t]", re.M)  # of an OBJ
+_FACE = re.compile(rb"^[ \t]*f[ \t]+([^\r\n#]*)", re.M)
+_REST = re.compile(rb"/\S*")  # of a corner: texture and normal
+_BELOW = re.compile(rb"<p>[^<]*?(-\d+)")  # of a DAE: a negative index
 _CLOUD_SUFFIXES = (".npy", ".npz", ".csv", ".xyz", ".txt", ".ply")
 
 
@@ -35,12 +40,49 @@ def load_mesh(path: Path, scale: float = 1.0) -> MeshShape:
     parts = list(loaded.geometry.values()) if hasattr(loaded, "geometry") else [loaded]
     if not parts or not all(hasattr(part, "faces") and len(part.faces) for part in parts):
         raise InvalidSceneError(f"mesh {path}: holds no faces: must be a closed surface")
+    for part in parts:
+        if fault := face_fault(part.faces, len(part.vertices)):
+            raise InvalidSceneError(f"mesh {path}: {fault}")
+        part.process()
     if hasattr(loaded, "to_mesh"):
         loaded = loaded.to_mesh()
     vertices = scale * np.asarray(loaded.vertices, dtype=np.float64)
     mesh = MeshShape(vertices, np.asarray(loaded.faces, dtype=np.int64), path, scale)
     check_closed(mesh)
     return mesh
+
+
+def index_fault(suffix: str, content: bytes) -> str:
+    """The first wrong index of a face in an OBJ or a DAE, in words; empty without one.
+
+    trimesh takes an index 0 of an OBJ, or a negative one of a DAE, for another.
+    """
+    if suffix.lower() == ".dae" and (wrong := _BELOW.search(content)):
+        return f"an index of a face is {wrong.group(1).decode()}: must be 0 or more"
+    if suffix.lower() != ".obj":
+        return ""
+    count = len(_VERTEX.findall(content))
+    lines = [_REST.sub(b"", line) for line in _FACE.findall(content.replace(b"\\\n", b" "))]
+    try:
+        index = np.array(b" ".join(lines).split(), dtype=np.int64)
+    except ValueError:  # trimesh tells
+        return ""
+    row = np.repeat(np.arange(len(lines)), [len(line.split()) for line in lines])
+    bad = (index == 0) | (index > count) | (index < -count)
+    return _named(row + 1, index, bad, f"must be 1 to {count}")
+
+
+def face_fault(faces: IntArray, count: int) -> str:
+    """The first of ``faces`` (F, 3) with an index outside 0 to ``count`` - 1, in words."""
+    index = np.asarray(faces)
+    bad = ((index < 0) | (index >= count)).reshape(-1)
+    row = np.repeat(np.arange(len(index)), index.shape[1])
+    return _named(row, index.reshape(-1), bad, f"must be 0 to {count - 1}")
+
+
+def _named(row: IntArray, index: IntArray, bad: BoolArray, right: str) -> str:
+    k = int(np.argmax(bad)) if bad.any() else -1
+    return "" if k < 0 else f"face {row[k]} names vertex {index[k]}: {right}"
 
 
 def load_cloud(path: Path, radius: float, scale: float = 1.0) -> PointCloudShape:
@@ -91,9 +133,11 @@ def _trimesh_load(path: Path, content: bytes, what: str) -> Any:
         raise InvalidSceneError(
             f"{what} {path}: reading it needs trimesh: {installed_by('mesh')}"
         ) from None
+    if what == "mesh" and (fault := index_fault(path.suffix, content)):
+        raise InvalidSceneError(f"mesh {path}: {fault}")
     try:
-        kind = path.suffix.lower()[1:]
-        return trimesh.load(io.BytesIO(content), file_type=kind, skip_materials=True)
+        kind, whole = path.suffix.lower()[1:], what != "mesh"  # a mesh is checked as it stands
+        return trimesh.load(io.BytesIO(content), file_type=kind, skip_materials=True, process=whole)
     except Exception as error:  # its readers raise anything on malformed files
         raise _unreadable(what, path, error) from None
 

@@ -20,6 +20,8 @@ from optipromp.core.geometry import faces
 
 FARTHEST = 1e6
 """[m, rad] Largest number in a scene; products of larger ones overflow."""
+LEAST = 1e-7
+"""[m] Least size of a shape, chosen: corners within a nanometre count as one."""
 
 SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID, ELLIPSOID, CONE = range(8)
 
@@ -34,6 +36,11 @@ def _positive(shape: str, name: str, value: float) -> float:
     if not 0.0 < number <= FARTHEST:
         raise InvalidSceneError(
             f"{shape} {name} is {number:g}: must be finite and above 0 [m], at most {FARTHEST:g}"
+        )
+    if number < LEAST:
+        raise InvalidSceneError(
+            f"{shape} {name} is {number:g} m: must be at least {LEAST:g}; is the scale right? It "
+            "is 1 for metres, 0.001 for millimetres"
         )
     return number
 

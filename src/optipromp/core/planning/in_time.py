@@ -16,6 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from optipromp.core.arrays import frozen
+from optipromp.core.budget import clock
 from optipromp.core.errors import Code
 from optipromp.core.planning.parameters import IN_TIME
 from optipromp.core.planning.result import Plan
@@ -39,25 +40,26 @@ def later(scene: Scene, time: float) -> Scene:
     return replace(scene, objects=tuple(objects))
 
 
-def plan_in_time(task: Task, made_for: Callable[[Task], Plan]) -> Plan:
+def plan_in_time(task: Task, made_for: Callable[[Task], Plan], late: float = np.inf) -> Plan:
     """The first valid plan with ``IN_TIME.room`` among objects that move; else the best plan.
 
-    ``made_for`` plans a task in which nothing moves.
+    ``made_for`` plans a task in which nothing moves. Nothing new is tried after ``late`` [s], a
+    time of the plan's clock.
     """
-    best = _among(task, made_for)
-    if best.success or not task.state.moving:
+    best = _among(task, made_for, late)
+    if best.success or not task.state.moving or clock() > late:
         return best
     brake = stopped(task.robot, task.state)
     if met := verdict(task, brake).judgement.contacts:
         return replace(best, message=f"{best.message}; the arm brakes too late: {met[0]}")
-    made = _in(task, _among(_stood(task, brake), made_for), brake)
+    made = _in(task, _among(_stood(task, brake), made_for, late), brake)
     if made.success:
         note = f"the arm brakes first, {brake.duration:.2f} s; without, {best.message}"
         return replace(made, message=f"{made.message}; note: {note}")
     return replace(best, message=f"{best.message}; with a brake first, {made.message}")
 
 
-def _among(task: Task, made_for: Callable[[Task], Plan]) -> Plan:
+def _among(task: Task, made_for: Callable[[Task], Plan], late: float) -> Plan:
     """:func:`plan_in_time` without a brake."""
     ended = task.scene.standing({item.id: np.inf for item, _ in task.scene.movers})
     scenes = [_swept(task), ended]
@@ -74,7 +76,9 @@ def _among(task: Task, made_for: Callable[[Task], Plan]) -> Plan:
                 tried.append(found)
                 if found.success and _room(found) >= min(_room(made), IN_TIME.room):
                     return found
-                if not made.success or any((one.time or wait) < wait for one in found.contacts):
+                if (cut := clock() > late) or not made.success:
+                    break
+                if any((one.time or wait) < wait for one in found.contacts):
                     break  # what is met while the arm waits is met in a longer wait too
                 if when and not found.contacts:
                     break  # what is pushed is elsewhere after a longer wait
@@ -82,10 +86,16 @@ def _among(task: Task, made_for: Callable[[Task], Plan]) -> Plan:
             if best is None or (mine.success, made.success) > best[0]:
                 best = (mine.success, made.success), mine
             before, when = when, passages(seen, found.trajectory)
-            if found.contacts or _near(seen.scene, before, when):
+            if cut or found.contacts or _near(seen.scene, before, when):
                 break
+        if cut:
+            break
     assert best is not None
-    return best[1]
+    made = best[1]
+    if cut and not made.success:
+        message = f"time ran out; the best so far: {made.message}"
+        return replace(made, status=Code.TIMEOUT, message=message)
+    return made
 
 
 def _near(scene: Scene, when: Mapping[str, float], other: Mapping[str, float]) -> bool:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -126,10 +127,14 @@ def plan(
                 risk = max(task.risk, UNDERWAY.risk)
                 tasks = [replace(each, risk=risk) for each in tasks]
         way = functools.partial(_best_way, planner=solver, options=options, began=began, say=say)
-        if scene.movers:
-            made = [plan_in_time(each, lambda one: way([one])) for each in tasks]
-            return min(made, key=_slowness)
-        return way(tasks)
+        if not scene.movers:
+            return way(tasks)
+        late = _late(began + options.timeout, options)
+        made = [
+            plan_in_time(each, lambda one: way([one]), late)
+            for each in chain(tasks[:1], _until(late, tasks[1:]))
+        ]
+        return _of_tried(min(made, key=_slowness), len(made), len(tasks))
 
 
 def _best_way(
@@ -154,8 +159,7 @@ def _best_way(
         ways = approaches.others(first, late)
     made: list[Plan] = []
     harmful: list[Harmful] = []
-    in_time = itertools.takewhile(lambda _: clock() <= late, ways)
-    for approach in itertools.chain([first], in_time):
+    for approach in chain([first], _until(late, ways)):
         found = attempt(approach)
         if isinstance(found, Harmful):
             harmful.append(found)
@@ -165,6 +169,7 @@ def _best_way(
         fast = getattr(planner, "timed", False) and judging.too_fast(approach.scene, speed)
         if not several and (fast or found.status not in RETRIED):
             break
+    tried = len(made) + len(harmful)
     if harmful and not any(done.success for done in made):
         least = min(harmful, key=lambda answer: answer.harm)
         found = attempt(replace(least.task, sparing=False))
@@ -174,12 +179,28 @@ def _best_way(
     if several and not best.success:
         which = [each.goal for each in tasks].index(best.task.goal) + 1
         best = replace(best, message=f"goal {which} of {len(tasks)}: {best.message}")
+    best = _of_tried(best, tried, len(tasks))
     return replace(best, time={**best.time, "total": clock() - began})
 
 
 def _late(end: float, options: PlanOptions) -> float:
     """The time at which a plan that ends at ``end`` begins nothing new [s]."""
     return end - min(JUDGING, JUDGED_SHARE * options.timeout)
+
+
+def _until(late: float, tasks: Iterable[Task]) -> Iterable[Task]:
+    """The tasks that may begin: none after the time ``late`` [s]."""
+    return itertools.takewhile(lambda _: clock() <= late, tasks)
+
+
+def _of_tried(best: Plan, tried: int, goals: int) -> Plan:
+    """The best plan, which says how many of several goals time did not suffice for."""
+    if tried >= goals:
+        return best
+    left = f"{goals - tried} of {goals} goals were not tried, time ran out"
+    if best.success:
+        return replace(best, message=f"{best.message}; note: {left}")
+    return replace(best, status=Code.TIMEOUT, message=f"{left}; the best so far: {best.message}")
 
 
 def _slowness(made: Plan) -> tuple[bool, bool, float]:

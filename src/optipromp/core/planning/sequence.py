@@ -1,7 +1,7 @@
 """``plan_sequence``: several ripe fruits, picked one after the other."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +21,12 @@ HARMLESS = 0.05
 
 @dataclass(frozen=True)
 class Left:
-    """A fruit that is not picked: its ``id``, and status and message of its last plan."""
+    """A fruit that is not picked: its ``id``, and status and message of its last plan ``made``."""
 
     id: str
     status: Code
     message: str
+    made: Plan | Picked = field(repr=False, compare=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +74,10 @@ class PickSequence:
                 {"target": id_, **made.to_dict()}
                 for id_, made in zip(self.order, self.whole, strict=True)
             ],
-            "left": [vars(left) for left in self.left],
+            "left": [
+                {"id": left.id, "status": left.status, "message": left.message}
+                for left in self.left
+            ],
         }
 
 
@@ -172,7 +176,7 @@ def _check(scene: Scene, targets: Sequence[str]) -> None:
 def _left(made: Plan, whole: Picked | None) -> Left:
     """The fruit of a plan, or of a pick of which another leg failed, as left."""
     told = made if whole is None else whole
-    return Left(_target(made), told.status, told.message)
+    return Left(_target(made), told.status, told.message, told)
 
 
 def _rank(made: Plan) -> tuple[float, float]:

@@ -35,6 +35,9 @@ __all__ = [
 WIDEST_CONE = 60.0
 """Largest angle between an approach and its direction [degrees], chosen."""
 
+MOST_GOALS = 1000
+"""Most entries of a goal, chosen: the judge holds each end against all, 10 µs each."""
+
 _PARALLEL = 1e-6  # chosen: sine of the angle below which two vectors count as parallel
 _ROUNDING = 1e-9  # [m] allowance for rounding
 _FARTHEST_CAMERA = 20.0  # [m] chosen
@@ -194,8 +197,10 @@ class Scene(Shown):
         object.__setattr__(self, "options", dict(self.options))
         if isinstance(self.goal, tuple | list):
             object.__setattr__(self, "goal", tuple(self.goal))
-            if not self.goals:
-                raise InvalidSceneError("goal has no entries: must have at least one")
+            if not 0 < len(self.goals) <= MOST_GOALS:
+                raise InvalidSceneError(
+                    f"goal has {len(self.goals)} entries: must have 1 to {MOST_GOALS}"
+                )
         if self.start is not None:
             object.__setattr__(self, "start", array("start", self.start, None))
         seen: dict[str, int] = {}

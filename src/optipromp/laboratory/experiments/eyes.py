@@ -110,7 +110,7 @@ def without_fruits(scene: Scene) -> Scene:
     gone = {item.id for item in scene.objects if item.role != "static"}
     return replace(
         scene, objects=scene.static, may_touch=pairs_among(scene.may_touch, gone),
-        goal=JointGoal(posed(scene)[1].q),
+        goal=JointGoal(posed(scene)[1].q), place=None,
     )  # fmt: skip
 
 

@@ -56,8 +56,7 @@ class Run(Shown):
         return float(self.rollout.times[-1]) / max(self.seconds, 1e-9)
 
     def _words(self) -> str:
-        told = "picked" if self.success else f"failed, {self.outcome.cause}"
-        return f"in {self.scene.name}: {told}, {self.outcome.duration:.2f} s"
+        return f"in {self.scene.name}: {self.outcome.told}, {self.outcome.duration:.2f} s"
 
     def _table(self) -> Sequence[tuple[str, str]]:
         from optipromp.laboratory.simulation.words import run_rows
@@ -86,18 +85,20 @@ def simulate(
     parameters: SimulationParameters | None = None,
     seed: int = 0,
     record_rate: float = 100.0,
+    failed_leg: bool = False,
 ) -> Run:
     """Execute a plan in the simulation and judge the run.
 
     Args:
         plan_or_trajectory: what to execute, whatever its status. Of a pick in several legs, all
-            legs; the outcome then says whether the target was placed.
+            legs up to the one that failed; the outcome then says whether the target was placed.
         scene: the true scene; None: the scene of the plan. Another scene than the plan's shows the
             effect of detection errors.
         robot: with its tool; None: that of the plan, or of the scene of a bare trajectory.
         parameters: physical numbers, controller, thresholds.
         seed: of everything random. The same input and seed give the same run to the last bit.
         record_rate: of the rollout's records [Hz].
+        failed_leg: of a pick, whether the best trajectory of the leg that failed is executed, too.
 
     Returns:
         The run. The outcome of a failed run names the cause; only wrong input raises.
@@ -133,7 +134,5 @@ def simulate(
     if picked is None:
         rollout, outcome = simulation.follow(motion)
     else:
-        slower = 1.0 / parameters.control.speed
-        motions = {name: one.trajectory.slowed(slower) for name, one in picked.legs.items()}
-        rollout, outcome = follow_legs(simulation, motions, picked)
+        rollout, outcome = follow_legs(simulation, picked, failed_leg)
     return Run(scene, robot, parameters, seed, rollout, outcome, time.perf_counter() - began)

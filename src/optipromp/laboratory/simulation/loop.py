@@ -14,9 +14,11 @@ from optipromp.control.tracked import Tracked
 from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.errors import ExecutionError
 from optipromp.core.execution.streaming import Stretch
+from optipromp.core.planning.legs import Picked
 from optipromp.core.trajectory import State
 from optipromp.laboratory.simulation.detector import Detector, Eye, Truth
 from optipromp.laboratory.simulation.execute import Run
+from optipromp.laboratory.simulation.legs import bring
 from optipromp.laboratory.simulation.outcome import Cause
 from optipromp.laboratory.simulation.simulation import Simulation
 
@@ -54,6 +56,7 @@ class Loop:
         trace: see :class:`Trace`.
         controller: with its events and its tracker.
         detector: the camera.
+        picked: reach, retreat and carry, of a scene with a place whose reach succeeded.
     """
 
     run: Run
@@ -61,14 +64,15 @@ class Loop:
     trace: Trace
     controller: Controller = field(repr=False)
     detector: Detector = field(repr=False)
+    picked: Picked | None = field(default=None, repr=False)
 
     @property
     def result(self) -> str:
-        """``clean``, ``harmed``, ``gave_up`` or ``missed`` (nothing was harmed, nothing picked)."""
+        """``clean``, ``harmed``, ``gave_up`` or ``missed`` (unharmed, not picked or placed)."""
         outcome = self.run.outcome
         if outcome.success:
             return "clean"
-        if any(cause != Cause.NOT_PICKED for cause in outcome.causes):
+        if set(outcome.causes) - {Cause.NOT_PICKED, Cause.NOT_PLACED}:
             return "harmed"
         return "gave_up" if self.stage is LoopStage.GAVE_UP else "missed"
 
@@ -77,6 +81,9 @@ def closed_loop(
     simulation: Simulation, controller: Controller, eye: Eye, *, wrench: bool = False
 ) -> Loop:
     """Let the controller pick in the simulation until it ends, and judge what happened.
+
+    In a scene with a place, retreat and carry of :func:`optipromp.plan_pick` follow, planned from
+    where the arm is by then and executed without looks.
 
     Args:
         simulation: of the true scene, with its disturbances.
@@ -120,16 +127,22 @@ def closed_loop(
         except ExecutionError:  # the outcome tells of it
             break
     moved = simulation.time
-    outcome = simulation.outcome()
+    outcome, rollout, picked = simulation.outcome(), simulation.rollout(moved), None
+    if simulation.scene.place is not None:
+        set_out = max((e.time for e in controller.events if e.stage is LoopStage.GO), default=0.0)
+        q = rollout.reference[rollout.times >= set_out]
+        q = np.vstack([q, simulation.reference.q])
+        done = rollout, outcome
+        rollout, outcome, picked = bring(simulation, controller, q, done)
     run = Run(
         simulation.scene, simulation.robot, simulation.parameters, simulation.seed,
-        simulation.rollout(moved), outcome, wall.perf_counter() - began,
+        rollout, outcome, wall.perf_counter() - began,
     )  # fmt: skip
     trace = Trace(
         np.array(times), tuple(stages), tuple(looks), tuple(tracks), tuple(stretches),
         np.array(plans, dtype=np.int64),
     )  # fmt: skip
-    return Loop(run, controller.stage, trace, controller, eye.detector)
+    return Loop(run, controller.stage, trace, controller, eye.detector, picked)
 
 
 @dataclass

@@ -90,15 +90,16 @@ def loop_frames(
             yield captioned(picture, run, index, said)
 
 
-def loop_film(loop: Loop, view: View | None = None, *, fps: int = 25, slow: float = 1.0) -> bytes:
-    """An MP4 (H.264) of a pick in closed loop, ``slow`` times slower; see :func:`loop_frames`.
+def loop_film(
+    loop: Loop, view: View | None = None, *, fps: int = 25, slow: float = 1.0, kind: str = "webm"
+) -> bytes:
+    """A film of a pick in closed loop, ``slow`` times slower; see :func:`loop_frames`.
 
     Raises:
-        InvalidRequestError: MuJoCo or PyAV is not installed, or nothing can be drawn.
+        InvalidRequestError: as :func:`optipromp.laboratory.simulation.render.film` does.
     """
-    view = view or View()
-    times = moments(loop.run, fps, slow)
-    return encoded(loop_frames(loop, times, view, fine=False), view, fps)
+    view, times = view or View(), moments(loop.run, fps, slow)
+    return encoded(loop_frames(loop, times, view, fine=False), view, fps, kind)
 
 
 def loop_animation(

@@ -136,6 +136,15 @@ class Outcome:
         others = (force for id_, force in self.peak_force.items() if id_ != self.target)
         return max(others, default=0.0)
 
+    @property
+    def told(self) -> str:
+        """What was done, or the cause of the failure, in words."""
+        if not self.success:
+            return f"failed: {self.cause}"
+        if self.picked is None:  # without a target, or by a tool that cannot hold
+            return "nothing harmed"
+        return f"{'picked and placed' if self.placed else 'picked'}, nothing harmed"
+
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain values for JSON."""
         document = asdict(self)

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, installed_by
-from optipromp.laboratory.simulation.camera import AROUND, View, shot
+from optipromp.core.shown import suggest
+from optipromp.laboratory.simulation.camera import AROUND, LEVELS, View, shot
 from optipromp.laboratory.simulation.dress import dressed
 from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.execute import Run
@@ -22,6 +23,10 @@ SMALL = 640, 360  # [pixel] of an animation
 ASIDE = 1.2  # [m] of an onlooker from what it looks at: a choice
 VIVID = 45  # of 255, least spread of a vivid pixel's red, green and blue
 VIVID_WEIGHT = 40  # times that a vivid pixel is repeated in the choice of the palette, at most
+CODECS = {  # by the suffix of a film: encoder and its settings
+    "webm": ("libvpx-vp9", {"crf": "37", "b": "0", "deadline": "realtime", "cpu-used": "6"}),
+    "mp4": ("libx264", {"crf": "22", "preset": "veryfast"}),
+}
 LINGER = 1.5  # [s] that the last picture of a film stays, with the outcome
 DARK, PALE, GOOD, BAD = (18, 22, 26), (240, 243, 245), (120, 214, 130), (255, 138, 122)
 
@@ -87,7 +92,7 @@ class Onlooker:
         middle = 0.5 * (point + (point if scene.aim is None else scene.aim))
         self._camera.lookat[:], self._camera.distance = middle, ASIDE
         self._camera.azimuth = np.rad2deg(np.arctan2(middle[1], middle[0])) + AROUND[0]
-        self._camera.elevation = View().elevation
+        self._camera.elevation = LEVELS[0]
 
     def picture(self, state: FloatArray) -> Picture:
         """The picture (height, width, 3) of a ``state`` of the world, its ``qpos``."""
@@ -113,31 +118,45 @@ def canvas(model: Any, width: int, height: int) -> Any:
         ) from None
 
 
-def film(run: Run, view: View | None = None, *, fps: int = 25, slow: float = 1.0) -> bytes:
-    """An MP4 (H.264) of the whole run, ``slow`` times slower, with a caption.
+def film(
+    run: Run, view: View | None = None, *, fps: int = 25, slow: float = 1.0, kind: str = "webm"
+) -> bytes:
+    """A film of the whole run, ``slow`` times slower, with a caption.
 
     Raises:
-        InvalidRequestError: MuJoCo or PyAV is not installed, or nothing can be drawn.
+        InvalidRequestError: MuJoCo or PyAV is not installed, nothing can be drawn, or see
+            :func:`encoded`.
     """
     view, times = view or View(), moments(run, fps, slow)
-    return encoded(frames(run, times, view, caption=True, fine=False), view, fps)
+    return encoded(frames(run, times, view, caption=True, fine=False), view, fps, kind)
 
 
-def encoded(pictures: Iterable[Picture], view: View, fps: int) -> bytes:
-    """Pictures as an MP4 (H.264), the last of which stays for :data:`LINGER`.
+def encoded(pictures: Iterable[Picture], view: View, fps: int, kind: str = "webm") -> bytes:
+    """Pictures as a film, the last of which stays for :data:`LINGER`.
+
+    A ``webm`` is VP9, of the encoder libvpx (BSD). An ``mp4`` is H.264, of x264 (GPL).
 
     Raises:
-        InvalidRequestError: PyAV is not installed.
+        InvalidRequestError: PyAV is not installed, or its FFmpeg lacks the encoder; a ``kind``
+            that is not in :data:`CODECS`.
     """
+    if kind not in CODECS:
+        raise InvalidRequestError(f"kind of film is {kind!r}: {suggest(kind, CODECS)}")
     try:
         import av
     except ImportError:
         raise InvalidRequestError(f"a film needs PyAV: {installed_by('sim')}") from None
     buffer, last = io.BytesIO(), round(LINGER * fps)
-    with av.open(buffer, mode="w", format="mp4") as container:
-        stream: Any = container.add_stream("libx264", rate=fps)
+    codec, settings = CODECS[kind]
+    with av.open(buffer, mode="w", format=kind, options={"fflags": "+bitexact"}) as container:
+        try:
+            stream: Any = container.add_stream(codec, rate=fps)
+        except ValueError:
+            raise InvalidRequestError(
+                f"the FFmpeg of PyAV has no encoder {codec}, of which a film .{kind} is made"
+            ) from None
         stream.width, stream.height, stream.pix_fmt = view.width, view.height, "yuv420p"
-        stream.options = {"crf": "22", "preset": "veryfast", "threads": "1"}
+        stream.options = {**settings, "threads": "1"}
         for picture in _lingering(pictures, last):
             for packet in stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")):
                 container.mux(packet)
@@ -218,10 +237,9 @@ def captioned(picture: Picture, run: Run, index: int, said: str = "") -> Picture
     pen.text((size, at), f"{run.rollout.times[index]:.1f} s", PALE, font, anchor="lm")
     pen.text((5 * size, at), _force_words(run, index) + said, PALE, font, anchor="lm")
     if run.rollout.times[index] >= run.rollout.motion:
-        words = "picked, nothing harmed" if run.success else f"failed: {run.outcome.cause}"
-        if run.success and run.outcome.picked is None:
-            words = "nothing harmed"
-        pen.text((width - size, at), words, GOOD if run.success else BAD, font, anchor="rm")
+        pen.text(
+            (width - size, at), run.outcome.told, GOOD if run.success else BAD, font, anchor="rm"
+        )
     picture[-bar:] = np.asarray(image)
     return picture
 

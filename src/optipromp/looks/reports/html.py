@@ -69,10 +69,11 @@ def picture(content: bytes, caption: str) -> str:
     )
 
 
-def film(content: bytes, caption: str) -> str:
-    """An MP4, embedded in the file; left out on paper."""
+def film(content: bytes, kind: str, caption: str) -> str:
+    """A film of a ``kind`` (webm, mp4), embedded in the file; left out on paper."""
+    source = _data(f"video/{kind}", content)
     return (
-        f'<figure class="screen"><video controls loop muted src="{_data("video/mp4", content)}">'
+        f'<figure class="screen"><video controls loop muted src="{source}">'
         f"</video><figcaption>{escape(caption)}</figcaption></figure>"
     )
 

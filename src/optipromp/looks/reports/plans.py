@@ -69,9 +69,11 @@ def plan_report(folder: Path | str) -> bytes:
         section("Settings", table(_settings(plan))),
         made_with(_command(plan), {"plan written by": f"optipromp {written}"}),
     ]
-    moving = folder / "run.mp4"
-    if is_file(moving):
-        shown = film(moving.read_bytes(), "The run in the physics simulation")
+    films = [path for kind in ("webm", "mp4") if is_file(path := folder / f"run.{kind}")]
+    if films:
+        newest = max(films, key=lambda path: path.stat().st_mtime)
+        words = "The run in the physics simulation"
+        shown = film(newest.read_bytes(), newest.suffix[1:], words)
         if sum(map(len, parts)) + len(shown) < LARGEST_FILE:
             parts.insert(2, section("Film", shown, screen=True))
     if sum(map(len, parts)) > LARGEST_FILE:
@@ -126,8 +128,9 @@ def _run(folder: Path) -> list[str]:
         return []
     try:
         found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        good = "picked, nothing harmed" if found["picked"] else "nothing harmed"
         rows = [
-            ("outcome", "picked, nothing harmed" if found["success"] else f"{found['cause']}"),
+            ("outcome", good if found["success"] else f"{found['cause']}"),
             ("in words", found["message"]),
             ("largest force on what is not to be picked", f"{found['unripe_peak_force']:.2f} N"),
             *(
