@@ -15,7 +15,7 @@ from optipromp.looks.page import arrange
 from optipromp.looks.page.content import charts
 from optipromp.looks.page.legend import legend, planned, replayed, seen, things
 from optipromp.looks.page.plots import Plots
-from optipromp.looks.page.stage import LAYERS
+from optipromp.looks.page.stage import LAYERS, PLANNED
 from optipromp.looks.page.style import STYLE
 from optipromp.looks.page.table import table
 from optipromp.looks.page.tabs import RecordTab, ReplayTab
@@ -43,6 +43,7 @@ class Panel:
         self.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
         self.gui.set_panel_label(f"OptI-ProMP: {window.scene.name}")
         self.buttons: list[Any] = []
+        self._able: dict[str, Callable[[], bool]] = {}
         self.gui.add_html(STYLE)
         self.status = self.gui.add_html("")
         window.say, window.occupy = self._say, self._occupy
@@ -74,12 +75,24 @@ class Panel:
 
     def _occupy(self, on: bool) -> None:
         for button in self.buttons:
-            button.disabled = on
+            able = self._able.get(button.label)
+            button.disabled = on or (able is not None and not able())
 
-    def button(self, label: str, act: Callable[[], None]) -> None:
-        """Add a button that posts ``act``; it cannot be pressed while something is under way."""
+    def button(
+        self, label: str, act: Callable[[], None], able: Callable[[], bool] | None = None
+    ) -> None:
+        """Add a button that posts ``act``.
+
+        It cannot be pressed while something is under way, nor while it is not ``able``.
+        """
         self.buttons.append(self.gui.add_button(label))
+        if able is not None:
+            self._able[label] = able
         self.on(self.buttons[-1], label, lambda _: act())
+
+    def enable(self) -> None:
+        """Let those buttons be pressed that have something to do."""
+        self._occupy(False)
 
     def _explain(self) -> None:
         """Update the legend."""
@@ -92,6 +105,8 @@ class Panel:
         elif window.plan is not None and window.plan.scene is window.scene:
             entries += planned(window.plan, list(filter(window.stage.visible, LAYERS)))
         self.legend.content = legend(entries)
+        for name in PLANNED:
+            self.layers[name].disabled = bool(window.replayed)
 
     def on(self, control: Any, kind: str, act: Callable[[Any], None]) -> None:
         """Post ``act`` with the new value when the user changes a control."""
@@ -226,9 +241,10 @@ class Panel:
 
     def _layers(self) -> None:
         window = self.window
+        self.layers: dict[str, Any] = {}
         for name in LAYERS:
-            box = self.gui.add_checkbox(name, window.stage.visible(name))
-            self.on(box, name, functools.partial(self._layer, name))
+            self.layers[name] = self.gui.add_checkbox(name, window.stage.visible(name))
+            self.on(self.layers[name], name, functools.partial(self._layer, name))
 
     def _layer(self, name: str, shown: bool) -> None:
         window = self.window

@@ -21,7 +21,7 @@ STYLE = f"""<style>
   .mantine-NumberInput-controls {{ display: none; }}
   .mantine-Select-option {{ min-height: {TOUCH}px; }}
   .mantine-Checkbox-inner, .mantine-Checkbox-input {{ width: {TOUCH}px; height: {TOUCH}px; }}
-  .status {{ max-height: 7.5em !important; }}
+  .status {{ max-height: none !important; }}
 }}
 </style>"""
 """A block of the panel; viser has no setting for it."""

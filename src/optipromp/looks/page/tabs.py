@@ -25,15 +25,25 @@ class RecordTab:
         self.panel, self.window, gui = panel, panel.window, panel.gui
         self.recorder: Recorder | None = None
         self.told = gui.add_markdown(_TELL)
-        for label, act in (
-            ("start recording", self.start),
-            ("accept", self.accept),
-            ("discard", self.discard),
-            ("save demonstrations", self.save),
-            ("learn and show the band", self.learn),
-            ("forget what was learnt", self.forget),
-        ):
-            panel.button(label, act)
+        panel.button("start recording", self.start)
+        panel.button("accept", self.accept, self._recorded)
+        panel.button("discard", self.discard, self._begun)
+        panel.button("save demonstrations", self.save, self._accepted)
+        panel.button("learn and show the band", self.learn, self._accepted)
+        panel.button("forget what was learnt", self.forget, self._learnt)
+        panel.enable()
+
+    def _begun(self) -> bool:
+        return self.window.dragging == self._dragged or self._recorded()
+
+    def _recorded(self) -> bool:
+        return self.recorder is not None and bool(self.recorder.rows)
+
+    def _accepted(self) -> bool:
+        return self.recorder is not None and bool(self.recorder.kept)
+
+    def _learnt(self) -> bool:
+        return "demonstrations" in self.window.settings
 
     def start(self) -> None:
         """Move the arm to the scene's start, and show the handle at the tool."""
@@ -106,6 +116,7 @@ class RecordTab:
 
     def _tell(self, text: str) -> None:
         self.told.content = text
+        self.panel.enable()
 
 
 class ReplayTab:
