@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +68,13 @@ def load_cloud(path: Path, radius: float, scale: float = 1.0) -> PointCloudShape
     if points.ndim != 2 or points.shape[1] < 3 or not len(points):
         raise InvalidSceneError(
             f"point cloud {path}: holds an array of shape {points.shape}: must be (N, 3), N >= 1"
+        )
+    empty = int((points[:, :3] == 0.0).all(axis=1).sum())
+    if empty > 1:
+        warnings.warn(
+            f"point cloud {path}: {empty} of {len(points)} points are (0, 0, 0), as pixels without "
+            "depth are: leave them out, or the arm is inside of them",
+            stacklevel=2,
         )
     return PointCloudShape(scale * points[:, :3], radius, path, scale)
 

@@ -14,7 +14,6 @@ from optipromp.core.scenes.scene import Scene
 # choices for the eye
 UPWARDS = 0.7  # cosine to the vertical of an approach above which the camera is beyond the target
 NEAREST = 0.30  # [m] from the camera to the nearest thing framed, at least
-STEM = 0.10  # [m] of the stem of a target or a pushable that is framed, from the fruit on
 TOOL = 0.07  # [m] radius of the ball around the tool point that is framed
 CAMERA_LOWEST = 0.15  # [m] height of the camera over the base, at least
 MARGIN = 0.10  # share of half the picture that is kept free at each edge
@@ -52,14 +51,12 @@ def look(
 
 
 def balls(scene: Scene, tool: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
-    """Centres (k, 3) and radii (k,) [m] of what is framed: target, pushables, their stems, tool."""
+    """Centres (k, 3) and radii (k,) [m] framed: target, pushables, nodes of a truss, tool."""
     items = [item for item in scene.objects if item.role in ("target", "pushable")]
     items = items or [item for item in scene.objects if np.isfinite(item.radius)]
     found = [(item.position, float(item.radius)) for item in items]
-    for stem in (item.stem for item in items if item.stem is not None):
-        points = np.asarray(stem.points)
-        along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
-        found.append((np.array([np.interp(STEM, along, x) for x in points.T]), stem.radius))
+    stems = [item.stem for item in items if item.stem is not None]
+    found += [(stem.root, stem.radius) for stem in stems if stem.parent is not None]
     if tool is not None:
         found.append((np.asarray(tool), TOOL))
     found = found or [(np.zeros(3), 0.5)]  # [m] an empty scene: around the base
