@@ -172,7 +172,7 @@ def test_the_report_of_a_rollout_alone(folder: Path, tmp_path: Path) -> None:
     for words in ("scenario-4: executed", "picked, nothing harmed", "tracking error", "--seed 0"):
         assert words in found.text
     kinds = [address.split(";")[0] for address in found.addresses]
-    assert kinds == ["data:video/mp4", "data:image/png"]
+    assert kinds == ["data:video/mp4"]
     assert len(found.frames) == 1
     (tmp_path / "outcome.json").write_text("{}")
     result = CliRunner().invoke(app, ["report", str(tmp_path)])

@@ -28,7 +28,7 @@ def report(
 
     Of a plan: 3-D, pictures, metrics beside the paper's, settings, versions,
     the command; with outcome and film where 'simulate' left them there. Of a
-    run: outcome, film, joints. Of a study: rates with intervals, causes, and
+    run: scene, outcome, film. Of a study: rates with intervals, causes, and
     the worst cases with pictures.
     3-D needs the extra 'view', pictures of worst cases the extra 'sim'.
 

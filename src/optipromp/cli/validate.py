@@ -79,11 +79,8 @@ def validate(
             found = judge(loaded, curve, risk=risk)
     slow = max(found.judgement.metrics.velocity_ratio, 1e-12)
     if curve.duration > _LONG and slow < _SLOW:
-        warnings.warn(
-            f"{trajectory} takes {curve.duration:.0f} s with {100 * slow:.2g} % of the velocity "
-            "limits: are its times milliseconds? Seconds are needed",
-            stacklevel=1,
-        )
+        told = f"{curve.duration:.0f} s with {100 * slow:.2g} % of the velocity limits"
+        warnings.warn(f"{trajectory} takes {told}: are its times milliseconds?", stacklevel=1)
     document = describe(found, curve, loaded, risk)
     if out is not None:
         from optipromp.core.files import json_text, write_atomically

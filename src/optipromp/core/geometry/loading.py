@@ -69,13 +69,9 @@ def load_cloud(path: Path, radius: float, scale: float = 1.0) -> PointCloudShape
         raise InvalidSceneError(
             f"point cloud {path}: holds an array of shape {points.shape}: must be (N, 3), N >= 1"
         )
-    empty = int((points[:, :3] == 0.0).all(axis=1).sum())
-    if empty > 1:
-        warnings.warn(
-            f"point cloud {path}: {empty} of {len(points)} points are (0, 0, 0), as pixels without "
-            "depth are: leave them out, or the arm is inside of them",
-            stacklevel=2,
-        )
+    if (empty := int((points[:, :3] == 0.0).all(axis=1).sum())) > 1:
+        told = "are (0, 0, 0), as pixels without depth are: leave them out"
+        warnings.warn(f"point cloud {path}: {empty} of {len(points)} points {told}", stacklevel=2)
     return PointCloudShape(scale * points[:, :3], radius, path, scale)
 
 

@@ -27,9 +27,7 @@ BEYOND_LIMITS = 0.05
 by hand leans into its stops."""
 _LARGEST = 4.0 * np.pi  # [rad or m] larger positions look like degrees or millimetres
 _STILL, _IDLE = 0.01, 0.25  # of a joint's range: no motion; of the time without motion: too much
-_BACK = (
-    0.5  # of the distance to the others' ends: a demonstration nearer to them the other way round
-)
+_BACK = 0.5  # of the distance to the others' ends: the other way round a demonstration is near them
 _LARGEST_JOINT = 1e6  # [rad or m] larger positions overflow in learning
 _FORMS = "Q, time, lengths; or positions (N, T, n) with an optional time (T,) or (N, T)"
 
@@ -237,10 +235,8 @@ def _odd(found: Demonstrations) -> list[str]:
             moves = np.abs(q - q[0]).max(axis=1) > _STILL * room
             idle = abs(float(share[max(int(np.argmax(moves)) - 1, 0)] - share[0]))
             if idle > _IDLE:
-                told.append(
-                    f"demonstration {i} stands still for the {which} {100 * idle:.0f} % of its "
-                    "time, which is learnt too: cut that off"
-                )
+                words = f"for the {which} {100 * idle:.0f} % of its time, which is learnt too"
+                told.append(f"demonstration {i} stands still {words}: cut that off")
     return told
 
 

@@ -156,10 +156,7 @@ def picked(setting: Situation, seed: int, servo: bool = True) -> "Loop":
 
 
 def loop_again(
-    row: Row,
-    robot: str = PANDA,
-    risk: float = PlanOptions.risk,
-    source: Source | None = None,
+    row: Row, robot: str = PANDA, risk: float = PlanOptions.risk, source: Source | None = None
 ) -> "Run | None":
     """A run made once more; see :func:`optipromp.laboratory.experiments.runs.again`."""
     scene, _ = drawn(source or cast(Preset, row.preset), row.seed, robot, UNTRUSTED)

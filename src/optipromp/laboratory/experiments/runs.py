@@ -235,10 +235,7 @@ def run_scene(
 
 
 def again(
-    row: Row,
-    robot: str = PANDA,
-    risk: float = PlanOptions.risk,
-    source: Source | None = None,
+    row: Row, robot: str = PANDA, risk: float = PlanOptions.risk, source: Source | None = None
 ) -> "Run | None":
     """A run made once more, for its picture; None where its plan is not executed.
 

@@ -20,7 +20,7 @@ MARGIN = 0.10  # share of half the picture that is kept free at each edge
 RAISED, RAISES = 0.15, 12  # step by which a camera too low is turned up, and most steps
 PANEL = 400  # [pixel] of the width that the controls hide at the right
 NARROW = 576  # [pixel] width of a screen up to which they are below: viser's 36 em
-SHEET = 0.50  # share of the height that they hide then, see :mod:`optipromp.looks.page.style`
+SHEET = 0.50  # share of the height that they hide then, see :mod:`optipromp.looks.page.panel`
 
 
 def look(

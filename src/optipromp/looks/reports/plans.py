@@ -10,12 +10,10 @@ from typing import Any
 
 from optipromp.core.documents import read_document
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.files import is_file, is_folder, read_npz
+from optipromp.core.files import is_file, is_folder
 from optipromp.core.output import load_plan
 from optipromp.core.planning import Plan
-from optipromp.core.planning.task import posed
 from optipromp.core.scenes.io import scene_from_dict
-from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.experiments.scenarios import CASES, ScenarioRow
 from optipromp.looks.reports.html import (
     LARGEST_FILE,
@@ -28,13 +26,7 @@ from optipromp.looks.reports.html import (
     table,
 )
 from optipromp.looks.viewer.embed import plan_page, scene_page
-from optipromp.looks.viewer.figures import (
-    changed_terms,
-    cost_figure,
-    joint_figure,
-    png,
-    trajectory_figure,
-)
+from optipromp.looks.viewer.figures import changed_terms, cost_figure, joint_figure, png
 from optipromp.looks.viewer.notebook import DPI, HEIGHT, frame
 from optipromp.looks.viewer.reach import reach_figure
 from optipromp.looks.viewer.words import plan_rows, seconds
@@ -91,32 +83,15 @@ def run_report(folder: Path | str) -> bytes:
     """
     folder = Path(folder)
     document = read_document(folder / "outcome.json", InvalidRequestError, "an outcome")
-    arrays = read_npz(folder / "rollout.npz")
     try:
         scene = scene_from_dict(document["scene_file"], base_dir=folder, source=str(folder))
-        robot = posed(scene)[0]
-        curve = Trajectory.through(arrays["q"], arrays["times"], robot.joint_names)
-        said, seed = str(document["message"]), str(document["seed"])
-        status = "picked, nothing harmed" if document["success"] else f"{document['cause']}"
-    except (KeyError, TypeError, ValueError) as error:
-        raise InvalidRequestError(
-            f"{folder}: not a rollout that this version wrote ({error})"
-        ) from None
+        words = ["optipromp", "simulate", f"{scene.name}.yaml", "--seed", str(document["seed"])]
+    except (KeyError, TypeError) as error:
+        raise InvalidRequestError(f"{folder}: no rollout of this version ({error})") from None
     title = f"{scene.name}: executed in the physics simulation"
-    kind = "good" if document["success"] else "bad"
-    parts = [
-        f"<h1>{escape(title)}</h1>" + paragraph(status, f"status {kind}") + paragraph(said),
-        _shown(lambda: scene_page(scene), "Turn it with the mouse; the arm is at its start."),
-        section("Pictures", picture(png(trajectory_figure(curve), DPI), "Joints over time")),
-        *_run(folder),
-        made_with(
-            shlex.join(
-                ["optipromp", "simulate", f"{scene.name}.yaml", "--seed", seed, "--out", "DIR"]
-            ),
-            {"rollout written by": f"optipromp {document.get('version', '')}"},
-        ),
-    ]
-    return _fitted(title, parts, folder)
+    view = _shown(lambda: scene_page(scene), "Turn it with the mouse; the arm is at its start.")
+    made = made_with(shlex.join(words), {"written by": f"optipromp {document.get('version')}"})
+    return _fitted(title, [f"<h1>{escape(title)}</h1>", view, *_run(folder), made], folder)
 
 
 def _fitted(title: str, parts: list[str], folder: Path) -> bytes:

@@ -135,8 +135,9 @@ def _worst(
         caption = f"{name}: {cause}. {row.message} (plan: {row.plan_status})"
         try:
             file = file_of(settings, row.preset)
-            gone = robot is None or (file is None and "scenes" in settings)
-            run = None if row.cause == ERROR or gone else again(row, robot, settings["risk"], file)
+            run = None
+            if row.cause != ERROR and robot is not None and (file or "scenes" not in settings):
+                run = again(row, robot, settings["risk"], file)
             shown.append(paragraph(caption) if run is None else picture(_picture(run), caption))
         except OptiPrompError:  # nothing can be drawn off screen, or the robot's file is not there
             shown.append(paragraph(caption))
