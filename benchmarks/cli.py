@@ -41,7 +41,8 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
     add = out.add_argument
-    add("--only", metavar="NAME", nargs="+", default=[], help="benchmarks or metrics, by pattern")
+    add("--only", metavar="NAME", nargs="+", action="extend", default=[],
+        help="benchmarks or metrics, by pattern; may be stated again")  # fmt: skip
     add("--list", action="store_true", help="list benchmarks and metrics, measure nothing")
     add("--quick", action="store_true", help="a tenth of the repeats, to try it out")
     add("--json", action="store_true", help="print the results as JSON, not as tables")

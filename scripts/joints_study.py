@@ -326,9 +326,19 @@ def table(rows: list[JointsRow]) -> str:
     return "\n".join(lines)
 
 
+def told_arm(name: str) -> str:
+    """The name of an arm in a figure."""
+    arm, _, rest = name.partition(" ")
+    if name in FAMILY:
+        return f"{arm} joints: {rest}"
+    return f"{arm} without joint {rest.removeprefix('-')}" if rest else arm
+
+
 def figure(rows: list[JointsRow], path: Path) -> None:
     """Shares picked by arm with intervals, a panel a cell, a row a neck; grey: reachable."""
     import matplotlib.pyplot as plt
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
 
     held, size = necks(rows), len(CELLS)
     drawn, grid = plt.subplots(
@@ -345,10 +355,21 @@ def figure(rows: list[JointsRow], path: Path) -> None:
             panel.bar(k, got / n, color="tab:blue" if arm in FAMILY else "tab:orange", width=0.6)
             panel.plot([k, k], [low, high], color="black", lw=1)
         panel.set_title(f"{cell}, {told_neck(neck)}", fontsize=10)
-        panel.set_xticks(range(len(order)), order, rotation=60, ha="right", fontsize=8)
+        names = [told_arm(name) for name in order]
+        panel.set_xticks(range(len(order)), names, rotation=60, ha="right", fontsize=8)
     for panel in grid[:, 0]:
-        panel.set_ylabel("share picked (grey: reachable)")
-    drawn.tight_layout()
+        panel.set_ylabel("share of scenes")
+    signs = [
+        Patch(
+            color="tab:blue",
+            label="picked, by arms of one set of links (y yaws, p pitches, r rolls, s slides)",
+        ),
+        Patch(color="tab:orange", label="picked, by arms that are made"),
+        Patch(color="0.85", label="within reach"),
+        Line2D([], [], color="black", lw=1, label="95 %"),
+    ]
+    drawn.tight_layout(rect=(0.0, 0.04, 1.0, 1.0))
+    drawn.legend(handles=signs, loc="lower center", ncols=len(signs), frameon=False)
     drawn.savefig(path, dpi=90)
 
 

@@ -133,7 +133,7 @@ def metrics_of(planner: str, about: str = "", ratio: bool = True) -> list[Metric
         name = f"planners, {group}/{planner}"
         out += [
             Metric(f"{name}/time", "ms", about=about),
-            Metric(f"{name}/success", "%", "higher", about="valid, and no harm is predicted"),
+            Metric(f"{name}/success", "%", "higher", about="valid, and little harm is predicted"),
             Metric(f"{name}/valid", "%", "higher", about="whatever the push does to the fruits"),
             Metric(f"{name}/path length", "rad", about="of all trajectories, valid or not"),
             Metric(f"{name}/smoothness", "rad/s²", about="root mean square acceleration"),

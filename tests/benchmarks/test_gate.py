@@ -120,6 +120,17 @@ def test_wrong_arguments_end_with_two(capsys: pytest.CaptureFixture[str]) -> Non
     assert "evaluation" in capsys.readouterr().err
 
 
+def test_only_may_be_stated_again(capsys: pytest.CaptureFixture[str]) -> None:
+    """The second took the place of the first without a word."""
+    names = "evaluation", "cycles"
+    assert cli.main(["--list", "--only", names[0], "--only", names[1]]) == 0
+    shown = capsys.readouterr().out
+    for name in names:
+        assert cli.main(["--list", "--only", name]) == 0
+        alone = capsys.readouterr().out.splitlines()
+        assert set(alone) <= set(shown.splitlines())
+
+
 def test_markdown_shows_every_row(results: Path, tmp_path: Path) -> None:
     out = tmp_path / "tables.md"
     assert cli.main(["--from", str(results), "--markdown", str(out)]) == 0

@@ -281,7 +281,7 @@ def test_names_are_asked_for(demonstrations: Path, tmp_path: Path) -> None:
     for arguments in (learn, ["check", str(path)], ["check", str(out)]):
         result = runner.invoke(app, arguments)
         assert result.exit_code == 0
-        assert "has no joint names, so 'plan' refuses it" in result.stderr
+        assert "has joints called joint_1, joint_2 and so on, as columns with" in result.stderr
     result = runner.invoke(app, [*learn, "--robot", "scara", "--json"])
     names = ["lift_joint", "shoulder_joint", "elbow_joint"]
     assert json.loads(result.stdout)["joints"] == names

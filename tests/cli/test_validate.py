@@ -219,3 +219,30 @@ def test_other_refusals(tmp_path: Path) -> None:
     code, _, stderr = call("validate", str(write(tmp_path / "t.csv", "")))
     assert code == 2
     assert "add --scene SCENE" in stderr
+
+
+def test_times_in_milliseconds_are_suspected(good: Trajectory, tmp_path: Path) -> None:
+    """They were a success of 5,000 s, without a word."""
+    for factor, said in ((1.0, False), (1e3, True)):
+        slow = Trajectory.through(good.positions, factor * good.times, good.joint_names)
+        np.savez(tmp_path / "t.npz", time=slow.times, positions=slow.positions)
+        _, _, stderr = call("validate", str(tmp_path / "t.npz"), "--scene", "scenario-3")
+        assert ("are its times milliseconds?" in stderr) is said
+
+
+def test_a_trajectory_without_names_is_told_so(good: Trajectory, tmp_path: Path) -> None:
+    """An empty ``joint_names`` was blamed on the positions."""
+    nameless = joint_trajectory(good)
+    nameless.joint_names = []
+    write_bag(tmp_path / "t.mcap", [Recorded("/t", nameless)])
+    code, _, stderr = call("validate", str(tmp_path / "t.mcap"), "--scene", "scenario-3")
+    assert (code, "joint_names is empty" in stderr) == (2, True)
+
+
+def test_check_tells_of_a_start_below_the_floor(tmp_path: Path) -> None:
+    scene = load_scene("scenario-3")
+    low = replace(scene, start=np.array([0.0, 1.2, 0.0, -1.2, 0.0, 2.9, 0.8]))
+    for name, one, said in (("usual", scene, False), ("low", low, True)):
+        save_scene(one, tmp_path / f"{name}.yaml")
+        _, _, stderr = call("check", str(tmp_path / f"{name}.yaml"))
+        assert ("below the floor" in stderr) is said

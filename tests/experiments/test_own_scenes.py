@@ -43,7 +43,7 @@ def test_rows_name_the_files_and_a_study_goes_on(crop: Path, tmp_path: Path) -> 
     assert study(*words, "--seeds", "0:2")[0] == 0
     with (tmp_path / "out" / "rows.csv").open() as file:
         assert [row["seed"] for row in csv.DictReader(file)] == ["0", "0", "1", "1"]
-    assert settings_of(tmp_path / "out")[1] is None
+    assert settings_of(tmp_path / "out")[1] == ""  # each scene's own
     (crop / "my-scenario-4.yaml").write_text((crop / "my-scenario-3.yaml").read_text())
     code, _, stderr = study(*words)
     assert code == 2

@@ -319,6 +319,17 @@ def test_loads_clouds(tmp_path, name):
     np.testing.assert_allclose(cloud.points, 2.0 * points, atol=1e-6)
 
 
+def test_pixels_without_depth_in_a_cloud_are_told(tmp_path):
+    """Zeros at the base were START_IN_COLLISION without a hint."""
+    points = np.random.default_rng(0).normal(size=(10, 3))
+    points[3:5] = 0.0
+    np.save(tmp_path / "c.npy", points)
+    with pytest.warns(
+        UserWarning, match=r"2 of 10 points are \(0, 0, 0\), as pixels without depth"
+    ):
+        load_cloud(tmp_path / "c.npy", 0.01)
+
+
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [

@@ -217,6 +217,15 @@ def test_saved_files_hold_what_the_page_shows(opened: Opened) -> None:
 def test_demonstrations_are_recorded_saved_and_learnt(opened: Opened) -> None:
     window, out = opened.window, opened.page.out
     opened.show("Record")
+    further = {"accept", "discard", "save demonstrations", "learn and show the band",
+               "forget what was learnt"}  # fmt: skip
+
+    def enabled() -> set[str]:
+        return {one.label for one in opened.panel.buttons if not one.disabled} & further
+
+    assert enabled() == set()  # nothing is recorded
+    opened.press("start recording")
+    assert enabled() == {"discard"}
     for shift in (0.0, 0.01, 0.02):
         opened.press("start recording")
         begin = np.array(window._gizmo.position)
@@ -225,7 +234,9 @@ def test_demonstrations_are_recorded_saved_and_learnt(opened: Opened) -> None:
             window.dragged(at, "update", 1.0 + 0.1 * k)
             opened.settle()
         assert np.allclose(window.plan.robot.tool_pose(opened.panel.recording.recorder.q)[0], at)
+        assert {"accept", "discard"} <= enabled()
         opened.press("accept")
+    assert enabled() == {"save demonstrations", "learn and show the band"}
     opened.press("start recording")
     opened.press("discard")
     opened.press("save demonstrations")
@@ -238,6 +249,7 @@ def test_demonstrations_are_recorded_saved_and_learnt(opened: Opened) -> None:
     assert isinstance(window.settings["demonstrations"], ProMP)
     assert node(opened, "learnt band/tube").visible
     opened.press("forget what was learnt")
+    assert "forget what was learnt" not in enabled()
     assert node(opened, "learnt band/tube") is None
 
 
@@ -248,6 +260,8 @@ def test_an_executed_plan_is_replayed_with_its_forces(opened: Opened) -> None:
     replay = window.replays[-1]
     assert replay.success
     opened.told(replay.message)
+    layers = opened.panel.layers  # a replay has none of a plan's
+    assert {name for name, box in layers.items() if not box.disabled} == {"body spheres"}
     felt = replay.arrays["contacts"]
     row = int(felt[np.linalg.norm(felt[:, 6:], axis=1).argmax(), 0])
     opened.do(lambda: window.go(float(replay.arrays["times"][row])))
@@ -258,6 +272,7 @@ def test_an_executed_plan_is_replayed_with_its_forces(opened: Opened) -> None:
     opened.do(lambda: window.replay([replay, replace(replay, name="again")]))
     assert window.client.scene.get_handle_by_name("/b/arm/0") is not None
     opened.do(lambda: window.replay(()))
+    assert not any(box.disabled for box in layers.values())
     assert window.client.scene.get_handle_by_name("/b/arm/0") is None
     assert node(opened, "forces/all") is None
 

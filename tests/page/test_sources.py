@@ -19,7 +19,7 @@ from optipromp.core.scenes.io import load_scene, save_scene
 from optipromp.looks.page import arrange, content
 from optipromp.looks.page.record import Recorder
 from optipromp.looks.page.sources import open_source
-from optipromp.looks.page.table import violations
+from optipromp.looks.page.telling import violations
 from optipromp.looks.viewer.nodes import tube
 from optipromp.perception.pictures import png_file
 

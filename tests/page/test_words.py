@@ -9,6 +9,7 @@ import pytest
 from optipromp.core.errors import Code, InvalidSceneError
 from optipromp.core.planning import Plan, plan
 from optipromp.core.scenes.io import load_scene
+from optipromp.laboratory.generate import generate
 from optipromp.looks.appearance import object_parts
 from optipromp.looks.appearance.part import hex_colour
 from optipromp.looks.page import content, look, telling
@@ -86,12 +87,14 @@ def test_the_legend_has_the_colours_of_the_picture(made: Plan) -> None:
 
 
 @pytest.mark.parametrize("size", [(1280, 800), (800, 560), (390, 844), (400, 300)])
-@pytest.mark.parametrize("name", ["scenario-1", "scenario-3", "scenario-4"])
+@pytest.mark.parametrize("name", ["scenario-1", "scenario-3", "scenario-4", "truss"])
 def test_the_first_view_frames_target_neighbours_and_tool(name: str, size: tuple[int, int]) -> None:
-    scene = load_scene(name)
+    scene = generate("truss", 100) if name == "truss" else load_scene(name)
     tool = scene.target.position - [0.1, 0.05, 0.3]
     centres, radii = look.balls(scene, tool)
-    assert len(centres) == 2 + len(scene.pushables)
+    branches = [o for o in scene.objects if o.stem is not None and o.stem.parent is not None]
+    assert len(branches) == (2 if name == "truss" else 0)
+    assert len(centres) == 2 + len(scene.pushables) + len(branches)
     camera = _Camera(*size)
     look.look(camera, scene, tool)
     forward = camera.look_at - camera.position

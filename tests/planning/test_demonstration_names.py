@@ -49,7 +49,8 @@ def test_columns_are_matched_to_joints_by_name(three: Scene, tmp_path: Path) -> 
     [
         (["joint1", "joint2", "joint3", "joint4", "joint5", "joint6", "wrist"],
          "the robot has no joint wrist; joint joint7 is missing"),
-        (None, "its 7 joints have no names. Name each joint of the robot once: joint1, joint2,"),
+        (None, "its joints are called joint_1 to joint_7, as columns without names are. Name each "
+         "joint of the robot once: joint1, joint2,"),
     ],
 )  # fmt: skip
 def test_unknown_missing_and_no_names_are_refused(

@@ -1,3 +1,4 @@
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -191,7 +192,7 @@ def test_joints_are_told_by_name() -> None:
         (("a", "b"), "here: joint c is missing. Name each joint of the robot once: a, b, c"),
         (("a", "b", "c", "d"), "here: the robot has no joint d. Name"),
         (("x", "b", "y"), "here: the robot has no joint x, y; joint a, c is missing. Name"),
-        ((), "here: its 3 joints have no names. Name"),
+        ((), "here: its joints are called joint_1 to joint_3, as columns without names are. Name"),
     ],
 )
 def test_other_joints_are_refused(names: tuple[str, ...], message: str) -> None:
@@ -216,3 +217,31 @@ def test_degrees_are_noticed(tmp_path: Path) -> None:
     with pytest.warns(UnitsWarning, match="read as radians or metres"):
         loaded = load_demonstrations(tmp_path / "d.npz")
     assert fit(loaded).n_joints == 2
+
+
+def recorded(path: Path, *positions: np.ndarray) -> Path:
+    """A CSV of demonstrations (T, 2) at 100 Hz."""
+    lines = ["demo,time,a,b"]
+    for k, rows in enumerate(positions):
+        lines += [f"{k},{0.01 * i:.2f},{a:.6f},{b:.6f}" for i, (a, b) in enumerate(rows)]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_what_runs_backwards_or_stands_still_is_told(tmp_path: Path) -> None:
+    """A demonstration recorded on the way back, or with a still head, was learnt without a word."""
+    s = np.linspace(0.0, 1.0, 201)
+    noise = np.random.default_rng(0).normal(size=(5, 201, 2))
+    rows = (10 * s**3 - 15 * s**4 + 6 * s**5)[:, None] * [0.5, -0.3] + [0.2, 1.0] + 1e-4 * noise
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load_demonstrations(recorded(tmp_path / "good.csv", *rows))
+    back = [*rows[:3], rows[3, ::-1], rows[4]]
+    with pytest.warns(UserWarning, match="demonstration 3 runs from where the others end"):
+        load_demonstrations(recorded(tmp_path / "back.csv", *back))
+    for which, late in (
+        ("first", np.concatenate([np.repeat(rows[1, :1], 300, axis=0), rows[1]])),
+        ("last", np.concatenate([rows[1], np.repeat(rows[1, -1:], 300, axis=0)])),
+    ):
+        with pytest.warns(UserWarning, match=f"demonstration 1 stands still for the {which} 6"):
+            load_demonstrations(recorded(tmp_path / "still.csv", rows[0], late, rows[2]))

@@ -260,10 +260,11 @@ def test_a_prediction_names_a_cause_only_above_the_threshold() -> None:
     assert harmless.harm == model.exact(BEST, model.states)
     assert not harmless.harmful
     assert (harmless.object, harmless.cause) == ("", "nothing is harmed")
-    assert "no harm is predicted" in str(harmless)
+    assert str(harmless) == f"predicted harm {harmless.harm:.2f} of at most 1"
     assert harmful.harm > 1.0
     assert harmful.harmful
-    assert str(harmful) == f"harm is predicted: bowl is missed (harm {harmful.harm:.2f}, allowed 1)"
+    told = f"harm is predicted: bowl is missed (harm {harmful.harm:.2f} of at most 1)"
+    assert str(harmful) == told
     assert not Prediction(1.0, 1.0, "", "").harmful
 
 

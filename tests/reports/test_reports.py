@@ -15,7 +15,7 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.output import write_plan
 from optipromp.core.planning import plan
 from optipromp.core.robots.library import NOTHING, Choice
-from optipromp.core.scenes import load_scene
+from optipromp.core.scenes import load_scene, save_scene
 from optipromp.laboratory.experiments.runs import Row
 from optipromp.laboratory.experiments.study import Study, run_study
 from optipromp.laboratory.simulation import simulate
@@ -139,6 +139,45 @@ def test_the_report_of_a_study_tells_its_risk(studied: Path, tmp_path: Path) -> 
     (tmp_path / "study.json").write_text(json.dumps({**settings, "risk": "little"}))
     with pytest.raises(InvalidRequestError, match="risk is little"):
         study_report(tmp_path, worst=0)
+
+
+def test_the_report_of_own_scenes_has_pictures_and_words(tmp_path: Path) -> None:
+    """It had no picture of the worst, and printed Python's words of its settings."""
+    for name in ("scenario-3", "scenario-4"):
+        save_scene(load_scene(name), tmp_path / "crop" / f"{name}.yaml")
+    chosen = Study.of_files(sorted((tmp_path / "crop").iterdir()), planners=("promp",))
+    rows = run_study(chosen, tmp_path / "out", workers=1)
+    assert not all(row.success for row in rows)
+
+    def pictures() -> int:
+        found = Read(study_report(tmp_path / "out", worst=2))
+        for words in ("{", "None", "False", "Choice", "()"):
+            assert words not in found.text.rpartition("Settings")[2]
+        assert "scenario-3.yaml, scenario-4.yaml" in found.text
+        return len(found.addresses) - 1
+
+    assert pictures() == len(worst_of(rows, 2))
+    (tmp_path / "crop" / "scenario-3.yaml").write_text("format: 1\n")  # another scene by now
+    (tmp_path / "crop" / "scenario-4.yaml").unlink()
+    assert pictures() == 0
+
+
+def test_the_report_of_a_rollout_alone(folder: Path, tmp_path: Path) -> None:
+    """``view`` took the folder of ``simulate --out``, ``report`` refused it."""
+    for name in ("rollout.npz", "outcome.json", "run.mp4"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    result = CliRunner().invoke(app, ["report", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    found = Read((tmp_path / "report.html").read_bytes())
+    for words in ("scenario-4: executed", "picked, nothing harmed", "tracking error", "--seed 0"):
+        assert words in found.text
+    kinds = [address.split(";")[0] for address in found.addresses]
+    assert kinds == ["data:video/mp4"]
+    assert len(found.frames) == 1
+    (tmp_path / "outcome.json").write_text("{}")
+    result = CliRunner().invoke(app, ["report", str(tmp_path)])
+    assert result.exit_code == 2
+    assert "scene_file" in result.output
 
 
 def test_worst_cases_take_causes_in_turn_and_broken_promises_first() -> None:

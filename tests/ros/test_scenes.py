@@ -349,6 +349,7 @@ def test_what_a_world_cannot_use_is_refused_by_name(item, words: str) -> None:
             np.zeros(14),
             "prefixes left_, right_: must be one arm",
         ),
+        ([], np.zeros(7), "name is empty"),
     ],
 )
 def test_joints_that_are_not_the_robots_are_refused(names, positions, words: str) -> None:

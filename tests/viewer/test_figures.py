@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 
 from optipromp.core.geometry.shapes import Box
@@ -162,11 +163,27 @@ def test_the_picture_names_the_moment_and_what_is_predicted(result: Plan) -> Non
     now = drawn.moment(result)
     title = figure.get_suptitle()
     assert str(now) in title
-    assert str(result.prediction) in title
+    assert result.prediction is not None
+    harm = f"predicted harm {result.prediction.harm:.2f} of at most"
+    assert f"{harm} {result.prediction.threshold:g}" in title
+    assert "%" not in title  # one figure, of one meaning
     assert str(result.status) in title
     words = {text.get_text() for legend in figure.legends for text in legend.get_texts()}
     assert {f"tool, {motion.name}" for motion in drawn.motions(result)} <= words
     assert {"chosen tool path", "where it was"} <= words
+    assert {"tool at this moment", "tool at the end"} <= words
+    assert not [panel for panel in figure.axes if "$" in panel.get_title()]
+
+
+def test_a_close_view_leaves_out_what_only_touches_its_rim(result: Plan) -> None:
+    """The clusters of scenario 3 were slivers at the edges of its first close view."""
+    grey = np.array(to_rgba(drawn.COLOURS["avoid"])[:3])
+    shown = []
+    for panel in reach_figure(result).axes[1:]:
+        colours = panel.collections[0].get_facecolors()[:, :3]
+        shades = colours / np.maximum(colours.max(axis=1, keepdims=True), 1e-9)
+        shown.append(int(np.isclose(shades, grey / grey.max(), atol=1e-3).all(axis=1).sum()))
+    assert shown == [0, 2]
 
 
 def test_no_two_labels_of_a_picture_overlap(result: Plan, shelf: Plan) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from optipromp.core.arrays import frame_along
-from optipromp.core.geometry.faces import sphere
+from optipromp.core.geometry.faces import sphere, tube
 from optipromp.core.geometry.shapes import (
     Box,
     Capsule,
@@ -98,3 +98,20 @@ def test_near_faces_are_painted_after_far_ones() -> None:
     assert red.any()
     assert not red.all()
     assert not red[: int((~red).sum())].any()
+
+
+def test_glass_is_as_dark_where_it_covers_itself() -> None:
+    """The two walls of a cup of glass lay over each other, and showed as stripes."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    picture = Picture(Camera(np.zeros(3), np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])))
+    tall = np.array([[0.0, 0.0, -0.1], [0.0, 0.0, 0.1]])
+    picture.add(np.concatenate([tube(tall, 0.1, 37), tube(tall, 0.08, 31)]), "#204080", 0.3)
+    figure = Figure(figsize=(4.0, 4.0))
+    picture.draw(figure.add_axes((0.0, 0.0, 1.0, 1.0)))
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    row = np.asarray(canvas.buffer_rgba())[200, 110:290, :3].astype(int)
+    assert row.max() < 255
+    assert np.ptp(row, axis=0).max() <= 1

@@ -164,7 +164,7 @@ def check(
         summary = _SUMMARIES[kind](item)
         if out is not None:
             from optipromp.core.scenes.io import load_scene
-            from optipromp.looks.viewer.scenes import scene_pictures
+            from optipromp.looks.viewer.reach import scene_pictures
 
             say_if_compiling()
             with waiting("drawing"):
@@ -204,10 +204,19 @@ def _scene(item: str) -> dict[str, Any]:
     from optipromp.core.planning.task import resolve
     from optipromp.core.robots.dynamics import warn_of_gravity
     from optipromp.core.scenes.io import load_scene
+    from optipromp.looks.appearance.scene import ground_of
+    from optipromp.looks.viewer.reach import tool_faces
 
     scene = load_scene(item)
     bound = resolve(scene)
     warn_of_gravity(bound.robot, bound.start[None], scene.up, "at the start")
+    floor, tool = ground_of(scene), tool_faces(bound.robot, bound.start)
+    if floor is not None and (low := float((tool @ scene.up).min()) - floor) < 0.0:
+        warnings.warn(
+            f"at the start the tool reaches {-1e3 * low:.0f} mm below the floor that pictures show "
+            "under the base, which no plan keeps clear of: state start: or a static floor",
+            stacklevel=1,
+        )
     by_role = {
         role: [item.id for item in scene.objects if item.role == role]
         for role in ("target", "pushable", "avoid", "static")

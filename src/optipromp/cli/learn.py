@@ -21,8 +21,8 @@ LARGEST_RESIDUAL = 0.05
 arm that reaches 1 m by 50 mm, the radius of the cup."""
 
 NAMELESS = (
-    "has no joint names, so 'plan' refuses it; 'learn --robot ROBOT' names columns that are in the "
-    "robot's order"
+    "has joints called joint_1, joint_2 and so on, as columns without names are: 'plan' takes it "
+    "for a robot with these names alone; 'learn --robot ROBOT' names columns that are in its order"
 )
 
 
@@ -143,7 +143,7 @@ def _read(
     recorded, recording = read_any(path, joints, topic)
     nameless = unnamed(recorded.joint_names)
     if robot is not None and joints is not None:
-        if nameless and len(joints) == recorded.n_joints:
+        if nameless and len(joints) == recorded.n_joints and recorded.joint_names != joints:
             warnings.warn(
                 f"{path} has no joint names; its columns are taken to be {', '.join(joints)}, in "
                 "this order",

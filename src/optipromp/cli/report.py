@@ -15,7 +15,8 @@ def report(
     item: Annotated[
         Path,
         typer.Argument(
-            metavar="PLAN_DIR|STUDY_DIR", help="What 'plan --out' or 'study --out' left."
+            metavar="PLAN_DIR|ROLLOUT_DIR|STUDY_DIR",
+            help="What 'plan', 'simulate' or 'study' left at --out.",
         ),
     ],
     out: Annotated[
@@ -23,11 +24,12 @@ def report(
         typer.Option(metavar="FILE.html", help="Where the report goes; else beside what it tells."),
     ] = None,
 ) -> Report:
-    """Write one HTML file about a plan or a study: no network, at most 5 MB.
+    """Write one HTML file about a plan, a run or a study: no network, at most 5 MB.
 
     Of a plan: 3-D, pictures, metrics beside the paper's, settings, versions,
     the command; with outcome and film where 'simulate' left them there. Of a
-    study: rates with intervals, causes, and the worst cases with pictures.
+    run: scene, outcome, film. Of a study: rates with intervals, causes, and
+    the worst cases with pictures.
     3-D needs the extra 'view', pictures of worst cases the extra 'sim'.
 
     [bold]Examples[/bold]
@@ -39,7 +41,7 @@ def report(
     """
     from optipromp.core.files import is_file, is_folder, write_atomically
     from optipromp.laboratory.experiments.row_files import ROWS
-    from optipromp.looks.reports import plan_report, study_report
+    from optipromp.looks.reports import plan_report, run_report, study_report
 
     folder = item if is_folder(item) else item.parent
     path = out or folder / "report.html"
@@ -50,9 +52,11 @@ def report(
             content = plan_report(folder)
         elif is_file(folder / ROWS):
             content = study_report(folder, progress=say)
+        elif is_file(folder / "rollout.npz"):
+            content = run_report(folder)
         else:
             raise InvalidRequestError(
-                f"{item} is neither a plan's folder (plan.json) nor a study's ({ROWS})"
+                f"{item} holds no plan (plan.json), no run (rollout.npz) and no study ({ROWS})"
             )
         write_atomically(path, content)
     size = len(content)

@@ -1,5 +1,6 @@
 """``optipromp validate``: anyone's trajectory, judged in a scene."""
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
     from optipromp.core.robots.model import Robot
     from optipromp.core.scenes.scene import Scene
     from optipromp.core.trajectory import Trajectory
+
+_LONG, _SLOW = 60.0, 2e-3  # [s], share of a velocity limit: a choice; 1,000 times faster is usual
 
 
 @command()
@@ -74,6 +77,10 @@ def validate(
             curve = read(trajectory, robot)
             risk = PlanOptions.risk if risk is None else risk
             found = judge(loaded, curve, risk=risk)
+    slow = max(found.judgement.metrics.velocity_ratio, 1e-12)
+    if curve.duration > _LONG and slow < _SLOW:
+        told = f"{curve.duration:.0f} s with {100 * slow:.2g} % of the velocity limits"
+        warnings.warn(f"{trajectory} takes {told}: are its times milliseconds?", stacklevel=1)
     document = describe(found, curve, loaded, risk)
     if out is not None:
         from optipromp.core.files import json_text, write_atomically

@@ -21,6 +21,8 @@ def joint_positions(state: Message, joints: Sequence[str], what: str) -> FloatAr
     Raises:
         InvalidRequestError: as :func:`columns`; not one finite position for each name.
     """
+    if len(state.position) and not len(state.name):
+        raise InvalidRequestError(f"{what}: name is empty: must name the joint of each position")
     if len(state.position) != len(state.name):
         raise InvalidRequestError(
             f"{what}: {len(state.position)} positions for {len(state.name)} names: must be as many"

@@ -203,6 +203,8 @@ def _read(item: Message, joints: Sequence[str] | None) -> Trajectory:
     times = np.array([stamp.sec + stamp.nanosec / NANO for stamp in stamps], dtype=np.float64)
     counts = {what: {len(getattr(point, what)) for point in points} for what in CURVE[1:]}
     wanted = len(item.joint_names)
+    if not wanted:
+        raise InvalidRequestError(f"{what}: joint_names is empty: must name each joint")
     for field, sizes in counts.items():
         if sizes != {wanted} and (sizes != {0} or field == "positions"):
             k = next(k for k, p in enumerate(points) if len(getattr(p, field)) != wanted)

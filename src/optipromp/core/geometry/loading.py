@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import re
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -110,6 +111,9 @@ def load_cloud(path: Path, radius: float, scale: float = 1.0) -> PointCloudShape
         raise InvalidSceneError(
             f"point cloud {path}: holds an array of shape {points.shape}: must be (N, 3), N >= 1"
         )
+    if (empty := int((points[:, :3] == 0.0).all(axis=1).sum())) > 1:
+        told = "are (0, 0, 0), as pixels without depth are: leave them out"
+        warnings.warn(f"point cloud {path}: {empty} of {len(points)} points {told}", stacklevel=2)
     return PointCloudShape(scale * points[:, :3], radius, path, scale)
 
 

@@ -175,7 +175,7 @@ class Plan(Shown):
         planner: ``promp``, ``i-promp``, ``opti-promp``, or the name of another planner.
         strategy: of opti-promp: ``joint``, or the paper's ``sequential``.
         seed: of everything random.
-        status: ``success`` only if the judge found nothing wrong and no harm is predicted.
+        status: ``success`` only if the judge found nothing wrong and the predicted harm is small.
         message: the reasons for the status.
         trajectory: the optimised one; the best that was found, whatever the status.
         initial: the conditioned ProMP.

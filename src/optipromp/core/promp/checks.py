@@ -123,7 +123,7 @@ def matched(names: Sequence[str], joints: Sequence[str], what: str) -> list[int]
     if not unknown and not missing:
         return [list(names).index(joint) for joint in joints]
     if unnamed(names):
-        fault = f"its {len(names)} joints have no names"
+        fault = f"its joints are called joint_1 to joint_{len(names)}, as columns without names are"
     else:
         faults = [f"the robot has no joint {', '.join(unknown)}"] if unknown else []
         faults += [f"joint {', '.join(missing)} is missing"] if missing else []

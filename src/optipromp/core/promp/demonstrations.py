@@ -26,6 +26,8 @@ BEYOND_LIMITS = 0.05
 """[rad or m] Excess of a demonstration over a joint's limits that is accepted: an arm that is led
 by hand leans into its stops."""
 _LARGEST = 4.0 * np.pi  # [rad or m] larger positions look like degrees or millimetres
+_STILL, _IDLE = 0.01, 0.25  # of a joint's range: no motion; of the time without motion: too much
+_BACK = 0.5  # of the distance to the others' ends: the other way round a demonstration is near them
 _LARGEST_JOINT = 1e6  # [rad or m] larger positions overflow in learning
 _FORMS = "Q, time, lengths; or positions (N, T, n) with an optional time (T,) or (N, T)"
 
@@ -213,7 +215,29 @@ def load_demonstrations(path: str | os.PathLike[str]) -> Demonstrations:
             UnitsWarning,
             stacklevel=2,
         )
+    for words in _odd(result):
+        warnings.warn(f"{path}: {words}", stacklevel=2)
     return result
+
+
+def _odd(found: Demonstrations) -> list[str]:
+    """Demonstrations that run the other way, or stand still for long, in words."""
+    told = []
+    ends = np.array([d.positions[[0, -1]] for d in found])  # (N, 2, n)
+    usual = np.median(ends, axis=0)
+    away, back = (np.linalg.norm(ends - e, axis=2).sum(axis=1) for e in (usual, usual[::-1]))
+    for i, item in enumerate(found):
+        if len(found) > 2 and back[i] < _BACK * away[i]:
+            told.append(f"demonstration {i} runs from where the others end to where they begin")
+        room = np.ptp(item.positions, axis=0).max()
+        for which, order in (("first", 1), ("last", -1)):
+            q, share = item.positions[::order], item.phases[::order]
+            moves = np.abs(q - q[0]).max(axis=1) > _STILL * room
+            idle = abs(float(share[max(int(np.argmax(moves)) - 1, 0)] - share[0]))
+            if idle > _IDLE:
+                words = f"for the {which} {100 * idle:.0f} % of its time, which is learnt too"
+                told.append(f"demonstration {i} stands still {words}: cut that off")
+    return told
 
 
 def save_demonstrations(demonstrations: Demonstrations, path: str | os.PathLike[str]) -> None:

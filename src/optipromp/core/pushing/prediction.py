@@ -32,13 +32,11 @@ class Prediction:
         return self.harm > self.threshold
 
     def __str__(self) -> str:
-        told = f"harm {self.harm:.2f}, allowed {self.threshold:.2g}"
+        told = f"harm {self.harm:.2f} of at most {self.threshold:.2g}"
         if not math.isnan(self.probability):
             told += f"; not clean with probability {100.0 * self.probability:.0f} %"
-        if not self.harmful:
-            return f"no harm is predicted ({told})"
         what = f"{self.object} {self.cause}" if self.object else self.cause
-        return f"harm is predicted: {what} ({told})"
+        return f"harm is predicted: {what} ({told})" if self.harmful else f"predicted {told}"
 
     def pushes(self, passage: Mapping[str, tuple[float, float] | None]) -> str:
         """Force on and passage of each pushed object, in words; empty for no pushed object.

@@ -19,7 +19,7 @@ from optipromp.laboratory.experiments.conditions import CONDITIONS, Situation
 from optipromp.laboratory.experiments.eyes import NOT_SEEN, situation
 from optipromp.laboratory.experiments.runs import ERROR, NO_PLAN, Row, outcome_values
 from optipromp.laboratory.experiments.sources import Source, drawn, source_name
-from optipromp.laboratory.generate import PANDA, Preset, generate
+from optipromp.laboratory.generate import PANDA, Preset
 
 if TYPE_CHECKING:
     from optipromp.laboratory.simulation import Loop, Run
@@ -160,15 +160,11 @@ def picked(setting: Situation, seed: int, servo: bool = True) -> "Loop":
     return closed_loop(simulation, controller, eye)
 
 
-def loop_again(row: Row, robot: str = PANDA, risk: float = PlanOptions.risk) -> "Run | None":
-    """A run made once more, for its picture; None where its plan is not executed.
-
-    The robot's name is from a study's file, so it is untrusted.
-
-    Raises:
-        OptiPrompError: the error of the run.
-    """
-    scene = generate(cast(Preset, row.preset), row.seed, robot, UNTRUSTED)
+def loop_again(
+    row: Row, robot: str = PANDA, risk: float = PlanOptions.risk, source: Source | None = None
+) -> "Run | None":
+    """A run made once more; see :func:`optipromp.laboratory.experiments.runs.again`."""
+    scene, _ = drawn(source or cast(Preset, row.preset), row.seed, robot, UNTRUSTED)
     setting = situation(row.condition, scene, row.seed, row.finder, row.views or 1)
     if row.loop != "open":
         return picked(setting, row.seed, servo=row.loop == "closed").run

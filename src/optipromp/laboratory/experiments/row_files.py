@@ -10,12 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.files import check_folder, json_text, write_atomically
+from optipromp.core.files import check_folder, is_file, json_text, write_atomically
 from optipromp.core.robots.library import NOTHING
 from optipromp.laboratory.experiments.runs import COLUMNS, Row, row_from_text
+from optipromp.laboratory.experiments.sources import digests
 from optipromp.laboratory.generate import PANDA
 
 ROWS, SETTINGS = "rows.csv", "study.json"
+FOLDER = "folder"  # of the scene files; another one does not make another study
 
 
 class RowFile:
@@ -47,6 +49,8 @@ class RowFile:
                 "another folder"
             ) from None
         for name in dict.fromkeys((*wanted, *found)):  # a default may be left out of either
+            if name == FOLDER:
+                continue
             value = wanted.get(name)
             if found.get(name) != value:
                 raise InvalidRequestError(
@@ -112,7 +116,7 @@ def _parsed(content: bytes, path: Path) -> list[Row]:
 def settings_of(folder: Path) -> tuple[dict[str, Any], str | None]:
     """The settings that the rows of a study share, and the robot of its scenes.
 
-    The robot is None where its file was read with choices, or where the scenes are files.
+    The robot is None where its file was read with choices.
 
     Raises:
         InvalidRequestError: the file is missing or damaged.
@@ -122,5 +126,12 @@ def settings_of(folder: Path) -> tuple[dict[str, Any], str | None]:
     except (OSError, ValueError) as error:
         raise InvalidRequestError(f"{folder / SETTINGS}: {error}") from None
     told = str(settings.get("robot", f"{PANDA} {NOTHING}"))
-    plain = "scenes" not in settings and told.endswith(f" {NOTHING}")
-    return settings, told.removesuffix(f" {NOTHING}") if plain else None
+    return settings, told.removesuffix(f" {NOTHING}") if told.endswith(f" {NOTHING}") else None
+
+
+def file_of(settings: Mapping[str, Any], name: str) -> Path | None:
+    """The scene file of a study's rows; None where it is not there, or has changed since."""
+    known, path = settings.get("scenes"), Path(str(settings.get(FOLDER))) / name
+    if not isinstance(known, Mapping) or name not in known or not is_file(path):
+        return None
+    return path if digests([path]) == {name: known[name]} else None

@@ -26,8 +26,6 @@ from optipromp.laboratory.generate import (
     PANDA,
     Noise,
     Preset,
-    generate,
-    noisy,
 )
 
 if TYPE_CHECKING:
@@ -236,10 +234,13 @@ def run_scene(
     return rows
 
 
-def again(row: Row, robot: str = PANDA, risk: float = PlanOptions.risk) -> "Run | None":
+def again(
+    row: Row, robot: str = PANDA, risk: float = PlanOptions.risk, source: Source | None = None
+) -> "Run | None":
     """A run made once more, for its picture; None where its plan is not executed.
 
-    ``robot`` is the name or path of the scene's robot, ``risk`` that of the study.
+    ``robot`` is the name or path of the scene's robot, ``risk`` that of the study, ``source`` the
+    scene's where it is a file.
 
     Raises:
         OptiPrompError: the error of the run.
@@ -247,23 +248,24 @@ def again(row: Row, robot: str = PANDA, risk: float = PlanOptions.risk) -> "Run 
     if row.loop:
         from optipromp.laboratory.experiments.loops import loop_again
 
-        return loop_again(row, robot, risk)
-    scene, seen = scenes_of(row, robot)
+        return loop_again(row, robot, risk, source)
+    scene, seen = scenes_of(row, robot, source)
     made = attempt(seen, row.planner, seed=row.seed, risk=risk)
     if made.trajectory is None:
         return None
     return _executed_in(made, scene, row.seed, VARIATIONS.get(row.variation))
 
 
-def scenes_of(row: Row, robot: str = PANDA) -> tuple[Scene, Scene]:
+def scenes_of(row: Row, robot: str = PANDA, source: Source | None = None) -> tuple[Scene, Scene]:
     """The true scene of a run, and the scene as detected.
 
     The robot's name is from a study's file, so it is untrusted; see
     :class:`optipromp.core.robots.library.Choice`.
     """
-    scene = generate(cast(Preset, row.preset), row.seed, robot, UNTRUSTED)
+    source = source or cast(Preset, row.preset)
+    scene, _ = drawn(source, row.seed, robot, UNTRUSTED)
     noise = NOISES[row.noise] if row.noise else Noise(row.noise_position, row.noise_angle)
-    return scene, noisy(scene, row.seed, noise)
+    return scene, detected(source, scene, row.seed, noise)
 
 
 def _executed(

@@ -30,7 +30,7 @@ from optipromp.laboratory.experiments.loops import (
     check_loops,
     run_loops,
 )
-from optipromp.laboratory.experiments.row_files import RowFile
+from optipromp.laboratory.experiments.row_files import FOLDER, RowFile
 from optipromp.laboratory.experiments.runs import (
     Key,
     Row,
@@ -199,6 +199,7 @@ class Study:
             **({"loops": True} if self.loops else {}),
             **({"finder": self.finder, "views": self.views} if self.eyes else {}),
             **({"scenes": dict(digests(self.files))} if self.files else {}),
+            **({FOLDER: str(self.files[0].absolute().parent)} if self.files else {}),
         }
 
 

@@ -35,7 +35,7 @@ AVOID_COLOUR = (0.35, 0.60, 0.30, 0.35)
 FLOOR = "floor"
 """Name of the plane on which fallen fruits come to rest."""
 FLOOR_DEPTH = 0.5  # [m] of the floor below the base and every object, so that none touches it
-SKY = (0.95, 0.97, 0.98), (0.72, 0.80, 0.84)
+SKY = (0.97, 0.95, 0.91), (0.86, 0.79, 0.68)  # warm: cups are pale blue; photographs paint theirs
 PICTURE = 1280, 960  # [pixel] largest off-screen picture
 CLUSTER_FRUIT_RADIUS = 0.015  # [m] of a real neighbouring cluster: a small strawberry
 

@@ -133,7 +133,7 @@ def scenery(scene: Scene) -> tuple[Part, ...]:
         (i for i in scene.static if any(box_distance(i, r) < HANGS for r in roots)), None
     )
     row = _row(scene, roots)
-    ground = _ground(scene)
+    ground = ground_of(scene)
     parts = []
     if ground is not None:
         center = 0.5 * scene.positions.mean(axis=0) @ row
@@ -211,7 +211,7 @@ def _table(row: FloatArray, item: SceneObject, roots: FloatArray, ground: float)
     return parts
 
 
-def _ground(scene: Scene) -> float | None:
+def ground_of(scene: Scene) -> float | None:
     """Height of the floor at the base or the lowest object [m]; None where the scene has one."""
     if any(np.isinf(item.radius) for item in scene.objects):
         return None

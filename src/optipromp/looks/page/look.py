@@ -20,7 +20,7 @@ MARGIN = 0.10  # share of half the picture that is kept free at each edge
 RAISED, RAISES = 0.15, 12  # step by which a camera too low is turned up, and most steps
 PANEL = 400  # [pixel] of the width that the controls hide at the right
 NARROW = 576  # [pixel] width of a screen up to which they are below: viser's 36 em
-SHEET = 0.50  # share of the height that they hide then, see :mod:`optipromp.looks.page.style`
+SHEET = 0.50  # share of the height that they hide then, see :mod:`optipromp.looks.page.panel`
 
 
 def look(
@@ -51,10 +51,12 @@ def look(
 
 
 def balls(scene: Scene, tool: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
-    """Centres (k, 3) and radii (k,) [m] of what is framed: target, pushables, tool."""
+    """Centres (k, 3) and radii (k,) [m] framed: target, pushables, nodes of a truss, tool."""
     items = [item for item in scene.objects if item.role in ("target", "pushable")]
     items = items or [item for item in scene.objects if np.isfinite(item.radius)]
     found = [(item.position, float(item.radius)) for item in items]
+    stems = [item.stem for item in items if item.stem is not None]
+    found += [(stem.root, stem.radius) for stem in stems if stem.parent is not None]
     if tool is not None:
         found.append((np.asarray(tool), TOOL))
     found = found or [(np.zeros(3), 0.5)]  # [m] an empty scene: around the base

@@ -14,12 +14,11 @@ from optipromp.core.shown import is_name
 from optipromp.looks.page import arrange
 from optipromp.looks.page.content import charts
 from optipromp.looks.page.legend import legend, planned, replayed, seen, things
+from optipromp.looks.page.look import NARROW, SHEET
 from optipromp.looks.page.plots import Plots
-from optipromp.looks.page.stage import LAYERS
-from optipromp.looks.page.style import STYLE
-from optipromp.looks.page.table import table
+from optipromp.looks.page.stage import LAYERS, PLANNED
 from optipromp.looks.page.tabs import RecordTab, ReplayTab
-from optipromp.looks.page.telling import Told
+from optipromp.looks.page.telling import Told, table
 from optipromp.looks.page.window import Window
 
 SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1": 1.0, "2": 2.0}
@@ -32,6 +31,29 @@ _NUMBERS = {  # number fields of options: (label, factor to its unit, least, mos
     "corridor": ("corridor [mm]", 1e3, 0.0, 20.0, 0.5),
     "max_step": ("largest step [rad]", 1.0, 0.005, 0.2, 0.005),
 }
+TOUCH = 44  # [pixel] height of what is touched on a phone; a finger needs 40
+
+STYLE = f"""<style>
+@media (max-width: {NARROW}px) {{
+  .mantine-Paper-root[style*="max-height: 60%"] {{
+    width: 100% !important; max-height: {100 * SHEET:.0f}% !important;
+  }}
+  .mantine-Paper-root [style*="width: 20em"] {{ width: 100% !important; }}
+  .mantine-Button-root {{ height: {TOUCH}px !important; min-width: {TOUCH}px; font-size: 15px; }}
+  .mantine-Input-input {{
+    height: {TOUCH}px !important; min-height: {TOUCH}px !important; font-size: 16px !important;
+  }}
+  .mantine-Slider-root + * {{ width: 4.2rem !important; }}
+  .mantine-Slider-root, .mantine-Slider-trackContainer {{ min-height: {TOUCH}px; }}
+  .mantine-Tabs-tab {{ min-height: {TOUCH}px; flex-grow: 1; font-size: 15px; }}
+  .mantine-ActionIcon-root {{ width: {TOUCH}px; height: {TOUCH}px; }}
+  .mantine-NumberInput-controls {{ display: none; }}
+  .mantine-Select-option {{ min-height: {TOUCH}px; }}
+  .mantine-Checkbox-inner, .mantine-Checkbox-input {{ width: {TOUCH}px; height: {TOUCH}px; }}
+  .status {{ max-height: none !important; }}
+}}
+</style>"""
+"""The page's style sheet: on a phone the controls take the whole width, and fingers hit them."""
 CHART_EVERY = 0.1  # [s] between two moves of the charts' needles while the clock runs
 
 
@@ -75,11 +97,14 @@ class Panel:
     def _occupy(self, on: bool) -> None:
         for button in self.buttons:
             button.disabled = on
+        if not on:
+            self.recording.enable()
 
-    def button(self, label: str, act: Callable[[], None]) -> None:
+    def button(self, label: str, act: Callable[[], None]) -> Any:
         """Add a button that posts ``act``; it cannot be pressed while something is under way."""
         self.buttons.append(self.gui.add_button(label))
         self.on(self.buttons[-1], label, lambda _: act())
+        return self.buttons[-1]
 
     def _explain(self) -> None:
         """Update the legend."""
@@ -92,6 +117,8 @@ class Panel:
         elif window.plan is not None and window.plan.scene is window.scene:
             entries += planned(window.plan, list(filter(window.stage.visible, LAYERS)))
         self.legend.content = legend(entries)
+        for name in PLANNED:
+            self.layers[name].disabled = bool(window.replayed)
 
     def on(self, control: Any, kind: str, act: Callable[[Any], None]) -> None:
         """Post ``act`` with the new value when the user changes a control."""
@@ -226,9 +253,10 @@ class Panel:
 
     def _layers(self) -> None:
         window = self.window
+        self.layers: dict[str, Any] = {}
         for name in LAYERS:
-            box = self.gui.add_checkbox(name, window.stage.visible(name))
-            self.on(box, name, functools.partial(self._layer, name))
+            self.layers[name] = self.gui.add_checkbox(name, window.stage.visible(name))
+            self.on(self.layers[name], name, functools.partial(self._layer, name))
 
     def _layer(self, name: str, shown: bool) -> None:
         window = self.window

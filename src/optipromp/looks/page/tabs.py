@@ -1,5 +1,6 @@
 """The tabs for recording demonstrations and for replaying executed plans."""
 
+import math
 import warnings
 from typing import TYPE_CHECKING
 
@@ -7,13 +8,16 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import check_folder
 from optipromp.core.planning.task import posed
+from optipromp.laboratory.simulation.loop_files import LoopRecord
 from optipromp.looks.page.content import bundle
-from optipromp.looks.page.inset import sight
 from optipromp.looks.page.record import Recorder
+from optipromp.looks.viewer.drawn import GREEN, RED
 
 if TYPE_CHECKING:
     from optipromp.looks.page.panel import Panel
 
+RECENT = 0.5  # [s] age of a look above which nothing is drawn: the camera is blocked, a choice
+_SIDE = 200  # [pixel] of what the camera of a closed loop saw, beside the replay
 LEARNT = "learnt band"
 _TELL = "Drag the tool by its handle; the joints follow. Then accept or discard, save, learn."
 
@@ -25,15 +29,23 @@ class RecordTab:
         self.panel, self.window, gui = panel, panel.window, panel.gui
         self.recorder: Recorder | None = None
         self.told = gui.add_markdown(_TELL)
-        for label, act in (
-            ("start recording", self.start),
-            ("accept", self.accept),
-            ("discard", self.discard),
-            ("save demonstrations", self.save),
-            ("learn and show the band", self.learn),
-            ("forget what was learnt", self.forget),
-        ):
-            panel.button(label, act)
+        panel.button("start recording", self.start)
+        self.further = [
+            panel.button("accept", self.accept),
+            panel.button("discard", self.discard),
+            panel.button("save demonstrations", self.save),
+            panel.button("learn and show the band", self.learn),
+            panel.button("forget what was learnt", self.forget),
+        ]
+        self.enable()
+
+    def enable(self) -> None:
+        """Let those buttons be pressed that have something to do."""
+        known, held = self.recorder, self.window.dragging == self._dragged
+        rows, kept = (known.rows, known.kept) if known is not None else ([], [])
+        able = rows, held or rows, kept, kept, "demonstrations" in self.window.settings
+        for button, on in zip(self.further, able, strict=True):
+            button.disabled = not on
 
     def start(self) -> None:
         """Move the arm to the scene's start, and show the handle at the tool."""
@@ -106,6 +118,7 @@ class RecordTab:
 
     def _tell(self, text: str) -> None:
         self.told.content = text
+        self.enable()
 
 
 class ReplayTab:
@@ -143,3 +156,27 @@ class ReplayTab:
         drawn = "".join(sight(record, self.window.now) for record in records)
         if self.sight.content != drawn:
             self.sight.content = drawn
+
+
+def sight(record: LoopRecord, now: float) -> str:
+    """The last look until ``now`` [s] as HTML: its cone of view with the detections in it.
+
+    The picture is the camera's, its x axis to the right. Targets are red, other fruits green.
+    """
+    found = record.sight(now)
+    if found is None:
+        return ""
+    age, view, discs = found
+    wide = math.tan(0.5 * view)
+    circles = "".join(
+        f'<circle cx="{x:.4f}" cy="{y:.4f}" r="{r:.4f}" fill="none" stroke-width="{0.015 * wide}" '
+        f'stroke="{RED if target else GREEN}"/>'
+        for x, y, r, target in (discs.tolist() if age <= RECENT else ())
+    )
+    words = f"the camera, {1e3 * age:.0f} ms ago" if age <= RECENT else "the camera sees nothing"
+    return (
+        f'<figure class="sight" style="margin:0.5em 1em;font-size:0.8em"><svg width="{_SIDE}" '
+        f'height="{_SIDE}" viewBox="{-wide} {-wide} {2 * wide} {2 * wide}">'
+        f'<circle r="{wide}" fill="#f1f3f5"/>{circles}</svg>'
+        f"<figcaption>{words}</figcaption></figure>"
+    )

@@ -3,14 +3,17 @@
 import json
 import math
 import shlex
+from collections.abc import Callable
 from html import escape
 from pathlib import Path
 from typing import Any
 
+from optipromp.core.documents import read_document
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import is_file, is_folder
 from optipromp.core.output import load_plan
 from optipromp.core.planning import Plan
+from optipromp.core.scenes.io import scene_from_dict
 from optipromp.laboratory.experiments.scenarios import CASES, ScenarioRow
 from optipromp.looks.reports.html import (
     LARGEST_FILE,
@@ -22,7 +25,7 @@ from optipromp.looks.reports.html import (
     section,
     table,
 )
-from optipromp.looks.viewer.embed import plan_page
+from optipromp.looks.viewer.embed import plan_page, scene_page
 from optipromp.looks.viewer.figures import changed_terms, cost_figure, joint_figure, png
 from optipromp.looks.viewer.notebook import DPI, HEIGHT, frame
 from optipromp.looks.viewer.reach import reach_figure
@@ -60,7 +63,7 @@ def plan_report(folder: Path | str) -> bytes:
         figures.append(("Costs over the iterations", cost_figure(plan)))
     parts = [
         head,
-        _view(plan),
+        _shown(lambda: plan_page(plan), "Turn it with the mouse; pushed fruits move as predicted."),
         section("Pictures", *(picture(png(figure, DPI), name) for name, figure in figures)),
         section("Metrics", table(plan_rows(plan))),
         *_beside_paper(plan),
@@ -69,6 +72,30 @@ def plan_report(folder: Path | str) -> bytes:
         section("Settings", table(_settings(plan))),
         made_with(_command(plan), {"plan written by": f"optipromp {written}"}),
     ]
+    return _fitted(title, parts, folder)
+
+
+def run_report(folder: Path | str) -> bytes:
+    """One HTML file, at most 5 MB, about the rollout in a folder that ``simulate --out`` left.
+
+    Raises:
+        InvalidRequestError, InvalidSceneError: the folder holds no rollout that can be read.
+    """
+    folder = Path(folder)
+    document = read_document(folder / "outcome.json", InvalidRequestError, "an outcome")
+    try:
+        scene = scene_from_dict(document["scene_file"], base_dir=folder, source=str(folder))
+        words = ["optipromp", "simulate", f"{scene.name}.yaml", "--seed", str(document["seed"])]
+    except (KeyError, TypeError) as error:
+        raise InvalidRequestError(f"{folder}: no rollout of this version ({error})") from None
+    title = f"{scene.name}: executed in the physics simulation"
+    view = _shown(lambda: scene_page(scene), "Turn it with the mouse; the arm is at its start.")
+    made = made_with(shlex.join(words), {"written by": f"optipromp {document.get('version')}"})
+    return _fitted(title, [f"<h1>{escape(title)}</h1>", view, *_run(folder), made], folder)
+
+
+def _fitted(title: str, parts: list[str], folder: Path) -> bytes:
+    """The page, with the folder's film where there is room, without 3-D where there is none."""
     films = [path for kind in ("webm", "mp4") if is_file(path := folder / f"run.{kind}")]
     if films:
         newest = max(films, key=lambda path: path.stat().st_mtime)
@@ -81,12 +108,11 @@ def plan_report(folder: Path | str) -> bytes:
     return page(title, parts)
 
 
-def _view(plan: Plan) -> str:
+def _shown(view: Callable[[], str], words: str) -> str:
     try:
-        content = frame(plan_page(plan), HEIGHT)
+        content = frame(view(), HEIGHT)
     except InvalidRequestError as error:
         content = paragraph(f"Left out: {error.message}.", "faint")
-    words = "Turn it with the mouse; pushed fruits move as predicted."
     return section("3-D", content, paragraph(words, "faint"), screen=True)
 
 

@@ -1,14 +1,16 @@
 """The report of a study: rates with intervals, causes, prediction, and the worst cases."""
 
+import re
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
 from optipromp.core.planning import PlanOptions
-from optipromp.laboratory.experiments.row_files import ROWS, rows_of, settings_of
+from optipromp.laboratory.experiments.row_files import FOLDER, ROWS, file_of, rows_of, settings_of
 from optipromp.laboratory.experiments.runs import ERROR, NO_PLAN, Row, again
 from optipromp.laboratory.experiments.statistics import Cell, Reliability, calibration, summary
 from optipromp.laboratory.experiments.study_output import study_figure
@@ -20,6 +22,7 @@ from optipromp.looks.viewer.notebook import DPI
 
 SIZE = 640, 360  # [pixel] of a worst case's picture
 WORST = 6  # failed runs that are shown
+_UNSAID = re.compile(r"(?:, )?\b\w+=(?:None|\{\}|\(\))")  # a choice of a robot's arm not made
 SLIGHT = 0.2  # [N] largest force of a run whose end is shown instead of the moment of that force
 
 
@@ -44,7 +47,7 @@ def study_report(
     if not rows:
         raise InvalidRequestError(f"{folder} holds no rows of a study ({ROWS})")
     settings, robot = settings_of(folder)
-    risk = PlanOptions(risk=settings.get("risk", PlanOptions.risk)).risk
+    settings["risk"] = risk = PlanOptions(risk=settings.get("risk", PlanOptions.risk)).risk
     cells = summary(rows)
     kept, plans = sum(cell.kept for cell in cells), sum(cell.plans for cell in cells)
     title = f"Study of {len(rows)} runs"
@@ -68,8 +71,8 @@ def study_report(
                   ("preset", "planner", "failed by (a run may have several)")),
         ),
         *_prediction(found),
-        *_worst(rows, worst, progress, robot, risk),
-        section("Settings", table([(name, str(value)) for name, value in settings.items()])),
+        *_worst(rows, worst, progress, robot, settings),
+        section("Settings", table([(k, _told(v)) for k, v in settings.items() if k != FOLDER])),
         made_with(_command(rows, robot, risk), {}),
     ]  # fmt: skip
     return page(title, parts)
@@ -119,7 +122,7 @@ def _worst(
     count: int,
     progress: Callable[[str], None] | None,
     robot: str | None,
-    risk: float,
+    settings: Mapping[str, Any],
 ) -> list[str]:
     shown = []
     for row in worst_of(rows, count):
@@ -131,7 +134,10 @@ def _worst(
         cause = row.cause.replace("_", " ")
         caption = f"{name}: {cause}. {row.message} (plan: {row.plan_status})"
         try:
-            run = None if row.cause == ERROR or robot is None else again(row, robot, risk)
+            file = file_of(settings, row.preset)
+            run = None
+            if row.cause != ERROR and robot is not None and (file or "scenes" not in settings):
+                run = again(row, robot, settings["risk"], file)
             shown.append(paragraph(caption) if run is None else picture(_picture(run), caption))
         except OptiPrompError:  # nothing can be drawn off screen, or the robot's file is not there
             shown.append(paragraph(caption))
@@ -186,6 +192,15 @@ def _command(rows: Sequence[Row], robot: str | None, risk: float) -> str:
     if risk != PlanOptions.risk:
         words += ["--risk", f"{risk:g}"]
     return shlex.join([*words, "--out", "DIR"])
+
+
+def _told(value: object) -> str:
+    """A setting in words; the robot's without the choices that were not made."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, Mapping):
+        return ", ".join(value)
+    return _UNSAID.sub("", str(value)).replace("Choice(", "(").removesuffix(" ()") or "its own"
 
 
 def _newton(value: float | None) -> str:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 SOLID = "#9aa0a8"
 _VIEWS = ((0, 2), (1, 2), (0, 1))
-_SIZE = 5.0  # [inch] of a view
+_SIZE, _TICKS = 5.0, 6  # [inch] of a view; ticks where it is as wide as high
 _COLOURS = ("#2f6db3", "#c8662b", "#3f8f4f")  # of neighbouring links
 
 
@@ -47,6 +47,7 @@ def cover_figure(robot: Robot) -> "Figure":
             xlabel=f"{'xyz'[view[0]]} [m]",
             ylabel=f"{'xyz'[view[1]]} [m]",
         )
+        axes.locator_params("x", nbins=int(np.clip(_TICKS * np.divide(*(high - low)), 1, _TICKS)))
     count, most = len(radius), max(robot.excess.values(), default=0.0)
     reach = f", at most {1000.0 * most:.0f} mm beyond the links" if robot.excess else ""
     figure.suptitle(f"{robot.name}: {count} body spheres{reach}")

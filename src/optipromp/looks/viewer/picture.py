@@ -71,6 +71,8 @@ class Picture:
     ) -> None:
         """Add faces (F, 4, 3); those that face away from the camera are left out.
 
+        Faces of glass (``alpha`` below 1) are one flat shape: where they cover each other, and
+        along their seams, it is as dark as elsewhere.
         The picture's frame holds all faces but those added with ``framed=False``.
         """
         from matplotlib.colors import to_rgba
@@ -90,21 +92,34 @@ class Picture:
         base = np.array(to_rgba(colour, alpha))
         shades = np.tile(base, (len(faces), 1))
         shades[:, :3] *= brightness[:, None]
+        if alpha < 1.0 and len(faces):
+            shades = shades.mean(axis=0, keepdims=True)
         self._corners.append(self.camera.project(faces))
         self._colours.append(shades)
         self._framed.append(framed and len(faces) > 0)
 
     def draw(self, axes: "Axes") -> None:
         """Paint everything onto ``axes``, one metre to the unit, without ticks."""
-        from matplotlib.collections import PolyCollection
+        from matplotlib.collections import PathCollection
+        from matplotlib.path import Path
 
-        corners, colours = np.concatenate(self._corners), np.concatenate(self._colours)
+        paths: list[Path] = []
+        depths = []
+        for corners, colour in zip(self._corners, self._colours, strict=True):
+            closed = np.concatenate([corners, corners[:, :1]], axis=1)
+            flat = [Path(face, closed=True) for face in closed[..., :2]]
+            depth = corners[..., 2].mean(axis=1)
+            if len(colour) < len(flat):
+                flat, depth = [Path.make_compound_path(*flat)], depth.mean(keepdims=True)
+            paths += flat
+            depths.append(depth)
+        colours = np.concatenate(self._colours)
         # An edge in a face's own colour hides the seam to its neighbour; on glass it would show.
         edges = np.where(colours[:, 3:] < 1.0, 0.0, colours)
-        order = np.argsort(corners[..., 2].mean(axis=1), kind="stable")
+        order = np.argsort(np.concatenate(depths), kind="stable")
         axes.add_collection(
-            PolyCollection(
-                list(corners[order][..., :2]),
+            PathCollection(
+                [paths[k] for k in order],
                 facecolors=colours[order],
                 edgecolors=edges[order],
                 linewidths=0.35,

@@ -1,14 +1,23 @@
 """The picture of a reach at one moment: the arm, the tool paths, and the pushed objects."""
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial import ConvexHull
 
 from optipromp.core.arrays import FloatArray
+from optipromp.core.budget import Budget
 from optipromp.core.geometry.faces import sphere, tube
+from optipromp.core.planning.plan import plan as make_plan
+from optipromp.core.planning.result import Planned
+from optipromp.core.planning.task import Task
 from optipromp.core.pushing.path import evenly, length
+from optipromp.core.scenes.scene import Scene
+from optipromp.core.trajectory import Trajectory
 from optipromp.looks.appearance.faces import shape_faces
 from optipromp.looks.appearance.scene import PUSHABLES
 from optipromp.looks.viewer import drawn
@@ -28,6 +37,9 @@ _NEAR = 0.35  # [m] from the target, within which objects and paths must be in t
 _TALL, _WIDE = 1.5, 0.56  # height of a close view over its width, side by side and stacked
 _PANEL = {True: 3.7, False: 4.7}  # [inch] width of a close view, side by side and stacked
 _TEXT = 8.5  # [points]
+_RIM = 0.15  # of the width of an object to avoid; a close view that shows less leaves it out
+_NOW, _END = 0.34, 0.14  # opacity of the tool in the close views, at the moment and at the end
+_DOWN = 0.7  # of the vertical in a direction of sight that is called down: 45 degrees
 _DOTS = 0.015  # [m] between the dots of the chosen tool path
 
 
@@ -43,7 +55,6 @@ def reach_figure(plan: "Plan") -> "Figure":
     now = drawn.moment(plan)
     objects = drawn.placed(plan, now)
     views = _close_views(plan)
-    pictures = [_close(camera, plan, objects, now) for camera, _ in views]
     frames = [_frame(camera, plan, objects) for camera, _ in views]
     across, up = np.max([np.ptp(frame, axis=0) for frame in frames], axis=0)
     tall = up > across
@@ -61,7 +72,7 @@ def reach_figure(plan: "Plan") -> "Figure":
     half = 0.5 * max(across, up / aspect) * np.array([[-1.0, -aspect], [1.0, aspect]])
     for n, (camera, name) in enumerate(views):
         axes, corners = panels[str(n)], frames[n].mean(axis=0) + half
-        pictures[n].draw(axes)
+        _close(camera, plan, [o for o in objects if _enters(o, camera, corners)], now).draw(axes)
         axes.set(xlim=corners[:, 0], ylim=corners[:, 1])
         _overlay(axes, camera, plan)
         _outlines(axes, camera, objects)
@@ -70,7 +81,7 @@ def reach_figure(plan: "Plan") -> "Figure":
     side = panels["1"]
     _scale_bar(side)
     figure.suptitle(title(plan, now), fontsize=11)
-    _legend(figure, plan, objects)
+    _legend(figure, plan, objects, now)
     return figure
 
 
@@ -78,12 +89,13 @@ def _close_views(plan: "Plan") -> list[tuple[Camera, str]]:
     """The cameras along x_g and y_g and their captions; the second is upright in the world."""
     x_g, y_g, z_g = plan.scene.frame
     focus = _focus(plan)
-    front = (Camera(focus, -x_g, z_g), "seen along $x_g$: $y_g$ to the right, $z_g$ up")
+    place = "from above" if x_g[2] > _DOWN else "from below" if x_g[2] < -_DOWN else "from one side"
+    front = (Camera(focus, -x_g, z_g), f"{place}; the approach goes up")
     if abs(z_g[2]) >= abs(x_g[2]):
-        return [front, (Camera(focus, y_g, z_g), "seen along $y_g$: $x_g$ to the right, $z_g$ up")]
+        return [front, (Camera(focus, y_g, z_g), "turned by 90°; the approach goes up")]
     sign = float(np.sign(x_g[2]))
-    name = f"seen along $y_g$: $z_g$ to the right, $x_g$ {'up' if sign > 0 else 'down'}"
-    return [front, (Camera(focus, -sign * y_g, sign * x_g), name)]
+    side = Camera(focus, -sign * y_g, sign * x_g)
+    return [front, (side, "turned by 90°; the approach goes to the right")]
 
 
 def title(plan: "Plan", now: Moment | None = None) -> str:
@@ -93,7 +105,8 @@ def title(plan: "Plan", now: Moment | None = None) -> str:
     if now is not None:
         lines.append(f"{now} of {plan.trajectory.duration:.1f} s")
         if plan.prediction is not None or plan.scene.pushables:
-            lines[-1] += f"; {plan.prediction or 'the push is not predicted'}"
+            told = plan.prediction and replace(plan.prediction, probability=math.nan)
+            lines[-1] += f"; {told or 'the push is not predicted'}"
     return "\n".join(lines).replace("$", r"\$")
 
 
@@ -119,13 +132,21 @@ def _draw_wide(axes: "Axes", plan: "Plan", objects: Sequence[Placed], now: Momen
     _overlay(axes, picture.camera, plan, 0.6)
 
 
+def _enters(placed: Placed, camera: Camera, corners: FloatArray) -> bool:
+    """Whether a close view with ``corners`` (2, 2) shows more of an object to avoid than a rim."""
+    inside = placed.item.radius * (1.0 - 2.0 * _RIM)
+    at = camera.project(placed.position)[:2]
+    beyond = np.max([corners[0] - at, at - corners[1]])
+    return placed.item.role != "avoid" or bool(beyond < inside)
+
+
 def _close(camera: Camera, plan: "Plan", objects: Sequence[Placed], now: Moment) -> Picture:
     picture = Picture(camera)
     for item in objects:
         before = float(camera.axes[2] @ (item.position - camera.target)) > 0.03
         static = 0.15 if before else 1.0  # static objects before the target are faint
         _add_object(picture, item, {"avoid": 0.25, "static": static}.get(item.item.role, 1.0))
-    for at, alpha in {-1: 0.14, now.waypoint - len(plan.trajectory.positions): 0.34}.items():
+    for at, alpha in {-1: _END, now.waypoint - len(plan.trajectory.positions): _NOW}.items():
         picture.add(tool_faces(plan.robot, plan.trajectory.positions[at]), OPTIMISED, alpha)
     radii = {f"{item.item.id} pushed": item.item.radius for item in objects}
     for name, point, colour in drawn.conditioned_on(plan):
@@ -297,7 +318,7 @@ def _scale_bar(axes: "Axes") -> None:
     axes.text(x + 0.025, y + 0.008 * (high - low), "5 cm", ha="center", fontsize=8)
 
 
-def _legend(figure: "Figure", plan: "Plan", objects: Sequence[Placed]) -> None:
+def _legend(figure: "Figure", plan: "Plan", objects: Sequence[Placed], now: Moment) -> None:
     from matplotlib.lines import Line2D
 
     def line(text: str, colour: str, **style: object) -> Line2D:
@@ -307,6 +328,11 @@ def _legend(figure: "Figure", plan: "Plan", objects: Sequence[Placed]) -> None:
     first = [line(f"tool, {m.name}", m.colour, lw=m.width) for m in paths]
     if len(drawn.tool_path(plan)):
         first.append(line("chosen tool path", "black", marker="o", ls="none", ms=3.2))
+    block = {"marker": "s", "ls": "none", "ms": 9}
+    ends = {"tool at this moment": _NOW}
+    if paths and now.waypoint < len(plan.trajectory.positions) - 1:
+        ends["tool at the end"] = _END
+    first += [line(text, OPTIMISED, alpha=alpha, **block) for text, alpha in ends.items()]
     pushed = any(item.shift > STILL for item in objects)
     names = {
         "target": "target",
@@ -340,3 +366,35 @@ def _legend(figure: "Figure", plan: "Plan", objects: Sequence[Placed]) -> None:
             handles=handles, loc="lower center", bbox_to_anchor=(0.5, place), ncols=len(handles),
             frameon=False, fontsize=9,
         )  # fmt: skip
+
+
+class _Standing:
+    """The planner of an arm that stays at its start."""
+
+    def solve(self, task: Task, budget: Budget) -> Planned:
+        rest = np.zeros((2, task.robot.n_joints))
+        still = Trajectory(
+            np.array([0.0, 0.1]), task.start + rest, rest, rest, task.robot.joint_names
+        )
+        return Planned(still)
+
+
+def scene_figure(scene: Scene) -> "Figure":
+    """Three views of a scene: the whole arm at its start, and the cluster along x_g and y_g."""
+    made = make_plan(scene, planner=_Standing())
+    figure = reach_figure(made)
+    words = f"{scene.name}: {made.robot.name} at its start"
+    figure.suptitle(words.replace("$", r"\$"), fontsize=11)
+    return figure
+
+
+def scene_pictures(scene: Scene) -> dict[str, bytes]:
+    """``scene.png``, and ``scene.html`` (3-D, without a network) where viser is installed."""
+    from optipromp.looks.viewer.figures import png
+
+    out = {"scene.png": png(scene_figure(scene))}
+    if find_spec("viser") is not None:
+        from optipromp.looks.viewer.embed import scene_page
+
+        out["scene.html"] = scene_page(scene).encode("utf-8")
+    return out
