@@ -74,6 +74,9 @@ class Taken:
             )
         info = self.info
         assert info is not None
+        if (len(info.k), len(info.p)) != (9, 12):
+            sizes = f"k has {len(info.k)} and p {len(info.p)} numbers"
+            raise InvalidRequestError(f"a CameraInfo's {sizes}; must have 9 and 12")
         matrix = info.p if self.rectified and info.p[0] > 0.0 else info.k
         wide = len(matrix) // 3  # columns of P or K
         fx, cx, fy, cy = (float(matrix[k]) for k in (0, 2, wide + 1, wide + 2))
