@@ -16,6 +16,8 @@ from tests.bench import entrants as entries
 from tests.bench.entrants import entry
 from typer.testing import CliRunner
 
+import optipromp
+from optipromp.bench.publish import commit
 from optipromp.bench.results import BenchRun, read_rows, run_bench, submission, verify
 from optipromp.bench.rounds import Round, draw_round, entry_digest, read_round
 from optipromp.bench.running import Exercise, again
@@ -197,6 +199,8 @@ def test_a_publication_is_verified_and_told_by_digests(done: Path, here: Path) -
     document = json.loads(Path("release/results.json").read_text())
     assert set(document["sha256"]) | {"results.json"} == {p.name for p in Path("release").iterdir()}
     assert document["entries"]["mine:Mine"]["verified"] == "motions"
+    assert document["commit"] == commit()
+    assert Path(optipromp.__file__).parents[2].joinpath(".git").exists() == bool(commit())
     assert document["scenes"]["word"] == submission(done / "submission.zip").run.scenes.word
     assert leaderboard([Path("release/mine_Mine.zip")]).verified == {"mine:Mine": "motions"}
     assert bench("publish", "results", "--out", "release")[0] == 2  # not over it

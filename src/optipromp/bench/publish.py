@@ -71,6 +71,8 @@ def commit() -> str:
     """The commit of the library's source, with ``+`` where it was changed since; empty outside of a
     clone."""
     root = Path(optipromp.__file__).resolve().parents[2]
+    if not is_there(root / ".git"):
+        return ""
     try:
         told = subprocess.run(
             ["git", "-C", root, "describe", "--always", "--abbrev=40", "--dirty=+", "--exclude=*"],
