@@ -21,15 +21,18 @@ Needs torch, and ``sac`` stable-baselines3. One core.
 
 import argparse
 import csv
+import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).parents[1]))  # for the benchmarks
+
 import numpy as np
 
-from optipromp.bench.entries.learnt import hand_of
+from benchmarks.entries.learnt import hand_of
 from optipromp.bench.env import PickEnv, PickProMPEnv
 from optipromp.bench.episodes import follower
 from optipromp.bench.primitive import COUNT, weights_of

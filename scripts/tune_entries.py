@@ -13,11 +13,14 @@ goes on where it ended.
 import argparse
 import csv
 import json
+import sys
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from statistics import median
 from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # for the benchmarks
 
 from benchmarks.entries.classic import BesideFruits, FromLine
 from benchmarks.entries.sampling import ByEpisodes, ByHorizon, ByMppi

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from tests.loaded import script
 
-from optipromp.bench.entries.learnt import proposals, told
+from benchmarks.entries.learnt import proposals, told
 from optipromp.bench.primitive import COUNT
 from optipromp.bench.senses import MOST, WIDTH, objects_in
 from optipromp.bench.sets import scene_of

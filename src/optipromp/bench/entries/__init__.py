@@ -1,6 +1,6 @@
 """The entries of this project, by name (``optipromp bench list``).
 
-Those of other people's methods (``CLASSIC``) are in the clone alone, in ``benchmarks/entries``.
+Other people's methods (``CLASSIC``, ``LEARNT``) are in the clone alone, in ``benchmarks/entries``.
 """
 
 from collections.abc import Mapping
@@ -38,7 +38,7 @@ CLASSIC: Mapping[str, Contender] = {
     )
 }
 LEARNT: Mapping[str, Contender] = {
-    name: Contender(f"optipromp.bench.entries.learnt:{kind}", text, track)
+    name: Contender(f"benchmarks.entries.learnt:{kind}", text, track)
     for name, kind, text, track in (
         ("set", "SetNetwork", "a network's path from the scene, trained on our plans", "plan"),
         ("set-checked", "SetChecked", "its proposals, one of which our push model takes", "plan"),

@@ -41,7 +41,7 @@ def session(name: str) -> Any:
         ) from None
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
-    content = files("optipromp.bench").joinpath("data", name).read_bytes()
+    content = files("benchmarks.entries").joinpath("data", name).read_bytes()
     return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
 
 
