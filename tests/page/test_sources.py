@@ -17,8 +17,8 @@ from optipromp.core.errors import InvalidRequestError, InvalidSceneError
 from optipromp.core.planning import plan
 from optipromp.core.scenes.io import load_scene, save_scene
 from optipromp.looks.page import arrange, content
-from optipromp.looks.page.record import Recorder
 from optipromp.looks.page.sources import open_source
+from optipromp.looks.page.tabs import Recorder
 from optipromp.looks.page.telling import violations
 from optipromp.looks.viewer.nodes import tube
 from optipromp.perception.pictures import png_file

@@ -2,16 +2,19 @@
 
 The tool goes to the camera point, looks, plans, and comes to the target along the plan's path,
 moved with the plant. A prediction of the push under way, and where it asks for it a search, take
-the time that the cycles leave over (:mod:`optipromp.control.slices`). A tool whose push has become
-hopeless retreats along its own path, looks again and tries again. After the last try it gives up.
+the time that the cycles leave over (:class:`Sliced`). A tool whose push has become hopeless
+retreats along its own path, looks again and tries again. After the last try it gives up.
 """
 
 from __future__ import annotations
 
 import math
+import threading
+import time
 import time as wall
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -32,13 +35,13 @@ from optipromp.control.plant import (
     unseen,
 )
 from optipromp.control.servo import Route
-from optipromp.control.slices import Sliced
 from optipromp.control.stages import Decision, LoopStage, excess, with_covariance
 from optipromp.control.stiffness import Stiffness, by_wrench
 from optipromp.control.tracked import Tracked
 from optipromp.control.tracker import Tracker
 from optipromp.control.tracks import TrackerParameters
 from optipromp.core.arrays import FloatArray, frame_along, rotation
+from optipromp.core.budget import between_steps, pause
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning import Plan, plan
@@ -418,3 +421,79 @@ def views(robot: Robot, q: FloatArray, parameters: LoopParameters) -> list[Float
             if errors.max() <= _MISS:
                 found.append(path[-1])
     return found
+
+
+T = TypeVar("T")
+
+
+class _Dropped(BaseException):
+    """Ends a thread whose result is no longer wanted."""
+
+
+class Sliced(Generic[T]):
+    """Work that proceeds by slices.
+
+    Args:
+        work: the work; its time between two slices does not count for deadlines.
+    """
+
+    def __init__(self, work: Callable[[], T]) -> None:
+        self._work = work
+        self._go, self._back = threading.Semaphore(0), threading.Semaphore(0)
+        self._steps, self._until = 0.0, 0.0
+        self._dropped, self.done = False, False
+        self._error: BaseException | None = None
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def lend(self, steps: float = math.inf, seconds: float = math.inf) -> bool:
+        """Let the work run for some ``steps`` or ``seconds`` [s], at least one step.
+
+        Returns:
+            Whether the work is done.
+        """
+        if self.done:
+            return True
+        self._steps, self._until = steps, time.perf_counter() + seconds
+        if not self._thread.ident:
+            self._thread.start()
+        else:
+            self._go.release()
+        self._back.acquire()
+        return self.done
+
+    def result(self) -> T:
+        """The result of work that is done. Raises the error of work that failed."""
+        assert self.done
+        if self._error is not None:
+            raise self._error
+        return self._result
+
+    def drop(self) -> None:
+        """Give the work up; its thread ends at the next step."""
+        if self._thread.ident and not self.done:
+            self._dropped = True
+            self._go.release()
+            self._thread.join()
+        self.done = True
+
+    def _run(self) -> None:
+        between_steps(self._wait)
+        try:
+            self._result = self._work()
+        except _Dropped:
+            pass
+        except BaseException as error:  # it is raised where the result is read
+            self._error = error
+        self.done = True
+        self._back.release()
+
+    def _wait(self, weight: int) -> None:
+        self._steps -= weight
+        if self._steps > 0 and time.perf_counter() < self._until:
+            return
+        began = time.perf_counter()
+        self._back.release()
+        self._go.acquire()
+        pause(time.perf_counter() - began)
+        if self._dropped:
+            raise _Dropped

@@ -17,8 +17,7 @@ from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning.legs import Picked
 from optipromp.core.trajectory import State
 from optipromp.laboratory.simulation.detector import Detector, Eye, Truth
-from optipromp.laboratory.simulation.execute import Run
-from optipromp.laboratory.simulation.legs import bring
+from optipromp.laboratory.simulation.execute import Run, bring
 from optipromp.laboratory.simulation.outcome import Cause
 from optipromp.laboratory.simulation.simulation import Simulation
 
