@@ -20,12 +20,9 @@ def driven(
     The acceleration is constant, at most its limit. The velocity is at most its limit, and so low
     that the joint can brake before the end of its range.
 
-    Args:
-        robot: whose limits are kept.
-        before: the last reference.
-        wanted: (n,) velocity at the end [rad/s or m/s].
-        period: time from ``before`` to the last tick [s].
-        count: number of ticks.
+    ``robot``: whose limits are kept. ``before``: the last reference. ``wanted``: (n,) velocity at
+    the end [rad/s or m/s]. ``period``: time from ``before`` to the last tick [s]. ``count``: number
+    of ticks.
 
     Returns:
         The references, a tick apart, the last one ``period`` after ``before``.
@@ -67,11 +64,8 @@ def joints_for(
 
     Damped least squares on the Jacobians of tool point and axis.
 
-    Args:
-        robot: with its tool.
-        q: (n,) configuration.
-        linear: (3,) velocity of the tool point [m/s].
-        axis: (3,) to which the tool's axis turns; None: it keeps its direction.
+    ``robot``: with its tool. ``q``: (n,) configuration. ``linear``: (3,) velocity of the tool point
+    [m/s]. ``axis``: (3,) to which the tool's axis turns; None: it keeps its direction.
     """
     _, now, along, turning = robot.tool_map(q)
     turn = np.zeros(3) if axis is None else GAIN * (axis - now)

@@ -55,11 +55,10 @@ class Observation:
 class Episode:
     """One pick in the simulation, moved by joint velocities.
 
-    Args:
-        situation: true scene, scene as first seen, camera, physics.
-        seed: of physics and looks. The same velocities give the same episode to the last bit.
-        rate: at which velocities come [Hz]; divides the controller's rate.
-        world: that the episode happens in; None: the main simulation.
+    ``situation``: true scene, scene as first seen, camera, physics. ``seed``: of physics and looks.
+    The same velocities give the same episode to the last bit. ``rate``: at which velocities come
+    [Hz]; divides the controller's rate. ``world``: that the episode happens in; None: the main
+    simulation.
     """
 
     def __init__(

@@ -141,13 +141,10 @@ def collected(
 ) -> list[EpisodeData]:
     """The first ``count`` episodes, in the order of what is asked; the same on any number of cores.
 
-    Args:
-        asks: more than ``count``: some scenes have no plan, and some episodes are not clean.
-        count: of episodes.
-        keep: ``clean`` leaves out episodes that picked nothing or harmed something.
-        workers: processes; None: one a core.
-        ray: address of a Ray cluster in place of them.
-        progress: called with the number of episodes kept, of all, and words.
+    ``asks``: more than ``count``: some scenes have no plan, and some episodes are not clean.
+    ``count``: of episodes. ``keep``: ``clean`` leaves out episodes that picked nothing or harmed
+    something. ``workers``: processes; None: one a core. ``ray``: address of a Ray cluster in place
+    of them. ``progress``: called with the number of episodes kept, of all, and words.
     """
     kept: dict[int, EpisodeData] = {}
     low = 0

@@ -295,10 +295,8 @@ class _Watch:
 class Flight:
     """The cup in flight, led from pose to pose.
 
-    Args:
-        scene: a scene's document: built-in Panda, a cup.
-        q: (7,) configuration at the beginning [rad].
-        seed: draws to which side each stem is bowed.
+    ``scene``: a scene's document: built-in Panda, a cup. ``q``: (7,) configuration at the beginning
+    [rad]. ``seed``: draws to which side each stem is bowed.
     """
 
     def __init__(self, scene: Mapping[str, Any], q: np.ndarray, seed: int = 0) -> None:

@@ -22,10 +22,8 @@ SLOW = 10.0  # [s] for git to answer: a choice
 def published(results: Iterable[Path], out: Path, unverified: bool = False) -> dict[str, Any]:
     """Gather submissions in a folder, each with its record of verification, and the table.
 
-    Args:
-        results: folders of runs, or submissions, of one set.
-        out: the folder, which is made; must be empty or new.
-        unverified: also take those that nobody verified.
+    ``results``: folders of runs, or submissions, of one set. ``out``: the folder, which is made;
+    must be empty or new. ``unverified``: also take those that nobody verified.
 
     Returns:
         The content of ``results.json``: set, round, version, commit, and of each entry its files

@@ -182,13 +182,10 @@ def run_bench(
 ) -> list[BenchRow]:
     """Run the scenes that a folder does not hold yet; see :mod:`optipromp.bench.results`.
 
-    Args:
-        run: what to run.
-        folder: of the results, made if need be.
-        workers: processes; None: one a core. tcp: has one caller at a time, so one.
-        ray: address of a Ray cluster in place of them.
-        progress: called with the number of scenes done, of all scenes, and the newest row.
-        patience: the time that the entry has for an answer.
+    ``run``: what to run. ``folder``: of the results, made if need be. ``workers``: processes; None:
+    one a core. tcp: has one caller at a time, so one. ``ray``: address of a Ray cluster in place of
+    them. ``progress``: called with the number of scenes done, of all scenes, and the newest row.
+    ``patience``: the time that the entry has for an answer.
 
     Returns:
         All rows, in the order of the set.

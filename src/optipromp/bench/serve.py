@@ -180,11 +180,8 @@ def _packed(message: dict[str, Any]) -> bytes:
 def serve(policy: Acting, port: int = 0, host: str = "127.0.0.1", calls: int | None = None) -> None:
     """Serve a Python policy, one caller after the other; prints the address first.
 
-    Args:
-        policy: of the track ``policy``.
-        port: to listen at; 0: any free one.
-        host: to listen at.
-        calls: number of callers, after which it ends; None: it never ends.
+    ``policy``: of the track ``policy``. ``port``: to listen at; 0: any free one. ``host``: to
+    listen at. ``calls``: number of callers, after which it ends; None: it never ends.
     """
     with socket.create_server((host, port)) as listening:
         print(f"tcp:{host}:{listening.getsockname()[1]}", flush=True)  # noqa: T201 (for the caller)

@@ -38,11 +38,7 @@ class Kind(StrEnum):
 
 
 def kind_of(item: str) -> Kind:
-    """The kind of an item by its built-in name, its file name, or its content (YAML, JSON, NPZ).
-
-    Raises:
-        InvalidRequestError: no such file or built-in name, or a file that is none of the kinds.
-    """
+    """The kind of an item by its built-in name, its file name, or its content (YAML, JSON, NPZ)."""
     from optipromp.core.robots.library import robot_names
     from optipromp.core.scenes.io import scene_names
 
@@ -78,12 +74,7 @@ def kind_of(item: str) -> Kind:
 
 
 def scene_or_plan(item: str, taker: str) -> "Scene | Plan":
-    """The scene or plan of an item; ``taker`` is the name of the command.
-
-    Raises:
-        InvalidRequestError: it is neither, or damaged.
-        InvalidSceneError: a scene that cannot be used.
-    """
+    """The scene or plan of an item; ``taker`` is the name of the command."""
     from optipromp.core.output import load_plan
     from optipromp.core.scenes.io import load_scene
 

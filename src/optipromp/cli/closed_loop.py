@@ -30,11 +30,7 @@ class Disturbed:
     ] = 0.0
 
     def of(self, parameters: "SimulationParameters") -> "SimulationParameters":
-        """The parameters with these disturbances.
-
-        Raises:
-            InvalidRequestError: a value out of its range, or frequencies without a sway.
-        """
+        """The parameters with these disturbances."""
         from optipromp.laboratory.experiments.conditions import ASIDE
 
         values: dict[str, Any] = {"sway": self.sway, "shift": self.shift, "jump": self.jump}
@@ -80,11 +76,7 @@ class LoopOptions:
     def check(self, further: dict[str, object]) -> None:
         """Refuse options that are of a loop where there is none, or of a plan in a loop.
 
-        Args:
-            further: options that are of a plan, by name; None where they are not given.
-
-        Raises:
-            InvalidRequestError: naming the options.
+        ``further``: options that are of a plan, by name; None where they are not given.
         """
         ours = {
             "--looks-only": self.looks_only or None,
@@ -102,11 +94,7 @@ class LoopOptions:
         return self.closed_loop
 
     def detector(self) -> "DetectorParameters":
-        """The camera and its detector.
-
-        Raises:
-            InvalidRequestError: an unknown noise or mount, or a negative latency.
-        """
+        """The camera and its detector."""
         from optipromp.core.scenes.values import suggest
         from optipromp.laboratory.simulation import DETECTORS
 
@@ -127,17 +115,9 @@ def pick(
 ) -> "Loop":
     """A pick in closed loop. Where plants sway, the first look comes 4 s after the beginning.
 
-    Args:
-        seen: the scene; without ``truth`` it is the true one, and is first seen with the errors of
-            the noise.
-        truth: the true scene; None: see above.
-        parameters: of the physics.
-        eyes: the options of the loop.
-        seed: of everything random.
-
-    Raises:
-        InvalidRequestError: a true scene without a target; see :meth:`LoopOptions.detector`.
-        InvalidSceneError: a scene that cannot be used.
+    ``seen``: the scene; without ``truth`` it is the true one, and is first seen with the errors of
+    the noise. ``truth``: the true scene; None: see above. ``parameters``: of the physics. ``eyes``:
+    the options of the loop. ``seed``: of everything random.
     """
     from optipromp.laboratory.experiments.conditions import SETTLE, Situation, seen_at_once
     from optipromp.laboratory.experiments.loops import picked

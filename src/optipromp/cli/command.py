@@ -88,9 +88,8 @@ def command(
     A typed error becomes one line on standard error and its exit code; under ``--json`` standard
     output still gets one document.
 
-    Args:
-        failure: makes the document of an error from the error and the arguments.
-        reports: False for a command that serves until it is stopped, without ``--json``.
+    ``failure``: makes the document of an error from the error and the arguments. ``reports``: False
+    for a command that serves until it is stopped, without ``--json``.
     """
 
     def decorate(function: Callable[..., Report | None]) -> Callable[..., None]:

@@ -104,9 +104,8 @@ def waiting(message: str, progress: bool | None = None) -> Iterator[Callable[[st
     A terminal shows a spinner; elsewhere each step that has begun is a line, and so are ten seconds
     more of the same step. Yields a function that changes the message.
 
-    Args:
-        message: of the first step.
-        progress: whether anything is told; None: on a terminal only.
+    ``message``: of the first step. ``progress``: whether anything is told; None: on a terminal
+    only.
     """
     if not (sys.stderr.isatty() if progress is None else progress):
         yield lambda _: None

@@ -59,15 +59,11 @@ def paired(
     than two fruits can be, is of that track: moved, if the track has no detection; else found
     twice.
 
-    Args:
-        state: predicted to the time of the look.
-        expected: (F, 3) positions of the tracks [m].
-        noise: (F, D, 3, 3) covariance of the error of each pair [m²].
-        tracks: F tracks.
-        seen: D detections.
-        parameters: of the tracker.
-        looked_at: (F,) tracks that the look should have seen. One of these that has no detection
-            takes one of its role from as far as ``parameters.jump``. None: all others as near.
+    ``state``: predicted to the time of the look. ``expected``: (F, 3) positions of the tracks [m].
+    ``noise``: (F, D, 3, 3) covariance of the error of each pair [m²]. ``tracks``: F tracks.
+    ``seen``: D detections. ``parameters``: of the tracker. ``looked_at``: (F,) tracks that the look
+    should have seen. One of these that has no detection takes one of its role from as far as
+    ``parameters.jump``. None: all others as near.
     """
     count, found = len(tracks), len(seen.items)
     if not count or not found:
@@ -133,11 +129,9 @@ def common_shift(
     Zero unless it brings three tracks, half of them, and two more than none does, and is far
     above the errors of a look.
 
-    Args:
-        expected: (F, 3) positions of the confirmed tracks [m].
-        seen: (D, 3) positions of the detections [m].
-        scale: standard deviation of an innovation along an axis [m].
-        parameters: of the tracker.
+    ``expected``: (F, 3) positions of the confirmed tracks [m]. ``seen``: (D, 3) positions of the
+    detections [m]. ``scale``: standard deviation of an innovation along an axis [m].
+    ``parameters``: of the tracker.
     """
     alike = parameters.alike * scale
     away = seen - expected[:, None]
@@ -192,12 +186,9 @@ def visible(
     A fruit is seen if its centre is in the cone of view, within ``reach`` [m], and no other fruit,
     ball or static object is between it and the camera.
 
-    Args:
-        look: the camera's pose and angle of view.
-        positions: (F, 3) expected centres [m].
-        radii: (F,) of the fruits [m].
-        reach: distance [m].
-        hiding: balls (B, 4), centres and radii [m], e.g. of the arm; and static objects.
+    ``look``: the camera's pose and angle of view. ``positions``: (F, 3) expected centres [m].
+    ``radii``: (F,) of the fruits [m]. ``reach``: distance [m]. ``hiding``: balls (B, 4), centres
+    and radii [m], e.g. of the arm; and static objects.
     """
     count = len(positions)
     if not count:

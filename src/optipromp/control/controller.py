@@ -433,8 +433,7 @@ class _Dropped(BaseException):
 class Sliced(Generic[T]):
     """Work that proceeds by slices.
 
-    Args:
-        work: the work; its time between two slices does not count for deadlines.
+    ``work``: the work; its time between two slices does not count for deadlines.
     """
 
     def __init__(self, work: Callable[[], T]) -> None:

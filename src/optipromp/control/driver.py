@@ -27,11 +27,8 @@ AHEAD = np.array([0.1, 0.3, 0.6, 1.0])  # [s] at which the plant's motion is com
 class Driver:
     """Keeps the course of the arm, and moves routes with the plant.
 
-    Args:
-        scene: with the objects that stand still.
-        robot: with its tool.
-        state: of the arm at the begin.
-        parameters: see :class:`LoopParameters`.
+    ``scene``: with the objects that stand still. ``robot``: with its tool. ``state``: of the arm at
+    the begin. ``parameters``: see :class:`LoopParameters`.
 
     Attributes:
         course: that runs; None: the arm has not moved.

@@ -315,11 +315,8 @@ class PlantState:
         Joseph's form, in one step for all tracks. The squared innovations are of each track given
         the tracks before: under the model they are independent χ² of 3 degrees of freedom.
 
-        Args:
-            tracks: (k,) indices of fruits.
-            seen: (k, 3) positions [m].
-            noise: (k, 3, 3) covariances of their errors [m²].
-            held: indices of fruits whose rests do not change.
+        ``tracks``: (k,) indices of fruits. ``seen``: (k, 3) positions [m]. ``noise``: (k, 3, 3)
+        covariances of their errors [m²]. ``held``: indices of fruits whose rests do not change.
 
         Returns:
             The state, and the normalised innovations squared (k,).

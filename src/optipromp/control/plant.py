@@ -30,11 +30,9 @@ def scene_of(
 ) -> Scene:
     """The scene to plan in: what stands still in ``base``, and the tracked fruits at rest.
 
-    Args:
-        base: the scene with robot, tool, approach, and objects that stand still.
-        tracked: the fruits.
-        offset: (3,) common displacement that is left out [m]; None: none.
-        stems: what is believed of their stiffness; None: as the push model assumes.
+    ``base``: the scene with robot, tool, approach, and objects that stand still. ``tracked``: the
+    fruits. ``offset``: (3,) common displacement that is left out [m]; None: none. ``stems``: what
+    is believed of their stiffness; None: as the push model assumes.
     """
     still = tuple(item for item in base.objects if item.role in ("static", "avoid"))
     grown = {item.id: item.stem for item in base.objects if item.stem is not None}
@@ -207,12 +205,9 @@ def gave_way(
 ) -> list[tuple[SceneObject, FloatArray]]:  # fmt: skip
     """The pushed fruits of a plan's scene that a look shows, and their displacements (3,) [m].
 
-    Args:
-        scene: of the plan.
-        look: from which detections are taken.
-        tracked: the fruits at the time of the look.
-        pushed: predicted displacement (3,) of fruits, by id [m].
-        parameters: with the least displacement that counts, and the reach of a detection.
+    ``scene``: of the plan. ``look``: from which detections are taken. ``tracked``: the fruits at
+    the time of the look. ``pushed``: predicted displacement (3,) of fruits, by id [m].
+    ``parameters``: with the least displacement that counts, and the reach of a detection.
     """
     fruits = {item.id: item for item in scene.objects if item.stem is not None}
     found = np.array([look.camera @ item.position for item in look.detections]).reshape(-1, 3)

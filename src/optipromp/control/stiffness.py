@@ -92,13 +92,9 @@ def by_wrench(
 ) -> FloatArray:
     """Squared errors (K,) of the force on the tool.
 
-    Args:
-        pushed: fruits, whose stems are ``base`` times as stiff as assumed, and their displacements
-            (3,) [m].
-        base: factor of these stems.
-        force: (3,) of the world on the tool, without gravity [N].
-        up: (3,) opposite to gravity.
-        parameters: with the deviation of a force.
+    ``pushed``: fruits, whose stems are ``base`` times as stiff as assumed, and their displacements
+    (3,) [m]. ``base``: factor of these stems. ``force``: (3,) of the world on the tool, without
+    gravity [N]. ``up``: (3,) opposite to gravity. ``parameters``: with the deviation of a force.
     """
     items = [item for item, _ in pushed]
     away = np.array([by for _, by in pushed])

@@ -67,10 +67,8 @@ class Budget:
     steps cuts a plan at the same place on every machine. Time runs out when two further steps as
     long as the longest would pass the deadline: a step, and the judgement after the last step.
 
-    Args:
-        deadline: of :func:`clock` [s].
-        steps: the most steps.
-        say: called with a short text as each part of the work begins.
+    ``deadline``: of :func:`clock` [s]. ``steps``: the most steps. ``say``: called with a short text
+    as each part of the work begins.
     """
 
     deadline: float = math.inf

@@ -46,10 +46,8 @@ _WORDS: dict[str, Any] = {
 def read_document(path: Path, error: type[OptiPrompError], holds: str) -> Any:
     """Read a YAML or (by suffix ``.json``) JSON file into plain values.
 
-    Args:
-        path: of the file.
-        error: type of the error that is raised.
-        holds: the required content of the file, in words.
+    ``path``: of the file. ``error``: type of the error that is raised. ``holds``: the required
+    content of the file, in words.
     """
     text = ""
     try:

@@ -63,13 +63,11 @@ def run_each(
 
     Ctrl-C lets the tasks under way finish, hands them to ``done`` and raises KeyboardInterrupt.
 
-    Args:
-        function: can be pickled, and so can its results.
-        tasks: the arguments of each call.
-        done: called in this thread with the index and the result of each task, in the order in
-            which tasks end. The result is BrokenProcessPool if the process of a task ended twice.
-        workers: processes; with one worker or one task, everything is called in this process.
-        prepare: called once in every process before its first task.
+    ``function``: can be pickled, and so can its results. ``tasks``: the arguments of each call.
+    ``done``: called in this thread with the index and the result of each task, in the order in
+    which tasks end. The result is BrokenProcessPool if the process of a task ended twice.
+    ``workers``: processes; with one worker or one task, everything is called in this process.
+    ``prepare``: called once in every process before its first task.
     """
     if min(workers, len(tasks)) <= 1:
         if prepare is not None and tasks:

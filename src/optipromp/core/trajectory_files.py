@@ -87,13 +87,11 @@ def curve(
 ) -> Trajectory:
     """A trajectory of a robot from rows in any order of joints.
 
-    Args:
-        times: (T,), beginning anywhere [s].
-        rows: positions, velocities and accelerations (T, n). Without velocities (None) the curve is
-            the smoothest through the positions, at rest at both ends. Without accelerations (None),
-            those of the cubics through positions and velocities are taken: the mean of both sides.
-        names: of the n columns.
-        joint_names: of the robot, in its order.
+    ``times``: (T,), beginning anywhere [s]. ``rows``: positions, velocities and accelerations (T,
+    n). Without velocities (None) the curve is the smoothest through the positions, at rest at both
+    ends. Without accelerations (None), those of the cubics through positions and velocities are
+    taken: the mean of both sides. ``names``: of the n columns. ``joint_names``: of the robot, in
+    its order.
     """
     order = columns(names, joint_names, "the trajectory")
     times = np.asarray(times, dtype=np.float64)
@@ -116,10 +114,8 @@ def columns(names: Sequence[str], joints: Sequence[str], what: str) -> list[int]
     Drivers put a prefix before all names of an arm (``fr3_joint1``). If the joints are not among
     the names, they are searched behind a prefix that all of them share.
 
-    Args:
-        names: in any order.
-        joints: of the robot, in its order.
-        what: the owner of the names, which begins the error.
+    ``names``: in any order. ``joints``: of the robot, in its order. ``what``: the owner of the
+    names, which begins the error.
     """
     names = list(names)
     if not joints:

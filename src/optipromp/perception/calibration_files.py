@@ -25,14 +25,10 @@ def read_views(
 ) -> tuple[tuple[BoardView, ...], tuple[str, ...]]:
     """The views of a board, and the pictures in which it was not found.
 
-    Args:
-        folder: of the pictures.
-        poses: YAML or JSON, a mapping from each picture's name to where the hand was: ``joints``
-            (n,), or ``position`` (3,) and ``orientation`` (quaternion ``w, x, y, z``) of the flange
-            in the base.
-        board: that they show.
-        camera: that took them.
-        robot: whose joints are told.
+    ``folder``: of the pictures. ``poses``: YAML or JSON, a mapping from each picture's name to
+    where the hand was: ``joints`` (n,), or ``position`` (3,) and ``orientation`` (quaternion ``w,
+    x, y, z``) of the flange in the base. ``board``: that they show. ``camera``: that took them.
+    ``robot``: whose joints are told.
     """
     views, without = [], []
     for name, entry in _entries(poses).items():
@@ -56,10 +52,9 @@ def read_views(
 def read_seen_tool(path: Path, robot: Robot | None = None) -> tuple[SeenTool, ...]:
     """Where a camera saw the centre of the tool.
 
-    Args:
-        path: YAML or JSON, a mapping from names to ``camera``, the tool's centre in the frame of
-            the camera (3,) [m], and its ``position`` in the base (3,) or the arm's ``joints`` (n,).
-        robot: whose joints are told, with its tool.
+    ``path``: YAML or JSON, a mapping from names to ``camera``, the tool's centre in the frame of
+    the camera (3,) [m], and its ``position`` in the base (3,) or the arm's ``joints`` (n,).
+    ``robot``: whose joints are told, with its tool.
     """
     found = []
     for name, entry in _entries(path).items():

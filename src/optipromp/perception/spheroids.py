@@ -94,13 +94,9 @@ def all_fitted(
     of the seed is repeated with those pixels of its colour that agree with it, wherever the
     seed ends: a stem before a fruit cuts its pixels in two, and a stem behind it adds some.
 
-    Args:
-        picture: that shows them.
-        seeds: R regions, each of one fruit, a part of one, or none.
-        kinds: (R,) colour of each seed, above 0.
-        colours: (height, width) colour of each pixel.
-        up: (3,) unit, upwards in the frame of the camera.
-        p: numbers of the fit.
+    ``picture``: that shows them. ``seeds``: R regions, each of one fruit, a part of one, or none.
+    ``kinds``: (R,) colour of each seed, above 0. ``colours``: (height, width) colour of each pixel.
+    ``up``: (3,) unit, upwards in the frame of the camera. ``p``: numbers of the fit.
     """
     if len(seeds) > BATCH:
         parts = [slice(k, k + BATCH) for k in range(0, len(seeds), BATCH)]

@@ -43,12 +43,8 @@ def stem_of(
     wins. Its line is then fitted to the points beside it: precise across the view, coarse along it,
     with upright stems as a prior.
 
-    Args:
-        fruit: whose stem is looked for.
-        points: (N, 3) of all stems [m].
-        up: (3,) unit, upwards.
-        p: numbers of the search.
-        per: how many points err as one.
+    ``fruit``: whose stem is looked for. ``points``: (N, 3) of all stems [m]. ``up``: (3,) unit,
+    upwards. ``p``: numbers of the search. ``per``: how many points err as one.
     """
     off = points - fruit.center
     away = np.linalg.norm(off, axis=1)

@@ -28,12 +28,10 @@ def build(
 ) -> Robot:
     """The robot of a model, with what a robot file and an SRDF add.
 
-    Args:
-        entry: content of the robot file; of a bare description its name and path only.
-        model: links and joints of the description.
-        path: the file that messages name: the robot file, or the bare description.
-        choice: the caller's choice of the arm; it precedes that of ``entry``.
-        srdf: the SRDF; None: the SRDF beside the description, if there is one.
+    ``entry``: content of the robot file; of a bare description its name and path only. ``model``:
+    links and joints of the description. ``path``: the file that messages name: the robot file, or
+    the bare description. ``choice``: the caller's choice of the arm; it precedes that of ``entry``.
+    ``srdf``: the SRDF; None: the SRDF beside the description, if there is one.
     """
     if (name := printable(entry.name)) != entry.name:
         raise InvalidRobotError(f"{path}: the robot's name '{name[:60]}' holds control characters")

@@ -119,11 +119,9 @@ def fit_covers(
 ) -> list[tuple[FloatArray, float]]:
     """Covers of meshes by spheres.
 
-    Args:
-        meshes: triangles (f, 3, 3) [m] of each mesh.
-        spheres: mean number of spheres of a mesh; fewer if all covers have an excess of at most
-            :data:`TIGHT`, more for a cover whose excess is above its ``loose``.
-        loose: excess of each mesh [m].
+    ``meshes``: triangles (f, 3, 3) [m] of each mesh. ``spheres``: mean number of spheres of a mesh;
+    fewer if all covers have an excess of at most :data:`TIGHT`, more for a cover whose excess is
+    above its ``loose``. ``loose``: excess of each mesh [m].
 
     Returns:
         For each mesh its spheres (k, 4), centres and radii, and their excess: the largest distance

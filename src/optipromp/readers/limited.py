@@ -40,11 +40,8 @@ def run_limited(
     (absolute), ``out`` (the file to write), ``memory`` and ``output`` [bytes]. If it refuses the
     file, it prints why to standard error and exits with 3.
 
-    Args:
-        program: name of the function.
-        path: of the robot description.
-        given: further arguments of the function.
-        limits: of the process.
+    ``program``: name of the function. ``path``: of the robot description. ``given``: further
+    arguments of the function. ``limits``: of the process.
     """
     with tempfile.TemporaryDirectory(prefix="optipromp-") as folder:
         out = Path(folder) / "out"

@@ -61,13 +61,8 @@ def read_description(path: Path, choice: Choice, check: Check) -> Robot:
 
     Files that have not changed since this process read them are not read again.
 
-    Args:
-        path: of the file.
-        choice: of the caller; its paths start at the working directory.
-        check: called with each file that the description names before it is read.
-
-    Raises:
-        InvalidRobotError: the file cannot be read, or is no robot.
+    ``path``: of the file. ``choice``: of the caller; its paths start at the working directory.
+    ``check``: called with each file that the description names before it is read.
     """
     key = path.absolute(), repr(choice), check
     if held := _held.get(key):

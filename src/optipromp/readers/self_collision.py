@@ -42,13 +42,11 @@ def with_self_pairs(
 ) -> Robot:
     """The robot with its self-collision pairs: spheres of links two or more joints apart.
 
-    Args:
-        robot: without pairs.
-        allowed: pairs of links that are left out.
-        parts: (c, 4) surfaces of the links whose covers were fitted; see :class:`Parts`. By them
-            :func:`sorted_out` gives pairs of such links a slack, or leaves them out.
-        finer: halves the spheres of some indices; returns the robot and its parts. Called with the
-            :func:`loose_spheres` in at most :data:`ROUNDS` rounds.
+    ``robot``: without pairs. ``allowed``: pairs of links that are left out. ``parts``: (c, 4)
+    surfaces of the links whose covers were fitted; see :class:`Parts`. By them :func:`sorted_out`
+    gives pairs of such links a slack, or leaves them out. ``finer``: halves the spheres of some
+    indices; returns the robot and its parts. Called with the :func:`loose_spheres` in at most
+    :data:`ROUNDS` rounds.
     """
     for _ in range(ROUNDS if len(parts) else 0):
         tried = _sorted(robot, allowed, parts, TRYING_POSTURES)
@@ -117,12 +115,8 @@ def sorted_out(
     Pairs of other links are left out if they overlap at every one of SAMPLED_POSTURES random
     configurations. Of more than :data:`MOST_LINKS` pairs of links none is examined.
 
-    Args:
-        robot: with its spheres.
-        pairs: (P, 2) of spheres.
-        fitted: names of links.
-        given: (c, 4) the parts; see :class:`Parts`.
-        count: of configurations.
+    ``robot``: with its spheres. ``pairs``: (P, 2) of spheres. ``fitted``: names of links.
+    ``given``: (c, 4) the parts; see :class:`Parts`. ``count``: of configurations.
     """
     link, names = robot.spheres.link, robot.link_names
     pairs = pairs[np.lexsort((link[pairs[:, 1]], link[pairs[:, 0]]))] if fitted else pairs

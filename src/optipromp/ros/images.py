@@ -57,11 +57,7 @@ class Taken:
         return nanoseconds(self.header.stamp)
 
     def picture(self, pose: Pose | None = None) -> DepthPicture:
-        """The picture without distortion; ``pose``: of its camera in the base.
-
-        Raises:
-            InvalidRequestError: an encoding that is not read, or sizes that differ.
-        """
+        """The picture without distortion; ``pose``: of its camera in the base."""
         pose = Pose() if pose is None else pose
         if self.depth is None:
             return _of_cloud(self.colour, pose).thinned()
@@ -90,8 +86,7 @@ class Taken:
 class Pictures:
     """Joins messages to pictures: colour with the depth of the same moment and the camera.
 
-    Args:
-        topics: of colour and depth, or of a cloud; None: all, of which each kind may have one.
+    ``topics``: of colour and depth, or of a cloud; None: all, of which each kind may have one.
     """
 
     def __init__(self, topics: Collection[str] | None = None) -> None:
@@ -105,11 +100,7 @@ class Pictures:
         """What each topic of pictures has, by its name."""
 
     def heard(self, topic: str, item: Message) -> Taken | None:
-        """Take a message in; returns the picture that it completes.
-
-        Raises:
-            InvalidRequestError: two topics of one kind.
-        """
+        """Take a message in; returns the picture that it completes."""
         part = part_of(item)
         if self._topics is not None and topic not in self._topics and part != "camera":
             return None

@@ -16,11 +16,7 @@ smooths a step of this size."""
 
 
 def joint_positions(state: Message, joints: Sequence[str], what: str) -> FloatArray:
-    """Positions (n,) of ``joints`` in a ``sensor_msgs/JointState`` [rad or m].
-
-    Raises:
-        InvalidRequestError: as :func:`columns`; not one finite position for each name.
-    """
+    """Positions (n,) of ``joints`` in a ``sensor_msgs/JointState`` [rad or m]."""
     if len(state.position) and not len(state.name):
         raise InvalidRequestError(f"{what}: name is empty: must name the joint of each position")
     if len(state.position) != len(state.name):
@@ -38,9 +34,6 @@ def joint_motion(state: Message, joints: Sequence[str], what: str) -> State:
     """Positions and velocities of ``joints`` in a ``sensor_msgs/JointState``.
 
     Where all velocities are below :data:`AT_REST`, or the message has none, the joints are at rest.
-
-    Raises:
-        InvalidRequestError: as :func:`joint_positions`; velocities for some of the names only.
     """
     q = joint_positions(state, joints, what)
     if len(state.velocity) not in (0, len(state.name)):

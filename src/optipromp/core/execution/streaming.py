@@ -108,9 +108,8 @@ class Reply:
 class Asking:
     """A source that is asked at once, by the thread that streams.
 
-    Args:
-        source: that is asked.
-        refusal: the reason to refuse a curve wherever it begins; empty if there is none.
+    ``source``: that is asked. ``refusal``: the reason to refuse a curve wherever it begins; empty
+    if there is none.
     """
 
     def __init__(self, source: Source, refusal: Callable[[Trajectory], str]) -> None:

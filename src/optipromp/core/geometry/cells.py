@@ -37,11 +37,9 @@ def no_cells() -> Cells:
 def make_cells(position: FloatArray, bound: FloatArray, reach: float, half: float) -> Cells:
     """Cells over the bounding balls of K obstacles.
 
-    Args:
-        position: (K, 3) centres [m].
-        bound: (K,) radii [m]; infinite for a half-space.
-        reach: largest distance at which an obstacle matters [m].
-        half: half the edge of the cube [m], which should hold all places that are looked up.
+    ``position``: (K, 3) centres [m]. ``bound``: (K,) radii [m]; infinite for a half-space.
+    ``reach``: largest distance at which an obstacle matters [m]. ``half``: half the edge of the
+    cube [m], which should hold all places that are looked up.
     """
     if len(bound) < FEWEST:
         return no_cells()

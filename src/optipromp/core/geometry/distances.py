@@ -39,11 +39,9 @@ def signed_distance(
 ) -> float:
     """Signed distance [m] from a world point to obstacle ``k``; the gradient is written in place.
 
-    Args:
-        obstacles: from :func:`optipromp.core.geometry.obstacles.pack`.
-        k: index of the obstacle, 0 <= k < K (not checked).
-        x0, x1, x2: world coordinates of the point [m].
-        gradient: (3,) dD/dx in the world frame, written in place; of unit length for primitives.
+    ``obstacles``: from :func:`optipromp.core.geometry.obstacles.pack`. ``k``: index of the
+    obstacle, 0 <= k < K (not checked). ``x0``, ``x1``, ``x2``: world coordinates of the point [m].
+    ``gradient``: (3,) dD/dx in the world frame, written in place; of unit length for primitives.
 
     Returns:
         D: above 0 outside, 0 on the surface, below 0 inside.

@@ -43,10 +43,8 @@ _lock = threading.Lock()
 class DistanceGrid:
     """Signed distances [m] at the nodes of a regular grid in a shape's local frame.
 
-    Args:
-        values: (n0, n1, n2).
-        origin: (3,) first node [m].
-        spacing: between neighbouring nodes [m].
+    ``values``: (n0, n1, n2). ``origin``: (3,) first node [m]. ``spacing``: between neighbouring
+    nodes [m].
     """
 
     values: FloatArray

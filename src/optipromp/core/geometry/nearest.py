@@ -25,13 +25,10 @@ def to_nearest(
 ) -> FloatArray:
     """Distances [m] of the nodes of a grid of shape ``shape`` to the nearest of ``points``.
 
-    Args:
-        points: (N, 3), N >= 1 [m].
-        origin: (3,) first node [m], no larger than any point.
-        step: between nodes [m].
-        shape: nodes along x, y, z.
-        near: distances up to ``near`` are exact [m].
-        slack: a longer distance d is between max(``near``, d / (1 + ``slack``)) and d.
+    ``points``: (N, 3), N >= 1 [m]. ``origin``: (3,) first node [m], no larger than any point.
+    ``step``: between nodes [m]. ``shape``: nodes along x, y, z. ``near``: distances up to ``near``
+    are exact [m]. ``slack``: a longer distance d is between max(``near``, d / (1 + ``slack``)) and
+    d.
     """
     start, ordered = _in_cells(points, origin, _CELL * step)
     low = np.minimum.reduceat(ordered, start[:-1])

@@ -176,11 +176,9 @@ def signed_grid(
 ) -> FloatArray:
     """Signed distances [m] to a closed surface at the nodes of a grid.
 
-    Args:
-        triangles: (F, 3, 3) corners [m] of a closed surface.
-        origin: (3,) first node [m]; the grid's border must lie outside the surface.
-        spacing: between neighbouring nodes [m].
-        shape: nodes along x, y, z.
+    ``triangles``: (F, 3, 3) corners [m] of a closed surface. ``origin``: (3,) first node [m]; the
+    grid's border must lie outside the surface. ``spacing``: between neighbouring nodes [m].
+    ``shape``: nodes along x, y, z.
 
     Returns:
         Distances of shape ``shape``, negative inside, exact up to rounding.

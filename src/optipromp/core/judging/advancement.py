@@ -35,19 +35,15 @@ def advance(body, objects, q, points, axes, closest, core, depth, deepest, apart
     configuration comes first, then all others from the last backwards: a motion ends near objects,
     and a small distance that is found early spares later measurements.
 
-    Args:
-        body: see :class:`optipromp.core.judging.kinematics.Body`.
-        objects: see :class:`optipromp.core.judging.distances.Objects`.
-        q: configurations.
-        points, axes: (M, 3) tool points [m] and tool axes.
-        closest: (5,) smallest distances [m]: of all spheres to static objects, of B_d to avoid
-            objects, of the last link and the tool to avoid objects, of B_d to pushables and stems.
-        core: (1,) the paper's M_c [m] over static and avoid objects.
-        depth: (K,) smallest distance [m] of each object to the spheres that must not touch the
-            object; exact where negative.
-        deepest: (2, K) index of the sphere and of the configuration at that distance.
-        apart: (4,) smallest distance [m] between links that are not neighbours, the indices of the
-            two spheres and of the configuration.
+    ``body``: see :class:`optipromp.core.judging.kinematics.Body`. ``objects``: see
+    :class:`optipromp.core.judging.distances.Objects`. ``q``: configurations. ``points``, ``axes``:
+    (M, 3) tool points [m] and tool axes. ``closest``: (5,) smallest distances [m]: of all spheres
+    to static objects, of B_d to avoid objects, of the last link and the tool to avoid objects, of
+    B_d to pushables and stems. ``core``: (1,) the paper's M_c [m] over static and avoid objects.
+    ``depth``: (K,) smallest distance [m] of each object to the spheres that must not touch the
+    object; exact where negative. ``deepest``: (2, K) index of the sphere and of the configuration
+    at that distance. ``apart``: (4,) smallest distance [m] between links that are not neighbours,
+    the indices of the two spheres and of the configuration.
     """
     n_segments, n_links, n_objects = body.driver.shape[0], body.reach.shape[0], objects.kind.size
     frames, origins = np.zeros((2, n_segments, 3, 3)), np.empty((n_segments, 3))

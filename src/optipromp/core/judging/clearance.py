@@ -217,13 +217,11 @@ def pushed_away(
 def enter(objects, k, spheres, radius, distal, so_far):
     """Update the largest depth of the arm in object ``k`` that the tool has not reached before.
 
-    Args:
-        objects: see :class:`optipromp.core.judging.distances.Objects`.
-        k: index of the object.
-        spheres: (M, B, 3) centres at successive configurations [m].
-        radius, distal: (B,) radii [m]; whether a sphere is of the last link or the tool.
-        so_far: (3,) largest depth of the tool [m]; largest depth of the arm where the tool had not
-            been so deep before [m]; index of that sphere of the arm.
+    ``objects``: see :class:`optipromp.core.judging.distances.Objects`. ``k``: index of the object.
+    ``spheres``: (M, B, 3) centres at successive configurations [m]. ``radius``, ``distal``: (B,)
+    radii [m]; whether a sphere is of the last link or the tool. ``so_far``: (3,) largest depth of
+    the tool [m]; largest depth of the arm where the tool had not been so deep before [m]; index of
+    that sphere of the arm.
     """
     size, p = objects.size[k], objects.position
     pushed, depth, deepest = so_far[0], so_far[1], so_far[2]

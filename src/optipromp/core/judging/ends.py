@@ -37,13 +37,9 @@ def ends(
 ) -> tuple[End, list[str]]:
     """The end against the goal that it reaches, or else misses least; and notes.
 
-    Args:
-        scene: with the goals, or a target.
-        robot: with the scene's tool.
-        last: (n,) configuration at the end.
-        tip: (3,) tool point there [m].
-        axis: (3,) tool axis there.
-        time: of the end [s].
+    ``scene``: with the goals, or a target. ``robot``: with the scene's tool. ``last``: (n,)
+    configuration at the end. ``tip``: (3,) tool point there [m]. ``axis``: (3,) tool axis there.
+    ``time``: of the end [s].
     """
     if scene.target is not None:
         aim = scene.target.position + scene.approach.shift

@@ -43,11 +43,8 @@ class Deviation(NamedTuple):
 def left_path(scene: Scene, robot: Robot, times: FloatArray, q: FloatArray) -> list[Violation]:
     """Violations of the path's constraints, each at its largest amount.
 
-    Args:
-        scene: with the constraints, if any.
-        robot: with the scene's tool.
-        times: (M,) of the checks [s].
-        q: (M, n) configurations at the checks.
+    ``scene``: with the constraints, if any. ``robot``: with the scene's tool. ``times``: (M,) of
+    the checks [s]. ``q``: (M, n) configurations at the checks.
     """
     out: list[Violation] = []
     if scene.path is None:
@@ -84,12 +81,9 @@ def left_lines(
 ) -> list[Violation]:
     """Violations of the straight lines between the scene's way points, at their largest amount.
 
-    Args:
-        scene: with the way points, if any.
-        robot: with the scene's tool.
-        trajectory: that is judged.
-        points: (M, 3) tool points at the judge's checks [m].
-        waypoints: (T,) indices of the trajectory's waypoints among the checks.
+    ``scene``: with the way points, if any. ``robot``: with the scene's tool. ``trajectory``: that
+    is judged. ``points``: (M, 3) tool points at the judge's checks [m]. ``waypoints``: (T,) indices
+    of the trajectory's waypoints among the checks.
     """
     lines = scene.waypoints
     if lines is None:

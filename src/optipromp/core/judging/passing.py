@@ -111,10 +111,8 @@ def passing(scene: Scene, tips: FloatArray, rims: FloatArray, gripper_radius: fl
     nearest the camera point. They concern pushables that the tool passes then, within two gripper
     radii, or that a straight approach would push.
 
-    Args:
-        scene: with the pushables and the frame F_g.
-        tips, rims: (T, 3) tool points and centres of the rim at the waypoints [m].
-        gripper_radius: R_gripper [m].
+    ``scene``: with the pushables and the frame F_g. ``tips``, ``rims``: (T, 3) tool points and
+    centres of the rim at the waypoints [m]. ``gripper_radius``: R_gripper [m].
     """
     objects = pushables_of(scene, gripper_radius)
     if not objects.ids:
@@ -215,17 +213,12 @@ def _over(point, place, up):
 def window(path, first, rows, waypoint, side, lateral, up, stems, least, gap):
     """The paper's constraints 1 and 2 over the passing windows, in place.
 
-    Args:
-        path: (T, 3) tool points at the waypoints [m].
-        first: waypoint at t_1.
-        rows: indices of the pushables to evaluate.
-        waypoint: (K,) waypoint of each passage; the window includes it.
-        side: (K,) s_n.
-        lateral, up: (3,) y_g and z_g.
-        stems: ``places``, ``radii``, ``half``, ``points`` and ``start`` of :class:`Pushables`.
-        least: (K,) smallest s_n·y_g·(fk − X_n) [m].
-        gap: (K,) smallest distance from the stem's line to the segment from tool point to fruit,
-            which ends at the fruit's surface, where the stem begins [m].
+    ``path``: (T, 3) tool points at the waypoints [m]. ``first``: waypoint at t_1. ``rows``: indices
+    of the pushables to evaluate. ``waypoint``: (K,) waypoint of each passage; the window includes
+    it. ``side``: (K,) s_n. ``lateral``, ``up``: (3,) y_g and z_g. ``stems``: ``places``, ``radii``,
+    ``half``, ``points`` and ``start`` of :class:`Pushables`. ``least``: (K,) smallest s_n·y_g·(fk −
+    X_n) [m]. ``gap``: (K,) smallest distance from the stem's line to the segment from tool point to
+    fruit, which ends at the fruit's surface, where the stem begins [m].
     """
     places, radii, half, points, start = stems
     for k in rows:

@@ -48,12 +48,9 @@ def among_fruits(
     The tool counts as a cylinder of the gripper's radius from flange to rim. The tool is among
     fruits where the distance to one of them, in its first place, is below :data:`NEAR`.
 
-    Args:
-        scene: with the fruits.
-        robot: with the scene's tool.
-        trajectory: of the robot.
-        rows: (T,) indices of the waypoints among the checks.
-        points, axes: (M, 3) tool points [m] and tool axes at the checks.
+    ``scene``: with the fruits. ``robot``: with the scene's tool. ``trajectory``: of the robot.
+    ``rows``: (T,) indices of the waypoints among the checks. ``points``, ``axes``: (M, 3) tool
+    points [m] and tool axes at the checks.
 
     Returns:
         None where the tool is never among pushables, neither applies, or the robot has no tool.
@@ -148,12 +145,10 @@ def beside(objects, k, spheres, radius, near):
 def mark(points, axes, places, reach, radius, behind, ahead, near):
     """Set ``near`` (M,) where the tool is near a fruit.
 
-    Args:
-        points, axes: (M, 3) tool points [m] and tool axes.
-        places, reach: (K, 3) centres of the fruits; (K,) distance to the tool's surface below which
-            each is near [m].
-        radius, behind, ahead: of the tool, and its length on either side of the tool point [m].
-        near: written in place.
+    ``points``, ``axes``: (M, 3) tool points [m] and tool axes. ``places``, ``reach``: (K, 3)
+    centres of the fruits; (K,) distance to the tool's surface below which each is near [m].
+    ``radius``, ``behind``, ``ahead``: of the tool, and its length on either side of the tool point
+    [m]. ``near``: written in place.
     """
     for m in range(len(points)):
         for k in range(len(places)):

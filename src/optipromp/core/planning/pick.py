@@ -49,14 +49,10 @@ def pick(
 ) -> Planned | Harmful:  # fmt: skip
     """The valid trajectory of least predicted harm; without a valid one, the best of the others.
 
-    Args:
-        task: to be solved.
-        promp: the primitive.
-        options: see :class:`Searched`.
-        goals: configurations (m, n), best first.
-        budget: of the plan.
-        harmless_only: a path whose predicted harm is above the threshold is not followed. The
-            answer is :class:`Harmful` where all paths are such.
+    ``task``: to be solved. ``promp``: the primitive. ``options``: see :class:`Searched`. ``goals``:
+    configurations (m, n), best first. ``budget``: of the plan. ``harmless_only``: a path whose
+    predicted harm is above the threshold is not followed. The answer is :class:`Harmful` where all
+    paths are such.
     """
     began = clock()
     rng = np.random.default_rng(task.seed)
@@ -263,13 +259,10 @@ def outcome(attempt: Attempt, prediction: Prediction | None, seconds: float) -> 
 class Solver:
     """Optimises starts of one task; keeps its arrays from one start to the next.
 
-    Args:
-        task: to be solved. The optimisation sees it without the objects that the tool pushes aside
-            before the arm comes (``cleared``); the judge sees all.
-        options: see :class:`Searched`.
-        budget: of the plan.
-        model: of the push. Without a model, passing a stem on its side is a fault
-            (:func:`judging.judge`).
+    ``task``: to be solved. The optimisation sees it without the objects that the tool pushes aside
+    before the arm comes (``cleared``); the judge sees all. ``options``: see :class:`Searched`.
+    ``budget``: of the plan. ``model``: of the push. Without a model, passing a stem on its side is
+    a fault (:func:`judging.judge`).
 
     Attributes:
         searched: the push model in which tool paths are searched; None without prediction.

@@ -218,11 +218,7 @@ def _badness(made: Plan) -> tuple[bool, float]:
 def check_request(
     planner: Planner | str, strategy: str, options: PlanOptions, seed: int = 0
 ) -> Planner:
-    """The planner of a request; see :func:`chosen_planner`.
-
-    Raises:
-        InvalidRequestError: a part of the request that cannot be used.
-    """
+    """The planner of a request; see :func:`chosen_planner`."""
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise InvalidRequestError(f"seed is {seed!r}; it must be a whole number >= 0")
     if not isinstance(options, PlanOptions):

@@ -70,13 +70,10 @@ def goal_configurations(
 ) -> Chosen:
     """Goal configurations of a task.
 
-    Args:
-        task: scene and robot.
-        budget: of the plan.
-        starts: number of random starts of inverse kinematics; None: ``GOAL.starts``, or
-            ``GOAL.few_starts`` where the budget is spent.
-        near: (n,) a configuration; a free goal configuration on its branch is the only one. The
-            start takes its place where the tool has begun its approach.
+    ``task``: scene and robot. ``budget``: of the plan. ``starts``: number of random starts of
+    inverse kinematics; None: ``GOAL.starts``, or ``GOAL.few_starts`` where the budget is spent.
+    ``near``: (n,) a configuration; a free goal configuration on its branch is the only one. The
+    start takes its place where the tool has begun its approach.
     """
     budget.say("inverse kinematics")
     began = clock()

@@ -42,12 +42,9 @@ def specials(
 ) -> Iterator[Special]:
     """The special obstacles of the optimisation, by rooms that are alike.
 
-    Args:
-        scene: of the objects.
-        robot: of the links.
-        body: of the robot.
-        static: rows of special static objects.
-        dynamic: rows of special objects to avoid and then to push, and the number of the first.
+    ``scene``: of the objects. ``robot``: of the links. ``body``: of the robot. ``static``: rows of
+    special static objects. ``dynamic``: rows of special objects to avoid and then to push, and the
+    number of the first.
     """
     sizes = np.diff(body.link_start)
     for name, rows, shared in (("static", static, len(static)), ("dynamic", *dynamic)):

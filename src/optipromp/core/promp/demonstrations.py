@@ -159,12 +159,7 @@ def check_limits(
     positions: FloatArray, names: Sequence[str], lower: FloatArray, upper: FloatArray, what: str,
     slack: FloatArray | float = BEYOND_LIMITS,
 ) -> None:  # fmt: skip
-    """Refuse positions (T, n) more than ``slack`` (n,) beyond the limits (n,) of the joints.
-
-    Raises:
-        InvalidDemonstrationError: the message begins with ``what`` and names the joint, the
-            farthest position, its sample and the limits.
-    """
+    """Refuse positions (T, n) more than ``slack`` (n,) beyond the limits (n,) of the joints."""
     slack = np.broadcast_to(slack, lower.shape)
     beyond = np.maximum(lower - positions, positions - upper) - slack
     sample, joint = divmod(int(beyond.argmax()), beyond.shape[1])

@@ -94,10 +94,8 @@ class Inverse:
 def factorise(matrix: FloatArray, reference: FloatArray) -> Inverse:
     """Invert S (p, p): by Cholesky if S is safely definite, else without its null directions.
 
-    Args:
-        matrix: S, symmetric.
-        reference: (p,) upper bound of each variance before cancellation. A diagonal entry below
-            1e-13 of its bound is rounding and counts as 0.
+    ``matrix``: S, symmetric. ``reference``: (p,) upper bound of each variance before cancellation.
+    A diagonal entry below 1e-13 of its bound is rounding and counts as 0.
     """
     definite, scale, lower = _cholesky(matrix, reference)
     if definite:
@@ -170,10 +168,8 @@ class Update:
 def observed(prior: FloatArray, rows: FloatArray, noise: FloatArray) -> Update:
     """The update of a Gaussian of covariance ``prior`` Σ (d, d) by observations.
 
-    Args:
-        prior: Σ.
-        rows: H (r, d). The cost of a row grows with the span of its nonzero entries.
-        noise: R (r, r), or (r,) the variances of independent observations; 0 is exact.
+    ``prior``: Σ. ``rows``: H (r, d). The cost of a row grows with the span of its nonzero entries.
+    ``noise``: R (r, r), or (r,) the variances of independent observations; 0 is exact.
     """
     noise = np.diag(noise) if noise.ndim == 1 else noise
     cross, total, reference = _spread(prior, rows, noise)

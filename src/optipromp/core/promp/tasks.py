@@ -185,10 +185,8 @@ class Search:
 
         λ = (S + R + D)⁻¹ (e + J(q_k - μ)), a = Jᵀλ.
 
-        Args:
-            state: at q_k.
-            variance: R (m, r).
-            damping: factor of D, which is the diagonal of S = J Σ Jᵀ and 0.1 % of its mean.
+        ``state``: at q_k. ``variance``: R (m, r). ``damping``: factor of D, which is the diagonal
+        of S = J Σ Jᵀ and 0.1 % of its mean.
 
         Returns:
             The minimiser with the e of the linearisation and the J of ``state``; the norm of λ over

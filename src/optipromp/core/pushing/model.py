@@ -217,9 +217,7 @@ class Combined(_Guided):
 class Continued(_Guided):
     """A model of a push that has begun: every path is preceded by the motion so far.
 
-    Args:
-        model: of the scene before the push.
-        points, axes: (P, 3) of the tool so far.
+    ``model``: of the scene before the push. ``points``, ``axes``: (P, 3) of the tool so far.
     """
 
     def __init__(self, model: PushModel, points: FloatArray, axes: FloatArray) -> None:

@@ -259,13 +259,10 @@ def path_past(
 ) -> FloatArray:  # fmt: skip
     """Corners (k, 3) of the path from the camera point to the goal [m].
 
-    Args:
-        centers: (N, 3) of the neighbours; ``directions`` and ``windows`` as in :class:`Drift`.
-        offsets: (N,) lateral distances in which the tool passes the neighbours [m].
-        goal: (3,) end of the path.
-        frame: (3, 3) rows x_g, y_g, z_g.
-        camera: (3,) beginning of the path.
-        capture: depth below the goal from which the path is on the approach line [m].
+    ``centers``: (N, 3) of the neighbours; ``directions`` and ``windows`` as in :class:`Drift`.
+    ``offsets``: (N,) lateral distances in which the tool passes the neighbours [m]. ``goal``: (3,)
+    end of the path. ``frame``: (3, 3) rows x_g, y_g, z_g. ``camera``: (3,) beginning of the path.
+    ``capture``: depth below the goal from which the path is on the approach line [m].
     """
     lateral, up, n = frame[:2], frame[2], len(centers)
     heights, flat, towards = np.zeros(n), np.zeros((n, 2)), np.zeros((n, 2))

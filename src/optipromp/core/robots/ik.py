@@ -184,12 +184,9 @@ def each(
 ) -> tuple[FloatArray, FloatArray]:
     """The configuration nearest to each row of ``near`` (m, n) with the tool at that row's pose.
 
-    Args:
-        robot: the arm and its tool.
-        positions: (m, 3) world [m].
-        axes: (m, 3) unit, or (m, 2, 3); see :func:`solve`.
-        near: (m, n) configurations the descents start from.
-        iterations: of each descent, at most.
+    ``robot``: the arm and its tool. ``positions``: (m, 3) world [m]. ``axes``: (m, 3) unit, or (m,
+    2, 3); see :func:`solve`. ``near``: (m, n) configurations the descents start from.
+    ``iterations``: of each descent, at most.
 
     Returns:
         Configurations (m, n) and errors (m,); see :func:`track`.
@@ -331,12 +328,9 @@ def track(
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Follow task points in their order from a known configuration, on its branch.
 
-    Args:
-        robot: the arm and its tool.
-        positions: (m, 3) world [m], in the order they are followed.
-        axes: (m, 3) unit, or (m, 2, 3); see :func:`solve`. None leaves the axis free.
-        begin: (n,) configuration the first solution starts from.
-        iterations: of each descent.
+    ``robot``: the arm and its tool. ``positions``: (m, 3) world [m], in the order they are
+    followed. ``axes``: (m, 3) unit, or (m, 2, 3); see :func:`solve`. None leaves the axis free.
+    ``begin``: (n,) configuration the first solution starts from. ``iterations``: of each descent.
 
     Returns:
         Configurations (m, n) and errors (m,) [m]: position error plus :data:`AXIS_LENGTH` times the

@@ -159,9 +159,8 @@ def _from(folder: Path, urdf: Path) -> str:
 def read_resolved(path: Path, check: Callable[[Path], Path] = Path) -> Robot:
     """The robot of a resolved file.
 
-    Args:
-        path: of the file.
-        check: called with each mesh file that the robot names and that exists.
+    ``path``: of the file. ``check``: called with each mesh file that the robot names and that
+    exists.
     """
     data = read_npz(path, InvalidRobotError)
     try:

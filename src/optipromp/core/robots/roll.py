@@ -17,12 +17,10 @@ def level(robot: Robot, q: FloatArray, normal: FloatArray, *, path: bool = False
 
     .. math:: φ = \operatorname{atan2}(-h·n,\ (a×h)·n) + kπ.
 
-    Args:
-        robot: the arm and its tool.
-        q: (m, n) configurations [rad or m].
-        normal: (3,) unit; x_g of a target frame keeps the fingers side by side on the level.
-        path: whether the rows of ``q`` are consecutive points of a path; their rolls are then
-            continuous, as far as the joint's limits allow.
+    ``robot``: the arm and its tool. ``q``: (m, n) configurations [rad or m]. ``normal``: (3,) unit;
+    x_g of a target frame keeps the fingers side by side on the level. ``path``: whether the rows of
+    ``q`` are consecutive points of a path; their rolls are then continuous, as far as the joint's
+    limits allow.
 
     Returns:
         (m, n) configurations with the roll within the limits that is nearest to that of ``q``. A

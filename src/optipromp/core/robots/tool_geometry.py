@@ -148,8 +148,7 @@ def rectangle(low: float, high: float, a: float, b: float) -> FloatArray:
 def profile(corners: FloatArray) -> tuple[float, float, float, float]:
     """Least and largest height of a convex solid along z; its least and largest distance from z.
 
-    Args:
-        corners: (N, 3) in tool axes [m].
+    ``corners``: (N, 3) in tool axes [m].
     """
     x, y, u = corners.T
     outer = float(np.hypot(x, y).max())

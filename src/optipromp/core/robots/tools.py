@@ -242,10 +242,6 @@ def make_tool(kind: str, parameters: Mapping[str, Any]) -> Tool:
 
     The parameter ``mount``, of every kind, is a position and an orientation in the flange frame
     (:class:`optipromp.core.robots.mounted.Mounted`).
-
-    Raises:
-        InvalidSceneError: another kind.
-        InvalidRequestError: parameters that make no tool.
     """
     if kind not in TOOLS:
         raise InvalidSceneError(f"tool.kind is {kind!r}; valid are {', '.join(TOOLS)}")

@@ -330,9 +330,8 @@ class SceneModel(Model):
 def parse(document: Any, source: str) -> SceneModel:
     """Check a document against the schema.
 
-    Args:
-        document: the content of the file, as plain Python values.
-        source: the name of the document in messages, usually the file.
+    ``document``: the content of the file, as plain Python values. ``source``: the name of the
+    document in messages, usually the file.
     """
     try:
         return SceneModel.model_validate(document)

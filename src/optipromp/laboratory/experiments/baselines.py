@@ -55,11 +55,8 @@ class Answer:
 def attempt(scene: Scene, planner: str, *, seed: int = 0, risk: float = PlanOptions.risk) -> Answer:
     """Plan a scene with a registered planner.
 
-    Args:
-        scene: as detected.
-        planner: one of :func:`study_planners`.
-        seed: of everything random.
-        risk: share of promised successes that may be broken, see :class:`PlanOptions`.
+    ``scene``: as detected. ``planner``: one of :func:`study_planners`. ``seed``: of everything
+    random. ``risk``: share of promised successes that may be broken, see :class:`PlanOptions`.
     """
     solver = make(planner)
     made = plan(scene, planner=solver, seed=seed, options=PlanOptions(risk=risk))

@@ -32,15 +32,12 @@ def over(
 ) -> None:
     """Call ``function(*task)`` for every task; see :func:`optipromp.core.processes.run_each`.
 
-    Args:
-        function: can be pickled, and so can its results.
-        tasks: the arguments of each call.
-        done: called here with the index and the result of each task, in the order in which tasks
-            end. The result is BrokenProcessPool if the process of a task ended again and again.
-        workers: processes of this machine; None: one a core.
-        ray: address of a Ray cluster in place of them: ``auto``, ``HOST:PORT``, or ``local``,
-            which begins one here.
-        prepare: called once in every process before its first task.
+    ``function``: can be pickled, and so can its results. ``tasks``: the arguments of each call.
+    ``done``: called here with the index and the result of each task, in the order in which tasks
+    end. The result is BrokenProcessPool if the process of a task ended again and again.
+    ``workers``: processes of this machine; None: one a core. ``ray``: address of a Ray cluster in
+    place of them: ``auto``, ``HOST:PORT``, or ``local``, which begins one here. ``prepare``: called
+    once in every process before its first task.
     """
     if ray is None:
         run_each(function, tasks, done, workers=workers or cores(), prepare=prepare)

@@ -91,11 +91,7 @@ def situation(
 
 
 def check_eyes(eyes: tuple[str, ...], finder: str, views: int) -> None:
-    """Refuse names that are none.
-
-    Raises:
-        InvalidRequestError: an unknown way of seeing or finder, or another number of views.
-    """
+    """Refuse names that are none."""
     for item in eyes:
         if item not in WAYS:
             raise InvalidRequestError(f"eyes is {item!r}: {suggest(item, WAYS)}")

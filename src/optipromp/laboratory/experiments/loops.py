@@ -54,11 +54,7 @@ class LoopChoice:
 
 
 def check_loops(loops: Iterable[str], conditions: Iterable[str]) -> None:
-    """Refuse names that are none.
-
-    Raises:
-        InvalidRequestError: an unknown loop or condition.
-    """
+    """Refuse names that are none."""
     for what, given, valid in (("loop", loops, LOOPS), ("condition", conditions, CONDITIONS)):
         for item in given:
             if item not in valid:
@@ -104,14 +100,8 @@ def loop_values(
 ) -> dict[str, Any]:
     """The values of a row for one run.
 
-    Args:
-        setting: of a condition.
-        seed: of physics and looks; plans have the seed 0 in every loop.
-        loop: one of :data:`LOOPS`.
-        risk: of the plan of the open loop.
-
-    Raises:
-        OptiPrompError: wrong input.
+    ``setting``: of a condition. ``seed``: of physics and looks; plans have the seed 0 in every
+    loop. ``loop``: one of :data:`LOOPS`. ``risk``: of the plan of the open loop.
     """
     if loop == "open":
         return _open_values(setting, seed, risk)
@@ -257,11 +247,8 @@ def executed(
 
     A stretch runs from its begin until the next begins, by the executor's times.
 
-    Args:
-        stretches: in the order in which they took over.
-        robot: whose limits hold.
-        start: of the arm before the first stretch.
-        until: executor's time at which the run ended [s].
+    ``stretches``: in the order in which they took over. ``robot``: whose limits hold. ``start``: of
+    the arm before the first stretch. ``until``: executor's time at which the run ended [s].
     """
     jumps, shares = np.zeros(3), np.zeros(3)
     limits = np.stack([robot.velocity, robot.acceleration, robot.jerk])

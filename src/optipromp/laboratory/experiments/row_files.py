@@ -25,10 +25,6 @@ class RowFile:
 
     ``wanted`` are the settings that they share. A line that an interruption cut short is
     dropped when the file is opened.
-
-    Raises:
-        InvalidRequestError: the folder cannot be written, or holds rows of another noise, of other
-            code, a run twice, or something that is no row.
     """
 
     def __init__(self, folder: Path, wanted: Mapping[str, Any]) -> None:
@@ -86,11 +82,7 @@ class RowFile:
 
 
 def rows_of(folder: Path) -> list[Row]:
-    """The whole rows in a study's folder, oldest first; empty where there is no file.
-
-    Raises:
-        InvalidRequestError: the file cannot be read, holds a run twice or something that is no row.
-    """
+    """The whole rows in a study's folder, oldest first; empty where there is no file."""
     path = folder / ROWS
     try:
         content = path.read_bytes() if path.exists() else b""
@@ -117,9 +109,6 @@ def settings_of(folder: Path) -> tuple[dict[str, Any], str | None]:
     """The settings that the rows of a study share, and the robot of its scenes.
 
     The robot is None where its file was read with choices.
-
-    Raises:
-        InvalidRequestError: the file is missing or damaged.
     """
     try:
         settings = dict(json.loads((folder / SETTINGS).read_text(encoding="utf-8")))

@@ -152,11 +152,7 @@ _MAY_BE_NONE = {field.name for field in fields(Row) if "None" in str(field.type)
 
 
 def row_from_text(texts: Mapping[str, str]) -> Row:
-    """A row from its CSV cells.
-
-    Raises:
-        ValueError, KeyError: cells that are not a row's.
-    """
+    """A row from its CSV cells."""
     values = {name: texts[name] for name in COLUMNS if name in texts}  # older rows have fewer
     empty = dict.fromkeys(name for name in _MAY_BE_NONE if values.get(name) == "")
     return _reader().validate_python(values | empty)
@@ -198,17 +194,12 @@ def run_scene(
 ) -> list[Row]:
     """Run every planner on one scene; all see the same errors of detection.
 
-    Args:
-        source: of the scene.
-        seed: of scene, noise, planners and physics.
-        planners: names, in the order in which they run.
-        noise: of the detector, or its name in :data:`NOISES`.
-        version: written into the rows.
-        only_valid: plans that the judge refuses are not executed, and count as failures.
-        robot: name or path of the scene's robot.
-        choice: of the arm in the robot's file.
-        vary: every plan is executed under all of :data:`VARIATIONS`.
-        risk: share of promised successes that may be broken.
+    ``source``: of the scene. ``seed``: of scene, noise, planners and physics. ``planners``: names,
+    in the order in which they run. ``noise``: of the detector, or its name in :data:`NOISES`.
+    ``version``: written into the rows. ``only_valid``: plans that the judge refuses are not
+    executed, and count as failures. ``robot``: name or path of the scene's robot. ``choice``: of
+    the arm in the robot's file. ``vary``: every plan is executed under all of :data:`VARIATIONS`.
+    ``risk``: share of promised successes that may be broken.
     """
     scene, redraws = drawn(source, seed, robot, choice)
     errors = NOISES[noise] if isinstance(noise, str) else noise
@@ -241,9 +232,6 @@ def again(
 
     ``robot`` is the name or path of the scene's robot, ``risk`` that of the study, ``source`` the
     scene's where it is a file.
-
-    Raises:
-        OptiPrompError: the error of the run.
     """
     if row.loop:
         from optipromp.laboratory.experiments.loops import loop_again

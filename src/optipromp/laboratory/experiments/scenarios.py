@@ -227,10 +227,8 @@ def run_scenarios(
 ) -> tuple[ScenarioRow, ...]:
     """Run every case of the paper's scenarios I to IV.
 
-    Args:
-        seed: of every plan.
-        demonstrations: of the Panda's primitive in scenarios III and IV.
-        progress: called with a line about the case that begins.
+    ``seed``: of every plan. ``demonstrations``: of the Panda's primitive in scenarios III and IV.
+    ``progress``: called with a line about the case that begins.
     """
     rows = []
     for case in CASES:

@@ -49,32 +49,20 @@ LOCK = ".lock"
 class Study:
     """The runs of a study.
 
-    Args:
-        presets: of the scenes.
-        planners: to compare.
-        seeds: first seed, and the last plus one.
-        noise_position: standard deviation of detected positions [m].
-        noise_angle: standard deviation of detected stem directions [degrees].
-        only_valid: plans that the judge refuses are not executed, and count as failures.
-        robot: name or path of the robot of the scenes.
-        choice: of the arm in the robot's file.
-        vary: every plan is executed under all of :data:`VARIATIONS`.
-        noise: name in :data:`optipromp.laboratory.generate.NOISES`, in place of the deviations.
-        risk: share of promised successes that may be broken.
-        loops: of :data:`optipromp.laboratory.experiments.loops.LOOPS`; the planner is opti-promp.
-            Empty: planners are compared.
-        conditions: of :data:`optipromp.laboratory.experiments.conditions.CONDITIONS`; of loops.
-        eyes: of :data:`optipromp.laboratory.experiments.eyes.WAYS`, in place of conditions.
-        finder: of the fruits in rendered pictures, see
-            :func:`optipromp.perception.detector.finder_named`.
-        views: pictures from as many sides are fused before a plan: 1 or 2.
-        files: scene files, whose names stand for presets; see :meth:`of_files`.
-
-    Raises:
-        InvalidRequestError: no preset or planner, an unknown one, or one named twice; an empty or
-            negative range of seeds; an unknown noise; a deviation that is negative or not finite,
-            or is stated beside a noise; a risk that is not between 0 and 1; with
-            loops, another planner, a variation, a noise or a refusal, which are of no loop.
+    ``presets``: of the scenes. ``planners``: to compare. ``seeds``: first seed, and the last plus
+    one. ``noise_position``: standard deviation of detected positions [m]. ``noise_angle``: standard
+    deviation of detected stem directions [degrees]. ``only_valid``: plans that the judge refuses
+    are not executed, and count as failures. ``robot``: name or path of the robot of the scenes.
+    ``choice``: of the arm in the robot's file. ``vary``: every plan is executed under all of
+    :data:`VARIATIONS`. ``noise``: name in :data:`optipromp.laboratory.generate.NOISES`, in place of
+    the deviations. ``risk``: share of promised successes that may be broken. ``loops``: of
+    :data:`optipromp.laboratory.experiments.loops.LOOPS`; the planner is opti-promp. Empty: planners
+    are compared. ``conditions``: of :data:`optipromp.laboratory.experiments.conditions.CONDITIONS`;
+    of loops. ``eyes``: of :data:`optipromp.laboratory.experiments.eyes.WAYS`, in place of
+    conditions. ``finder``: of the fruits in rendered pictures, see
+    :func:`optipromp.perception.detector.finder_named`. ``views``: pictures from as many sides are
+    fused before a plan: 1 or 2. ``files``: scene files, whose names stand for presets; see
+    :meth:`of_files`.
     """
 
     presets: tuple[str, ...] = PRESETS
@@ -215,21 +203,13 @@ def run_study(
 
     Ctrl-C lets the scenes under way finish, keeps their rows and raises ``KeyboardInterrupt``.
 
-    Args:
-        study: what to run.
-        folder: holds the rows of earlier calls, and gets the new ones.
-        workers: number of processes; None: one a core.
-        ray: address of a Ray cluster in place of them; see
-            :func:`optipromp.laboratory.experiments.cluster.over`.
-        progress: called with the number of runs done, of all runs, and the newest row (None at
-            the beginning).
+    ``study``: what to run. ``folder``: holds the rows of earlier calls, and gets the new ones.
+    ``workers``: number of processes; None: one a core. ``ray``: address of a Ray cluster in place
+    of them; see :func:`optipromp.laboratory.experiments.cluster.over`. ``progress``: called with
+    the number of runs done, of all runs, and the newest row (None at the beginning).
 
     Returns:
         The study's rows, those of earlier calls too, in the study's order.
-
-    Raises:
-        InvalidRequestError: see :class:`RowFile`; another study writes into the folder; MuJoCo is
-            missing; a worker died.
     """
     if workers is not None and workers < 1:
         raise InvalidRequestError(f"workers is {workers}; it must be at least 1")

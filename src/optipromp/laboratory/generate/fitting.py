@@ -161,16 +161,12 @@ def fitted(
 ) -> Scene:  # fmt: skip
     """The ``scene`` of the Panda before another arm, whose base is placed for this scene.
 
-    Args:
-        scene: of a preset.
-        arm: without a tool.
-        named: name or path of the arm.
-        choice: of the arm in its file.
-        turned: whether the tool is turned to the last joint's axis (:func:`mount_of`); False: the
-            flange's z is the tool's axis.
-        rounds: in which places that almost fit are varied where none fits, such as
-            :data:`ROUNDS`, which takes some seconds. The generator draws another scene instead.
-        neck: least length of the cup's neck [m]; it is longer where links would reach fruits.
+    ``scene``: of a preset. ``arm``: without a tool. ``named``: name or path of the arm. ``choice``:
+    of the arm in its file. ``turned``: whether the tool is turned to the last joint's axis
+    (:func:`mount_of`); False: the flange's z is the tool's axis. ``rounds``: in which places that
+    almost fit are varied where none fits, such as :data:`ROUNDS`, which takes some seconds. The
+    generator draws another scene instead. ``neck``: least length of the cup's neck [m]; it is
+    longer where links would reach fruits.
     """
     assert scene.tool is not None
     work = work_of(scene, arm)

@@ -21,14 +21,12 @@ RAYS, STEPS = 48, 60  # rays from the eye to a fruit, points on each ray: choice
 class Noise:
     """The errors of a detector.
 
-    Args:
-        position: standard deviation of each coordinate of a position [m].
-        angle: standard deviation of a stem's tilt about each of two axes across it [degrees].
-        lower: error of the height at which hanging objects are seen [m]; positive: below the
-            truth. The covariance of a detected object does not include it.
-        missed: probability that a pushable in full view is not seen.
-        hidden: probability that a pushable that others wholly hide is not seen. For a partly
-            hidden one the probability is interpolated by the hidden share.
+    ``position``: standard deviation of each coordinate of a position [m]. ``angle``: standard
+    deviation of a stem's tilt about each of two axes across it [degrees]. ``lower``: error of the
+    height at which hanging objects are seen [m]; positive: below the truth. The covariance of a
+    detected object does not include it. ``missed``: probability that a pushable in full view is not
+    seen. ``hidden``: probability that a pushable that others wholly hide is not seen. For a partly
+    hidden one the probability is interpolated by the hidden share.
     """
 
     position: float = 0.0

@@ -97,10 +97,8 @@ def place(robot: Robot, way: FloatArray, axis: FloatArray) -> Standpoint:
     inverse kinematics. They are ranked by :func:`spare`; a candidate that collides with itself at
     the start is left out.
 
-    Args:
-        robot: with its tool.
-        way: tool points (P, 3) from the start, in the frame of the preset's base [m].
-        axis: (3,) tool axis at all of them.
+    ``robot``: with its tool. ``way``: tool points (P, 3) from the start, in the frame of the
+    preset's base [m]. ``axis``: (3,) tool axis at all of them.
     """
     middle = 0.5 * (way.min(axis=0) + way.max(axis=0))
     far = float(np.linalg.norm(robot.kinematics.translation, axis=1).sum()) + BEYOND

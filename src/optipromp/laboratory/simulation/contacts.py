@@ -27,9 +27,7 @@ class ContactLog:
     The force of an instant is the length of the sum of the pair's contact forces [N]. All arrays
     are symmetric.
 
-    Args:
-        world: of the entities.
-        threshold: of the spells in ``hard`` [N].
+    ``world``: of the entities. ``threshold``: of the spells in ``hard`` [N].
 
     Attributes:
         peak: (E, E) largest force [N].
@@ -86,10 +84,8 @@ class Pressing(NamedTuple):
 def pressing(data: Any, world: World, among: BoolArray | None = None) -> Pressing:
     """The contact points of ``data`` between entities of ``world``.
 
-    Args:
-        data: of MuJoCo.
-        world: of the entities.
-        among: (E,) which entities count; None: all.
+    ``data``: of MuJoCo. ``world``: of the entities. ``among``: (E,) which entities count; None:
+    all.
     """
     found, force = data.contact, data.efc_force
     at = np.asarray(found.efc_address)

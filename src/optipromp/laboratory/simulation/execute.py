@@ -197,11 +197,9 @@ def bring(
 ) -> tuple[Rollout, Outcome, Picked | None]:
     """Retreat and carry after a reach in closed loop, in the scene as it is tracked by then.
 
-    Args:
-        simulation: at the end of the reach.
-        controller: at the end of the reach.
-        q: (k, n) commanded configurations of the reach from its last plan on.
-        done: records and judgement of the reach.
+    ``simulation``: at the end of the reach. ``controller``: at the end of the reach. ``q``: (k, n)
+    commanded configurations of the reach from its last plan on. ``done``: records and judgement of
+    the reach.
 
     Returns:
         Records and judgement of the whole, and the pick; None where the reach did not succeed.

@@ -45,12 +45,8 @@ def leafy(
 ) -> None:
     """Add leaves to a world's ``spec``. They touch nothing and weigh nothing.
 
-    Args:
-        spec: of MuJoCo.
-        scene: with the fruits.
-        camera: that takes the picture.
-        p: numbers.
-        rng: of all that is random.
+    ``spec``: of MuJoCo. ``scene``: with the fruits. ``camera``: that takes the picture. ``p``:
+    numbers. ``rng``: of all that is random.
     """
     fruits = [item for item in scene.objects if item.stem is not None]
     if not fruits:

@@ -53,9 +53,6 @@ def loop_frames(
     ones those of the others. The line from the tool is its path ahead: its colour changes with
     every plan and is orange on a retreat; a dark line is the path behind. The inset is the view of
     the detector's camera at its last picture, with a circle around each detection in it.
-
-    Raises:
-        InvalidRequestError: MuJoCo is not installed, or cannot draw off screen.
     """
     view, run, record = view or View(), loop.run, record_of(loop, SMOOTH)
     mujoco = engine()
@@ -93,11 +90,7 @@ def loop_frames(
 def loop_film(
     loop: Loop, view: View | None = None, *, fps: int = 25, slow: float = 1.0, kind: str = "webm"
 ) -> bytes:
-    """A film of a pick in closed loop, ``slow`` times slower; see :func:`loop_frames`.
-
-    Raises:
-        InvalidRequestError: as :func:`optipromp.laboratory.simulation.render.film` does.
-    """
+    """A film of a pick in closed loop, ``slow`` times slower; see :func:`loop_frames`."""
     view, times = view or View(), moments(loop.run, fps, slow)
     return encoded(loop_frames(loop, times, view, fine=False), view, fps, kind)
 

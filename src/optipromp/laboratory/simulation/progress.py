@@ -62,10 +62,8 @@ def _most(values: FloatArray) -> float:
 def in_tool(world: World, q: FloatArray, centers: FloatArray) -> BoolArray:
     """Whether the tool holds an object, or, without a tool, the object is near the tool point.
 
-    Args:
-        world: with the robot and its tool.
-        q: (R, n) configurations of the joints.
-        centers: (R, 3) positions of the object's centre at these [m].
+    ``world``: with the robot and its tool. ``q``: (R, n) configurations of the joints. ``centers``:
+    (R, 3) positions of the object's centre at these [m].
 
     Returns:
         (R,).

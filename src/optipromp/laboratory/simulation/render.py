@@ -43,16 +43,9 @@ def frames(
 ) -> Iterator[Picture]:
     """Pictures of a run at ``times``, each of the last record until then.
 
-    Args:
-        run: to be shown.
-        times: (N,) [s].
-        view: place of the camera.
-        caption: whether time, largest force so far and, from the motion's end, the outcome are
-            written at the lower edge.
-        fine: whether edges are smoothed, which takes twice as long without a graphics card.
-
-    Raises:
-        InvalidRequestError: MuJoCo is not installed, or cannot draw off screen.
+    ``run``: to be shown. ``times``: (N,) [s]. ``view``: place of the camera. ``caption``: whether
+    time, largest force so far and, from the motion's end, the outcome are written at the lower
+    edge. ``fine``: whether edges are smoothed, which takes twice as long without a graphics card.
     """
     view = view or View()
     world = build(run.scene, run.robot, run.parameters, run.seed)
@@ -77,11 +70,7 @@ def _drawn(renderer: Any, model: Any, data: Any, state: FloatArray, camera: Any)
 
 
 class Onlooker:
-    """A camera that stands aside of a ``world``, for pictures of ``width`` x ``height`` pixels.
-
-    Raises:
-        InvalidRequestError: MuJoCo cannot draw off screen.
-    """
+    """A camera that stands aside of a ``world``, for pictures of ``width`` x ``height`` pixels."""
 
     def __init__(self, world: World, width: int, height: int) -> None:
         model = dressed(replace(world, spec=world.spec.copy()))
@@ -104,11 +93,7 @@ class Onlooker:
 
 
 def canvas(model: Any, width: int, height: int) -> Any:
-    """MuJoCo's renderer of pictures of ``width`` x ``height`` pixels.
-
-    Raises:
-        InvalidRequestError: MuJoCo cannot draw off screen.
-    """
+    """MuJoCo's renderer of pictures of ``width`` x ``height`` pixels."""
     try:
         return engine().Renderer(model, height=height, width=width)
     except Exception as error:  # whatever the platform's OpenGL raises
@@ -121,12 +106,7 @@ def canvas(model: Any, width: int, height: int) -> Any:
 def film(
     run: Run, view: View | None = None, *, fps: int = 25, slow: float = 1.0, kind: str = "webm"
 ) -> bytes:
-    """A film of the whole run, ``slow`` times slower, with a caption.
-
-    Raises:
-        InvalidRequestError: MuJoCo or PyAV is not installed, nothing can be drawn, or see
-            :func:`encoded`.
-    """
+    """A film of the whole run, ``slow`` times slower, with a caption."""
     view, times = view or View(), moments(run, fps, slow)
     return encoded(frames(run, times, view, caption=True, fine=False), view, fps, kind)
 
@@ -135,10 +115,6 @@ def encoded(pictures: Iterable[Picture], view: View, fps: int, kind: str = "webm
     """Pictures as a film, the last of which stays for :data:`LINGER`.
 
     A ``webm`` is VP9, of the encoder libvpx (BSD). An ``mp4`` is H.264, of x264 (GPL).
-
-    Raises:
-        InvalidRequestError: PyAV is not installed, or its FFmpeg lacks the encoder; a ``kind``
-            that is not in :data:`CODECS`.
     """
     if kind not in CODECS:
         raise InvalidRequestError(f"kind of film is {kind!r}: {suggest(kind, CODECS)}")

@@ -107,12 +107,9 @@ class Leaf(NamedTuple):
 class Sight:
     """Rays from a camera to the fruits of a scene, past all that hides them.
 
-    Args:
-        shapes: of the F objects that are looked for.
-        scene: whose static objects hide.
-        robot: whose tool hides: a round one as a cylinder from the floor of its mouth to its rim,
-            another by its solids.
-        inside: whether the camera is in the tool, which then hides nothing.
+    ``shapes``: of the F objects that are looked for. ``scene``: whose static objects hide.
+    ``robot``: whose tool hides: a round one as a cylinder from the floor of its mouth to its rim,
+    another by its solids. ``inside``: whether the camera is in the tool, which then hides nothing.
     """
 
     def __init__(
@@ -130,12 +127,8 @@ class Sight:
     ) -> FloatArray:  # fmt: skip
         """The share (F,) of each object's disc, as seen from ``eye`` (3,), that is hidden.
 
-        Args:
-            eye: the camera [m].
-            frame: of the tool axes at the tool point.
-            positions: (F, 3) of the objects [m].
-            rotations: (F, 3, 3) of the objects.
-            leaves: that hide.
+        ``eye``: the camera [m]. ``frame``: of the tool axes at the tool point. ``positions``: (F,
+        3) of the objects [m]. ``rotations``: (F, 3, 3) of the objects. ``leaves``: that hide.
         """
         count = len(self.shapes)
         if not count:

@@ -29,9 +29,8 @@ class Carriages:
     :math:`a_k = (x_{k+1} - 2 x_k + x_{k-1}) / h^2`, so it follows the motion exactly but for the
     pull of its stem; position and velocity are set anew before every step.
 
-    Args:
-        world: whose roots move.
-        data: at the beginning; roots and fruits are displaced and given their velocities.
+    ``world``: whose roots move. ``data``: at the beginning; roots and fruits are displaced and
+    given their velocities.
     """
 
     def __init__(self, world: World, data: Any) -> None:
@@ -122,8 +121,7 @@ class Execution:
 
         A NaN or a warning of MuJoCo ends the run.
 
-        Args:
-            motion: which begins where the arm is; None: that of the beginning.
+        ``motion``: which begins where the arm is; None: that of the beginning.
         """
         p, began = self.world.parameters, self.steps
         self.motion = motion or self.motion

@@ -56,9 +56,7 @@ def carried(
 ) -> tuple[dict[str, FloatArray], dict[str, dict[str, FloatArray]]]:
     """Torques (N, 3) at the joints of the stems that carry others [N m].
 
-    Args:
-        chains: of all stems, by the ids of their fruits.
-        gravity: (3,) [m/s²].
+    ``chains``: of all stems, by the ids of their fruits. ``gravity``: (3,) [m/s²].
 
     Returns:
         The torques that carry the stems which grow from a stem, by the id of that stem's fruit. The

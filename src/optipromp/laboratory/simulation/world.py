@@ -144,15 +144,9 @@ def build(
     that overlap (a fruit and the stem of another, in the paper's scenes) would burst apart at the
     first step, so they do not collide (``World.overlapping``). The robot collides with everything.
 
-    Args:
-        scene: robot and objects.
-        robot: whose frame is the world's.
-        parameters: physical numbers.
-        seed: of the bows of stems, the fruits of real neighbouring clusters, and disturbances.
-
-    Raises:
-        InvalidSceneError: a shape that cannot be built.
-        InvalidRequestError: MuJoCo is not installed, or cannot build the scene.
+    ``scene``: robot and objects. ``robot``: whose frame is the world's. ``parameters``: physical
+    numbers. ``seed``: of the bows of stems, the fruits of real neighbouring clusters, and
+    disturbances.
     """
     parameters = parameters or SimulationParameters()
     scene, parted = apart(grown(scene, seed))

@@ -28,11 +28,9 @@ def look(
 ) -> None:
     """Frame target, pushables, tool: from beyond the target, or from the robot's side of a shelf.
 
-    Args:
-        camera: of a client of viser.
-        scene: of the target and the pushables; without any, all its objects are framed.
-        tool: (3,) tool point in the base frame [m]; None: only the objects are framed.
-        beside: (3,) offset of the same scene, where it is shown a second time [m].
+    ``camera``: of a client of viser. ``scene``: of the target and the pushables; without any, all
+    its objects are framed. ``tool``: (3,) tool point in the base frame [m]; None: only the objects
+    are framed. ``beside``: (3,) offset of the same scene, where it is shown a second time [m].
     """
     centres, radii = balls(scene, tool)
     if beside is not None:
@@ -77,9 +75,7 @@ def direction(scene: Scene) -> FloatArray:
 def free(width: int, height: int, fov: float) -> FloatArray:
     """Edges (2, 2) of the free part of a picture, right and up: tangents of angles to the axis.
 
-    Args:
-        width, height: of the picture [pixel].
-        fov: angle of the whole height [rad].
+    ``width``, ``height``: of the picture [pixel]. ``fov``: angle of the whole height [rad].
     """
     low, high = np.array([-1.0, -1.0]), np.array([1.0, 1.0])
     if width <= NARROW:
@@ -99,11 +95,9 @@ def framed(
     camera and the edges. These conditions are linear in the camera's position, so the nearest
     position along ``away`` is exact.
 
-    Args:
-        centres, radii: (k, 3) and (k,) of the balls [m].
-        away: (3,) unit vector from the balls to the camera.
-        up: (3,) unit vector that is upright in the picture.
-        edges: (2, 2) of :func:`free`.
+    ``centres``, ``radii``: (k, 3) and (k,) of the balls [m]. ``away``: (3,) unit vector from the
+    balls to the camera. ``up``: (3,) unit vector that is upright in the picture. ``edges``: (2, 2)
+    of :func:`free`.
     """
     forward = -away
     right = np.cross(forward, up)

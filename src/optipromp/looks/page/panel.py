@@ -303,11 +303,7 @@ class Panel:
 
 
 def plain_name(text: str) -> str:
-    """The name of a file within the page's folder.
-
-    Raises:
-        InvalidRequestError: the text is empty, too long, or a path.
-    """
+    """The name of a file within the page's folder."""
     name = text.strip()
     if not is_name(name) or name != file_name(name).strip("."):
         raise InvalidRequestError(f"the name {name!r} is not a plain file name")
@@ -321,8 +317,7 @@ _NEEDLE = "#222222"
 class Plots:
     """Charts in a container of their own.
 
-    Args:
-        gui: of a client; the charts stay in the container that is current now.
+    ``gui``: of a client; the charts stay in the container that is current now.
     """
 
     def __init__(self, gui: Any) -> None:

@@ -17,11 +17,8 @@ from optipromp.looks.viewer.serving import listening
 class Page:
     """A running server. :meth:`stop` ends it and its threads.
 
-    Args:
-        source: that each window opens with.
-        host: address of the server.
-        port: of the server; 0: any free one.
-        out: folder into which windows save.
+    ``source``: that each window opens with. ``host``: address of the server. ``port``: of the
+    server; 0: any free one. ``out``: folder into which windows save.
     """
 
     def __init__(

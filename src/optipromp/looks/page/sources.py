@@ -28,9 +28,7 @@ class Source:
 def open_source(item: str, beside: str | None = None) -> Source:
     """The source in a scene file, a built-in scene, or a folder of a plan or a rollout.
 
-    Args:
-        item: name or path.
-        beside: a second folder of a rollout, replayed beside the first.
+    ``item``: name or path. ``beside``: a second folder of a rollout, replayed beside the first.
     """
     folder = Path(item)
     replays = tuple(

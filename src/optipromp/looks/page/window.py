@@ -37,10 +37,8 @@ class Window:
 
     Every action is a job of the window's thread (:attr:`worker`), posted by the controls.
 
-    Args:
-        client: of viser; no other client sees its nodes.
-        source: shown first; where it has no plan, one is made.
-        out: folder into which the page saves.
+    ``client``: of viser; no other client sees its nodes. ``source``: shown first; where it has no
+    plan, one is made. ``out``: folder into which the page saves.
     """
 
     def __init__(self, client: Any, source: Source, out: Path) -> None:
@@ -367,9 +365,8 @@ CLOCK_RATE = 20.0  # [Hz] of a clock that runs
 class Worker:
     """Runs jobs one after another. A new job of a kind takes the place of a waiting one.
 
-    Args:
-        tick: called with the seconds since the last call, while :attr:`running` and nothing waits.
-        failed: called with the error of a job, which is also printed on standard error.
+    ``tick``: called with the seconds since the last call, while :attr:`running` and nothing waits.
+    ``failed``: called with the error of a job, which is also printed on standard error.
     """
 
     def __init__(self, tick: Callable[[float], None], failed: Callable[[Exception], None]) -> None:

@@ -39,9 +39,6 @@ def plan_report(folder: Path | str) -> bytes:
 
     The report includes the outcome and film that ``optipromp simulate`` left in the folder. Without
     viser the 3-D view is left out.
-
-    Raises:
-        InvalidRequestError, InvalidSceneError: the folder holds no plan that can be read.
     """
     folder = Path(folder)
     plan = load_plan(folder)
@@ -76,11 +73,7 @@ def plan_report(folder: Path | str) -> bytes:
 
 
 def run_report(folder: Path | str) -> bytes:
-    """One HTML file, at most 5 MB, about the rollout in a folder that ``simulate --out`` left.
-
-    Raises:
-        InvalidRequestError, InvalidSceneError: the folder holds no rollout that can be read.
-    """
+    """One HTML file, at most 5 MB, about the rollout in a folder that ``simulate --out`` left."""
     folder = Path(folder)
     document = read_document(folder / "outcome.json", InvalidRequestError, "an outcome")
     try:

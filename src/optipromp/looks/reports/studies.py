@@ -34,13 +34,8 @@ def study_report(
     The worst runs are made again for their pictures; there are no pictures where nothing can be
     drawn off screen.
 
-    Args:
-        folder: of the rows.
-        worst: number of failed runs that are shown.
-        progress: called with a line about the run that is drawn.
-
-    Raises:
-        InvalidRequestError: the folder holds no rows, or an invalid risk in its settings.
+    ``folder``: of the rows. ``worst``: number of failed runs that are shown. ``progress``: called
+    with a line about the run that is drawn.
     """
     folder = Path(folder)
     rows = rows_of(folder)

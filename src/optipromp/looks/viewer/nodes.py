@@ -20,11 +20,8 @@ FLAT = {"cast_shadow": False, "receive_shadow": False}  # slow without a graphic
 class Nodes:
     """Nodes under ``/root`` of a scene of viser.
 
-    Args:
-        api: the scene of a server, or of one of its clients.
-        root: name of the first node.
-        offset: (3,) of all nodes in the world [m].
-        shadows: whether nodes cast shadows.
+    ``api``: the scene of a server, or of one of its clients. ``root``: name of the first node.
+    ``offset``: (3,) of all nodes in the world [m]. ``shadows``: whether nodes cast shadows.
     """
 
     def __init__(self, api: Any, root: str = "a", offset: Sequence[float] = (0.0, 0.0, 0.0),

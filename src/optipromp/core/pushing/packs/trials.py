@@ -105,13 +105,10 @@ def cost(
     force is large, or a wall or the board's edge is near. The trials of the largest cost for
     earlier paths come first: they end a bad path soon.
 
-    Args:
-        bench: objects, walls and hand.
-        corners: (k, 2) of the path.
-        states: (N, B, 3) poses of the objects in each trial.
-        slips: (N,) coefficients of friction between objects, and with the tool.
-        so_far: (N,) summed cost of each trial for earlier paths; changed in place.
-        limit: largest mean cost of interest.
+    ``bench``: objects, walls and hand. ``corners``: (k, 2) of the path. ``states``: (N, B, 3) poses
+    of the objects in each trial. ``slips``: (N,) coefficients of friction between objects, and with
+    the tool. ``so_far``: (N,) summed cost of each trial for earlier paths; changed in place.
+    ``limit``: largest mean cost of interest.
     """
     path = stepped(corners)
     always = 0.001 * len(path) + wall_cost(room(bench, path))

@@ -68,14 +68,9 @@ def relax(
 ) -> tuple[float, bool]:
     """One Gauss-Newton step of every fruit that is touched.
 
-    Args:
-        s: the N stems.
-        f: the fruits, in and out.
-        c: the contacts, in and out.
-        d: the iteration so far, in and out.
-        step: of the cup.
-        solid: static objects that fruits are pressed against.
-        look: whether all possible contacts are computed, not only the close ones.
+    ``s``: the N stems. ``f``: the fruits, in and out. ``c``: the contacts, in and out. ``d``: the
+    iteration so far, in and out. ``step``: of the cup. ``solid``: static objects that fruits are
+    pressed against. ``look``: whether all possible contacts are computed, not only the close ones.
 
     Returns:
         The largest change of a deflection [m], and whether a fruit was touched for the first time.

@@ -20,10 +20,9 @@ def part(
 ) -> None:
     """Move each fruit of an overlapping pair by half of the overlap, in place.
 
-    Args:
-        fruit: (M, N, 3) centres of the lower balls of N fruits in M states, in and out [m].
-        root: (M, N, 3) roots of the stems [m].
-        radius: (N,) see :class:`optipromp.core.pushing.stems.bending.Balls`, as for the others.
+    ``fruit``: (M, N, 3) centres of the lower balls of N fruits in M states, in and out [m].
+    ``root``: (M, N, 3) roots of the stems [m]. ``radius``: (N,) see
+    :class:`optipromp.core.pushing.stems.bending.Balls`, as for the others.
     """
     count, up, way = len(radius), np.zeros(3), np.zeros(3)
     off = np.zeros((count, 3))  # from the lower to the upper ball

@@ -35,14 +35,10 @@ HANGING = PUSH.hanging
 class PathsPast(Candidates):
     """Paths that pass each of N neighbours on a side: x has N angles, then N clearances.
 
-    Args:
-        scene: with a target.
-        neighbours: pushables in the way, first met first.
-        cup: led along the paths.
-        obstacles: static objects, and objects to avoid.
-        camera: (3,) where a path begins [m].
-        gripper_radius: R_gripper [m].
-        states: number of states on which the best candidates are tried.
+    ``scene``: with a target. ``neighbours``: pushables in the way, first met first. ``cup``: led
+    along the paths. ``obstacles``: static objects, and objects to avoid. ``camera``: (3,) where a
+    path begins [m]. ``gripper_radius``: R_gripper [m]. ``states``: number of states on which the
+    best candidates are tried.
     """
 
     indifferent = HANGING.stem_side
@@ -185,12 +181,9 @@ def rooms(
 ) -> tuple[float, float]:  # fmt: skip
     """Least clearance of an upright tool along its path, and the clearance at the end [m].
 
-    Args:
-        points: (P, 3) of the tool point.
-        heights: (m,) over the tool point, along ``up`` (3,), at which the clearance is measured.
-        obstacles: from whose surfaces.
-        radius: of the tool [m].
-        most: largest clearance that is returned [m].
+    ``points``: (P, 3) of the tool point. ``heights``: (m,) over the tool point, along ``up`` (3,),
+    at which the clearance is measured. ``obstacles``: from whose surfaces. ``radius``: of the tool
+    [m]. ``most``: largest clearance that is returned [m].
     """
     least = room = most
     gradient, at = np.empty(3), obstacles.position

@@ -42,17 +42,13 @@ def push(
 ) -> int:  # fmt: skip
     """Lead the cup along a path.
 
-    Args:
-        s: the N stems.
-        points: (P, 3) of the tool point; ``axes`` (P, 3) out of the mouth.
-        dt: between points [s].
-        cup: its shape.
-        solid: static objects that fruits are pressed against; stems pass through them.
-        worst: score (:func:`optipromp.core.pushing.stems.harm.score_of`) above which the push ends.
-        positions: (P, N, 3) out, of the fruits [m].
-        forces: (P, N) out, largest contact force on each fruit [N].
-        stem_forces: (P, N) out, of the cup on each stem [N].
-        so_far: (5,) in and out, the numbers of :class:`optipromp.core.pushing.stems.harm.Harm`.
+    ``s``: the N stems. ``points``: (P, 3) of the tool point; ``axes`` (P, 3) out of the mouth.
+    ``dt``: between points [s]. ``cup``: its shape. ``solid``: static objects that fruits are
+    pressed against; stems pass through them. ``worst``: score
+    (:func:`optipromp.core.pushing.stems.harm.score_of`) above which the push ends. ``positions``:
+    (P, N, 3) out, of the fruits [m]. ``forces``: (P, N) out, largest contact force on each fruit
+    [N]. ``stem_forces``: (P, N) out, of the cup on each stem [N]. ``so_far``: (5,) in and out, the
+    numbers of :class:`optipromp.core.pushing.stems.harm.Harm`.
 
     Returns:
         Number of points that the cup was led through.
@@ -292,15 +288,12 @@ def summed_score(
 ) -> float:  # fmt: skip
     """Sum of the scores of a path over sampled states of the same fruits.
 
-    Args:
-        s: the stems, one state after the other.
-        count: number of fruits in a state.
-        states: the first state of the sum, and the last plus one.
-        points: see :func:`push`, as for the arguments up to ``solid``.
-        hopeless: largest score of a single state.
-        worst: largest sum of interest; a larger sum may be returned as any number above it.
-        seen: whether the first state is the perceived one; a hopeless perceived state ends the sum.
-        total: the sum over the states before.
+    ``s``: the stems, one state after the other. ``count``: number of fruits in a state. ``states``:
+    the first state of the sum, and the last plus one. ``points``: see :func:`push`, as for the
+    arguments up to ``solid``. ``hopeless``: largest score of a single state. ``worst``: largest sum
+    of interest; a larger sum may be returned as any number above it. ``seen``: whether the first
+    state is the perceived one; a hopeless perceived state ends the sum. ``total``: the sum over the
+    states before.
     """
     steps = len(points)
     positions, forces = np.zeros((steps, count, 3)), np.zeros((steps, count))

@@ -44,11 +44,8 @@ def carried(
 ) -> tuple[FloatArray, FloatArray]:
     """The load of each stem: its fruit, and the stems that grow from it.
 
-    Args:
-        t: the tree.
-        weight: (N,) of the fruits [N].
-        up: (3,) opposite to gravity.
-        count: number of elements of a stem.
+    ``t``: the tree. ``weight``: (N,) of the fruits [N]. ``up``: (3,) opposite to gravity.
+    ``count``: number of elements of a stem.
 
     Returns:
         Weight (N, count) that hangs beyond each element [N], and the integral (N,) of the bending
@@ -83,10 +80,8 @@ def bending(t: StemTree, stiffness: FloatArray, tension: FloatArray) -> Bent:
     slope of its parent, of stiffness sᵀBs - (Bs)ᵀA⁻¹Bs with the places s of the grid's points, the
     whole stiffness A and the stiffness B of the tension.
 
-    Args:
-        t: the tree.
-        stiffness: (N, n, n) of the grid's points of each single stem [N/m].
-        tension: (N, n, n) part of the stiffness that is due to the tension [N/m].
+    ``t``: the tree. ``stiffness``: (N, n, n) of the grid's points of each single stem [N/m].
+    ``tension``: (N, n, n) part of the stiffness that is due to the tension [N/m].
     """
     count, n = len(t.parent), stiffness.shape[1]
     influence, turned = np.zeros((count, n, n)), np.zeros((count, n + 1))
