@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # for the benchmarks
 
 from benchmarks.entries.classic import BesideFruits, FromLine
 from benchmarks.entries.sampling import ByEpisodes, ByHorizon, ByMppi
-from optipromp.bench.entries.motions import gentle_plan
+from optipromp.bench.entries.planners import gentle_plan
 from optipromp.bench.running import Exercise, executed_rows, situated
 from optipromp.bench.sets import FIRST, PRESETS
 from optipromp.bench.tracks import asked

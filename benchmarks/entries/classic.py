@@ -5,7 +5,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from optipromp.bench.entries.motions import Pathed, gentle_plan
+from benchmarks.entries.pathed import Pathed
+from optipromp.bench.entries.planners import gentle_plan
 from optipromp.core.arrays import FloatArray, evenly
 from optipromp.core.budget import Budget
 from optipromp.core.errors import InvalidRequestError, OptiPrompError

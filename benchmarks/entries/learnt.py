@@ -9,8 +9,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from benchmarks.entries.pathed import Pathed, harm_of
 from optipromp.bench.drive import joints_for
-from optipromp.bench.entries.motions import Pathed, gentle_plan, harm_of
+from optipromp.bench.entries.planners import gentle_plan
 from optipromp.bench.env import SPEED
 from optipromp.bench.episode import Observation
 from optipromp.bench.primitive import COUNT, OfWeights, path_of

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from optipromp.bench.entries.motions import Pathed, harm_of
+from benchmarks.entries.pathed import Pathed, harm_of
 from optipromp.bench.primitive import COUNT, path_of
 from optipromp.core.arrays import FloatArray
 from optipromp.core.planning import Plan, plan

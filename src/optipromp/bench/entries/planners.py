@@ -2,14 +2,25 @@
 
 from typing import Any, ClassVar
 
-from optipromp.bench.entries.motions import gentle_plan
+import numpy as np
+
 from optipromp.core.planning import Plan, plan
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
+from optipromp.timing import LEAST, gentle
 
 PREDICTING = "opti-promp", "obstacles"
 """Planners that predict harm, and refuse by it. The others know no harm: their motion is executed
 whatever the judge of this library says, as slow near fruits as ours."""
+
+
+def gentle_plan(made: Plan, scene: Scene) -> Trajectory | None:
+    """A plan's motion made gentle; None where the plan stands still."""
+    own = made.trajectory
+    if float(np.ptp(own.positions, axis=0).max()) == 0.0:
+        return None
+    q, _, _ = own.sample(np.linspace(0.0, own.duration, LEAST))
+    return gentle(scene, q)
 
 
 class OfPlanner:

@@ -1,4 +1,4 @@
-"""What the entries share: motions made gentle, planners that follow a tool path of their own."""
+"""What entries share: planners that follow a tool path of their own, and the harm of weights."""
 
 from abc import abstractmethod
 from dataclasses import dataclass, replace
@@ -9,24 +9,12 @@ from optipromp.bench.primitive import COUNT, path_of
 from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import Budget
 from optipromp.core.errors import Code
-from optipromp.core.planning import Plan
 from optipromp.core.planning.planners import OptiProMP, goal_configurations
 from optipromp.core.planning.result import Failed, Harmful, Planned
 from optipromp.core.planning.task import Task, pushed_aside, spaced
 from optipromp.core.pushing.model import PushModel
 from optipromp.core.pushing.path import ToolPath
-from optipromp.core.scenes.scene import PoseGoal, Scene
-from optipromp.core.trajectory import Trajectory
-from optipromp.timing import LEAST, gentle
-
-
-def gentle_plan(made: Plan, scene: Scene) -> Trajectory | None:
-    """A plan's motion made gentle; None where the plan stands still."""
-    own = made.trajectory
-    if float(np.ptp(own.positions, axis=0).max()) == 0.0:
-        return None
-    q, _, _ = own.sample(np.linspace(0.0, own.duration, LEAST))
-    return gentle(scene, q)
+from optipromp.core.scenes.scene import PoseGoal
 
 
 @dataclass(frozen=True)
