@@ -12,15 +12,19 @@ far it gets. Needs the extra ``train``. One core.
 import argparse
 import itertools
 import math
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parent))  # as a module, too
+
+from shapes import shapes
+
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.photograph import PhotoParameters, photograph
-from optipromp.laboratory.simulation.shapes import shapes
 from optipromp.perception.network import CLASSES, FAR, encoded
 
 RECIPE = (  # preset, looks, mount, share

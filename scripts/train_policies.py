@@ -33,10 +33,9 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # for the benchmarks
 import numpy as np
 
 from benchmarks.entries.learnt import hand_of
-from optipromp.bench.env import PickEnv, PickProMPEnv
+from optipromp.bench.env import MOST, WIDTH, PickEnv, PickProMPEnv, objects_of
 from optipromp.bench.episodes import follower
 from optipromp.bench.primitive import COUNT, weights_of
-from optipromp.bench.senses import MOST, WIDTH, objects_of
 from optipromp.bench.sets import PRESETS
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.planning import plan

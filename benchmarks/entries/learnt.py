@@ -12,10 +12,9 @@ import numpy as np
 from benchmarks.entries.pathed import Pathed, harm_of
 from optipromp.bench.drive import joints_for
 from optipromp.bench.entries.planners import gentle_plan
-from optipromp.bench.env import SPEED
+from optipromp.bench.env import SPEED, objects_in, state_of
 from optipromp.bench.episode import Observation
 from optipromp.bench.primitive import COUNT, OfWeights, path_of
-from optipromp.bench.senses import objects_in, state_of
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, installed_by
 from optipromp.core.planning import Plan, plan
@@ -56,7 +55,7 @@ def hand_of(arm: FloatArray) -> FloatArray:
     """What a clone knows of its arm: the hand's place, axis and force (..., 9), all about equal.
 
     Args:
-        arm: (..., 2n + 11) of :func:`optipromp.bench.senses.state_of`; joints and times are left
+        arm: (..., 2n + 11) of :func:`optipromp.bench.env.state_of`; joints and times are left
             out, so what is learnt holds in all directions about the approach.
     """
     hand = np.array(arm[..., -11:-2], dtype=np.float64)

@@ -63,44 +63,24 @@ if TYPE_CHECKING:
     from optipromp.laboratory.simulation import simulate as simulate
 
 _HOMES = {
-    "core.errors": ("Code", "OptiPrompError"),
-    "core.judging": ("Metrics",),
-    "core.output": ("load_pick", "load_plan", "write_pick", "write_plan"),
+    "core.errors": "Code OptiPrompError",
+    "core.judging": "Metrics",
+    "core.output": "load_pick load_plan write_pick write_plan",
     "core.planning": (
-        "IProMP",
-        "OptiProMP",
-        "PaperOptions",
-        "PickSequence",
-        "Picked",
-        "Plan",
-        "PlanOptions",
-        "Verdict",
-        "judge",
-        "plan",
-        "plan_many",
-        "plan_pick",
-        "plan_sequence",
+        "IProMP OptiProMP PaperOptions PickSequence Picked Plan PlanOptions Verdict judge "
+        "plan plan_many plan_pick plan_sequence"
     ),
-    "core.planning.task": ("robot_of",),
-    "core.promp": (
-        "Basis",
-        "JointPoint",
-        "ProMP",
-        "TaskPoint",
-        "condition",
-        "fit",
-        "fit_em",
-        "load_demonstrations",
-    ),
-    "core.robots.library": ("load_robot",),
-    "core.robots.model": ("Robot",),
-    "core.robots.tools": ("Cup", "FrankaHand", "with_tool"),
-    "core.scenes.io": ("load_scene", "save_scene"),
-    "core.scenes.scene": ("Scene", "SceneObject"),
-    "laboratory.simulation": ("simulate",),
-    "core.trajectory": ("State", "Trajectory"),
+    "core.planning.task": "robot_of",
+    "core.promp": "Basis JointPoint ProMP TaskPoint condition fit fit_em load_demonstrations",
+    "core.robots.library": "load_robot",
+    "core.robots.model": "Robot",
+    "core.robots.tools": "Cup FrankaHand with_tool",
+    "core.scenes.io": "load_scene save_scene",
+    "core.scenes.scene": "Scene SceneObject",
+    "laboratory.simulation": "simulate",
+    "core.trajectory": "State Trajectory",
 }
-_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names.split()}
 
 __all__ = ["__version__", *sorted(_HOME_OF)]
 

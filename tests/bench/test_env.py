@@ -14,13 +14,12 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from optipromp.bench.drive import driven, joints_for
-from optipromp.bench.env import CURRICULUM, HARM, SPEED, TIME, PickEnv, PickProMPEnv
+from optipromp.bench.env import CURRICULUM, HARM, MOST, SPEED, TIME, WIDTH, PickEnv, PickProMPEnv
 from optipromp.bench.episode import HELD, LONGEST, Episode, score
 from optipromp.bench.episodes import follower
 from optipromp.bench.flight import Word
 from optipromp.bench.flown import FlightWorld
 from optipromp.bench.primitive import COUNT, OfWeights, weights_of
-from optipromp.bench.senses import MOST, WIDTH
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning import plan

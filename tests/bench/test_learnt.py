@@ -8,8 +8,8 @@ import pytest
 from tests.loaded import script
 
 from benchmarks.entries.learnt import proposals, told
+from optipromp.bench.env import MOST, WIDTH, objects_in
 from optipromp.bench.primitive import COUNT
-from optipromp.bench.senses import MOST, WIDTH, objects_in
 from optipromp.bench.sets import scene_of
 from optipromp.core.arrays import FloatArray
 

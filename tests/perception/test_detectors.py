@@ -4,13 +4,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.loaded import script
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.scenes.pose import Pose
-from optipromp.laboratory.simulation.shapes import shapes
 from optipromp.perception import look_at
 from optipromp.perception.detector import ByDetector, Detected, cut, finder_named
 from optipromp.perception.pictures import CameraModel, DepthPicture
+
+shapes = script("shapes").shapes
 
 
 def picture() -> DepthPicture:

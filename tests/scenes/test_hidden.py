@@ -129,7 +129,7 @@ def test_a_plan_says_what_it_assumed_and_is_simulated(tmp_path: Path) -> None:
 
 def test_the_simulation_draws_an_unseen_stem_by_its_seed() -> None:
     pytest.importorskip("mujoco")
-    from optipromp.laboratory.simulation.grown import grown
+    from optipromp.laboratory.simulation.world import grown
 
     scene = unseen(generate("limp", 3))
     one, again, other = grown(scene, 1), grown(scene, 1), grown(scene, 2)

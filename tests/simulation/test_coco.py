@@ -6,16 +6,16 @@ import math
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
+from tests.loaded import script
 
-from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Ellipsoid
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene, SceneObject, Stem, ToolSpec
 from optipromp.laboratory.simulation.coco import CATEGORIES, KEYS, document, record, run_lengths
 from optipromp.laboratory.simulation.photograph import PhotoParameters, photograph
-from optipromp.laboratory.simulation.shapes import shapes
+
+shapes = script("shapes").shapes
 
 
 def decoded(segmentation):
@@ -66,12 +66,10 @@ def test_run_lengths_are_those_of_coco(mask):
     assert run_lengths(column) == [1, 3]
 
 
-def test_a_folder_of_shapes_can_be_read_back(tmp_path):
+def test_a_folder_of_shapes_can_be_read_back(tmp_path, monkeypatch):
     out = tmp_path / "made"
-    told = CliRunner().invoke(
-        app, ["render", "--looks", "shapes", "--seeds", "3:6", "--out", str(out), "--json"]
-    )
-    assert told.exit_code == 0, told.output
+    monkeypatch.setattr("sys.argv", ["shapes.py", "--seeds", "3:6", "--out", str(out)])
+    script("shapes").main()
     content = checked(json.loads((out / "annotations.json").read_text()))
     assert [each["file_name"] for each in content["images"]] == [
         f"shapes-{k}.rgb.png" for k in (3, 4, 5)

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from tests.loaded import script
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.photograph import PhotoParameters, photograph
 from optipromp.laboratory.simulation.rich import _unbroken
-from optipromp.laboratory.simulation.shapes import shapes
+
+shapes = script("shapes").shapes
 
 SMALL = PhotoParameters(width=160, height=120, focal=120.0)
 

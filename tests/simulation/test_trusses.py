@@ -13,7 +13,7 @@ from optipromp.core.pushing.stems.bending import stems
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.generate.plants import untold
 from optipromp.laboratory.simulation import SimulationParameters, simulate
-from optipromp.laboratory.simulation.stems import StemWatch
+from optipromp.laboratory.simulation.steps import StemWatch
 from optipromp.laboratory.simulation.world import Fruit, World, build
 
 FORCE = 0.02  # [N]

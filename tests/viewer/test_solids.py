@@ -14,7 +14,7 @@ from optipromp.core.geometry.shapes import (
     Sphere,
 )
 from optipromp.looks.appearance.faces import shape_faces
-from optipromp.looks.viewer.picture import Camera, Picture
+from optipromp.looks.viewer.reach import Camera, Picture
 
 ROTATION = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 

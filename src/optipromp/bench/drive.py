@@ -24,8 +24,7 @@ def driven(
     the end [rad/s or m/s]. ``period``: time from ``before`` to the last tick [s]. ``count``: number
     of ticks.
 
-    Returns:
-        The references, a tick apart, the last one ``period`` after ``before``.
+    Returns: The references, a tick apart, the last one ``period`` after ``before``.
     """
     most = BRAKE * robot.acceleration
     ahead = before.q + 0.5 * period * before.velocity  # about where the velocity is reached

@@ -25,9 +25,8 @@ def published(results: Iterable[Path], out: Path, unverified: bool = False) -> d
     ``results``: folders of runs, or submissions, of one set. ``out``: the folder, which is made;
     must be empty or new. ``unverified``: also take those that nobody verified.
 
-    Returns:
-        The content of ``results.json``: set, round, version, commit, and of each entry its files
-        with their SHA-256.
+    Returns: The content of ``results.json``: set, round, version, commit, and of each entry its
+    files with their SHA-256.
     """
     paths = [zip_of(path) for path in results]
     board = leaderboard(paths)

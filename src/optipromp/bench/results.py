@@ -187,8 +187,7 @@ def run_bench(
     them. ``progress``: called with the number of scenes done, of all scenes, and the newest row.
     ``patience``: the time that the entry has for an answer.
 
-    Returns:
-        All rows, in the order of the set.
+    Returns: All rows, in the order of the set.
     """
     check_folder(folder / MOTIONS)
     (folder / MOTIONS).mkdir(parents=True, exist_ok=True)

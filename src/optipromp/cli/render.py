@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from optipromp.core.scenes.scene import Scene
     from optipromp.laboratory.simulation.coco import Shot
 
-SIZE = 640, 480  # [pixel] of shapes, as of photographs
-
 
 @command()
 def render(
@@ -33,11 +31,10 @@ def render(
         typer.Option(help="Of the camera: standing beside, in the tool's mouth, on the hand."),
     ] = "beside",
     looks: Annotated[
-        Literal["plain", "rich", "shapes"] | None,
+        Literal["plain", "rich"] | None,
         typer.Option(
             help="plain: smooth fruits before two colours; rich: leaves, bowed stems, painted "
-            "surfaces, shadows; shapes: flat ellipses and lines, of no scene. Default: rich for "
-            "the preset wild, else plain."
+            "surfaces, shadows. Default: rich for the preset wild, else plain."
         ),
     ] = None,
 ) -> Report:
@@ -56,16 +53,13 @@ def render(
     optipromp render scenario-3 --seeds 0:3 --out pictures
     optipromp render --preset field --seeds 70000:70010 --out pictures
     optipromp render --preset wild --seeds 70000:70010 --out pictures
-    optipromp render --looks shapes --seeds 0:100 --out shapes
     optipromp see pictures --out seen
     """
     from optipromp.laboratory.simulation import coco
 
-    if looks == "shapes" and (scene is not None or preset is not None):
-        raise InvalidRequestError("shapes are of no scene; leave out SCENE and --preset")
-    if looks != "shapes" and (scene is None) == (preset is None):
-        raise InvalidRequestError("give a scene or --preset, one of them; or --looks shapes")
-    numbers = _seeds(seeds)
+    if (scene is None) == (preset is None):
+        raise InvalidRequestError("give a scene or --preset, one of them")
+    numbers = seeds_of(seeds)
     check_folder(out)
     looks = looks or ("rich" if preset == "wild" else "plain")
     records: list[dict[str, Any]] = []
@@ -74,7 +68,7 @@ def render(
         for number in numbers:
             shot, name, true = _taken(scene, preset, number, mount, looks)
             told(len(records), len(numbers), name)
-            records.append(_write(shot, name, true, out))
+            records.append(write_shot(shot, name, true, out))
             annotated.append(coco.record(name, shot))
     content = json.dumps(coco.document(annotated), separators=(",", ":"))
     write_together(out, {coco.FILE: content.encode()})
@@ -82,7 +76,8 @@ def render(
     return Report({"mount": mount, "looks": looks, "pictures": records}, lines)
 
 
-def _seeds(text: str) -> range:
+def seeds_of(text: str) -> range:
+    """The seeds from A to before B of A:B."""
     begin, colon, end = text.partition(":")
     if not (begin.isdigit() and end.isdigit() and colon and int(begin) < int(end)):
         raise InvalidRequestError(f"seeds are {text!r}; write them as 0:10")
@@ -100,10 +95,6 @@ def _taken(
     scene: str | None, preset: Any, number: int, mount: str, looks: str
 ) -> "tuple[Shot, str, Scene | None]":
     """A picture, its name, and the true scene."""
-    if looks == "shapes":
-        from optipromp.laboratory.simulation.shapes import shapes
-
-        return shapes(number, *SIZE), f"shapes-{number}", None
     from optipromp.laboratory.simulation.photograph import photograph
 
     shot = photograph(_scene(scene, preset, number), mount, number, looks=looks)  # type: ignore[arg-type]
@@ -111,7 +102,7 @@ def _taken(
     return shot, name, shot.scene
 
 
-def _write(shot: "Shot", name: str, true: "Scene | None", out: Path) -> dict[str, Any]:
+def write_shot(shot: "Shot", name: str, true: "Scene | None", out: Path) -> dict[str, Any]:
     """Write the files of a picture; returns what is said of it."""
     from optipromp.core.scenes.io import save_scene
     from optipromp.perception.pictures import picture_files, png_file

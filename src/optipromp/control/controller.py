@@ -447,8 +447,7 @@ class Sliced(Generic[T]):
     def lend(self, steps: float = math.inf, seconds: float = math.inf) -> bool:
         """Let the work run for some ``steps`` or ``seconds`` [s], at least one step.
 
-        Returns:
-            Whether the work is done.
+        Returns: Whether the work is done.
         """
         if self.done:
             return True

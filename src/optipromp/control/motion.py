@@ -318,8 +318,7 @@ class PlantState:
         ``tracks``: (k,) indices of fruits. ``seen``: (k, 3) positions [m]. ``noise``: (k, 3, 3)
         covariances of their errors [m²]. ``held``: indices of fruits whose rests do not change.
 
-        Returns:
-            The state, and the normalised innovations squared (k,).
+        Returns: The state, and the normalised innovations squared (k,).
         """
         size, layout = 3 * len(tracks), self.layout
         rows = (3 * tracks[:, None] + np.arange(3)).ravel()

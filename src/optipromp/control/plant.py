@@ -134,9 +134,8 @@ def settled(tracked: Tracked, most: float) -> bool:
 def displaced(planned: Scene, tracked: Tracked) -> tuple[FloatArray, FloatArray, list[int]]:
     """The fruits of a plan's scene that are still tracked.
 
-    Returns:
-        Rest positions (F, 3) in the plan's scene [m], displacements (F, 3) of these fruits since
-        [m], and the rows of their tracks.
+    Returns: Rest positions (F, 3) in the plan's scene [m], displacements (F, 3) of these fruits
+    since [m], and the rows of their tracks.
     """
     before = {o.id: o.position for o in planned.objects if o.role in ("target", "pushable")}
     rows = [row for row, name in enumerate(tracked.ids) if name in before]

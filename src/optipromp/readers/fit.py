@@ -123,9 +123,8 @@ def fit_covers(
     fewer if all covers have an excess of at most :data:`TIGHT`, more for a cover whose excess is
     above its ``loose``. ``loose``: excess of each mesh [m].
 
-    Returns:
-        For each mesh its spheres (k, 4), centres and radii, and their excess: the largest distance
-        [m] by which they reach beyond the mesh, within about a voxel.
+    Returns: For each mesh its spheres (k, 4), centres and radii, and their excess: the largest
+    distance [m] by which they reach beyond the mesh, within about a voxel.
     """
     fits = in_threads(_Fit, meshes, loose)
     while growing := [fit for fit in fits if not fit.done and fit.excess > TIGHT]:

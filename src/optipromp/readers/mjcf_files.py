@@ -21,8 +21,7 @@ def mjcf_files(path: Path, check: Callable[[Path], Path] = Path) -> list[Path] |
 
     ``path``: of the MJCF. ``check``: called with each other file before it is read.
 
-    Returns:
-        The files; None if one is not found or an MJCF is no XML.
+    Returns: The files; None if one is not found or an MJCF is no XML.
     """
     trees = dict[Path, Node]()
     new = {path}

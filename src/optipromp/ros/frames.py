@@ -52,8 +52,7 @@ class Frames:
         ``name``: of the frame. ``known``: poses of frames in the base, the surest first. ``stamp``:
         of what was seen.
 
-        Returns:
-            None: no known frame is in the same tree, or its pose at that time was not told.
+        Returns: None: no known frame is in the same tree, or its pose at that time was not told.
         """
         mine = dict(self._chain(name, stamp))
         for other, pose in known.items():

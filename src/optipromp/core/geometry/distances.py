@@ -43,8 +43,7 @@ def signed_distance(
     obstacle, 0 <= k < K (not checked). ``x0``, ``x1``, ``x2``: world coordinates of the point [m].
     ``gradient``: (3,) dD/dx in the world frame, written in place; of unit length for primitives.
 
-    Returns:
-        D: above 0 outside, 0 on the surface, below 0 inside.
+    Returns: D: above 0 outside, 0 on the surface, below 0 inside.
     """
     distance, gradient[0], gradient[1], gradient[2] = distance_and_gradient(
         obstacles, k, x0, x1, x2

@@ -180,8 +180,7 @@ def signed_grid(
     grid's border must lie outside the surface. ``spacing``: between neighbouring nodes [m].
     ``shape``: nodes along x, y, z.
 
-    Returns:
-        Distances of shape ``shape``, negative inside, exact up to rounding.
+    Returns: Distances of shape ``shape``, negative inside, exact up to rounding.
     """
     values = np.empty(shape)
     centers = triangles.mean(axis=1)

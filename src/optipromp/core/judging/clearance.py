@@ -172,8 +172,7 @@ def pushed_away(
     that enters the first place later, and no deeper, touches nothing. Contacts with meshes and
     point clouds stay.
 
-    Returns:
-        The other contacts, and a note on each one removed.
+    Returns: The other contacts, and a note on each one removed.
     """
     met = {contact.other for contact in contacts if contact.role == "pushable"}
     if not met:

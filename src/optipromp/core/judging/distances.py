@@ -266,9 +266,8 @@ def nearest(
     ``item``: the object. ``spheres``, ``radius``: (M, B, 3) centres and (B,) radii [m]. ``limit``:
     distances above it, and above 0, need not be exact [m].
 
-    Returns:
-        The distance [m] (an upper bound where it need not be exact), the index of the sphere, and
-        that of the configuration.
+    Returns: The distance [m] (an upper bound where it need not be exact), the index of the sphere,
+    and that of the configuration.
     """
     bound = item.shape.measure.bound
     local = (spheres - item.position).reshape(-1, 3) @ item.rotation

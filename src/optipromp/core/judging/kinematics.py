@@ -132,9 +132,8 @@ def refined(robot: Robot, trajectory: Trajectory) -> tuple[FloatArray, FloatArra
     A sphere of radius above 32 :data:`GRAZED` moves less, so that no point enters it deeper than
     :data:`GRAZED` between two checks.
 
-    Returns:
-        Times (M,) [s] and configurations (M, n) of the checks; the indices (T,) of the waypoints
-        among them; and whether :data:`MOST_CHECKS` sufficed.
+    Returns: Times (M,) [s] and configurations (M, n) of the checks; the indices (T,) of the
+    waypoints among them; and whether :data:`MOST_CHECKS` sufficed.
     """
     kin = robot.kinematics
     powers = np.abs(coefficients(trajectory)[:, :, 1:])

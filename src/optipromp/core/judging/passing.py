@@ -168,9 +168,8 @@ def last_passages(
 ) -> tuple[IntArray, FloatArray]:
     """The last crossings of a path (T, 3) with the level planes of ``places`` (K, 3).
 
-    Returns:
-        The waypoint (K,) nearest each crossing, -1 where there is no crossing; and the horizontal
-        offset (K, 3) of this waypoint from the place [m], 0 where there is no crossing.
+    Returns: The waypoint (K,) nearest each crossing, -1 where there is no crossing; and the
+    horizontal offset (K, 3) of this waypoint from the place [m], 0 where there is no crossing.
     """
     waypoint, at = np.full(len(places), -1), np.zeros((len(places), 3))
     _last_passages(np.array(path), np.array(places), np.array(up), waypoint, at)

@@ -131,9 +131,8 @@ def choose(
     ``begin``: (n,) a configuration; a free goal configuration on its branch is the only one.
     ``budget``: of the plan.
 
-    Returns:
-        Configurations (m, n), at most ``GOAL.enough`` where they are free; whether they touch
-        nothing; and the reason where all of them touch an object or none exists.
+    Returns: Configurations (m, n), at most ``GOAL.enough`` where they are free; whether they touch
+    nothing; and the reason where all of them touch an object or none exists.
     """
     only = None if begin is None else nearest(task, begin)
     if only is not None:

@@ -188,9 +188,8 @@ class Search:
         ``state``: at q_k. ``variance``: R (m, r). ``damping``: factor of D, which is the diagonal
         of S = J Σ Jᵀ and 0.1 % of its mean.
 
-        Returns:
-            The minimiser with the e of the linearisation and the J of ``state``; the norm of λ over
-            exact rows.
+        Returns: The minimiser with the e of the linearisation and the J of ``state``; the norm of λ
+        over exact rows.
         """
         _, offset, residual, jacobian = state
         noise = variance
@@ -258,8 +257,7 @@ class Search:
 
         The first step is at most 1 rad long; then steps are halved.
 
-        Returns:
-            The state, its merit, and its share of the way; None where no step suffices.
+        Returns: The state, its merit, and its share of the way; None where no step suffices.
         """
         largest = float(np.abs(goal.offset - state.offset).max())
         share = min(1.0, 1.0 / largest) if largest > 0.0 else 1.0

@@ -188,8 +188,7 @@ def each(
     2, 3); see :func:`solve`. ``near``: (m, n) configurations the descents start from.
     ``iterations``: of each descent, at most.
 
-    Returns:
-        Configurations (m, n) and errors (m,); see :func:`track`.
+    Returns: Configurations (m, n) and errors (m,); see :func:`track`.
     """
     return _tracked(robot, positions, axes, np.array(near), iterations, False)
 
@@ -332,9 +331,8 @@ def track(
     followed. ``axes``: (m, 3) unit, or (m, 2, 3); see :func:`solve`. None leaves the axis free.
     ``begin``: (n,) configuration the first solution starts from. ``iterations``: of each descent.
 
-    Returns:
-        Configurations (m, n) and errors (m,) [m]: position error plus :data:`AXIS_LENGTH` times the
-        axis error. An error above 1e-6 is a miss.
+    Returns: Configurations (m, n) and errors (m,) [m]: position error plus :data:`AXIS_LENGTH`
+    times the axis error. An error above 1e-6 is a miss.
     """
     q = np.empty((len(positions), robot.n_joints))
     q[:1] = begin

@@ -22,9 +22,8 @@ def level(robot: Robot, q: FloatArray, normal: FloatArray, *, path: bool = False
     ``q`` are consecutive points of a path; their rolls are then continuous, as far as the joint's
     limits allow.
 
-    Returns:
-        (m, n) configurations with the roll within the limits that is nearest to that of ``q``. A
-        copy of ``q`` if the tool has no fingers or the last joint does more than roll it.
+    Returns: (m, n) configurations with the roll within the limits that is nearest to that of ``q``.
+    A copy of ``q`` if the tool has no fingers or the last joint does more than roll it.
     """
     out = np.array(q, dtype=np.float64).reshape(-1, robot.n_joints)
     tool, kin = robot.tool, robot.kinematics

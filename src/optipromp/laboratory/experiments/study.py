@@ -208,8 +208,7 @@ def run_study(
     of them; see :func:`optipromp.laboratory.experiments.cluster.over`. ``progress``: called with
     the number of runs done, of all runs, and the newest row (None at the beginning).
 
-    Returns:
-        The study's rows, those of earlier calls too, in the study's order.
+    Returns: The study's rows, those of earlier calls too, in the study's order.
     """
     if workers is not None and workers < 1:
         raise InvalidRequestError(f"workers is {workers}; it must be at least 1")

@@ -39,8 +39,7 @@ _BELOW: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.15)}
 def write_results(rows: Sequence[Row], cells: Sequence[Cell], folder: Path) -> tuple[str, ...]:
     """Write ``summary.json`` and ``study.png``.
 
-    Returns:
-        The names of the files.
+    Returns: The names of the files.
     """
     found = calibration(rows)
     document: dict[str, Any] = {

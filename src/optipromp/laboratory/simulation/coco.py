@@ -1,15 +1,15 @@
 """Pictures with truth as COCO (https://cocodataset.org/#format-data): masks, boxes, key points."""
 
 import math
-from collections.abc import Iterable
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from optipromp.core.arrays import BoolArray, FloatArray
-from optipromp.laboratory.simulation.photograph import FRUITS, Kind, Marked, Photograph
-from optipromp.laboratory.simulation.shapes import Drawn
-from optipromp.perception.pictures import ENDS
+from optipromp.laboratory.simulation.photograph import FRUITS, Kind, Marked
+from optipromp.perception.pictures import ENDS, DepthPicture
 
 FILE = "annotations.json"
 KEYS = "tip", "top", "root"
@@ -21,7 +21,24 @@ CATEGORIES: dict[Kind, str] = {
 """Kinds of surfaces that are annotated, each with its larger category."""
 
 
-Shot = Photograph | Drawn
+class Shot(Protocol):
+    """A picture with its truth, such as a photograph."""
+
+    @property
+    def picture(self) -> DepthPicture:
+        """Colours and depth."""
+
+    @property
+    def masks(self) -> NDArray[np.uint8]:
+        """(height, width) rows of ``marked`` plus one; 0 is background."""
+
+    @property
+    def marked(self) -> tuple[Marked, ...]:
+        """What each value is."""
+
+    @property
+    def keys(self) -> Mapping[str, FloatArray]:
+        """Of each fruit, pixels (3, 2) of its tip, its upper end and its stem's root."""
 
 
 class Labels(NamedTuple):

@@ -201,8 +201,7 @@ def bring(
     commanded configurations of the reach from its last plan on. ``done``: records and judgement of
     the reach.
 
-    Returns:
-        Records and judgement of the whole, and the pick; None where the reach did not succeed.
+    Returns: Records and judgement of the whole, and the pick; None where the reach did not succeed.
     """
     rollout, outcome = done
     if not (outcome.success and controller.plans):

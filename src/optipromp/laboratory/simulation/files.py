@@ -36,8 +36,7 @@ def write_run(
 ) -> tuple[str, ...]:
     """Write ``rollout.npz``, further files and, last, ``outcome.json``; each whole or not at all.
 
-    Returns:
-        The names of the files.
+    Returns: The names of the files.
     """
     scene = None
     with suppress(OptiPrompError):  # a mesh that has no file

@@ -65,8 +65,7 @@ def in_tool(world: World, q: FloatArray, centers: FloatArray) -> BoolArray:
     ``world``: with the robot and its tool. ``q``: (R, n) configurations of the joints. ``centers``:
     (R, 3) positions of the object's centre at these [m].
 
-    Returns:
-        (R,).
+    Returns: (R,).
     """
     robot = world.robot
     points, _ = robot.tool_pose(q)

@@ -58,9 +58,8 @@ def carried(
 
     ``chains``: of all stems, by the ids of their fruits. ``gravity``: (3,) [m/s²].
 
-    Returns:
-        The torques that carry the stems which grow from a stem, by the id of that stem's fruit. The
-        torques that carry each fruit, by its id and by the id of the carrying stem's fruit.
+    Returns: The torques that carry the stems which grow from a stem, by the id of that stem's
+    fruit. The torques that carry each fruit, by its id and by the id of the carrying stem's fruit.
     """
     stems: dict[str, FloatArray] = {}
     fruits: dict[str, dict[str, FloatArray]] = {}

@@ -64,8 +64,7 @@ class Replay:
     def show(self, stage: PlanNodes, now: float) -> str:
         """Show arm, objects, contacts and what the controller thinks at the time ``now`` [s].
 
-        Returns:
-            Forces and stage in words.
+        Returns: Forces and stage in words.
         """
         arrays = self.arrays
         row = int(np.abs(arrays["times"] - now).argmin())

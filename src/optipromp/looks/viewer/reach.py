@@ -1,5 +1,7 @@
 """The picture of a reach at one moment: the arm, the tool paths, and the pushed objects."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,7 +24,6 @@ from optipromp.looks.appearance.faces import shape_faces
 from optipromp.looks.appearance.scene import PUSHABLES
 from optipromp.looks.viewer import drawn
 from optipromp.looks.viewer.drawn import COLOURS, OPTIMISED, STILL, Moment, Motion, Placed
-from optipromp.looks.viewer.picture import Camera, Picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,6 +31,11 @@ if TYPE_CHECKING:
 
     from optipromp.core.planning import Plan
     from optipromp.core.robots.model import Robot
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 ARM = "#86a5d4"
 _LINK_RADIUS = 0.042  # [m] of a drawn link: slender, so that objects behind it show
@@ -43,7 +49,7 @@ _DOWN = 0.7  # of the vertical in a direction of sight that is called down: 45 d
 _DOTS = 0.015  # [m] between the dots of the chosen tool path
 
 
-def reach_figure(plan: "Plan") -> "Figure":
+def reach_figure(plan: Plan) -> Figure:
     """Three views of one moment of a plan: the whole arm, and the cluster along x_g and y_g.
 
     The lines are the paths of the tool point, one for each trajectory. Pushed objects are at their
@@ -85,7 +91,7 @@ def reach_figure(plan: "Plan") -> "Figure":
     return figure
 
 
-def _close_views(plan: "Plan") -> list[tuple[Camera, str]]:
+def _close_views(plan: Plan) -> list[tuple[Camera, str]]:
     """The cameras along x_g and y_g and their captions; the second is upright in the world."""
     x_g, y_g, z_g = plan.scene.frame
     focus = _focus(plan)
@@ -98,7 +104,7 @@ def _close_views(plan: "Plan") -> list[tuple[Camera, str]]:
     return [front, (side, "turned by 90°; the approach goes to the right")]
 
 
-def title(plan: "Plan", now: Moment | None = None) -> str:
+def title(plan: Plan, now: Moment | None = None) -> str:
     """Scene, planner and status; with a moment also the moment and the push prediction."""
     strategy = f", {plan.strategy}" if plan.strategy else ""
     lines = [f"{plan.scene.name}, {plan.planner}{strategy}: {plan.status}"]
@@ -110,7 +116,7 @@ def title(plan: "Plan", now: Moment | None = None) -> str:
     return "\n".join(lines).replace("$", r"\$")
 
 
-def _draw_wide(axes: "Axes", plan: "Plan", objects: Sequence[Placed], now: Moment) -> None:
+def _draw_wide(axes: Axes, plan: Plan, objects: Sequence[Placed], now: Moment) -> None:
     focus = _focus(plan)
     middle = 0.5 * focus
     reach = max(0.6, float(np.linalg.norm(focus)))
@@ -140,7 +146,7 @@ def _enters(placed: Placed, camera: Camera, corners: FloatArray) -> bool:
     return placed.item.role != "avoid" or bool(beyond < inside)
 
 
-def _close(camera: Camera, plan: "Plan", objects: Sequence[Placed], now: Moment) -> Picture:
+def _close(camera: Camera, plan: Plan, objects: Sequence[Placed], now: Moment) -> Picture:
     picture = Picture(camera)
     for item in objects:
         before = float(camera.axes[2] @ (item.position - camera.target)) > 0.03
@@ -155,7 +161,7 @@ def _close(camera: Camera, plan: "Plan", objects: Sequence[Placed], now: Moment)
     return picture
 
 
-def tool_faces(robot: "Robot", q: FloatArray) -> FloatArray:
+def tool_faces(robot: Robot, q: FloatArray) -> FloatArray:
     """Faces (F, 4, 3) of the tool at a configuration (n,); without a tool, of the last link."""
     if robot.tool is None:
         cover, centers = robot.spheres, robot.sphere_centers(q)
@@ -180,7 +186,7 @@ def _add_object(picture: Picture, placed: Placed, alpha: float) -> None:
         picture.add(tube(placed.stem, placed.item.stem.radius, 8), colour)
 
 
-def _bones(robot: "Robot", q: FloatArray) -> FloatArray:
+def _bones(robot: Robot, q: FloatArray) -> FloatArray:
     """Points (k, 3) from the base through the joints to the flange [m]."""
     origins, rotations = robot.segment_frames(q)
     corners = [np.zeros(3)]
@@ -190,7 +196,7 @@ def _bones(robot: "Robot", q: FloatArray) -> FloatArray:
     return np.stack(corners)
 
 
-def _add_arm(picture: Picture, robot: "Robot", q: FloatArray) -> None:
+def _add_arm(picture: Picture, robot: Robot, q: FloatArray) -> None:
     bones = _bones(robot, q)
     slender = min(_LINK_RADIUS, 0.12 * max(float(np.linalg.norm(bones[-1])), 0.1))
     picture.add(tube(bones, slender), ARM)
@@ -199,14 +205,14 @@ def _add_arm(picture: Picture, robot: "Robot", q: FloatArray) -> None:
     picture.add(tool_faces(robot, q), ARM)
 
 
-def _focus(plan: "Plan") -> FloatArray:
+def _focus(plan: Plan) -> FloatArray:
     """The point (3,) in the middle of the picture: the target, or the last tool point [m]."""
     if plan.scene.target is not None:
         return np.asarray(plan.scene.target.position, dtype=float)
     return np.asarray(plan.robot.tool_pose(plan.trajectory.positions[-1])[0])
 
 
-def _hidden(view: Camera, plan: "Plan", focus: FloatArray) -> float:
+def _hidden(view: Camera, plan: Plan, focus: FloatArray) -> float:
     """Sum of the distances of static objects before the focus, along the view [m]."""
     nearer = [
         float(view.axes[2] @ (item.position - focus))
@@ -216,7 +222,7 @@ def _hidden(view: Camera, plan: "Plan", focus: FloatArray) -> float:
     return sum(max(0.0, distance) for distance in nearer)
 
 
-def _frame(camera: Camera, plan: "Plan", objects: Sequence[Placed]) -> FloatArray:
+def _frame(camera: Camera, plan: Plan, objects: Sequence[Placed]) -> FloatArray:
     """Two corners (2, 2) of a close view that holds the fruits, and the tool among them [m]."""
     tool = tool_faces(plan.robot, plan.trajectory.positions[-1]).reshape(-1, 3)
     seen = [] if drawn.still(plan) and plan.scene.target is not None else [tool]
@@ -235,7 +241,7 @@ def _frame(camera: Camera, plan: "Plan", objects: Sequence[Placed]) -> FloatArra
     return np.stack([low - margin, high + margin])
 
 
-def _floor(axes: "Axes", camera: Camera, reach: float) -> None:
+def _floor(axes: Axes, camera: Camera, reach: float) -> None:
     ticks = np.arange(-4, 5) * 0.15 * max(1.0, reach)
     for tick in ticks:
         for ends in (
@@ -246,7 +252,7 @@ def _floor(axes: "Axes", camera: Camera, reach: float) -> None:
             axes.plot(x, y, color="#dfe3e8", lw=0.8, zorder=0)
 
 
-def _overlay(axes: "Axes", camera: Camera, plan: "Plan", thin: float = 1.0) -> None:
+def _overlay(axes: Axes, camera: Camera, plan: Plan, thin: float = 1.0) -> None:
     """Draw the tool path of each trajectory, the chosen one, and the conditioned points."""
 
     def flat(points: FloatArray) -> tuple[Any, Any]:
@@ -271,7 +277,7 @@ def _overlay(axes: "Axes", camera: Camera, plan: "Plan", thin: float = 1.0) -> N
             )  # fmt: skip
 
 
-def _outlines(axes: "Axes", camera: Camera, objects: Sequence[Placed]) -> None:
+def _outlines(axes: Axes, camera: Camera, objects: Sequence[Placed]) -> None:
     """Draw dashed outlines of pushed objects at their first places."""
     from matplotlib.patches import Polygon
 
@@ -289,7 +295,7 @@ def _outlines(axes: "Axes", camera: Camera, objects: Sequence[Placed]) -> None:
                 axes.plot(x, y, color=placed.colour, lw=1.0, ls=(0, (4, 2.5)))
 
 
-def _labels(axes: "Axes", camera: Camera, objects: Sequence[Placed], inches: float) -> None:
+def _labels(axes: Axes, camera: Camera, objects: Sequence[Placed], inches: float) -> None:
     """Write names in two columns at the edges, spread apart, each with a line to its object."""
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
     middle, per_point = 0.5 * (left + right), (right - left) / (72.0 * inches)
@@ -311,14 +317,14 @@ def _labels(axes: "Axes", camera: Camera, objects: Sequence[Placed], inches: flo
             )  # fmt: skip
 
 
-def _scale_bar(axes: "Axes") -> None:
+def _scale_bar(axes: Axes) -> None:
     (_, right), (low, high) = axes.get_xlim(), axes.get_ylim()
     x, y = right - 0.055, low + 0.015 * (high - low)
     axes.plot([x, x + 0.05], [y, y], color="#222222", lw=2)
     axes.text(x + 0.025, y + 0.008 * (high - low), "5 cm", ha="center", fontsize=8)
 
 
-def _legend(figure: "Figure", plan: "Plan", objects: Sequence[Placed], now: Moment) -> None:
+def _legend(figure: Figure, plan: Plan, objects: Sequence[Placed], now: Moment) -> None:
     from matplotlib.lines import Line2D
 
     def line(text: str, colour: str, **style: object) -> Line2D:
@@ -379,7 +385,7 @@ class _Standing:
         return Planned(still)
 
 
-def scene_figure(scene: Scene) -> "Figure":
+def scene_figure(scene: Scene) -> Figure:
     """Three views of a scene: the whole arm at its start, and the cluster along x_g and y_g."""
     made = make_plan(scene, planner=_Standing())
     figure = reach_figure(made)
@@ -398,3 +404,124 @@ def scene_pictures(scene: Scene) -> dict[str, bytes]:
 
         out["scene.html"] = scene_page(scene).encode("utf-8")
     return out
+
+
+_TOWARDS_LIGHT = np.array([-0.35, 0.75, 0.56])  # in the camera's right, up, back
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A camera that looks along ``forward``, from ``distance`` [m] or (None) with parallel rays."""
+
+    target: FloatArray  # (3,) [m] the point in the middle of the picture
+    forward: FloatArray  # (3,)
+    up: FloatArray  # (3,)
+    distance: float | None = None
+
+    @staticmethod
+    def orbit(target: FloatArray, azimuth: float, elevation: float, distance: float) -> Camera:
+        """A camera at ``azimuth`` and ``elevation`` [rad] about ``target``, z upwards."""
+        away = np.array(
+            [
+                np.cos(azimuth) * np.cos(elevation),
+                np.sin(azimuth) * np.cos(elevation),
+                np.sin(elevation),
+            ]
+        )
+        return Camera(np.asarray(target), -away, np.array([0.0, 0.0, 1.0]), distance)
+
+    @property
+    def axes(self) -> FloatArray:
+        """(3, 3) with rows right, up and back (towards the eye)."""
+        back = -self.forward / np.linalg.norm(self.forward)
+        right = np.cross(self.up, back)
+        right /= np.linalg.norm(right)
+        return np.stack([right, np.cross(back, right), back])
+
+    def project(self, points: FloatArray) -> FloatArray:
+        """Picture coordinates [m at the target] and depth, larger nearer the eye: (..., 3)."""
+        seen = (np.asarray(points) - self.target) @ self.axes.T
+        if self.distance is None:
+            return np.asarray(seen)
+        scale = self.distance / np.maximum(self.distance - seen[..., 2:], 0.05 * self.distance)
+        return np.concatenate([seen[..., :2] * scale, seen[..., 2:]], axis=-1)
+
+
+@dataclass
+class Picture:
+    """Collects shaded faces; :meth:`draw` paints them, the farthest first."""
+
+    camera: Camera
+    _corners: list[FloatArray] = field(default_factory=list)
+    _colours: list[FloatArray] = field(default_factory=list)
+    _framed: list[bool] = field(default_factory=list)
+
+    def add(
+        self, faces: FloatArray, colour: str, alpha: float = 1.0, *, framed: bool = True
+    ) -> None:
+        """Add faces (F, 4, 3); those that face away from the camera are left out.
+
+        Faces of glass (``alpha`` below 1) are one flat shape: where they cover each other, and
+        along their seams, it is as dark as elsewhere.
+        The picture's frame holds all faces but those added with ``framed=False``.
+        """
+        from matplotlib.colors import to_rgba
+
+        normal = np.cross(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1])
+        length = np.linalg.norm(normal, axis=1)
+        keep = length > 1e-14
+        faces, normal = faces[keep], normal[keep] / length[keep, None]
+        back = self.camera.axes[2]
+        if self.camera.distance is None:
+            to_eye = np.broadcast_to(back, normal.shape)
+        else:
+            to_eye = self.camera.target + self.camera.distance * back - faces.mean(axis=1)
+        facing = np.einsum("fi,fi->f", normal, to_eye) > 0.0
+        faces, normal = faces[facing], normal[facing]
+        brightness = 0.5 + 0.5 * np.clip(normal @ self.camera.axes.T @ _TOWARDS_LIGHT, 0.0, 1.0)
+        base = np.array(to_rgba(colour, alpha))
+        shades = np.tile(base, (len(faces), 1))
+        shades[:, :3] *= brightness[:, None]
+        if alpha < 1.0 and len(faces):
+            shades = shades.mean(axis=0, keepdims=True)
+        self._corners.append(self.camera.project(faces))
+        self._colours.append(shades)
+        self._framed.append(framed and len(faces) > 0)
+
+    def draw(self, axes: Axes) -> None:
+        """Paint everything onto ``axes``, one metre to the unit, without ticks."""
+        from matplotlib.collections import PathCollection
+        from matplotlib.path import Path
+
+        paths: list[Path] = []
+        depths = []
+        for corners, colour in zip(self._corners, self._colours, strict=True):
+            closed = np.concatenate([corners, corners[:, :1]], axis=1)
+            flat = [Path(face, closed=True) for face in closed[..., :2]]
+            depth = corners[..., 2].mean(axis=1)
+            if len(colour) < len(flat):
+                flat, depth = [Path.make_compound_path(*flat)], depth.mean(keepdims=True)
+            paths += flat
+            depths.append(depth)
+        colours = np.concatenate(self._colours)
+        # An edge in a face's own colour hides the seam to its neighbour; on glass it would show.
+        edges = np.where(colours[:, 3:] < 1.0, 0.0, colours)
+        order = np.argsort(np.concatenate(depths), kind="stable")
+        axes.add_collection(
+            PathCollection(
+                [paths[k] for k in order],
+                facecolors=colours[order],
+                edgecolors=edges[order],
+                linewidths=0.35,
+            ),
+            autolim=False,
+        )
+        seen = np.concatenate(
+            [c for c, frame in zip(self._corners, self._framed, strict=True) if frame]
+        )
+        low, high = seen[..., :2].min(axis=(0, 1)), seen[..., :2].max(axis=(0, 1))
+        margin = 0.03 * float(np.max(high - low))
+        axes.set_xlim(low[0] - margin, high[0] + margin)
+        axes.set_ylim(low[1] - margin, high[1] + margin)
+        axes.set_aspect("equal")
+        axes.set_axis_off()

@@ -50,8 +50,7 @@ def push(
     [N]. ``stem_forces``: (P, N) out, of the cup on each stem [N]. ``so_far``: (5,) in and out, the
     numbers of :class:`optipromp.core.pushing.stems.harm.Harm`.
 
-    Returns:
-        Number of points that the cup was led through.
+    Returns: Number of points that the cup was led through.
     """
     count, n, dofs = len(s.root), s.shape.shape[1] - 1, 2 * LOADS
     most = 1 + 3 * (count - 1) + len(solid.kind) + n + 3  # contacts of a fruit and its stem

@@ -47,9 +47,8 @@ def carried(
     ``t``: the tree. ``weight``: (N,) of the fruits [N]. ``up``: (3,) opposite to gravity.
     ``count``: number of elements of a stem.
 
-    Returns:
-        Weight (N, count) that hangs beyond each element [N], and the integral (N,) of the bending
-        moment along each stem [N m²].
+    Returns: Weight (N, count) that hangs beyond each element [N], and the integral (N,) of the
+    bending moment along each stem [N m²].
     """
     middle = (np.arange(count) + 0.5) / count
     fruit = t.root + t.length[:, None] * t.axes[:, 2]
@@ -101,9 +100,8 @@ def bending(t: StemTree, stiffness: FloatArray, tension: FloatArray) -> Bent:
 def condensed(t: StemTree, bent: Bent) -> tuple[FloatArray, FloatArray]:
     """The compliance of roots and of fruits through the stems that they share.
 
-    Returns:
-        Twist (N, 6, 6) of each root by a wrench on it, zero for a held root; and the motion
-        (N, N, 3, 3) of each fruit by a force on another fruit, zero on the diagonal [m/N].
+    Returns: Twist (N, 6, 6) of each root by a wrench on it, zero for a held root; and the motion
+    (N, N, 3, 3) of each fruit by a force on another fruit, zero on the diagonal [m/N].
     """
     count = len(t.parent)
     base, joint = np.zeros((count, 6, 6)), np.zeros((count, count, 3, 3))

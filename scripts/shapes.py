@@ -2,21 +2,32 @@
 
 No robot, no light, no perspective: ellipses are fruits, lines are stems, polygons are leaves and
 clutter. Each has one colour and a depth; nearer shapes cover those behind.
+
+    python scripts/shapes.py --seeds 0:100 --out shapes
+
+writes such pictures with their truth, as ``optipromp render`` does those of scenes.
 """
 
+import argparse
+import json
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from optipromp.cli.render import seeds_of, write_shot
 from optipromp.core.arrays import BoolArray, FloatArray
+from optipromp.core.files import check_folder, write_together
 from optipromp.core.scenes.pose import Pose
+from optipromp.laboratory.simulation import coco
 from optipromp.laboratory.simulation.photograph import Kind, Marked
 from optipromp.laboratory.simulation.stereo import StereoParameters, sensed
 from optipromp.perception.pictures import CameraModel, DepthPicture
 
+SIZE = 640, 480  # [pixel], as of photographs
 FRUITS = 1, 8  # number in a picture; all numbers here are choices
 CLUTTER = 4, 14  # polygons and lines
 WIDE = 0.030, 0.042  # [m] of a fruit across
@@ -183,3 +194,23 @@ def _fruit(
         _Shape(name, "calyx", calyx, depth - 0.002, _coloured(STEM, rng)),
     ]
     return made, np.array([tip, top, root])
+
+
+def main() -> None:
+    """Write pictures of shapes, with masks and annotations."""
+    ask = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    ask.add_argument("--seeds", default="0:1", metavar="A:B", help="one picture a seed")
+    ask.add_argument("--out", type=Path, required=True, metavar="DIR")
+    told = ask.parse_args()
+    check_folder(told.out)
+    labels = []
+    for seed in seeds_of(told.seeds):
+        drawn, name = shapes(seed, *SIZE), f"shapes-{seed}"
+        write_shot(drawn, name, None, told.out)
+        labels.append(coco.record(name, drawn))
+    write_together(told.out, {coco.FILE: json.dumps(coco.document(labels)).encode()})
+    print(f"wrote {len(labels)} pictures to {told.out}")
+
+
+if __name__ == "__main__":
+    main()
