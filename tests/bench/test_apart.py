@@ -76,7 +76,7 @@ def test_a_changed_judge_is_another_ones() -> None:
     ("how", "cause"),
     [
         ("long", "takes 61 s; at most 60"),
-        ("begin", "begins 0.1 rad off the start"),
+        ("begin", "joint1 begins at 1.52; the start is 1.42"),
         ("names", "must be "),
     ],
 )

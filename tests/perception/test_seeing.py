@@ -170,7 +170,6 @@ def test_a_picture_of_another_size_is_refused(shot: Photograph) -> None:
      (["see", "--rgb", "a.png"], "--depth and --camera"),
      (["render", "--out", "o"], "--preset"), (["render", "scenario-3", "--preset", "field",
       "--out", "o"], "one of them"),
-     (["render", "scenario-3", "--looks", "shapes", "--out", "o"], "of no scene"),
      (["render", "scenario-3", "--seeds", "3", "--out", "o"], "0:10")],
 )  # fmt: skip
 def test_what_is_asked_wrongly_is_said(

@@ -54,6 +54,7 @@ def test_degrees_are_refused_as_such(three: Scene, tmp_path: Path) -> None:
             learnt(task, given)
 
 
+@pytest.mark.filterwarnings("ignore:.*stands still")
 def test_the_mean_of_few_bases_may_overshoot_a_limit(three: Scene, tmp_path: Path) -> None:
     """A step to the limit, learnt with five bases: beyond it by more than demonstrations may be."""
     path, robot = tmp_path / "step.npz", resolve(three).robot

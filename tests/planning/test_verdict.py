@@ -263,7 +263,7 @@ def asked(folder: Path, report: bool) -> dict[str, Told]:
         try:
             page = plan_report(folder).decode()
             status = re.search(r'<p class="status \w+">(\w+) in', page)
-            harm = re.search(r"\((?:harm )?(\d+\.\d\d), allowed", page)
+            harm = re.search(r"harm (\d+\.\d\d) of at most", page)
             assert status is not None
             out["report"] = status[1], None if harm is None else float(harm[1])
         except OptiPrompError as error:

@@ -80,7 +80,7 @@ def test_the_report_of_a_plan_holds_all_that_it_tells(folder: Path) -> None:
     ):  # fmt: skip
         assert words in found.text.replace("gauss-newton", "gauss_newton"), words
     kinds = [address.split(";")[0] for address in found.addresses]
-    assert kinds.count("data:image/png") == 3
+    assert kinds.count("data:image/png") == 2
     assert kinds.count("data:video/webm") == 1
 
 
@@ -164,7 +164,7 @@ def test_the_report_of_own_scenes_has_pictures_and_words(tmp_path: Path) -> None
 
 def test_the_report_of_a_rollout_alone(folder: Path, tmp_path: Path) -> None:
     """``view`` took the folder of ``simulate --out``, ``report`` refused it."""
-    for name in ("rollout.npz", "outcome.json", "run.mp4"):
+    for name in ("rollout.npz", "outcome.json", "run.webm"):
         (tmp_path / name).write_bytes((folder / name).read_bytes())
     result = CliRunner().invoke(app, ["report", str(tmp_path)])
     assert result.exit_code == 0, result.output
@@ -172,7 +172,7 @@ def test_the_report_of_a_rollout_alone(folder: Path, tmp_path: Path) -> None:
     for words in ("scenario-4: executed", "picked, nothing harmed", "tracking error", "--seed 0"):
         assert words in found.text
     kinds = [address.split(";")[0] for address in found.addresses]
-    assert kinds == ["data:video/mp4"]
+    assert kinds == ["data:video/webm"]
     assert len(found.frames) == 1
     (tmp_path / "outcome.json").write_text("{}")
     result = CliRunner().invoke(app, ["report", str(tmp_path)])

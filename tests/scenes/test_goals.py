@@ -137,5 +137,5 @@ def test_a_scale_reaches_the_tolerances() -> None:
 def test_several_goals_are_those_of_the_scene() -> None:
     goals = scene([AT | {"axis": "free"}, {"joints": [0.0] * 7}]).goals
     assert [type(goal) for goal in goals] == [RegionGoal, JointGoal]
-    with pytest.raises(InvalidSceneError, match="goal has no entries"):
+    with pytest.raises(InvalidSceneError, match="goal has 0 entries: must have 1 to 1000"):
         Scene("s", "panda", (), goal=())

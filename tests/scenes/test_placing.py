@@ -226,7 +226,9 @@ def _of_the_study(folder: Path, name: str) -> Path:
 
 
 def test_a_plan_tells_of_a_path_of_less_harm_that_its_arm_cannot_follow() -> None:
-    told = re.compile(r"harm ([0-9.]+), allowed .*; note: a path of harm ([0-9.]+) is out of the ")
+    told = re.compile(
+        r"harm ([0-9.]+) of at most .*; note: a path of harm ([0-9.]+) is out of the "
+    )
     refused = plan(generate("cluster", 60010, "scara"))
     assert refused.status is Code.HARM_PREDICTED
     found = told.search(refused.message)

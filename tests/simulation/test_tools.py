@@ -35,14 +35,17 @@ def test_its_solids_are_the_geoms_of_its_body(name):
     np.testing.assert_allclose(data.xpos[body], flange, atol=1e-9)
     for solid in tool.solids():
         geom = model.geom(f"tool:{solid.name}").id
-        middle = solid.position
         if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
-            vertices = solid.shape.vertices
-            low, high = vertices.min(axis=0), vertices.max(axis=0)
-            middle = solid.position + 0.5 * (low + high)
-            assert np.linalg.norm(data.geom_xpos[geom] - flange - turned @ middle) < 2e-3
+            mesh = model.geom_dataid[geom]
+            first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+            own = model.mesh_vert[first : first + count]
+            placed = data.geom_xpos[geom] + own @ data.geom_xmat[geom].reshape(3, 3).T
+            corners = flange + solid.corners @ turned.T
+            for end in (np.min, np.max):
+                np.testing.assert_allclose(end(placed, axis=0), end(corners, axis=0), atol=1e-6)
         else:
-            np.testing.assert_allclose(data.geom_xpos[geom], flange + turned @ middle, atol=1e-9)
+            middle = flange + turned @ solid.position
+            np.testing.assert_allclose(data.geom_xpos[geom], middle, atol=1e-9)
     parameters = SimulationParameters().robot
     mass = parameters.hand_mass if tool.fingers else parameters.tool_mass
     assert model.body_mass[body] == pytest.approx(mass)

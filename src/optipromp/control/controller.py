@@ -431,9 +431,11 @@ class _Dropped(BaseException):
 
 
 class Sliced(Generic[T]):
-    """Work that proceeds by slices.
+    """Work in a thread that runs only while a cycle of the controller lends it time.
 
-    ``work``: the work; its time between two slices does not count for deadlines.
+    On one core, a search of 50 ms must not delay a cycle of 20 ms. The thread waits at every
+    :func:`optipromp.core.budget.step` until the next slice. Never do two threads run at once, so
+    the same slices give the same result. Time between two slices does not count for deadlines.
     """
 
     def __init__(self, work: Callable[[], T]) -> None:

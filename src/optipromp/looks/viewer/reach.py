@@ -449,7 +449,10 @@ class Camera:
 
 @dataclass
 class Picture:
-    """Collects shaded faces; :meth:`draw` paints them, the farthest first."""
+    """Collects shaded faces; :meth:`draw` paints them, the farthest first.
+
+    matplotlib's own 3-D axes sort whole objects, so that objects in front vanish behind others.
+    """
 
     camera: Camera
     _corners: list[FloatArray] = field(default_factory=list)

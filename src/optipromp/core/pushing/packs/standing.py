@@ -137,7 +137,7 @@ def _covers(corners: FloatArray) -> bool:
 
 
 class PathsBetween(Candidates):
-    """Paths between packs on a board, from the entry of the ``board`` to the target."""
+    """Paths between packs on a board, from the entry of the ``board`` to the target, in (u, v)."""
 
     schedule = Schedule(
         rounds=(Round(150, 1), *[Round(75, 1)] * 4, *[Round(25, 4)] * 3), runs=3, kept=20,
