@@ -229,7 +229,7 @@ def flange_of(robot: Robot, q: FloatArray) -> Pose:
 
 
 def load_picture(rgb: Path, depth: Path, camera: Path, hand: Pose | None = None) -> DepthPicture:
-    """A picture of three files, :meth:`thinned <DepthPicture.thinned>` if it is large.
+    """A picture of three files, :meth:`DepthPicture.thinned` if it is large.
 
     Args:
         rgb: one of :data:`FORMATS`.
