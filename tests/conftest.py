@@ -27,18 +27,18 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 LONG = {
     "bench": "apart benchmark entries env episodes learnt rounds serve",
     "benchmarks": "suite",
-    "control": "controller driver servo tracker tracks",
+    "control": "controller driver many_detections servo tracker tracks",
     "cli": "folder generate_study markup plan process ros_node simulate_closed_loop",
     "execution": "executor franka streaming streaming_trouble trouble",
-    "experiments": "baselines cluster eyes loops own_scenes study variations",
+    "experiments": "baselines cluster eyes loops own_scenes paper_falls study variations",
+    "fuzzing": "doors",
     "geometry": "grids",
     "looks": "looks",
-    "perception": "calibration network seeing spheroids watcher",
+    "perception": "bounds calibration network seeing spheroids watcher",
     "page": "first_sight loop_replay page sources words",
     "planning": (
-        "follow goals legs lines many moving options paper paper_settings prediction regions "
-        "requests risk "
-        "static_margin underway verdict ways"
+        "follow goals legs lines many moving moving_neighbours options paper paper_in_two_dimensions "
+        "paper_settings prediction regions requests risk static_margin underway verdict ways"
     ),
     "promp": "tasks",
     "pushing": "cup hanging long_fruits quasi_static",
@@ -50,7 +50,7 @@ LONG = {
     "ros": "bags loop pictures recordings watching",
     "scenes": "generate placing trusses wild",
     "simulation": (
-        "coco disturbances export grasps hand live_camera loop loop_film physics pictures rich "
+        "coco covers disturbances export grasps hand live_camera loop loop_film physics pictures rich "
         "runs second_engine shown tools trusses"
     ),
     ".": "kernel_cache new_user plan_folders",
