@@ -37,8 +37,8 @@ LONG = {
     "perception": "bounds calibration network seeing spheroids watcher",
     "page": "first_sight loop_replay page sources words",
     "planning": (
-        "follow goals legs lines many moving moving_neighbours options paper paper_in_two_dimensions "
-        "paper_settings prediction regions requests risk static_margin underway verdict ways"
+        "follow goals legs lines many moving moving_neighbours options paper "
+        "paper_in_two_dimensions paper_settings prediction regions requests risk static_margin underway verdict ways"
     ),
     "promp": "tasks",
     "pushing": "cup hanging long_fruits quasi_static",
@@ -50,8 +50,8 @@ LONG = {
     "ros": "bags loop pictures recordings watching",
     "scenes": "generate placing trusses wild",
     "simulation": (
-        "coco covers disturbances export grasps hand live_camera loop loop_film physics pictures rich "
-        "runs second_engine shown tools trusses"
+        "coco covers disturbances export grasps hand live_camera loop loop_film physics pictures "
+        "rich runs second_engine shown tools trusses"
     ),
     ".": "kernel_cache new_user plan_folders",
     "viewer": "figures",
