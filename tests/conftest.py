@@ -38,7 +38,8 @@ LONG = {
     "page": "first_sight loop_replay page sources words",
     "planning": (
         "follow goals legs lines many moving moving_neighbours options paper "
-        "paper_in_two_dimensions paper_settings prediction regions requests risk static_margin underway verdict ways"
+        "paper_in_two_dimensions paper_settings prediction regions requests risk static_margin "
+        "underway verdict ways"
     ),
     "promp": "tasks",
     "pushing": "cup hanging long_fruits quasi_static",
