@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from optipromp.bench.apart import Apart, Entry, hired
-from optipromp.bench.episode import Episode
+from optipromp.bench.episode import Episode, score
 from optipromp.bench.flight import Word
 from optipromp.bench.limits import MOTION_FILE, PATIENCE, EntryError, Patience, too_long, words
 from optipromp.bench.sets import BITS, DEVELOPMENT, SHORT, drawn, scene_of
@@ -239,17 +239,16 @@ def _ended(row: BenchRow, episode: Episode) -> BenchRow:
 
 def _judged(row: BenchRow, outcome: Outcome | Word, duration: float) -> BenchRow:
     """A row with the word of an engine; harm counts before success."""
-    time_ = round(duration, 4)
+    time_, worth = round(duration, 4), score(outcome)
+    result = _result(worth > 0, worth < 0)
     if isinstance(outcome, Word):
         harm = [*outcome.harm, *(f"swallowed {name}" for name in outcome.swallowed)]
-        result = _result(outcome.success, bool(harm))
         return replace(
             row, result=result, picked=outcome.picked, cause="; ".join(harm),
             force=_rounded(outcome.force), duration=time_,
         )  # fmt: skip
-    harm = [each for each in outcome.causes if each not in ("not_picked", "not_placed")]
     return replace(
-        row, result=_result(outcome.success, bool(harm)), picked=bool(outcome.picked),
+        row, result=result, picked=bool(outcome.picked),
         cause=" ".join(outcome.causes), force=_rounded(outcome.unripe_peak_force), duration=time_,
     )  # fmt: skip
 
