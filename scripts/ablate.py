@@ -30,9 +30,19 @@ from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import simulate
 
 FIRST = 440_000
-PRESETS = (
-    "cluster side-clusters table-top mixed tight limp elongated truss field shelf wild".split()
-)
+PRESETS = [
+    "cluster",
+    "side-clusters",
+    "table-top",
+    "mixed",
+    "tight",
+    "limp",
+    "elongated",
+    "truss",
+    "field",
+    "shelf",
+    "wild",
+]
 Candidates = (paths.PathsPast, PathsBetween)
 
 
