@@ -121,6 +121,7 @@ def _executed(made: Any) -> str:
 
 def _scene(preset: str, seed: int) -> dict[str, Any]:
     scene = generate(preset, seed)
+    _made(scene)  # what is computed once for a scene counts for none
     whole, row = _made(scene)
     out: dict[str, Any] = {"preset": preset, "seed": seed, "whole": row, "parts": {}}
     known: dict[str, str] = {}
