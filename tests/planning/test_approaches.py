@@ -9,8 +9,8 @@ from optipromp import load_scene, save_scene
 from optipromp.core.errors import Code, InvalidSceneError
 from optipromp.core.judging import judge
 from optipromp.core.planning import plan, plan_many
-from optipromp.core.planning.approaches import others
 from optipromp.core.planning.parameters import APPROACH
+from optipromp.core.planning.plan import others
 from optipromp.core.planning.task import resolve
 from optipromp.core.scenes import Approach, Pose, Scene
 from optipromp.laboratory.generate import generate

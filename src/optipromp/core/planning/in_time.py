@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from operator import itemgetter
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from optipromp.core.arrays import frozen
 from optipromp.core.budget import clock
 from optipromp.core.errors import Code
 from optipromp.core.planning.parameters import IN_TIME
-from optipromp.core.planning.result import Plan
+from optipromp.core.planning.result import Plan, best_of
 from optipromp.core.planning.task import Task, as_of, passages, reach
 from optipromp.core.planning.timing import stopped
 from optipromp.core.planning.verdict import verdict
@@ -51,12 +52,12 @@ def plan_in_time(task: Task, made_for: Callable[[Task], Plan], late: float = np.
         return best
     brake = stopped(task.robot, task.state)
     if met := verdict(task, brake).judgement.contacts:
-        return replace(best, message=f"{best.message}; the arm brakes too late: {met[0]}")
+        return replace(best, reason=f"{best.reason}; the arm brakes too late: {met[0]}")
     made = _in(task, _among(_stood(task, brake), made_for, late), brake)
     if made.success:
         note = f"the arm brakes first, {brake.duration:.2f} s; without, {best.message}"
-        return replace(made, message=f"{made.message}; note: {note}")
-    return replace(best, message=f"{best.message}; with a brake first, {made.message}")
+        return replace(made, notes=(*made.notes, note))
+    return replace(best, reason=f"{best.reason}; with a brake first, {made.message}")
 
 
 def _among(task: Task, made_for: Callable[[Task], Plan], late: float) -> Plan:
@@ -65,37 +66,38 @@ def _among(task: Task, made_for: Callable[[Task], Plan], late: float) -> Plan:
     scenes = [_swept(task), ended]
     if len(task.scene.movers) > len(task.scene.drifting):
         scenes.insert(1, replace(task.scene, objects=_standing(task.scene)))
-    best: tuple[tuple[bool, bool], Plan] | None = None
-    for given in scenes:
-        seen = replace(task, scene=given)
-        when = dict.fromkeys(given.drifting, IN_TIME.met)
-        for _ in range(IN_TIME.rounds if when else 1):
-            made, tried = made_for(as_of(seen, when)), list[Plan]()
-            for wait in _waits(task):
-                found = _in(task, made, _still(made, wait) if wait else None)
-                tried.append(found)
-                if found.success and _room(found) >= min(_room(made), IN_TIME.room):
-                    return found
-                if (cut := clock() > late) or not made.success:
+    cut = False
+
+    def judged() -> Iterator[tuple[tuple[bool, bool, bool], Plan]]:
+        """Plans and their ranks: room, success, and success where nothing moves."""
+        nonlocal cut
+        for scene in scenes:
+            seen, when = replace(task, scene=scene), dict.fromkeys(scene.drifting, IN_TIME.met)
+            for _ in range(IN_TIME.rounds if when else 1):
+                made = made_for(as_of(seen, when))
+                for wait in _waits(task):
+                    one = _in(task, made, _still(made, wait) if wait else None)
+                    roomy = one.success and _room(one) >= min(_room(made), IN_TIME.room)
+                    yield (not roomy, not one.success, not made.success), one
+                    cut = clock() > late
+                    if cut or not made.success:
+                        break
+                    if any((met.time or wait) < wait for met in one.contacts):
+                        break  # what is met while the arm waits is met in a longer wait too
+                    if when and not one.contacts:
+                        break  # what is pushed is elsewhere after a longer wait
+                before, when = when, passages(seen, one.trajectory)
+                if cut or one.contacts or _near(seen.scene, before, when):
                     break
-                if any((one.time or wait) < wait for one in found.contacts):
-                    break  # what is met while the arm waits is met in a longer wait too
-                if when and not found.contacts:
-                    break  # what is pushed is elsewhere after a longer wait
-            mine = max(tried, key=lambda one: one.success)
-            if best is None or (mine.success, made.success) > best[0]:
-                best = (mine.success, made.success), mine
-            before, when = when, passages(seen, found.trajectory)
-            if cut or found.contacts or _near(seen.scene, before, when):
-                break
-        if cut:
-            break
-    assert best is not None
-    made = best[1]
-    if cut and not made.success:
-        message = f"time ran out; the best so far: {made.message}"
-        return replace(made, status=Code.TIMEOUT, message=message)
-    return made
+            if cut:
+                return
+
+    best = best_of(judged(), itemgetter(0), lambda one: not one[0][0])
+    assert best is not None  # each scene gives a plan
+    if cut and not best[1].success:
+        reason = f"time ran out; the best so far: {best[1].reason}"
+        return replace(best[1], status=Code.TIMEOUT, reason=reason)
+    return best[1]
 
 
 def _near(scene: Scene, when: Mapping[str, float], other: Mapping[str, float]) -> bool:
@@ -167,13 +169,11 @@ def _in(task: Task, made: Plan, before: Trajectory | None) -> Plan:
         scene = replace(task.scene, approach=made.task.scene.approach)
         task = replace(task, scene=scene, goal=made.task.goal)
     found = verdict(task, trajectory)
-    status, message = found.status, found.message
-    if status is not Code.SUCCESS and made.status not in JUDGED:
-        status, message = made.status, made.message
+    told = found if found.status is Code.SUCCESS or made.status in JUDGED else made
     return replace(
         made, task=task, trajectory=trajectory, initial=initial, followed=followed, first=first,
-        status=status, message=message, metrics=found.judgement.metrics,
-        contacts=found.judgement.contacts, prediction=found.prediction,
+        status=told.status, reason=told.reason, notes=told.notes, judgement=found.judgement,
+        prediction=found.prediction,
     )  # fmt: skip
 
 

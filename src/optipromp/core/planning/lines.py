@@ -9,7 +9,7 @@ returned. The arm rests at every way point.
 import math
 from dataclasses import dataclass
 from dataclasses import replace as replaced
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 
@@ -17,16 +17,16 @@ from optipromp.core import judging
 from optipromp.core.arrays import FloatArray, lengths, rotation
 from optipromp.core.budget import Budget, clock
 from optipromp.core.errors import Code, InvalidRequestError
-from optipromp.core.planning import goals, kept
+from optipromp.core.planning import goals
 from optipromp.core.planning.collision import free, open_until
+from optipromp.core.planning.follow import along_corners, keeps_path
 from optipromp.core.planning.options import Searched
 from optipromp.core.planning.parameters import GOAL, LINE
 from optipromp.core.planning.pick import pick
-from optipromp.core.planning.result import Failed, Planned
+from optipromp.core.planning.result import Failed, Planned, best_of
 from optipromp.core.planning.task import Task
 from optipromp.core.planning.timing import shortest, tool_speeds
 from optipromp.core.planning.verdict import judged
-from optipromp.core.planning.ways import along
 from optipromp.core.promp.model import ProMP
 from optipromp.core.robots import ik
 from optipromp.core.scenes.lines import Lines, axes_of, pose_name, turn_between
@@ -126,14 +126,12 @@ def along_lines(task: Task, promp: ProMP, options: Searched, budget: Budget) -> 
     whole = sorted((one for one in branches if not one.why), key=lambda x: x.turns(task.start))
     if not whole:
         return Failed(Code.GOAL_UNREACHABLE, _refusal(branches, legs))
-    seconds, best = clock() - began, None
-    for branch in whole[: LINE.tries]:
-        made = _motion(task, first, legs, branch, (promp, options, budget))
-        if best is None or _wrong(made) < _wrong(best):
-            best = made
-        if not _wrong(best) or budget.spent():
-            break
-    assert best is not None
+    seconds = clock() - began
+    made = (_motion(task, first, legs, branch, (promp, options, budget)) for branch in whole)
+    best = best_of(
+        islice(made, LINE.tries), _wrong, lambda best: not _wrong(best) or budget.spent()
+    )
+    assert best is not None  # there is a whole branch
     return replaced(best, time={"inverse kinematics": seconds, **best.time})
 
 
@@ -157,7 +155,7 @@ def _track(
     The tool's speed rises and falls smoothly over equal times between the waypoints.
     """
     robot = task.robot
-    share = along(np.array([[0.0], [1.0]]), count)[:, 0]
+    share = along_corners(np.array([[0.0], [1.0]]), count)[:, 0]
     points, axes = leg.poses(share)
     q, errors = ik.track(robot, points[1:], None if axes is None else axes[1:], begin)
     q, errors = np.vstack([begin, q]), np.append(0.0, errors)
@@ -178,9 +176,9 @@ def _track(
         why = f"{robot.joint_names[joint]} would have to jump by {steps[row][joint]:.2f}"
         stops.append((row + 1, why))
     if task.scene.path is not None:
-        kept_at = kept.keeps(task, q)
-        if not kept_at.all():
-            stops.append((int(np.argmin(kept_at)), "the path's constraints are broken"))
+        holds = keeps_path(task, q)
+        if not holds.all():
+            stops.append((int(np.argmin(holds)), "the path's constraints are broken"))
     last = min(stops, default=(count, ""))[0]
     if (row := open_until(task, q[:last])) < last:  # the judge decides beside meshes
         contacts = judging.clearances(task.scene, robot, q[: row + 1])[1]

@@ -22,9 +22,8 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.follow import Start, Waypoints, braked
 from optipromp.core.planning.options import Searched
 from optipromp.core.planning.parameters import FOLLOW, TIMING, UNDERWAY
-from optipromp.core.planning.slow import paced, slowly
 from optipromp.core.planning.task import Task, tool_motion
-from optipromp.core.planning.timing import tool_speeds
+from optipromp.core.planning.timing import paced, slowly, tool_speeds
 from optipromp.core.pushing.packs import standing
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP, ToolPath, evenly, length

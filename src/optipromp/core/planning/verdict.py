@@ -17,7 +17,7 @@ from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.judging import Judgement, Overlap
 from optipromp.core.planning.options import PlanOptions
-from optipromp.core.planning.result import Plan
+from optipromp.core.planning.result import Plan, with_notes
 from optipromp.core.planning.task import MOST_POINTS, Task, as_of, passages, resolve, spaced
 from optipromp.core.pushing.model import Prediction, PushModel
 from optipromp.core.pushing.path import STEP, along
@@ -29,6 +29,7 @@ from optipromp.core.trajectory_files import read_trajectory
 
 BELOW = PlanOptions.corridor
 """[m] a height this little below the entry counts as the entry's."""
+VALID = "reaches the target, keeps all limits, touches nothing it must not"
 COARSE = 0.01
 """[m] where the tool moves farther between two waypoints, the curve between them is sampled."""
 
@@ -59,20 +60,28 @@ class Verdict:
         return Code.INVALID_PLAN if self.judgement.violations else Code.SUCCESS
 
     @property
-    def message(self) -> str:
-        """The status in words."""
+    def reason(self) -> str:
+        """Why the trajectory has this status."""
         if self.judgement.at_start:
             return "at the start " + "; ".join(map(str, self.judgement.at_start))
         wrong = [*map(str, self.judgement.violations)]
         if self.status is Code.HARM_PREDICTED:
             wrong.insert(0, str(self.prediction))
-        if wrong:
-            return "; ".join(wrong)
-        message = "reaches the target, keeps all limits, touches nothing it must not"
-        found = self.prediction
-        pushes = "" if found is None else found.pushes(self.judgement.metrics.passage)
-        notes = [*self.judgement.notes, *([pushes] if pushes else [])]
-        return "; ".join([message, *(f"note: {note}" for note in notes)])
+        return "; ".join(wrong) or VALID
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks on a success: those of the judge, and where the pushed fruits are passed."""
+        if self.status is not Code.SUCCESS:
+            return ()
+        push = self.prediction
+        pushes = "" if push is None else push.pushes(self.judgement.metrics.passage)
+        return (*self.judgement.notes, *([pushes] if pushes else []))
+
+    @property
+    def message(self) -> str:
+        """The reason for the status, and the notes."""
+        return with_notes(self.reason, self.notes)
 
 
 def judge(
