@@ -85,7 +85,7 @@ class GoalParameters(Checked):
 
 @dataclass(frozen=True)
 class KeptParameters(Checked):
-    """Constraints of a path (``planning/kept.py``)."""
+    """Constraints of a path (``planning/follow.py``)."""
 
     share: float = parameter(
         0.9, "1", "choice", "of the limits at waypoints, so that the curve between them is inside"
@@ -244,7 +244,7 @@ class TreeParameters(Checked):
 
 @dataclass(frozen=True)
 class ApproachParameters(Checked):
-    """Approaches other than the straight one (``planning/approaches.py``)."""
+    """Approaches other than the straight one (``planning/plan.py``)."""
 
     around: int = parameter(6, "1", "choice", "directions about the approach")
     cone: float = parameter(

@@ -260,6 +260,11 @@ class Plan(Shown):
         return self.status in (Code.SUCCESS, Code.HARM_PREDICTED)
 
     @property
+    def duration(self) -> float:
+        """Of the motion [s]."""
+        return self.trajectory.duration
+
+    @property
     def scene(self) -> Scene:
         """The scene of the task."""
         return self.task.scene

@@ -9,8 +9,7 @@ from optipromp.core.errors import OptiPrompError
 from optipromp.core.planning import Plan
 from optipromp.looks.page.replay import Replay
 from optipromp.looks.viewer.drawn import GREEN, OPTIMISED, RED
-from optipromp.looks.viewer.plain import head, sentence, sentences, without_codes
-from optipromp.looks.viewer.words import plan_rows
+from optipromp.looks.viewer.words import head, plan_rows, sentence, sentences, without_codes
 
 _WRONG = {  # rows of the table by the kinds of violation that concern them
     "target": {"goal", "axis"},
