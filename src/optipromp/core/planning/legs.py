@@ -26,7 +26,7 @@ from optipromp.core import judging
 from optipromp.core.arrays import FloatArray, frame_along, lengths, rotation
 from optipromp.core.budget import clock
 from optipromp.core.errors import Code, InvalidRequestError
-from optipromp.core.parameters import Checked, parameter
+from optipromp.core.planning.parameters import BACK, LIFTING
 from optipromp.core.planning.plan import plan
 from optipromp.core.planning.result import Plan, Terms, best_of
 from optipromp.core.planning.task import Task, laden, resolve, tool_motion
@@ -50,23 +50,6 @@ from optipromp.core.trajectory import State, Trajectory
 REACH, LIFT, RETREAT, CARRY = "reach", "lift", "retreat", "carry"
 AFTER = LIFT, RETREAT, CARRY
 
-
-@dataclass(frozen=True)
-class RetreatParameters(Checked):
-    """Numbers of the retreat."""
-
-    step: float = parameter(0.005, "m", "choice", "between the waypoints of a straight retreat")
-    cone: float = parameter(25.0, "deg", "choice", "off the tool axis: as that of an approach")
-    around: int = parameter(6, "1", "choice", "directions about the tool axis that are tried")
-    farther: float = parameter(
-        2.0, "1", "choice", "retreats so much longer are tried where the shorter ends among fruits"
-    )
-    alike: float = parameter(
-        0.05, "1", "measured", "harms below it are equal: 1 % of such plans fail (docs/studies.md)"
-    )
-
-
-BACK = RetreatParameters()
 IDEAL = False, False, BACK.alike  # the rank of a retreat that no other betters
 
 
@@ -371,27 +354,6 @@ def _fixed(item: SceneObject) -> Iterator[SceneObject]:
     for k, (shape, middle, turn) in enumerate(() if item.stem is None else item.stem.pieces()):
         id_ = f"{item.id}:stem:{k}"
         yield SceneObject(id_, "static", shape, middle, to_quaternion(turn), padding=0.0)
-
-
-@dataclass(frozen=True)
-class LiftParameters(Checked):
-    """Numbers of a lift."""
-
-    heights: tuple[float, ...] = parameter(
-        (0.02, 0.04, 0.01), "m", "choice", "of the lift, in the order in which they are tried"
-    )
-    step: float = parameter(0.005, "m", "choice", "between the waypoints of a lift")
-    speed: float = parameter(
-        0.025, "m/s", "measured", "of the tool until it is out: at 0.1 m/s 4 of 14 runs pressed a "
-        "pack beyond 10 N on the way back, at 0.025 m/s none of these"
-    )  # fmt: skip
-    level: float = parameter(30.0, "deg", "choice", "largest slope of an approach from the side")
-    pushed: float = parameter(
-        0.001, "m", "choice", "a pack that the reach moves farther touches the tool, and may do so"
-    )
-
-
-LIFTING = LiftParameters()
 
 
 def stands(scene: Scene) -> bool:
