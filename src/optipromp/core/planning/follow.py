@@ -177,7 +177,7 @@ def _follow(
     assert isinstance(task.goal, PoseGoal)
     robot, first, z = task.robot, waypoints.first, waypoints.phases
     share = np.linspace(0.0, 1.0, FOLLOW.stations)
-    table = np.linspace(0.0, 1.0, 401)
+    table = np.linspace(0.0, 1.0, FOLLOW.braked)
     times = np.interp(share, braked(table), table)  # the inverse of braked
     phases = z[first] + (1.0 - z[first]) * times
     poses = path.at(share), task.axes(share)

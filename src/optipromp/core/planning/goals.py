@@ -42,7 +42,8 @@ def clearance(task: Task, q: FloatArray) -> FloatArray:
 def find(task: Task, seed: int, starts: int = GOAL.starts) -> FloatArray:
     """Goal configurations (m, n), best first.
 
-    With ``GOAL.many_starts`` starts, solutions may be closer to one another.
+    Two configurations differ in a joint by at least ``GOAL.distinct``; with ``GOAL.many_starts``
+    starts, by at least ``GOAL.distinct_many``.
     """
     if isinstance(task.goal, JointGoal):
         return task.goal.joints[None]
@@ -77,7 +78,7 @@ def _solved(
         seed=seed,
         near=task.start[None],
         rest=task.start,
-        distinct=0.1 if starts >= GOAL.many_starts else GOAL.distinct,
+        distinct=GOAL.distinct_many if starts >= GOAL.many_starts else GOAL.distinct,
         clearance=lambda q: clearance(task, _rolled_level(task, q)),
     )
 

@@ -159,7 +159,7 @@ def retreat(reach: Plan) -> Plan:
 
     def judged(q: FloatArray) -> tuple[tuple[bool, bool, float], Plan]:
         """A retreat and its rank: validity, whether the carry cannot begin there, harm."""
-        one = _leg(retreat_task(reach, q[-1]), q, PUSH.hanging.speed, began)
+        one = _leg(reach, RETREAT, q, PUSH.hanging.speed, began)
         blocked = bool(judging.touching(*carried(one, place), q[-1]))
         return (not one.valid, blocked, max(one.harm, BACK.alike)), one
 
@@ -184,10 +184,9 @@ def lifted(reach: Plan) -> dict[str, Plan]:
     _, robot = held(reach)
 
     def judged(up: FloatArray, back: FloatArray) -> dict[str, Plan]:
-        made = {LIFT: _leg(lift_task(reach, LIFT, up[0], up[-1]), up, LIFTING.speed, began)}
+        made = {LIFT: _leg(reach, LIFT, up, LIFTING.speed, began)}
         if made[LIFT].success:
-            task = lift_task(reach, RETREAT, back[0], back[-1])
-            made[RETREAT] = _leg(task, back, LIFTING.speed, began)
+            made[RETREAT] = _leg(reach, RETREAT, back, LIFTING.speed, began)
         return made
 
     proposed = lifts(reach, robot, reach.scene.place.retreat)
@@ -203,11 +202,12 @@ def lifted(reach: Plan) -> dict[str, Plan]:
     return best[1]
 
 
-def _leg(task: Task, q: FloatArray, speed: float, began: float) -> Plan:
-    """The judged leg through waypoints ``q`` (T, n), of a stage that ``began`` at a clock's time.
+def _leg(reach: Plan, name: str, q: FloatArray, speed: float, began: float) -> Plan:
+    """The judged lift or retreat through waypoints ``q`` (T, n), as fast as ``speed`` [m/s] allows.
 
-    ``speed``: of the tool, at most [m/s].
+    ``began``: the clock's time at which the stage began [s].
     """
+    task = leg_task(reach, name, q[0], q[-1])
     return leg(task, shortest(task.robot, q, 0, speed), clock() - began)
 
 
@@ -249,40 +249,29 @@ def leg(task: Task, trajectory: Trajectory, seconds: float) -> Plan:
     )  # fmt: skip
 
 
-def retreat_task(reach: Plan, end: FloatArray) -> Task:
-    """The task of a retreat from the end of a reach to the configuration ``end`` (n,)."""
+def leg_task(reach: Plan, name: str, begin: FloatArray, end: FloatArray) -> Task:
+    """The task of a lift or a retreat between two configurations (n,)."""
     scene, robot = held(reach)
-    point, axis = robot.tool_pose(end)
-    scene = replace(scene, goal=PoseGoal(point, axis), name=f"{reach.scene.name}-{RETREAT}")
-    q = reach.trajectory.positions[-1]
-    return Task(
-        scene, robot, State(q), PoseGoal(point, axis), (), risk=reach.risk, begun=True,
-        seed=reach.seed, back=way_back(reach, robot),
-    )  # fmt: skip
-
-
-def lift_task(reach: Plan, name: str, begin: FloatArray, end: FloatArray) -> Task:
-    """The task of the lift, or of the retreat after it, between two configurations (n,)."""
-    scene, robot = held(reach)
-    scene = settled(reach, scene)
-    if name == RETREAT:
+    lifts = stands(reach.scene)
+    if lifts:
+        scene = settled(reach, scene)
+    if lifts and name == RETREAT:
         scene = replace(scene, may_touch=lifted_pairs(reach.scene, scene))
     goal = PoseGoal(*robot.tool_pose(end))
     scene = replace(scene, goal=goal, start=begin, name=f"{reach.scene.name}-{name}")
     return Task(
-        scene, robot, State(begin), goal, (), risk=reach.risk, begun=True, seed=reach.seed
+        scene, robot, State(begin), goal, (), risk=reach.risk, begun=True, seed=reach.seed,
+        back=None if lifts else way_back(reach, robot),
     )  # fmt: skip
 
 
 def task_of(name: str, legs: Mapping[str, Plan], curve: Trajectory) -> Task:
     """The task of a leg after those of ``legs``, by which its ``curve`` is judged again."""
-    reach, end = legs[REACH], curve.positions[-1]
+    reach = legs[REACH]
     if name == CARRY:
         return replace(resolve(*carry_scene(legs)), risk=reach.risk)
-    if stands(reach.scene):
-        before = legs[REACH] if name == LIFT else legs[LIFT]
-        return lift_task(reach, name, before.trajectory.positions[-1], end)
-    return retreat_task(reach, end)
+    *_, before = legs.values()
+    return leg_task(reach, name, before.trajectory.positions[-1], curve.positions[-1])
 
 
 def carry_scene(legs: Mapping[str, Plan]) -> tuple[Scene, Robot]:

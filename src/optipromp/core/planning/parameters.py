@@ -30,6 +30,7 @@ class Follow:
     station_deviation = 2e-3  # [m]
     axis_lever = 0.3  # [m] weighs the tool axis against the tool point
     tracked = 1e-4  # [m] largest error of a followed tool point
+    braked = 401  # [1] entries of the table of the time over the braked way
     task_tracked = 1e-5  # [m] largest error of a followed task point
 
 
@@ -45,6 +46,7 @@ class Goal:
     poses = 12  # [1] in a goal's region, beside its middle
     inside = 0.9  # [1] share of a goal's tolerances within which its poses lie
     distinct = 0.25  # [rad] least difference of a joint between two distinct configurations
+    distinct_many = 0.1  # [rad] the same with ``many_starts`` starts
     room = 0.06  # [m] clearance beyond which more is not better
     self_margin = 0.01  # [m] the same between links
     same_room = 2e-4  # [m] largest difference of equal clearances from static objects
@@ -82,6 +84,7 @@ class Pick:
     invalid = 2.5  # [1]
     goals = 3  # [1] goal configurations that a path is followed to
     tries = 6  # [1] paths that are followed while no valid trajectory keeps the margin
+    level = 10.0  # [1] weight of a pair's distance across the fingers, against that along them
     few_tries = 2  # [1] paths that are followed where other approaches remain to be tried
 
 
@@ -195,7 +198,7 @@ class Timing:
 
 
 class InTime:
-    """Plans among objects that move (``planning/in_time.py``)."""
+    """Plans among objects that move (``planning/underway.py``)."""
 
     horizon = 20.0  # [s] for which the places of an object that moves are avoided at first
     spacing = 0.25  # [radii of the object] between two of these places

@@ -375,7 +375,7 @@ def opposite(task: Task) -> tuple[int, int]:
     between = center - center[:, None]
     along = between @ opens
     aside = np.linalg.norm(between - along[..., None] * opens, axis=-1)
-    low, high = np.unravel_index(np.argmax(along - 10.0 * aside), along.shape)
+    low, high = np.unravel_index(np.argmax(along - PICK.level * aside), along.shape)
     first = task.body.tool - len(mine)  # the tool's spheres come last
     return first + int(low), first + int(high)
 

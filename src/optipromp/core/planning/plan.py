@@ -24,7 +24,6 @@ from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.optimization.kernels import add_stiffness
 from optipromp.core.planning import tree
 from optipromp.core.planning.functionals import functional_values
-from optipromp.core.planning.in_time import later, plan_in_time
 from optipromp.core.planning.options import PaperOptions, PlanOptions, Strategy, stated
 from optipromp.core.planning.parameters import APPROACH, UNDERWAY
 from optipromp.core.planning.planner import Planner, check_way, label
@@ -32,7 +31,7 @@ from optipromp.core.planning.planners import OptiProMP, chosen_planner
 from optipromp.core.planning.result import Failed, Harmful, Plan, Planned, Term, Terms, best_of
 from optipromp.core.planning.task import Task, approached, resolve
 from optipromp.core.planning.timing import stopped
-from optipromp.core.planning.underway import Moving, begun, running, underway
+from optipromp.core.planning.underway import Moving, begun, later, plan_in_time, running, underway
 from optipromp.core.planning.verdict import Verdict, judged, predicted
 from optipromp.core.processes import cores
 from optipromp.core.promp.model import ProMP
@@ -49,6 +48,7 @@ RETRIED = Code.HARM_PREDICTED, Code.INVALID_PLAN, Code.GOAL_IN_COLLISION, Code.G
 
 _threads = functools.cache(ThreadpoolController)  # it finds the BLAS libraries once
 
+STILL = 0.0, 0.1, 0.2  # [s] times of a plan that stays at its start: a choice
 JUDGING = 0.03  # [s] that a planner leaves for prediction and judge: measured, they take 35 ms
 JUDGED_SHARE = 0.1  # of a time limit that is left for them at most: a choice
 
@@ -398,7 +398,7 @@ def _stay(task: Task) -> Planned:
     if task.state.moving:
         still = stopped(task.robot, task.state)
     else:
-        rest, times = np.zeros((3, task.robot.n_joints)), np.array([0.0, 0.1, 0.2])
+        rest, times = np.zeros((3, task.robot.n_joints)), np.array(STILL)
         still = Trajectory(times, task.start + rest, rest, rest, task.robot.joint_names)
     return Planned(still, 1, optimised=False)
 
