@@ -27,7 +27,7 @@ from optipromp.core.optimization.costs.tool import CorridorCost, UprightCost
 from optipromp.core.planning import tree
 from optipromp.core.planning.goals import clearance
 from optipromp.core.planning.options import Searched
-from optipromp.core.planning.parameters import FOLLOW, KEPT, SOLVE, TREE, WAYPOINT
+from optipromp.core.planning.parameters import CONSTRAINT, FOLLOW, SOLVE, TREE, WAYPOINT
 from optipromp.core.planning.primitive import led_through
 from optipromp.core.planning.task import Task
 from optipromp.core.promp.conditioning import condition
@@ -102,14 +102,14 @@ def starts(
     assert isinstance(task.goal, PoseGoal)
     share = np.linspace(1.0, 0.0, FOLLOW.stations)
     points, axes = path.at(share), task.axes(share)
-    found = []
+    tracked = []
     for goal in goals:
         back, errors = ik.track(task.robot, points, axes, goal)
         if errors.max() < FOLLOW.tracked:
             stations = back[::-1]
-            found.append((goal, stations, _waypoints(task, stations, path, options)))
-    found.sort(key=lambda item: item[2].count)
-    for goal, stations, waypoints in found[:most]:
+            tracked.append((goal, stations, _waypoints(task, stations, path, options)))
+    tracked.sort(key=lambda item: item[2].count)
+    for goal, stations, waypoints in tracked[:most]:
         start = _follow(task, path, promp, goal, stations, waypoints)
         if start is not None:
             yield start
@@ -294,11 +294,11 @@ def path_costs(path: PathConstraints | None, count: int) -> list[Cost]:
     if path is None:
         return out
     if path.upright is not None:
-        chord = 2.0 * math.sin(0.5 * KEPT.share * math.radians(path.upright.angle))
+        chord = 2.0 * math.sin(0.5 * CONSTRAINT.share * math.radians(path.upright.angle))
         out.append(UprightCost(SOLVE.kept, path.upright.direction[None], chord, 0))
     if path.plane is not None:
         points = np.tile(path.plane.point, (count, 1))
-        within = KEPT.share * path.plane.within
+        within = CONSTRAINT.share * path.plane.within
         axes = path.plane.normal[None]
         out.append(CorridorCost(SOLVE.must, points, axes, within, 0, SOLVE.within))
     return out
@@ -316,11 +316,11 @@ def constrained(task: Task, start: Start) -> Start:
     """The start, led to the nearest poses of the tool that keep the constraints."""
     q = start.followed
     points, axes = task.robot.tool_pose(q)
-    points, axes = _allowed(task.scene.path, points, axes, KEPT.share)
-    found, errors = ik.each(task.robot, points[1:-1], axes[1:-1], q[1:-1])
-    if errors.max(initial=0.0) > KEPT.reached:
+    points, axes = _allowed(task.scene.path, points, axes, CONSTRAINT.share)
+    allowed, errors = ik.each(task.robot, points[1:-1], axes[1:-1], q[1:-1])
+    if errors.max(initial=0.0) > CONSTRAINT.reached:
         return start
-    return replace(start, followed=np.vstack([q[:1], found, q[-1:]]))
+    return replace(start, followed=np.vstack([q[:1], allowed, q[-1:]]))
 
 
 def constrained_starts(task: Task, proposed: Iterator[Start]) -> Iterator[Start]:
@@ -344,8 +344,8 @@ def _allowed(
         aside = axes - along[:, None] * up
         flat = lengths(aside)
         leaning = np.arctan2(flat, along) > angle
-        way = aside / np.maximum(flat, 1e-12)[:, None]
-        edge = math.cos(angle) * up + math.sin(angle) * way
+        flat_axis = aside / np.maximum(flat, 1e-12)[:, None]
+        edge = math.cos(angle) * up + math.sin(angle) * flat_axis
         axes = np.where(leaning[:, None], edge, axes)
     return points, axes
 

@@ -240,11 +240,11 @@ def _retreats(reach: Plan, distance: float) -> Iterator[FloatArray]:
 
 def leg(task: Task, trajectory: Trajectory, seconds: float) -> Plan:
     """The judged plan of a motion that no planner made."""
-    found = verdict(task, trajectory)
+    outcome = verdict(task, trajectory)
     return Plan(
-        task=task, planner="retreat", strategy=None, seed=task.seed, status=found.status,
-        reason=found.reason, notes=found.notes, trajectory=trajectory, initial=trajectory,
-        followed=trajectory, prediction=found.prediction, judgement=found.judgement,
+        task=task, planner="retreat", strategy=None, seed=task.seed, status=outcome.status,
+        reason=outcome.reason, notes=outcome.notes, trajectory=trajectory, initial=trajectory,
+        followed=trajectory, prediction=outcome.prediction, judgement=outcome.judgement,
         terms=Terms(dict), stages=(), time={"total": seconds},
     )  # fmt: skip
 
@@ -261,7 +261,7 @@ def leg_task(reach: Plan, name: str, begin: FloatArray, end: FloatArray) -> Task
     scene = replace(scene, goal=goal, start=begin, name=f"{reach.scene.name}-{name}")
     return Task(
         scene, robot, State(begin), goal, (), risk=reach.risk, begun=True, seed=reach.seed,
-        back=None if lifts else way_back(reach, robot),
+        back=None if lifts else retreat_model(reach, robot),
     )  # fmt: skip
 
 
@@ -417,7 +417,7 @@ def lifts(reach: Plan, robot: Robot, distance: float) -> Iterator[tuple[FloatArr
             yield np.vstack([q[-1:], up[1:]]), np.vstack([up[-1:], back[1:]])
 
 
-def way_back(reach: Plan, robot: Robot) -> PushModel | None:
+def retreat_model(reach: Plan, robot: Robot) -> PushModel | None:
     """The push model of the retreat: the tool is full, so that it is a solid body among fruits.
 
     The model knows the push of the reach. None where nothing else hangs.
@@ -450,7 +450,7 @@ def way_back(reach: Plan, robot: Robot) -> PushModel | None:
     before = reach.push_model
     if before is None:
         points, axes = tool_motion(reach.robot, reach.trajectory.positions[reach.first :])
-        return WayBack(model, points, axes, ())
+        return RetreatModel(model, points, axes, ())
     points, axes, *_ = led(reach.task, before, reach.trajectory)
     radius = {item.id: item.radius for item in hanging}
     moved = before.moved(points, axes)
@@ -463,10 +463,10 @@ def way_back(reach: Plan, robot: Robot) -> PushModel | None:
         for name, is_behind, away_by in zip(moved.ids, behind, aside, strict=True)
         if is_behind and name in radius and away_by < tool.mouth[1] + radius[name]
     )
-    return WayBack(model, points, axes, tuple(caught))
+    return RetreatModel(model, points, axes, tuple(caught))
 
 
-class WayBack(Continued):
+class RetreatModel(Continued):
     """The push model of a retreat, after the push of the reach.
 
     A fruit that the reach left behind the mouth's floor, across the way of its edge, is ``caught``:

@@ -70,9 +70,11 @@ class StraightLine:
 
     def off(self, points: FloatArray) -> FloatArray:
         """Distances (m,) of points (m, 3) from the line [m]."""
-        way = self.b.position - self.a.position
-        share = np.clip((points - self.a.position) @ way / max(float(way @ way), 1e-18), 0.0, 1.0)
-        return lengths(points - self.a.position - share[:, None] * way)
+        edge = self.b.position - self.a.position
+        share = np.clip(
+            (points - self.a.position) @ edge / max(float(edge @ edge), 1e-18), 0.0, 1.0
+        )
+        return lengths(points - self.a.position - share[:, None] * edge)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,16 +112,16 @@ def along_lines(task: Task, promp: ProMP, options: Searched, budget: Budget) -> 
     legs = [StraightLine(a, b) for a, b in pairwise(poses)]
     first = replaced(task, scene=replaced(task.scene, goal=poses[0], waypoints=None), goal=poses[0])
     budget.say("inverse kinematics along the lines")
-    found = free(first, goals.find(first, task.seed, GOAL.many_starts), LINE.branches)
-    if not len(found):
-        found, clear, reason = goals.choose(first, task.seed, budget=budget)
+    begins = free(first, goals.find(first, task.seed, GOAL.many_starts), LINE.branches)
+    if not len(begins):
+        begins, clear, reason = goals.choose(first, task.seed, budget=budget)
         if not clear:
-            code = Code.GOAL_IN_COLLISION if len(found) else Code.GOAL_UNREACHABLE
+            code = Code.GOAL_IN_COLLISION if len(begins) else Code.GOAL_UNREACHABLE
             return Failed(code, f"waypoints[0]: {reason}")
-    near = np.abs(found - task.start).max(axis=1) < LINE.near
-    found = np.where(near[:, None] & (not task.state.moving), task.start, found)
+    near = np.abs(begins - task.start).max(axis=1) < LINE.near
+    begins = np.where(near[:, None] & (not task.state.moving), task.start, begins)
     branches: list[Branch] = []
-    for begin in found:
+    for begin in begins:
         branches.append(followed(task, legs, begin))
         if budget.spent() and any(not one.why for one in branches):
             break

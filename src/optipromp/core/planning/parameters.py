@@ -54,7 +54,7 @@ class Goal:
     nearest_margin = 0.05  # [rad or m] least distance of that goal from the joint limits
 
 
-class Kept:
+class Constraint:
     """Constraints of a path (``planning/follow.py``)."""
 
     share = 0.9  # [1] of the limits at waypoints, so that the curve between them is inside
@@ -236,7 +236,7 @@ class Lift:
 WAYPOINT = Waypoint
 FOLLOW = Follow
 GOAL = Goal
-KEPT = Kept
+CONSTRAINT = Constraint
 LINE = Line
 PICK = Pick
 SOLVE = Solve

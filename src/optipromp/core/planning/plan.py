@@ -308,31 +308,31 @@ def _plan(
     touching = judging.touching(task.scene, task.robot, task.start, begun=task.begun)
     resting = task.running is None and task.scene.waypoints is None
     there = resting and all(task.at_goal(q) for q in stay.trajectory.positions)
-    found: Planned | Failed | Harmful = stay
+    answer: Planned | Failed | Harmful = stay
     if touching:
-        found = Failed(Code.START_IN_COLLISION, "at the start " + "; ".join(map(str, touching)))
+        answer = Failed(Code.START_IN_COLLISION, "at the start " + "; ".join(map(str, touching)))
     elif astray := judging.left_path(task.scene, task.robot, np.zeros(1), task.start[None]):
         told = f"{'; '.join(map(str, astray))}: choose a start that keeps the path, or widen it"
-        found = Failed(Code.START_INVALID, f"at the start {told}")
+        answer = Failed(Code.START_INVALID, f"at the start {told}")
     elif not there:
-        found = planner.solve(task, budget)
-    if isinstance(found, Harmful) and task.sparing:
-        return found
-    if not isinstance(found, Planned | Failed):
+        answer = planner.solve(task, budget)
+    if isinstance(answer, Harmful) and task.sparing:
+        return answer
+    if not isinstance(answer, Planned | Failed):
         raise InvalidRequestError(
-            f"planner {label(planner)} returned {type(found).__name__}: "
+            f"planner {label(planner)} returned {type(answer).__name__}: "
             "solve must return Planned or Failed, or Harmful where task.sparing is true"
         )
-    outcome = found if isinstance(found, Planned) else found.nearest or stay
+    outcome = answer if isinstance(answer, Planned) else answer.nearest or stay
     start = clock()
     prediction = outcome.prediction or predicted(task, outcome.trajectory)
     judgement = outcome.judgement or judged(task, outcome.trajectory, stem_side=prediction is None)
-    if isinstance(found, Planned):
+    if isinstance(answer, Planned):
         idle = getattr(planner, "iterations", None) == 0
         status, reason, notes = _status(Verdict(judgement, prediction), outcome, idle, budget)
     else:
-        status, reason, notes = found.code, found.message, ()
-        if found.nearest is not None:
+        status, reason, notes = answer.code, answer.message, ()
+        if answer.nearest is not None:
             reason += f"; the trajectory that comes nearest: {judgement.message}"
             notes = _cut(budget)
         elif broken := [
@@ -428,18 +428,18 @@ def other_approaches(task: Task, end: float = np.inf) -> Iterator[Task]:
         level = float(np.linalg.norm(side))
         flats = [side / level, -side / level] if level > 0.5 else []  # over 30° off the vertical
         shares, reach = (APPROACH.inner,), 0.0
-    ways = [
+    directions = [
         (rotation(np.cross(z_g, flat), float(share * cone)) @ z_g, scene.approach.shift)
         for share in shares
         if cone > 0.0
         for flat in flats
     ]
-    ways += [(z_g, scene.approach.shift + reach * flat) for flat in flats if reach > 0.0]
+    directions += [(z_g, scene.approach.shift + reach * flat) for flat in flats if reach > 0.0]
     left, best = APPROACH.tried, list[tuple[float, int, Task]]()
-    for k, (way, shift) in enumerate(ways):
+    for k, (direction, shift) in enumerate(directions):
         if clock() > end:
             return
-        approach = replace(scene.approach, direction=way, shift=shift)
+        approach = replace(scene.approach, direction=direction, shift=shift)
         other = approached(task, replace(scene, approach=approach))
         model = other.push_model(task.robot.home)
         if model is None:

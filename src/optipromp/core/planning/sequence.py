@@ -182,8 +182,8 @@ def _check(scene: Scene, targets: Sequence[str]) -> None:
 
 def _left(made: Plan, whole: Picked | None) -> Left:
     """The fruit of a plan, or of a pick of which another leg failed, as left."""
-    told = made if whole is None else whole
-    return Left(_target(made), told.status, told.message, told)
+    failed = made if whole is None else whole
+    return Left(_target(made), failed.status, failed.message, failed)
 
 
 def _rank(made: Plan) -> tuple[float, float]:

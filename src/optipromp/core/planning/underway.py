@@ -357,12 +357,12 @@ def _in(task: Task, made: Plan, before: Trajectory | None) -> Plan:
     if made.task.scene.approach is not task.scene.approach:  # another was chosen
         scene = replace(task.scene, approach=made.task.scene.approach)
         task = replace(task, scene=scene, goal=made.task.goal)
-    found = verdict(task, trajectory)
-    told = found if found.status is Code.SUCCESS or made.status in JUDGED else made
+    judged = verdict(task, trajectory)
+    source = judged if judged.status is Code.SUCCESS or made.status in JUDGED else made
     return replace(
         made, task=task, trajectory=trajectory, initial=initial, followed=followed, first=first,
-        status=told.status, reason=told.reason, notes=told.notes, judgement=found.judgement,
-        prediction=found.prediction,
+        status=source.status, reason=source.reason, notes=source.notes, judgement=judged.judgement,
+        prediction=judged.prediction,
     )  # fmt: skip
 
 

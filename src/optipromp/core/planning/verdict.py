@@ -131,8 +131,8 @@ def verdict(task: Task, trajectory: Trajectory, *, anywhere: bool = False) -> Ve
     The trajectory must begin in the task's state; with ``anywhere``, at rest in any configuration.
     """
     prediction = predicted(task, trajectory)
-    found = judged(task, trajectory, stem_side=prediction is None, anywhere=anywhere)
-    return Verdict(found, prediction)
+    judgement = judged(task, trajectory, stem_side=prediction is None, anywhere=anywhere)
+    return Verdict(judgement, prediction)
 
 
 def whole(legs: Mapping[str, Plan]) -> tuple[Code, str]:
@@ -195,10 +195,10 @@ def led(task: Task, model: PushModel, trajectory: Trajectory) -> PushMotion:
     q, points, axes, times = _followed(task.robot, trajectory)
 
     def moved(rows: slice, struck: Overlap | None = None) -> PushMotion:
-        way, turned = spaced(points[rows], axes[rows])
+        path, turned = spaced(points[rows], axes[rows])
         if not task.courses:
-            return PushMotion(way, turned, struck, {})
-        at = along(points[rows], times[rows, None], len(way))[:, 0]
+            return PushMotion(path, turned, struck, {})
+        at = along(points[rows], times[rows, None], len(path))[:, 0]
         since = np.append(0.0, at[:-1])  # roots drift from time 0 on, while the tool waits
         fastest = max(course.fastest for course in task.courses.values())
         steps = np.maximum(np.ceil((at - since) * fastest / STEP), 1).astype(np.int64)
@@ -207,7 +207,7 @@ def led(task: Task, model: PushModel, trajectory: Trajectory) -> PushMotion:
         here = np.where(share < 1.0, np.maximum(row - 1, 0), row)
         now = since[row] + share * (at - since)[row]
         drift = {name: course.at(now) for name, course in task.courses.items()}
-        return PushMotion(way[here], turned[here], struck, drift)
+        return PushMotion(path[here], turned[here], struck, drift)
 
     if task.back is not None:
         return moved(slice(None))
