@@ -1,7 +1,7 @@
 """``plan_sequence``: several ripe fruits, picked one after the other."""
 
 import pickle
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,7 +12,7 @@ from optipromp.core.planning.legs import Picked, after
 from optipromp.core.planning.options import PlanOptions, Strategy, stated
 from optipromp.core.planning.plan import check_request, plan
 from optipromp.core.planning.planner import Planner
-from optipromp.core.planning.result import Plan
+from optipromp.core.planning.result import Plan, best_of
 from optipromp.core.planning.task import Task
 from optipromp.core.processes import cores, run_each
 from optipromp.core.promp.model import ProMP
@@ -137,18 +137,31 @@ def plan_sequence(
                 progress(f"pick {len(picks) + 1}: {id_}")
             tried.append(plan(aimed(scene, id_, picked), **request))
         good = sorted((made for made in tried if made.success), key=_rank)
-        failed: dict[str, Picked] = {}
-        if scene.place is not None:
-            for made in good:
-                whole = after(made, progress, **request)
-                if whole.success:
-                    placed.append(whole)
-                    break
-                failed[_target(made)] = whole
-        if len(failed) == len(good):
-            left = tuple(_left(made, failed.get(_target(made))) for made in tried)
+        whole: dict[str, Plan | Picked] = {_target(made): made for made in tried}
+        best = best_of(
+            _completed(good, whole, progress, request),
+            rank=lambda made: not made.success,
+            enough=lambda made: made.success,
+        )
+        if best is None or not best.success:
+            left = tuple(Left(id_, made.status, made.message, made) for id_, made in whole.items())
             return PickSequence(begun, tuple(targets), tuple(picks), left, tuple(placed))
-        picks.append(good[len(failed)])
+        if isinstance(best, Picked):
+            placed.append(best)
+        picks.append(best.reach if isinstance(best, Picked) else best)
+
+
+def _completed(
+    good: Sequence[Plan],
+    whole: dict[str, Plan | Picked],
+    progress: Callable[[str], None] | None,
+    request: dict[str, Any],
+) -> Iterator[Plan | Picked]:
+    """The picks of good plans with all their legs, each put into ``whole`` by its target."""
+    for made in good:
+        if made.scene.place is not None:
+            whole[_target(made)] = after(made, progress, **request)
+        yield whole[_target(made)]
 
 
 def aimed(scene: Scene, target: str, picked: Sequence[str] = ()) -> Scene:
@@ -180,15 +193,8 @@ def _check(scene: Scene, targets: Sequence[str]) -> None:
             )
 
 
-def _left(made: Plan, whole: Picked | None) -> Left:
-    """The fruit of a plan, or of a pick of which another leg failed, as left."""
-    failed = made if whole is None else whole
-    return Left(_target(made), failed.status, failed.message, failed)
-
-
 def _rank(made: Plan) -> tuple[float, float]:
-    harm = 0.0 if made.prediction is None else made.prediction.harm
-    return max(harm, HARMLESS), made.trajectory.duration
+    return max(made.harm, HARMLESS), made.duration
 
 
 def _target(made: Plan) -> str:
