@@ -8,8 +8,8 @@ import typer
 
 from optipromp.cli.command import Report, Shown, command
 from optipromp.cli.console import Cluster, Workers, grid, progress_bar, say_if_compiling
-from optipromp.cli.folder import scene_files
 from optipromp.cli.loops import LoopChoices, eyes_table, loop_causes, loop_table
+from optipromp.cli.plan import scene_files
 from optipromp.cli.robot import ArmOptions, Whose
 from optipromp.core.errors import Code, InvalidRequestError
 

@@ -153,7 +153,7 @@ class ScenarioRow:
             same, final, kept = (_factor(history[0], end) for end in ends)
             rows.append(
                 Reduction(name, term.stage, factor, iterations, same, final, len(history) - 1,
-                          kept, self.plan.status in (Code.SUCCESS, Code.HARM_PREDICTED))
+                          kept, self.plan.valid)
             )  # fmt: skip
         return tuple(rows)
 

@@ -23,9 +23,8 @@ from optipromp.core.planning.options import PlanOptions, Strategy
 from optipromp.core.planning.parameters import GOAL, PRIMITIVE, WAYPOINT
 from optipromp.core.planning.primitive import led_through, on_branch, via_points
 from optipromp.core.planning.result import ViaPoint
-from optipromp.core.planning.slow import paced
 from optipromp.core.planning.task import Task, pushed_aside, stands
-from optipromp.core.planning.timing import timed
+from optipromp.core.planning.timing import paced, timed
 from optipromp.core.promp.model import ProMP
 from optipromp.core.pushing.rules import Drift, detection_variance, drift_choices
 from optipromp.core.scenes.scene import JointGoal
