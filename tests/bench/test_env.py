@@ -25,7 +25,7 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning import plan
 from optipromp.core.robots.library import load_robot
 from optipromp.core.trajectory import State
-from optipromp.laboratory.experiments.conditions import CONDITIONS
+from optipromp.laboratory.experiments.situations import CONDITIONS
 from optipromp.laboratory.generate import PRESETS, generate
 
 pytest.importorskip("mujoco")

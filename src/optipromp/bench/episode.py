@@ -13,7 +13,7 @@ from optipromp.core.errors import ExecutionError, InvalidRequestError
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.trajectory import State
-from optipromp.laboratory.experiments.conditions import Situation
+from optipromp.laboratory.experiments.situations import Situation
 from optipromp.laboratory.simulation import Detector, Eye, Outcome, Simulation
 from optipromp.laboratory.simulation.detector import Truth
 from optipromp.laboratory.simulation.progress import HarmSoFar
@@ -161,8 +161,4 @@ class Episode:
 
 def score(outcome: "Outcome | Word") -> int:
     """An outcome as the benchmark counts it: 1 clean, -1 harmed, 0 missed; harm comes first."""
-    if outcome.success:
-        return 1
-    if isinstance(outcome, Outcome):
-        return -any(each not in ("not_picked", "not_placed") for each in outcome.causes)
-    return -bool(outcome.harm or outcome.swallowed)
+    return {"clean": 1, "missed": 0, "harmed": -1}[outcome.result]

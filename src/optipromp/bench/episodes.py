@@ -29,7 +29,7 @@ from optipromp.core.planning import Plan, plan
 from optipromp.core.planning.task import tool_motion
 from optipromp.core.processes import cores
 from optipromp.laboratory.experiments.cluster import over
-from optipromp.laboratory.experiments.runs import source_version
+from optipromp.laboratory.experiments.rows import source_version
 
 AnyArray = NDArray[Any]
 Format = Literal["minari", "lerobot"]

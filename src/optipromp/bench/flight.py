@@ -238,6 +238,13 @@ class Word:
         """The target alone is in the cup, and nothing was harmed."""
         return self.picked and not self.swallowed and not self.harm
 
+    @property
+    def result(self) -> str:
+        """``clean``, ``harmed`` or ``missed``: harm counts first."""
+        if self.success:
+            return "clean"
+        return "harmed" if self.harm or self.swallowed else "missed"
+
 
 class _Watch:
     """Forces between the cup and everything else, and between fruits, filtered."""

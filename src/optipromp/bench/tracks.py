@@ -28,13 +28,13 @@ from optipromp.core.planning import Plan
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
-from optipromp.laboratory.experiments.conditions import Situation
+from optipromp.laboratory.experiments.situations import Situation
 from optipromp.perception.pictures import DepthPicture
 
 Track = Literal["plan", "policy", "picture"]
 TRACKS: tuple[Track, ...] = ("plan", "policy", "picture")
 CONDITION: Mapping[Track, str] = {"plan": "none", "policy": "sway", "picture": "none"}
-"""Of each track by default; see :mod:`optipromp.laboratory.experiments.conditions`."""
+"""Of each track by default; see :mod:`optipromp.laboratory.experiments.situations`."""
 LIMIT = 1.001  # share of a joint's limit that counts as within: rounding of files
 AT_START = 1e-4  # [rad or m] of the trajectory's begin off the scene's start: rounding of files
 

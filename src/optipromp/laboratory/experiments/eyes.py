@@ -36,8 +36,8 @@ from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject
 from optipromp.core.scenes.values import suggest
-from optipromp.laboratory.experiments.conditions import CONDITIONS, Situation
 from optipromp.laboratory.experiments.seeing import matched, middle
+from optipromp.laboratory.experiments.situations import CONDITIONS, Situation
 from optipromp.laboratory.simulation.detector import Detector, Truth
 from optipromp.laboratory.simulation.detector_parameters import EYES, DetectorParameters
 from optipromp.laboratory.simulation.parameters import SimulationParameters

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from optipromp.core.files import json_text, write_atomically
-from optipromp.laboratory.experiments.loop_statistics import loop_summary
-from optipromp.laboratory.experiments.runs import Row
-from optipromp.laboratory.experiments.statistics import Cell, calibration
+from optipromp.laboratory.experiments.rows import Row
+from optipromp.laboratory.experiments.statistics import Cell, calibration, loop_summary
 from optipromp.looks.viewer.figures import png
 
 if TYPE_CHECKING:
