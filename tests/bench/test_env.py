@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from optipromp.bench.drive import driven, joints_for
 from optipromp.bench.env import CURRICULUM, HARM, MOST, SPEED, TIME, WIDTH, PickEnv, PickProMPEnv
-from optipromp.bench.episode import HELD, LONGEST, Episode, score
+from optipromp.bench.episode import HELD, LONGEST, Episode, driven, joints_for, score
 from optipromp.bench.episodes import follower
 from optipromp.bench.flight import Word
 from optipromp.bench.flown import FlightWorld

@@ -17,12 +17,12 @@ from tests.bench.entrants import entry
 from typer.testing import CliRunner
 
 import optipromp
-from optipromp.bench.limits import ROW_FILE
 from optipromp.bench.results import BenchRun, run_bench, submission, verify
 from optipromp.bench.rounds import Round, draw_round, entry_digest, read_round
 from optipromp.bench.running import Exercise, again
 from optipromp.bench.sets import SceneSet
 from optipromp.bench.table import commit, leaderboard, markdown
+from optipromp.bench.tracks import ROW_FILE
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import npz

@@ -20,8 +20,8 @@ import numpy as np
 
 from optipromp.bench.entrant import Refused
 from optipromp.bench.episode import Observation
-from optipromp.bench.limits import MOTION_FILE, PATIENCE, ROWS, Patience
 from optipromp.bench.serve import Remote, Served, velocity_of
+from optipromp.bench.tracks import MOTION_FILE, PATIENCE, ROWS, Patience
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.processes import THREADS, packed

@@ -16,8 +16,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from optipromp.bench.drive import joints_for
-from optipromp.bench.episode import RATE, Episode, Observation, score
+from optipromp.bench.episode import RATE, Episode, Observation, joints_for, score
 from optipromp.bench.primitive import COUNT, OfWeights
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError

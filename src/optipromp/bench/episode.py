@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from optipromp.bench.drive import driven
 from optipromp.control.look import Look
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import ExecutionError, InvalidRequestError
@@ -29,26 +28,21 @@ LONGEST = 20.0  # [s] of a pick, after which it ends: a choice; plans take 4 to 
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What a policy knows at one moment.
+    """What a policy knows at one moment."""
 
-    Attributes:
-        time: since the beginning [s].
-        q, velocity: (n,) of the joints, as measured [rad or m, per s].
-        tool_point, tool_axis: (3,) in the robot's base frame [m].
-        fruits: targets, pushables and objects to avoid as last seen, in the base frame.
-        age: time since they were seen [s].
-        force: (3,) of the world on the tool [N].
-        look: the last one that was delivered, with its camera; its time is since the beginning.
-    """
-
-    time: float
+    time: float  # since the beginning [s]
+    # (n,) of the joints, as measured [rad or m, per s]
     q: FloatArray
     velocity: FloatArray
+    # (3,) in the robot's base frame [m]
     tool_point: FloatArray
     tool_axis: FloatArray
+    # targets, pushables and objects to avoid as last seen, in the base frame
     fruits: tuple[SceneObject, ...]
-    age: float
+    age: float  # time since they were seen [s]
+    # (3,) of the world on the tool [N]
     force: FloatArray = field(default_factory=lambda: np.zeros(3))
+    # the last one that was delivered, with its camera; its time is since the beginning
     look: Look | None = None
 
 
@@ -162,3 +156,71 @@ class Episode:
 def score(outcome: "Outcome | Word") -> int:
     """An outcome as the benchmark counts it: 1 clean, -1 harmed, 0 missed; harm comes first."""
     return {"clean": 1, "missed": 0, "harmed": -1}[outcome.result]
+
+
+BRAKE = 0.9  # share of the acceleration limit that brakes before the end of a range: a choice
+GAIN = 3.0  # [1/s] of the turn of the tool's axis: a choice
+LEVER = 0.2  # [m] by which a turn counts as a length: a choice
+DAMPING = 0.01  # [m] of the least squares: a choice
+
+
+def driven(
+    robot: Robot, before: State, wanted: FloatArray, period: float, count: int
+) -> list[State]:
+    """References of ``count`` ticks of a controller in which the joints come to a velocity.
+
+    The acceleration is constant, at most its limit. The velocity is at most its limit, and so low
+    that the joint can brake before the end of its range.
+
+    ``robot``: whose limits are kept. ``before``: the last reference. ``wanted``: (n,) velocity at
+    the end [rad/s or m/s]. ``period``: time from ``before`` to the last tick [s]. ``count``: number
+    of ticks.
+
+    Returns: The references, a tick apart, the last one ``period`` after ``before``.
+    """
+    most = BRAKE * robot.acceleration
+    ahead = before.q + 0.5 * period * before.velocity  # about where the velocity is reached
+    up, down = robot.upper - ahead, ahead - robot.lower
+    rise = _braking(up, most, period, before.velocity)
+    fall = _braking(down, most, period, -before.velocity)
+    top = np.minimum(robot.velocity, rise)
+    low = -np.minimum(robot.velocity, fall)
+    aim = np.clip(wanted, np.minimum(low, top), top)
+    change = np.clip(
+        aim - before.velocity, -robot.acceleration * period, robot.acceleration * period
+    )
+    gain, out = change / period, []
+    for k in range(1, count + 1):
+        t = period * k / count
+        q = before.q + t * before.velocity + 0.5 * t * t * gain
+        out.append(State(np.clip(q, robot.lower, robot.upper), before.velocity + t * gain, gain))
+    return out
+
+
+def _braking(room: FloatArray, most: FloatArray, period: float, speed: FloatArray) -> FloatArray:
+    """The velocity (n,) a period later from which a joint still stops within its range.
+
+    Where ``room`` (n,) is negative, the joint has to stop within the period, and turns back: it
+    brakes from ``speed`` (n,) by ``most`` (n,) throughout.
+    """
+    lead = 0.5 * most * period
+    far = np.nan_to_num(np.maximum(room, 0.0), posinf=1e9)
+    return np.where(room >= 0.0, np.sqrt(lead**2 + 2.0 * most * far) - lead, speed - most * period)
+
+
+def joints_for(
+    robot: Robot, q: FloatArray, linear: FloatArray, axis: FloatArray | None = None
+) -> FloatArray:
+    """Joint velocities (n,) by which the tool point moves and the tool's axis turns.
+
+    Damped least squares on the Jacobians of tool point and axis.
+
+    ``robot``: with its tool. ``q``: (n,) configuration. ``linear``: (3,) velocity of the tool point
+    [m/s]. ``axis``: (3,) to which the tool's axis turns; None: it keeps its direction.
+    """
+    _, now, along, turning = robot.tool_map(q)
+    turn = np.zeros(3) if axis is None else GAIN * (axis - now)
+    rows = np.vstack([along, LEVER * turning])
+    asked = np.concatenate([linear, LEVER * turn])
+    damped = rows @ rows.T + DAMPING**2 * np.eye(len(asked))
+    return np.asarray(rows.T @ np.linalg.solve(damped, asked))

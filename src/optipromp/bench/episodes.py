@@ -57,23 +57,14 @@ class EpisodeAsk:
 
 @dataclass(frozen=True, eq=False)
 class EpisodeData:
-    """One episode of k steps.
+    """One episode of k steps."""
 
-    Attributes:
-        ask: what it is of.
-        seen: observations by name, (k + 1, ...) each.
-        actions: (k, 3).
-        rewards: (k,).
-        success: whether it was clean.
-        terminated: whether it ended by itself, and not by time.
-    """
-
-    ask: EpisodeAsk
-    seen: Mapping[str, AnyArray]
-    actions: AnyArray
-    rewards: AnyArray
-    success: bool
-    terminated: bool
+    ask: EpisodeAsk  # what it is of
+    seen: Mapping[str, AnyArray]  # observations by name, (k + 1, ...) each
+    actions: AnyArray  # (k, 3)
+    rewards: AnyArray  # (k,)
+    success: bool  # whether it was clean
+    terminated: bool  # whether it ended by itself, and not by time
 
 
 def environment(presets: Sequence[str], condition: str, pictures: bool) -> PickEnv:

@@ -219,19 +219,12 @@ def model_of(scene: Mapping[str, Any], seed: int = 0) -> mujoco.MjModel:
 
 @dataclass(frozen=True)
 class Word:
-    """What became of a plan.
+    """What became of a plan."""
 
-    Attributes:
-        picked: whether the target is in the cup at the end.
-        swallowed: ids of other fruits in the cup.
-        harm: in words.
-        force: largest force of the cup, or of another fruit, on any fruit but the target [N].
-    """
-
-    picked: bool
-    swallowed: tuple[str, ...]
-    harm: tuple[str, ...]
-    force: float
+    picked: bool  # whether the target is in the cup at the end
+    swallowed: tuple[str, ...]  # ids of other fruits in the cup
+    harm: tuple[str, ...]  # in words
+    force: float  # largest force of the cup, or of another fruit, on any fruit but the target [N]
 
     @property
     def success(self) -> bool:

@@ -26,7 +26,11 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from optipromp.bench.apart import SERVED, dismissed, hired
-from optipromp.bench.limits import (
+from optipromp.bench.rounds import Round, entry_digest
+from optipromp.bench.running import ENGINES, STEADY, Engine, Exercise, again, rows_and_arrays
+from optipromp.bench.sets import SceneSet
+from optipromp.bench.tracks import (
+    CONDITION,
     MEMBERS,
     MOTION_FILE,
     PATIENCE,
@@ -34,12 +38,9 @@ from optipromp.bench.limits import (
     RUN_FILE,
     SUBMISSION,
     Patience,
+    Track,
     words,
 )
-from optipromp.bench.rounds import Round, entry_digest
-from optipromp.bench.running import ENGINES, STEADY, Engine, Exercise, again, rows_and_arrays
-from optipromp.bench.sets import SceneSet
-from optipromp.bench.tracks import CONDITION, Track
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import (
     check_folder,
@@ -74,30 +75,20 @@ SAME = 1e-6  # [rad, 1/s, 1/s²] by which two motions are one: other processors,
 
 @dataclass(frozen=True)
 class BenchRun:
-    """A run of the benchmark.
+    """A run of the benchmark."""
 
-    Attributes:
-        entry: name, MODULE:CLASS or tcp:HOST:PORT.
-        track: one of :data:`optipromp.bench.tracks.TRACKS`.
-        scenes: the set.
-        condition: of :data:`optipromp.laboratory.experiments.situations.CONDITIONS`.
-        variation: of :data:`optipromp.laboratory.experiments.situations.VARIATIONS`; empty: none.
-        engines: that execute. Conditions that move plants and variations are of ``arm`` alone.
-        version: of the library, with a digest of its source.
-        processor: kind of machine; other machines may differ in last bits.
-        digest: of the entry's source; empty of tcp:.
-        round: in which the set was drawn after the digest; None: the word was known before.
-    """
-
-    entry: str
-    track: Track
-    scenes: SceneSet
-    condition: str = "none"
+    entry: str  # name, MODULE:CLASS or tcp:HOST:PORT
+    track: Track  # one of TRACKS
+    scenes: SceneSet  # the set
+    condition: str = "none"  # of CONDITIONS
+    # of VARIATIONS; empty: none
     variation: str = ""
+    # that execute. Conditions that move plants and variations are of ``arm`` alone
     engines: tuple[Engine, ...] = ENGINES
-    version: str = ""
-    processor: str = ""
-    digest: str = ""
+    version: str = ""  # of the library, with a digest of its source
+    processor: str = ""  # kind of machine; other machines may differ in last bits
+    digest: str = ""  # of the entry's source; empty of tcp:
+    # in which the set was drawn after the digest; None: the word was known before
     round: Round | None = None
 
     def __post_init__(self) -> None:

@@ -18,7 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from optipromp.bench.apart import SERVED
 from optipromp.bench.entrant import parts
-from optipromp.bench.limits import RUN_FILE, words
+from optipromp.bench.tracks import RUN_FILE, words
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import read_bytes
 from optipromp.laboratory.experiments.rows import source_version

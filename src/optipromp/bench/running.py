@@ -13,9 +13,22 @@ import numpy as np
 from optipromp.bench.apart import Apart, Entry, hired
 from optipromp.bench.episode import Episode
 from optipromp.bench.flight import Word
-from optipromp.bench.limits import MOTION_FILE, PATIENCE, EntryError, Patience, too_long, words
 from optipromp.bench.sets import BITS, DEVELOPMENT, SHORT, drawn, scene_of
-from optipromp.bench.tracks import Deed, Track, acted, against, asked, photographed, replayed
+from optipromp.bench.tracks import (
+    MOTION_FILE,
+    PATIENCE,
+    Deed,
+    EntryError,
+    Patience,
+    Track,
+    acted,
+    against,
+    asked,
+    photographed,
+    replayed,
+    too_long,
+    words,
+)
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.files import read_npz
@@ -41,28 +54,19 @@ STEADY = "none", "zero-mean", "detector", "missed", "calibration"
 
 @dataclass(frozen=True)
 class Exercise:
-    """What is asked of an entry.
+    """What is asked of an entry."""
 
-    Attributes:
-        entry: name, or MODULE:CLASS.
-        track: one of :data:`optipromp.bench.tracks.TRACKS`.
-        preset, seed: of the scene.
-        condition: of :data:`optipromp.laboratory.experiments.situations.CONDITIONS`.
-        variation: of :data:`optipromp.laboratory.experiments.situations.VARIATIONS`; empty: none.
-        engines: that execute the motion.
-        word: of the set, which the entry does not get.
-        patience: the time that the entry has.
-    """
-
-    entry: str
-    track: Track
+    entry: str  # name, or MODULE:CLASS
+    track: Track  # one of TRACKS
+    # of the scene
     preset: str
     seed: int
-    condition: str = "none"
+    condition: str = "none"  # of CONDITIONS
+    # of VARIATIONS; empty: none
     variation: str = ""
-    engines: tuple[Engine, ...] = ENGINES
-    word: str = DEVELOPMENT
-    patience: Patience = PATIENCE
+    engines: tuple[Engine, ...] = ENGINES  # that execute the motion
+    word: str = DEVELOPMENT  # of the set, which the entry does not get
+    patience: Patience = PATIENCE  # the time that the entry has
 
     @property
     def keys(self) -> list[Key]:

@@ -11,7 +11,7 @@ The benchmark connects, and sends a line for each call; the policy answers each 
 
 A scene is a scene file's document (docs/scene-format.md), and so are objects: the fruits as last
 seen. An answer ``{"error": "…"}`` ends the episode, and so does one that is late
-(:class:`optipromp.bench.limits.Patience`) or longer than 100,000 bytes. ``optipromp bench run
+(:class:`optipromp.bench.tracks.Patience`) or longer than 100,000 bytes. ``optipromp bench run
 --entry tcp:HOST:PORT --track policy`` asks such a policy; :func:`serve` makes one of a Python
 class.
 """
@@ -27,8 +27,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from optipromp.bench.episode import Observation
-from optipromp.bench.limits import ACTION, LINE, PATIENCE, EntryError, Patience
-from optipromp.bench.tracks import Acting
+from optipromp.bench.tracks import ACTION, LINE, PATIENCE, Acting, EntryError, Patience
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.scenes.io import scene_from_dict, scene_to_dict

@@ -25,18 +25,13 @@ SLOW = 10.0  # [s] for git to answer: a choice
 
 @dataclass(frozen=True)
 class Leaderboard:
-    """Entries on one set of scenes, the best first.
+    """Entries on one set of scenes, the best first."""
 
-    Attributes:
-        run: of the first entry: track, set, condition, variation are those of all.
-        order: names of the entries; by the smaller of their scores in the engines.
-        standings: of every entry, engine, and preset (empty: all), see :func:`figures_of`.
-        verified: by entry: ``entry``, ``motions`` or ``no``; see ``bench verify``.
-    """
-
-    run: BenchRun
-    order: tuple[str, ...]
+    run: BenchRun  # of the first entry: track, set, condition, variation are those of all
+    order: tuple[str, ...]  # names of the entries; by the smaller of their scores in the engines
+    # of every entry, engine, and preset (empty: all), see figures_of
     standings: tuple[Cell, ...]
+    # by entry: ``entry``, ``motions`` or ``no``; see ``bench verify``
     verified: Mapping[str, Means]
 
     def of(self, entry: str, engine: str, preset: str = "") -> Cell:

@@ -52,17 +52,13 @@ def picked(setting: Situation, seed: int, servo: bool = True) -> Loop:
 
 @dataclass(frozen=True)
 class Smoothness:
-    """How smooth an executed curve is.
+    """How smooth an executed curve is."""
 
-    Attributes:
-        takeovers: number of stretches that took over.
-        jumps: largest jump of a joint's position [rad or m], velocity [rad/s or m/s] and
-            acceleration [rad/s² or m/s²] at a takeover.
-        shares: largest share of the robot's limits of velocity, acceleration and jerk.
-    """
-
-    takeovers: int
+    takeovers: int  # number of stretches that took over
+    # largest jump of a joint's position [rad or m], velocity [rad/s or m/s] and acceleration
+    # [rad/s² or m/s²] at a takeover
     jumps: tuple[float, float, float]
+    # largest share of the robot's limits of velocity, acceleration and jerk
     shares: tuple[float, float, float]
 
     @property
