@@ -14,10 +14,9 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from optipromp.bench.env import CURRICULUM, HARM, MOST, SPEED, TIME, WIDTH, PickEnv, PickProMPEnv
-from optipromp.bench.episode import HELD, LONGEST, Episode, driven, joints_for, score
+from optipromp.bench.episode import HELD, LONGEST, Episode, FlightWorld, driven, joints_for, score
 from optipromp.bench.episodes import follower
 from optipromp.bench.flight import Word
-from optipromp.bench.flown import FlightWorld
 from optipromp.bench.primitive import COUNT, OfWeights, weights_of
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError

@@ -379,10 +379,10 @@ class Flight:
         return self._watch.harm(self.ids, self.statics)
 
     def shares(self) -> tuple[float, float]:
-        """Largest force on a fruit so far [N], and the longest press of a stem [s]."""
+        """Largest force on a fruit, and longest press of a stem, over what each bears."""
         stems = [float(t) for n, t in zip(self._watch.labels, self._watch.long[:, 0], strict=True)
                  if n.startswith("stem of ")]  # fmt: skip
-        return self._watch.most(self.ids), max(stems, default=0.0)
+        return self._watch.most(self.ids) / FRUIT_FORCE, max(stems, default=0.0) / STEM_TIME
 
     def outcome(self) -> Word:
         """Stand still for a moment, and judge all that happened."""

@@ -11,8 +11,8 @@ from typing import Any, Literal, cast
 import numpy as np
 
 from optipromp.bench.apart import Apart, Entry, hired
-from optipromp.bench.episode import Episode
-from optipromp.bench.flight import Word
+from optipromp.bench.episode import Episode, FlightWorld
+from optipromp.bench.flight import Word, execute
 from optipromp.bench.sets import BITS, DEVELOPMENT, SHORT, drawn, scene_of
 from optipromp.bench.tracks import (
     MOTION_FILE,
@@ -125,7 +125,7 @@ def executed_rows(task: Exercise, setting: Situation, digest: str, motions: Deed
         elif motion.actions is not None:
             episode = _episode(task, setting, engine)
             replayed(motion, episode)
-            rows.append(_ended(row, episode))
+            rows.append(_judged(row, episode.outcome(), episode.time))
         else:
             rows.append(_flown(row, task, setting, motion, engine))
     return rows
@@ -146,17 +146,14 @@ def _by_policy(
             continue
         motions[engine] = motion
         row = _row(task, digest, engine, "missed", thought=motion.thought)
-        rows.append(_ended(row, episode))
+        rows.append(_judged(row, episode.outcome(), episode.time))
     return rows, motions
 
 
 def _episode(task: Exercise, setting: Situation, engine: Engine) -> Episode:
     seed = task.drawn("physics")
-    if engine == "arm":
-        return Episode(setting, seed)
-    from optipromp.bench.flown import FlightWorld
-
-    return Episode(setting, seed, world=FlightWorld(setting.scene, seed))
+    world = None if engine == "arm" else FlightWorld(setting.scene, seed)
+    return Episode(setting, seed, world=world)
 
 
 def _flown(row: Row, task: Exercise, setting: Situation, motion: Deed, engine: Engine) -> Row:
@@ -167,8 +164,6 @@ def _flown(row: Row, task: Exercise, setting: Situation, motion: Deed, engine: E
         if engine == "arm":
             run = simulate(motion.trajectory, truth, parameters=setting.parameters, seed=seed)
             return _judged(row, run.outcome, motion.trajectory.duration)
-        from optipromp.bench.flight import execute
-
         rows = motion.trajectory.resample(1000.0)
         word = execute(scene_to_dict(truth), rows.times, rows.positions, seed)
     except (OptiPrompError, RuntimeError, ValueError) as error:
@@ -182,10 +177,6 @@ def _aimed(scene: Scene, motion: Deed) -> Scene:
     point, _ = posed(scene)[0].tool_pose(motion.trajectory.positions[-1])
     ripe = [item.id for item in scene.objects if item.role == "target"]
     return aimed_at(scene, ripe, np.asarray(point))
-
-
-def _ended(row: Row, episode: Episode) -> Row:
-    return _judged(row, episode.outcome(), episode.time)
 
 
 def _judged(row: Row, outcome: Outcome | Word, duration: float) -> Row:
