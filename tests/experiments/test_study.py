@@ -22,8 +22,13 @@ from optipromp.laboratory.experiments.rows import (
     source_version,
 )
 from optipromp.laboratory.experiments.statistics import summary, wilson
-from optipromp.laboratory.experiments.study import Study, row_file, run_study
-from optipromp.laboratory.experiments.study_output import study_figure, write_results
+from optipromp.laboratory.experiments.study import (
+    Study,
+    row_file,
+    run_study,
+    study_figure,
+    write_results,
+)
 from optipromp.laboratory.experiments.trials import run_trials
 
 ROW = Row.of(

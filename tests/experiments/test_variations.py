@@ -9,8 +9,7 @@ import pytest
 from optipromp.laboratory.experiments.rows import Row
 from optipromp.laboratory.experiments.situations import VARIATIONS
 from optipromp.laboratory.experiments.statistics import summary
-from optipromp.laboratory.experiments.study import Study, run_study
-from optipromp.laboratory.experiments.study_output import study_figure
+from optipromp.laboratory.experiments.study import Study, run_study, study_figure
 from optipromp.laboratory.experiments.trials import run_trials
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.parameters import SimulationParameters

@@ -16,8 +16,8 @@ from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
-from optipromp.bench.apart import SERVED
 from optipromp.bench.entrant import parts
+from optipromp.bench.serve import SERVED
 from optipromp.bench.tracks import RUN_FILE, words
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import read_bytes

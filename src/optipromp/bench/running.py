@@ -10,9 +10,9 @@ from typing import Any, Literal, cast
 
 import numpy as np
 
-from optipromp.bench.apart import Apart, Entry, hired
 from optipromp.bench.episode import Episode, FlightWorld
 from optipromp.bench.flight import Word, execute
+from optipromp.bench.serve import Apart, Entry, hired
 from optipromp.bench.sets import BITS, DEVELOPMENT, SHORT, drawn, scene_of
 from optipromp.bench.tracks import (
     MOTION_FILE,

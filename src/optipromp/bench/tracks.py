@@ -7,7 +7,7 @@
              scene as known before any picture (robot, tool, approach, start, static objects)
 ===========  ======================================================================================
 
-An entry is a class without arguments, in a process of its own (:mod:`optipromp.bench.apart`). A
+An entry is a class without arguments, in a process of its own (:mod:`optipromp.bench.serve`). A
 motion is all that an entry did, so both engines execute it, and ``bench verify`` does so again.
 """
 

@@ -195,7 +195,7 @@ def study(
 def _report(rows: list["Row"], out: Path) -> Report:
     """Write the results beside the rows, and report them."""
     from optipromp.laboratory.experiments.statistics import calibration, loop_summary, summary
-    from optipromp.laboratory.experiments.study_output import write_results
+    from optipromp.laboratory.experiments.study import write_results
 
     cells = summary(rows)
     last = f"wrote rows.csv, {', '.join(write_results(rows, cells, out))} to {out}"

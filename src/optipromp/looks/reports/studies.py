@@ -18,8 +18,7 @@ from optipromp.laboratory.experiments.statistics import (
     percent,
     summary,
 )
-from optipromp.laboratory.experiments.study import file_of, settings_of
-from optipromp.laboratory.experiments.study_output import study_figure
+from optipromp.laboratory.experiments.study import file_of, settings_of, study_figure
 from optipromp.laboratory.experiments.trials import FOLDER, again
 from optipromp.laboratory.generate import PANDA
 from optipromp.laboratory.simulation import Run
