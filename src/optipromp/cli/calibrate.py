@@ -3,9 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
-
-import typer
+from typing import TYPE_CHECKING, Any, Literal
 
 from optipromp.cli.command import Report, command, show_warning
 from optipromp.cli.console import grid, waiting
@@ -20,32 +18,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class BoardOptions:
-    """The options that tell what is printed on the board."""
+    """The options that tell what is printed on the board.
 
-    board: Annotated[
-        Literal["chessboard", "charuco", "apriltag"], typer.Option(help="What is printed on it.")
-    ] = "charuco"
-    size: Annotated[
-        str,
-        typer.Option(
-            metavar="CxR",
-            help="Of a chessboard its inner corners, of a charuco board its squares, of apriltags "
-            "the tags: along a row, and rows.",
-        ),
-    ] = "7x5"
-    side: Annotated[
-        float | None,
-        typer.Option(metavar="METRES", help="Of a square; of an apriltag's black border."),
-    ] = None
-    marker: Annotated[
-        float,
-        typer.Option(
-            metavar="METRES", help="Side of a charuco board's markers; gap between apriltags."
-        ),
-    ] = 0.0
-    dictionary: Annotated[
-        str, typer.Option(help="Of the markers, as OpenCV names it; by default the usual one.")
-    ] = ""
+    Attributes:
+        board: What is printed on it.
+        size (CxR): Of a chessboard its inner corners, of a charuco board its squares, of apriltags
+            the tags: along a row, and rows.
+        side (METRES): Of a square; of an apriltag's black border.
+        marker (METRES): Side of a charuco board's markers; gap between apriltags.
+        dictionary: Of the markers, as OpenCV names it; by default the usual one.
+    """
+
+    board: Literal["chessboard", "charuco", "apriltag"] = "charuco"
+    size: str = "7x5"
+    side: float | None = None
+    marker: float = 0.0
+    dictionary: str = ""
 
     def made(self) -> "Board":
         """The board."""
@@ -63,40 +51,16 @@ class BoardOptions:
 
 @command()
 def calibrate(
-    folder: Annotated[
-        Path | None, typer.Argument(metavar="DIR", help="Of pictures of a board; else --tool.")
-    ] = None,
+    folder: Path | None = None,
+    /,
     *,
-    camera: Annotated[
-        Path,
-        typer.Option(
-            help="Its pictures: JSON or YAML with width, height, fx, fy, cx, cy. Pictures are "
-            "without distortion, as most cameras give them."
-        ),
-    ],
-    out: Annotated[Path, typer.Option(metavar="FILE.json", help="The camera, for 'see'.")],
-    poses: Annotated[
-        Path | None,
-        typer.Option(
-            help="YAML or JSON: a picture's name to joints, or to position and orientation (w, x, "
-            "y, z) of the flange in the base."
-        ),
-    ] = None,
-    tool: Annotated[
-        Path | None,
-        typer.Option(
-            help="In place of pictures, YAML or JSON: a name to camera, the tool's centre as the "
-            "camera sees it [m], and joints, or the centre's position in the base."
-        ),
-    ] = None,
-    mount: Annotated[
-        Literal["hand", "base"],
-        typer.Option(help="hand: the camera is on it, the board stands; base: the other way."),
-    ] = "base",
+    camera: Path,
+    out: Path,
+    poses: Path | None = None,
+    tool: Path | None = None,
+    mount: Literal["hand", "base"] = "base",
     board: BoardOptions,
-    known: Annotated[
-        str | None, typer.Option(metavar="SCENE", help="Whose robot has these joints, and tool.")
-    ] = None,
+    known: str | None = None,
 ) -> Report:
     """Tell where a camera is, from pictures of a board or from the arm's own tool.
 
@@ -112,6 +76,18 @@ def calibrate(
         --mount hand --size 7x5 --side 0.03 --marker 0.022 --out camera.json
     optipromp calibrate --tool seen.yaml --known row.yaml --camera d435.json --out camera.json
     optipromp see --rgb a.png --depth a.png --camera camera.json --known row.yaml --out a.yaml
+
+    Args:
+        folder (DIR): Of pictures of a board; else --tool.
+        camera: Its pictures: JSON or YAML with width, height, fx, fy, cx, cy. Pictures are without
+            distortion, as most cameras give them.
+        out (FILE.json): The camera, for 'see'.
+        poses: YAML or JSON: a picture's name to joints, or to position and orientation (w, x, y, z)
+            of the flange in the base.
+        tool: In place of pictures, YAML or JSON: a name to camera, the tool's centre as the camera
+            sees it [m], and joints, or the centre's position in the base.
+        mount: hand: the camera is on it, the board stands; base: the other way.
+        known (SCENE): Whose robot has these joints, and tool.
     """
     from optipromp.perception.calibration import by_tool, hand_eye
     from optipromp.perception.calibration_files import read_seen_tool, read_views

@@ -6,9 +6,7 @@ from collections.abc import Mapping
 from dataclasses import is_dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from optipromp.cli.command import OK, Report, Shown, command, exit_code
 from optipromp.cli.console import headline, say_if_compiling, waiting
@@ -102,20 +100,9 @@ def _inside(path: Path) -> Kind:
 
 @command()
 def check(
-    item: Annotated[
-        str,
-        typer.Argument(
-            metavar="ITEM", help="A scene, a robot or demonstrations: a path or a built-in name."
-        ),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="Leave pictures there: of a robot cover.png, its body spheres; of a scene "
-            "scene.png, and scene.html to turn (extra 'view').",
-        ),
-    ] = None,
+    item: str,
+    /,
+    out: Path | None = None,
     *,
     arm: ArmOptions,
 ) -> Report:
@@ -132,6 +119,11 @@ def check(
     optipromp check my-robot.urdf --tip left_tool0
     optipromp check my-robot.urdf --out pictures
     optipromp check recordings/
+
+    Args:
+        item (ITEM): A scene, a robot or demonstrations: a path or a built-in name.
+        out (DIR): Leave pictures there: of a robot cover.png, its body spheres; of a scene
+            scene.png, and scene.html to turn (extra 'view').
     """
     kind, named = kind_of(item), arm.of(None)
     if kind is Kind.ROBOT:

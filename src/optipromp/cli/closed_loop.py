@@ -1,9 +1,7 @@
 """The closed loop of ``optipromp simulate``: its options, its pick, and what is told of it."""
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from optipromp.core.errors import InvalidRequestError
 
@@ -14,20 +12,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Disturbed:
-    """The options of what moves the fruits; no planner is told of it."""
+    """The options of what moves the fruits; no planner is told of it.
 
-    sway: Annotated[
-        float, typer.Option(metavar="METRES", help="Bound of the sway of the plants' roots.")
-    ] = 0.0
-    sway_frequency: Annotated[
-        str | None, typer.Option(metavar="A:B", help="Of the sway, in Hz, from A to B (0.3:1.6).")
-    ] = None
-    shift: Annotated[
-        float, typer.Option(metavar="METRES", help="Fruits hang that far aside of where seen.")
-    ] = 0.0
-    jump: Annotated[
-        float, typer.Option(metavar="METRES", help="Fruits jump that far aside after 3 s.")
-    ] = 0.0
+    Attributes:
+        sway (METRES): Bound of the sway of the plants' roots.
+        sway_frequency (A:B): Of the sway, in Hz, from A to B (0.3:1.6).
+        shift (METRES): Fruits hang that far aside of where seen.
+        jump (METRES): Fruits jump that far aside after 3 s.
+    """
+
+    sway: float = 0.0
+    sway_frequency: str | None = None
+    shift: float = 0.0
+    jump: float = 0.0
 
     def of(self, parameters: "SimulationParameters") -> "SimulationParameters":
         """The parameters with these disturbances."""
@@ -45,33 +42,21 @@ class Disturbed:
 
 @dataclass(frozen=True)
 class LoopOptions:
-    """The options of the closed loop and its camera."""
+    """The options of the closed loop and its camera.
 
-    closed_loop: Annotated[
-        bool,
-        typer.Option(
-            "--closed-loop",
-            help="Look, plan, look again from near, and correct the motion with every look.",
-        ),
-    ] = False
-    looks_only: Annotated[
-        bool,
-        typer.Option(
-            "--looks-only", help="Of the loop: execute the plan made at the second look blind."
-        ),
-    ] = False
-    noise: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Of the looks: perfect, zero-mean, detector (perfect)."),
-    ] = None
-    latency: Annotated[
-        float | None,
-        typer.Option(metavar="SECONDS", help="Of the looks: how late they come (0.06)."),
-    ] = None
-    camera: Annotated[
-        str | None,
-        typer.Option(metavar="MOUNT", help="Of the looks: palm, hand or beside (palm)."),
-    ] = None
+    Attributes:
+        closed_loop: Look, plan, look again from near, and correct the motion with every look.
+        looks_only: Of the loop: execute the plan made at the second look blind.
+        noise (NAME): Of the looks: perfect, zero-mean, detector (perfect).
+        latency (SECONDS): Of the looks: how late they come (0.06).
+        camera (MOUNT): Of the looks: palm, hand or beside (palm).
+    """
+
+    closed_loop: bool = False
+    looks_only: bool = False
+    noise: str | None = None
+    latency: float | None = None
+    camera: str | None = None
 
     def check(self, further: dict[str, object]) -> None:
         """Refuse options that are of a loop where there is none, or of a plan in a loop.

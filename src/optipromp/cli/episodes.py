@@ -1,9 +1,6 @@
 """``optipromp episodes``: expert episodes in files, for learners."""
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from optipromp.cli.command import Report, command
 from optipromp.cli.console import Cluster, Workers, progress_bar, say_if_compiling
@@ -12,29 +9,15 @@ from optipromp.core.errors import InvalidRequestError
 
 @command()
 def episodes(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Of the dataset.")],
-    count: Annotated[int, typer.Option(min=1, help="Episodes to keep.")] = 100,
-    form: Annotated[
-        str, typer.Option("--format", metavar="NAME", help="minari or lerobot (version 3.0).")
-    ] = "minari",
-    preset: Annotated[
-        str, typer.Option(metavar="NAMES", help="Of the scenes, in turn, separated by commas.")
-    ] = "cluster,field",
-    seed: Annotated[
-        int | None, typer.Option(help="Of the first scene.", show_default=False)
-    ] = None,
-    condition: Annotated[
-        str, typer.Option(metavar="NAME", help="What moves and is seen wrongly; as in bench run.")
-    ] = "none",
-    keep: Annotated[
-        str, typer.Option(metavar="WHICH", help="clean: successes alone; or all.")
-    ] = "clean",
-    pictures: Annotated[
-        bool, typer.Option("--pictures", help="With those of the camera in the tool's mouth.")
-    ] = False,
-    name: Annotated[
-        str, typer.Option(metavar="ID", help="Of a Minari dataset.")
-    ] = "optipromp/pick/expert-v0",
+    out: Path,
+    count: int = 100,
+    form: str = "minari",
+    preset: str = "cluster,field",
+    seed: int | None = None,
+    condition: str = "none",
+    keep: str = "clean",
+    pictures: bool = False,
+    name: str = "optipromp/pick/expert-v0",
     workers: Workers = None,
     ray: Cluster = None,
 ) -> Report:
@@ -47,6 +30,17 @@ def episodes(
     \b
     optipromp episodes --count 1000 --out data
     optipromp episodes --count 50 --format lerobot --pictures --out data
+
+    Args:
+        out (DIR): Of the dataset.
+        count (1..): Episodes to keep.
+        form (--format NAME): minari or lerobot (version 3.0).
+        preset (NAMES): Of the scenes, in turn, separated by commas.
+        seed: Of the first scene.
+        condition (NAME): What moves and is seen wrongly; as in bench run.
+        keep (WHICH): clean: successes alone; or all.
+        pictures: With those of the camera in the tool's mouth.
+        name (ID): Of a Minari dataset.
     """
     from optipromp.bench import episodes as bench
     from optipromp.core.scenes.values import suggest

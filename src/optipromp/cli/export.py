@@ -2,9 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
-
-import typer
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from optipromp.cli.check import Kind, kind_of, scene_or_plan
 from optipromp.cli.command import Report, command
@@ -25,37 +23,13 @@ def _failed(error: OptiPrompError, arguments: Mapping[str, Any]) -> dict[str, An
 
 @command(failure=_failed)
 def export(
-    scene_or_plan: Annotated[
-        str,
-        typer.Argument(
-            metavar="SCENE|PLAN_DIR",
-            help="A scene, or a folder that 'plan --out' left; for --robot alone also a robot.",
-        ),
-    ],
-    mjcf: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.xml",
-            help="Write a MuJoCo model: robot with servos, tool, objects, fruits on stems.",
-        ),
-    ] = None,
-    mcap: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.mcap",
-            help="Write a bag of ROS 2 messages: the planning scene; of a plan, its trajectory.",
-        ),
-    ] = None,
-    robot: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.robot", help="Write the robot, without a tool, resolved."),
-    ] = None,
-    rate: Annotated[
-        float, typer.Option(metavar="HZ", help="Of the JointTrajectory's points in the bag.")
-    ] = 1000.0,
-    prefix: Annotated[
-        str, typer.Option(metavar="TEXT", help="Before the joints' names in the bag, as in fr3_.")
-    ] = "",
+    scene_or_plan: str,
+    /,
+    mjcf: Path | None = None,
+    mcap: Path | None = None,
+    robot: Path | None = None,
+    rate: float = 1000.0,
+    prefix: str = "",
 ) -> Report:
     """Write a scene or a plan in the formats of other programs.
 
@@ -69,6 +43,16 @@ def export(
     optipromp export reach --mjcf reach.xml
     optipromp export reach --mcap reach.mcap
     optipromp export my-arm.urdf --robot my-arm.robot
+
+    Args:
+        scene_or_plan (SCENE|PLAN_DIR): A scene, or a folder that 'plan --out' left; for --robot
+            alone also a robot.
+        mjcf (FILE.xml): Write a MuJoCo model: robot with servos, tool, objects, fruits on stems.
+        mcap (FILE.mcap): Write a bag of ROS 2 messages: the planning scene; of a plan, its
+            trajectory.
+        robot (FILE.robot): Write the robot, without a tool, resolved.
+        rate (HZ): Of the JointTrajectory's points in the bag.
+        prefix (TEXT): Before the joints' names in the bag, as in fr3_.
     """
     wanted = [
         ("--mjcf", mjcf, ".xml", _mjcf),

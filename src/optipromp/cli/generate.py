@@ -5,9 +5,7 @@ import shlex
 from collections import Counter
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from optipromp.cli.command import Report, Shown, command
 from optipromp.cli.console import Preset
@@ -23,28 +21,11 @@ SEEN = "seen"
 
 @command()
 def generate(
-    preset: Annotated[
-        Preset,
-        typer.Option(
-            help="cluster: 1-4 fruits before the ripe one; side-clusters: and neighbours; "
-            "table-top: and a gutter; mixed: all of these; tight: fruits that nearly touch; limp: "
-            "plumb stems; elongated: long fruits; truss: fruits on one truss; field: fruits, stems "
-            "and trusses of all kinds; shelf: cans and boxes; wild: as in pictures of plantations."
-        ),
-    ],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the scene files go.")],
-    seed: Annotated[
-        int, typer.Option(min=0, help="Of the first scene; each next has one more.")
-    ] = 0,
-    count: Annotated[int, typer.Option(min=1, help="How many scenes.")] = 1,
-    noise: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            help="Write the scenes as a detector sees them, too, into DIR/seen: zero-mean, low, "
-            "high, missed or detector, as of 'study'.",
-        ),
-    ] = "",
+    preset: Preset,
+    out: Path,
+    seed: int = 0,
+    count: int = 1,
+    noise: str = "",
     *,
     robot: Whose = None,
     arm: ArmOptions,
@@ -67,6 +48,17 @@ def generate(
     optipromp generate --preset tight --noise detector --out tight
     optipromp plan tight/seen --out plans
     optipromp simulate plans/tight-0 --in tight/tight-0.yaml
+
+    Args:
+        preset: cluster: 1-4 fruits before the ripe one; side-clusters: and neighbours; table-top:
+            and a gutter; mixed: all of these; tight: fruits that nearly touch; limp: plumb stems;
+            elongated: long fruits; truss: fruits on one truss; field: fruits, stems and trusses of
+            all kinds; shelf: cans and boxes; wild: as in pictures of plantations.
+        out (DIR): Where the scene files go.
+        seed (0..): Of the first scene; each next has one more.
+        count (1..): How many scenes.
+        noise (NAME): Write the scenes as a detector sees them, too, into DIR/seen: zero-mean, low,
+            high, missed or detector, as of 'study'.
     """
     from optipromp.core.scenes.io import save_scene
     from optipromp.core.scenes.values import suggest

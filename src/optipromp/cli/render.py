@@ -2,9 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
-
-import typer
+from typing import TYPE_CHECKING, Any, Literal
 
 from optipromp.cli.command import Report, command
 from optipromp.cli.console import Preset, progress_bar
@@ -18,25 +16,14 @@ if TYPE_CHECKING:
 
 @command()
 def render(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the pictures go.")],
-    scene: Annotated[str | None, typer.Argument(metavar="SCENE", help="A scene.")] = None,
-    preset: Annotated[
-        Preset | None, typer.Option(help="In place of a scene: random ones, as of 'generate'.")
-    ] = None,
-    seeds: Annotated[
-        str, typer.Option(metavar="A:B", help="Of the scenes, and of light, colours and errors.")
-    ] = "0:1",
-    mount: Annotated[
-        Literal["beside", "palm", "hand"],
-        typer.Option(help="Of the camera: standing beside, in the tool's mouth, on the hand."),
-    ] = "beside",
-    looks: Annotated[
-        Literal["plain", "rich"] | None,
-        typer.Option(
-            help="plain: smooth fruits before two colours; rich: leaves, bowed stems, painted "
-            "surfaces, shadows. Default: rich for the preset wild, else plain."
-        ),
-    ] = None,
+    scene: str | None = None,
+    /,
+    *,
+    out: Path,
+    preset: Preset | None = None,
+    seeds: str = "0:1",
+    mount: Literal["beside", "palm", "hand"] = "beside",
+    looks: Literal["plain", "rich"] | None = None,
 ) -> Report:
     """Take pictures of a scene, with depth and truth.
 
@@ -54,6 +41,15 @@ def render(
     optipromp render --preset field --seeds 70000:70010 --out pictures
     optipromp render --preset wild --seeds 70000:70010 --out pictures
     optipromp see pictures --out seen
+
+    Args:
+        scene (SCENE): A scene.
+        out (DIR): Where the pictures go.
+        preset: In place of a scene: random ones, as of 'generate'.
+        seeds (A:B): Of the scenes, and of light, colours and errors.
+        mount: Of the camera: standing beside, in the tool's mouth, on the hand.
+        looks: plain: smooth fruits before two colours; rich: leaves, bowed stems, painted surfaces,
+            shadows. Default: rich for the preset wild, else plain.
     """
     from optipromp.laboratory.simulation import coco
 

@@ -1,9 +1,6 @@
 """``optipromp report``: one HTML file about a plan or a study, to be sent."""
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from optipromp.cli.command import Report, command
 from optipromp.cli.console import waiting
@@ -12,17 +9,9 @@ from optipromp.core.errors import Code, InvalidRequestError
 
 @command()
 def report(
-    item: Annotated[
-        Path,
-        typer.Argument(
-            metavar="PLAN_DIR|ROLLOUT_DIR|STUDY_DIR",
-            help="What 'plan', 'simulate' or 'study' left at --out.",
-        ),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.html", help="Where the report goes; else beside what it tells."),
-    ] = None,
+    item: Path,
+    /,
+    out: Path | None = None,
 ) -> Report:
     """Write one HTML file about a plan, a run or a study: no network, at most 5 MB.
 
@@ -38,6 +27,10 @@ def report(
     optipromp plan scenario-3 --out reach
     optipromp simulate reach --video
     optipromp report reach --out reach.html
+
+    Args:
+        item (PLAN_DIR|ROLLOUT_DIR|STUDY_DIR): What 'plan', 'simulate' or 'study' left at --out.
+        out (FILE.html): Where the report goes; else beside what it tells.
     """
     from optipromp.core.files import is_file, is_folder, write_atomically
     from optipromp.laboratory.experiments.row_files import ROWS

@@ -3,9 +3,7 @@
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
-
-import typer
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from optipromp.cli.command import FAILED, OK, Report, command
 from optipromp.core.errors import Code, InvalidRequestError
@@ -31,63 +29,20 @@ class _Asked(NamedTuple):
 
 @command()
 def see(
-    folder: Annotated[
-        Path | None,
-        typer.Argument(metavar="DIR", help="Pictures as 'render' leaves them; else --rgb."),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.yaml|DIR", help="The scene; of a folder, all scenes."),
-    ] = None,
+    folder: Path | None = None,
+    /,
+    out: Path | None = None,
     *,
-    rgb: Annotated[Path | None, typer.Option(help="A picture: PNG.")] = None,
-    depth: Annotated[
-        Path | None, typer.Option(help="Its depth: 16-bit PNG, or NPZ with 'depth' in metres.")
-    ] = None,
-    camera: Annotated[
-        Path | None,
-        typer.Option(
-            help="Its camera: JSON or YAML with width, height, fx, fy, cx, cy, position and "
-            "orientation in the robot's base, depth_scale; or what 'calibrate' wrote."
-        ),
-    ] = None,
-    known: Annotated[
-        str | None,
-        typer.Option(
-            metavar="SCENE",
-            help="Whose robot, tool, start, approach and static objects are known; its fruits are "
-            "not used. In a folder by default the scene beside each picture; else scenario-3.",
-        ),
-    ] = None,
-    finder: Annotated[
-        str,
-        typer.Option(
-            metavar="geometry|network|MODULE:NAME",
-            help="Of fruits and stems: by colour and shape, by our network, or your own.",
-        ),
-    ] = "geometry",
-    model: Annotated[
-        Path | None, typer.Option(metavar="FILE.onnx", help="Of the network, in place of ours.")
-    ] = None,
-    together: Annotated[
-        bool,
-        typer.Option(
-            "--together",
-            help="All pictures show one scene, from different places: one scene 'together.yaml', "
-            "too, each fruit's position the mean of all pictures that show it.",
-        ),
-    ] = False,
-    bag: Annotated[
-        Path | None,
-        typer.Option(help="Of ROS 2, in place of files: colour and depth, or a cloud, and frames."),
-    ] = None,
-    topics: Annotated[
-        str | None,
-        typer.Option(metavar="A,B", help="Of the bag: colour and depth, or the cloud, to take."),
-    ] = None,
-    every: Annotated[
-        float, typer.Option(metavar="SECONDS", min=0.0, help="Of the bag: between pictures.")
-    ] = 1.0,
+    rgb: Path | None = None,
+    depth: Path | None = None,
+    camera: Path | None = None,
+    known: str | None = None,
+    finder: str = "geometry",
+    model: Path | None = None,
+    together: bool = False,
+    bag: Path | None = None,
+    topics: str | None = None,
+    every: float = 1.0,
 ) -> Report:
     """Find fruits and stems in pictures, and write scenes to plan in.
 
@@ -105,6 +60,24 @@ def see(
     optipromp see --rgb a.png --depth a.npz --camera camera.json --known row.yaml --out a.yaml
     optipromp see --bag row.mcap --known row.yaml --every 2 --out seen
     optipromp plan a.yaml --out reach
+
+    Args:
+        folder (DIR): Pictures as 'render' leaves them; else --rgb.
+        out (FILE.yaml|DIR): The scene; of a folder, all scenes.
+        rgb: A picture: PNG.
+        depth: Its depth: 16-bit PNG, or NPZ with 'depth' in metres.
+        camera: Its camera: JSON or YAML with width, height, fx, fy, cx, cy, position and
+            orientation in the robot's base, depth_scale; or what 'calibrate' wrote.
+        known (SCENE): Whose robot, tool, start, approach and static objects are known; its fruits
+            are not used. In a folder by default the scene beside each picture; else scenario-3.
+        finder (geometry|network|MODULE:NAME): Of fruits and stems: by colour and shape, by our
+            network, or your own.
+        model (FILE.onnx): Of the network, in place of ours.
+        together: All pictures show one scene, from different places: one scene 'together.yaml',
+            too, each fruit's position the mean of all pictures that show it.
+        bag: Of ROS 2, in place of files: colour and depth, or a cloud, and frames.
+        topics (A,B): Of the bag: colour and depth, or the cloud, to take.
+        every (SECONDS 0..): Of the bag: between pictures.
     """
     from optipromp.core.scenes.io import save_scene
     from optipromp.perception.detector import finder_named

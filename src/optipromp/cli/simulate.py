@@ -4,9 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from optipromp.cli.check import scene_or_plan
 from optipromp.cli.closed_loop import Disturbed, LoopOptions, loop_document, loop_lines, pick
@@ -35,52 +33,19 @@ def failed_run(error: OptiPrompError, arguments: Mapping[str, Any]) -> dict[str,
 
 @command(failure=failed_run)
 def simulate(
-    scene_or_plan: Annotated[
-        str,
-        typer.Argument(
-            metavar="SCENE|PLAN_DIR",
-            help="A scene to plan for, or a folder that 'plan --out' left, to execute as it is.",
-        ),
-    ],
-    planner: Annotated[
-        str, typer.Option(metavar="NAME", help="Of a scene; a plan's folder has its plan.")
-    ] = "opti-promp",
+    scene_or_plan: str,
+    /,
+    planner: str = "opti-promp",
     strategy: ChosenStrategy = "joint",
-    true_scene: Annotated[
-        str | None,
-        typer.Option(
-            "--in", metavar="SCENE", help="Execute in this world instead of the plan's own."
-        ),
-    ] = None,
-    speed: Annotated[
-        float | None,
-        typer.Option(metavar="SHARE", help="Of the velocity limits that the motion uses (0.5)."),
-    ] = None,
+    true_scene: str | None = None,
+    speed: float | None = None,
     seed: Seed = 0,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="Leave outcome.json, rollout.npz, films, of a loop loop.npz here; else in "
-            "PLAN_DIR, or in out.",
-        ),
-    ] = None,
-    video: Annotated[
-        bool, typer.Option("--video", help="Draw a film of it: run.webm (VP9).")
-    ] = False,
-    mp4: Annotated[
-        bool, typer.Option("--mp4", help="And as run.mp4 (H.264), by x264, which is GPL.")
-    ] = False,
-    gif: Annotated[bool, typer.Option("--gif", help="And as an animation: run.gif.")] = False,
-    slow: Annotated[
-        float, typer.Option(metavar="FACTOR", help="How many times slower a film runs.")
-    ] = 1.0,
-    failed_leg: Annotated[
-        bool,
-        typer.Option(
-            "--failed-leg", help="Of a pick whose retreat or carry failed: execute that leg, too."
-        ),
-    ] = False,
+    out: Path | None = None,
+    video: bool = False,
+    mp4: bool = False,
+    gif: bool = False,
+    slow: float = 1.0,
+    failed_leg: bool = False,
     *,
     disturbed: Disturbed,
     eyes: LoopOptions,
@@ -99,6 +64,20 @@ def simulate(
     optipromp simulate reach --slow 4 --gif
     optipromp simulate my-scene.yaml --planner i-promp --json
     optipromp simulate scenario-3 --closed-loop --sway 0.01 --noise zero-mean --video
+
+    Args:
+        scene_or_plan (SCENE|PLAN_DIR): A scene to plan for, or a folder that 'plan --out' left, to
+            execute as it is.
+        planner (NAME): Of a scene; a plan's folder has its plan.
+        true_scene (--in SCENE): Execute in this world instead of the plan's own.
+        speed (SHARE): Of the velocity limits that the motion uses (0.5).
+        out (DIR): Leave outcome.json, rollout.npz, films, of a loop loop.npz here; else in
+            PLAN_DIR, or in out.
+        video: Draw a film of it: run.webm (VP9).
+        mp4: And as run.mp4 (H.264), by x264, which is GPL.
+        gif: And as an animation: run.gif.
+        slow (FACTOR): How many times slower a film runs.
+        failed_leg: Of a pick whose retreat or carry failed: execute that leg, too.
     """
     from optipromp.core.files import check_folder
     from optipromp.core.planning import Picked

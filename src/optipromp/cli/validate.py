@@ -3,9 +3,7 @@
 import warnings
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from optipromp.cli.command import Report, Shown, command, exit_code
 from optipromp.cli.console import grid, headline, waiting
@@ -22,25 +20,12 @@ _LONG, _SLOW = 60.0, 2e-3  # [s], share of a velocity limit: a choice; 1,000 tim
 
 @command()
 def validate(
-    trajectory: Annotated[
-        Path,
-        typer.Argument(
-            metavar="TRAJECTORY",
-            help="A .csv or .npz file, a bag or .mcap with a JointTrajectory, or a plan's folder.",
-        ),
-    ],
-    scene: Annotated[
-        str | None,
-        typer.Option(metavar="SCENE", help="A scene file or built-in scene; a plan's own."),
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Leave verdict.json and limits.png there.")
-    ] = None,
+    trajectory: Path,
+    /,
+    scene: str | None = None,
+    out: Path | None = None,
     *,
-    risk: Annotated[
-        float | None,
-        typer.Option(help="Share of promised successes that may be broken; a plan's own, or 0.03."),
-    ] = None,
+    risk: float | None = None,
 ) -> Report:
     """Judge TRAJECTORY in a scene: what is violated, where, when and by how much.
 
@@ -55,6 +40,13 @@ def validate(
     optipromp validate recorded.csv --scene scenario-3
     optipromp validate reach
     optipromp validate moveit.mcap --scene my-scene.yaml --out verdict --json
+
+    Args:
+        trajectory (TRAJECTORY): A .csv or .npz file, a bag or .mcap with a JointTrajectory, or a
+            plan's folder.
+        scene (SCENE): A scene file or built-in scene; a plan's own.
+        out (DIR): Leave verdict.json and limits.png there.
+        risk: Share of promised successes that may be broken; a plan's own, or 0.03.
     """
     from optipromp.core.errors import InvalidRequestError
     from optipromp.core.files import is_file

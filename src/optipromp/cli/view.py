@@ -2,9 +2,6 @@
 
 import threading
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from optipromp.cli.command import command
 from optipromp.cli.console import say_if_compiling, stdout, waiting
@@ -12,29 +9,13 @@ from optipromp.cli.console import say_if_compiling, stdout, waiting
 
 @command(reports=False)
 def view(
-    item: Annotated[
-        str,
-        typer.Argument(
-            metavar="SCENE|PLAN_DIR|ROLLOUT_DIR",
-            help="A scene to plan for, or a folder that plan or simulate left.",
-        ),
-    ],
-    beside: Annotated[
-        str | None,
-        typer.Argument(metavar="ROLLOUT_DIR", help="A second rollout, replayed beside the first."),
-    ] = None,
-    port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Of the page; 0: any that is free.")
-    ] = 8080,
-    host: Annotated[
-        str, typer.Option(help="Address to listen at; 0.0.0.0 lets other machines in.")
-    ] = "localhost",
-    browser: Annotated[
-        bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")
-    ] = True,
-    out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder that the page saves into.")
-    ] = Path("out"),
+    item: str,
+    beside: str | None = None,
+    /,
+    port: int = 8080,
+    host: str = "localhost",
+    browser: bool = True,
+    out: Path = Path("out"),
 ) -> None:
     """Open a page that shows a plan in 3-D and lets you move things and plan again.
 
@@ -47,6 +28,15 @@ def view(
     optipromp view scenario-3
     optipromp view reach --port 0 --no-browser
     optipromp view reach-i-promp reach-opti-promp
+
+    Args:
+        item (SCENE|PLAN_DIR|ROLLOUT_DIR): A scene to plan for, or a folder that plan or simulate
+            left.
+        beside (ROLLOUT_DIR): A second rollout, replayed beside the first.
+        port (0..65535): Of the page; 0: any that is free.
+        host: Address to listen at; 0.0.0.0 lets other machines in.
+        browser: Open the page in the browser.
+        out (DIR): Folder that the page saves into.
     """
     import webbrowser
 
