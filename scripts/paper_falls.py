@@ -24,12 +24,12 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import Budget
 from optipromp.core.planning import PlanOptions
 from optipromp.core.planning.goals import find
-from optipromp.core.planning.options import PaperOptions
 from optipromp.core.planning.primitive import learnt
 from optipromp.core.planning.task import posed, resolve
 from optipromp.core.robots.model import BodySpheres, Robot
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import PoseGoal, Scene
+from optipromp.laboratory.planners.functionals import PaperOptions
 from optipromp.laboratory.planners.paper import PAPER_BASIS
 from optipromp.laboratory.planners.paper_problem import Posed, posed_problems
 from optipromp.laboratory.planners.paper_stages import staged

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from tests.optimization.builders import EMPTY
 
 from optipromp.core.geometry import Sphere, pack
-from optipromp.core.optimization import covariant
 from optipromp.core.optimization.costs.joints import SmoothnessCost
 from optipromp.core.optimization.costs.obstacles import ObstacleCost
-from optipromp.core.optimization.covariant import DescentOptions, descend
 from optipromp.core.optimization.problem import Problem, Surroundings
+from optipromp.laboratory.planners import obstacles as covariant
+from optipromp.laboratory.planners.obstacles import DescentOptions, descend
 
 WAYPOINTS = 40
 

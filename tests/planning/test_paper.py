@@ -20,11 +20,11 @@ from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.geometry import Box
 from optipromp.core.optimization.evaluation import Evaluation
 from optipromp.core.planning import Plan, PlanOptions, goals, plan
-from optipromp.core.planning.options import PaperOptions
 from optipromp.core.planning.primitive import learnt
 from optipromp.core.planning.task import resolve
 from optipromp.core.scenes import Scene, load_scene
 from optipromp.laboratory.planners import paper_stages as paper_planner
+from optipromp.laboratory.planners.functionals import PaperOptions
 from optipromp.laboratory.planners.paper import PAPER_BASIS
 from optipromp.laboratory.planners.paper_problem import (
     ConstraintRows,

@@ -12,7 +12,7 @@ import numpy as np
 from optipromp.core.arrays import BoolArray, FloatArray, lengths
 from optipromp.core.optimization.evaluation import Evaluation
 from optipromp.core.planning.fastest import needs, smoothed
-from optipromp.core.planning.options import Searched
+from optipromp.core.planning.options import Timed
 from optipromp.core.planning.parameters import TIMING
 from optipromp.core.planning.task import Task, stands
 from optipromp.core.planning.timing import (
@@ -51,7 +51,7 @@ def slowly(task: Task, q: FloatArray, first: int | None) -> Slow:
 
 
 def paced(
-    task: Task, options: Searched, q: FloatArray, first: int | None, speed: float | None
+    task: Task, options: Timed, q: FloatArray, first: int | None, speed: float | None
 ) -> Trajectory:
     """Waypoints (T, n) as a trajectory whose tool is slow where :func:`slowly` asks for it.
 

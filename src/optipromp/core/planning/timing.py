@@ -15,7 +15,7 @@ import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, lengths
 from optipromp.core.planning.fastest import fastest, needs, ramped, shares, within
-from optipromp.core.planning.options import Searched
+from optipromp.core.planning.options import Timed
 from optipromp.core.planning.parameters import TIMING, UNDERWAY
 from optipromp.core.planning.task import Task, stands
 from optipromp.core.pushing.parameters import PUSH
@@ -29,7 +29,7 @@ Slow = int | BoolArray | None
 
 def timed(
     task: Task,
-    options: Searched,
+    options: Timed,
     q: FloatArray,
     slow: Slow,
     speed: float | None = None,

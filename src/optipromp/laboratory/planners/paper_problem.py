@@ -17,9 +17,7 @@ from optipromp.core.optimization.evaluation import Evaluation
 from optipromp.core.optimization.problem import Problem
 from optipromp.core.planning import collision
 from optipromp.core.planning.follow import Waypoints, free_count, reach_count, within_limits
-from optipromp.core.planning.functionals import functionals
 from optipromp.core.planning.goals import find
-from optipromp.core.planning.options import PlanOptions, Strategy
 from optipromp.core.planning.parameters import GOAL, PRIMITIVE, WAYPOINT
 from optipromp.core.planning.primitive import led_through, on_branch, via_points
 from optipromp.core.planning.result import ViaPoint
@@ -31,6 +29,8 @@ from optipromp.core.pushing.rules import Drift, detection_variance, drift_choice
 from optipromp.core.scenes.scene import JointGoal
 from optipromp.core.scenes.values import suggest
 from optipromp.core.trajectory import Trajectory
+from optipromp.laboratory.planners.functionals import weighted
+from optipromp.laboratory.planners.paper import Paper
 from optipromp.laboratory.planners.parameters import PAPER
 
 
@@ -72,8 +72,7 @@ class Posed:
 
     Attributes:
         task: scene and robot.
-        options: see :class:`PlanOptions`.
-        strategy: ``joint`` or ``sequential``.
+        options: settings of the planner.
         waypoints: number of waypoints, and the first at or after t_1.
         drift: place of each pushable to pass, and the direction to its free side.
         offsets: (N,) lateral offset that constraint 1 asks for at each pushable [m].
@@ -83,8 +82,7 @@ class Posed:
     """
 
     task: Task
-    options: PlanOptions
-    strategy: Strategy
+    options: Paper
     waypoints: Waypoints
     drift: Drift
     offsets: FloatArray
@@ -119,8 +117,8 @@ class Posed:
 
     def functionals(self) -> list[Cost]:
         """F_s, F_d, F_p and F_v with their weights, in the forms of the strategy."""
-        paper, sequential = self.options.paper, self.strategy == "sequential"
-        return functionals(self.task, paper, self.waypoints.first, sequential)
+        sequential = self.options.strategy == "sequential"
+        return weighted(self.task, self.options.paper, self.waypoints.first, sequential)
 
     def timed(self, q: FloatArray) -> Trajectory:
         """Waypoints ``q`` (T, n) as a trajectory, slow on the approach among what is pushed."""
@@ -139,7 +137,7 @@ class Posed:
         )  # fmt: skip
 
 
-def drift_offsets(task: Task, options: PlanOptions) -> FloatArray:
+def drift_offsets(task: Task, options: Paper) -> FloatArray:
     """The lateral offset (N,) that constraint 1 asks for at each neighbour [m].
 
     It is that of the options, else of the scene, else R_gripper.
@@ -158,7 +156,7 @@ def drift_offsets(task: Task, options: PlanOptions) -> FloatArray:
 
 
 def posed_problems(
-    task: Task, promp: ProMP, options: PlanOptions, strategy: Strategy, goals: FloatArray
+    task: Task, promp: ProMP, options: Paper, goals: FloatArray
 ) -> Iterator[list[Posed]]:
     """For each goal configuration of ``goals`` (m, n): the problems of all choices of sides.
 
@@ -186,14 +184,14 @@ def posed_problems(
         met, points = (task.robot.tool_pose(one)[0] for one in (values, q))
         via = tuple(map(ViaPoint, names[-len(met) :], met))
         yield [
-            Posed(task, options, strategy, waypoints, drift, offsets, via, q, points)
+            Posed(task, options, waypoints, drift, offsets, via, q, points)
             for drift in drift_choices(
                 task.scene, task.neighbours, options.paper.drift, window="paper"
             )
         ]
 
 
-def spaced(task: Task, options: PlanOptions, values: FloatArray) -> Waypoints:
+def spaced(task: Task, options: Paper, values: FloatArray) -> Waypoints:
     """Waypoints between which no joint moves much more than the wanted step.
 
     The step holds before t_1 and after it. ``values`` (m, n) are the configurations that the motion

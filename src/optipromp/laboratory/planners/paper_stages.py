@@ -35,9 +35,7 @@ from optipromp.core.optimization.costs import Cost
 from optipromp.core.optimization.costs.joints import SmoothnessCost
 from optipromp.core.optimization.costs.obstacles import ClearanceCost, SelfCost
 from optipromp.core.optimization.costs.tool import GoalCost
-from optipromp.core.planning.functionals import functionals
 from optipromp.core.planning.goals import narrow, passed_over
-from optipromp.core.planning.options import PlanOptions, Strategy
 from optipromp.core.planning.parameters import SOLVE
 from optipromp.core.planning.pick import limits_and_clearances, schedule
 from optipromp.core.planning.result import Planned, Stage
@@ -46,6 +44,8 @@ from optipromp.core.planning.verdict import judged
 from optipromp.core.promp.model import ProMP
 from optipromp.core.scenes.scene import PoseGoal
 from optipromp.core.trajectory import Trajectory
+from optipromp.laboratory.planners.functionals import weighted
+from optipromp.laboratory.planners.paper import Paper
 from optipromp.laboratory.planners.paper_problem import Posed, further, posed_problems
 from optipromp.laboratory.planners.parameters import PAPER
 
@@ -77,14 +77,7 @@ class Solved:
         return not self.valid, self.narrow, self.objective
 
 
-def solve(
-    task: Task,
-    promp: ProMP,
-    options: PlanOptions,
-    strategy: Strategy,
-    goals: FloatArray,
-    budget: Budget,
-) -> Planned:
+def solve(task: Task, promp: ProMP, options: Paper, goals: FloatArray, budget: Budget) -> Planned:
     """Plan as the paper does, to each of the ``goals`` (m, n) in turn until a plan is valid.
 
     Each initial trajectory is ``promp``, conditioned on its goal. Stems leave choices of the side
@@ -94,19 +87,19 @@ def solve(
     (:func:`~optipromp.laboratory.planners.paper_problem.further`).
     """
     began = clock()
-    radii = options.paper.trust_radii
+    strategy, radii = options.strategy, options.paper.trust_radii
     if strategy == "joint" or not task.neighbours:
         radii = radii[:1]  # there is no push stage to begin from them
     tried: list[float] = []
     left: list[Judgement] = []
     best: Solved | None = None
-    by_goal = list(posed_problems(task, promp, options, strategy, goals))
+    by_goal = list(posed_problems(task, promp, options, goals))
 
     def attempts() -> Iterator[tuple[float, list[Posed]]]:
         """Trust radii with the choices of sides of a goal, in the order in which they are tried."""
         yield from itertools.product(radii[:1], by_goal)
         more = further(pushed_aside(task), task.seed, goals)
-        new = list(posed_problems(task, promp, options, strategy, more))
+        new = list(posed_problems(task, promp, options, more))
         yield from itertools.product(radii[:1], new)
         yield from itertools.product(radii[1:], by_goal + new)
 
@@ -141,8 +134,7 @@ def solve(
     initial = unmoved.trajectory if same else best.posed.timed(best.posed.initial)
     return Planned(
         best.trajectory, best.posed.waypoints.first, initial, None, stages, bool(stages), times,
-        passed_over(best.judgement, left), via=best.posed.via, paper=options.paper,
-        authors=strategy == "sequential",
+        passed_over(best.judgement, left), via=best.posed.via,
     )  # fmt: skip
 
 
@@ -170,7 +162,7 @@ def _judged(posed: Posed, q: FloatArray, stages: Sequence[Stage]) -> Solved:
         ]
         judgement = replace(judgement, violations=(*judgement.violations, *missing))
     paper = replace(options.paper, reduction="sum", push="quadratic")
-    terms = functionals(task, paper, posed.waypoints.first, authors=False)
+    terms = weighted(task, paper, posed.waypoints.first, authors=False)
     value = posed.problem(terms, (), True).evaluate(q)
     short = narrow(task, judgement, q[-1])
     return Solved(posed, trajectory, tuple(stages), judgement, value.cost, short)
