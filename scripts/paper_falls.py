@@ -30,8 +30,7 @@ from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import PoseGoal, Scene
 from optipromp.laboratory.planners.functionals import PaperOptions
 from optipromp.laboratory.planners.paper import PAPER_BASIS, Paper
-from optipromp.laboratory.planners.paper_stages import Posed, posed_problems, staged
-from optipromp.laboratory.planners.parameters import PAPER
+from optipromp.laboratory.planners.paper_stages import PAPER, Posed, posed_problems, staged
 
 BEGIN, END = "<!-- falls: begin -->", "<!-- falls: end -->"
 START = (0.0, 0.0, 0.0, -0.1, 0.0, 0.0, 0.8)  # [rad] the paper's

@@ -20,7 +20,7 @@ from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import ToolPath, through
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
-from optipromp.laboratory.planners.obstacles import Chomp, DescentOptions, descend
+from optipromp.laboratory.planners.obstacles import Chomp, descend
 from optipromp.laboratory.planners.straight import gently
 from optipromp.timing import LEAST, gentle
 
@@ -44,7 +44,7 @@ class FromLine(Chomp):
         share = np.linspace(0.0, 1.0, self.waypoints)[:, None]
         line = task.start + share * (chosen.q[0] - task.start)
         problem = self.problem(task, self.waypoints)
-        found = descend(problem, line, DescentOptions())
+        found = descend(problem, line, budget)
         return gently(task, found.q)
 
 

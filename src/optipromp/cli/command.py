@@ -98,6 +98,8 @@ def command(
     def decorate(function: Callable[..., Report | None]) -> Callable[..., None]:
         signature = inspect.signature(function, eval_str=True)
         asked, said = signature.parameters.values(), entries(function, "Args")
+        if unknown := said.keys() - signature.parameters.keys():
+            raise TypeError(f"{function.__name__}: no parameter {', '.join(sorted(unknown))}")
         parameters = [
             *_flat([each for each in asked if each.kind is not _KEYWORD], said),
             *([_AS_JSON] if reports else []),

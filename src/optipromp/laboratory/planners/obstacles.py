@@ -28,6 +28,10 @@ from optipromp.laboratory.planners.functionals import PaperOptions
 from optipromp.laboratory.planners.straight import gently
 
 TRIES = 20  # smooth corrections of a trajectory beyond its limits, before it is clipped: a choice
+FIRST_STEP = 0.05  # [rad or m] of the joint that moves most: a choice
+GROW = 1.5  # factor on γ after a step that lowered F: a choice
+HALVINGS = 12  # of γ in an iteration; where none lowers F, the descent ends: a choice
+TOLERANCE = 1e-5  # the descent ends when a step lowers F by at most this share: a choice
 BEYOND = 1e-9  # [rad or m] a joint this little beyond its limit is within it: rounding
 
 
@@ -78,7 +82,7 @@ class Chomp:
             assert isinstance(made, Failed)
             return Failed(made.code, made.message)
         problem = self.problem(task, made.trajectory.n_waypoints)
-        found = descend(problem, made.trajectory.positions, DescentOptions())
+        found = descend(problem, made.trajectory.positions, budget)
         return gently(task, found.q)
 
     def problem(self, task: Task, waypoints: int) -> Problem:
@@ -108,29 +112,7 @@ def as_obstacles(scene: Scene) -> Scene:
     return replace(scene, objects=objects)
 
 
-@dataclass(frozen=True)
-class DescentOptions:
-    """Step lengths, and when to stop.
-
-    Attributes:
-        iterations: largest number of steps.
-        step: change of the joint that moves most in the first step [rad or m].
-        grow: factor on γ after a step that lowered F.
-        halvings: largest number of trials of γ in an iteration; where none lowers F, the descent
-            ends.
-        tolerance: the descent ends when a step lowers F by at most this share.
-    """
-
-    iterations: int = 100
-    step: float = 0.05
-    grow: float = 1.5
-    halvings: int = 12
-    tolerance: float = 1e-5
-
-
-def descend(
-    problem: Problem, q: FloatArray, options: DescentOptions, budget: Budget | None = None
-) -> Result:
+def descend(problem: Problem, q: FloatArray, budget: Budget, iterations: int = 100) -> Result:
     """Descend from ``q`` (T, n) on the problem's merit; fixed waypoints do not change.
 
     After each step the trajectory is drawn within the joint limits (:func:`within_limits`).
@@ -139,14 +121,14 @@ def descend(
     q = within_limits(problem, factor, q)
     value = problem.evaluate(q)
     history, message, gamma, taken = [value.costs], "iteration limit", 0.0, 0
-    for _ in range(options.iterations):
-        if budget is not None and budget.spent():
+    for _ in range(iterations):
+        if budget.spent():
             message = budget.ending
             break
         direction = _solved(problem, factor, problem.gradient())
         largest = float(np.abs(direction).max())
-        gamma = gamma or options.step / max(largest, 1e-12)
-        for _ in range(options.halvings):
+        gamma = gamma or FIRST_STEP / max(largest, 1e-12)
+        for _ in range(HALVINGS):
             trial = within_limits(problem, factor, q - gamma * direction)
             new = problem.evaluate(trial)
             if new.merit < value.merit:
@@ -157,9 +139,9 @@ def descend(
             message = "no step lowers the objective"
             break
         gain = value.merit - new.merit
-        q, value, gamma, taken = trial, new, options.grow * gamma, taken + 1
+        q, value, gamma, taken = trial, new, GROW * gamma, taken + 1
         history.append(value.costs)
-        if gain <= options.tolerance * value.merit:
+        if gain <= TOLERANCE * value.merit:
             message = "converged"
             break
     return Result(q, value, tuple(history), taken, message)
