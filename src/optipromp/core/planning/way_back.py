@@ -14,8 +14,8 @@ from optipromp.core.planning.verdict import led
 from optipromp.core.pushing.model import Continued, PushModel
 from optipromp.core.pushing.stems.cup import flange_of
 from optipromp.core.pushing.stems.hanging import Hanging
-from optipromp.core.robots.laden import Laden
 from optipromp.core.robots.model import Robot
+from optipromp.core.robots.mounted import Mounted
 from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.scene import SceneObject
 from optipromp.core.scenes.trusses import rooted
@@ -47,9 +47,9 @@ def way_back(reach: Plan, robot: Robot) -> PushModel | None:
         may_touch=pairs_among(scene.may_touch, [target.id]),
     )  # fmt: skip
     left = tuple(item for item in reach.task.neighbours if item.id not in (first.id, target.id))
+    full = replace(Mounted.of(robot.tool), full=True)
     model = Hanging(
-        seen, Full(robot.tool, ()), left, reach.task.camera, robot.gripper_radius,
-        flange_of(robot), reach.risk,
+        seen, full, left, reach.task.camera, robot.gripper_radius, flange_of(robot), reach.risk,
     )  # fmt: skip
     before = reach.push_model
     if before is None:
@@ -96,12 +96,3 @@ class WayBack(Continued):
         if self.caught:
             return self.caught[0], "is caught behind the tool, which would tear it off its stem"
         return super().cause(points, axes)
-
-
-class Full(Laden):
-    """A tool whose mouth is full: it takes hold of nothing more."""
-
-    @property
-    def mouth(self) -> tuple[float, float]:
-        """Inner radius 0, and the outer radius of the tool's mouth [m]."""
-        return 0.0, self.tool.mouth[1]

@@ -8,7 +8,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.parameters import GRAVITY
 from optipromp.core.robots.kernels import PRISMATIC
-from optipromp.core.robots.laden import weight_of
+from optipromp.core.robots.mounted import weight_of
 
 if TYPE_CHECKING:
     from optipromp.core.robots.model import Robot
@@ -30,7 +30,7 @@ def gravity_load(robot: "Robot", q: FloatArray, up: FloatArray) -> FloatArray:
     """Torque or force (m, S) [N m or N] that holds each segment at ``q`` (m, n) against gravity.
 
     ``up``: (3,) the upward vertical in the base frame. The tool has no weight; what it holds has
-    (:func:`optipromp.core.robots.laden.weight_of`). Zero for a robot without masses.
+    (:func:`optipromp.core.robots.mounted.weight_of`). Zero for a robot without masses.
     """
     origins, rotations = robot.segment_frames(q)
     if robot.dynamics is None:

@@ -12,7 +12,7 @@ from optipromp.core.robots import kernels
 from optipromp.core.robots.description import NOT_TOLD, Arm, LeftOut, LinkGeometry
 from optipromp.core.robots.dynamics import Dynamics
 from optipromp.core.robots.kernels import Kinematics
-from optipromp.core.robots.laden import loads_of
+from optipromp.core.robots.mounted import loads_of
 from optipromp.core.shown import Shown
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, frame_along
-from optipromp.core.robots.laden import loads_of
 from optipromp.core.robots.model import Robot
+from optipromp.core.robots.mounted import loads_of
 from optipromp.core.scenes.rotations import product, to_quaternion
 from optipromp.core.scenes.scene import Scene
 from optipromp.laboratory.simulation.arm import held_body
