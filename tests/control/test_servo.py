@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from optipromp.control.parameters import CONTROL
-from optipromp.control.servo import Course, Displacement, Route, follow
+from optipromp.control.plant import Course, Displacement, Route, follow
 from optipromp.core import judging
 from optipromp.core.arrays import FloatArray
 from optipromp.core.planning import plan

@@ -113,8 +113,7 @@ def calibrate(
     optipromp calibrate --tool seen.yaml --known row.yaml --camera d435.json --out camera.json
     optipromp see --rgb a.png --depth a.png --camera camera.json --known row.yaml --out a.yaml
     """
-    from optipromp.perception.calibration import by_tool, hand_eye
-    from optipromp.perception.calibration_files import read_seen_tool, read_views
+    from optipromp.perception.calibration import by_tool, hand_eye, read_seen_tool, read_views
     from optipromp.perception.pictures import load_camera
 
     if (folder is None) == (tool is None):

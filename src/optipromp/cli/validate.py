@@ -95,7 +95,7 @@ def validate(
 def read(path: Path, robot: "Robot") -> "Trajectory":
     """The trajectory in a file or bag."""
     from optipromp.core.files import is_bag
-    from optipromp.core.trajectory_files import read_trajectory
+    from optipromp.core.trajectory import read_trajectory
 
     if is_bag(path):
         from optipromp import ros

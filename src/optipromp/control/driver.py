@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from optipromp.control.parameters import LoopParameters
-from optipromp.control.plant import field_of
-from optipromp.control.servo import Course, Displacement, Route, follow
-from optipromp.control.tracked import Tracked
+from optipromp.control.plant import Course, Displacement, Route, field_of, follow
+from optipromp.control.tracker import Tracked
 from optipromp.core import judging
 from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.execution.streaming import Stretch

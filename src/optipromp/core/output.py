@@ -50,8 +50,7 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import scene_from_dict, scene_to_dict
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.shown import printable
-from optipromp.core.trajectory import State
-from optipromp.core.trajectory_files import arrays, csv, from_arrays
+from optipromp.core.trajectory import State, arrays, csv, from_arrays
 
 FORMAT = 4
 PUSHED = ("pushed_points", "pushed_axes")

@@ -14,7 +14,7 @@ from optipromp.core.parameters import Checked, parameter
 from optipromp.core.scenes.objects import Role, SceneObject, Stem
 from optipromp.core.scenes.pose import Pose
 from optipromp.ros.live import in_base
-from optipromp.ros.shapes import read_pose, vector
+from optipromp.ros.scenes import read_pose, vector
 from optipromp.ros.trajectories import NANO, nanoseconds
 from optipromp.ros.types import Message
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from scipy.spatial.transform import Rotation
 
 from optipromp.core.scenes.pose import Pose
-from optipromp.ros.shapes import quaternion, vector
+from optipromp.ros.scenes import quaternion, vector
 from optipromp.ros.trajectories import nanoseconds
 from optipromp.ros.types import Message
 

@@ -1,8 +1,11 @@
-"""A scene that messages change; the scene of a ``moveit_msgs/PlanningScene``."""
+"""A scene that messages change; of a ``moveit_msgs/PlanningScene``; goals of ``Constraints``."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
+
+import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError
@@ -10,10 +13,19 @@ from optipromp.core.planning.task import posed
 from optipromp.core.robots.library import UNTRUSTED, load_arm
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.scene import Goal, Scene
-from optipromp.ros.joints import joint_positions
-from optipromp.ros.scenes import COLLISION_OBJECT, Held, object_id, read_held
-from optipromp.ros.shapes import read_pose
+from optipromp.core.scenes.rotations import to_quaternion
+from optipromp.core.scenes.scene import Goal, JointGoal, PoseGoal, RegionGoal, Scene
+from optipromp.core.trajectory import columns
+from optipromp.ros.scenes import (
+    COLLISION_OBJECT,
+    Held,
+    object_id,
+    quaternion,
+    read_held,
+    read_pose,
+    vector,
+)
+from optipromp.ros.trajectories import joint_positions
 from optipromp.ros.types import Message, constants
 
 WORLD = "world"
@@ -197,3 +209,79 @@ def _refuse_unread(item: Message) -> None:
                     f"link_{what} of {link.link_name!r} is {value:g}: must be {usual:g}; "
                     "the options of a plan have its clearances"
                 )
+
+
+TOOL = "tool"
+"""Name of the frame at the tool point: z along the tool axis, y along the opening of fingers."""
+
+
+def read_goal(
+    constraints: Sequence[Message], world: LiveScene, prefix: str = ""
+) -> JointGoal | PoseGoal | RegionGoal | None:
+    """The goal of ``goal_constraints``; None where there are none.
+
+    Joint constraints state a configuration. One position and one orientation constraint state a
+    pose of the frame ``tool``, or of the robot's last link (its flange). The goal is the tool point
+    and the orientation of the tool of that pose. With an ``absolute_z_axis_tolerance`` of π or more
+    about the tool axis, the turn about the axis is free. The other tolerances are ignored.
+
+    ``constraints``: ``moveit_msgs/Constraints``, one at most. ``world``: with the robot and its
+    frames. ``prefix``: of joint and link names in ROS.
+    """
+    robot = world.robot
+    if not constraints:
+        return None
+    if len(constraints) > 1:
+        raise InvalidRequestError(
+            f"goal_constraints has {len(constraints)} entries: must have one at most"
+        )
+    (goal,) = constraints
+    joints, places, turns = (
+        goal.joint_constraints,
+        goal.position_constraints,
+        goal.orientation_constraints,
+    )
+    if goal.visibility_constraints:
+        raise InvalidRequestError("goal_constraints[0].visibility_constraints: must be empty")
+    if joints and not places and not turns:
+        order = columns([one.joint_name for one in joints], robot.joint_names, "joint_constraints")
+        return JointGoal(np.array([one.position for one in joints])[order])
+    if joints or len(places) != 1 or len(turns) != 1:
+        raise InvalidRequestError(
+            f"goal_constraints[0] has {len(joints)} joint, {len(places)} position and {len(turns)} "
+            "orientation constraints: must have one for each joint, or one position and one "
+            "orientation constraint"
+        )
+    return _pose_goal(places[0], turns[0], world, prefix)
+
+
+def _pose_goal(
+    place: Message, turn: Message, world: LiveScene, prefix: str
+) -> PoseGoal | RegionGoal:
+    robot = world.robot
+    flange = prefix + [name for name in robot.link_names if name != TOOL][-1]
+    for what, item in (("position", place), ("orientation", turn)):
+        if item.link_name not in (TOOL, flange) or item.link_name != place.link_name:
+            raise InvalidRequestError(
+                f"{what} constraint: link_name is {item.link_name!r}: both constraints must name "
+                f"{TOOL!r} (at the tool point, z along its axis) or {flange!r}"
+            )
+    poses = place.constraint_region.primitive_poses
+    if len(poses) != 1 or place.constraint_region.meshes:
+        raise InvalidRequestError(
+            f"position constraint: constraint_region has {len(poses)} primitive_poses: must have "
+            "one, and no meshes"
+        )
+    at, turned = in_base(place.header, world.frames), in_base(turn.header, world.frames)
+    rotation = (turned @ Pose(orientation=quaternion(turn.orientation))).rotation
+    origin = at @ vector(poses[0].position) - rotation @ vector(place.target_point_offset)
+    if place.link_name == TOOL:
+        point, frame = origin, rotation
+    else:
+        segment: FloatArray = rotation @ robot.flange_rotation.T
+        point = origin + segment @ (robot.tool_point - robot.flange_translation)
+        frame = segment @ robot.tool_rotation
+    free = turn.absolute_z_axis_tolerance >= math.pi  # about z of the link that is named
+    if free and rotation[:, 2] @ frame[:, 2] > 1.0 - 1e-9:  # rounding
+        return PoseGoal(point, frame[:, 2])
+    return RegionGoal(point, orientation=to_quaternion(frame))

@@ -20,11 +20,9 @@ from optipromp.perception.pictures import flange_of
 from optipromp.perception.watcher import Watcher
 from optipromp.ros.detections import DETECTIONS, DetectionParameters, read_detections
 from optipromp.ros.frames import Frames
-from optipromp.ros.goals import TOOL
 from optipromp.ros.images import PICTURES, Pictures
-from optipromp.ros.joints import joint_motion
-from optipromp.ros.live import frames_of, in_base
-from optipromp.ros.trajectories import NANO, nanoseconds, stretch_trajectory
+from optipromp.ros.live import TOOL, frames_of, in_base
+from optipromp.ros.trajectories import NANO, joint_motion, nanoseconds, stretch_trajectory
 from optipromp.ros.types import Message, message
 
 STALE = 0.1  # [s] age of joint states above which the loop does nothing: five cycles, a choice

@@ -25,11 +25,10 @@ from optipromp.core.pushing.rules import neighbours
 from optipromp.core.pushing.stems import hanging
 from optipromp.core.pushing.stems.cup import flange_of
 from optipromp.core.pushing.stems.hanging import Hanging
-from optipromp.core.robots.grippers import Scissor
+from optipromp.core.robots.grippers import PRESS, Scissor
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.mounted import Mounted, loads_of, unmounted
 from optipromp.core.robots.self_collision import letting_touch
-from optipromp.core.robots.suction import PRESS
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.robots.tools import make_tool, with_tool
 from optipromp.core.scenes.held import Pair, check_names

@@ -10,6 +10,7 @@ from optipromp.laboratory.simulation.detector import DetectorParameters as Detec
 from optipromp.laboratory.simulation.detector import Eye as Eye
 from optipromp.laboratory.simulation.execute import Run as Run
 from optipromp.laboratory.simulation.execute import simulate as simulate
+from optipromp.laboratory.simulation.export import stem_mjcf as stem_mjcf
 from optipromp.laboratory.simulation.live_camera import LiveCamera as LiveCamera
 from optipromp.laboratory.simulation.loop import Loop as Loop
 from optipromp.laboratory.simulation.loop import closed_loop as closed_loop
@@ -32,4 +33,3 @@ from optipromp.laboratory.simulation.rollout import Rollout as Rollout
 from optipromp.laboratory.simulation.simulation import FruitStates as FruitStates
 from optipromp.laboratory.simulation.simulation import Simulation as Simulation
 from optipromp.laboratory.simulation.simulation import Touch as Touch
-from optipromp.laboratory.simulation.stem_file import stem_mjcf as stem_mjcf

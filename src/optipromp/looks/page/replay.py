@@ -16,8 +16,7 @@ from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import scene_from_dict
 from optipromp.core.scenes.scene import Scene
-from optipromp.laboratory.simulation.files import read_parameters
-from optipromp.laboratory.simulation.loop_files import NAME, LoopRecord, read_loop
+from optipromp.laboratory.simulation.files import NAME, LoopRecord, read_loop, read_parameters
 from optipromp.laboratory.simulation.parameters import SimulationParameters
 from optipromp.looks.page.stage import PlanNodes
 

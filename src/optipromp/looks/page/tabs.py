@@ -8,7 +8,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import check_folder
 from optipromp.core.planning.task import posed
-from optipromp.laboratory.simulation.loop_files import LoopRecord
+from optipromp.laboratory.simulation.files import LoopRecord
 from optipromp.looks.page.content import bundle
 from optipromp.looks.viewer.drawn import GREEN, RED
 
