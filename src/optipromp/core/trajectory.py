@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.documents import read_table
-from optipromp.core.errors import InvalidRequestError, OptiPrompError
-from optipromp.core.files import is_folder, read_npz, texts
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.files import is_folder, read_npz, reading, texts
 from optipromp.core.shown import Shown
 
 GREATEST = 1e9
@@ -337,14 +337,11 @@ def read_trajectory(path: str | Path, joint_names: Sequence[str]) -> Trajectory:
     path = Path(path)
     if is_folder(path):
         path = path / "waypoints.npz"
-    try:
+    with reading(path, "no trajectory"):
         if path.suffix.lower() == ".csv":
             return _from_csv(path, joint_names)
         if path.suffix.lower() == ".npz":
             return _from_npz(path, joint_names)
-    except OptiPrompError as error:
-        told = "" if str(path) in error.message else f"{path}: "
-        raise InvalidRequestError(f"{told}{error.message}") from None
     raise InvalidRequestError(
         f"{path}: a trajectory is a .csv, an .npz or a folder of optipromp plan; a ROS bag is "
         "read by optipromp validate"

@@ -3,7 +3,6 @@
 Needs the extra ``sim``: ``pip install -e '.[sim]'`` in the clone.
 """
 
-from optipromp.laboratory.simulation.arm_executor import SimulatedArm as SimulatedArm
 from optipromp.laboratory.simulation.detector import DETECTORS as DETECTORS
 from optipromp.laboratory.simulation.detector import Detector as Detector
 from optipromp.laboratory.simulation.detector import DetectorParameters as DetectorParameters
@@ -31,5 +30,6 @@ from optipromp.laboratory.simulation.parameters import Thresholds as Thresholds
 from optipromp.laboratory.simulation.parameters import catalogue as catalogue
 from optipromp.laboratory.simulation.rollout import Rollout as Rollout
 from optipromp.laboratory.simulation.simulation import FruitStates as FruitStates
+from optipromp.laboratory.simulation.simulation import SimulatedArm as SimulatedArm
 from optipromp.laboratory.simulation.simulation import Simulation as Simulation
 from optipromp.laboratory.simulation.simulation import Touch as Touch

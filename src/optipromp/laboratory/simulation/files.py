@@ -1,20 +1,26 @@
 """Runs as files: ``rollout.npz``, ``outcome.json`` and, of closed loops, ``loop.npz``."""
 
-import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.execution.streaming import Stretch
-from optipromp.core.files import json_text, npz, read_npz, texts, write_atomically
+from optipromp.core.files import (
+    json_text,
+    members,
+    npz,
+    read_npz,
+    reading,
+    texts,
+    write_atomically,
+)
 from optipromp.core.scenes.io import scene_to_dict
 from optipromp.laboratory.simulation.execute import Run
 from optipromp.laboratory.simulation.loop import Loop
@@ -45,10 +51,8 @@ def write_run(
     scene = None
     with suppress(OptiPrompError):  # a mesh that has no file
         scene = scene_to_dict(run.scene, base_dir=folder)
-    stream = io.BytesIO()
-    np.savez_compressed(stream, **run.rollout.arrays())  # type: ignore[arg-type]
     files = {
-        "rollout.npz": stream.getvalue(),
+        "rollout.npz": npz(run.rollout.arrays(), compressed=True),
         **(further or {}),
         "outcome.json": json_text(
             run_document(run) | {"scene_file": scene, "parameters": asdict(run.parameters)}
@@ -86,6 +90,21 @@ def _kind(value: object) -> type:
 
 NAME = "loop.npz"
 POINTS = 20  # of the path ahead, at each cycle: a choice
+
+TEXTS = "stages", "ids", "begun", "reasons"
+ARRAYS: dict[str, tuple[type, str]] = {
+    "times": (float, "C"),
+    "plans": (int, "C"),
+    "positions": (float, "CF3"),
+    "covariance": (float, "CF33"),
+    "confirmed": (bool, "CF"),
+    "ahead": (float, "CP3"),
+    "decided": (float, "D"),
+    "last": (float, "n"),
+    "looked": (float, "L2"),
+    "discs": (float, "K5"),
+}
+"""Type and shape of each array; see :class:`LoopRecord` and :data:`POINTS`."""
 
 Words = tuple[str, ...]
 
@@ -203,49 +222,23 @@ def _coming(stretch: Stretch, time: float, points: int) -> FloatArray:
 def write_loop(loop: Loop, folder: Path) -> str:
     """Write ``loop.npz`` into a folder, whole or not at all; returns the file's name."""
     record = record_of(loop)
-    arrays = {item.name: np.asarray(getattr(record, item.name)) for item in fields(LoopRecord)}
-    for name in ("stages", "ids", "begun", "reasons"):
-        arrays[name] = _strings(getattr(record, name))
-    write_atomically(folder / NAME, npz(arrays, compressed=True))
+    words = {name: np.array(getattr(record, name), dtype=np.str_) for name in TEXTS}
+    arrays = {name: getattr(record, name) for name in ARRAYS}
+    write_atomically(folder / NAME, npz(words | arrays, compressed=True))
     return NAME
-
-
-def _strings(words: Sequence[str]) -> NDArray[np.str_]:
-    return np.array(words, dtype=np.str_).reshape(len(words))
 
 
 def read_loop(path: Path) -> LoopRecord:
     """The record in a file that :func:`write_loop` wrote."""
-    found = {"looked": np.zeros((0, 2)), "discs": np.zeros((0, 5)), **read_npz(path)}
-    words: dict[str, Any]
-    try:
-        words = {name: texts(found[name]) for name in ("stages", "ids", "begun", "reasons")}
-        numbers = {
-            name: np.asarray(found[name], dtype=kind)
-            for name, kind in (
-                ("times", float), ("plans", np.int64), ("positions", float),
-                ("covariance", float), ("confirmed", bool), ("ahead", float), ("decided", float),
-                ("last", float), ("looked", float), ("discs", float),
-            )
-        }  # fmt: skip
-    except (KeyError, TypeError, ValueError) as error:
-        raise InvalidRequestError(f"{path}: not a record of a closed loop ({error})") from None
-    cycles, fruits, decisions = (len(words[name]) for name in ("stages", "ids", "begun"))
-    shapes = {
-        "times": (cycles,), "plans": (cycles,), "positions": (cycles, fruits, 3),
-        "covariance": (cycles, fruits, 3, 3), "confirmed": (cycles, fruits),
-        "ahead": (cycles, POINTS, 3), "decided": (decisions,),
-        "looked": (len(numbers["looked"]), 2), "discs": (len(numbers["discs"]), 5),
-    }  # fmt: skip
-    for name, shape in shapes.items():
-        if numbers[name].shape != shape or cycles == 0:
-            raise InvalidRequestError(
-                f"{path}: not a record of a closed loop ({name} has the shape "
-                f"{numbers[name].shape}, not {shape})"
-            )
-    if len(words["reasons"]) != decisions:
-        raise InvalidRequestError(f"{path}: not a record of a closed loop (reasons are missing)")
-    return LoopRecord(**{**words, **numbers})
+    data = {"looked": np.zeros((0, 2)), "discs": np.zeros((0, 5)), **read_npz(path)}
+    with reading(path, "not a record of a closed loop"):
+        words: dict[str, Any] = {name: texts(data[name]) for name in TEXTS}
+        cycles, fruits, decisions = (len(words[name]) for name in ("stages", "ids", "begun"))
+        if not cycles or len(words["reasons"]) != decisions:
+            told = f"{cycles} cycles, {decisions} decisions and {len(words['reasons'])} reasons"
+            raise ValueError(f"it has {told}: must have a reason for each decision")
+        sizes = {"C": cycles, "F": fruits, "D": decisions, "P": POINTS}
+        return LoopRecord(**words, **members(data, ARRAYS, sizes))
 
 
 def ellipsoids(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
