@@ -1,4 +1,4 @@
-"""The robot as arrays: kinematics, limits, body spheres, tool, masses; the torque of gravity."""
+"""The robot as arrays: kinematics, limits, body spheres, tool, masses, torque of gravity."""
 
 import warnings
 from collections.abc import Mapping
@@ -16,6 +16,8 @@ from optipromp.core.robots.kernels import PRISMATIC, Kinematics
 from optipromp.core.robots.mounted import loads_of, weight_of
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.shown import Shown
+
+__all__ = ["BodySpheres", "Kinematics", "Robot"]
 
 
 class BodySpheres(NamedTuple):
