@@ -19,10 +19,8 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from optipromp.control.driver import Driver, way_back
-from optipromp.control.look import Look
-from optipromp.control.parameters import CONTROL, LoopParameters
-from optipromp.control.plant import (
+from optipromp.control.driver import (
+    Driver,
     Route,
     appeared,
     changed,
@@ -35,7 +33,10 @@ from optipromp.control.plant import (
     target_row,
     tracked_at_most,
     unseen,
+    way_back,
 )
+from optipromp.control.look import Look
+from optipromp.control.parameters import CONTROL, LoopParameters
 from optipromp.control.stiffness import Stiffness, by_wrench
 from optipromp.control.tracker import Tracked, Tracker
 from optipromp.control.tracks import TrackerParameters

@@ -8,9 +8,9 @@
 """
 
 from optipromp.core.files import is_bag as is_bag
-from optipromp.ros.detections import DetectionParameters as DetectionParameters
-from optipromp.ros.detections import read_detections as read_detections
+from optipromp.ros.live import DetectionParameters as DetectionParameters
 from optipromp.ros.live import LiveScene as LiveScene
+from optipromp.ros.live import read_detections as read_detections
 from optipromp.ros.live import read_planning_scene as read_planning_scene
 from optipromp.ros.loop import PickLoop as PickLoop
 from optipromp.ros.pictures import BagPicture as BagPicture

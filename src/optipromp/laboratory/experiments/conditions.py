@@ -31,7 +31,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from optipromp.control.plant import shifted
+from optipromp.control.driver import shifted
 from optipromp.core.arrays import frame_along
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
