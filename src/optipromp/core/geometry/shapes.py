@@ -6,15 +6,18 @@ A shape has no pose: an object of a scene (or an item of
 
 from __future__ import annotations
 
+import itertools
 import math
 from abc import ABC, abstractmethod
+from contextlib import suppress
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, IntArray, frozen
+from optipromp.core.arrays import FloatArray, IntArray, frozen, lengths
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry import faces
 
@@ -67,11 +70,29 @@ class Measure(NamedTuple):
 NO_SIZE = 0.0, 0.0, 0.0
 
 
+class BallPair(NamedTuple):
+    """Two balls on a line through a shape's origin, whose hull stands for the shape.
+
+    Attributes:
+        line: (3,) unit vector along the line, from the lower ball to the upper one.
+        low: place of the lower ball's centre on the line [m].
+        radius: of the lower ball [m].
+        above: radius of the upper ball [m].
+        apart: distance of the centres [m]; 0 for a single ball.
+    """
+
+    line: FloatArray
+    low: float
+    radius: float
+    above: float
+    apart: float
+
+
 class Shape(ABC):
     """A solid in its local frame: the interface between shapes and the library.
 
-    A shape of a user defines :meth:`mesh`. Distance grid, bounds, volume, picture, message and body
-    in the simulation follow from the mesh.
+    A shape of a user defines :meth:`mesh`. Distance grid, bounds, volume, the balls of a fruit that
+    hangs, picture, message and body in the simulation follow from the mesh.
     """
 
     @abstractmethod
@@ -88,6 +109,17 @@ class Shape(ABC):
         """See :class:`Measure` [m³]."""
         known = self.measure.volume
         return mesh_volume(self.mesh(FINE)) if known is None else known
+
+    def balls(self, line: FloatArray) -> BallPair:
+        """The two balls for which a push model takes a fruit whose stem leaves along ``line`` (3,).
+
+        They touch the ends of the mesh along ``line``, a unit vector.
+        """
+        key = tuple(line.tolist())
+        with suppress(TypeError):  # a class without a hash is fitted each time
+            hash(self)
+            return BallPair(line, *_fitted(self, key))
+        return BallPair(line, *_fitted.__wrapped__(self, key))
 
     def surface(self, cut: float = np.inf) -> FloatArray:
         """Faces (F, 4, 3) of the surface [m], see :mod:`optipromp.core.geometry.faces`.
@@ -124,6 +156,10 @@ class Primitive(Shape):
             for index, size in enumerate(sizes):
                 _positive(shape, f"{name}[{index}]", size)
             object.__setattr__(self, name, sizes)
+
+    def balls(self, line: FloatArray) -> BallPair:
+        """A single ball that holds the shape."""
+        return _single_ball(self, line)
 
     def mesh(self, around: int = 24) -> MeshShape:
         """The convex hull of the corners of its faces, whatever ``around``."""
@@ -196,6 +232,10 @@ class Capsule(Primitive):
         half = np.array([0.0, 0.0, 0.5 * self.length])
         return faces.tube(np.stack([-half, half]), self.radius, 24)
 
+    def balls(self, line: FloatArray) -> BallPair:
+        """The balls at its ends."""
+        return _end_balls(line, self.radius, self.radius, self.length)
+
 
 @dataclass(frozen=True)
 class Ellipsoid(Primitive):
@@ -210,6 +250,10 @@ class Ellipsoid(Primitive):
 
     def _faces(self, cut: float) -> FloatArray:
         return np.asarray(faces.sphere(np.zeros(3), 1.0, ROUND) * np.array(self.radii))
+
+    def balls(self, line: FloatArray) -> BallPair:
+        """Two balls that touch its ends along ``line``."""
+        return Shape.balls(self, line)
 
     def mesh(self, around: int = 24) -> MeshShape:
         """The convex hull of the surface points with evenly spread normals."""
@@ -252,6 +296,10 @@ class Cone(Primitive):
             for r, a, z in ((self.tip, low, -half), (self.radius, high, half))
         ]
         return faces.revolve(np.concatenate(arcs), ROUND)
+
+    def balls(self, line: FloatArray) -> BallPair:
+        """The balls at its ends."""
+        return _end_balls(line, self.tip, self.radius, self.length)
 
     def mesh(self, around: int = 24) -> MeshShape:
         """The convex hull of the surface points with evenly spread normals."""
@@ -354,6 +402,10 @@ class PointCloudShape(Shape):
         ball = faces.sphere(np.zeros(3), max(self.radius, 0.003), 6)
         return (shown[:, None, None] + ball).reshape(-1, 4, 3)
 
+    def balls(self, line: FloatArray) -> BallPair:
+        """A single ball that holds the points."""
+        return _single_ball(self, line)
+
     def mesh(self, around: int = 24) -> MeshShape:
         """Refused: the surface between the points is unknown."""
         raise InvalidSceneError("a point cloud has no mesh")
@@ -370,6 +422,46 @@ def _rows_of_three(name: str, what: str, values: FloatArray, letter: str, least:
         raise InvalidSceneError(
             f"{name}: {one} {bad[0]} is {row}: must be finite, at most {FARTHEST:g}"
         )
+
+
+def _single_ball(shape: Shape, line: FloatArray) -> BallPair:
+    bound = shape.measure.bound
+    return BallPair(line, 0.0, bound, bound, 0.0)
+
+
+def _end_balls(line: FloatArray, low: float, high: float, length: float) -> BallPair:
+    """Balls at z = -length/2 of radius ``low`` and at z = length/2 of radius ``high``."""
+    up = np.array([0.0, 0.0, 1.0])
+    if float(line[2]) < 0.0:
+        return BallPair(-up, -0.5 * length, high, low, length)
+    return BallPair(up, -0.5 * length, low, high, length)
+
+
+@lru_cache(maxsize=256)
+def _fitted(shape: Shape, line: tuple[float, ...]) -> tuple[float, float, float, float]:
+    """The numbers of :class:`BallPair` of a shape with a mesh: balls that touch its ends.
+
+    Of 16 radii for each ball: the pair whose hull has the least mean distance from the surface.
+    """
+    points, axis = shape.mesh().vertices, np.array(line)
+    height = points @ axis
+    aside = lengths(points - height[:, None] * axis)
+    low, high, wide = float(height.min()), float(height.max()), float(aside.max())
+    one = 0.5 * (high - low)
+    shares = np.linspace(0.1, 1.0, 16) * min(wide, one)
+    best, fit = np.inf, (0.5 * (low + high), one, one, 0.0)
+    for radius, above in itertools.product(shares, shares):
+        apart = high - low - radius - above
+        if apart <= abs(radius - above) + 1e-9:
+            continue
+        sine = (radius - above) / apart
+        share = (height - low - radius + aside * sine / -np.sqrt(1.0 - sine**2)) / apart
+        share = np.clip(share, 0.0, 1.0)
+        off = np.hypot(aside, height - low - radius - share * apart)
+        error = float(np.abs(off - radius - share * (above - radius)).mean())
+        if error < best:
+            best, fit = error, (low + radius, float(radius), float(above), float(apart))
+    return fit
 
 
 def mesh_volume(mesh: MeshShape) -> float:

@@ -17,7 +17,6 @@ The root of a stem that grows from another one yields: the compliance of such a 
 of the stems that carry it (:mod:`optipromp.core.pushing.stems.trusses`).
 """
 
-import itertools
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
@@ -25,8 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dpbsv
 
-from optipromp.core.arrays import FloatArray, IntArray, frozen, lengths
-from optipromp.core.geometry.shapes import Capsule, Cone, Ellipsoid, MeshShape
+from optipromp.core.arrays import FloatArray, IntArray, frozen, lengths, read_only
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems import trusses
 from optipromp.core.scenes.scene import SceneObject
@@ -100,54 +98,18 @@ class Balls(NamedTuple):
     apart: float  # distance of the centres; 0 for a single ball [m]
 
 
+@lru_cache(maxsize=256)  # by identity: a plan asks several times for each fruit
 def balls_of(fruit: SceneObject) -> Balls:
-    """The balls of a fruit: the ends of a capsule or cone, a fit of an ellipsoid or mesh.
+    """The balls of a fruit along its stem; see :meth:`optipromp.core.geometry.shapes.Shape.balls`.
 
-    Any other shape is taken for a single ball that holds it.
+    A fruit without a stem is a single ball that holds it.
     """
-    shape, stem = fruit.shape, fruit.stem
-    if stem is None or not isinstance(shape, Capsule | Cone | Ellipsoid | MeshShape):
+    if fruit.stem is None:
         return Balls(fruit.position, fruit.radius, fruit.radius, 0.0)
-    if isinstance(shape, Capsule | Cone):
-        tip = shape.tip if isinstance(shape, Cone) else shape.radius
-        end = 0.5 * shape.length * fruit.rotation[:, 2]
-        if float(end @ stem.vector) < 0.0:
-            return Balls(fruit.position + end, shape.radius, tip, shape.length)
-        return Balls(fruit.position - end, tip, shape.radius, shape.length)
-    line = stem.root - fruit.position
-    line = fruit.rotation.T @ (line / np.linalg.norm(line))
-    low, radius, above, apart = _fitted(shape, tuple(line.tolist()))
-    return Balls(fruit.position + low * (fruit.rotation @ line), radius, above, apart)
-
-
-@lru_cache(maxsize=256)
-def _fitted(
-    shape: Ellipsoid | MeshShape, line: tuple[float, ...]
-) -> tuple[float, float, float, float]:
-    """Two balls on ``line`` (3,) from the local origin that touch the shape's ends along the line.
-
-    Of 16 radii for each ball: the pair whose hull has the least mean distance from the surface.
-    Position of the lower ball on the line, both radii, and the distance of the centres [m].
-    """
-    points, axis = shape.mesh().vertices, np.array(line)
-    height = points @ axis
-    aside = lengths(points - height[:, None] * axis)
-    low, high, wide = float(height.min()), float(height.max()), float(aside.max())
-    one = 0.5 * (high - low)
-    shares = np.linspace(0.1, 1.0, 16) * min(wide, one)
-    best, found = np.inf, (0.5 * (low + high), one, one, 0.0)
-    for radius, above in itertools.product(shares, shares):
-        apart = high - low - radius - above
-        if apart <= abs(radius - above) + 1e-9:
-            continue
-        sine = (radius - above) / apart
-        share = (height - low - radius + aside * sine / -np.sqrt(1.0 - sine**2)) / apart
-        share = np.clip(share, 0.0, 1.0)
-        off = np.hypot(aside, height - low - radius - share * apart)
-        error = float(np.abs(off - radius - share * (above - radius)).mean())
-        if error < best:
-            best, found = error, (low + radius, float(radius), float(above), float(apart))
-    return found
+    line = fruit.stem.root - fruit.position
+    pair = fruit.shape.balls(fruit.rotation.T @ (line / np.linalg.norm(line)))
+    center = fruit.position + pair.low * (fruit.rotation @ pair.line)
+    return Balls(read_only(center), pair.radius, pair.above, pair.apart)
 
 
 def bent(
