@@ -102,7 +102,7 @@ def simulate(
     """
     from optipromp.core.files import check_folder
     from optipromp.core.planning import Picked
-    from optipromp.core.robots.dynamics import warn_of_gravity
+    from optipromp.core.robots.model import warn_of_gravity
     from optipromp.core.scenes.io import load_scene
     from optipromp.laboratory.simulation import SimulationParameters
     from optipromp.laboratory.simulation import simulate as execute

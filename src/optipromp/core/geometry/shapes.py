@@ -28,6 +28,7 @@ LEAST = 1e-7
 
 SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID, ELLIPSOID, CONE = range(8)
 
+GRID_PADDING = 3  # least cells between a grid's border and the bounding box of the shape
 ROUND = 28  # faces around a drawn ball
 FINE = 48  # points around a round shape whose mesh is measured, weighed or simulated
 MOST_POINTS = 1500  # drawn of a point cloud

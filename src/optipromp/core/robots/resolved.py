@@ -18,9 +18,8 @@ from optipromp.core.arrays import frozen, lengths
 from optipromp.core.errors import InvalidRequestError, InvalidRobotError
 from optipromp.core.files import npz, read_npz, write_atomically
 from optipromp.core.robots.description import Arm, LeftOut, LinkGeometry, LinkShape, meshes_found
-from optipromp.core.robots.dynamics import Dynamics
 from optipromp.core.robots.kernels import Kinematics
-from optipromp.core.robots.model import BodySpheres, Robot
+from optipromp.core.robots.model import BodySpheres, Dynamics, Robot
 from optipromp.core.shown import is_name, printable
 
 SUFFIX = ".robot"
