@@ -22,8 +22,7 @@ from optipromp.core.planning import plan
 from optipromp.core.pushing.stems import swinging
 from optipromp.core.pushing.stems.bending import Stems, balls_of
 from optipromp.core.pushing.stems.cup import cup_distance
-from optipromp.core.pushing.stems.equilibrium import CONTACT
-from optipromp.core.pushing.stems.swinging import push
+from optipromp.core.pushing.stems.swinging import CONTACT, push
 from optipromp.core.scenes import SceneObject, Stem
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import simulate

@@ -19,7 +19,7 @@ from optipromp.core.planning.parameters import KEPT, SOLVE
 from optipromp.core.planning.task import Task
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.constraints import PathConstraints
+from optipromp.core.scenes.goals import PathConstraints
 
 
 def held(task: Task) -> Task:

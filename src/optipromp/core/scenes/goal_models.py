@@ -94,7 +94,7 @@ class LinesModel(Model):
 
 
 class UprightModel(Model):
-    """See :class:`optipromp.core.scenes.constraints.HeldUpright`."""
+    """See :class:`optipromp.core.scenes.goals.HeldUpright`."""
 
     angle: Positive
     axis: Vector | None = None
@@ -102,7 +102,7 @@ class UprightModel(Model):
 
 
 class PlaneModel(Model):
-    """See :class:`optipromp.core.scenes.constraints.OnPlane`."""
+    """See :class:`optipromp.core.scenes.goals.OnPlane`."""
 
     point: Vector
     normal: Vector

@@ -11,9 +11,8 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidSceneError
-from optipromp.core.geometry.shapes import MeshShape, PointCloudShape, Shape, is_convex
+from optipromp.core.geometry.shapes import MeshShape, PointCloudShape, Shape, is_convex, parted
 from optipromp.core.robots.laden import Load
-from optipromp.core.robots.meshes import parted
 from optipromp.core.robots.tool_geometry import Solid
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import IDENTITY, unit_quaternion

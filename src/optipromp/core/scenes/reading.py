@@ -21,13 +21,19 @@ from optipromp.core.geometry.shapes import (
 )
 from optipromp.core.robots.library import UNTRUSTED, Choice, robot_names
 from optipromp.core.robots.tools import make_tool
-from optipromp.core.scenes.constraints import HeldUpright, OnPlane, PathConstraints
 from optipromp.core.scenes.goal_models import GoalModel, LinesModel, PathModel, ToleranceModel
-from optipromp.core.scenes.goals import Goal, JointGoal, PoseGoal, RegionGoal
+from optipromp.core.scenes.goals import (
+    Goal,
+    HeldUpright,
+    JointGoal,
+    OnPlane,
+    PathConstraints,
+    PoseGoal,
+    RegionGoal,
+)
 from optipromp.core.scenes.held import RETREAT, Place
-from optipromp.core.scenes.hidden import cleared
 from optipromp.core.scenes.lines import LINE_WITHIN, Lines
-from optipromp.core.scenes.motion import ObjectMotion
+from optipromp.core.scenes.objects import ObjectMotion, cleared
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import IDENTITY
 from optipromp.core.scenes.scene import (

@@ -17,12 +17,17 @@ from optipromp.core.geometry.obstacles import Measures, Obstacles, measures, pac
 from optipromp.core.robots.library import NOTHING, Choice, load_arm
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import trusses
-from optipromp.core.scenes.constraints import PathConstraints
-from optipromp.core.scenes.goals import Goal, JointGoal, PoseGoal, RegionGoal, transformed
+from optipromp.core.scenes.goals import (
+    Goal,
+    JointGoal,
+    PathConstraints,
+    PoseGoal,
+    RegionGoal,
+    transformed,
+)
 from optipromp.core.scenes.held import Attached, Pair, Place, checked
 from optipromp.core.scenes.lines import Lines, check_lines
-from optipromp.core.scenes.motion import ObjectMotion
-from optipromp.core.scenes.objects import ROLES, STEM_RADIUS, Role, SceneObject, Stem
+from optipromp.core.scenes.objects import ROLES, STEM_RADIUS, ObjectMotion, Role, SceneObject, Stem
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.values import array, keep, named, suggest, unit
 from optipromp.core.shown import Shown

@@ -125,7 +125,7 @@ class StemModel(Model):
 
 
 class MotionModel(Model):
-    """See :class:`optipromp.core.scenes.motion.ObjectMotion`."""
+    """See :class:`optipromp.core.scenes.objects.ObjectMotion`."""
 
     times: Annotated[list[Number], Field(min_length=2)]
     positions: Annotated[list[Vector], Field(min_length=2)]
