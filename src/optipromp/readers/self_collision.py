@@ -1,8 +1,9 @@
 """The pairs of spheres of a robot that must stay apart, by the surfaces of its links.
 
 A surface has a part for each sphere of its cover. Each small piece of the surface belongs to the
-sphere that holds it best. Two links touch only where a part of one meets a part of the other. So spheres may overlap while their parts are apart: while
-a plane separates the convex hulls of the parts.
+sphere that holds it best. Two links touch only where a part of one meets a part of the other. So
+spheres may overlap while their parts are apart: while a plane separates the convex hulls of the
+parts.
 """
 
 from collections.abc import Callable, Collection

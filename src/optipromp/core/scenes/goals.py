@@ -14,7 +14,7 @@ from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import IDENTITY, from_quaternion, product, unit_quaternion
-from optipromp.core.scenes.values import array, unit
+from optipromp.core.scenes.values import array, limited, unit
 
 WITHIN = 1e-3  # [m] distance of the tool point from a goal without a tolerance; method §5
 ANGLE = 2.0  # [degrees] the same of the tool's axis or orientation; method §5
@@ -88,11 +88,11 @@ class RegionGoal:
     def __post_init__(self) -> None:
         if self.axis is not None and self.orientation is not None:
             raise InvalidSceneError("goal has axis and orientation: must have one of them at most")
-        free = self.axis is None and self.orientation is None
-        if self.angle is not None and (free or not 0.0 < self.angle <= _MOST_ANGLE):
-            wanted = "an axis or an orientation" if free else f"above 0 and at most {_MOST_ANGLE:g}"
-            verb = "goes with" if free else "must be"
-            raise InvalidSceneError(f"goal.tolerance.angle is {self.angle:g}: {verb} {wanted}")
+        if self.angle is not None and self.axis is None and self.orientation is None:
+            raise InvalidSceneError(
+                f"goal.tolerance.angle is {self.angle:g}: goes with an axis or an orientation"
+            )
+        limited("goal.tolerance.angle", self.angle, "degrees", _MOST_ANGLE)
         sizes = np.atleast_1d(np.array(WITHIN if self.within is None else self.within, dtype=float))
         if sizes.shape not in ((1,), (3,)) or not (np.isfinite(sizes) & (sizes > 0.0)).all():
             raise InvalidSceneError(
@@ -186,11 +186,7 @@ class HeldUpright:
     direction: FloatArray = field(default_factory=_z)
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.angle <= _MOST_LEAN:
-            raise InvalidSceneError(
-                f"path.upright.angle is {self.angle:g}: must be above 0 and at most "
-                f"{_MOST_LEAN:g} [degrees]"
-            )
+        limited("path.upright.angle", self.angle, "degrees", _MOST_LEAN)
         object.__setattr__(self, "axis", unit("path.upright.axis", self.axis))
         object.__setattr__(self, "direction", unit("path.upright.direction", self.direction))
 
@@ -210,8 +206,7 @@ class OnPlane:
     within: float
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.within < math.inf:
-            raise InvalidSceneError(f"path.plane.within is {self.within:g}: must be above 0 [m]")
+        limited("path.plane.within", self.within, "m")
         object.__setattr__(self, "point", array("path.plane.point", self.point, 3))
         object.__setattr__(self, "normal", unit("path.plane.normal", self.normal))
 

@@ -16,7 +16,7 @@ from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.shapes import Box, Capsule, Cylinder, Shape
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import IDENTITY, from_quaternion, product, unit_quaternion
-from optipromp.core.scenes.values import array, keep, named, suggest, unit
+from optipromp.core.scenes.values import array, keep, limited, named, suggest, unit
 
 FOR_EVER = 600.0  # [s] a choice: for so long an object with a velocity moves
 FASTEST = 10.0  # [m/s] chosen: a larger speed is a number in millimetres
@@ -137,10 +137,7 @@ class Stem:
     unseen: bool = False
 
     def __post_init__(self) -> None:
-        if self.tilt is not None and not 0.0 <= self.tilt <= STEEPEST:
-            raise InvalidSceneError(
-                f"stem.tilt is {self.tilt:g}: must be 0 to {STEEPEST:g} [degrees]"
-            )
+        limited("stem.tilt", self.tilt, "degrees", STEEPEST, zero=True)
         shape = np.shape(self.points)
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 2:
             raise InvalidSceneError(f"stem.points has shape {shape}: must be (k, 3), k >= 2")
@@ -151,8 +148,7 @@ class Stem:
                 f"stem piece {short[0]} has no length: neighbouring points (the fruit's position "
                 "is the first) must differ"
             )
-        if not (math.isfinite(self.radius) and self.radius > 0.0):
-            raise InvalidSceneError(f"stem.radius is {self.radius:g}: must be above 0 [m]")
+        limited("stem.radius", self.radius, "m")
         object.__setattr__(self, "points", points)
 
     @classmethod
@@ -163,8 +159,7 @@ class Stem:
 
         ``direction`` (3,): from the fruit to the root, of any length above 0.
         """
-        if not (math.isfinite(length) and length > 0.0):
-            raise InvalidSceneError(f"stem.length is {length:g}: must be above 0 [m]")
+        limited("stem.length", length, "m")
         begin = array("position", position, 3)
         return cls(np.array([begin, begin + length * unit("stem.direction", direction)]), radius)
 
@@ -404,10 +399,7 @@ def _covariance(values: FloatArray | None, sigma: float | None) -> FloatArray:
     if sigma is not None:
         if values is not None:
             raise InvalidSceneError("covariance and sigma are given: must be one of them at most")
-        if not 0.0 <= sigma <= _LARGEST_SIGMA:
-            raise InvalidSceneError(
-                f"sigma is {sigma:g}: must be at least 0 [m] and at most {_LARGEST_SIGMA:g}"
-            )
+        limited("sigma", sigma, "m", _LARGEST_SIGMA, zero=True)
         return frozen(sigma**2 * np.eye(3))
     covariance = array("covariance", values, 3, 3)
     scale = float(np.abs(covariance).max())

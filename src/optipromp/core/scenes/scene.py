@@ -29,7 +29,7 @@ from optipromp.core.scenes.held import Attached, Pair, Place, checked
 from optipromp.core.scenes.lines import Lines, check_lines
 from optipromp.core.scenes.objects import ROLES, STEM_RADIUS, ObjectMotion, Role, SceneObject, Stem
 from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.values import array, keep, named, suggest, unit
+from optipromp.core.scenes.values import array, keep, limited, named, suggest, unit
 from optipromp.core.shown import Shown
 
 __all__ = [
@@ -84,17 +84,9 @@ class Approach:
                 f"approach.lateral {y.tolist()} is parallel to direction {z.tolist()}: "
                 "must point across it"
             )
-        if not 0.0 < self.camera_distance <= _FARTHEST_CAMERA:
-            raise InvalidSceneError(
-                f"approach.camera_distance is {self.camera_distance:g}: must be above 0 [m] and at "
-                f"most {_FARTHEST_CAMERA:g}"
-            )
-        if self.cone is not None and not 0.0 <= self.cone <= WIDEST_CONE:
-            raise InvalidSceneError(
-                f"approach.cone is {self.cone:g}: must be 0 to {WIDEST_CONE:g} [degrees]"
-            )
-        if self.aside is not None and not 0.0 <= self.aside < np.inf:
-            raise InvalidSceneError(f"approach.aside is {self.aside:g}: must be at least 0 [m]")
+        limited("approach.camera_distance", self.camera_distance, "m", _FARTHEST_CAMERA)
+        limited("approach.cone", self.cone, "degrees", WIDEST_CONE, zero=True)
+        limited("approach.aside", self.aside, "m", zero=True)
         object.__setattr__(self, "direction", z)
         object.__setattr__(self, "lateral", y)
         object.__setattr__(self, "shift", array("approach.shift", self.shift, 3))
