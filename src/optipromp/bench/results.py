@@ -25,10 +25,9 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from optipromp.bench.rounds import Round, entry_digest
 from optipromp.bench.running import ENGINES, STEADY, Engine, Exercise, again, rows_and_arrays
 from optipromp.bench.serve import SERVED, dismissed, hired
-from optipromp.bench.sets import SceneSet
+from optipromp.bench.sets import Round, SceneSet, entry_digest
 from optipromp.bench.tracks import (
     CONDITION,
     MEMBERS,

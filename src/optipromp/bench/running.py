@@ -6,7 +6,7 @@ scene, the physics or the looks could be drawn again.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal, cast
+from typing import Literal, cast
 
 import numpy as np
 
