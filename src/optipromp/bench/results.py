@@ -181,8 +181,8 @@ def run_bench(
     with ExitStack() as stack:
         stack.enter_context(locked(folder / LOCK))
         _check_run(run, folder / RUN)
-        file = RowFile(folder, BENCH, ROW_FILE)
         stack.enter_context(staffed(run.entry, run.track, workers, patience))
+        file = RowFile(folder, BENCH, ROW_FILE)
         write_atomically(folder / RUN, json_text(asdict(run)).encode())
         done = {row.key for row in file.rows}
         all_ = list(run.tasks(patience))
