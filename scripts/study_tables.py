@@ -13,7 +13,7 @@ import json
 import re
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +41,7 @@ def result(rows: Sequence[Row]) -> dict[str, Any]:
         "versions": sorted({row.version for row in rows}),
         "cells": [cell.to_dict() for cell in summary(rows)],
         "all": summary(together)[0].to_dict(),
-        "reliability": None if found is None else asdict(found),
+        "reliability": None if found is None else found.to_dict(),
         "plan_time_ms": [round(float(time), 1) for time in times],
         "tilted": sum(row.tilt > 0.1 for row in rows),
         "runs": len(rows),

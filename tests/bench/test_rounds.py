@@ -18,9 +18,8 @@ from typer.testing import CliRunner
 
 import optipromp
 from optipromp.bench.results import BenchRun, run_bench, submission, verify
-from optipromp.bench.rounds import Round, draw_round, entry_digest, read_round
 from optipromp.bench.running import Exercise, again
-from optipromp.bench.sets import SceneSet
+from optipromp.bench.sets import Round, SceneSet, draw_round, entry_digest, read_round
 from optipromp.bench.table import commit, leaderboard, markdown
 from optipromp.bench.tracks import ROW_FILE
 from optipromp.cli.main import app

@@ -1,7 +1,5 @@
 """Predicted harm against outcomes: the reliability table and the AUC."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -28,15 +26,15 @@ def test_without_pairs_there_is_no_auc() -> None:
 def test_runs_are_counted_in_the_bin_of_their_probability() -> None:
     outcomes = [(0.0, True), (0.004, True), (0.01, False), (0.3, True), (0.1, False), (1.0, False)]
     rows = [
-        replace(
-            ROW, predicted_failure=told, success=ok,
+        ROW.having(
+            predicted_failure=told, success=ok,
             plan_status="HARM_PREDICTED" if told > 0.5 else "success",
         )
         for told, ok in outcomes
     ]  # fmt: skip
     rows += [
-        replace(ROW, predicted_failure=None),  # no model
-        replace(ROW, predicted_failure=0.1, picked=None),  # not executed
+        ROW.having(predicted_failure=None),  # no model
+        ROW.having(predicted_failure=0.1, picked=None),  # not executed
     ]
     found = calibration(rows)
     assert found is not None
@@ -54,4 +52,4 @@ def test_runs_are_counted_in_the_bin_of_their_probability() -> None:
 
 
 def test_without_predictions_there_is_no_calibration() -> None:
-    assert calibration([replace(ROW, predicted_failure=None)]) is None
+    assert calibration([ROW.having(predicted_failure=None)]) is None

@@ -22,11 +22,12 @@ from optipromp.laboratory.experiments.situations import (
     SETTLE,
     drop_one,
     miscalibrated,
+    seen_at_once,
 )
 from optipromp.laboratory.experiments.statistics import ALL, loop_summary, summary, wilson
 from optipromp.laboratory.experiments.study import Study, run_study
 from optipromp.laboratory.experiments.trials import again, run_trials
-from optipromp.laboratory.generate import generate
+from optipromp.laboratory.generate import NOISES, generate, noisy
 from optipromp.laboratory.simulation import Simulation
 from optipromp.laboratory.simulation.detector import DETECTORS, Detector, Truth
 
@@ -122,6 +123,20 @@ def test_plants_that_sway_are_first_seen_where_the_settled_fruits_are() -> None:
         shift = seen[item].position - true.position
         np.testing.assert_allclose(seen[item].stem.points, true.stem.points + shift, atol=1e-9)
     assert 1e-3 < max(away) < 0.06
+
+
+def test_all_at_once_is_first_seen_as_stems_are_believed_to_be() -> None:
+    """The plants sway before the first look; that stems are softer shows in the run alone."""
+    pytest.importorskip("mujoco")
+    scene = generate("cluster", 0)
+    made = CONDITIONS["all"](scene, 0)
+    swaying = CONDITIONS["sway"](scene, 0).parameters
+    believed = seen_at_once(noisy(scene, 0, NOISES["detector"]), scene, 0, swaying)
+    believed = drop_one(miscalibrated(believed, scene, made.detector, 0), 0)
+    assert [item.id for item in made.seen.objects] == [item.id for item in believed.objects]
+    for one, other in zip(made.seen.objects, believed.objects, strict=True):
+        np.testing.assert_array_equal(one.position, other.position)
+    assert made.parameters.stem.youngs_modulus == swaying.stem.youngs_modulus / 3.0
 
 
 # --- executed curves ----------------------------------------------------------------------------

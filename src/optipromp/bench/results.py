@@ -25,10 +25,9 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from optipromp.bench.rounds import Round, entry_digest
 from optipromp.bench.running import ENGINES, STEADY, Engine, Exercise, again, rows_and_arrays
 from optipromp.bench.serve import SERVED, dismissed, hired
-from optipromp.bench.sets import SceneSet
+from optipromp.bench.sets import Round, SceneSet, entry_digest
 from optipromp.bench.tracks import (
     CONDITION,
     MEMBERS,
@@ -182,8 +181,8 @@ def run_bench(
     with ExitStack() as stack:
         stack.enter_context(locked(folder / LOCK))
         _check_run(run, folder / RUN)
-        file = RowFile(folder, BENCH, ROW_FILE)
         stack.enter_context(staffed(run.entry, run.track, workers, patience))
+        file = RowFile(folder, BENCH, ROW_FILE)
         write_atomically(folder / RUN, json_text(asdict(run)).encode())
         done = {row.key for row in file.rows}
         all_ = list(run.tasks(patience))

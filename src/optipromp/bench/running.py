@@ -6,7 +6,7 @@ scene, the physics or the looks could be drawn again.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal, cast
+from typing import Literal, cast
 
 import numpy as np
 
@@ -192,10 +192,12 @@ def _judged(row: Row, outcome: Outcome | Word, duration: float) -> Row:
     )  # fmt: skip
 
 
-def _row(task: Exercise, digest: str, engine: str, result: str, **values: Any) -> Row:
+def _row(
+    task: Exercise, digest: str, engine: str, result: str, thought: float = 0.0, cause: str = ""
+) -> Row:
     """What became of one scene in one engine, with nothing executed yet."""
-    begin = Row(task.preset, task.seed, engine=engine, result=result, picked=False)
-    return begin.having(digest=digest, thought=0.0, **values)
+    row = Row(task.preset, task.seed, engine=engine, result=result, cause=cause, picked=False)
+    return row.having(digest=digest, thought=thought)
 
 
 def _errors(task: Exercise, digest: str, error: EntryError) -> list[Row]:

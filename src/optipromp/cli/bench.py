@@ -80,8 +80,7 @@ def run(
     """
     from optipromp.bench.entries import ENTRIES
     from optipromp.bench.results import BenchRun, run_bench
-    from optipromp.bench.rounds import draw_round, read_round
-    from optipromp.bench.sets import SceneSet
+    from optipromp.bench.sets import SceneSet, draw_round, read_round
     from optipromp.bench.tracks import TRACKS
     from optipromp.core.scenes.values import suggest
 
@@ -179,7 +178,7 @@ def draw_(
     """
     from dataclasses import asdict
 
-    from optipromp.bench.rounds import draw_round
+    from optipromp.bench.sets import draw_round
     from optipromp.core.files import is_there, json_text, write_atomically
 
     if is_there(out):

@@ -119,15 +119,15 @@ class Change:
         """The situation of a true scene; the same scene and seed give the same one."""
         rng = np.random.default_rng([seed, 2])
         drawn = self.world(rng) if callable(self.world) else self.world
-        truth, p = _changed(scene, SimulationParameters(), **drawn)
-        if self.shift is not None:
-            truth = _moved(truth, self.shift(truth, rng), self.roots)
-        if self.settled:
-            p = replace(p, engine=replace(p.engine, settle=SETTLE))
+        p = SimulationParameters()
         seen = noisy(scene, seed, NOISES[self.noise]) if self.noise else scene
-        if self.settled:  # before the fruits are shifted
+        if self.settled:  # before the fruits are shifted, and as stems are believed to be
+            p = replace(p, engine=replace(p.engine, settle=SETTLE))
             sway = {name: v for name, v in self.disturbance.items() if name.startswith("sway")}
             seen = seen_at_once(seen, scene, seed, _disturbed(p, sway))
+        truth, p = _changed(scene, p, **drawn)
+        if self.shift is not None:
+            truth = _moved(truth, self.shift(truth, rng), self.roots)
         if self.detector.camera_offset or self.detector.camera_turn:
             seen = miscalibrated(seen, scene, self.detector, seed)
         if self.unseen:

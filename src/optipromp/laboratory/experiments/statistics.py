@@ -197,36 +197,19 @@ def _of(function: Callable[[list[float]], Any], values: Iterable[float | None]) 
 
 
 @dataclass(frozen=True)
-class Bin:
-    """Runs whose predicted probability of failure lies in the interval [low, high).
-
-    ``predicted`` is the mean of their predictions; ``rate`` is ``failures`` over ``runs``, with its
-    95 % interval (``rate_low``, ``rate_high``).
-    """
-
-    low: float
-    high: float
-    runs: int
-    predicted: float
-    failures: int
-    rate: float
-    rate_low: float
-    rate_high: float
-
-
-@dataclass(frozen=True)
 class Reliability:
     """Predicted probabilities of failure against outcomes."""
 
-    bins: tuple[Bin, ...]
-    """Those that hold runs."""
+    bins: tuple[Cell, ...]  # those that hold runs
+    # probability that a failed run had a larger prediction than a run that succeeded (0.5: the
+    # prediction is worth nothing); NaN where all runs ended alike
     auc: float
-    """Probability that a failed run had a larger prediction than a run that succeeded (0.5: the
-    prediction is worth nothing); NaN where all runs ended alike."""
-    successes: int
-    """Number of plans whose status was ``success``."""
-    failed: int
-    """Number of these that failed in the simulation."""
+    successes: int  # number of plans whose status was success
+    failed: int  # number of these that failed in the simulation
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {**vars(self), "bins": [each.to_dict() for each in self.bins]}
 
 
 def calibration(rows: Iterable[Row]) -> Reliability | None:
@@ -241,8 +224,18 @@ def calibration(rows: Iterable[Row]) -> Reliability | None:
         inside = (told >= low) & ((told < high) | (high == EDGES[-1]))
         runs, failures = int(inside.sum()), int(failed[inside].sum())
         if runs:
-            mean, rate = float(told[inside].mean()), failures / runs
-            bins.append(Bin(low, high, runs, mean, failures, rate, *wilson(failures, runs)))
+            ends = wilson(failures, runs)
+            bins.append(
+                Cell(
+                    {
+                        "low": low, "high": high,  # of the interval [low, high)
+                        "runs": runs,
+                        "predicted": float(told[inside].mean()),
+                        "failures": failures,
+                        "rate": failures / runs, "rate_low": ends[0], "rate_high": ends[1],
+                    }
+                )
+            )  # fmt: skip
     good = [row for row in known if row.plan_status == Code.SUCCESS]
     return Reliability(
         tuple(bins),

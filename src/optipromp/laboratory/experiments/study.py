@@ -11,7 +11,6 @@ import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -176,7 +175,7 @@ def write_results(rows: Sequence[Row], cells: Sequence[Cell], folder: Path) -> t
     found = calibration(rows)
     document: dict[str, Any] = {
         "cells": [cell.to_dict() for cell in cells],
-        "calibration": None if found is None else asdict(found),
+        "calibration": None if found is None else found.to_dict(),
     }
     if any(row.loop for row in rows):
         document["loops"] = [cell.to_dict() for cell in loop_summary(rows)]
