@@ -9,9 +9,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
-
-import typer
+from typing import TYPE_CHECKING, Any, Literal
 
 from optipromp.cli.command import FAILED, OK, Report, Shown, command, exit_code
 from optipromp.cli.console import (
@@ -44,71 +42,6 @@ if TYPE_CHECKING:
 _SUFFIXES = (".yaml", ".yml", ".json")
 ORDER = "sequence.json"
 
-SceneOrFolder = Annotated[
-    str,
-    typer.Argument(
-        metavar="SCENE|DIR",
-        help="A scene file, a built-in scene's name, or a folder of scene files.",
-    ),
-]
-ChosenPlanner = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME",
-        help="promp: as learnt; i-promp: pushing by geometry; opti-promp: optimised; or another "
-        "that 'optipromp list' names.",
-    ),
-]
-Duration = Annotated[
-    float | None,
-    typer.Option(metavar="SECONDS", help="Of the motion; the shortest within limits if left out."),
-]
-ChosenConstraints = Annotated[
-    Literal["push-model", "paper"],
-    typer.Option(help="push-model: least predicted harm; paper: the paper's constraints 1-3."),
-]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Any other setting of the planner, as often as you like; 'optipromp list' names them.",
-    ),
-]
-Previous = Annotated[
-    Path | None,
-    typer.Option(metavar="PLAN_DIR", help="A plan that runs: go on from it, at --at seconds."),
-]
-At = Annotated[float | None, typer.Option(metavar="SECONDS", help="Time in the plan that runs.")]
-Targets = Annotated[
-    str | None,
-    typer.Option(
-        metavar="IDS",
-        help="Ripe fruits, separated by commas: choose their order, and plan each pick; of --out, "
-        "in a folder each.",
-    ),
-]
-Timeout = Annotated[
-    float | None, typer.Option(metavar="SECONDS", help="Give up planning after this long.")
-]
-PlanFolder = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="DIR",
-        help="Leave plan.json, trajectory.csv and .npz, waypoints.npz and figures; of a folder's "
-        "scenes, in a folder each.",
-    ),
-]
-Rate = Annotated[float, typer.Option(metavar="HZ", help="Of the rows in trajectory.csv and .npz.")]
-Figures = Annotated[
-    bool | None,
-    typer.Option(
-        "--figures/--no-figures",
-        help="Draw figures into --out; by default for one scene, not for a folder's.",
-        show_default=False,
-    ),
-]
-
 
 @dataclass(frozen=True)
 class Request:
@@ -123,16 +56,26 @@ class Request:
 
 @dataclass(frozen=True)
 class Wanted:
-    """The options that say how to plan."""
+    """The options that say how to plan.
 
-    planner: ChosenPlanner = "opti-promp"
+    Attributes:
+        planner (NAME): promp: as learnt; i-promp: pushing by geometry; opti-promp: optimised; or
+            another that 'optipromp list' names.
+        duration (SECONDS): Of the motion; the shortest within limits if left out.
+        constraints: push-model: least predicted harm; paper: the paper's constraints 1-3.
+        setting (--set KEY=VALUE): Any other setting of the planner, as often as you like;
+            'optipromp list' names them.
+        timeout (SECONDS): Give up planning after this long.
+    """
+
+    planner: str = "opti-promp"
     strategy: ChosenStrategy = "joint"
     demonstrations: Recorded = None
     seed: Seed = 0
-    duration: Duration = None
-    constraints: ChosenConstraints = "push-model"
-    setting: Settings = None
-    timeout: Timeout = None
+    duration: float | None = None
+    constraints: Literal["push-model", "paper"] = "push-model"
+    setting: list[str] | None = None
+    timeout: float | None = None
 
     def request(self) -> Request:
         """The request of these options; a learnt primitive is read from its file."""
@@ -149,20 +92,35 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Variant:
-    """The options of a plan that is not one motion from the start to the scene's target."""
+    """The options of a plan that is not one motion from the start to the scene's target.
 
-    previous: Previous = None
-    at: At = None
-    targets: Targets = None
+    Attributes:
+        previous (PLAN_DIR): A plan that runs: go on from it, at --at seconds.
+        at (SECONDS): Time in the plan that runs.
+        targets (IDS): Ripe fruits, separated by commas: choose their order, and plan each pick; of
+            --out, in a folder each.
+    """
+
+    previous: Path | None = None
+    at: float | None = None
+    targets: str | None = None
 
 
 @dataclass(frozen=True)
 class Output:
-    """The options of the files that are written."""
+    """The options of the files that are written.
 
-    out: PlanFolder = None
-    rate: Rate = 1000.0
-    figures: Figures = None
+    Attributes:
+        out (DIR): Leave plan.json, trajectory.csv and .npz, waypoints.npz and figures; of a
+            folder's scenes, in a folder each.
+        rate (HZ): Of the rows in trajectory.csv and .npz.
+        figures (--figures/--no-figures): Draw figures into --out; by default for one scene, not for
+            a folder's.
+    """
+
+    out: Path | None = None
+    rate: float = 1000.0
+    figures: bool | None = None
 
     def check(self) -> None:
         """Refuse a folder that cannot be written into, and a rate that is not above 0."""
@@ -214,7 +172,8 @@ def failed_plan(error: OptiPrompError, request: Mapping[str, Any]) -> dict[str, 
 
 @command(failure=failed_plan)
 def plan(
-    scene: SceneOrFolder,
+    scene: str,
+    /,
     wanted: Wanted,
     variant: Variant,
     output: Output,
@@ -245,6 +204,9 @@ def plan(
     optipromp plan seen-again.yaml --previous reach --at 1.5
     optipromp plan crowded-shelf.yaml --progress --timeout 30
     optipromp plan my-scene.yaml --targets ripe,n1,n3 --out picks
+
+    Args:
+        scene (SCENE|DIR): A scene file, a built-in scene's name, or a folder of scene files.
     """
     from optipromp.core.scenes.io import load_scene, scene_names
 

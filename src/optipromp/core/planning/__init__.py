@@ -3,7 +3,6 @@
 from optipromp.core.planning.legs import Picked as Picked
 from optipromp.core.planning.legs import plan_pick as plan_pick
 from optipromp.core.planning.options import STRATEGIES as STRATEGIES
-from optipromp.core.planning.options import PaperOptions as PaperOptions
 from optipromp.core.planning.options import PlanOptions as PlanOptions
 from optipromp.core.planning.options import Strategy as Strategy
 from optipromp.core.planning.plan import Detour as Detour

@@ -34,7 +34,7 @@ from optipromp.core.planning.follow import (
     uprighted,
 )
 from optipromp.core.planning.goals import clearance, narrow, passed_over
-from optipromp.core.planning.options import Searched
+from optipromp.core.planning.options import Optimised, Searched
 from optipromp.core.planning.parameters import PICK, SOLVE
 from optipromp.core.planning.result import Harmful, Planned, Stage, best_of
 from optipromp.core.planning.task import Task, pushed_aside
@@ -348,7 +348,7 @@ def following(task: Task, options: Searched, start: Start, arrays: Evaluation) -
     )  # fmt: skip
 
 
-def limits_and_clearances(task: Task, options: Searched, *further: Cost) -> list[Cost]:
+def limits_and_clearances(task: Task, options: Optimised, *further: Cost) -> list[Cost]:
     """Constraints of every problem of a task: joint limits, steps, ``further``, clearances."""
     robot, proximal = task.robot, ~np.asarray(task.body.distal)
     return [
@@ -380,7 +380,7 @@ def opposite(task: Task) -> tuple[int, int]:
     return first + int(low), first + int(high)
 
 
-def schedule(options: Searched) -> gauss_newton.GaussNewtonOptions:
+def schedule(options: Optimised) -> gauss_newton.GaussNewtonOptions:
     """The solver's default schedule, or ``options.iterations`` divided over its stages."""
     usual = gauss_newton.GaussNewtonOptions()
     if options.iterations is None:

@@ -23,12 +23,11 @@ from optipromp.core.compiled import in_cache
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.optimization.kernels import add_stiffness
 from optipromp.core.planning import tree
-from optipromp.core.planning.functionals import functional_values
-from optipromp.core.planning.options import PaperOptions, PlanOptions, Strategy, stated
+from optipromp.core.planning.options import PlanOptions, Strategy, stated
 from optipromp.core.planning.parameters import APPROACH, UNDERWAY
-from optipromp.core.planning.planner import Planner, check_way, label
+from optipromp.core.planning.planner import Planner, check_way, functionals, label
 from optipromp.core.planning.planners import OptiProMP, chosen_planner
-from optipromp.core.planning.result import Failed, Harmful, Plan, Planned, Term, Terms, best_of
+from optipromp.core.planning.result import Failed, Harmful, Plan, Planned, Terms, best_of
 from optipromp.core.planning.task import Task, approached, resolve
 from optipromp.core.planning.timing import stopped
 from optipromp.core.planning.underway import Moving, begun, later, plan_in_time, running, underway
@@ -345,7 +344,7 @@ def _plan(
         seed=task.seed, status=status, reason=reason, notes=notes, trajectory=outcome.trajectory,
         initial=outcome.begin, followed=outcome.followed or outcome.begin, prediction=prediction,
         judgement=judgement, stages=outcome.stages,
-        terms=Terms(functools.partial(_terms, task, outcome.paper or options.paper, outcome)),
+        terms=Terms(functools.partial(functionals, task, planner, options, outcome)),
         time={**outcome.time, "check": now - start, "total": now - began},
         first=outcome.first, via=outcome.via,
     )  # fmt: skip
@@ -371,26 +370,6 @@ def _status(
 def _cut(budget: Budget) -> tuple[str, ...]:
     """A note where the budget cut the search: with more time the result may differ."""
     return (f"the search was cut after {budget.used} steps",) if budget.cut else ()
-
-
-def _terms(task: Task, paper: PaperOptions, outcome: Planned) -> dict[str, Term]:
-    """Each functional at the three trajectories, and over the stage that minimises it."""
-    begin = outcome.begin
-    first, second, last = (
-        functional_values(task, paper, outcome.first, made.positions, outcome.authors)
-        for made in (begin, outcome.followed or begin, outcome.trajectory)
-    )
-    out = {}
-    for name in ("static", "avoid", "push", "velocity"):
-        stage = next((s for s in outcome.stages if name in s.terms), None)
-        out[name] = Term(
-            first.get(name, 0.0),
-            second.get(name, 0.0),
-            last.get(name, 0.0),
-            () if stage is None else tuple(item.get(name, 0.0) for item in stage.history),
-            "" if stage is None else stage.name,
-        )
-    return out
 
 
 def _stay(task: Task) -> Planned:

@@ -9,7 +9,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import Code
 from optipromp.core.files import plain
 from optipromp.core.judging import Judgement, Metrics, Overlap
-from optipromp.core.planning.options import PaperOptions, Strategy
+from optipromp.core.planning.options import Strategy
 from optipromp.core.planning.regions import reached
 from optipromp.core.planning.task import Task, as_of, passages
 from optipromp.core.pushing.model import Prediction, PushModel
@@ -93,8 +93,6 @@ class Planned:
         judgement: of the trajectory; None where the planner did not ask the judge.
         prediction: of the trajectory's push; None where the planner did not ask the push model.
         via: points of the tool that the primitive was conditioned on, the target last.
-        paper: settings of the reported functionals; None: those of the request.
-        authors: whether the functionals are reported in the forms of the authors' sequential runs.
         beyond: the least harm of the tool paths out of the arm's reach.
     """
 
@@ -108,8 +106,6 @@ class Planned:
     judgement: Judgement | None = None
     prediction: Prediction | None = None
     via: tuple[ViaPoint, ...] = ()
-    paper: PaperOptions | None = None
-    authors: bool = False
     beyond: float = math.inf
 
     @property

@@ -19,7 +19,7 @@ import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, frozen, lengths
 from optipromp.core.optimization.evaluation import Evaluation
-from optipromp.core.planning.options import Searched
+from optipromp.core.planning.options import Timed
 from optipromp.core.planning.parameters import TIMING, UNDERWAY
 from optipromp.core.planning.task import Task, stands
 from optipromp.core.pushing.parameters import PUSH
@@ -33,7 +33,7 @@ Slow = int | BoolArray | None
 
 def timed(
     task: Task,
-    options: Searched,
+    options: Timed,
     q: FloatArray,
     slow: Slow,
     speed: float | None = None,
@@ -400,7 +400,7 @@ def slowly(task: Task, q: FloatArray, first: int | None) -> Slow:
 
 
 def paced(
-    task: Task, options: Searched, q: FloatArray, first: int | None, speed: float | None
+    task: Task, options: Timed, q: FloatArray, first: int | None, speed: float | None
 ) -> Trajectory:
     """Waypoints (T, n) as a trajectory whose tool is slow where :func:`slowly` asks for it.
 

@@ -13,9 +13,9 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.geometry import Box, Sphere
 from optipromp.core.planning import Plan, PlanOptions, Strategy, plan
-from optipromp.core.planning.options import PaperOptions
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import SceneObject
+from optipromp.laboratory.planners.functionals import PaperOptions
 
 if TYPE_CHECKING:
     from optipromp.core.promp.model import ProMP
