@@ -383,6 +383,10 @@ def test_the_notes_of_a_plan_are_fields_and_its_message_has_them(tmp_path: Path)
     assert made.to_dict()["message"] == made.message
     write_plan(made, tmp_path)
     again = load_plan(tmp_path)
-    assert again.message == made.message
+    assert (again.message, again.reason, again.notes) == (made.message, made.reason, made.notes)
     assert again.judgement.metrics.to_dict() == made.metrics.to_dict()
     assert again.contacts == again.judgement.contacts == ()
+    document = json.loads((tmp_path / "plan.json").read_text())
+    del document["reason"], document["notes"]  # as older files are
+    (tmp_path / "plan.json").write_text(json.dumps(document))
+    assert load_plan(tmp_path).message == made.message
