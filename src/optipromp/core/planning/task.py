@@ -69,7 +69,7 @@ class Task:
         only: the tool path to follow; None: a search finds the paths.
         sparing: whether the planner may answer :class:`Harmful` instead of following a path.
         beyond: the least harm of the tool paths out of the arm's reach.
-        back: the push model of a retreat, for its whole motion; None: the task is none.
+        back: the push model of a retreat, which predicts its whole motion; None for other motions.
         courses: how pushables move about their places in ``scene``, by id; see :func:`as_of`.
         begun: whether ``state`` replaces the scene's start: the tool may be among fruits already.
     """
