@@ -6,7 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from optipromp.core import judging
 from optipromp.core.errors import Code, InvalidSceneError
+from optipromp.core.judging import Violation
 from optipromp.core.planning import Plan, plan
 from optipromp.core.scenes.io import load_scene
 from optipromp.laboratory.generate import generate
@@ -48,6 +50,20 @@ def test_no_harm_is_claimed_without_a_prediction_and_long_lists_end(made: Plan) 
         "Passes n7 at 120 mm, pushes it 20 mm aside, no harm.", "Passes n0 at 50 mm, no harm.",
         "Passes n1 at 60 mm, no harm.", "Passes 6 more, no harm.",
     ]  # fmt: skip
+
+
+def test_the_table_does_not_judge_again(made: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It judged every plan that it showed a second time."""
+
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("judged again")
+
+    monkeypatch.setattr(judging, "judge", never)
+    wrong = Violation("goal", "the goal is missed")
+    judgement = replace(made.judgement, violations=(wrong,))
+    shown = telling.table(replace(made, judgement=judgement))
+    assert "<li>the goal is missed</li>" in shown
+    assert "<li>" not in telling.table(made)
 
 
 def test_every_code_has_words_and_none_is_shown(made: Plan) -> None:

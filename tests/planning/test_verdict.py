@@ -3,7 +3,7 @@
 import hashlib
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,6 +21,7 @@ from optipromp.core.errors import Code, StartInvalidError
 from optipromp.core.judging import centers
 from optipromp.core.output import FILES
 from optipromp.core.planning import PlanOptions, plan
+from optipromp.core.planning.result import best_of
 from optipromp.core.planning.task import resolve, spaced
 from optipromp.core.planning.verdict import predicted, verdict_of
 from optipromp.core.scenes import Scene, SceneObject, load_scene
@@ -349,3 +350,43 @@ def test_whoever_asks_is_told_the_same_at_length(
     scene: Scene, seed: int, again_at: float | None, tampered: str
 ) -> None:
     assert_one_verdict(scene, seed, again_at, tampered, report=tampered == "nothing")
+
+
+# --- the one loop, and what a plan says ----------------------------------------------------------
+
+
+def test_the_best_motion_is_the_first_of_least_rank_and_no_more_are_made() -> None:
+    asked = []
+
+    def motions() -> Iterator[tuple[int, str]]:
+        for one in ((3, "a"), (1, "b"), (1, "c"), (0, "d"), (0, "e")):
+            asked.append(one[1])
+            yield one
+
+    assert best_of(motions(), lambda one: one[0]) == (0, "d")
+    assert asked == [*"abcde"]
+    asked.clear()
+    assert best_of(motions(), lambda one: one[0], lambda best: best[0] <= 1) == (1, "b")
+    assert asked == [*"ab"]
+    assert best_of(motions(), lambda one: one[0], best=(0, "before")) == (0, "before")
+    assert best_of(iter(()), lambda one: one) is None
+
+
+def test_the_notes_of_a_plan_are_fields_and_its_message_has_them(tmp_path: Path) -> None:
+    """They were glued into the message, and cut out again where they were in the way."""
+    made = plan("scenario-3")
+    verdict = verdict_of(made)
+    assert made.notes == verdict.notes != ()
+    assert "note" not in made.reason
+    assert made.message == "; note: ".join([made.reason, *made.notes]) == verdict.message
+    assert made.judgement.violations == ()
+    assert made.to_dict()["message"] == made.message
+    write_plan(made, tmp_path)
+    again = load_plan(tmp_path)
+    assert (again.message, again.reason, again.notes) == (made.message, made.reason, made.notes)
+    assert again.judgement.metrics.to_dict() == made.metrics.to_dict()
+    assert again.contacts == again.judgement.contacts == ()
+    document = json.loads((tmp_path / "plan.json").read_text())
+    del document["reason"], document["notes"]  # as older files are
+    (tmp_path / "plan.json").write_text(json.dumps(document))
+    assert load_plan(tmp_path).message == made.message

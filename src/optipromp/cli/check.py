@@ -148,7 +148,7 @@ def check(
         summary = _SUMMARIES[kind](item)
         if out is not None:
             from optipromp.core.scenes.io import load_scene
-            from optipromp.looks.viewer.reach import scene_pictures
+            from optipromp.looks.viewer.figures import scene_pictures
 
             say_if_compiling()
             with waiting("drawing"):

@@ -107,6 +107,8 @@ class _PlanFile(BaseModel):
     risk: Annotated[float, Field(gt=0.0, lt=1.0)]
     status: Code
     message: Annotated[str, Field(min_length=1)]
+    reason: str | None = None  # of older files: in the message, with the notes
+    notes: tuple[str, ...] = ()
     metrics: Metrics
     terms: dict[str, Term]
     stages: tuple[Stage, ...]
@@ -193,7 +195,7 @@ def _plan(found: _PlanFile, scene: Scene, rows: Mapping[str, Any], file: Path) -
         strategy=found.strategy,
         seed=found.seed,
         status=found.status,
-        reason=found.message,
+        reason=found.reason or found.message,
         trajectory=curve,
         initial=curves[1],
         followed=curves[2],
@@ -204,6 +206,7 @@ def _plan(found: _PlanFile, scene: Scene, rows: Mapping[str, Any], file: Path) -
         time=found.time,
         first=found.first,
         via=tuple(ViaPoint(via.name, np.array(via.position)) for via in found.via),
+        notes=found.notes,
     )
 
 
@@ -238,7 +241,9 @@ def _document(plan: Plan, folder: Path) -> dict[str, Any]:
     with suppress(OptiPrompError):  # a mesh made in memory: the plan is still worth writing
         if _alike(posed(plan.scene)[0], plan.robot):
             scene = scene_to_dict(plan.scene, base_dir=folder)
-    return plan.to_dict() | {"format": FORMAT, "version": version("optipromp"), "scene_file": scene}
+    said = {"reason": plan.reason, "notes": list(plan.notes)}
+    of_file = {"format": FORMAT, "version": version("optipromp"), "scene_file": scene}
+    return plan.to_dict() | said | of_file
 
 
 def _alike(one: Robot, other: Robot) -> bool:

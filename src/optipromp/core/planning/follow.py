@@ -11,6 +11,9 @@ here to keep the order of its sums: the end rows are exact to a variance of 1e-1
 changes plans by 1e-7 rad. The update is iterated, because the Jacobian depends on the
 configuration. The arm's posture, which the path leaves free, stays as it was demonstrated. Inverse
 kinematics then removes the remaining millimetres between the tool and the path.
+
+At the end stand the other starts of the optimisation: along the constraints of a path, and round
+obstacles by the corners of :mod:`optipromp.core.planning.tree`.
 """
 
 import math

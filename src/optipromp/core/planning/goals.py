@@ -13,8 +13,7 @@ from optipromp.core.optimization.costs.obstacles import self_overlap
 from optipromp.core.optimization.evaluation import Evaluation
 from optipromp.core.planning import collision
 from optipromp.core.planning.parameters import GOAL
-from optipromp.core.planning.regions import poses
-from optipromp.core.planning.task import Task
+from optipromp.core.planning.task import Task, poses
 from optipromp.core.robots import ik
 from optipromp.core.robots.roll import level, rolled
 from optipromp.core.scenes.scene import JointGoal, PoseGoal, RegionGoal

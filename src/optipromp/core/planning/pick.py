@@ -53,12 +53,12 @@ from optipromp.core.trajectory import Trajectory
 
 def pick(
     task: Task, promp: ProMP, options: Searched, goals: FloatArray, budget: Budget,
-    harmless_only: bool = False,
+    sparing: bool = False,
 ) -> Planned | Harmful:  # fmt: skip
     """The valid trajectory of least predicted harm; without a valid one, the best of the others.
 
     ``task``: to be solved. ``promp``: the primitive. ``options``: see :class:`Searched`. ``goals``:
-    configurations (m, n), best first. ``budget``: of the plan. ``harmless_only``: a path whose
+    configurations (m, n), best first. ``budget``: of the plan. ``sparing``: a path whose
     predicted harm is above the threshold is not followed. The answer is :class:`Harmful` where all
     paths are such.
     """
@@ -66,14 +66,14 @@ def pick(
     rng = np.random.default_rng(task.seed)
     solver = Solver(task, options, budget, task.push_model(goals[0]))
     refused, scores = list[ToolPath](), list[float]()
-    most = PICK.few_tries if harmless_only else PICK.tries
+    most = PICK.few_tries if sparing else PICK.tries
     beyond, good = task.beyond, np.inf
 
     def followed() -> Iterator[Attempt]:
         nonlocal beyond, good
         paths = tool_paths(solver, rng, lambda good: min(scores, default=np.inf) <= good)
         for path, good in paths:
-            if harmless_only and solver.searched and path.harm > solver.searched.threshold:
+            if sparing and solver.searched and path.harm > solver.searched.threshold:
                 refused.append(path)
                 continue
             attempt = follow_path(solver, path, promp, goals, rng)
@@ -87,7 +87,7 @@ def pick(
     def enough(best: Attempt) -> bool:
         if best.score <= good or budget.spent():
             return True
-        return len(scores) >= most and (harmless_only or not best.roomy)
+        return len(scores) >= most and (sparing or not best.roomy)
 
     best = best_of(followed(), attrgetter("score"), enough)
     if best is None and refused:

@@ -117,8 +117,8 @@ class OptiProMP(Searched):
         if not len(chosen.q):
             return chosen.failed
         budget.say("optimising (joint)")
-        harmless_only = task.sparing and chosen.free
-        return chosen.told(pick(task, promp, self, chosen.q, budget, harmless_only))
+        sparing = task.sparing and chosen.free
+        return chosen.told(pick(task, promp, self, chosen.q, budget, sparing))
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,7 @@ from optipromp.core.errors import Code
 from optipromp.core.files import plain
 from optipromp.core.judging import Judgement, Metrics, Overlap
 from optipromp.core.planning.options import Strategy
-from optipromp.core.planning.regions import reached
-from optipromp.core.planning.task import Task, as_of, passages
+from optipromp.core.planning.task import Task, as_of, passages, reached
 from optipromp.core.pushing.model import Prediction, PushModel
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
