@@ -91,7 +91,7 @@ class SpheroidRows(NamedTuple):
     half: FloatArray
 
 
-def balls_of(x: FloatArray, axes: FloatArray) -> SpheroidRows:
+def balls_through(x: FloatArray, axes: FloatArray) -> SpheroidRows:
     """The spheroids of states (R, 7)."""
     radius = np.exp(x[:, 3])
     return SpheroidRows(x[:, :3], axis_of(x, axes)[0], radius, radius * np.exp(x[:, 4]))

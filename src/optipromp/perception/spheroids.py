@@ -13,7 +13,7 @@ from optipromp.perception.balls import (
     FitData,
     SpheroidRows,
     axis_of,
-    balls_of,
+    balls_through,
     descended,
     padded,
     planar,
@@ -86,7 +86,7 @@ def shown_of(
     size = np.exp(x[:, 3] + np.maximum(x[:, 4], 0.0)) * focal / x[:, 2]  # [pixel]
     noise = p.depth_noise * x[:, 2] ** 2
     slack = slack_of(x[:, 2], p)[:, None]
-    balls = balls_of(x, axes)
+    balls = balls_through(x, axes)
     ticks = np.linspace(-WIDE, WIDE, GRID)
     grid = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
     rays, depth, colour = _at(picture, colours, middle[:, None] + size[:, None, None] * grid)
@@ -282,7 +282,7 @@ class Spheroid:
         return float(np.dot(ODDS, told))
 
 
-def fitted(
+def fitted_spheroids(
     picture: DepthPicture, pixels: BoolArray, up: FloatArray, p: EyeParameters
 ) -> Spheroid | None:
     """The likeliest spheroid of a fruit's pixels (:func:`all_fitted`); None if they show none."""

@@ -30,7 +30,7 @@ from optipromp.ros.live import (
     in_base,
     read_detections,
 )
-from optipromp.ros.scenes import quaternion, vector
+from optipromp.ros.scenes import read_quaternion, vector
 from optipromp.ros.trajectories import NANO, joint_motion, nanoseconds, stretch_trajectory
 from optipromp.ros.types import Message, message
 
@@ -60,7 +60,7 @@ class Frames:
         for one in item.transforms:
             name, up = one.child_frame_id.lstrip("/"), one.header.frame_id.lstrip("/")
             to = one.transform
-            pose = Pose(vector(to.translation), quaternion(to.rotation))
+            pose = Pose(vector(to.translation), read_quaternion(to.rotation))
             if still:
                 self.still[name] = (up, pose)
                 continue

@@ -122,16 +122,16 @@ def _beyond(shape: Shape, points: FloatArray) -> FloatArray:
     return np.asarray((points @ faces[:, :3].T + faces[:, 3]).max(axis=1))
 
 
-def seen(corners: FloatArray) -> list[FloatArray]:
+def seen_polygon(corners: FloatArray) -> list[FloatArray]:
     """A solid seen along x: the convex polygon of its ``corners`` (N, 3) in tool axes."""
     return [hull(corners[:, [2, 1]].round(15))]  # corners one behind the other are one
 
 
-def swept(corners: FloatArray) -> list[FloatArray]:
+def swept_polygons(corners: FloatArray) -> list[FloatArray]:
     """The volume that a solid sweeps as it turns about z, seen along x, as convex polygons."""
     low, high, inner, outer = profile(corners)
     sides = [(-outer, outer)] if inner == 0.0 else [(inner, outer), (-outer, -inner)]
-    parts = [rectangle(low, high, a, b) for a, b in sides]
+    parts = [strip(low, high, a, b) for a, b in sides]
     if inner == 0.0:
         x, y, u = corners.T
         across = np.hypot(x, y)
@@ -140,7 +140,7 @@ def swept(corners: FloatArray) -> list[FloatArray]:
     return parts
 
 
-def rectangle(low: float, high: float, a: float, b: float) -> FloatArray:
+def strip(low: float, high: float, a: float, b: float) -> FloatArray:
     """Corners (4, 2) of a rectangle: ``low`` to ``high`` along the tool axis, a to b across it."""
     return np.array([[low, a], [high, a], [high, b], [low, b]])
 
