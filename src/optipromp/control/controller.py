@@ -42,7 +42,7 @@ from optipromp.control.tracker import Tracked, Tracker
 from optipromp.control.tracks import TrackerParameters
 from optipromp.core.arrays import FloatArray, frame_along, rotation
 from optipromp.core.budget import between_steps, pause
-from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
+from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning import Plan, plan
 from optipromp.core.planning.plan import compile_once
@@ -81,7 +81,7 @@ def with_covariance(item: SceneObject, parameters: LoopParameters) -> SceneObjec
 
 def excess_harm(made: Plan | OptiPrompError) -> float:
     """Predicted harm over what a success may have; 0 without a model, infinite without a motion."""
-    if isinstance(made, OptiPrompError) or made.status not in (Code.SUCCESS, Code.HARM_PREDICTED):
+    if isinstance(made, OptiPrompError) or not made.valid:
         return math.inf
     return 0.0 if made.prediction is None else made.prediction.harm / made.prediction.threshold
 

@@ -15,10 +15,9 @@ from optipromp.control.tracker import Tracked
 from optipromp.core import judging
 from optipromp.core.arrays import FloatArray, frozen, lengths
 from optipromp.core.execution.streaming import Stretch
-from optipromp.core.planning.fastest import needs
 from optipromp.core.planning.result import Plan
 from optipromp.core.planning.task import posed, spaced
-from optipromp.core.planning.timing import stopped
+from optipromp.core.planning.timing import needs, stopped
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject, Stem

@@ -29,12 +29,12 @@ from optipromp.laboratory.simulation.parameters import SimulationParameters
 
 def run_document(run: Run) -> dict[str, Any]:
     """The JSON document of a run: its outcome, seed, version and times."""
-    from optipromp import __version__
+    from importlib.metadata import version
 
     return {
         "scene": run.scene.name,
         "seed": run.seed,
-        "version": __version__,
+        "version": version("optipromp"),
         **run.outcome.to_dict(),
         "seconds": run.seconds,
         "real_time_factor": run.real_time_factor,
