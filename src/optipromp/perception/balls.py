@@ -13,19 +13,12 @@ HUBER = 2.0  # [standard deviations] beyond which a residual counts linearly: a 
 
 
 class FitData(NamedTuple):
-    """What R fits use, padded with weights 0.
+    """What R fits use, padded with weights 0."""
 
-    Attributes:
-        points: (R, P, 3) of fronts [m].
-        weights: (R, P) [1/m].
-        rays: (R, K, 3) through free outlines.
-        pulls: (R, K) their weights [1/m].
-    """
-
-    points: FloatArray
-    weights: FloatArray
-    rays: FloatArray
-    pulls: FloatArray
+    points: FloatArray  # (R, P, 3) of fronts [m]
+    weights: FloatArray  # (R, P) [1/m]
+    rays: FloatArray  # (R, K, 3) through free outlines
+    pulls: FloatArray  # (R, K) their weights [1/m]
 
 
 def axis_of(x: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
