@@ -10,7 +10,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.processes import in_threads
 from optipromp.core.robots.description import LinkShape, mesh_file, mesh_name, rotation_of
-from optipromp.core.robots.spheres import cover_box, cover_capsule, cover_cylinder
+from optipromp.core.robots.tool_geometry import cover_box, cover_capsule, cover_cylinder
 from optipromp.readers.chain import Placement
 from optipromp.readers.fit import MOST_SAMPLES, count_samples, finer, fit_covers
 from optipromp.readers.meshes import MOST_TRIANGLES, triangles
