@@ -10,8 +10,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry.distances import distances
 from optipromp.core.geometry.obstacles import pack
-from optipromp.core.geometry.shapes import BOX, GRID, Shape
-from optipromp.core.robots.meshes import box_axes
+from optipromp.core.geometry.shapes import BOX, GRID, Shape, box_axes
 
 MAX_SPHERES = 40  # per box or cylinder, chosen
 _SLACK = 1.0 + 1e-9  # factor of the radii, against rounding of points on the surface
