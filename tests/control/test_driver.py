@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from optipromp.control import Tracker
-from optipromp.control.driver import Driver, Route, way_back
+from optipromp.control.driver import Driver, Route, path_back
 from optipromp.control.parameters import CONTROL
 from optipromp.control.tracker import Tracked
 from optipromp.core import judging
@@ -154,7 +154,7 @@ def test_no_course_leads_through_what_stands(made: Plan) -> None:
 
 def test_the_way_back_leads_through_its_points_at_its_speed(made: Plan) -> None:
     q = made.trajectory.positions[made.first : -20][::-1]
-    back = way_back(made.robot, q, 0.1)
+    back = path_back(made.robot, q, 0.1)
     assert np.array_equal(back.positions[0], q[0])
     assert np.array_equal(back.positions[-1], q[-1])
     assert shares(made.robot, back) <= 1.0
@@ -166,6 +166,6 @@ def test_the_way_back_leads_through_its_points_at_its_speed(made: Plan) -> None:
     speeds = np.linalg.norm(np.diff(points, axis=0), axis=1) / 2e-3
     assert np.median(speeds) > 0.08
     assert speeds.max() < 0.13
-    still = way_back(made.robot, np.tile(q[0], (3, 1)), 0.1)  # nothing was passed yet
+    still = path_back(made.robot, np.tile(q[0], (3, 1)), 0.1)  # nothing was passed yet
     assert np.ptp(still.positions, axis=0).max() == 0.0
     assert isinstance(Stretch(still, 0.0), Stretch)

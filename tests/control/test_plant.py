@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from optipromp.control import Look, Tracker
-from optipromp.control.driver import appeared, changed, displaced, scene_of, target_row, unseen
+from optipromp.control.driver import appeared, changed, displaced, target_row, tracked_scene, unseen
 from optipromp.control.parameters import CONTROL
 from optipromp.control.stiffness import FACTORS, Stiffness, assumed, by_wrench
 from optipromp.core.geometry.shapes import Sphere
@@ -61,7 +61,7 @@ def test_a_common_motion_is_no_change_of_the_fruits_against_each_other() -> None
     np.testing.assert_allclose(places, [item.position for item in FRUITS])
     np.testing.assert_allclose(moved[:, 0], 0.004, atol=0.003)
     assert changed(SCENE, tracked) < 0.001
-    bare = scene_of(SCENE, tracked, moved.mean(axis=0))
+    bare = tracked_scene(SCENE, tracked, moved.mean(axis=0))
     for before, after in zip(FRUITS, bare.objects, strict=True):
         assert np.linalg.norm(after.position - before.position) < 0.001
 

@@ -10,7 +10,12 @@ from hypothesis import strategies as st
 
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.library import load_robot
-from optipromp.core.robots.spheres import MAX_SPHERES, cover_box, cover_capsule, cover_cylinder
+from optipromp.core.robots.tool_geometry import (
+    MAX_SPHERES,
+    cover_box,
+    cover_capsule,
+    cover_cylinder,
+)
 
 Writer = Callable[..., Path]
 RNG = np.random.default_rng(0)

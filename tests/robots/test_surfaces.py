@@ -9,7 +9,7 @@ import pytest
 
 from optipromp.core.arrays import rotation
 from optipromp.core.robots import load_robot
-from optipromp.core.robots.spheres import cover_box, cover_cylinder
+from optipromp.core.robots.tool_geometry import cover_box, cover_cylinder
 from optipromp.readers.self_collision import hulls_touch, of_box, of_rod, parts
 
 

@@ -25,8 +25,8 @@ from optipromp.ros import (
     write_bag,
 )
 from optipromp.ros.live import read_goal
+from optipromp.ros.loop import MOVEIT
 from optipromp.ros.scenes import pose_message
-from optipromp.ros.service import MOVEIT
 from optipromp.ros.types import constants
 
 SCENE = load_scene("scenario-3")

@@ -47,7 +47,7 @@ from optipromp.bench.tracks import (
 )
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.processes import THREADS, packed
+from optipromp.core.processes import THREADS, pickled
 from optipromp.core.scenes.io import scene_from_dict, scene_to_dict
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.trajectory import Trajectory
@@ -263,12 +263,12 @@ class Apart(Remote):
         if self._process is None or self._process.poll() is not None:
             self.close()
             self._start()
-        told = packed(("make", str(Path.cwd()), self.spec, self.track))
+        told = pickled(("make", str(Path.cwd()), self.spec, self.track))
         self._ask(told, self.patience.start, bool)
 
     def plan(self, *given: Any) -> Trajectory | Refused:
         """The answer of the entry's ``plan``. Raises EntryError where there is none."""
-        return self._ask(packed(("plan", *given)), self.patience.plan, self._motion)
+        return self._ask(pickled(("plan", *given)), self.patience.plan, self._motion)
 
     def _motion(self, answer: dict[str, Any]) -> Trajectory | Refused:
         if isinstance(answer.get("refused"), str):
@@ -285,11 +285,11 @@ class Apart(Remote):
 
     def reset(self, scene: Scene, seed: int) -> None:
         """See :class:`optipromp.bench.tracks.Acting`."""
-        self._ask(packed(("reset", scene, seed)), self.patience.reset, bool)
+        self._ask(pickled(("reset", scene, seed)), self.patience.reset, bool)
 
     def act(self, seen: Observation) -> FloatArray:
         """See :class:`optipromp.bench.tracks.Acting`."""
-        return self._ask(packed(("act", seen)), self.patience.act, velocity_of)
+        return self._ask(pickled(("act", seen)), self.patience.act, velocity_of)
 
     def _start(self) -> None:
         ours, theirs = socket.socketpair()

@@ -23,15 +23,10 @@ Whose = Annotated[
 
 @dataclass(frozen=True)
 class Named:
-    """The robot that a command's options name.
+    """The robot that a command's options name."""
 
-    Attributes:
-        name: of the robot, or path; None: not named.
-        choice: of the arm in its file; relative paths start at the working directory.
-    """
-
-    name: str | None
-    choice: "Choice"
+    name: str | None  # of the robot, or path; None: not named
+    choice: "Choice"  # of the arm in its file; relative paths start at the working directory
 
     def __bool__(self) -> bool:
         from optipromp.core.robots.library import NOTHING

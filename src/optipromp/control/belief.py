@@ -42,7 +42,7 @@ class Pairing:
         return min(tracks, detections) - good >= max(2.0, tracks / 3)
 
 
-def paired(
+def pairing(
     state: PlantState,
     expected: FloatArray,
     noise: FloatArray,
@@ -252,7 +252,7 @@ class Arrival:
 
 
 @dataclass(frozen=True, eq=False)
-class Record:
+class LookRecord:
     """Innovations of one look: ``squares`` (k,) of the tracks ``ids``."""
 
     time: float
@@ -260,7 +260,7 @@ class Record:
     squares: FloatArray
 
 
-def begun(state: PlantState, first: tuple[SceneObject, ...], world: Setting) -> Belief:
+def first_belief(state: PlantState, first: tuple[SceneObject, ...], world: Setting) -> Belief:
     """The belief before any look: ``first`` objects, seen at an unknown earlier time."""
     given = world.parameters
     identity = np.eye(3)
@@ -280,7 +280,7 @@ def begun(state: PlantState, first: tuple[SceneObject, ...], world: Setting) -> 
     return Belief(-math.inf, state, tracks)
 
 
-def step(belief: Belief, event: Arrival, world: Setting) -> tuple[Belief, Record]:
+def after_look(belief: Belief, event: Arrival, world: Setting) -> tuple[Belief, LookRecord]:
     """The belief after a look, which must not be older than the belief, and its innovations."""
     given, seen, tracks = world.parameters, event.seen, belief.tracks
     state = belief.state
@@ -303,7 +303,7 @@ def step(belief: Belief, event: Arrival, world: Setting) -> tuple[Belief, Record
         return np.asarray(sight & (lengths(places - centre) <= far))
 
     looked_at = shown(expected)
-    pairs = paired(state, expected, noise, tracks, seen, given, looked_at)
+    pairs = pairing(state, expected, noise, tracks, seen, given, looked_at)
     shaken = False
     sure = np.array([track.confirmed for track in tracks], dtype=bool)
     if sure.sum() > 2 and pairs.surprised(int(sure.sum()), len(seen.items)):
@@ -311,14 +311,14 @@ def step(belief: Belief, event: Arrival, world: Setting) -> tuple[Belief, Record
         if shaken := bool(shift.any()):
             expected = expected + shift
             looked_at = shown(expected)
-            pairs = paired(state, expected, noise, tracks, seen, given, looked_at)
+            pairs = pairing(state, expected, noise, tracks, seen, given, looked_at)
             state = state.shaken(math.sqrt(float(shift @ shift)))
     state, record = _corrected(state, pairs, event, expected, (push, pushes), belief, given)
     if belief.time > -math.inf and given.learning > 0.0:
         share = -math.expm1(-(event.time - belief.time) / given.learning)
         state = state.learnt(share, _amplitudes(state.layout, given))
     if shaken:
-        record = Record(event.time, (), np.zeros(0))
+        record = LookRecord(event.time, (), np.zeros(0))
     tracks = _counted(tracks, pairs, event, push, looked_at, world)
     belief = replace(belief, time=event.time, state=state, tracks=tracks, left=left)
     return _renewed(belief, pairs, event, world, centre), record
@@ -359,7 +359,7 @@ def _corrected(
     pushes: tuple[FloatArray, FloatArray],
     belief: Belief,
     given: TrackerParameters,
-) -> tuple[PlantState, Record]:
+) -> tuple[PlantState, LookRecord]:
     """The state after its matches; those within the gate come first and are recorded.
 
     What is outside the gate for the first time may be an error of the look; the second time the
@@ -368,7 +368,7 @@ def _corrected(
     order = np.argsort(pairs.jumped, kind="stable")
     one, other, jumped = pairs.tracks[order], pairs.detections[order], pairs.jumped[order]
     if not len(one):
-        return state, Record(event.time, (), np.zeros(0))
+        return state, LookRecord(event.time, (), np.zeros(0))
     push, errors = pushes
     seen = event.seen.positions[other]
     noise = _white(event.seen.covariances[other], given) + errors[one]
@@ -382,7 +382,7 @@ def _corrected(
     state, squares = state.updated(one, seen - push[one], noise, one[held])
     count = int((~jumped).sum())
     ids = tuple(belief.tracks[k].id for k in one[:count].tolist())
-    return state, Record(event.time, ids, squares[:count])
+    return state, LookRecord(event.time, ids, squares[:count])
 
 
 def _counted(

@@ -165,7 +165,7 @@ def _curve(
 MOVED = 1e-4  # [m] of a predicted push, below which a fruit counts as free: a choice
 
 
-def scene_of(
+def tracked_scene(
     base: Scene, tracked: Tracked, offset: FloatArray | None = None, stems: Stiffness | None = None
 ) -> Scene:
     """The scene to plan in: what stands still in ``base``, and the tracked fruits at rest.
@@ -264,7 +264,7 @@ def unseen(tracked: Tracked, eye: FloatArray, since: float) -> dict[str, str | N
     return out
 
 
-def settled(tracked: Tracked, most: float) -> bool:
+def rests_known(tracked: Tracked, most: float) -> bool:
     """Whether the rest of every fruit in view is known to a standard deviation ``most`` [m]."""
     fresh = tracked.time - tracked.last_seen < 0.3  # [s] in view: a choice
     spread = np.linalg.eigvalsh(tracked.rest_covariance[fresh & tracked.confirmed])
@@ -306,7 +306,7 @@ def changed(planned: Scene, tracked: Tracked) -> float:
     return float(np.linalg.norm(moved - moved.mean(axis=0), axis=1).max(initial=0.0))
 
 
-def motion_of(route: Route, phase: float) -> tuple[FloatArray, FloatArray] | None:
+def push_motion(route: Route, phase: float) -> tuple[FloatArray, FloatArray] | None:
     """Points and axes (P, 3) of the tool on the approach of a route until ``phase`` [s].
 
     None before the approach, and while the tool surely touches nothing.
@@ -324,7 +324,7 @@ def motion_of(route: Route, phase: float) -> tuple[FloatArray, FloatArray] | Non
 
 def pushed_by(route: Route, phase: float) -> dict[str, FloatArray]:
     """Displacement (3,) of each fruit that the push of a route moves until ``phase`` [m], by id."""
-    motion = motion_of(route, phase)
+    motion = push_motion(route, phase)
     if motion is None:
         return {}
     assert route.plan is not None
@@ -493,7 +493,7 @@ def _ahead(route: Route, phase: float, begins: float, field: Displacement) -> Fl
     return field.at(route.points[row], begins + np.maximum(times - phase, 0.0))
 
 
-def way_back(robot: Robot, q: FloatArray, speed: float) -> Trajectory:
+def path_back(robot: Robot, q: FloatArray, speed: float) -> Trajectory:
     """The trajectory through configurations ``q`` (k, n) at a ``speed`` of the tool [m/s]."""
     points, _ = robot.tool_pose(q)
     gone = np.append(0.0, np.cumsum(lengths(np.diff(points, axis=0)))) + 1e-6 * np.arange(len(q))

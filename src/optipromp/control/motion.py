@@ -62,7 +62,7 @@ class Oscillators:
         )
 
 
-def drives(sway: Oscillators, swing: Oscillators) -> FloatArray:
+def coupling(sway: Oscillators, swing: Oscillators) -> FloatArray:
     """X (F, K, 2, 2) of the module, of K frequencies of the sway and F swings."""
     ws, zs, wy, zy = sway.omega, sway.zeta, swing.omega, swing.zeta
     count, bank = len(wy), len(ws)
@@ -180,11 +180,11 @@ class PlantState:
 
     @cached_property
     def drives(self) -> FloatArray:
-        """X (F, K, 2, 2), see :func:`drives`."""
+        """X (F, K, 2, 2), see :func:`coupling`."""
         bank, own = 2 * self.layout.bank, self.oscillators
         swing = Oscillators(own.omega[bank::2], own.zeta[bank::2], own.sigma[bank::2])
         sway = Oscillators(own.omega[:bank:2], own.zeta[:bank:2], own.sigma[:bank:2])
-        return drives(sway, swing)
+        return coupling(sway, swing)
 
     def moves(self, ahead: FloatArray) -> FloatArray:
         """Displacements (M, F, 3) of the fruits from their rests, ``ahead`` (M,) [s] from now."""

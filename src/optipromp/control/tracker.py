@@ -12,7 +12,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.stats import chi2
 
-from optipromp.control.belief import Arrival, Belief, Record, Setting, begun, step, target_of
+from optipromp.control.belief import (
+    Arrival,
+    Belief,
+    LookRecord,
+    Setting,
+    after_look,
+    first_belief,
+    target_of,
+)
 from optipromp.control.look import Look
 from optipromp.control.motion import Plant
 from optipromp.control.tracks import ROLES, Frame, Seen, TrackerParameters, push_noise
@@ -247,7 +255,7 @@ class _Entry:
     before: Belief
     event: Arrival
     after: Belief
-    record: Record
+    record: LookRecord
 
 
 class Tracker:
@@ -287,9 +295,9 @@ class Tracker:
         static = scene.obstacles("static") if scene.static else None
         self._world = Setting(given, Frame(scene.up, plant.axes), static, names)
         self._tool = tool
-        self._start = begun(plant.still(), objects, self._world)
+        self._start = first_belief(plant.still(), objects, self._world)
         self._entries: list[_Entry] = []
-        self._records: list[Record] = []
+        self._records: list[LookRecord] = []
         self._dropped = 0
 
     @property
@@ -377,7 +385,7 @@ class Tracker:
 
     def _fold(self, event: Arrival) -> None:
         before = self._newest
-        after, record = step(before, event, self._world)
+        after, record = after_look(before, event, self._world)
         self._entries.append(_Entry(before, event, after, record))
 
     def _forget(self) -> None:

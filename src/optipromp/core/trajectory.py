@@ -323,7 +323,7 @@ def read_trajectory(path: str | Path, joint_names: Sequence[str]) -> Trajectory:
       ``accelerations``; ``joint_names`` (n,), by default in the robot's order.
     - a folder of ``optipromp plan --out``.
 
-    Columns are matched to joints by name; see :func:`columns`. See :func:`curve` for rows without
+    Columns are matched by name; see :func:`joint_columns`. See :func:`curve` for rows without
     velocities and accelerations. Times may begin anywhere and be unevenly spaced.
 
     Args:
@@ -362,7 +362,7 @@ def curve(
     taken: the mean of both sides. ``names``: of the n columns. ``joint_names``: of the robot, in
     its order.
     """
-    order = columns(names, joint_names, "the trajectory")
+    order = joint_columns(names, joint_names, "the trajectory")
     times = np.asarray(times, dtype=np.float64)
     positions, velocities, accelerations = (
         None if values is None else np.asarray(values, dtype=np.float64)[:, order]
@@ -377,7 +377,7 @@ def curve(
     return Trajectory(times, positions, velocities, accelerations, tuple(joint_names))
 
 
-def columns(names: Sequence[str], joints: Sequence[str], what: str) -> list[int]:
+def joint_columns(names: Sequence[str], joints: Sequence[str], what: str) -> list[int]:
     """The index in ``names`` of each of the n ``joints``; further names are ignored.
 
     Drivers put a prefix before all names of an arm (``fr3_joint1``). If the joints are not among

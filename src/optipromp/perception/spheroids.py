@@ -13,7 +13,7 @@ from optipromp.perception.balls import (
     FitData,
     SpheroidRows,
     axis_of,
-    balls_of,
+    balls_through,
     descended,
     padded,
     planar,
@@ -36,15 +36,10 @@ BEYOND = 3.0, 5.0  # [pixel] beyond an outline, where what hides the fruit would
 
 
 class SpheroidViews(NamedTuple):
-    """What the picture shows of R spheroids; names as in :class:`Spheroid`.
+    """What the picture shows of R spheroids; names as in :class:`Spheroid`."""
 
-    Attributes:
-        data: for the next fit.
-        support: (R,) samples where its surface is seen.
-    """
-
-    data: FitData
-    support: IntArray
+    data: FitData  # for the next fit
+    support: IntArray  # (R,) samples where its surface is seen
     share: FloatArray
     through: FloatArray
     spill: FloatArray
@@ -86,7 +81,7 @@ def shown_of(
     size = np.exp(x[:, 3] + np.maximum(x[:, 4], 0.0)) * focal / x[:, 2]  # [pixel]
     noise = p.depth_noise * x[:, 2] ** 2
     slack = slack_of(x[:, 2], p)[:, None]
-    balls = balls_of(x, axes)
+    balls = balls_through(x, axes)
     ticks = np.linspace(-WIDE, WIDE, GRID)
     grid = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
     rays, depth, colour = _at(picture, colours, middle[:, None] + size[:, None, None] * grid)
@@ -247,33 +242,20 @@ ODDS = 6.65, 6.34, -22.0, -20.0, -13.5, -2.4
 
 @dataclass(frozen=True, eq=False)
 class Spheroid:
-    """A spheroid in the frame of the camera, and what the picture says for and against it.
+    """A spheroid in the frame of the camera, and what the picture says for and against it."""
 
-    Attributes:
-        center: (3,) [m].
-        axis: (3,) unit.
-        radius: across the axis [m].
-        half: half the length along the axis [m].
-        covariance: (3, 3) of the centre [m²].
-        state_covariance: (7, 7) of centre, logarithms of radius and of length over width, tilts.
-        round: deviation of the depths from a plane over that from the spheroid; a wall has 1.
-        share: part of its outline's area where its surface is seen.
-        through: part of its outline's area where something farther is seen.
-        spill: part of a ring about its outline where its colour goes on at its depth.
-        off: mean error of the free outline over the radius.
-    """
-
-    center: FloatArray
-    axis: FloatArray
-    radius: float
-    half: float
-    covariance: FloatArray
+    center: FloatArray  # (3,) [m]
+    axis: FloatArray  # (3,) unit
+    radius: float  # across the axis [m]
+    half: float  # half the length along the axis [m]
+    covariance: FloatArray  # (3, 3) of the centre [m²]
+    # (7, 7) of centre, logarithms of radius and of length over width, tilts
     state_covariance: FloatArray
-    round: float
-    share: float
-    through: float
-    spill: float
-    off: float
+    round: float  # deviation of the depths from a plane over that from the spheroid; a wall has 1
+    share: float  # part of its outline's area where its surface is seen
+    through: float  # part of its outline's area where something farther is seen
+    spill: float  # part of a ring about its outline where its colour goes on at its depth
+    off: float  # mean error of the free outline over the radius
 
     @property
     def odds(self) -> float:
@@ -282,7 +264,7 @@ class Spheroid:
         return float(np.dot(ODDS, told))
 
 
-def fitted(
+def fitted_spheroids(
     picture: DepthPicture, pixels: BoolArray, up: FloatArray, p: EyeParameters
 ) -> Spheroid | None:
     """The likeliest spheroid of a fruit's pixels (:func:`all_fitted`); None if they show none."""
@@ -413,19 +395,12 @@ RIVAL = math.cos(math.radians(15.0))  # of the angle from which two lines are tw
 
 @dataclass(frozen=True, eq=False)
 class SeenStem:
-    """A stem in the frame of the camera.
+    """A stem in the frame of the camera."""
 
-    Attributes:
-        direction: (3,) unit, from the fruit to the root.
-        length: from the fruit's centre as far as it was seen [m].
-        deviation: standard deviation of its tilt, the larger of two axes [rad].
-        support: length of it that told the direction [m].
-    """
-
-    direction: FloatArray
-    length: float
-    deviation: float
-    support: float
+    direction: FloatArray  # (3,) unit, from the fruit to the root
+    length: float  # from the fruit's centre as far as it was seen [m]
+    deviation: float  # standard deviation of its tilt, the larger of two axes [rad]
+    support: float  # length of it that told the direction [m]
 
 
 def stem_of(

@@ -26,7 +26,7 @@ from optipromp.core.robots.description import (
 from optipromp.core.robots.library import Choice
 from optipromp.core.robots.model import BodySpheres, Dynamics, Robot
 from optipromp.core.robots.resolved import MOST_JOINTS, MOST_SPHERES
-from optipromp.core.robots.spheres import cover_box, cover_capsule, cover_cylinder
+from optipromp.core.robots.tool_geometry import cover_box, cover_capsule, cover_cylinder
 from optipromp.core.shown import printable
 from optipromp.readers.arm import choose_arm
 from optipromp.readers.chain import Chain, Placement, serial_chain

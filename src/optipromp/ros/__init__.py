@@ -13,6 +13,8 @@ from optipromp.ros.live import LiveScene as LiveScene
 from optipromp.ros.live import read_detections as read_detections
 from optipromp.ros.live import read_planning_scene as read_planning_scene
 from optipromp.ros.loop import PickLoop as PickLoop
+from optipromp.ros.loop import PlanAnswer as PlanAnswer
+from optipromp.ros.loop import answer as answer
 from optipromp.ros.pictures import BagPicture as BagPicture
 from optipromp.ros.pictures import bag_pictures as bag_pictures
 from optipromp.ros.recordings import Cut as Cut
@@ -22,8 +24,6 @@ from optipromp.ros.recordings import load_recording as load_recording
 from optipromp.ros.scenes import collision_object as collision_object
 from optipromp.ros.scenes import planning_scene as planning_scene
 from optipromp.ros.scenes import read_collision_object as read_collision_object
-from optipromp.ros.service import PlanAnswer as PlanAnswer
-from optipromp.ros.service import answer as answer
 from optipromp.ros.trajectories import display_trajectory as display_trajectory
 from optipromp.ros.trajectories import joint_trajectory as joint_trajectory
 from optipromp.ros.trajectories import read_trajectories as read_trajectories

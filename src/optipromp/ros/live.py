@@ -19,14 +19,14 @@ from optipromp.core.scenes.objects import Role, SceneObject, Stem
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.scenes.scene import Goal, JointGoal, PoseGoal, RegionGoal, Scene
-from optipromp.core.trajectory import columns
+from optipromp.core.trajectory import joint_columns
 from optipromp.ros.scenes import (
     COLLISION_OBJECT,
     Held,
     object_id,
-    quaternion,
     read_held,
     read_pose,
+    read_quaternion,
     vector,
 )
 from optipromp.ros.trajectories import NANO, joint_positions, nanoseconds
@@ -248,7 +248,9 @@ def read_goal(
     if goal.visibility_constraints:
         raise InvalidRequestError("goal_constraints[0].visibility_constraints: must be empty")
     if joints and not places and not turns:
-        order = columns([one.joint_name for one in joints], robot.joint_names, "joint_constraints")
+        order = joint_columns(
+            [one.joint_name for one in joints], robot.joint_names, "joint_constraints"
+        )
         return JointGoal(np.array([one.position for one in joints])[order])
     if joints or len(places) != 1 or len(turns) != 1:
         raise InvalidRequestError(
@@ -277,7 +279,7 @@ def _pose_goal(
             "one, and no meshes"
         )
     at, turned = in_base(place.header, world.frames), in_base(turn.header, world.frames)
-    rotation = (turned @ Pose(orientation=quaternion(turn.orientation))).rotation
+    rotation = (turned @ Pose(orientation=read_quaternion(turn.orientation))).rotation
     origin = at @ vector(poses[0].position) - rotation @ vector(place.target_point_offset)
     if place.link_name == TOOL:
         point, frame = origin, rotation

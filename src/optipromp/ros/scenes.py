@@ -64,7 +64,7 @@ def vector(item: Message) -> FloatArray:
     return np.array([item.x, item.y, item.z])
 
 
-def quaternion(item: Message) -> FloatArray:
+def read_quaternion(item: Message) -> FloatArray:
     """(4,) w, x, y, z of a ``geometry_msgs/Quaternion``; as in MoveIt, zeros do not turn."""
     wxyz = np.array([item.w, item.x, item.y, item.z])
     return wxyz if wxyz.any() else IDENTITY
@@ -72,7 +72,7 @@ def quaternion(item: Message) -> FloatArray:
 
 def read_pose(item: Message) -> Pose:
     """The pose of a ``geometry_msgs/Pose``."""
-    return Pose(vector(item.position), quaternion(item.orientation))
+    return Pose(vector(item.position), read_quaternion(item.orientation))
 
 
 def geometry(shape: Shape) -> dict[str, Any]:

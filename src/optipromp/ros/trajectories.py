@@ -13,7 +13,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.execution.streaming import Stretch
-from optipromp.core.trajectory import CURVE, State, Trajectory, columns, curve
+from optipromp.core.trajectory import CURVE, State, Trajectory, curve, joint_columns
 from optipromp.ros.types import Message, message, read_bag
 
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
@@ -238,7 +238,7 @@ def joint_positions(state: Message, joints: Sequence[str], what: str) -> FloatAr
         raise InvalidRequestError(
             f"{what}: {len(state.position)} positions for {len(state.name)} names: must be as many"
         )
-    q = np.asarray(state.position, dtype=np.float64)[columns(state.name, joints, what)]
+    q = np.asarray(state.position, dtype=np.float64)[joint_columns(state.name, joints, what)]
     if not np.isfinite(q).all():
         bad = int(np.argmin(np.isfinite(q)))
         raise InvalidRequestError(f"{what}: {joints[bad]} is {q[bad]}: must be finite")
@@ -258,7 +258,7 @@ def joint_motion(state: Message, joints: Sequence[str], what: str) -> State:
         )
     if not len(state.velocity):
         return State(q)
-    velocity = np.asarray(state.velocity, dtype=np.float64)[columns(state.name, joints, what)]
+    velocity = np.asarray(state.velocity, dtype=np.float64)[joint_columns(state.name, joints, what)]
     return State(q) if np.abs(velocity).max() < AT_REST else State(q, velocity)
 
 

@@ -281,7 +281,7 @@ class Following(Streamed):
             "velocity": guard.join_velocity,
             "acceleration": guard.join_acceleration,
         }
-        if (found := apart(one, running, most)) is None:
+        if (found := gap_beyond(one, running, most)) is None:
             return ""
         what = "" if found.what == "q" else f"{'an' if found.what[0] == 'a' else 'a'} {found.what} "
         return (
@@ -294,7 +294,7 @@ class Following(Streamed):
 
 
 @dataclass(frozen=True)
-class Apart:
+class Gap:
     """The joint that is farthest from another state in ``what``, and the limit of that."""
 
     what: str
@@ -303,13 +303,13 @@ class Apart:
     most: float
 
 
-def apart(one: State, other: State, limits: Mapping[str, float]) -> Apart | None:
+def gap_beyond(one: State, other: State, limits: Mapping[str, float]) -> Gap | None:
     """The first of the fields of a state whose largest difference is beyond its limit."""
     for what, most in limits.items():
         away = np.abs(getattr(one, what) - getattr(other, what))
         joint = int(np.argmax(away))
         if away[joint] > most:
-            return Apart(what, joint, float(away[joint]), most)
+            return Gap(what, joint, float(away[joint]), most)
     return None
 
 
@@ -442,7 +442,7 @@ class Follower(ABC):
     def _elsewhere(self, curve: Trajectory, now: State) -> str:
         """A reason if the curve does not begin as the arm is."""
         most = {"q": self.guard.start, "velocity": self.guard.start_velocity}
-        if (found := apart(curve.at(0.0), now, most)) is None:
+        if (found := gap_beyond(curve.at(0.0), now, most)) is None:
             return ""
         return (
             f"the curve begins{'' if found.what == 'q' else ' with a velocity'} {found.away:.4g} "

@@ -50,21 +50,16 @@ def _positive(shape: str, name: str, value: float) -> float:
 
 
 class Measure(NamedTuple):
-    """Kind and sizes of a shape for distance kernels and cells.
+    """Kind and sizes of a shape for distance kernels and cells."""
 
-    Attributes:
-        kind: one of SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID, ELLIPSOID, CONE.
-        size: by kind. sphere: r, 0, 0; box: half edges; cylinder, capsule: r, half length, 0;
-            ellipsoid: radii; cone: r, half length, r of the tip; else zeros [m].
-        bound: radius [m] of a ball about the origin that holds the shape; inf for a half-space.
-        half: half edges [m] of a box about the origin, along the axes, that holds the shape.
-        volume: [m³]; of a point cloud the volume of its bounding box; None: the mesh's volume.
-    """
-
-    kind: int
+    kind: int  # one of SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID, ELLIPSOID, CONE
+    # by kind. sphere: r, 0, 0; box: half edges; cylinder, capsule: r, half length, 0; ellipsoid:
+    # radii; cone: r, half length, r of the tip; else zeros [m]
     size: tuple[float, float, float]
-    bound: float
+    bound: float  # radius [m] of a ball about the origin that holds the shape; inf for a half-space
+    # half edges [m] of a box about the origin, along the axes, that holds the shape
     half: tuple[float, float, float]
+    # [m³]; of a point cloud the volume of its bounding box; None: the mesh's volume
     volume: float | None = None
 
 

@@ -46,17 +46,11 @@ BORDER = 1e-6  # [m or rad] beyond the border of a tolerance region: rounding
 
 
 class End(NamedTuple):
-    """The end of a trajectory against one goal.
+    """The end of a trajectory against one goal."""
 
-    Attributes:
-        error: of the tool point [m], or of the configuration [rad or m].
-        angle: of the tool axis or the orientation [rad]; None without one.
-        missed: the violations; none where the goal is reached.
-    """
-
-    error: float
-    angle: float | None
-    missed: list[Violation]
+    error: float  # of the tool point [m], or of the configuration [rad or m]
+    angle: float | None  # of the tool axis or the orientation [rad]; None without one
+    missed: list[Violation]  # the violations; none where the goal is reached
 
 
 def ends(

@@ -79,19 +79,12 @@ class StraightLine:
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """A branch of inverse kinematics at the first way point, and how far it leads.
+    """A branch of inverse kinematics at the first way point, and how far it leads."""
 
-    Attributes:
-        begin: (n,) configuration at the first way point.
-        lines: waypoints (m, n) of each line that can be followed.
-        done: share of the next line that can be followed; 0 where all can.
-        why: the reason why it cannot be followed to its end; empty where all can.
-    """
-
-    begin: FloatArray
-    lines: tuple[FloatArray, ...]
-    done: float = 0.0
-    why: str = ""
+    begin: FloatArray  # (n,) configuration at the first way point
+    lines: tuple[FloatArray, ...]  # waypoints (m, n) of each line that can be followed
+    done: float = 0.0  # share of the next line that can be followed; 0 where all can
+    why: str = ""  # the reason why it cannot be followed to its end; empty where all can
 
     def turns(self, start: FloatArray) -> float:
         """Largest motions of a joint, to the branch and along each line, in sum [rad or m]."""

@@ -1,8 +1,7 @@
 """Robots: description files, kinematics, body spheres, tools."""
 
-from optipromp.core.robots.grippers import FingerGripper, Scissor, Suction
+from optipromp.core.robots.grippers import FingerGripper, MeshTool, Scissor, Suction
 from optipromp.core.robots.library import Choice, load_robot, robot_names
-from optipromp.core.robots.mesh_tool import MeshTool
 from optipromp.core.robots.model import BodySpheres, Robot
 from optipromp.core.robots.mounted import Mounted
 from optipromp.core.robots.resolved import save_robot

@@ -9,7 +9,13 @@ import numpy as np
 from optipromp.core.arrays import BoolArray, FloatArray, frozen
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import SPHERE, Sphere
-from optipromp.core.robots.tool_geometry import Solid, cover_solids, seen, solids_inertia, swept
+from optipromp.core.robots.tool_geometry import (
+    Solid,
+    cover_solids,
+    seen_polygon,
+    solids_inertia,
+    swept_polygons,
+)
 from optipromp.core.robots.tool_protocol import LARGEST, Tool, check_length, quaternion
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)  # the quaternion of no turn
@@ -140,7 +146,7 @@ class Mounted(Tool):
         for load in self.placed:
             for solid in load.solids:
                 local = (solid.corners - self.point) @ self.rotation
-                parts = seen(local) if self.fingers else swept(local)
+                parts = seen_polygon(local) if self.fingers else swept_polygons(local)
                 outline |= {part.round(6).tobytes(): part for part in parts}
         return tuple(outline.values())
 

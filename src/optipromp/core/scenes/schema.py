@@ -351,7 +351,7 @@ class _ToolModel(Model):
 
 
 class MeshToolModel(_ToolModel):
-    """See :class:`optipromp.core.robots.mesh_tool.MeshTool`; ``scale`` is for the mesh files."""
+    """See :class:`optipromp.core.robots.grippers.MeshTool`; ``scale`` is for the mesh files."""
 
     kind: Literal["mesh"]
     file: Text | None = None

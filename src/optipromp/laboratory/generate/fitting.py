@@ -56,21 +56,13 @@ class UnfitError(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Work:
-    """The working distances of a scene for an arm, in the frame of the preset's base.
+    """The working distances of a scene for an arm, in the frame of the preset's base."""
 
-    Attributes:
-        way: tool points (P, 3), the target first [m].
-        start: index of the start in ``way``.
-        drop: from the target down to the lowest pushable [m].
-        camera: distance of the camera point before the lowest fruit [m].
-        scale: of working distances.
-    """
-
-    way: FloatArray
-    start: int
-    drop: float
-    camera: float
-    scale: float
+    way: FloatArray  # tool points (P, 3), the target first [m]
+    start: int  # index of the start in ``way``
+    drop: float  # from the target down to the lowest pushable [m]
+    camera: float  # distance of the camera point before the lowest fruit [m]
+    scale: float  # of working distances
 
     @property
     def down(self) -> float:

@@ -33,17 +33,11 @@ IK_STARTS, BRANCHES = 24, 4  # of inverse kinematics; solutions followed at each
 
 @dataclass(frozen=True, eq=False)
 class Standpoint:
-    """A place of a robot's base.
+    """A place of a robot's base."""
 
-    Attributes:
-        pose: of the preset's base in the robot's base frame.
-        start: (n,) configuration in which the motions start.
-        low: height of the tool point over the links beside the tool, see :func:`lowest` [m].
-    """
-
-    pose: Pose
-    start: FloatArray
-    low: float
+    pose: Pose  # of the preset's base in the robot's base frame
+    start: FloatArray  # (n,) configuration in which the motions start
+    low: float  # height of the tool point over the links beside the tool, see :func:`lowest` [m]
 
 
 def at_robot(scene: Scene, robot: str | Path, choice: Choice) -> Scene:

@@ -66,19 +66,12 @@ class ContactLog:
 
 
 class Pressing(NamedTuple):
-    """Contact points of one instant that carry force, C of them.
+    """Contact points of one instant that carry force, C of them."""
 
-    Attributes:
-        rows: (C,) in MuJoCo's list.
-        pairs: (C, 2) indices of entities.
-        points: (C, 3) [m].
-        forces: (C, 3) of the first entity on the second [N].
-    """
-
-    rows: IntArray
-    pairs: IntArray
-    points: FloatArray
-    forces: FloatArray
+    rows: IntArray  # (C,) in MuJoCo's list
+    pairs: IntArray  # (C, 2) indices of entities
+    points: FloatArray  # (C, 3) [m]
+    forces: FloatArray  # (C, 3) of the first entity on the second [N]
 
 
 def pressing(data: Any, world: World, among: BoolArray | None = None) -> Pressing:

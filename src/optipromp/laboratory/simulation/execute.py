@@ -25,7 +25,7 @@ from dataclasses import replace
 import numpy as np
 
 from optipromp.control.controller import Controller
-from optipromp.control.driver import scene_of, target_row, way_back
+from optipromp.control.driver import path_back, target_row, tracked_scene
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import Code, OptiPrompError
 from optipromp.core.planning.legs import AFTER, CARRY, after
@@ -208,8 +208,8 @@ def bring(
     made, robot = controller.plans[-1], controller.robot
     tracked = controller.tracker.at(simulation.time)
     seen = target_row(tracked) is not None
-    scene = scene_of(controller.scene, tracked) if seen else made.scene
-    curve = way_back(robot, q, controller.parameters.retreat_speed)
+    scene = tracked_scene(controller.scene, tracked) if seen else made.scene
+    curve = path_back(robot, q, controller.parameters.retreat_speed)
     task = replace(resolve(scene, robot, State(curve.positions[0])), risk=made.risk)
     reach: Plan = replace(
         made, task=task, status=Code.SUCCESS, reason="executed in closed loop", notes=(),

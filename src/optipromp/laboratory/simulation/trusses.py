@@ -10,23 +10,14 @@ from optipromp.core.scenes.objects import SceneObject
 
 
 class StemChain(NamedTuple):
-    """A stem as a chain of N pieces.
+    """A stem as a chain of N pieces."""
 
-    Attributes:
-        nodes: (N+1, 3) joints and the end at the fruit, root first [m].
-        masses: (N,) of the pieces [kg].
-        fruit: mass of the fruit [kg].
-        center: (3,) of the fruit [m].
-        parent: id of the object whose stem it grows from; None: it is rooted in the world.
-        link: piece of that stem from which it grows.
-    """
-
-    nodes: FloatArray
-    masses: FloatArray
-    fruit: float
-    center: FloatArray
-    parent: str | None
-    link: int
+    nodes: FloatArray  # (N+1, 3) joints and the end at the fruit, root first [m]
+    masses: FloatArray  # (N,) of the pieces [kg]
+    fruit: float  # mass of the fruit [kg]
+    center: FloatArray  # (3,) of the fruit [m]
+    parent: str | None  # id of the object whose stem it grows from; None: it is rooted in the world
+    link: int  # piece of that stem from which it grows
 
     @property
     def middles(self) -> FloatArray:
