@@ -31,8 +31,7 @@ from optipromp.core.planning.task import Task
 from optipromp.core.planning.timing import shortest
 from optipromp.core.scenes import Scene
 from optipromp.laboratory.experiments.study import Study, run_study
-from optipromp.laboratory.planners.functionals import PaperOptions
-from optipromp.laboratory.planners.paper import Paper
+from optipromp.laboratory.planners.paper import Paper, PaperOptions
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ def catalogue() -> Report:
     from optipromp.core.robots.library import robot_names
     from optipromp.core.robots.tools import TOOLS
     from optipromp.core.scenes.io import scene_names
-    from optipromp.laboratory.planners.functionals import PaperOptions
+    from optipromp.laboratory.planners.paper import PaperOptions
 
     robots, scenes = robot_names(), scene_names()
     known = documented(PlanOptions)
@@ -108,7 +108,7 @@ def _values(pairs: Sequence[str], names: list[str], nested: bool) -> dict[str, A
 
     from optipromp.core.documents import read_yaml
     from optipromp.core.scenes.values import suggest
-    from optipromp.laboratory.planners.functionals import PaperOptions
+    from optipromp.laboratory.planners.paper import PaperOptions
 
     names += [f"paper.{name}" for name in documented(PaperOptions)] if nested else []
     known: dict[str, Any] = {}

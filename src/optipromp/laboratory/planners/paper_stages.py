@@ -54,13 +54,12 @@ from optipromp.core.pushing.rules import Drift, detection_variance, drift_choice
 from optipromp.core.scenes.scene import JointGoal, PoseGoal
 from optipromp.core.scenes.values import suggest
 from optipromp.core.trajectory import Trajectory
-from optipromp.laboratory.planners.functionals import weighted
-from optipromp.laboratory.planners.paper import Paper
+from optipromp.laboratory.planners.paper import Paper, weighted
 
 
 @dataclass(frozen=True)
 class PaperParameters:
-    """Tuned numbers: choices of ours, unless a comment says where they are from; units in brackets."""
+    """Tuned numbers: choices of ours, unless a comment says measured or published; with units."""
 
     # [1/m^2] measured: of constraints 1 to 3; at 1e4 scenario III lacks 0.5 mm of constraint 1
     stiffness: float = 1e5
