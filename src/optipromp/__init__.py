@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     from optipromp.core.planning import judge as judge
     from optipromp.core.planning.legs import Picked as Picked
     from optipromp.core.planning.legs import plan_pick as plan_pick
-    from optipromp.core.planning.many import plan_many as plan_many
     from optipromp.core.planning.plan import plan as plan
     from optipromp.core.planning.sequence import PickSequence as PickSequence
+    from optipromp.core.planning.sequence import plan_many as plan_many
     from optipromp.core.planning.sequence import plan_sequence as plan_sequence
     from optipromp.core.planning.task import robot_of as robot_of
     from optipromp.core.promp import Basis as Basis

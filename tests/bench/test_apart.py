@@ -16,12 +16,11 @@ from typer.testing import CliRunner
 
 from optipromp import Scene
 from optipromp.bench import running
-from optipromp.bench.apart import Apart, dismissed
-from optipromp.bench.limits import ROWS, EntryError, Patience, words
 from optipromp.bench.results import BenchRun, run_bench
 from optipromp.bench.running import Exercise, attempted
+from optipromp.bench.serve import Apart, dismissed
 from optipromp.bench.sets import SceneSet, scene_of
-from optipromp.bench.tracks import asked
+from optipromp.bench.tracks import ROWS, EntryError, Patience, asked, words
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 

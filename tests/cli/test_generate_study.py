@@ -11,7 +11,7 @@ from optipromp.cli.main import app
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.scenes import load_scene
 from optipromp.laboratory.experiments import study
-from optipromp.laboratory.experiments.runs import Row
+from optipromp.laboratory.experiments.rows import Row
 
 RUN = CliRunner()
 
@@ -66,17 +66,17 @@ def test_generate_refuses_an_unknown_preset(tmp_path: Path) -> None:
 
 @pytest.fixture
 def quick(monkeypatch):
-    def run_scene(preset, seed, planners, noise, version, *_):
-        row = Row(
-            preset=preset, seed=seed, planner="", noise_position=noise.position,
-            noise_angle=noise.angle, pushables=1, redraws=0, plan_status="success", success=False,
+    def run_trials(_, preset, seed, condition, planners, version):
+        row = Row.of(
+            preset=preset, seed=seed, planner="", noise_position=0.0,
+            noise_angle=0.0, pushables=1, redraws=0, plan_status="success", success=False,
             cause="stem_caught", message="", picked=True, swallowed="", unripe_force=1.0,
             target_force=1.0, static_force=0.0, torn="", stem_force=0.0, duration=1.0,
             predicted_harm=0.0, plan_time=0.1, simulation_time=1.0, version=version,
         )  # fmt: skip
         return [replace(row, planner=planner, success=planner == "chomp") for planner in planners]
 
-    monkeypatch.setattr(study, "run_scene", run_scene)
+    monkeypatch.setattr(study, "run_trials", run_trials)
     monkeypatch.setattr(study, "warm_up", lambda *_: None)
 
 

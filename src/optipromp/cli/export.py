@@ -208,7 +208,7 @@ def report(
         out (FILE.html): Where the report goes; else beside what it tells.
     """
     from optipromp.core.files import is_file, is_folder, write_atomically
-    from optipromp.laboratory.experiments.row_files import ROWS
+    from optipromp.laboratory.experiments.rows import ROWS
     from optipromp.looks.reports import plan_report, run_report, study_report
 
     folder = item if is_folder(item) else item.parent

@@ -307,7 +307,7 @@ def episodes(
     """
     from optipromp.bench import episodes as bench
     from optipromp.core.scenes.values import suggest
-    from optipromp.laboratory.experiments.conditions import CONDITIONS
+    from optipromp.laboratory.experiments.situations import CONDITIONS
     from optipromp.laboratory.generate import PRESETS
 
     presets = tuple(filter(None, preset.split(",")))

@@ -155,8 +155,8 @@ def markdown(rows: Sequence["ScenarioRow"]) -> str:
 
 
 def _end(row: "ScenarioRow") -> str:
-    """The end of a run in words; of a success, without the note on pushed fruits."""
-    return row.plan.message.partition("; note: ")[0].partition(" (")[0]
+    """The end of a run in words, without notes."""
+    return row.plan.reason.partition(" (")[0]
 
 
 def _table(header: Sequence[str], lines: Sequence[Sequence[str]]) -> list[str]:

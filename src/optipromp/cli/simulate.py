@@ -37,11 +37,11 @@ class Disturbed:
 
     def of(self, parameters: "SimulationParameters") -> "SimulationParameters":
         """The parameters with these disturbances."""
-        from optipromp.laboratory.experiments.conditions import ASIDE
+        from optipromp.laboratory.experiments.situations import JUMP_AT
 
         values: dict[str, Any] = {"sway": self.sway, "shift": self.shift, "jump": self.jump}
         if self.jump > 0.0:
-            values["jump_at"] = ASIDE["jump_at"]
+            values["jump_at"] = JUMP_AT
         if self.sway_frequency is not None:
             if self.sway == 0.0:
                 raise InvalidRequestError("--sway-frequency is of a sway: state --sway, too")
@@ -113,8 +113,8 @@ def pick(
     the noise. ``truth``: the true scene; None: see above. ``parameters``: of the physics. ``eyes``:
     the options of the loop. ``seed``: of everything random.
     """
-    from optipromp.laboratory.experiments.conditions import SETTLE, Situation, seen_at_once
     from optipromp.laboratory.experiments.loops import picked
+    from optipromp.laboratory.experiments.situations import SETTLE, Situation, seen_at_once
     from optipromp.laboratory.generate import NOISES, noisy
 
     detector, known = eyes.detector(), truth is not None

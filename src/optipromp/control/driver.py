@@ -14,9 +14,8 @@ from optipromp.control.tracked import Tracked
 from optipromp.core import judging
 from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.execution.streaming import Stretch
-from optipromp.core.planning.fastest import needs
 from optipromp.core.planning.task import posed
-from optipromp.core.planning.timing import stopped
+from optipromp.core.planning.timing import needs, stopped
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import JointGoal, Scene
 from optipromp.core.trajectory import State, Trajectory

@@ -20,8 +20,8 @@ import numpy as np
 from optipromp.control.parameters import CONTROL, LoopParameters
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.execution.streaming import Stretch
-from optipromp.core.planning.fastest import needs
 from optipromp.core.planning.result import Plan
+from optipromp.core.planning.timing import needs
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene

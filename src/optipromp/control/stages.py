@@ -7,7 +7,7 @@ from enum import StrEnum
 import numpy as np
 
 from optipromp.control.parameters import LoopParameters
-from optipromp.core.errors import Code, OptiPrompError
+from optipromp.core.errors import OptiPrompError
 from optipromp.core.planning import Plan
 from optipromp.core.scenes.scene import SceneObject
 
@@ -40,6 +40,6 @@ def with_covariance(item: SceneObject, parameters: LoopParameters) -> SceneObjec
 
 def excess(made: Plan | OptiPrompError) -> float:
     """Predicted harm over what a success may have; 0 without a model, infinite without a motion."""
-    if isinstance(made, OptiPrompError) or made.status not in (Code.SUCCESS, Code.HARM_PREDICTED):
+    if isinstance(made, OptiPrompError) or not made.valid:
         return math.inf
     return 0.0 if made.prediction is None else made.prediction.harm / made.prediction.threshold

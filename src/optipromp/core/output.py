@@ -38,13 +38,12 @@ from optipromp.core.files import (
 )
 from optipromp.core.judging import Metrics, Overlap
 from optipromp.core.planning import Plan, Term
-from optipromp.core.planning.legs import AFTER, REACH, Picked, leg, task_of
-from optipromp.core.planning.lifting import stands
+from optipromp.core.planning.legs import AFTER, REACH, Picked, leg, stands, task_of
 from optipromp.core.planning.options import Strategy
 from optipromp.core.planning.result import Stage, ViaPoint
 from optipromp.core.planning.task import posed, resolve
 from optipromp.core.planning.underway import underway
-from optipromp.core.planning.verdict import verdict_of
+from optipromp.core.planning.verdict import verdict
 from optipromp.core.pushing.model import Prediction
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import scene_from_dict, scene_to_dict
@@ -193,36 +192,30 @@ def _plan(found: _PlanFile, scene: Scene, rows: Mapping[str, Any], file: Path) -
     task = resolve(scene, robot, _start(rows, robot))
     if task.begun:
         task = underway(task, None, None)
-    stated = Plan(
-        task=replace(task, risk=found.risk, pushed=_pushed(rows)),
-        planner=found.planner,
-        strategy=found.strategy,
-        seed=found.seed,
-        status=found.status,
-        message=found.message,
-        trajectory=curve,
-        initial=curves[1],
-        followed=curves[2],
-        prediction=found.predicted_harm,
-        metrics=found.metrics,
-        terms=found.terms,
-        stages=found.stages,
-        contacts=found.contacts,
-        time=found.time,
-        first=found.first,
-        via=tuple(ViaPoint(via.name, np.array(via.position)) for via in found.via),
-    )
-    judged = verdict_of(stated)
+    task = replace(task, risk=found.risk, pushed=_pushed(rows))
+    judged = verdict(task, curve)
     if WORSE.index(judged.status) > WORSE.index(found.status):
         raise InvalidPlanError(
             f"{file}: status is {found.status}; judged again it is {judged.status}: "
             f"{judged.message}"
         )
-    return replace(
-        stated,
+    return Plan(
+        task=task,
+        planner=found.planner,
+        strategy=found.strategy,
+        seed=found.seed,
+        status=found.status,
+        reason=found.message,
+        trajectory=curve,
+        initial=curves[1],
+        followed=curves[2],
         prediction=judged.prediction,
-        metrics=judged.judgement.metrics,
-        contacts=judged.judgement.contacts,
+        judgement=judged.judgement,
+        terms=found.terms,
+        stages=found.stages,
+        time=found.time,
+        first=found.first,
+        via=tuple(ViaPoint(via.name, np.array(via.position)) for via in found.via),
     )
 
 
@@ -340,7 +333,7 @@ def load_pick(path: Path | str) -> Picked | Plan:
             raise InvalidRequestError(f"{file}: must have the joints of {reach.robot.name}")
         legs[name] = leg(task_of(name, legs, curve), curve, 0.0)
         if code is not Code.SUCCESS:
-            legs[name] = replace(legs[name], status=code, message=printable(message))
+            legs[name] = replace(legs[name], status=code, reason=printable(message), notes=())
             break
         if not legs[name].success:
             raise InvalidPlanError(f"{file}: judged again: {legs[name].message}")

@@ -10,7 +10,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import Budget, clock
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.planning import goals, primitive
-from optipromp.core.planning.kept import keeps
+from optipromp.core.planning.follow import keeps_path
 from optipromp.core.planning.lines import along_lines
 from optipromp.core.planning.options import (
     STRATEGIES,
@@ -91,7 +91,7 @@ def goal_configurations(
         near = task.start
     found, free, reason = goals.choose(task, task.seed, starts, near, budget)
     if task.scene.path is not None and len(found):
-        found = found[keeps(task, found)]
+        found = found[keeps_path(task, found)]
         reason = reason or "no configuration found at the goal keeps the path's constraints"
     return Chosen(found, free, reason, clock() - began)
 

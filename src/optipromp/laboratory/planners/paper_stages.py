@@ -45,9 +45,8 @@ from optipromp.core.planning.parameters import GOAL, PRIMITIVE, SOLVE, WAYPOINT
 from optipromp.core.planning.pick import limits_and_clearances, schedule
 from optipromp.core.planning.primitive import led_through, on_branch, via_points
 from optipromp.core.planning.result import Planned, Stage, ViaPoint
-from optipromp.core.planning.slow import paced
 from optipromp.core.planning.task import Task, pushed_aside, stands
-from optipromp.core.planning.timing import timed
+from optipromp.core.planning.timing import paced, timed
 from optipromp.core.planning.verdict import judged
 from optipromp.core.promp.model import ProMP
 from optipromp.core.pushing.rules import Drift, detection_variance, drift_choices

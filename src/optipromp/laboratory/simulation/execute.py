@@ -213,8 +213,8 @@ def bring(
     curve = way_back(robot, q, controller.parameters.retreat_speed)
     task = replace(resolve(scene, robot, State(curve.positions[0])), risk=made.risk)
     reach: Plan = replace(
-        made, task=task, status=Code.SUCCESS, message="executed in closed loop", trajectory=curve,
-        initial=curve, followed=curve, first=0,
+        made, task=task, status=Code.SUCCESS, reason="executed in closed loop", notes=(),
+        trajectory=curve, initial=curve, followed=curve, first=0,
     )  # fmt: skip
     try:
         picked = after(reach)

@@ -18,7 +18,6 @@ from optipromp.core.planning.legs import Picked
 from optipromp.core.trajectory import State
 from optipromp.laboratory.simulation.detector import Detector, Eye, Truth
 from optipromp.laboratory.simulation.execute import Run, bring
-from optipromp.laboratory.simulation.outcome import Cause
 from optipromp.laboratory.simulation.simulation import Simulation
 
 LONGEST = 90.0  # [s] of a pick, after which it ends: a choice
@@ -68,12 +67,8 @@ class Loop:
     @property
     def result(self) -> str:
         """``clean``, ``harmed``, ``gave_up`` or ``missed`` (unharmed, not picked or placed)."""
-        outcome = self.run.outcome
-        if outcome.success:
-            return "clean"
-        if set(outcome.causes) - {Cause.NOT_PICKED, Cause.NOT_PLACED}:
-            return "harmed"
-        return "gave_up" if self.stage is LoopStage.GAVE_UP else "missed"
+        result = self.run.outcome.result
+        return "gave_up" if result == "missed" and self.stage is LoopStage.GAVE_UP else result
 
 
 def closed_loop(

@@ -29,7 +29,7 @@ from optipromp.looks.viewer.embed import plan_page, scene_page
 from optipromp.looks.viewer.figures import changed_terms, cost_figure, joint_figure, png
 from optipromp.looks.viewer.notebook import DPI, HEIGHT, frame
 from optipromp.looks.viewer.reach import reach_figure
-from optipromp.looks.viewer.words import plan_rows, seconds
+from optipromp.looks.viewer.words import author, plan_rows, seconds
 
 OURS = "—"
 
@@ -169,7 +169,7 @@ def _run(folder: Path) -> list[str]:
 def _settings(plan: Plan) -> list[tuple[str, str]]:
     scene, tool = plan.scene, plan.robot.tool
     rows = [
-        ("planner", plan.planner + (f", {plan.strategy}" if plan.strategy else "")),
+        ("planner", author(plan)),
         ("seed", str(plan.seed)),
         ("robot", repr(plan.robot)[7:-1]),
         ("tool", "none" if tool is None else repr(tool)),
