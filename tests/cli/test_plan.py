@@ -327,7 +327,7 @@ def test_a_failed_plan_prints_why_and_nothing_else(tmp_path: Path) -> None:
 def test_progress_is_told_where_it_is_asked_for(tmp_path: Path) -> None:
     """Of a plan whose robot takes long to read."""
     slow = (
-        "import sys, time; from optipromp.core.planning import planner;"
+        "import sys, time; from optipromp.core.planning import planners;"
         "import optipromp.core.planning.plan;"
         "plan = sys.modules['optipromp.core.planning.plan'];"
         "usual = plan.resolve;"

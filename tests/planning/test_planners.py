@@ -23,8 +23,8 @@ from optipromp.core.planning import (
     PlanOptions,
     plan,
     plan_many,
-    planner,
 )
+from optipromp.core.planning import planners as planner
 from optipromp.core.planning.planners import goal_configurations
 from optipromp.core.planning.result import Harmful
 from optipromp.core.planning.task import Task

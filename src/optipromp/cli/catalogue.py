@@ -14,8 +14,7 @@ from optipromp.core.errors import InvalidRequestError
 def catalogue() -> Report:
     """List the built-in robots and scenes, the kinds of tool, the planners, and their settings."""
     from optipromp.core.planning.options import PlanOptions
-    from optipromp.core.planning.planner import planners
-    from optipromp.core.planning.planners import PLANNERS
+    from optipromp.core.planning.planners import PLANNERS, planners
     from optipromp.core.robots.library import robot_names
     from optipromp.core.robots.tools import TOOLS
     from optipromp.core.scenes.io import scene_names
@@ -75,8 +74,14 @@ def asked(
     command-line option.
     """
     from optipromp.core.planning import PlanOptions
-    from optipromp.core.planning.planner import factory, make, settings_of
-    from optipromp.core.planning.planners import JOINT, OF_A_PLAN, PLANNERS
+    from optipromp.core.planning.planners import (
+        JOINT,
+        OF_A_PLAN,
+        PLANNERS,
+        factory,
+        make,
+        settings_of,
+    )
 
     if planner in PLANNERS:
         return {"planner": planner, "strategy": strategy, "options": settings(pairs, **stated)}

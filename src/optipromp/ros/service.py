@@ -9,7 +9,7 @@ from pathlib import Path
 
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
 from optipromp.core.planning import Plan, PlanOptions, plan
-from optipromp.core.planning.planner import factory
+from optipromp.core.planning.planners import factory
 from optipromp.core.promp.model import ProMP
 from optipromp.core.robots.library import load_arm
 from optipromp.ros.goals import read_goal

@@ -29,8 +29,7 @@ from optipromp.core.planning.options import (
     numbers,
     require,
 )
-from optipromp.core.planning.planner import WAY
-from optipromp.core.planning.planners import goal_configurations
+from optipromp.core.planning.planners import WAY, goal_configurations
 from optipromp.core.planning.primitive import learnt
 from optipromp.core.planning.result import Failed, Harmful, Planned, Term
 from optipromp.core.planning.task import Task, pushed_aside
@@ -267,7 +266,7 @@ class Paper(Optimised):
     functionals = staticmethod(reported)
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
-        """See :class:`optipromp.core.planning.planner.Planner`."""
+        """See :class:`optipromp.core.planning.planners.Planner`."""
         from optipromp.laboratory.planners.paper_stages import solve  # with SciPy's optimisers
 
         promp = learnt(task, task.demonstrations, PAPER_BASIS)
