@@ -17,8 +17,7 @@ from optipromp.core.geometry import Sphere
 from optipromp.core.output import load_plan
 from optipromp.core.planning.task import resolve
 from optipromp.core.scenes import SceneObject, save_scene
-from optipromp.core.trajectory import Trajectory
-from optipromp.core.trajectory_files import arrays, csv, read_trajectory
+from optipromp.core.trajectory import Trajectory, arrays, csv, read_trajectory
 from optipromp.ros import Recorded, joint_trajectory, robot_trajectory, write_bag
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from optipromp.control import Look, Tracker
+from optipromp.control.driver import appeared, changed, displaced, scene_of, target_row, unseen
 from optipromp.control.parameters import CONTROL
-from optipromp.control.plant import appeared, changed, displaced, scene_of, target_row, unseen
 from optipromp.control.stiffness import FACTORS, Stiffness, assumed, by_wrench
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.pushing.stems.bending import stems

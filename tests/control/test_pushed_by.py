@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from optipromp.control.plant import MOVED, pushed_by
-from optipromp.control.servo import Route
+from optipromp.control.driver import MOVED, Route, pushed_by
 from optipromp.core.planning import plan
 from optipromp.laboratory.generate import generate
 

@@ -26,7 +26,7 @@ from optipromp.ros import (
     to_bytes,
 )
 from optipromp.ros.loop import moving
-from optipromp.ros.shapes import pose_message, xyz
+from optipromp.ros.scenes import pose_message, xyz
 from optipromp.ros.trajectories import nanoseconds, time_message
 
 SCENE = load_scene("scenario-3")

@@ -21,8 +21,8 @@ from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.photograph import Photograph, photograph
 from optipromp.perception import CameraModel, DepthPicture, flange_of
 from optipromp.ros import Message, Recorded, bag_pictures, message, write_bag
-from optipromp.ros.frames import Frames
 from optipromp.ros.images import Pictures
+from optipromp.ros.loop import Frames
 
 SEED = 60011
 SECOND = 10**9

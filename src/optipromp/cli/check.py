@@ -185,7 +185,7 @@ def _words(value: object) -> str:
 
 def _scene(item: str) -> dict[str, Any]:
     from optipromp.core.planning.task import resolve
-    from optipromp.core.robots.dynamics import warn_of_gravity
+    from optipromp.core.robots.model import warn_of_gravity
     from optipromp.core.scenes.io import load_scene
     from optipromp.looks.appearance.scene import ground_of
     from optipromp.looks.viewer.reach import tool_faces
@@ -219,7 +219,7 @@ def _robot(robot: "Robot", arm: "Arm") -> dict[str, Any]:
     """The summary of a robot; lengths in metres."""
     import numpy as np
 
-    from optipromp.core.robots.dynamics import warn_of_gravity
+    from optipromp.core.robots.model import warn_of_gravity
 
     warn_of_gravity(robot, robot.home[None], np.array([0.0, 0.0, 1.0]), "at home")
     spheres = Counter(robot.link_names[i] for i in robot.spheres.link)
@@ -394,7 +394,7 @@ def validate(
 def read(path: Path, robot: "Robot") -> "Trajectory":
     """The trajectory in a file or bag."""
     from optipromp.core.files import is_bag
-    from optipromp.core.trajectory_files import read_trajectory
+    from optipromp.core.trajectory import read_trajectory
 
     if is_bag(path):
         from optipromp import ros

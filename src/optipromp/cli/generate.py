@@ -136,7 +136,7 @@ def _judge_start(scene: "Scene") -> None:
     """
     from optipromp.core import judging
     from optipromp.core.planning.task import posed
-    from optipromp.core.robots.dynamics import warn_of_gravity
+    from optipromp.core.robots.model import warn_of_gravity
 
     robot, state = posed(scene)
     touching = judging.touching(scene, robot, state.q)

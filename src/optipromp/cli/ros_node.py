@@ -72,7 +72,7 @@ def ros_node(
         ) from None
     from optipromp.core.scenes.io import load_scene
     from optipromp.ros import LiveScene, PickLoop
-    from optipromp.ros.detections import DETECTIONS
+    from optipromp.ros.live import DETECTIONS
 
     say_if_compiling()
     if loop:

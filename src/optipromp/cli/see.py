@@ -341,8 +341,7 @@ def calibrate(
         mount: hand: the camera is on it, the board stands; base: the other way.
         known (SCENE): Whose robot has these joints, and tool.
     """
-    from optipromp.perception.calibration import by_tool, hand_eye
-    from optipromp.perception.calibration_files import read_seen_tool, read_views
+    from optipromp.perception.calibration import by_tool, hand_eye, read_seen_tool, read_views
     from optipromp.perception.pictures import load_camera
 
     if (folder is None) == (tool is None):

@@ -256,7 +256,7 @@ def simulate(
     """
     from optipromp.core.files import check_folder
     from optipromp.core.planning import Picked
-    from optipromp.core.robots.dynamics import warn_of_gravity
+    from optipromp.core.robots.model import warn_of_gravity
     from optipromp.core.scenes.io import load_scene
     from optipromp.laboratory.simulation import SimulationParameters
     from optipromp.laboratory.simulation import simulate as execute
@@ -359,8 +359,7 @@ def _leave(
     run: "Run", folder: Path, kinds: Sequence[str], slow: float, loop: "Loop | None" = None
 ) -> tuple[str, ...]:
     """Write the files of a run or a loop; their names."""
-    from optipromp.laboratory.simulation.files import write_run
-    from optipromp.laboratory.simulation.loop_files import write_loop
+    from optipromp.laboratory.simulation.files import write_loop, write_run
 
     films = {}
     if kinds:

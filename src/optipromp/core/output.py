@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, Field, FiniteFloat, ValidationError
+from pydantic import BaseModel, Field, FiniteFloat
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.documents import read_document
@@ -32,6 +32,7 @@ from optipromp.core.files import (
     npz,
     read_bytes,
     read_npz,
+    reading,
     settle,
     write_atomically,
     write_together,
@@ -49,8 +50,7 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import scene_from_dict, scene_to_dict
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.shown import printable
-from optipromp.core.trajectory import State
-from optipromp.core.trajectory_files import arrays, csv, from_arrays
+from optipromp.core.trajectory import State, arrays, csv, from_arrays
 
 FORMAT = 4
 PUSHED = ("pushed_points", "pushed_axes")
@@ -60,6 +60,7 @@ TOLD = "status"  # of another leg, and its message; without them it is a success
 START = "start"  # (3, n) position, velocity and acceleration
 SEARCHED = Code.TIMEOUT, Code.GOAL_IN_COLLISION, Code.GOAL_UNREACHABLE, Code.NO_PLAN
 WORSE = Code.SUCCESS, Code.HARM_PREDICTED, Code.INVALID_PLAN, Code.START_IN_COLLISION, *SEARCHED
+WRONG = "not a plan that this version wrote"
 RATE = 1000.0  # [Hz] of the Panda's control interface
 
 
@@ -135,7 +136,7 @@ def load_plan(path: Path | str) -> Plan:
     with suppress(OSError):  # the digests then do not agree
         settle(folder)
     content = read_document(file, InvalidRequestError, "a plan")
-    try:
+    with reading(path, WRONG, passes=(InvalidSceneError, InvalidPlanError)):
         found = _PlanFile.model_validate(content)
         _check_digests(folder, found.sha256)
         rows = read_npz(folder / "waypoints.npz")
@@ -146,19 +147,6 @@ def load_plan(path: Path | str) -> Plan:
             )
         scene = scene_from_dict(found.scene_file, base_dir=folder, source=str(path))
         return _plan(found, scene, rows, file)
-    except (InvalidSceneError, InvalidPlanError):
-        raise
-    except OptiPrompError as error:
-        told = "" if str(folder) in error.message else f"{path}: "
-        raise InvalidRequestError(f"{told}{error.message}") from None
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(step) for step in first["loc"])
-        raise InvalidRequestError(
-            f"{path}: {where}: {first['msg']}; not a plan that this version wrote"
-        ) from None
-    except (KeyError, TypeError, ValueError) as error:
-        raise InvalidRequestError(f"{path}: not a plan that this version wrote ({error})") from None
 
 
 def _digest(content: bytes) -> str:
@@ -321,12 +309,10 @@ def load_pick(path: Path | str) -> Picked | Plan:
         if not is_there(file):
             break
         rows = read_npz(file)
-        try:
+        with reading(file, "no leg that this version wrote"):
             curve, of = from_arrays(rows), str(rows[OF])
             status, message = map(str, rows.get(TOLD, (Code.SUCCESS, "")))
             code = Code(status)
-        except (KeyError, ValueError) as error:
-            raise InvalidRequestError(f"{file}: no leg that this version wrote ({error})") from None
         if of != _of(folder):
             break
         if curve.joint_names != reach.robot.joint_names:

@@ -37,8 +37,8 @@ from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems.cup import flange_of
 from optipromp.core.pushing.stems.hanging import Hanging
 from optipromp.core.robots import ik
-from optipromp.core.robots.laden import Laden
 from optipromp.core.robots.model import Robot
+from optipromp.core.robots.mounted import Mounted
 from optipromp.core.robots.self_collision import letting_touch
 from optipromp.core.scenes.held import Attached, Place, pairs_among
 from optipromp.core.scenes.io import load_scene
@@ -443,9 +443,9 @@ def retreat_model(reach: Plan, robot: Robot) -> PushModel | None:
         may_touch=pairs_among(scene.may_touch, [target.id]),
     )  # fmt: skip
     left = tuple(item for item in reach.task.neighbours if item.id not in (first.id, target.id))
+    full = replace(Mounted.of(robot.tool), full=True)
     model = Hanging(
-        seen, Full(robot.tool, ()), left, reach.task.camera, robot.gripper_radius,
-        flange_of(robot), reach.risk,
+        seen, full, left, reach.task.camera, robot.gripper_radius, flange_of(robot), reach.risk,
     )  # fmt: skip
     before = reach.push_model
     if before is None:
@@ -492,12 +492,3 @@ class RetreatModel(Continued):
         if self.caught:
             return self.caught[0], "is caught behind the tool, which would tear it off its stem"
         return super().cause(points, axes)
-
-
-class Full(Laden):
-    """A tool whose mouth is full: it takes hold of nothing more."""
-
-    @property
-    def mouth(self) -> tuple[float, float]:
-        """Inner radius 0, and the outer radius of the tool's mouth [m]."""
-        return 0.0, self.tool.mouth[1]

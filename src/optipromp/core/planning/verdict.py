@@ -24,8 +24,7 @@ from optipromp.core.pushing.path import STEP, along
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene
-from optipromp.core.trajectory import Trajectory
-from optipromp.core.trajectory_files import read_trajectory
+from optipromp.core.trajectory import Trajectory, read_trajectory
 
 BELOW = PlanOptions.corridor
 """[m] a height this little below the entry counts as the entry's."""
@@ -98,7 +97,7 @@ def judge(
     Args:
         scene: a scene, a built-in scene's name, or a scene file.
         trajectory: of the robot, joints in the robot's order; or the file or folder of a
-            trajectory (:func:`optipromp.core.trajectory_files.read_trajectory`).
+            trajectory (:func:`optipromp.core.trajectory.read_trajectory`).
         robot: with its tool, in place of the scene's.
         risk: share of promised successes that may be broken, see :class:`PlanOptions`.
 

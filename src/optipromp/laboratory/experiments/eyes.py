@@ -46,8 +46,7 @@ from optipromp.laboratory.simulation.sight import standing_pose
 from optipromp.perception.detector import finder_named
 from optipromp.perception.eyes import Detection, Sighting, look_at, seen_scene
 from optipromp.perception.finder import Finder, Found, Region
-from optipromp.perception.spheroids import Spheroid
-from optipromp.perception.stems import SeenStem
+from optipromp.perception.spheroids import SeenStem, Spheroid
 
 WAYS = "rendered", "fitted"
 

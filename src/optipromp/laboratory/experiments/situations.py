@@ -36,7 +36,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from optipromp.control.plant import shifted
+from optipromp.control.driver import shifted
 from optipromp.core.arrays import FloatArray, frame_along
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.planning.task import posed

@@ -58,7 +58,7 @@ from optipromp.laboratory.planners.paper import Paper, weighted
 
 @dataclass(frozen=True)
 class PaperParameters:
-    """Tuned numbers: choices of ours, unless a comment says measured or published; with units."""
+    """Tuned numbers: our choices, unless a comment says where from; units in brackets."""
 
     # [1/m^2] measured: of constraints 1 to 3; at 1e4 scenario III lacks 0.5 mm of constraint 1
     stiffness: float = 1e5

@@ -25,8 +25,7 @@ from dataclasses import replace
 import numpy as np
 
 from optipromp.control.controller import Controller
-from optipromp.control.driver import way_back
-from optipromp.control.plant import scene_of, target_row
+from optipromp.control.driver import scene_of, target_row, way_back
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import Code, OptiPrompError
 from optipromp.core.planning.legs import AFTER, CARRY, after

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from optipromp.core.documents import read_document
-from optipromp.core.errors import InvalidRequestError
-from optipromp.core.files import is_file, is_folder
+from optipromp.core.errors import InvalidRequestError, InvalidSceneError
+from optipromp.core.files import is_file, is_folder, reading
 from optipromp.core.output import load_plan
 from optipromp.core.planning import Plan
 from optipromp.core.scenes.io import scene_from_dict
@@ -76,11 +76,9 @@ def run_report(folder: Path | str) -> bytes:
     """One HTML file, at most 5 MB, about the rollout in a folder that ``simulate --out`` left."""
     folder = Path(folder)
     document = read_document(folder / "outcome.json", InvalidRequestError, "an outcome")
-    try:
+    with reading(folder, "no rollout of this version", passes=(InvalidSceneError,)):
         scene = scene_from_dict(document["scene_file"], base_dir=folder, source=str(folder))
         words = ["optipromp", "simulate", f"{scene.name}.yaml", "--seed", str(document["seed"])]
-    except (KeyError, TypeError) as error:
-        raise InvalidRequestError(f"{folder}: no rollout of this version ({error})") from None
     title = f"{scene.name}: executed in the physics simulation"
     view = _shown(lambda: scene_page(scene), "Turn it with the mouse; the arm is at its start.")
     made = made_with(shlex.join(words), {"written by": f"optipromp {document.get('version')}"})
