@@ -193,10 +193,10 @@ def _stated(each: inspect.Parameter, brackets: str, text: str) -> Any:
         return Annotated[each.annotation, typer.Argument(metavar=metavar, help=text)]
     if each.annotation is bool and not each.default and not declared:
         declared = [f"--{each.name.replace('_', '-')}"]  # without a --no-
+    shows = not (each.default is None or each.default is False)
     option = typer.Option(
-        *declared, metavar=metavar, help=text, min=least, max=most,
-        show_default=not (each.default is None or each.default is False),
-    )  # fmt: skip
+        *declared, metavar=metavar, help=text, min=least, max=most, show_default=shows
+    )
     return Annotated[each.annotation, option]
 
 
