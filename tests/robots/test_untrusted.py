@@ -13,8 +13,8 @@ from tests.robots.test_packages import mesh, with_mesh
 from typer.testing import CliRunner
 
 from optipromp import load_plan, plan
-from optipromp.cli.console import Named
 from optipromp.cli.main import app
+from optipromp.cli.robot import Named
 from optipromp.core.errors import InvalidRobotError, InvalidSceneError, OptiPrompError
 from optipromp.core.output import write_plan
 from optipromp.core.planning import PlanOptions

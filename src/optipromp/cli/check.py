@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from optipromp.cli.command import OK, Report, Shown, command, exit_code
-from optipromp.cli.console import ArmOptions, grid, headline, say_if_compiling, waiting
+from optipromp.cli.console import grid, headline, say_if_compiling, waiting
+from optipromp.cli.robot import ArmOptions
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
 from optipromp.core.files import is_folder, is_there
 

@@ -9,16 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from optipromp.cli.command import Report, Shown, command
-from optipromp.cli.console import (
-    ArmOptions,
-    Cluster,
-    Named,
-    Preset,
-    Whose,
-    Workers,
-    progress_bar,
-    say_if_compiling,
-)
+from optipromp.cli.console import Cluster, Preset, Workers, progress_bar, say_if_compiling
+from optipromp.cli.robot import ArmOptions, Named, Whose
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import (
     ALLOW_XACRO,

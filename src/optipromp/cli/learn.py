@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from optipromp.cli.command import Report, Shown, command
-from optipromp.cli.console import ArmOptions, Named, grid, waiting
+from optipromp.cli.console import grid, waiting
+from optipromp.cli.robot import ArmOptions, Named
 from optipromp.core.errors import InvalidRequestError
 
 if TYPE_CHECKING:

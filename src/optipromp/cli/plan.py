@@ -13,9 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from optipromp.cli.command import FAILED, OK, Report, Shown, command, exit_code
 from optipromp.cli.console import (
-    ArmOptions,
     ChosenStrategy,
-    InPlace,
     Progress,
     Recorded,
     Seed,
@@ -27,6 +25,7 @@ from optipromp.cli.console import (
     say_if_compiling,
     waiting,
 )
+from optipromp.cli.robot import ArmOptions, InPlace
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
 from optipromp.core.files import file_name, is_folder, is_there, json_text, write_atomically
 from optipromp.core.shown import printable
@@ -34,7 +33,7 @@ from optipromp.core.shown import printable
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from optipromp.cli.console import Named
+    from optipromp.cli.robot import Named
     from optipromp.core.planning import Picked, Plan, PlanOptions
     from optipromp.core.planning.sequence import PickSequence
     from optipromp.core.promp import ProMP

@@ -8,16 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from optipromp.cli.check import scene_or_plan
 from optipromp.cli.command import FAILED, OK, Report, command
-from optipromp.cli.console import (
-    ArmOptions,
-    ChosenStrategy,
-    InPlace,
-    Named,
-    Seed,
-    Strategy,
-    say_if_compiling,
-    waiting,
-)
+from optipromp.cli.console import ChosenStrategy, Seed, Strategy, say_if_compiling, waiting
+from optipromp.cli.robot import ArmOptions, InPlace, Named
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.files import is_folder
 

@@ -6,16 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from optipromp.cli.command import Report, command
-from optipromp.cli.console import (
-    ArmOptions,
-    Cluster,
-    Whose,
-    Workers,
-    grid,
-    progress_bar,
-    say_if_compiling,
-)
+from optipromp.cli.console import Cluster, Workers, grid, progress_bar, say_if_compiling
 from optipromp.cli.plan import scene_files
+from optipromp.cli.robot import ArmOptions, Whose
 from optipromp.core.errors import Code, InvalidRequestError
 
 if TYPE_CHECKING:
