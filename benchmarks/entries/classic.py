@@ -37,7 +37,7 @@ class FromLine(Chomp):
     waypoints: ClassVar[int] = 100
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed:
-        """See :class:`optipromp.core.planning.planner.Planner`."""
+        """See :class:`optipromp.core.planning.planners.Planner`."""
         chosen = goal_configurations(pushed_aside(task), budget)
         if not len(chosen.q):
             return chosen.failed

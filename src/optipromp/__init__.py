@@ -59,8 +59,8 @@ if TYPE_CHECKING:
     from optipromp.core.scenes.scene import SceneObject as SceneObject
     from optipromp.core.trajectory import State as State
     from optipromp.core.trajectory import Trajectory as Trajectory
-    from optipromp.laboratory.planners.functionals import PaperOptions as PaperOptions
-    from optipromp.laboratory.planners.functionals import PushCost as PushCost
+    from optipromp.laboratory.planners.paper import PaperOptions as PaperOptions
+    from optipromp.laboratory.planners.paper import PushCost as PushCost
     from optipromp.laboratory.simulation import simulate as simulate
 
 _HOMES = {
@@ -78,7 +78,7 @@ _HOMES = {
     "core.robots.tools": "Cup FrankaHand with_tool",
     "core.scenes.io": "load_scene save_scene",
     "core.scenes.scene": "Scene SceneObject",
-    "laboratory.planners.functionals": "PaperOptions PushCost",
+    "laboratory.planners.paper": "PaperOptions PushCost",
     "laboratory.simulation": "simulate",
     "core.trajectory": "State Trajectory",
 }

@@ -242,7 +242,7 @@ def test_no_cost_of_an_invalid_plan_is_said_to_have_fallen() -> None:
     from optipromp.cli.scenarios import SHORT, reductions, table_one
     from optipromp.core.planning import PlanOptions
     from optipromp.laboratory.experiments.scenarios import CASES, ScenarioRow
-    from optipromp.laboratory.planners.functionals import PaperOptions
+    from optipromp.laboratory.planners.paper import PaperOptions
 
     case = next(case for case in CASES if case.key == "4-sequential")
     options = PlanOptions(constraints="paper", paper=PaperOptions(drift_offset=0.9), timeout=1.0)
@@ -327,7 +327,7 @@ def test_a_failed_plan_prints_why_and_nothing_else(tmp_path: Path) -> None:
 def test_progress_is_told_where_it_is_asked_for(tmp_path: Path) -> None:
     """Of a plan whose robot takes long to read."""
     slow = (
-        "import sys, time; from optipromp.core.planning import planner;"
+        "import sys, time; from optipromp.core.planning import planners;"
         "import optipromp.core.planning.plan;"
         "plan = sys.modules['optipromp.core.planning.plan'];"
         "usual = plan.resolve;"

@@ -11,7 +11,7 @@ from optipromp.cli.catalogue import documented, settings
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning import PlanOptions
-from optipromp.laboratory.planners.functionals import PaperOptions
+from optipromp.laboratory.planners.paper import PaperOptions
 
 
 def call(*arguments: str) -> tuple[int, str, str]:

@@ -10,8 +10,8 @@ from optipromp.core.pushing.parameters import KNOWN
 from optipromp.core.scenes import JointGoal, load_scene
 from optipromp.laboratory.experiments.baselines import STUDY_PLANNERS, attempt
 from optipromp.laboratory.generate import generate
-from optipromp.laboratory.planners.functionals import PaperOptions
 from optipromp.laboratory.planners.obstacles import Chomp, as_obstacles
+from optipromp.laboratory.planners.paper import PaperOptions
 
 
 @pytest.mark.parametrize("preset", ["cluster", "shelf"])

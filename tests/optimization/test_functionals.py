@@ -9,7 +9,7 @@ from tests.optimization.builders import EMPTY, reach
 from optipromp.core.geometry import Sphere, pack
 from optipromp.core.optimization.costs.obstacles import ObstacleCost, chomp_cost
 from optipromp.core.optimization.problem import Problem, Surroundings
-from optipromp.laboratory.planners.functionals import PushCost
+from optipromp.laboratory.planners.paper import PushCost
 
 
 def chomp_gradient(

@@ -15,7 +15,7 @@ from optipromp.core.optimization.costs.joints import SmoothnessCost, StepCost, V
 from optipromp.core.optimization.costs.obstacles import ClearanceCost, ObstacleCost, SelfCost
 from optipromp.core.optimization.costs.tool import GoalCost
 from optipromp.core.optimization.problem import Problem, Surroundings
-from optipromp.laboratory.planners.functionals import PushCost
+from optipromp.laboratory.planners.paper import PushCost
 
 angle = st.floats(-2.5, 2.5)
 shift = st.floats(-0.5, 0.5)

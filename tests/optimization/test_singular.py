@@ -16,7 +16,7 @@ from optipromp.core.optimization.costs.obstacles import (
 )
 from optipromp.core.optimization.costs.tool import GoalCost, UprightCost
 from optipromp.core.optimization.problem import Surroundings
-from optipromp.laboratory.planners.functionals import PushCost
+from optipromp.laboratory.planners.paper import PushCost
 
 
 def test_costs_are_zero_where_there_is_nothing_to_do(panda: Any) -> None:

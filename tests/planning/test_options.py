@@ -18,7 +18,7 @@ from optipromp.core.pushing.path import through
 from optipromp.core.pushing.rules import rule_paths
 from optipromp.core.scenes import JointGoal, Scene, load_scene
 from optipromp.core.trajectory import Trajectory
-from optipromp.laboratory.planners.functionals import PaperOptions
+from optipromp.laboratory.planners.paper import PaperOptions
 
 NAN, INF = float("nan"), float("inf")
 Planned = Callable[..., Plan]

@@ -24,8 +24,7 @@ from optipromp.core.planning.primitive import learnt
 from optipromp.core.planning.task import resolve
 from optipromp.core.scenes import Scene, load_scene
 from optipromp.laboratory.planners import paper_stages as paper_planner
-from optipromp.laboratory.planners.functionals import PaperOptions
-from optipromp.laboratory.planners.paper import PAPER_BASIS, Paper
+from optipromp.laboratory.planners.paper import PAPER_BASIS, Paper, PaperOptions
 from optipromp.laboratory.planners.paper_stages import (
     ConstraintRows,
     drift_offsets,

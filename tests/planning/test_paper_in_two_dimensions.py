@@ -9,7 +9,7 @@ from optipromp.core.planning.task import resolve
 from optipromp.core.pushing.rules import drift_choices
 from optipromp.core.scenes import Scene, SceneObject
 from optipromp.laboratory.generate import generate
-from optipromp.laboratory.planners.functionals import PaperOptions
+from optipromp.laboratory.planners.paper import PaperOptions
 
 HAND = 0.04  # [m] R_gripper of the Franka hand
 

@@ -33,7 +33,7 @@ from optipromp.core.pushing.rules import rule_paths
 from optipromp.core.pushing.stems import hanging as hanging_model
 from optipromp.core.robots.library import load_robot
 from optipromp.core.scenes import JointGoal, Scene, SceneObject, Stem
-from optipromp.laboratory.planners.functionals import PaperOptions
+from optipromp.laboratory.planners.paper import PaperOptions
 
 # --- iterations and time ---------------------------------------------------------------------
 

@@ -13,7 +13,7 @@ from optipromp.core.errors import Code
 from optipromp.core.planning import Plan, PlanOptions, plan
 from optipromp.core.scenes import Scene, load_scene
 from optipromp.core.trajectory import State
-from optipromp.laboratory.planners.functionals import PaperOptions
+from optipromp.laboratory.planners.paper import PaperOptions
 
 Planned = Callable[..., Plan]
 PAPER_M_P = {

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -19,46 +19,20 @@ bench = typer.Typer(
     help="Compare pickers on frozen scenes, in two physics engines (docs/benchmark.md).",
 )  # fmt: skip
 
-Results = Annotated[
-    list[Path], typer.Argument(metavar="RESULTS...", help="Folders or submissions.")
-]
-
 
 @bench.command("run")
 @command()
 def run(
-    entry: Annotated[
-        str, typer.Option(metavar="NAME", help="Of 'optipromp bench list', or MODULE:CLASS.")
-    ],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Of the results; goes on where it was.")],
-    track: Annotated[
-        str, typer.Option(metavar="NAME", help="plan, policy or picture; see 'bench list'.")
-    ] = "",
-    scenes: Annotated[
-        str,
-        typer.Option(
-            "--set",
-            metavar="WORD",
-            help="development, or a word that draws a test set.",
-        ),
-    ] = "development",
-    draw: Annotated[
-        bool, typer.Option("--draw", help="A round of this entry alone: its digest, then a word.")
-    ] = False,
-    round_: Annotated[
-        Path | None,
-        typer.Option("--round", metavar="FILE", help="Of 'bench draw': its word, its entries."),
-    ] = None,
-    preset: Annotated[
-        str, typer.Option(metavar="NAMES", help="Presets, separated by commas.")
-    ] = "cluster,mixed,field,wild",
-    count: Annotated[int, typer.Option(help="Scenes of each preset.")] = 200,
-    condition: Annotated[
-        str | None, typer.Option(metavar="NAME", help="What moves and is seen wrongly.")
-    ] = None,
-    variation: Annotated[
-        str, typer.Option(metavar="NAME", help="Of the physics; see 'study --vary'.")
-    ] = "",
+    entry: str,
+    out: Path,
+    track: str = "",
+    scenes: str = "development",
+    draw: bool = False,
+    round_: Path | None = None,
+    preset: str = "cluster,mixed,field,wild",
+    count: int = 200,
+    condition: str | None = None,
+    variation: str = "",
     workers: Workers = None,
     ray: Cluster = None,
 ) -> Report:
@@ -77,6 +51,18 @@ def run(
     optipromp bench run --entry mine:Picker --track plan --out mine
     optipromp bench run --entry mine:Policy --track policy --draw --out test
     optipromp bench run --entry mine:Picker --round round.json --out mine
+
+    Args:
+        entry (NAME): Of 'optipromp bench list', or MODULE:CLASS.
+        out (DIR): Of the results; goes on where it was.
+        track (NAME): plan, policy or picture; see 'bench list'.
+        scenes (--set WORD): development, or a word that draws a test set.
+        draw: A round of this entry alone: its digest, then a word.
+        round_ (--round FILE): Of 'bench draw': its word, its entries.
+        preset (NAMES): Presets, separated by commas.
+        count: Scenes of each preset.
+        condition (NAME): What moves and is seen wrongly.
+        variation (NAME): Of the physics; see 'study --vary'.
     """
     from optipromp.bench.entries import ENTRIES
     from optipromp.bench.results import BenchRun, run_bench
@@ -106,11 +92,9 @@ def run(
 @bench.command("verify")
 @command()
 def verify(
-    submission: Annotated[Path, typer.Argument(metavar="ZIP", help="Of 'bench run'.")],
-    entry: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="The submitted entry, which is asked again."),
-    ] = None,
+    submission: Path,
+    /,
+    entry: str | None = None,
     workers: Workers = None,
     ray: Cluster = None,
 ) -> Report:
@@ -128,6 +112,10 @@ def verify(
     \b
     optipromp bench verify mine/submission.zip --entry mine:Picker
     optipromp bench verify theirs.zip
+
+    Args:
+        submission (ZIP): Of 'bench run'.
+        entry (NAME): The submitted entry, which is asked again.
     """
     from optipromp.bench.results import verify as again
 
@@ -160,11 +148,8 @@ def verify(
 @bench.command("draw")
 @command()
 def draw_(
-    entry: Annotated[
-        list[str],
-        typer.Option(metavar="NAME", help="Of 'bench list', or MODULE:CLASS; several times."),
-    ],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="Of the round; is not written over.")],
+    entry: list[str],
+    out: Path,
 ) -> Report:
     """Draw a test set for entries that are handed in: their digests first, then the word.
 
@@ -175,6 +160,10 @@ def draw_(
 
     \b
     optipromp bench draw --entry opti-promp --entry mine:Picker --out round.json
+
+    Args:
+        entry (NAME): Of 'bench list', or MODULE:CLASS; several times.
+        out (FILE): Of the round; is not written over.
     """
     from dataclasses import asdict
 
@@ -192,10 +181,9 @@ def draw_(
 @bench.command("table")
 @command()
 def table(
-    results: Results,
-    out: Annotated[
-        Path | None, typer.Option("--markdown", metavar="FILE", help="Leave the page here.")
-    ] = None,
+    results: list[Path],
+    /,
+    out: Path | None = None,
 ) -> Report:
     """Make the leaderboard of submissions on one set.
 
@@ -205,6 +193,10 @@ def table(
 
     \b
     optipromp bench table ours straight theirs.zip --markdown leaderboard.md
+
+    Args:
+        results (RESULTS...): Folders or submissions.
+        out (--markdown FILE): Leave the page here.
     """
     from optipromp.bench.table import leaderboard, markdown
     from optipromp.core.files import write_atomically
@@ -218,11 +210,10 @@ def table(
 @bench.command("publish")
 @command()
 def publish(
-    results: Results,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="New; of the files of a release.")],
-    unverified: Annotated[
-        bool, typer.Option("--unverified", help="Take what 'bench verify' did not confirm, too.")
-    ] = False,
+    results: list[Path],
+    /,
+    out: Path,
+    unverified: bool = False,
 ) -> Report:
     """Gather submissions, what verified them, the table and the digests of all.
 
@@ -233,6 +224,11 @@ def publish(
 
     \b
     optipromp bench publish ours theirs.zip --out release
+
+    Args:
+        results (RESULTS...): Folders or submissions.
+        out (DIR): New; of the files of a release.
+        unverified: Take what 'bench verify' did not confirm, too.
     """
     from optipromp.bench.table import DIGESTS, published
 

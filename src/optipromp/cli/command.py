@@ -181,19 +181,22 @@ def _stated(each: inspect.Parameter, brackets: str, text: str) -> Any:
     """The annotation of a parameter of which a docstring says ``brackets`` and ``text``."""
     if get_origin(each.annotation) is Annotated:
         return each.annotation
-    words = brackets.split()
-    declared = [word for word in words if word.startswith("--")]
-    bounds = next((word.split("..") for word in words if ".." in word), ["", ""])
-    word = " ".join(one for one in words if one not in declared and ".." not in one) or None
+    declared, shown, bounds = list[str](), list[str](), ("", "")
+    for word in brackets.split():
+        if found := re.fullmatch(r"(\d*)\.\.(\d*)", word):
+            bounds = found[1], found[2]
+        else:
+            (declared if word.startswith("--") else shown).append(word)
     least, most = (int(bound) if bound else None for bound in bounds)
+    metavar = " ".join(shown) or None
     if each.kind is _ARGUMENT:
-        return Annotated[each.annotation, typer.Argument(metavar=word, help=text)]
+        return Annotated[each.annotation, typer.Argument(metavar=metavar, help=text)]
     if each.annotation is bool and not each.default and not declared:
         declared = [f"--{each.name.replace('_', '-')}"]  # without a --no-
+    shows = not (each.default is None or each.default is False)
     option = typer.Option(
-        *declared, metavar=word, help=text, min=least, max=most,
-        show_default=not (each.default is None or each.default is False),
-    )  # fmt: skip
+        *declared, metavar=metavar, help=text, min=least, max=most, show_default=shows
+    )
     return Annotated[each.annotation, option]
 
 

@@ -157,7 +157,7 @@ class Output:
 
 def failed_plan(error: OptiPrompError, request: Mapping[str, Any]) -> dict[str, Any]:
     """The document of a plan that raised an error: a plan's keys, with the error's code."""
-    from optipromp.core.planning.planner import label
+    from optipromp.core.planning.planners import label
 
     planner = label(request["planner"])
     return {

@@ -3,9 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from optipromp.cli.command import Report, command
 from optipromp.cli.console import Cluster, Workers, grid, progress_bar, say_if_compiling
@@ -22,108 +20,40 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class LoopChoices:
-    """The options that choose loops and conditions."""
+    """The options that choose loops and conditions.
 
-    loop: Annotated[
-        str,
-        typer.Option(
-            metavar="NAMES",
-            help="Instead of planners compare open (plan, execute blind), looks (look again at the "
-            "camera point, execute blind) and closed (the controller), or all.",
-        ),
-    ] = ""
-    conditions: Annotated[
-        str,
-        typer.Option(
-            metavar="NAMES",
-            help="Of loops: none, zero-mean, detector, missed, lower, aside, sway, calibration, "
-            "limp, all (at once); 'all' by itself is each of them, 'all,' that one.",
-        ),
-    ] = ""
-    eyes: Annotated[
-        str,
-        typer.Option(
-            metavar="NAMES",
-            help="Of loops (open by itself): scenes are seen by the eyes. rendered: in pictures, "
-            "in the closed loop too, for a handful of scenes; fitted: by a camera model with the "
-            "errors of these eyes.",
-        ),
-    ] = ""
-    finder: Annotated[
-        str, typer.Option(metavar="NAME", help="Of --eyes, what finds fruits in pictures.")
-    ] = "geometry"
-    views: Annotated[
-        int,
-        typer.Option(metavar="1|2", help="Of --eyes: pictures from as many sides, before a plan."),
-    ] = 1
+    Attributes:
+        loop (NAMES): Instead of planners compare open (plan, execute blind), looks (look again at
+            the camera point, execute blind) and closed (the controller), or all.
+        conditions (NAMES): Of loops: none, zero-mean, detector, missed, lower, aside, sway,
+            calibration, limp, all (at once); 'all' by itself is each of them, 'all,' that one.
+        eyes (NAMES): Of loops (open by itself): scenes are seen by the eyes. rendered: in pictures,
+            in the closed loop too, for a handful of scenes; fitted: by a camera model with the
+            errors of these eyes.
+        finder (NAME): Of --eyes, what finds fruits in pictures.
+        views (1|2): Of --eyes: pictures from as many sides, before a plan.
+    """
 
-
-Compared = Annotated[
-    list[str],
-    typer.Option(
-        "--planner",
-        "--planners",
-        metavar="NAMES",
-        help="Any that 'optipromp list' names, separated by commas or one an option, or all.",
-    ),
-]
+    loop: str = ""
+    conditions: str = ""
+    eyes: str = ""
+    finder: str = "geometry"
+    views: int = 1
 
 
 @command()
 def study(
-    out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Where rows go; rows that are there are kept.")
-    ],
-    preset: Annotated[
-        str, typer.Option(metavar="NAMES", help="Presets, separated by commas, or all.")
-    ] = "all",
-    scenes: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="Your scenes in place of presets: the scene files of a folder. The seed is then "
-            "of noise, planner and physics.",
-        ),
-    ] = None,
-    planners: Compared = ["all"],  # noqa: B006 (typer copies it)
-    seeds: Annotated[
-        str | None,
-        typer.Option(
-            metavar="A:B",
-            help="Seeds of the scenes, from A to before B (0:20; with --scenes 0:1).",
-            show_default=False,
-        ),
-    ] = None,
-    noise_position: Annotated[
-        float, typer.Option(metavar="METRES", help="Standard deviation of detected positions.")
-    ] = 0.0,
-    noise_angle: Annotated[
-        float, typer.Option(metavar="DEGREES", help="Standard deviation of detected stems.")
-    ] = 0.0,
-    noise: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            help="Of the detector: zero-mean (5 mm, 5 degrees), low and high (and all seen 10 mm "
-            "too low or high), missed (fruits not seen, hidden ones more often), detector (low "
-            "and missed).",
-        ),
-    ] = "",
-    only_valid: Annotated[
-        bool, typer.Option("--only-valid", help="Do not execute plans that the judge refuses.")
-    ] = False,
-    vary: Annotated[
-        bool,
-        typer.Option(
-            "--vary",
-            help="Execute each plan under a table of physical variations: softer and stiffer "
-            "stems, friction, mass, size, damping, a tool off its place, fruits lower than seen.",
-        ),
-    ] = False,
-    risk: Annotated[
-        float,
-        typer.Option(help="Share of promised successes that may be broken; less refuses more."),
-    ] = 0.03,
+    out: Path,
+    preset: str = "all",
+    scenes: Path | None = None,
+    planners: list[str] = ["all"],  # noqa: B006 (typer copies it)
+    seeds: str | None = None,
+    noise_position: float = 0.0,
+    noise_angle: float = 0.0,
+    noise: str = "",
+    only_valid: bool = False,
+    vary: bool = False,
+    risk: float = 0.03,
     workers: Workers = None,
     ray: Cluster = None,
     *,
@@ -148,6 +78,24 @@ def study(
     optipromp study --preset tight --planners opti-promp --noise detector --out detected
     optipromp study --preset cluster,field --loop open,closed --conditions sway,missed --out loops
     optipromp study --preset cluster --loop open,closed --eyes fitted --out circle
+
+    Args:
+        out (DIR): Where rows go; rows that are there are kept.
+        preset (NAMES): Presets, separated by commas, or all.
+        scenes (DIR): Your scenes in place of presets: the scene files of a folder. The seed is then
+            of noise, planner and physics.
+        planners (--planner --planners NAMES): Any that 'optipromp list' names, separated by commas
+            or one an option, or all.
+        seeds (A:B): Seeds of the scenes, from A to before B (0:20; with --scenes 0:1).
+        noise_position (METRES): Standard deviation of detected positions.
+        noise_angle (DEGREES): Standard deviation of detected stems.
+        noise (NAME): Of the detector: zero-mean (5 mm, 5 degrees), low and high (and all seen 10 mm
+            too low or high), missed (fruits not seen, hidden ones more often), detector (low and
+            missed).
+        only_valid: Do not execute plans that the judge refuses.
+        vary: Execute each plan under a table of physical variations: softer and stiffer stems,
+            friction, mass, size, damping, a tool off its place, fruits lower than seen.
+        risk: Share of promised successes that may be broken; less refuses more.
     """
     from optipromp.laboratory.experiments.baselines import study_planners
     from optipromp.laboratory.experiments.eyes import WAYS

@@ -19,7 +19,7 @@ from optipromp.core.arrays import FloatArray, frame_along
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
 from optipromp.core.execution.streaming import Line
 from optipromp.core.planning import Plan, PlanOptions, plan
-from optipromp.core.planning.planner import factory
+from optipromp.core.planning.planners import factory
 from optipromp.core.promp.model import ProMP
 from optipromp.core.robots.library import load_arm
 from optipromp.core.robots.model import Robot

@@ -9,13 +9,13 @@ from optipromp.core.planning.plan import Detour as Detour
 from optipromp.core.planning.plan import detour as detour
 from optipromp.core.planning.plan import plan as plan
 from optipromp.core.planning.plan import warm_up as warm_up
-from optipromp.core.planning.planner import Planner as Planner
-from optipromp.core.planning.planner import planner_names as planner_names
-from optipromp.core.planning.planner import register as register
 from optipromp.core.planning.planners import PLANNERS as PLANNERS
 from optipromp.core.planning.planners import ConditionedProMP as ConditionedProMP
 from optipromp.core.planning.planners import IProMP as IProMP
 from optipromp.core.planning.planners import OptiProMP as OptiProMP
+from optipromp.core.planning.planners import Planner as Planner
+from optipromp.core.planning.planners import planner_names as planner_names
+from optipromp.core.planning.planners import register as register
 from optipromp.core.planning.result import Failed as Failed
 from optipromp.core.planning.result import Plan as Plan
 from optipromp.core.planning.result import Planned as Planned

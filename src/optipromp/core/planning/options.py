@@ -190,10 +190,11 @@ class PlanOptions(Searched):
             ends a plan as the timeout does, at the same place on every machine. None: no limit.
         risk: share of promised successes that may be broken, over many scenes. It sets the largest
             predicted harm of a success; a smaller risk refuses more plans.
-        constraints: ``push-model``: the default planner. ``paper``: a request of opti-promp is one
-            of the paper's planner, :class:`optipromp.laboratory.planners.paper.Paper`.
-        paper: settings of that planner, of promp and of i-promp, and of the functionals that a plan
-            reports: an :class:`optipromp.PaperOptions`; None: the defaults.
+        constraints: ``push-model``: the default planner. ``paper``: the paper's constraints 1 to 3,
+            and a plan is a success only if constraint 1 holds at every waypoint of the paper's
+            window. The strategy ``sequential`` plans with constraints 1 to 3 in any case.
+        paper: settings of the paper's planner, of promp and of i-promp, and of the functionals that
+            a plan reports: an :class:`optipromp.PaperOptions`; None: the defaults.
     """
 
     timeout: float = 60.0

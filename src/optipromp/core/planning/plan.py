@@ -25,8 +25,14 @@ from optipromp.core.optimization.kernels import add_stiffness
 from optipromp.core.planning import tree
 from optipromp.core.planning.options import PlanOptions, Strategy, stated
 from optipromp.core.planning.parameters import APPROACH, UNDERWAY
-from optipromp.core.planning.planner import Planner, check_way, functionals, label
-from optipromp.core.planning.planners import OptiProMP, chosen_planner
+from optipromp.core.planning.planners import (
+    OptiProMP,
+    Planner,
+    check_way,
+    chosen_planner,
+    functionals,
+    label,
+)
 from optipromp.core.planning.result import Failed, Harmful, Plan, Planned, Terms, best_of
 from optipromp.core.planning.task import Task, approached, resolve
 from optipromp.core.planning.timing import stopped
@@ -76,7 +82,7 @@ def plan(
         robot: with its tool (:func:`optipromp.core.robots.tools.with_tool`), in place of the
             scene's.
         planner: a planner with its settings, such as :class:`OptiProMP`, or any object that
-            solves a task (:class:`optipromp.core.planning.planner.Planner`); or a name: ``promp``
+            solves a task (:class:`optipromp.core.planning.planners.Planner`); or a name: ``promp``
             conditions the primitive on start, camera point and target; ``i-promp`` also on every
             neighbour and its pushed pose; ``opti-promp`` picks a tool path, follows it with the
             whole arm and optimises the result; others are registered.

@@ -11,7 +11,7 @@ from optipromp.core.errors import Code, InvalidRequestError, NoPlanError, OptiPr
 from optipromp.core.planning.legs import Picked, after
 from optipromp.core.planning.options import PlanOptions, Strategy, stated
 from optipromp.core.planning.plan import check_request, plan
-from optipromp.core.planning.planner import Planner
+from optipromp.core.planning.planners import Planner
 from optipromp.core.planning.result import Plan, best_of
 from optipromp.core.planning.task import Task
 from optipromp.core.processes import cores, run_each

@@ -8,7 +8,7 @@ import numpy as np
 from optipromp.core.arrays import lengths
 from optipromp.core.errors import Code
 from optipromp.core.planning import Plan, PlanOptions, plan, planner_names
-from optipromp.core.planning.planner import make
+from optipromp.core.planning.planners import make
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
 

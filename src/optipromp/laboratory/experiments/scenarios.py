@@ -15,7 +15,7 @@ from optipromp.core.geometry import Box, Sphere
 from optipromp.core.planning import Plan, PlanOptions, Strategy, plan
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import SceneObject
-from optipromp.laboratory.planners.functionals import PaperOptions
+from optipromp.laboratory.planners.paper import PaperOptions
 
 if TYPE_CHECKING:
     from optipromp.core.promp.model import ProMP

@@ -17,7 +17,7 @@ import numpy as np
 
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
 from optipromp.core.planning import PlanOptions
-from optipromp.core.planning.planner import factory
+from optipromp.core.planning.planners import factory
 from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene, SceneObject

@@ -19,12 +19,11 @@ from optipromp.core.optimization.costs.joints import SmoothnessCost
 from optipromp.core.optimization.costs.obstacles import ObstacleCost
 from optipromp.core.optimization.gauss_newton import Result
 from optipromp.core.optimization.problem import ANCHOR, Problem
-from optipromp.core.planning.planner import WAY
-from optipromp.core.planning.planners import ConditionedProMP, OptiProMP
+from optipromp.core.planning.planners import WAY, ConditionedProMP, OptiProMP
 from optipromp.core.planning.result import Failed, Harmful, Planned
 from optipromp.core.planning.task import Task
 from optipromp.core.scenes.scene import Scene
-from optipromp.laboratory.planners.functionals import PaperOptions
+from optipromp.laboratory.planners.paper import PaperOptions
 from optipromp.laboratory.planners.straight import gently
 
 TRIES = 20  # smooth corrections of a trajectory beyond its limits, before it is clipped: a choice
@@ -51,7 +50,7 @@ class Avoiding(OptiProMP):
         return False
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
-        """See :class:`optipromp.core.planning.planner.Planner`."""
+        """See :class:`optipromp.core.planning.planners.Planner`."""
         made = super().solve(avoiding(task), budget)
         if isinstance(made, Harmful):  # there is no other approach
             made = super().solve(made.task, budget)
@@ -76,7 +75,7 @@ class Chomp:
     ignores: ClassVar[tuple[str, ...]] = WAY
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed:
-        """See :class:`optipromp.core.planning.planner.Planner`."""
+        """See :class:`optipromp.core.planning.planners.Planner`."""
         made = ConditionedProMP().solve(task, budget)
         if not isinstance(made, Planned):
             assert isinstance(made, Failed)

@@ -53,8 +53,7 @@ from optipromp.core.pushing.rules import Drift, detection_variance, drift_choice
 from optipromp.core.scenes.scene import JointGoal, PoseGoal
 from optipromp.core.scenes.values import suggest
 from optipromp.core.trajectory import Trajectory
-from optipromp.laboratory.planners.functionals import weighted
-from optipromp.laboratory.planners.paper import Paper
+from optipromp.laboratory.planners.paper import Paper, weighted
 
 
 @dataclass(frozen=True)
