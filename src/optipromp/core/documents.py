@@ -106,7 +106,7 @@ def read_yaml(text: str) -> Any:
         if isinstance(event, yaml.DocumentStartEvent):
             documents += 1
             if documents > 1:
-                refuse(event, "a second document: must be one")
+                _refuse(event, "a second document: must be one")
         elif isinstance(event, yaml.NodeEvent):
             value, _ = reader.node(event, 0)
     return value
@@ -123,19 +123,19 @@ class _Reader:
         """The value that begins with ``event``, at nesting ``depth``, and its number of values."""
         if isinstance(event, yaml.AliasEvent):
             if event.anchor not in self.anchors:
-                refuse(event, f"found undefined alias {event.anchor!r}")
+                _refuse(event, f"found undefined alias {event.anchor!r}")
             known = self.anchors[event.anchor]
             if known is None:
-                refuse(event, "an alias holds itself: must not")
+                _refuse(event, "an alias holds itself: must not")
             return known
         if event.tag not in (None, "!"):
-            refuse(event, f"tag {event.tag}: values must have none")
+            _refuse(event, f"tag {event.tag}: values must have none")
         if isinstance(event, yaml.ScalarEvent):
             plain = event.implicit[0] and not event.tag
             found = _resolved(event.value) if plain else event.value, 1
         else:
             if depth == _DEEPEST:
-                refuse(event, _DEEP)
+                _refuse(event, _DEEP)
             if event.anchor is not None:
                 self.anchors[event.anchor] = None
             mapping = isinstance(event, yaml.MappingStartEvent)
@@ -169,7 +169,7 @@ class _Reader:
                 continue
             merged = value if isinstance(value, list) else [value]
             if not all(isinstance(other, dict) for other in merged):
-                refuse(begin, "<< must be a mapping, or a list of mappings")
+                _refuse(begin, "<< must be a mapping, or a list of mappings")
         for other in merged:  # keys of the mapping itself, and of earlier ones, take precedence
             for name in other:
                 out.setdefault(name, other[name])
@@ -178,11 +178,11 @@ class _Reader:
     def key(self, event: Any, known: dict[str, Any]) -> str:
         """The text of a mapping's key."""
         if not isinstance(event, yaml.ScalarEvent):
-            refuse(event, "a key must be text")
+            _refuse(event, "a key must be text")
         if event.tag not in (None, "!"):
-            refuse(event, f"tag {event.tag}: values must have none")
+            _refuse(event, f"tag {event.tag}: values must have none")
         if event.value in known:
-            refuse(event, f"key {event.value!r} stands twice")
+            _refuse(event, f"key {event.value!r} stands twice")
         if event.anchor is not None:
             self.anchors[event.anchor] = event.value, 1
         return str(event.value)
@@ -191,7 +191,7 @@ class _Reader:
 def _sum(size: int, more: int, event: Any) -> int:
     """The sum of two numbers of values; refused above :data:`_MOST_VALUES`."""
     if size + more > _MOST_VALUES:
-        refuse(event, f"values unfold to more than {_MOST_VALUES}")
+        _refuse(event, f"values unfold to more than {_MOST_VALUES}")
     return size + more
 
 
@@ -203,6 +203,6 @@ def _resolved(text: str) -> Any:
     return int(text) if _WHOLE.fullmatch(text) else float(text)
 
 
-def refuse(event: Any, what: str) -> NoReturn:
+def _refuse(event: Any, what: str) -> NoReturn:
     """Refuse the document, at the line of ``event``."""
     raise yaml.MarkedYAMLError(problem=what, problem_mark=event.start_mark)

@@ -36,7 +36,7 @@ ACROSS = 0.1  # chosen: largest cosine between slides that count as perpendicula
 _WORD = re.compile(r"[A-Z]?[a-z]+[0-9]*|[A-Z]+(?![a-z])|[0-9]+")
 
 
-def words(name: str) -> frozenset[str]:
+def words_of(name: str) -> frozenset[str]:
     """The words of a name, with and without digits; split at signs and changes of case."""
     found = [word.lower() for word in _WORD.findall(name)]
     return frozenset(found) | {word.rstrip("0123456789") for word in found}
@@ -171,7 +171,7 @@ class Tree:
     def _starts_hand(self, joint: UrdfJoint) -> bool:
         if joint.kind == "fixed":
             return False
-        own, link = words(joint.name), words(joint.child)
+        own, link = words_of(joint.name), words_of(joint.child)
         if own & FINGER or ((link & FINGER or own & HAND) and not own & TURN):
             return True
         above = self.before[joint.parent]
@@ -188,6 +188,6 @@ class Tree:
         return frozenset(
             each.name
             for joint in self.model.joints.values()
-            if joint.kind != "fixed" and (words(joint.name) | words(joint.child)) & vocabulary
+            if joint.kind != "fixed" and (words_of(joint.name) | words_of(joint.child)) & vocabulary
             for each in self.subtree(joint)
         )

@@ -67,7 +67,7 @@ class Pushed(NamedTuple):
     done: float
 
 
-def push(
+def push_once(
     bench: Bench, path: FloatArray, state: FloatArray, slip: float, most: float = np.inf
 ) -> Pushed:
     """Move the hand along a path, and the objects with it; see :func:`pushed`."""
