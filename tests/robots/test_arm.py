@@ -25,7 +25,7 @@ from typer.testing import CliRunner
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.library import Choice, load_arm, load_robot
-from optipromp.readers.tree import words_of
+from optipromp.readers.chain import words_of
 
 Writer = Callable[..., Path]
 

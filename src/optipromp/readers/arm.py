@@ -12,8 +12,7 @@ from dataclasses import replace
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.description import Arm
 from optipromp.core.scenes.values import suggest
-from optipromp.readers.srdf import Srdf
-from optipromp.readers.tree import (
+from optipromp.readers.chain import (
     CENTRE,
     FLANGE,
     HEAD,
@@ -25,6 +24,7 @@ from optipromp.readers.tree import (
     Tree,
     words_of,
 )
+from optipromp.readers.srdf import Srdf
 from optipromp.readers.urdf import UrdfJoint, UrdfModel
 
 _NO_DIGITS = str.maketrans("", "", "0123456789")

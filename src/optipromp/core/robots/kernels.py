@@ -98,7 +98,7 @@ def chain_frames(kin, q, origins, rotations, axes):
 
 
 @inner
-def segment_frames(kin, q, origins, rotations, axes):
+def frames(kin, q, origins, rotations, axes):
     """Frames of every segment at T configurations: ``q`` (T, n), outputs (T, S, …), in place."""
     for t in range(q.shape[0]):
         chain_frames(kin, q[t], origins[t], rotations[t], axes[t])

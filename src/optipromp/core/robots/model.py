@@ -197,7 +197,7 @@ class Robot(Shown):
         flat = array.reshape(-1, self.n_joints)
         m, s = len(flat), self.n_segments
         origins, rotations, axes = np.empty((m, s, 3)), np.empty((m, s, 3, 3)), np.empty((m, s, 3))
-        kernels.segment_frames(self.kinematics, flat, origins, rotations, axes)
+        kernels.frames(self.kinematics, flat, origins, rotations, axes)
         lead = array.shape[:-1]
         return (
             origins.reshape(*lead, s, 3),

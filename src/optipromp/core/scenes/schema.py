@@ -143,7 +143,7 @@ class Model(BaseModel):
 _KINDS: dict[type[Model], Mapping[str, Value]] = {}
 
 
-def form(check: Callable[[Any], Any] | None = None, **kinds: Value) -> Any:
+def form(check: Callable[[Any], Any] | None = None, /, **kinds: Value) -> Any:
     """A mapping with values of these kinds; ``check`` refuses values that do not go together."""
     keys: dict[str, Any] = {
         name: (kind.type | None, None) if kind.default is None else (kind.type, kind.default)
@@ -308,7 +308,7 @@ GOAL = form(
 )
 WAYPOINT = form(_turn, position=needed(POINT), axis=AXIS, orientation=TURN)
 LINES = form(
-    points=needed(Value(Annotated[list[WAYPOINT], Field(min_length=1)])),
+    points=needed(Value(Annotated[list[WAYPOINT], Field(min_length=1)])),  # type: ignore[valid-type]
     speed=LENGTH,
     within=LENGTH,
 )
@@ -425,8 +425,8 @@ def _camera_is_known(scene: Any) -> Any:
     return scene
 
 
-_ONE_GOAL = Annotated[GOAL, Tag("one")]
-_GOALS = Annotated[list[GOAL], Field(min_length=1), Tag("several")]
+_ONE_GOAL = Annotated[GOAL, Tag("one")]  # type: ignore[valid-type]
+_GOALS = Annotated[list[GOAL], Field(min_length=1), Tag("several")]  # type: ignore[valid-type]
 SCENE = form(
     _camera_is_known,
     format=Value(Literal[1], default=1),
@@ -456,8 +456,8 @@ SCENE = form(
     frame=Value(Frame, default="world"),
     approach=Value(APPROACH, default=APPROACH()),
     options=Value(OPTIONS, default=OPTIONS()),
-    objects=Value(list[OBJECT], default=[]),
-    attached=Value(list[ATTACHED], default=[]),
+    objects=Value(list[OBJECT], default=[]),  # type: ignore[valid-type]
+    attached=Value(list[ATTACHED], default=[]),  # type: ignore[valid-type]
     may_touch=Value(list[Annotated[list[Text], Field(min_length=2, max_length=2)]], default=[]),
     padding=Value(NotNegative, 1, default=0.0),
     place=Value(PLACE),
