@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.entries.pathed import Pathed
 from optipromp.bench.entries.planners import gentle_plan
-from optipromp.core.arrays import FloatArray, evenly
+from optipromp.core.arrays import FloatArray, evenly_along
 from optipromp.core.budget import Budget
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.planning import plan
@@ -127,7 +127,7 @@ class Rrt:
             InvalidRequestError: OMPL is not installed.
         """
         corners = _grown(resolve(scene), self.fruits, seed)
-        return None if corners is None else gentle(scene, evenly(corners, LEAST))
+        return None if corners is None else gentle(scene, evenly_along(corners, LEAST))
 
 
 class RrtObstacles(Rrt):

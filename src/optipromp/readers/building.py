@@ -33,7 +33,13 @@ from optipromp.readers.chain import Chain, Placement, serial_chain
 from optipromp.readers.fit import MOST_SAMPLES, count_samples, finer, fit_covers
 from optipromp.readers.meshes import MOST_TRIANGLES, triangles
 from optipromp.readers.robot_file import RobotFile
-from optipromp.readers.self_collision import of_box, of_rod, parts, telescopes, with_self_pairs
+from optipromp.readers.self_collision import (
+    of_box,
+    of_rod,
+    parts_of_cover,
+    telescopes,
+    with_self_pairs,
+)
 from optipromp.readers.srdf import disabled_pairs, read_srdf, srdf_beside
 from optipromp.readers.urdf import UrdfModel
 
@@ -122,7 +128,7 @@ def _made(model: UrdfModel, shapes: Mapping[Covered, tuple[str, LinkShape]]) -> 
         of_mesh[i] if i in of_mesh else _cover(shape, LOOSE if key.fixed else 0.0)
         for i, (key, (_, shape)) in enumerate(shapes.items())
     ]
-    own = in_threads(parts, [centers for centers, _ in spheres], solids)
+    own = in_threads(parts_of_cover, [centers for centers, _ in spheres], solids)
     return [Cover(*cover, part) for cover, part in zip(spheres, own, strict=True)]
 
 
@@ -149,7 +155,7 @@ def finer_cover(model: UrdfModel, link: str, cover: Cover, split: Collection[int
         ]
     )
     spheres, excess = finer(surface, cover.spheres, split)
-    return Cover(spheres, excess, parts(spheres, surface))
+    return Cover(spheres, excess, parts_of_cover(spheres, surface))
 
 
 def _surface(model: UrdfModel, link: str, shape: LinkShape) -> FloatArray:

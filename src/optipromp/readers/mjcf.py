@@ -30,6 +30,7 @@ from optipromp.core.files import (
     write_atomically,
 )
 from optipromp.core.robots.description import LinkShape, Vector
+from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.readers.limited import LIMITS, run_limited
 from optipromp.readers.urdf import (
     LENGTH_LIMIT,
@@ -354,14 +355,7 @@ def _vector(values: FloatArray) -> Vector:
 
 def _matrix(quaternion: FloatArray) -> FloatArray:
     """The rotation matrix (3, 3) of a quaternion (4,) w, x, y, z of any length."""
-    w, x, y, z = (float(v) for v in quaternion / np.linalg.norm(quaternion))
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return from_quaternion(quaternion / np.linalg.norm(quaternion))
 
 
 def _rpy(turn: FloatArray) -> Vector:

@@ -57,7 +57,7 @@ def _hull(points: FloatArray) -> FloatArray:
     return faces
 
 
-def parts(spheres: FloatArray, triangles: FloatArray) -> FloatArray:
+def parts_of_cover(spheres: FloatArray, triangles: FloatArray) -> FloatArray:
     """Points (c, 4) of a surface of triangles (f, 3, 3): x, y, z [m], index of the sphere.
 
     ``spheres`` (k, 4) cover the surface. The hull of a sphere's points encloses its part.
@@ -96,7 +96,8 @@ class Parts:
     """The parts of a robot's spheres, as arrays: ``points`` (B, M, 3) in the segments' frames.
 
     The part of sphere b is ``points[b, :counts[b]]``; ``known`` (B,) says which spheres have a
-    part. ``given`` (c, 4): points as :func:`parts` returns them, with indices of the B spheres.
+    part. ``given`` (c, 4): points as :func:`parts_of_cover` returns them, with indices of the B
+    spheres.
     """
 
     def __init__(self, count: int, given: FloatArray) -> None:

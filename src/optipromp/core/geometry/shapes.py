@@ -315,7 +315,7 @@ class HalfSpace(Primitive):
 
     def _faces(self, cut: float) -> FloatArray:
         """A patch of the plane."""
-        return faces.rectangle(2.0, 2.0, cut)
+        return faces.rectangle_faces(2.0, 2.0, cut)
 
 
 PRIMITIVES: dict[str, Any] = {
@@ -495,7 +495,7 @@ def is_convex(mesh: MeshShape) -> bool:
     return mesh_volume(mesh) > (1.0 - CONVEX) * float(ConvexHull(mesh.vertices).volume)
 
 
-def pieces(vertices: FloatArray, faces: IntArray) -> list[IntArray]:
+def _pieces(vertices: FloatArray, faces: IntArray) -> list[IntArray]:
     """The faces (f, 3) of each connected piece; vertices within 1e-9 m are merged."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -513,7 +513,7 @@ def pieces(vertices: FloatArray, faces: IntArray) -> list[IntArray]:
 def parted(mesh: MeshShape) -> list[MeshShape]:
     """The connected pieces of a mesh, each with its own vertices."""
     out = []
-    for piece in pieces(mesh.vertices, mesh.faces):
+    for piece in _pieces(mesh.vertices, mesh.faces):
         used, own = np.unique(piece, return_inverse=True)
         out.append(MeshShape(mesh.vertices[used], own.reshape(-1, 3)))
     return out

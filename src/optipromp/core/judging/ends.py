@@ -91,7 +91,7 @@ def _against(
 def _pose(
     position: FloatArray, direction: FloatArray, tip: FloatArray, axis: FloatArray, time: float
 ) -> End:
-    error, angle = math.dist(tip, position), between(axis.tolist(), direction.tolist())
+    error, angle = math.dist(tip, position), _between(axis.tolist(), direction.tolist())
     out = []
     if error > GOAL_TOLERANCE:
         text = f"the tool ends {error * 1e3:.1f} mm from the goal"
@@ -117,9 +117,9 @@ def _region(
         out.append(Violation("goal", text, "", time, error, "m"))
     angle, what = None, "tool axis"
     if goal.axis is not None:
-        angle = between(axis.tolist(), goal.axis.tolist())
+        angle = _between(axis.tolist(), goal.axis.tolist())
     elif goal.rotation is not None:
-        angle, what = turned_by(tool_poses(robot, last[None])[1][0], goal.rotation), "tool"
+        angle, what = turned_by(poses_of_tool(robot, last[None])[1][0], goal.rotation), "tool"
     most = AXIS_TOLERANCE if goal.angle is None else math.radians(goal.angle)
     if angle is not None and angle > most + BORDER:
         text = (
@@ -130,7 +130,7 @@ def _region(
     return End(error, angle, out)
 
 
-def between(a: list[float], b: list[float]) -> float:
+def _between(a: list[float], b: list[float]) -> float:
     """Angle between two vectors [rad], exact for small angles too."""
     cross = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
     return math.atan2(math.hypot(*cross), a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
@@ -155,7 +155,7 @@ def unlimited(robot: Robot) -> BoolArray:
     return np.asarray(out, dtype=np.bool_)
 
 
-def tool_poses(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+def poses_of_tool(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Tool points (M, 3) [m], axes (M, 3, 3) of the tool's frame in columns, at ``q`` (M, n)."""
     turns, origins, body = np.empty((len(q), 3, 3)), np.empty((len(q), 3)), body_of(robot)
     last_poses(body, np.array(q, dtype=np.float64, order="C"), turns, origins)

@@ -115,7 +115,7 @@ def as_passed(scene: Scene, times: FloatArray, tips: FloatArray) -> Scene:
     return scene.standing(when)
 
 
-def passing(scene: Scene, tips: FloatArray, rims: FloatArray, gripper_radius: float) -> Passing:
+def passages(scene: Scene, tips: FloatArray, rims: FloatArray, gripper_radius: float) -> Passing:
     """The passage of a tool past the pushables of a scene.
 
     Neither the tool point nor the centre of the rim may pass a pushable on the side of its stem:
@@ -348,14 +348,14 @@ def stands(scene: Scene) -> bool:
     return steep < LEVEL and any(item.stem is None for item in scene.pushables)
 
 
-def largest(scene: Scene) -> float:
+def largest_speed(scene: Scene) -> float:
     """The largest speed for which push prediction holds in the scene [m/s]."""
     return BESIDE if stands(scene) else PUSHED
 
 
 def too_fast(scene: Scene, speed: float | None) -> bool:
     """Whether a ``speed`` among pushables [m/s] is above that for which push prediction holds."""
-    return speed is not None and speed > largest(scene) * (1.0 + FASTER)
+    return speed is not None and speed > largest_speed(scene) * (1.0 + FASTER)
 
 
 def _touching(scene: Scene, robot: Robot, q: FloatArray) -> BoolArray:

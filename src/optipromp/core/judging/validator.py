@@ -37,7 +37,14 @@ from optipromp.core.judging.entered import entered, touching
 from optipromp.core.judging.kinematics import MOST_CHECKS, centers
 from optipromp.core.judging.lines import left_lines, left_path
 from optipromp.core.judging.parts import pieces, radii
-from optipromp.core.judging.speed import among_fruits, as_passed, largest, passing, stands, too_fast
+from optipromp.core.judging.speed import (
+    among_fruits,
+    as_passed,
+    largest_speed,
+    passages,
+    stands,
+    too_fast,
+)
 from optipromp.core.parameters import Checked, parameter
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject
@@ -288,7 +295,7 @@ def judge(
     at_start = touching(scene, robot, q[0], begun=begun) if contacts else []
     tips, axes = points[waypoints], every[waypoints]
     rims = tips + (0.0 if robot.tool is None else robot.tool.depth) * axes
-    passed = passing(as_passed(scene, trajectory.times, tips), tips, rims, robot.gripper_radius)
+    passed = passages(as_passed(scene, trajectory.times, tips), tips, rims, robot.gripper_radius)
     end, at_goal = ends(scene, robot, q[-1], tips[-1], axes[-1], trajectory.duration)
     missed = [*end.missed, *left_path(scene, robot, times, fine)]
     missed += left_lines(scene, robot, trajectory, points, waypoints)
@@ -311,7 +318,7 @@ def judge(
         among = "objects that stand" if stands(scene) else "fruits"
         text = (
             f"the tool moves at {speed:.3f} m/s among {among} (pushes are predicted for "
-            f"{largest(scene):g})"
+            f"{largest_speed(scene):g})"
         )
         violations.append(Violation("speed", text, "", when, speed, "m/s"))
     notes += at_goal if stem_side else [*at_goal, *map(str, astray)]

@@ -18,7 +18,7 @@ from optipromp.core.promp.checks import (
     PHASE_TOLERANCE,
     UnitsWarning,
     finite_array,
-    matched,
+    matching_columns,
     names_for,
 )
 
@@ -150,7 +150,7 @@ class Demonstrations(Sequence[Demonstration]):
         Raises:
             InvalidDemonstrationError: other joint names; the message begins with ``what``.
         """
-        order = matched(self.joint_names, joints, what)
+        order = matching_columns(self.joint_names, joints, what)
         items = (Demonstration(d.times, d.positions[:, order], d.span) for d in self)
         return Demonstrations(tuple(items), tuple(joints))
 

@@ -37,7 +37,7 @@ def check_covariance(covariance: ArrayLike, size: int, name: str) -> FloatArray:
     return matrix
 
 
-def root(covariance: FloatArray) -> FloatArray:
+def square_root(covariance: FloatArray) -> FloatArray:
     """A factor L (d, d) with L Lᵀ = covariance, which may be singular."""
     try:
         return np.asarray(np.linalg.cholesky(covariance))

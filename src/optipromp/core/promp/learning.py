@@ -24,7 +24,7 @@ from optipromp.core.promp.checks import (
 )
 from optipromp.core.promp.conditioning import conditioned_mean
 from optipromp.core.promp.demonstrations import Demonstration, Demonstrations
-from optipromp.core.promp.gaussian import add_noise, root
+from optipromp.core.promp.gaussian import add_noise, square_root
 from optipromp.core.promp.model import ProMP, made
 
 DemonstrationsLike = Demonstrations | Sequence[Demonstration] | Sequence[ArrayLike] | FloatArray
@@ -467,7 +467,7 @@ def _expectation(
 ) -> tuple[FloatArray, FloatArray]:
     """Posterior means (N, nK) and, per kind of demonstration, covariances (U, nK, nK)."""
     n, count = data.n, data.count
-    factor = root(covariance)
+    factor = square_root(covariance)
     blocks = factor.reshape(n, count, -1)
     gram = data.gram[data.first]
     weighted = gram[:, None] @ (blocks / noise[:, None, None])

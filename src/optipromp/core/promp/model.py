@@ -14,8 +14,8 @@ from optipromp.core.arrays import FloatArray, read_only
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import is_file, npz, read_npz, reading, texts, write_atomically
 from optipromp.core.promp.basis import Basis
-from optipromp.core.promp.checks import finite_array, matched, names_for, positive
-from optipromp.core.promp.gaussian import check_covariance, root
+from optipromp.core.promp.checks import finite_array, matching_columns, names_for, positive
+from optipromp.core.promp.gaussian import check_covariance, square_root
 from optipromp.core.shown import Shown
 
 PROMP_FORMAT = 1
@@ -100,7 +100,7 @@ class ProMP(Shown):
 
     @cached_property
     def _root(self) -> FloatArray:
-        return read_only(root(self.covariance))
+        return read_only(square_root(self.covariance))
 
     def mean_trajectory(self, phases: int | ArrayLike) -> FloatArray:
         """Mean positions (T, n) at phases (T,), or at a count of evenly spaced phases."""
@@ -196,7 +196,7 @@ class ProMP(Shown):
         """
         if tuple(joints) == self.joint_names:
             return self
-        order = matched(self.joint_names, joints, what)
+        order = matching_columns(self.joint_names, joints, what)
         rows = np.arange(self.n_weights).reshape(self.mean.shape)[order].reshape(-1)
         return made(
             self.basis,

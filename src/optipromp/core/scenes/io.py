@@ -108,8 +108,7 @@ def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, An
         document["camera"] = _plain(scene.base @ scene.camera, POSE)
     if scene.tool is not None:
         document["tool"] = _tool_to_dict(scene.tool, base_dir)
-    if scene.start is not None:
-        document["start"] = scene.start.tolist()
+    document |= _plain(scene, ["start"])
     if scene.target is not None:
         document["target"] = scene.target.id
     if scene.goal is not None:
@@ -120,10 +119,8 @@ def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, An
         document["path"] = {name: _plain(part, list(vars(part))) for name, part in parts.items()}
     if scene.waypoints is not None:
         points = [_goal_to_dict(point) for point in scene.waypoints.points]
-        told = {"speed": scene.waypoints.speed, "within": scene.waypoints.within}
-        document["waypoints"] = {"points": points} | {k: v for k, v in told.items() if v}
-    stated = ["direction", "lateral", "camera_distance"]
-    stated += [name for name in ("cone", "aside") if getattr(scene.approach, name) is not None]
+        document["waypoints"] = {"points": points} | _plain(scene.waypoints, ["speed", "within"])
+    stated = ["direction", "lateral", "camera_distance", "cone", "aside"]
     stated += [name for name in ("shift", "lead") if np.any(getattr(scene.approach, name))]
     document["approach"] = _plain(scene.approach, stated)
     if scene.options:
@@ -143,9 +140,7 @@ def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, An
 
 
 def _goal_to_dict(goal: Goal) -> dict[str, Any]:
-    entry = _plain(
-        goal, [item.name for item in fields(goal) if getattr(goal, item.name) is not None]
-    )
+    entry = _plain(goal, [item.name for item in fields(goal)])
     if isinstance(goal, RegionGoal):
         keys = {"within": "position", "angle": "angle", "box": "orientation"}
         tolerance = {key: entry.pop(name) for name, key in keys.items() if name in entry}
@@ -155,8 +150,10 @@ def _goal_to_dict(goal: Goal) -> dict[str, Any]:
 
 
 def _plain(value: object, names: Sequence[str]) -> dict[str, Any]:
+    """The attributes of these names that are not None, arrays as lists."""
     given = {name: getattr(value, name) for name in names}
-    return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in given.items()}
+    stated = {name: one for name, one in given.items() if one is not None}
+    return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in stated.items()}
 
 
 def _looks_like_millimetres(item: SceneObject) -> bool:
@@ -212,16 +209,11 @@ def _object_to_dict(item: SceneObject, base_dir: Path | None) -> dict[str, Any]:
             entry["stem"] = {"points": points.tolist()}
         if item.stem.radius != STEM_RADIUS:
             entry["stem"]["radius"] = item.stem.radius
-        if item.stem.tilt is not None:
-            entry["stem"]["tilt"] = item.stem.tilt
-        if item.stem.parent is not None:
-            entry["stem"]["parent"] = item.stem.parent
-    if item.covariance is not None:
-        entry["covariance"] = item.covariance.tolist()
+        entry["stem"] |= _plain(item.stem, ["tilt", "parent"])
+    entry |= _plain(item, ["covariance"])
     if item.motion is not None:
         entry["motion"] = _plain(item.motion, ("times", "positions"))
-    if item.padding is not None:
-        entry["padding"] = item.padding
+    entry |= _plain(item, ["padding"])
     if item.physical:
         entry["physical"] = dict(item.physical)
     return entry
@@ -229,8 +221,7 @@ def _object_to_dict(item: SceneObject, base_dir: Path | None) -> dict[str, Any]:
 
 def _attached(item: Attached, base_dir: Path | None) -> dict[str, Any]:
     shape = _shape_to_dict(item.shape, base_dir)
-    entry: dict[str, Any] = {"id": item.id, "shape": shape, **_plain(item, POSE)}
-    return entry if item.mass is None else entry | {"mass": item.mass}
+    return {"id": item.id, "shape": shape, **_plain(item, (*POSE, "mass"))}
 
 
 def _shape_to_dict(shape: Shape, base_dir: Path | None) -> dict[str, Any]:

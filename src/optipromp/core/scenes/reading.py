@@ -78,14 +78,14 @@ def scene_from_dict(
         approach = _approach(model, scale, default, frames["world"])
         given = model.goal
         goals = tuple(
-            goal_of(one, scale, default)
+            _goal_of(one, scale, default)
             for one in (given if isinstance(given, list) else [given])
             if one is not None
         )
         for one in goals:
             if not isinstance(one, JointGoal) and model.scale is None:
                 _check_distance("goal.position", one.position, told, reachable=False)
-        lines = lines_of(model.waypoints, scale, default)
+        lines = _lines_of(model.waypoints, scale, default)
         for k, point in enumerate([] if lines is None or model.scale is not None else lines.points):
             _check_distance(f"waypoints[{k}].position", point.position, told, reachable=False)
         return Scene(
@@ -97,7 +97,7 @@ def scene_from_dict(
             start=None if model.start is None else np.array(model.start),
             approach=approach,
             goal=goals if isinstance(given, list) else next(iter(goals), None),
-            path=path_of(model.path, scale, default, frames["world"]),
+            path=_path_of(model.path, scale, default, frames["world"]),
             waypoints=lines,
             options=values(model.options, scale),
             base_dir=base_dir,
@@ -294,7 +294,7 @@ def _approach(model: Any, scale: float, frame: Pose, world: Pose) -> Approach:
     return Approach(**(towards | values(model.approach, scale, frame)))
 
 
-def goal_of(given: Any, scale: float, frame: Pose) -> Goal:
+def _goal_of(given: Any, scale: float, frame: Pose) -> Goal:
     """The goal in the base frame."""
     if given.joints is not None:
         return JointGoal(np.array(given.joints))
@@ -311,7 +311,7 @@ def goal_of(given: Any, scale: float, frame: Pose) -> Goal:
     return region if frame.is_identity else region.transformed(frame)
 
 
-def lines_of(given: Any, scale: float, frame: Pose) -> Lines | None:
+def _lines_of(given: Any, scale: float, frame: Pose) -> Lines | None:
     """The way points in the base frame."""
     if given is None:
         return None
@@ -326,7 +326,7 @@ def lines_of(given: Any, scale: float, frame: Pose) -> Lines | None:
     return Lines(**(values(given, scale) | {"points": tuple(points)}))
 
 
-def path_of(given: Any, scale: float, frame: Pose, world: Pose) -> PathConstraints | None:
+def _path_of(given: Any, scale: float, frame: Pose, world: Pose) -> PathConstraints | None:
     """The constraints of the path in the base frame; upright is by default up in the world."""
     if given is None:
         return None

@@ -13,7 +13,7 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, IntArray, frozen, joined, lengths, read_only
 from optipromp.core.errors import InvalidSceneError
-from optipromp.core.geometry.obstacles import Measures, Obstacles, measures, packed
+from optipromp.core.geometry.obstacles import Measures, Obstacles, measures, packed_shapes
 from optipromp.core.robots.library import NOTHING, Choice, load_arm
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import trusses
@@ -208,7 +208,7 @@ class Scene(Shown):
                     "ids must be unique, and an object has one role"
                 )
             seen[item.id] = index
-        trusses.check(self.objects)
+        trusses.check_trusses(self.objects)
         targets = [item.id for item in self.objects if item.role == "target"]
         if len(targets) > 1:
             raise InvalidSceneError(f"two targets, {targets[0]!r} and {targets[1]!r}: must be one")
@@ -409,7 +409,7 @@ class Scene(Shown):
         """
         kind, size, bound = self._measures
         shapes = [obj.shape for obj in self.objects_at(rows)]
-        return packed(
+        return packed_shapes(
             shapes, self.positions[rows], self.rotations[rows],
             (kind[rows], size[rows], bound[rows]), reach=reach, within=within,
         )  # fmt: skip

@@ -1,6 +1,6 @@
 """The description of a scene file: each value with its type, its unit and its frame.
 
-A :class:`Kind` says what a value is. A :func:`form` is a mapping of such values: a pydantic model
+A :class:`Value` says what a value is. A :func:`form` is a mapping of such values: a pydantic model
 that checks a file, and from which :func:`values` reads numbers in metres and in the base's frame.
 """
 
@@ -36,14 +36,14 @@ from optipromp.core.scenes.values import suggest
 from optipromp.core.shown import LONGEST_NAME, printable, short
 
 
-def refuse(what: str) -> PydanticCustomError:
+def _refuse(what: str) -> PydanticCustomError:
     """The refusal of a value, in words that follow its name."""
     return PydanticCustomError("scene", "{what}", {"what": what})
 
 
 def _printable(text: str) -> str:
     if printable(text) != text:
-        raise refuse(f"is '{printable(text)[:60]}': must hold no control characters")
+        raise _refuse(f"is '{printable(text)[:60]}': must hold no control characters")
     return text
 
 
@@ -69,19 +69,19 @@ def _free(given: Any) -> Any:
     """An empty list for ``free``, which is no list in a file."""
     if isinstance(given, str) or given == []:
         if given != "free":
-            raise refuse(f"is {short(given)}: must be [x, y, z] or free")
+            raise _refuse(f"is {short(given)}: must be [x, y, z] or free")
         return []
     return given
 
 
 def _three(given: list[float]) -> list[float]:
     if len(given) not in (0, 3):
-        raise refuse(f"has {len(given)} entries: must have 3")
+        raise _refuse(f"has {len(given)} entries: must have 3")
     return given
 
 
 @dataclass(frozen=True)
-class Kind:
+class Value:
     """What a value of a scene file is.
 
     Attributes:
@@ -110,14 +110,16 @@ class Kind:
         return frame @ value if self.frame == "point" else frame.rotation @ value
 
 
-POINT = Kind(Vector, 1, "point")
-DIRECTION = Kind(Vector, 0, "direction")
-SPAN = Kind(Vector, 1, "direction")
-AXIS = Kind(Annotated[list[Number], BeforeValidator(_free), AfterValidator(_three)], 0, "direction")
-TURN = Kind(Quaternion)
-LENGTH = Kind(Positive, 1)
-DISTANCE = Kind(NotNegative, 1)
-NAME = Kind(Text)
+POINT = Value(Vector, 1, "point")
+DIRECTION = Value(Vector, 0, "direction")
+SPAN = Value(Vector, 1, "direction")
+AXIS = Value(
+    Annotated[list[Number], BeforeValidator(_free), AfterValidator(_three)], 0, "direction"
+)
+TURN = Value(Quaternion)
+LENGTH = Value(Positive, 1)
+DISTANCE = Value(NotNegative, 1)
+NAME = Value(Text)
 
 
 class Model(BaseModel):
@@ -129,19 +131,19 @@ class Model(BaseModel):
     @classmethod
     def _known_keys(cls, data: Any) -> Any:
         if not isinstance(data, dict):
-            raise refuse(
+            raise _refuse(
                 f"is {short(data)}: must be a mapping with keys {', '.join(cls.model_fields)}"
             )
         for key in data:
             if key not in cls.model_fields:
-                raise refuse(f"unknown key {key!r}: {suggest(key, cls.model_fields)}")
+                raise _refuse(f"unknown key {key!r}: {suggest(key, cls.model_fields)}")
         return data
 
 
-_KINDS: dict[type[Model], Mapping[str, Kind]] = {}
+_KINDS: dict[type[Model], Mapping[str, Value]] = {}
 
 
-def form(check: Callable[[Any], Any] | None = None, **kinds: Kind) -> Any:
+def form(check: Callable[[Any], Any] | None = None, /, **kinds: Value) -> Any:
     """A mapping with values of these kinds; ``check`` refuses values that do not go together."""
     keys: dict[str, Any] = {
         name: (kind.type | None, None) if kind.default is None else (kind.type, kind.default)
@@ -153,13 +155,13 @@ def form(check: Callable[[Any], Any] | None = None, **kinds: Kind) -> Any:
     return made
 
 
-def needed(kind: Kind) -> Kind:
+def needed(kind: Value) -> Value:
     """A value that the file must state."""
     return replace(kind, default=...)
 
 
 def values(given: Any, scale: float, frame: Pose | None = None) -> dict[str, Any]:
-    """The values that a mapping states, by their names; see :meth:`Kind.read`."""
+    """The values that a mapping states, by their names; see :meth:`Value.read`."""
     read = {
         name: kind.read(value, scale, frame)
         for name, kind in _KINDS[type(given)].items()
@@ -175,27 +177,29 @@ def _exactly_one(model: Any) -> Any:
     """Refuse a mapping without exactly one of its keys."""
     stated = [name for name in type(model).model_fields if name in model.model_fields_set]
     if len(stated) != 1:
-        raise refuse(
+        raise _refuse(
             f"has {' and '.join(stated) or 'no key'}: must have exactly one of "
             f"{', '.join(type(model).model_fields)}"
         )
     if getattr(model, stated[0]) is None:
-        raise refuse(f"{stated[0]} is empty: must be a mapping")
+        raise _refuse(f"{stated[0]} is empty: must be a mapping")
     return model
 
 
-def _sizes(shape: type) -> Kind:
+def _sizes(shape: type) -> Value:
     """A shape without a file: each of its sizes, above 0."""
     kinds = {"float": LENGTH, float: LENGTH}
-    return Kind(form(**{x.name: needed(kinds.get(x.type, Kind(Sizes, 1))) for x in fields(shape)}))
+    return Value(
+        form(**{x.name: needed(kinds.get(x.type, Value(Sizes, 1))) for x in fields(shape)})
+    )
 
 
-FILE_SCALE = Kind(Positive, default=1.0)  # turns the unit of a mesh or of a cloud into metres
+FILE_SCALE = Value(Positive, default=1.0)  # turns the unit of a mesh or of a cloud into metres
 SHAPE = form(
     _exactly_one,
     **{name: _sizes(shape) for name, shape in PRIMITIVES.items()},
-    mesh=Kind(form(file=needed(NAME), scale=FILE_SCALE)),
-    point_cloud=Kind(form(file=needed(NAME), radius=needed(LENGTH), scale=FILE_SCALE)),
+    mesh=Value(form(file=needed(NAME), scale=FILE_SCALE)),
+    point_cloud=Value(form(file=needed(NAME), radius=needed(LENGTH), scale=FILE_SCALE)),
 )
 
 # -- objects ---------------------------------------------------------------------------------
@@ -206,55 +210,55 @@ def _stem(stem: Any) -> Any:
     forms = [stem.root, stem.direction, stem.points]
     if stem.unseen:
         if stem.root is not None or stem.points is not None or stem.parent is not None:
-            raise refuse("is unseen: may have direction, length, tilt and radius alone")
+            raise _refuse("is unseen: may have direction, length, tilt and radius alone")
         return stem
     if sum(one is not None for one in forms) != 1:
-        raise refuse("must have exactly one of root, direction (with length), points")
+        raise _refuse("must have exactly one of root, direction (with length), points")
     if stem.direction is not None and stem.length is None:
-        raise refuse("has direction and no length: must have both")
+        raise _refuse("has direction and no length: must have both")
     if stem.length is not None and stem.direction is None:
-        raise refuse("has length and no direction: length goes with direction")
+        raise _refuse("has length and no direction: length goes with direction")
     return stem
 
 
 def _object(item: Any) -> Any:
     for one, other in (("covariance", "sigma"), ("velocity", "motion")):
         if getattr(item, one) is not None and getattr(item, other) is not None:
-            raise refuse(f"has {one} and {other}: must have one of them at most")
+            raise _refuse(f"has {one} and {other}: must have one of them at most")
     return item
 
 
-POLYLINE = Kind(Annotated[list[Vector], Field(min_length=2)], 1)
+POLYLINE = Value(Annotated[list[Vector], Field(min_length=2)], 1)
 POSE = form(position=needed(POINT), orientation=TURN)
 STEM = form(
     _stem, root=POINT, direction=DIRECTION, length=LENGTH, points=POLYLINE, radius=LENGTH,
-    parent=NAME, tilt=Kind(NotNegative), unseen=Kind(bool, default=False),
+    parent=NAME, tilt=Value(NotNegative), unseen=Value(bool, default=False),
 )  # fmt: skip
 MOTION = form(
-    times=needed(Kind(Annotated[list[Number], Field(min_length=2)])), positions=needed(POLYLINE)
+    times=needed(Value(Annotated[list[Number], Field(min_length=2)])), positions=needed(POLYLINE)
 )
 OBJECT = form(
     _object,
     id=needed(NAME),
-    role=needed(Kind(Role)),
-    shape=needed(Kind(SHAPE)),
-    frame=Kind(Frame),
+    role=needed(Value(Role)),
+    shape=needed(Value(SHAPE)),
+    frame=Value(Frame),
     position=needed(POINT),
     orientation=TURN,
-    stem=Kind(STEM),
-    covariance=Kind(Annotated[list[Vector], Field(min_length=3, max_length=3)], 2),
+    stem=Value(STEM),
+    covariance=Value(Annotated[list[Vector], Field(min_length=3, max_length=3)], 2),
     sigma=DISTANCE,
     padding=DISTANCE,
-    physical=Kind(dict[Text, Number], default={}),
+    physical=Value(dict[Text, Number], default={}),
     velocity=SPAN,
-    motion=Kind(MOTION),
+    motion=Value(MOTION),
 )
 ATTACHED = form(
     id=needed(NAME),
-    shape=needed(Kind(SHAPE)),
+    shape=needed(Value(SHAPE)),
     position=replace(POINT, default=[0.0, 0.0, 0.0]),
     orientation=TURN,
-    mass=Kind(Positive),
+    mass=Value(Positive),
 )
 
 # -- goals -----------------------------------------------------------------------------------
@@ -264,7 +268,7 @@ def _turn(pose: Any) -> Any:
     """Refuse a pose unless it has exactly one of axis and orientation."""
     if (pose.axis is None) == (pose.orientation is None):
         both = "axis and orientation" if pose.axis is not None else "position alone"
-        raise refuse(
+        raise _refuse(
             f"has {both}: must have one of axis: [x, y, z], the tool axis; orientation: "
             "[w, x, y, z], of the tool's frame; axis: free, where the tool may point anywhere"
         )
@@ -274,18 +278,18 @@ def _turn(pose: Any) -> Any:
 def _goal(goal: Any) -> Any:
     """A goal is of the joints, or of the tool: its point, and its axis, orientation or neither."""
     if (goal.joints is None) == (goal.position is None):
-        raise refuse("must have either joints, or position with axis or orientation")
+        raise _refuse("must have either joints, or position with axis or orientation")
     if goal.joints is None:
         return _turn(goal)
     for name in ("axis", "orientation", "tolerance"):
         if getattr(goal, name) is not None:
-            raise refuse(f"has joints and {name}: {name} goes with position")
+            raise _refuse(f"has joints and {name}: {name} goes with position")
     return goal
 
 
 def _path(path: Any) -> Any:
     if path.upright is None and path.plane is None:
-        raise refuse("must have upright, plane or both")
+        raise _refuse("must have upright, plane or both")
     return path
 
 
@@ -293,30 +297,34 @@ def _as_list(given: Any) -> Any:
     return given if isinstance(given, list) else [given]
 
 
-JOINTS = Kind(Annotated[list[Number], Field(min_length=1)])
+JOINTS = Value(Annotated[list[Number], Field(min_length=1)])
 TOLERANCE = form(
-    position=Kind(Annotated[list[Positive], BeforeValidator(_as_list)], 1),
-    angle=Kind(Positive),
+    position=Value(Annotated[list[Positive], BeforeValidator(_as_list)], 1),
+    angle=Value(Positive),
     orientation=TURN,
 )
 GOAL = form(
-    _goal, joints=JOINTS, position=POINT, axis=AXIS, orientation=TURN, tolerance=Kind(TOLERANCE)
+    _goal, joints=JOINTS, position=POINT, axis=AXIS, orientation=TURN, tolerance=Value(TOLERANCE)
 )
 WAYPOINT = form(_turn, position=needed(POINT), axis=AXIS, orientation=TURN)
 LINES = form(
-    points=needed(Kind(Annotated[list[WAYPOINT], Field(min_length=1)])), speed=LENGTH, within=LENGTH
+    points=needed(Value(Annotated[list[WAYPOINT], Field(min_length=1)])),  # type: ignore[valid-type]
+    speed=LENGTH,
+    within=LENGTH,
 )
 PATH = form(
     _path,
-    upright=Kind(form(angle=needed(Kind(Positive)), axis=Kind(Vector), direction=DIRECTION)),
-    plane=Kind(form(point=needed(POINT), normal=needed(DIRECTION), within=needed(LENGTH))),
+    upright=Value(form(angle=needed(Value(Positive)), axis=Value(Vector), direction=DIRECTION)),
+    plane=Value(form(point=needed(POINT), normal=needed(DIRECTION), within=needed(LENGTH))),
 )
 PLACE = form(position=needed(POINT), axis=needed(DIRECTION), retreat=LENGTH)
 APPROACH = form(
-    direction=DIRECTION, lateral=DIRECTION, camera_distance=LENGTH, cone=Kind(NotNegative),
+    direction=DIRECTION, lateral=DIRECTION, camera_distance=LENGTH, cone=Value(NotNegative),
     aside=DISTANCE, shift=SPAN, lead=DIRECTION,
 )  # fmt: skip
-OPTIONS = form(camera_point=Kind(bool), drift_offset=Kind(NotNegative | dict[Text, NotNegative], 1))
+OPTIONS = form(
+    camera_point=Value(bool), drift_offset=Value(NotNegative | dict[Text, NotNegative], 1)
+)
 
 # -- robot and tool --------------------------------------------------------------------------
 
@@ -341,7 +349,7 @@ class _ToolModel(Model):
         for key in data:
             if key not in cls.model_fields:
                 which = suggest(key, own) if own else "it takes none"
-                raise refuse(f"{key} is no parameter of {data['kind']}: {which}")
+                raise _refuse(f"{key} is no parameter of {data['kind']}: {which}")
         return data
 
     @property
@@ -367,7 +375,7 @@ class MeshToolModel(_ToolModel):
     def _one_form(self) -> MeshToolModel:
         given = [self.file is not None, self.parts is not None]
         if sum(given) != 1 and not (self.fingers is not None and not any(given)):
-            raise refuse("must have exactly one of file, parts; with fingers, at most one")
+            raise _refuse("must have exactly one of file, parts; with fingers, at most one")
         return self
 
 
@@ -392,9 +400,9 @@ ROBOT = form(
     tip=NAME,
     base=NAME,
     srdf=NAME,
-    hold=Kind(dict[Text, Number], default={}),
-    package_dirs=Kind(list[Text], default=[]),
-    args=Kind(dict[Text, Argument], default={}),
+    hold=Value(dict[Text, Number], default={}),
+    package_dirs=Value(list[Text], default=[]),
+    args=Value(dict[Text, Argument], default={}),
 )
 
 # -- the scene -------------------------------------------------------------------------------
@@ -410,49 +418,49 @@ def _camera_is_known(scene: Any) -> Any:
     stated |= {f"objects[{k}].frame": item.frame for k, item in enumerate(scene.objects)}
     for name, frame in stated.items():
         if frame == "camera" and scene.camera is None:
-            raise refuse(
+            raise _refuse(
                 f"{name} is 'camera' and the scene has no camera: give its pose in the world, "
                 "camera: {position: [x, y, z], orientation: [w, x, y, z]}"
             )
     return scene
 
 
-_ONE_GOAL = Annotated[GOAL, Tag("one")]
-_GOALS = Annotated[list[GOAL], Field(min_length=1), Tag("several")]
+_ONE_GOAL = Annotated[GOAL, Tag("one")]  # type: ignore[valid-type]
+_GOALS = Annotated[list[GOAL], Field(min_length=1), Tag("several")]  # type: ignore[valid-type]
 SCENE = form(
     _camera_is_known,
-    format=Kind(Literal[1], default=1),
+    format=Value(Literal[1], default=1),
     name=needed(NAME),
     robot=needed(
-        Kind(
+        Value(
             Annotated[
                 Annotated[Text, Tag("name")] | Annotated[ROBOT, Tag("file")],
                 Discriminator(lambda given: "file" if isinstance(given, dict) else "name"),
             ]
         )
     ),
-    tool=Kind(ToolModel),
-    scale=Kind(Positive),
+    tool=Value(ToolModel),
+    scale=Value(Positive),
     start=JOINTS,
     target=NAME,
-    goal=Kind(
+    goal=Value(
         Annotated[
             _ONE_GOAL | _GOALS,
             Discriminator(lambda given: "several" if isinstance(given, list) else "one"),
         ]
     ),
-    path=Kind(PATH),
-    waypoints=Kind(Annotated[LINES, BeforeValidator(_points)]),
-    base=Kind(POSE),
-    camera=Kind(POSE),
-    frame=Kind(Frame, default="world"),
-    approach=Kind(APPROACH, default=APPROACH()),
-    options=Kind(OPTIONS, default=OPTIONS()),
-    objects=Kind(list[OBJECT], default=[]),
-    attached=Kind(list[ATTACHED], default=[]),
-    may_touch=Kind(list[Annotated[list[Text], Field(min_length=2, max_length=2)]], default=[]),
-    padding=Kind(NotNegative, 1, default=0.0),
-    place=Kind(PLACE),
+    path=Value(PATH),
+    waypoints=Value(Annotated[LINES, BeforeValidator(_points)]),
+    base=Value(POSE),
+    camera=Value(POSE),
+    frame=Value(Frame, default="world"),
+    approach=Value(APPROACH, default=APPROACH()),
+    options=Value(OPTIONS, default=OPTIONS()),
+    objects=Value(list[OBJECT], default=[]),  # type: ignore[valid-type]
+    attached=Value(list[ATTACHED], default=[]),  # type: ignore[valid-type]
+    may_touch=Value(list[Annotated[list[Text], Field(min_length=2, max_length=2)]], default=[]),
+    padding=Value(NotNegative, 1, default=0.0),
+    place=Value(PLACE),
 )
 
 

@@ -62,7 +62,7 @@ class Pushed(NamedTuple):
     done: float  # share of the path after which the push ended; 1: at the end of the path
 
 
-def push(
+def push_once(
     bench: Bench, path: FloatArray, state: FloatArray, slip: float, most: float = np.inf
 ) -> Pushed:
     """Move the hand along a path, and the objects with it; see :func:`pushed`."""

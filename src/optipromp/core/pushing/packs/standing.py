@@ -19,8 +19,8 @@ from optipromp.core.compiled import inner, kernel
 from optipromp.core.geometry.shapes import Box, Cylinder
 from optipromp.core.pushing.candidates import Candidates, Round, Schedule
 from optipromp.core.pushing.model import Moved, PushModel
-from optipromp.core.pushing.packs.flat import clear, shapes
-from optipromp.core.pushing.packs.quasi_static import JAMMED, Bench, Pushed, push, pushed
+from optipromp.core.pushing.packs.flat import clear_ahead, shapes
+from optipromp.core.pushing.packs.quasi_static import JAMMED, Bench, Pushed, push_once, pushed
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP, ToolPath, through
 from optipromp.core.robots.model import Robot
@@ -58,7 +58,7 @@ def stepped(corners: FloatArray) -> FloatArray:
 
 
 @inner
-def excess(value: float, free: float, unit: float) -> float:
+def _excess(value: float, free: float, unit: float) -> float:
     """Cost of a value above ``free``: ((value - free) / unit)², 0 below."""
     return (max(0.0, value - free) / unit) ** 2
 
@@ -73,35 +73,35 @@ def motion_cost(start: FloatArray, end: FloatArray) -> float:
 @inner
 def depth_cost(bench: Bench, end: FloatArray) -> float:
     """Cost of a target that ends too deep between the fingers."""
-    return excess(end[0, 0], 0.4 * bench.mouth[1], BEYOND)
+    return _excess(end[0, 0], 0.4 * bench.mouth[1], BEYOND)
 
 
 @inner
 def edge_cost(bench: Bench, u: float) -> float:
     """Cost of an object that ends near the front of the board."""
-    return excess(bench.edge + BEHIND, u, BACK)
+    return _excess(bench.edge + BEHIND, u, BACK)
 
 
 @inner
 def force_cost(force: float) -> float:
     """Cost of the largest force [N]."""
-    return excess(force, LIGHT, HEAVY)
+    return _excess(force, LIGHT, HEAVY)
 
 
 @inner
 def wall_cost(room: float) -> float:
     """Cost of a distance to the walls [m]."""
-    return excess(WIDE, room, TIGHT)
+    return _excess(WIDE, room, TIGHT)
 
 
 @kernel
 def room_of(bench: Bench, path: FloatArray) -> float:
     """Least distance of the hand from the walls along a path (T, 3) [m], at most :data:`WIDE`."""
-    return clear(path, 5, bench.hand, bench.walls, WIDE)
+    return clear_ahead(path, 5, bench.hand, bench.walls, WIDE)
 
 
 @inner
-def taken(bench: Bench, u: float, v: float) -> bool:
+def _taken(bench: Bench, u: float, v: float) -> bool:
     """Whether an object ends between the fingers."""
     palm, tip, half = bench.mouth
     return bool(palm < u < tip and abs(v) < half)
@@ -147,7 +147,7 @@ def cost_of(
             one = motion_cost(states[n], end) + depth_cost(bench, end)
             one += (jam / JAM) ** 2 + force_cost(force)
             for b in range(1, len(end)):
-                if taken(bench, end[b, 0], end[b, 1]):
+                if _taken(bench, end[b, 0], end[b, 1]):
                     one += TAKEN
                 one += edge_cost(bench, end[b, 0])
             one = min(one, 2.0 * WORST)
@@ -403,7 +403,7 @@ class Standing(PushModel):
         worst, bench, path = int(np.argmax(one)), self.bench, stepped(flat)
         before, end = self._places[worst], self._end(path, worst)
         for name, (u, v, _) in zip(self.names[1:], end.state[1:], strict=True):
-            if taken(bench, u, v):
+            if _taken(bench, u, v):
                 return name, "ends between the fingers"
         moved = np.linalg.norm(end.state[:, :2] - before[:, :2], axis=1)
         target, farthest = self.names[0], self.names[int(np.argmax(moved))]
@@ -441,7 +441,9 @@ class Standing(PushModel):
         path, state = stepped(flat), self._places[0]
         moves = np.zeros(len(path), dtype=bool)
         for step in range(1, len(path)):
-            end = push(self.bench, path[step - 1 : step + 1], state, float(self._slips[0])).state
+            end = push_once(
+                self.bench, path[step - 1 : step + 1], state, float(self._slips[0])
+            ).state
             moves[step] = np.abs(end - state).max() > MOVES
             state = end
         gone = np.append(0.0, np.cumsum(lengths(np.diff(flat, axis=0))))
@@ -450,7 +452,7 @@ class Standing(PushModel):
 
     def _end(self, path: FloatArray, state: int) -> Pushed:
         """Effect of the hand, led along poses (T, 3), on one of the states."""
-        return push(self.bench, path, self._places[state], float(self._slips[state]))
+        return push_once(self.bench, path, self._places[state], float(self._slips[state]))
 
 
 def applies(scene: Scene, tool: Tool | None) -> bool:

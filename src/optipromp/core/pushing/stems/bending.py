@@ -69,9 +69,9 @@ class Stems(NamedTuple):
 def stems(
     objects: Sequence[SceneObject], up: FloatArray = UP, factor: FloatArray | float = 1.0
 ) -> Stems:
-    """Straight stems of hanging fruits; ``up`` and ``factor`` see :func:`bent`."""
-    balls = [balls_of(fruit) for fruit in objects]
-    return bent(
+    """Straight stems of hanging fruits; ``up`` and ``factor`` see :func:`bent_stems`."""
+    balls = [hanging_balls(fruit) for fruit in objects]
+    return bent_stems(
         np.array([t.stem.points[-1] for t in objects if t.stem is not None]).reshape(-1, 3),
         np.array([own.center for own in balls]).reshape(-1, 3),
         np.array([own.radius for own in balls]),
@@ -103,7 +103,7 @@ class Balls(NamedTuple):
 
 
 @lru_cache(maxsize=256)  # by identity: a plan asks several times for each fruit
-def balls_of(fruit: SceneObject) -> Balls:
+def hanging_balls(fruit: SceneObject) -> Balls:
     """The balls of a fruit along its stem; see :meth:`optipromp.core.geometry.shapes.Shape.balls`.
 
     A fruit without a stem is a single ball that holds it.
@@ -116,7 +116,7 @@ def balls_of(fruit: SceneObject) -> Balls:
     return Balls(read_only(center), pair.radius, pair.above, pair.apart)
 
 
-def bent(
+def bent_stems(
     root: FloatArray, fruit: FloatArray, radius: FloatArray, thickness: FloatArray,
     up: FloatArray = UP, apart: FloatArray | float = 0.0, above: FloatArray | None = None,
     mass: FloatArray | float = np.nan, stiffness: FloatArray | float = np.nan,
@@ -145,7 +145,7 @@ def bent(
     whole = None
     if parent is not None and (parent >= 0).any():
         whole = truss_of(parent, root, axes, length)
-        weight, grown = carried(whole, weight, up, n)
+        weight, grown = _carried(whole, weight, up, n)
         thick[np.unique(parent[parent >= 0])] = TRUSS_DIAMETER
     assumed = np.maximum(MODULUS * np.pi / 64.0 * thick**4, grown / GROWN_TURN)
     bending = factor * np.where(np.isnan(stiffness), assumed, stiffness)
@@ -222,7 +222,7 @@ def _full(band: FloatArray) -> FloatArray:
     return out
 
 
-def moved(cases: Sequence[Stems], root: FloatArray, fruit: FloatArray) -> Stems:
+def stems_moved(cases: Sequence[Stems], root: FloatArray, fruit: FloatArray) -> Stems:
     """The same N stems with M sampled roots and fruits (M, N, 3) [m].
 
     Sample m has the stiffness of case m modulo the number of cases.
@@ -272,7 +272,7 @@ def truss_of(parent: IntArray, root: FloatArray, axes: FloatArray, length: Float
     return StemTree(parent, np.clip(along, 0.0, 1.0), root, axes, length)
 
 
-def carried(
+def _carried(
     t: StemTree, weight: FloatArray, up: FloatArray, count: int
 ) -> tuple[FloatArray, FloatArray]:
     """The load of each stem: its fruit, and the stems that grow from it.
@@ -472,7 +472,7 @@ def part(
 
 def shifts(objects: Sequence[SceneObject]) -> FloatArray:
     """Motions (N, 3) of N hanging fruits after which no two of them overlap [m]."""
-    balls = [balls_of(item) for item in objects]
+    balls = [hanging_balls(item) for item in objects]
     seen = np.array([own.center for own in balls]).reshape(-1, 3)
     root = np.array([t.stem.points[-1] for t in objects if t.stem is not None]).reshape(-1, 3)
     fruit = seen[None].copy()

@@ -72,7 +72,7 @@ def place(
 
 
 @inlined
-def level(s: Stems, i: int, x: float, y: float, z: float) -> float:
+def level_place(s: Stems, i: int, x: float, y: float, z: float) -> float:
     """Share of a straight stem that is level with a point; 0 beyond the ends of the stem."""
     root, axes = s.root, s.axes
     d = (
@@ -203,7 +203,7 @@ def hang(s: Stems, f: Fruits, i: int) -> None:
 
 
 @inner
-def apart(
+def _apart(
     x: float, y: float, z: float, a: float, b: float, c: float
 ) -> tuple[float, float, float, float]:
     """Distance of two points, and the unit vector from the second to the first."""
@@ -226,11 +226,11 @@ def overlapping(s: Stems, u: FloatArray, overlap: BoolArray) -> None:
                 x0, x1, x2 = place(s, u, i, s.length[i], a)
                 for b, other in ((1.0, s.radius[o]), (s.upper[o], s.above[o])):
                     y0, y1, y2 = place(s, u, o, s.length[o], b)
-                    d, _, _, _ = apart(x0, x1, x2, y0, y1, y2)
+                    d, _, _, _ = _apart(x0, x1, x2, y0, y1, y2)
                     overlap[i, o, 0] |= d < own + other
-                share = level(s, o, x0, x1, x2)
+                share = level_place(s, o, x0, x1, x2)
                 y0, y1, y2 = place(s, u, o, s.length[o], share)
-                d, _, _, _ = apart(x0, x1, x2, y0, y1, y2)
+                d, _, _, _ = _apart(x0, x1, x2, y0, y1, y2)
                 overlap[i, o, 1] |= d < own + s.thickness[o]
 
 
@@ -252,7 +252,7 @@ def list_walls(s: Stems, center: FloatArray, c: Contacts, solid: Obstacles) -> N
     for i in range(len(center)):
         x, y, z = center[i, 0], center[i, 1], center[i, 2]
         at = c.listed_at
-        moved, _, _, _ = apart(x, y, z, at[i, 0], at[i, 1], at[i, 2])
+        moved, _, _, _ = _apart(x, y, z, at[i, 0], at[i, 1], at[i, 2])
         if moved <= WANDERED:
             continue
         at[i, 0], at[i, 1], at[i, 2] = x, y, z
@@ -302,7 +302,7 @@ def under_fruit(s: Stems, i: int) -> float:
 @inlined
 def _level_with(s: Stems, i: int, at: MouthPose, h: float) -> float:
     """Share of stem i that is level with the cup's axis at height h."""
-    return level(s, i, at.x + h * at.u, at.y + h * at.v, at.z + h * at.w)
+    return level_place(s, i, at.x + h * at.u, at.y + h * at.v, at.z + h * at.w)
 
 
 @inlined
@@ -364,18 +364,18 @@ def between(
             if kind == ON_FRUIT:
                 keep = own + other
             elif kind == ON_STEM:
-                along = level(s, o, x0, x1, x2)
+                along = level_place(s, o, x0, x1, x2)
                 if along == 0.0:
                     continue
                 y0, y1, y2 = place(s, u, o, s.length[o] - up[o], along)
                 keep = own + s.thickness[o]
             else:
-                share = level(s, i, y0, y1, y2)
+                share = level_place(s, i, y0, y1, y2)
                 if share == 0.0 or share > under_fruit(s, i):
                     continue
                 x0, x1, x2 = place(s, u, i, s.length[i] - up[i], share)
                 keep = other + s.thickness[i]
-            gap, n0, n1, n2 = apart(x0, x1, x2, y0, y1, y2)
+            gap, n0, n1, n2 = _apart(x0, x1, x2, y0, y1, y2)
             if gap - keep < least:
                 least, m0, m1, m2, at = gap - keep, n0, n1, n2, share
     return least, m0, m1, m2, at

@@ -30,7 +30,15 @@ from optipromp.core.pushing.rules import (
     rim_windows,
     stem_side,
 )
-from optipromp.core.pushing.stems.bending import Stems, balls_of, bowed, moved, parents, part, stems
+from optipromp.core.pushing.stems.bending import (
+    Stems,
+    bowed,
+    hanging_balls,
+    parents,
+    part,
+    stems,
+    stems_moved,
+)
 from optipromp.core.pushing.stems.cup import Mouth
 from optipromp.core.pushing.stems.harm import BRIEFLY, Harm, score_of
 from optipromp.core.pushing.stems.swinging import Led, clear, led, steps_inside, summed_score
@@ -168,7 +176,9 @@ class PathsPast(Candidates):
         worst = 0.0
         for obstacles, slack in ((self.static, HANGING.slack), (self.avoid, 0.0)):
             if len(obstacles.kind):
-                least, end = rooms(where, heights, self._frame[2], obstacles, self.cup.outer, slack)
+                least, end = rooms_beside(
+                    where, heights, self._frame[2], obstacles, self.cup.outer, slack
+                )
                 worst = max(worst, end - least)  # no path has more room than the goal
         return min(worst, 0.02) / 0.004
 
@@ -192,7 +202,7 @@ def passed_towards(
 
 
 @kernel
-def rooms(
+def rooms_beside(
     points: FloatArray, heights: FloatArray, up: FloatArray, obstacles: Obstacles, radius: float,
     most: float,
 ) -> tuple[float, float]:  # fmt: skip
@@ -357,7 +367,7 @@ class Hanging(PushModel):
 
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
         """See :class:`PushModel`."""
-        began = np.array([balls_of(fruit).center for fruit in self.fruits])
+        began = np.array([hanging_balls(fruit).center for fruit in self.fruits])
         gone = self.led(0, points, axes).positions[-1] - began
         before = np.array([fruit.position for fruit in self.fruits])
         ids = tuple(fruit.id for fruit in self.fruits)
@@ -432,7 +442,7 @@ def sampled(
     shifted, swung = _normal((samples, len(fruits), 3))
     shift = spread[..., None] * shifted
     swing = turn[:, None] * (swung - (swung @ up)[..., None] * up)  # level
-    place = np.array([balls_of(fruit).center for fruit in fruits])
+    place = np.array([hanging_balls(fruit).center for fruit in fruits])
     hidden = [fruit.stem is not None and fruit.stem.unseen for fruit in fruits]
     longer = np.exp(np.where(hidden, UNSEEN_SPREAD, 0.0) * (swung @ up)) - 1.0
     swing = swing + longer[..., None] * (seen.root - place)
@@ -442,7 +452,7 @@ def sampled(
     size, turn = _uniform((2, (samples + 1) * count))
     beam = PUSH.beam
     size = beam.bow_least + size * (beam.bow_most - beam.bow_least)
-    return bowed(moved(cases, roots, places), size, 2.0 * np.pi * turn)
+    return bowed(stems_moved(cases, roots, places), size, 2.0 * np.pi * turn)
 
 
 def _cases(fruits: Sequence[SceneObject], up: FloatArray) -> list[Stems]:

@@ -42,7 +42,7 @@ from optipromp.core.pushing.stems.contacts import (
     between,
     freely,
     hang,
-    level,
+    level_place,
     list_fruits,
     list_pieces,
     list_walls,
@@ -60,7 +60,7 @@ from optipromp.core.pushing.stems.cup import (
     Mouth,
     MouthPose,
     in_cup,
-    inside,
+    inside_cup,
     stem_gap,
     taken,
 )
@@ -200,7 +200,7 @@ def _slip(
     y0, y1, y2 = f.center[o, 0], f.center[o, 1], f.center[o, 2]
     b0, b1, b2 = f.began[o, 0], f.began[o, 1], f.began[o, 2]
     if kind == ON_STEM:
-        along = level(s, o, x0, x1, x2)
+        along = level_place(s, o, x0, x1, x2)
         y0, y1, y2 = place(s, f.u, o, s.length[o] - f.up[o], along)
         b0, b1, b2 = place(s, f.before, o, s.length[o] - f.up[o], along)
     return x0 - a0 - y0 + b0 + d0, x1 - a1 - y1 + b1 + d1, x2 - a2 - y2 + b2 + d2
@@ -445,7 +445,7 @@ def _take(
             so_far[2] = max(so_far[2], lasting_on_fruit)
             continue
         so_far[1] = max(so_far[1], forces[p, i])
-        swallowed = inside(f.center[i, 0], f.center[i, 1], f.center[i, 2], at, cup)
+        swallowed = inside_cup(f.center[i, 0], f.center[i, 1], f.center[i, 2], at, cup)
         spell[i] = spell[i] + 1 if swallowed else 0
         so_far[3] = max(so_far[3], spell[i] * dt)
         if f.firmly[i] and f.pressed[i] > 0.0:
@@ -491,7 +491,7 @@ def steps_inside(
     within = np.zeros(positions.shape[1], dtype=np.int64)
     for places, point, axis in zip(positions, points, axes, strict=True):
         at = MouthPose(*point, *axis)
-        within += [inside(x, y, z, at, cup) for x, y, z in places]
+        within += [inside_cup(x, y, z, at, cup) for x, y, z in places]
     return within
 
 
