@@ -167,30 +167,6 @@ def test_the_side_of_a_stem_may_be_a_note(gantry: Robot) -> None:
     assert astray.notes == (strict.message,)
 
 
-@pytest.mark.parametrize(
-    ("y", "short"), [(-0.06, 0.0), (-0.05, 0.0), (-0.03, 0.02), (0.0, 0.05), (0.06, 0.11)]
-)
-def test_drift_shortfall_is_what_the_paper_asks_for_less_what_there_is(
-    y: float, short: float, gantry: Robot
-) -> None:
-    """The stem leans to +y, so the tool (R_gripper 0.05) must keep y <= -0.05."""
-    metrics = passing(gantry, (0.0, 0.05, 0.2), lambda h: (0.01, y)).metrics
-    assert metrics.drift_shortfall["n"] == pytest.approx(short, abs=1e-12)
-    mirrored = passing(gantry, (0.0, -0.05, 0.2), lambda h: (0.01, -y)).metrics
-    assert mirrored.drift_shortfall["n"] == pytest.approx(short, abs=1e-12)
-
-
-def test_drift_shortfall_is_the_worst_of_the_window(gantry: Robot) -> None:
-    """At the fruit's level 0.06 off, 10 mm above it 0.04, and on the line once past its radius."""
-
-    def aside(h: float) -> tuple[float, float]:
-        return 0.0, -0.06 if abs(h) < 5e-3 else -0.04 if abs(h) < 0.0151 else 0.0
-
-    metrics = passing(gantry, (0.0, 0.05, 0.2), aside).metrics
-    assert metrics.M_p["n"] == pytest.approx(-0.06)
-    assert metrics.drift_shortfall["n"] == pytest.approx(0.01)
-
-
 def test_drift_shortfall_counts_from_the_camera_point_on(gantry: Robot) -> None:
     """Down past the fruit on its stem's side, then from the camera point up on the other side."""
     down, up = np.linspace(0.7, 0.485, 40), np.linspace(0.485, 0.75, 40)
