@@ -58,12 +58,6 @@ def test_m_p_is_the_offset_where_the_tool_passes(side: float, gantry: Robot) -> 
     assert bool(mirrored.violations) != wrong
 
 
-def test_the_offset_counts_at_the_fruit_not_elsewhere(gantry: Robot) -> None:
-    judgement = passing(gantry, (0.0, 0.05, 0.2), lambda h: (0.0, -0.06 if abs(h) < 0.02 else 0.06))
-    assert judgement.metrics.M_p["n"] == pytest.approx(-0.06)
-    assert judgement.violations == ()
-
-
 def test_a_stem_that_leans_along_x_has_a_side_too(gantry: Robot) -> None:
     """The paper's figure, along y_g, says nothing here; the stem still must not be met."""
     for x in (-0.06, 0.06):
@@ -80,25 +74,6 @@ def test_without_a_lean_either_side_will_do(stem: Any, gantry: Robot) -> None:
         assert judgement.metrics.M_p["n"] == pytest.approx(y)
         assert judgement.violations == ()
     assert (judgement.metrics.stem_projection["n"] is None) == (stem is None)
-
-
-def test_the_last_passage_counts(gantry: Robot) -> None:
-    """Up on the wrong side, down, and up again on the right one."""
-    height = np.concatenate([np.linspace(0.5, 0.7, 20), np.linspace(0.7, 0.5, 20)])
-    height = np.concatenate([height, np.linspace(0.5, 0.75, 25)])
-    path = np.zeros((65, 3))
-    path[:, 2] = height
-    path[:20, 1], path[20:40, 1], path[40:, 1] = 0.06, 0.06, -0.06
-    path[-1] = TARGET
-    scene = to(
-        None,
-        obj("target", Sphere(0.015), TARGET, name="ripe"),
-        SceneObject(
-            "n", "pushable", Sphere(0.015), FRUIT, stem=Stem(np.array([FRUIT, [0, 0.05, 0.8]]))
-        ),
-    )
-    judgement = judging.judge(scene, gantry, moving(gantry, path - [0.0, 0.0, 0.13], dt=9.0))
-    assert judgement.metrics.M_p["n"] == pytest.approx(-0.06)
 
 
 def test_a_fruit_that_is_not_passed_has_no_m_p(gantry: Robot) -> None:
