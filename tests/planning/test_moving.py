@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -44,32 +45,24 @@ def middle(direct: Plan) -> np.ndarray:
     return direct.robot.tool_pose(direct.trajectory.at(1.0).q[None])[0][0]
 
 
-def place(motion: ObjectMotion, t: float) -> np.ndarray:
-    """Position at a time, by its own interpolation."""
-    if t <= motion.times[0]:
-        return motion.positions[0]
-    for k in range(1, len(motion.times)):
-        if t <= motion.times[k]:
-            share = (t - motion.times[k - 1]) / (motion.times[k] - motion.times[k - 1])
-            return motion.positions[k - 1] + share * (motion.positions[k] - motion.positions[k - 1])
-    return motion.positions[-1]
+def place(motion: ObjectMotion, t: Any) -> np.ndarray:
+    """Position (3,) at a time or positions (T, 3) at times, by an interpolation of their own."""
+    return np.stack([np.interp(t, motion.times, one) for one in motion.positions.T], axis=-1)
 
 
 def gap(robot: Robot, made: Trajectory, item: SceneObject, count: int = 3000) -> float:
     """Smallest distance of any body sphere to a moving ball or upright box, densely sampled."""
-    least = np.inf
     assert item.motion is not None
-    for t in np.linspace(0.0, made.duration, count):
-        off = robot.sphere_centers(made.at(t).q[None])[0] - place(item.motion, t)
-        if isinstance(item.shape, Sphere):
-            away = np.linalg.norm(off, axis=1) - item.shape.radius
-        else:
-            assert isinstance(item.shape, Box)
-            over = np.abs(off) - 0.5 * np.array(item.shape.size)
-            outside = np.linalg.norm(np.maximum(over, 0.0), axis=1)
-            away = outside + np.minimum(over.max(axis=1), 0.0)
-        least = min(least, float((away - robot.spheres.radius).min()))
-    return least
+    times = np.linspace(0.0, made.duration, count)
+    off = robot.sphere_centers(made.sample(times)[0]) - place(item.motion, times)[:, None]
+    if isinstance(item.shape, Sphere):
+        away = np.linalg.norm(off, axis=-1) - item.shape.radius
+    else:
+        assert isinstance(item.shape, Box)
+        over = np.abs(off) - 0.5 * np.array(item.shape.size)
+        outside = np.linalg.norm(np.maximum(over, 0.0), axis=-1)
+        away = outside + np.minimum(over.max(axis=-1), 0.0)
+    return float((away - robot.spheres.radius).min())
 
 
 def poking(middle: np.ndarray, at: float = 1.0) -> SceneObject:
