@@ -112,7 +112,7 @@ def test_waypoints_and_duration_are_what_was_asked_for(planned: Planned) -> None
 def test_few_waypoints_leave_constraint_1_nothing_and_the_stages_plan(
     scene: str, count: int
 ) -> None:
-    options = PlanOptions(waypoints=count, timeout=2.0)
+    options = PlanOptions(waypoints=count)
     result = plan(scene, strategy="sequential", options=options)
     assert result.trajectory.n_waypoints == count
     assert {stage.name for stage in result.stages} == {"push", "collision"}
