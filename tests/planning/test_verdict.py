@@ -306,7 +306,7 @@ DRAWN = given(
 )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @DRAWN
 def test_whoever_asks_is_told_the_same(
     scene: Scene, seed: int, again_at: float | None, tampered: str
