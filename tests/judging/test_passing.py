@@ -58,14 +58,6 @@ def test_m_p_is_the_offset_where_the_tool_passes(side: float, gantry: Robot) -> 
     assert bool(mirrored.violations) != wrong
 
 
-def test_the_offset_counts_at_the_fruit_not_elsewhere(gantry: Robot) -> None:
-    judgement = passages(
-        gantry, (0.0, 0.05, 0.2), lambda h: (0.0, -0.06 if abs(h) < 0.02 else 0.06)
-    )
-    assert judgement.metrics.M_p["n"] == pytest.approx(-0.06)
-    assert judgement.violations == ()
-
-
 def test_a_stem_that_leans_along_x_has_a_side_too(gantry: Robot) -> None:
     """The paper's figure, along y_g, says nothing here; the stem still must not be met."""
     for x in (-0.06, 0.06):
@@ -82,25 +74,6 @@ def test_without_a_lean_either_side_will_do(stem: Any, gantry: Robot) -> None:
         assert judgement.metrics.M_p["n"] == pytest.approx(y)
         assert judgement.violations == ()
     assert (judgement.metrics.stem_projection["n"] is None) == (stem is None)
-
-
-def test_the_last_passage_counts(gantry: Robot) -> None:
-    """Up on the wrong side, down, and up again on the right one."""
-    height = np.concatenate([np.linspace(0.5, 0.7, 20), np.linspace(0.7, 0.5, 20)])
-    height = np.concatenate([height, np.linspace(0.5, 0.75, 25)])
-    path = np.zeros((65, 3))
-    path[:, 2] = height
-    path[:20, 1], path[20:40, 1], path[40:, 1] = 0.06, 0.06, -0.06
-    path[-1] = TARGET
-    scene = to(
-        None,
-        obj("target", Sphere(0.015), TARGET, name="ripe"),
-        SceneObject(
-            "n", "pushable", Sphere(0.015), FRUIT, stem=Stem(np.array([FRUIT, [0, 0.05, 0.8]]))
-        ),
-    )
-    judgement = judging.judge(scene, gantry, moving(gantry, path - [0.0, 0.0, 0.13], dt=9.0))
-    assert judgement.metrics.M_p["n"] == pytest.approx(-0.06)
 
 
 def test_a_fruit_that_is_not_passed_has_no_m_p(gantry: Robot) -> None:
@@ -167,30 +140,6 @@ def test_the_side_of_a_stem_may_be_a_note(gantry: Robot) -> None:
     astray = judging.judge(scene, gantry, motion, State(np.ones(3)), stem_side=False)
     assert [*map(str, astray.violations)] == ["the trajectory does not begin at the start"]
     assert astray.notes == (strict.message,)
-
-
-@pytest.mark.parametrize(
-    ("y", "short"), [(-0.06, 0.0), (-0.05, 0.0), (-0.03, 0.02), (0.0, 0.05), (0.06, 0.11)]
-)
-def test_drift_shortfall_is_what_the_paper_asks_for_less_what_there_is(
-    y: float, short: float, gantry: Robot
-) -> None:
-    """The stem leans to +y, so the tool (R_gripper 0.05) must keep y <= -0.05."""
-    metrics = passages(gantry, (0.0, 0.05, 0.2), lambda h: (0.01, y)).metrics
-    assert metrics.drift_shortfall["n"] == pytest.approx(short, abs=1e-12)
-    mirrored = passages(gantry, (0.0, -0.05, 0.2), lambda h: (0.01, -y)).metrics
-    assert mirrored.drift_shortfall["n"] == pytest.approx(short, abs=1e-12)
-
-
-def test_drift_shortfall_is_the_worst_of_the_window(gantry: Robot) -> None:
-    """At the fruit's level 0.06 off, 10 mm above it 0.04, and on the line once past its radius."""
-
-    def aside(h: float) -> tuple[float, float]:
-        return 0.0, -0.06 if abs(h) < 5e-3 else -0.04 if abs(h) < 0.0151 else 0.0
-
-    metrics = passages(gantry, (0.0, 0.05, 0.2), aside).metrics
-    assert metrics.M_p["n"] == pytest.approx(-0.06)
-    assert metrics.drift_shortfall["n"] == pytest.approx(0.01)
 
 
 def test_drift_shortfall_counts_from_the_camera_point_on(gantry: Robot) -> None:

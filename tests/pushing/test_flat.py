@@ -2,18 +2,11 @@
 
 import numpy as np
 import pytest
+from tests.pushing.test_quasi_static import PUSHER, SQUARE, line
 
 from optipromp.core.pushing.packs.flat import clear_ahead, shapes
 
-SQUARE = np.array([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]])
-PUSHER = np.array([[-0.02, -0.05], [0.0, -0.05], [0.0, 0.05], [-0.02, 0.05]])
 WALL = np.array([[0.03, -0.1], [0.05, -0.1], [0.05, 0.1], [0.03, 0.1]])
-
-
-def line(start, end, step=0.002):
-    start, end = np.array([*start, 0.0]), np.array([*end, 0.0])
-    count = int(np.ceil(np.linalg.norm(end - start) / step)) + 1
-    return start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
 
 
 def test_room_to_a_wall():

@@ -222,20 +222,6 @@ def test_a_lost_mesh_of_the_cache_is_made_again(path: Path, held: bool) -> None:
     assert Path(mesh).is_file()
 
 
-def test_a_damaged_cache_is_made_again(
-    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path / "cache"))
-    load_robot(path)
-    (kept,) = (tmp_path / "cache" / "robots").iterdir()
-    whole = kept.read_bytes()
-    for content in (b"", b"PK", whole[:100], whole[:-100]):
-        kept.write_bytes(content)
-        reading._held.clear()
-        load_robot(path)
-        assert kept.read_bytes() == whole
-
-
 BALL = '<geom size=".1"/>'
 HEIGHTS = '<asset><hfield name="h" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>'
 TWIN = f"<body>{BALL}<body>{BALL}</body></body>"
