@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 from tests.bench import entrants as entries
 from tests.bench.entrants import HOWS, entry
-from typer.testing import CliRunner
 
 from optipromp import Scene
 from optipromp.bench import running
@@ -22,7 +21,6 @@ from optipromp.bench.results import BenchRun, run_bench
 from optipromp.bench.running import Exercise, attempted
 from optipromp.bench.sets import SceneSet, scene_of
 from optipromp.bench.tracks import asked
-from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 
 SHORT = Patience(plan=2.0, reset=2.0, act=0.5)
@@ -243,20 +241,6 @@ def test_an_entry_that_cannot_be_made_is_told(
         monkeypatch.setattr(apart, "spec", f"{name}:A")
         with pytest.raises(EntryError, match=word):
             apart.begin()
-
-
-def test_a_run_of_an_entry_that_ends_at_import_is_one_error(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "ends.py").write_text("import os; os._exit(0)")
-    monkeypatch.chdir(tmp_path)
-    told = CliRunner().invoke(
-        app, ["bench", "run", "--entry", "ends:A", "--count", "1", "--out", "o"]
-    )
-    assert told.exit_code == 2
-    assert told.output.count("error INVALID_REQUEST") == 1
-    assert "exit code 0" in told.output
-    assert not (tmp_path / "o/rows.csv").exists()
 
 
 def test_a_hidden_scene_is_no_seed_away() -> None:

@@ -19,7 +19,6 @@ serve(Blind(), calls=1)
 
 def started(program: str) -> Iterator[str]:
     with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE) as process:
-        assert process.stdout is not None
         yield process.stdout.readline().decode().strip()
         process.kill()
 

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import pytest
+
 import optipromp
 from benchmarks.furniture import generate
 from benchmarks.grasps import touching
@@ -9,6 +11,7 @@ from optipromp.core.errors import Code
 from optipromp.core.scenes.scene import JointGoal
 
 
+@pytest.mark.slow
 def test_a_goal_at_which_the_hand_touches_one_thing_needs_the_pair() -> None:
     table = generate("table-pick", 61_000)
     found = touching(table, 1)

@@ -39,6 +39,7 @@ def test_a_child_that_dies_is_a_row(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     assert all("ended with -11" in row.reason for row in found)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("g++") is None, reason="no g++")
 def test_the_cpp_program_agrees_with_our_kernels() -> None:
     robot = panda_with_cup()
@@ -75,6 +76,7 @@ def test_percentile_is_a_value_that_was_seen() -> None:
     assert percentile(values, 0.5) == 99.0
 
 
+@pytest.mark.slow
 def test_success_of_a_planner_is_what_the_judge_says() -> None:
     """Our plan passes a fruit on the side of its stem, where no harm is predicted: a success."""
     scene = load_scene("scenario-3")

@@ -85,17 +85,6 @@ def test_more_padding_leads_the_arm_farther_away(document: dict[str, Any], tmp_p
     assert rooms[1] > rooms[0]
 
 
-def test_a_wrong_name_is_one_line_with_the_nearest_right_one(
-    document: dict[str, Any], tmp_path: Path
-) -> None:
-    document["may_touch"] = [["punet", "board"]]
-    (tmp_path / "held.yaml").write_text(yaml.safe_dump(document))
-    result = invoke("plan", tmp_path / "held.yaml")
-    assert result.exit_code == 2
-    assert "may_touch[0] names 'punet'" in result.stderr
-    assert "did you mean 'punnet'?" in result.stderr
-
-
 def test_the_simulation_carries_the_mass(document: dict[str, Any], tmp_path: Path) -> None:
     """The joints' torques grow as the held mass asks, by the engine's own sum of forces."""
     mujoco = pytest.importorskip("mujoco")

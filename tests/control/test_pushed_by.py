@@ -17,11 +17,9 @@ def test_a_push_is_told_of_the_fruits_that_it_moves() -> None:
     whole = pushed_by(route, route.duration)
     assert whole
     target = made.scene.target
-    assert target is not None
     assert target.id not in whole
     assert all(np.linalg.norm(by) > MOVED for by in whole.values())
     model = made.push_model
-    assert model is not None
     found = model.moved(route.points[made.first :], route.axes[made.first :])
     places = dict(zip(found.ids, found.positions, strict=True))
     for item in made.scene.objects:

@@ -39,7 +39,6 @@ def test_runs_are_counted_in_the_bin_of_their_probability() -> None:
         replace(ROW, predicted_failure=0.1, picked=None),  # not executed
     ]
     found = calibration(rows)
-    assert found is not None
     counted = [(b.low, b.high, b.runs, b.failures) for b in found.bins]
     assert counted == [
         (0.0, 0.01, 2, 0), (0.01, 0.02, 1, 1), (0.1, 0.2, 1, 1), (0.2, 0.4, 1, 0), (0.4, 1.0, 1, 1),

@@ -372,7 +372,6 @@ def test_two_studies_cannot_write_into_one_folder(tmp_path: Path) -> None:
         stdin=subprocess.PIPE, stdout=subprocess.PIPE,
     )  # fmt: skip
     try:
-        assert other.stdout is not None
         other.stdout.readline()
         with pytest.raises(InvalidRequestError, match="another study writes into"):
             run_study(wanted, tmp_path, workers=1)

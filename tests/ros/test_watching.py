@@ -3,33 +3,27 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.ros.camera_messages import FRAME, cloud, frames, header, image, info
+from tests.perception.shots import SEED, shot_of
+from tests.ros.camera_messages import FRAME, cloud, frames, header, image, info, sent
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.pose import Pose
 from optipromp.laboratory.generate import generate
-from optipromp.laboratory.simulation.photograph import photograph
 from optipromp.perception import DepthPicture, Watcher, look_at
-from optipromp.ros import Message, PickLoop, from_bytes, message, to_bytes
+from optipromp.ros import Message, PickLoop, message
 from optipromp.ros.loop import moving
 
 EPOCH = 1_790_000_000_123_456_789  # [ns]
-SEED = 60011
-
-
-def sent(item: Message) -> Message:
-    return from_bytes(to_bytes(item), item.__msgtype__)
 
 
 def states(names: list[str], q: np.ndarray, stamp: int) -> Message:
     return message("sensor_msgs/msg/JointState", header=header(stamp, ""), name=names, position=q)
 
 
-@pytest.mark.parametrize("kind", ["images", "cloud"])
-def test_pictures_of_a_camera_on_the_hand_become_tracked_fruits(kind: str) -> None:
+def test_pictures_of_a_camera_on_the_hand_become_tracked_fruits() -> None:
     scene = generate("cluster", SEED)
-    shot = photograph(scene, seed=SEED)
+    shot = shot_of()
     robot, start = posed(scene)
     names = [f"fr3_{name}" for name in robot.joint_names]
     tool = moving(robot, start.q)[1]
@@ -39,13 +33,10 @@ def test_pictures_of_a_camera_on_the_hand_become_tracked_fruits(kind: str) -> No
     for k in range(6):
         stamp = EPOCH + k * 50_000_000
         loop.heard(sent(states(names, start.q, stamp)))
-        items = [cloud(shot.picture, stamp)]
-        if kind == "images":
-            items = [
-                info(shot.picture.camera, stamp), image(shot.picture.rgb, "rgb8", stamp),
-                image(depth, "32FC1", stamp),
-            ]  # fmt: skip
-        for item in items:
+        for item in (
+            info(shot.picture.camera, stamp), image(shot.picture.rgb, "rgb8", stamp),
+            image(depth, "32FC1", stamp),
+        ):  # fmt: skip
             loop.heard(sent(item), "/cam")
         loop.tick(stamp + 1_000_000)
     tracked = loop.controller.tracker.at(0.25)
@@ -61,7 +52,7 @@ def test_pictures_without_a_watcher_or_a_frame_are_refused() -> None:
     scene = generate("cluster", SEED)
     robot, start = posed(scene)
     rng = np.random.default_rng(61303)
-    picture = photograph(scene, seed=SEED).picture
+    picture = shot_of().picture
     with pytest.raises(InvalidRequestError, match="is of no use here"):
         PickLoop(scene).heard(cloud(picture, EPOCH))
     loop = PickLoop(scene, watcher=Watcher())

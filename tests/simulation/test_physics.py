@@ -189,7 +189,6 @@ def test_a_pressed_stem_is_caught(bench):
 def with_inertia(*moments: float) -> Robot:
     """The Panda with these principal moments of its third segment [kg m²]."""
     robot = load_robot("panda")
-    assert robot.dynamics is not None
     tensors = np.array(robot.dynamics.inertia)
     turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
     tensors[2] = turn @ np.diag(moments) @ turn.T
@@ -212,7 +211,6 @@ def test_an_inertia_that_no_body_has_is_replaced(moments):
     with pytest.warns(UserWarning, match="segment 2: no body has the inertia that is stated"):
         model = build(load_scene("scenario-1"), with_inertia(*moments)).model
     body, robot = model.body("segment:2").id, load_robot("panda")
-    assert robot.dynamics is not None
     assert model.body_mass[body] == pytest.approx(robot.dynamics.mass[2])
     low, middle, high = sorted(model.body_inertia[body])
     assert 0.0 < low <= high < low + middle
@@ -220,7 +218,6 @@ def test_an_inertia_that_no_body_has_is_replaced(moments):
 
 def test_what_mujoco_refuses_is_told():
     robot = load_robot("panda")
-    assert robot.dynamics is not None
     mass = np.array(robot.dynamics.mass)
     mass[2] = 1e-300
     thin = replace(robot, dynamics=robot.dynamics._replace(mass=mass))

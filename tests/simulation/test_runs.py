@@ -64,6 +64,8 @@ def test_the_panda_follows_its_plan(runs):
     assert outcome.limit_use["torque"] < 1.0
     assert outcome.limit_use["position"] <= 1.0
     assert outcome.warnings == ()
+    assert outcome.cut is None
+    assert "cut" not in outcome.to_dict()
 
 
 @pytest.mark.parametrize("name", ["scenario-1", "scenario-2"])
@@ -85,10 +87,6 @@ def test_the_papers_last_scenarios_touch_nothing_static_and_tear_nothing(runs, n
     assert outcome.success <= (bool(outcome.picked) and not outcome.swallowed_others)
 
 
-def test_runs_faster_than_real_time(runs):
-    assert max(run.real_time_factor for run in runs.values()) > 1.0
-
-
 def test_the_same_seed_gives_the_same_run_to_the_last_bit(plans, runs):
     first, second = runs["scenario-4"], simulate(plans["scenario-4"])
     for name, values in first.rollout.arrays().items():
@@ -102,30 +100,14 @@ def test_a_number_that_stops_being_one_fails_the_run(bench, tmp_path, monkeypatc
     for bad in (np.nan, 1e30):
         run = bench.execution(scene)
         run.data.xfrc_applied[run.world.fruits[0].body, 0] = bad
-        rollout, _ = run.run()
+        rollout, contacts = run.run()
         assert rollout.warnings
         assert rollout.times[-1] < 0.1
         assert np.isfinite(rollout.fruit_positions).all()
+        outcome = judge(run.world, rollout, contacts)
+        assert (outcome.success, outcome.cause) == (False, Cause.UNSTABLE)
+        assert "simulation broke down" in outcome.message
     assert not list(tmp_path.glob("*.TXT"))
-
-
-def test_an_unstable_run_is_told_as_such(bench):
-    run = bench.execution(bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5))))
-    run.data.xfrc_applied[run.world.fruits[0].body, 0] = np.nan
-    outcome = judge(run.world, *run.run())
-    assert not outcome.success
-    assert outcome.cause is Cause.UNSTABLE
-    assert "simulation broke down" in outcome.message
-
-
-def test_neighbouring_clusters_of_real_fruits(plans, bench):
-    parameters = bench.parameters(thing={"avoid_as": "fruits"})
-    world = build(plans["scenario-3"].scene, plans["scenario-3"].robot, parameters, 3)
-    assert len(world.fruits) == 3 + 2 * 6
-    assert len(world.shown) == 3
-    run = simulate(plans["scenario-3"], parameters=parameters)
-    assert run.rollout.fruit_ids == ("ripe", "n1", "n2")
-    assert run.outcome.warnings == ()
 
 
 def tetrahedra():

@@ -163,7 +163,6 @@ def test_the_picture_names_the_moment_and_what_is_predicted(result: Plan) -> Non
     now = drawn.moment(result)
     title = figure.get_suptitle()
     assert str(now) in title
-    assert result.prediction is not None
     harm = f"predicted harm {result.prediction.harm:.2f} of at most"
     assert f"{harm} {result.prediction.threshold:g}" in title
     assert "%" not in title  # one figure, of one meaning
