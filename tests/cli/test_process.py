@@ -173,18 +173,6 @@ def test_a_terminal_without_utf_8_gets_letters_it_has() -> None:
     assert json.loads(text)["robots"]
 
 
-@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="limits of Linux")
-def test_a_file_that_reaches_its_limit_is_told_and_absent(tmp_path: Path) -> None:
-    limited = f"ulimit -f 1; {sys.executable} -m optipromp plan scenario-3 --out {tmp_path / 'o'}"
-    done = subprocess.run(
-        ["bash", "-c", f"trap '' XFSZ; {limited}"], capture_output=True, text=True
-    )
-    assert done.returncode == 2
-    assert done.stderr.count("\n") == 1
-    assert "File too large" in done.stderr
-    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
-
-
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits of Linux")
 def test_too_little_memory_is_told_and_not_waited_in() -> None:
     limited = f"ulimit -v 400000; {sys.executable} -m optipromp list"

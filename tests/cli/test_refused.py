@@ -179,6 +179,11 @@ def test_requests(folder: Path, options: list[str], words: str) -> None:
     refused(["plan", "scenario-3", "--out", "out", *options], "INVALID_REQUEST", words)
 
 
+def test_a_start_in_degrees_is_told(folder: Path) -> None:
+    (folder / "s.json").write_text(json.dumps(MINIMAL | {"start": [0, 0, 0, -90, 0, 90, 0]}))
+    refused(["plan", "s.json", "--out", "out"], "START_INVALID", "joint", "degrees?")
+
+
 def test_objects_of_hundreds_of_metres_are_told(folder: Path) -> None:
     floor = {"id": "floor", "role": "static", "shape": {"box": {"size": [800, 800, 0.1]}}}
     scene = copy.deepcopy(MINIMAL)

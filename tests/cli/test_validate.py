@@ -13,10 +13,8 @@ from typer.testing import CliRunner
 from optipromp import load_scene
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.geometry import Sphere
 from optipromp.core.output import load_plan
-from optipromp.core.planning.task import resolve
-from optipromp.core.scenes import SceneObject, save_scene
+from optipromp.core.scenes import save_scene
 from optipromp.core.trajectory import Trajectory
 from optipromp.core.trajectory_files import arrays, csv, read_trajectory
 from optipromp.ros import Recorded, joint_trajectory, robot_trajectory, write_bag
@@ -60,42 +58,6 @@ def test_a_plan_is_valid_in_each_of_its_forms(
     assert "success" in stdout
 
 
-def faulty(good: Trajectory, kind: str) -> Trajectory:
-    """The plan with one fault."""
-    times, (q, velocity, acceleration) = good.times, (np.array(v) for v in good.rows())
-    names, middle = good.joint_names, good.n_waypoints // 3
-    match kind:
-        case "too fast":
-            return good.slowed(0.1)
-        case "a jump in velocity":
-            velocity[middle] += 0.4
-        case "a jump in position":
-            q[middle, 3] += 0.05
-        case "beyond a limit between rows":
-            velocity[0, 1], ends = 30.0, [0, -1]
-            return Trajectory(times[ends], q[ends], velocity[ends], acceleration[ends], names)
-        case "a goal 2 mm off":
-            q[:, 5] += np.linspace(0.0, 1.0, len(q)) ** 5 * 0.01
-            return Trajectory.through(q, times, names)
-        case "not from the start":
-            q += 1e-4
-        case "cut short":
-            velocity, acceleration = velocity[:middle], acceleration[:middle]
-            return Trajectory(times[:middle], q[:middle], velocity, acceleration, names)
-    return Trajectory(times, q, velocity, acceleration, names)
-
-
-FAULTS = {
-    "too fast": {"velocity", "acceleration", "jerk"},
-    "a jump in velocity": {"acceleration", "jerk"},
-    "a jump in position": {"acceleration", "jerk"},
-    "beyond a limit between rows": {"limit", "velocity", "motion"},
-    "a goal 2 mm off": {"goal"},
-    "not from the start": {"start"},
-    "cut short": {"motion", "goal"},
-}
-
-
 def test_probability_risk_forces_are_told(reach: Path, good: Trajectory, tmp_path: Path) -> None:
     np.savez(tmp_path / "t.npz", **arrays(good))
     strict = told(tmp_path / "t.npz", "--risk", "0.01")
@@ -112,40 +74,21 @@ def test_probability_risk_forces_are_told(reach: Path, good: Trajectory, tmp_pat
         assert re.search(r"not clean with\s+probability \d+ %", words)
 
 
-@pytest.mark.parametrize("kind", FAULTS)
-def test_each_fault_is_named_with_its_time_and_size(
-    kind: str, good: Trajectory, tmp_path: Path
-) -> None:
-    np.savez(tmp_path / "t.npz", **arrays(faulty(good, kind)))
+def test_faults_are_named_with_time_and_size(good: Trajectory, tmp_path: Path) -> None:
+    """Each fault is told where it is judged: ``tests/judging``."""
+    np.savez(tmp_path / "t.npz", **arrays(good.slowed(0.1)))
     code, document = told(tmp_path / "t.npz", "--out", str(tmp_path / "out"))
-    assert code == 1
-    assert document["status"] == "INVALID_PLAN"
+    assert (code, document["status"]) == (1, "INVALID_PLAN")
     found = {v["kind"]: v for v in document["violations"]}
-    assert set(found) >= FAULTS[kind]
-    for name in FAULTS[kind]:
-        assert found[name]["amount"] > 0.0
-        assert 0.0 <= found[name]["time"] <= document["metrics"]["duration"]
+    assert set(found) >= {"velocity", "acceleration", "jerk"}
+    for one in found.values():
+        assert one["amount"] > 0.0
+        assert 0.0 <= one["time"] <= document["metrics"]["duration"]
     assert (tmp_path / "out" / "limits.png").read_bytes()[:4] == b"\x89PNG"
     assert json.loads((tmp_path / "out" / "verdict.json").read_text()) == document
-    if kind == "a goal 2 mm off":
-        code, stdout, _ = call("validate", str(tmp_path / "t.npz"), "--scene", "scenario-3")
-        assert (code, "goal" in stdout) == (1, True)
-
-
-def test_a_contact_between_two_rows_has_its_time(good: Trajectory, tmp_path: Path) -> None:
-    """A pin, 2 mm thick, where the tool is in the middle of an interval."""
-    scene = load_scene("scenario-3")
-    middle = 0.5 * float(good.times[10] + good.times[11])
-    point, _ = resolve(scene).robot.tool_pose(good.sample(middle)[0][0])
-    pin = SceneObject("pin", "static", Sphere(0.001), point)
-    save_scene(replace(scene, objects=(*scene.objects, pin)), tmp_path / "pin.yaml")
-    np.savez(tmp_path / "t.npz", **arrays(good))
-    code, document = told(tmp_path / "t.npz", scene=str(tmp_path / "pin.yaml"))
+    code, stdout, _ = call("validate", str(tmp_path / "t.npz"), "--scene", "scenario-3")
     assert code == 1
-    (found,) = [v for v in document["violations"] if v["kind"] == "contact"]
-    assert "pin" in found["message"]
-    assert found["time"] == pytest.approx(middle, abs=0.3)
-    assert found["amount"] > 0.0
+    assert all(name in stdout for name in found)
 
 
 def write(path: Path, text: str) -> Path:
