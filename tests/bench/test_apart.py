@@ -2,6 +2,7 @@
 
 import socket
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -19,6 +20,7 @@ from optipromp.bench.apart import Apart, dismissed
 from optipromp.bench.limits import ROWS, EntryError, Patience, words
 from optipromp.bench.results import BenchRun, run_bench
 from optipromp.bench.running import Exercise, attempted
+from optipromp.bench.serve import Served
 from optipromp.bench.sets import SceneSet, scene_of
 from optipromp.bench.tracks import asked
 from optipromp.core.errors import InvalidRequestError
@@ -249,3 +251,34 @@ def test_a_hidden_scene_is_no_seed_away() -> None:
     truth, _ = scene_of(TASK.preset, TASK.seed)
     assert truth.name == "limp-110000"
     assert seen.name == running.situated(replace(TASK, seed=110_001))[0].seen.name == "scene"
+
+
+PROGRAM = """
+from optipromp.bench.entries.own import Blind
+from optipromp.bench.serve import serve
+serve(Blind(), calls=1)
+"""
+
+
+def started(program: str) -> Iterator[str]:
+    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE) as process:
+        yield process.stdout.readline().decode().strip()
+        process.kill()
+
+
+@pytest.fixture
+def address() -> Iterator[str]:
+    yield from started(PROGRAM)
+
+
+def test_a_served_policy_acts_as_at_home(address: str) -> None:
+    away, _ = attempted(Exercise(address, "policy", "limp", 110_000, engines=("arm",)))
+    home, _ = attempted(Exercise("blind", "policy", "limp", 110_000, engines=("arm",)))
+    assert away[0].result == home[0].result == "clean"
+    assert away[0].judged() == home[0].judged()
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1:1", "127.0.0.1:x", ":99999", "", "a" * 300 + ":80"])
+def test_nobody_there_is_told(address: str) -> None:
+    with pytest.raises(InvalidRequestError, match="start it"):
+        Served(address).begin()
