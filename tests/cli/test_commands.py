@@ -284,7 +284,7 @@ def test_learn_by_expectation_maximisation(demonstrations: Path, tmp_path: Path)
 def test_learn_leaves_nothing_where_it_cannot_write(demonstrations: Path, tmp_path: Path) -> None:
     for out, words in (
         (demonstrations / "x.npz", "error INVALID_REQUEST: cannot write"),
-        (tmp_path / "a.promp", "error INVALID_REQUEST: --out is"),
+        (tmp_path / "a.promp", "error INVALID_REQUEST: --out "),
     ):
         result = runner.invoke(app, ["learn", str(demonstrations), "--out", str(out)])
         assert result.exit_code == 2

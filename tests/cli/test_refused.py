@@ -110,10 +110,6 @@ def broken(kind: str) -> None:
     """A file demos.npz (or what else it is) that holds no demonstrations."""
     path, good = Path("demos.npz"), {"positions": MOTION, "joint_names": NAMES}
     match kind:
-        case "text":
-            path.write_text("hello")
-        case "pickle":
-            path.write_bytes(b"\x80\x04}\x94.")
         case "objects":
             np.savez(path, positions=np.array([None], dtype=object))
         case "cut" | "flipped" | "encrypted":
@@ -130,21 +126,14 @@ def broken(kind: str) -> None:
                 archive.writestr("positions.npy", bytes(300_000_000))
         case "pipe":
             os.mkfifo(path)
-        case "nan":
-            np.savez(path, positions=np.where(MOTION > 0.9, np.nan, MOTION), joint_names=NAMES)
-        case "times":
-            np.savez(path, time=np.zeros(20), **good)
         case "huge":
             np.savez(path, positions=MOTION * 1e300, joint_names=NAMES)
-        case "foreign":
-            np.savez(path, positions=MOTION, joint_names=np.array([*NAMES[:-1], "x"]))
 
 
 @pytest.mark.parametrize(
     "kind",
-    ["text", "pickle", "objects", "cut", "flipped", "encrypted", "bomb", "pipe", "nan", "times",
-     "huge", "foreign"],
-)  # fmt: skip
+    ["objects", "cut", "flipped", "encrypted", "bomb", "pipe", "huge"],
+)
 def test_demonstrations(folder: Path, kind: str) -> None:
     broken(kind)
     refused(

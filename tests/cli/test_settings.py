@@ -76,7 +76,7 @@ def test_settings_add_up_and_the_last_of_a_key_counts() -> None:
         ("max_step=fast", r"max_step is fast; it must be of type float"),
         ("paper.epsilon=0", r"paper\.epsilon is 0; it must be positive"),
         ("constraints=all", r"constraints is all; it must be"),
-        ("waypoints=2", r"waypoints is 2; it must be >= 3"),
+        ("waypoints=2", r"waypoints is 2; it must be a whole number >= 3"),
         ("paper.alphas=[-1,1,1,0]", "negative"),
     ],
 )
