@@ -19,8 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from optipromp.laboratory.experiments.row_files import rows_of
-from optipromp.laboratory.experiments.runs import Row
+from optipromp.laboratory.experiments.rows import Row, rows_of
 from optipromp.laboratory.experiments.statistics import Cell, calibration, summary
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -56,7 +55,7 @@ def kept(name: str) -> Result:
 
 
 def _cell(values: Mapping[str, Any]) -> Cell:
-    return Cell(**{key: value for key, value in values.items() if key != "broken"})
+    return Cell(values)
 
 
 def rates(found: Result) -> list[str]:

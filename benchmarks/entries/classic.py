@@ -10,7 +10,6 @@ from optipromp.bench.entries.planners import gentle_plan
 from optipromp.core.arrays import FloatArray, evenly
 from optipromp.core.budget import Budget
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
-from optipromp.core.optimization import covariant
 from optipromp.core.planning import plan
 from optipromp.core.planning.collision import collider, open_edge
 from optipromp.core.planning.planners import goal_configurations
@@ -21,7 +20,7 @@ from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import ToolPath, through
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
-from optipromp.laboratory.planners.obstacles import Chomp
+from optipromp.laboratory.planners.obstacles import Chomp, descend
 from optipromp.laboratory.planners.straight import gently
 from optipromp.timing import LEAST, gentle
 
@@ -45,7 +44,7 @@ class FromLine(Chomp):
         share = np.linspace(0.0, 1.0, self.waypoints)[:, None]
         line = task.start + share * (chosen.q[0] - task.start)
         problem = self.problem(task, self.waypoints)
-        found = covariant.descend(problem, line, covariant.DescentOptions())
+        found = descend(problem, line, budget)
         return gently(task, found.q)
 
 

@@ -20,10 +20,9 @@ from numpy.typing import ArrayLike
 
 from optipromp.core.arrays import FloatArray, evenly, lengths
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.planning.fastest import fastest, ramped
 from optipromp.core.planning.parameters import TIMING
 from optipromp.core.planning.task import robot_of
-from optipromp.core.planning.timing import shortest
+from optipromp.core.planning.timing import fastest, ramped, shortest
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import GREATEST, Trajectory, chained

@@ -16,13 +16,11 @@ from tests.bench.entrants import HOWS, entry
 
 from optipromp import Scene
 from optipromp.bench import running
-from optipromp.bench.apart import Apart, dismissed
-from optipromp.bench.limits import ROWS, EntryError, Patience, words
 from optipromp.bench.results import BenchRun, run_bench
 from optipromp.bench.running import Exercise, attempted
-from optipromp.bench.serve import Served
+from optipromp.bench.serve import Apart, Served, dismissed
 from optipromp.bench.sets import SceneSet, scene_of
-from optipromp.bench.tracks import asked
+from optipromp.bench.tracks import ROWS, EntryError, Patience, asked, words
 from optipromp.core.errors import InvalidRequestError
 
 SHORT = Patience(plan=2.0, reset=2.0, act=0.5)

@@ -13,19 +13,17 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from optipromp.bench.drive import driven, joints_for
 from optipromp.bench.env import HARM, MOST, SPEED, TIME, WIDTH, PickEnv, PickProMPEnv
-from optipromp.bench.episode import HELD, LONGEST, Episode, score
+from optipromp.bench.episode import HELD, LONGEST, Episode, FlightWorld, driven, joints_for, score
 from optipromp.bench.episodes import follower
 from optipromp.bench.flight import Word
-from optipromp.bench.flown import FlightWorld
 from optipromp.bench.primitive import COUNT, OfWeights, weights_of
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning import plan
 from optipromp.core.robots.library import load_robot
 from optipromp.core.trajectory import State
-from optipromp.laboratory.experiments.conditions import CONDITIONS
+from optipromp.laboratory.experiments.situations import CONDITIONS
 from optipromp.laboratory.generate import generate
 
 pytest.importorskip("mujoco")

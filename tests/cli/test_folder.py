@@ -10,8 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from optipromp.cli.check import Kind, kind_of
-from optipromp.cli.folder import outputs, scene_files
 from optipromp.cli.main import app
+from optipromp.cli.plan import outputs, scene_files
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.output import load_pick, load_plan
 from optipromp.core.planning import Picked, Plan, plan

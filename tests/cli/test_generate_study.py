@@ -60,14 +60,11 @@ def test_generate_leaves_the_scenes_as_a_detector_sees_them(tmp_path: Path) -> N
 
 @pytest.fixture
 def quick(monkeypatch):
-    def run_scene(preset, seed, planners, noise, version, *_):
-        row = replace(
-            ROW, preset=preset, seed=seed, cause="stem_caught", causes="",
-            noise_position=noise.position, noise_angle=noise.angle, version=version,
-        )  # fmt: skip
+    def run_trials(_, preset, seed, condition, planners, version):
+        row = ROW.having(preset=preset, seed=seed, cause="stem_caught", causes="", version=version)
         return [replace(row, planner=planner, success=planner == "chomp") for planner in planners]
 
-    monkeypatch.setattr(study, "run_scene", run_scene)
+    monkeypatch.setattr(study, "run_trials", run_trials)
     monkeypatch.setattr(study, "warm_up", lambda *_: None)
 
 

@@ -186,8 +186,8 @@ def test_no_cost_of_an_invalid_plan_is_said_to_have_fallen() -> None:
     """A plan that enters the table-top may lower its push as much as it likes."""
     from optipromp.cli.scenarios import SHORT, reductions, table_one
     from optipromp.core.planning import PlanOptions
-    from optipromp.core.planning.options import PaperOptions
     from optipromp.laboratory.experiments.scenarios import CASES, ScenarioRow
+    from optipromp.laboratory.planners.functionals import PaperOptions
 
     case = next(case for case in CASES if case.key == "4-sequential")
     options = PlanOptions(constraints="paper", paper=PaperOptions(drift_offset=0.9), timeout=1.0)

@@ -10,7 +10,8 @@ from typer.testing import CliRunner
 from optipromp.cli.catalogue import documented, settings
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.planning import PaperOptions, PlanOptions
+from optipromp.core.planning import PlanOptions
+from optipromp.laboratory.planners.functionals import PaperOptions
 
 
 def call(*arguments: str) -> tuple[int, str, str]:

@@ -13,7 +13,7 @@ from optipromp.core.geometry import Sphere
 from optipromp.core.scenes import Place, Scene, SceneObject, Stem
 from optipromp.core.scenes.io import save_scene
 from optipromp.core.scenes.scene import JointGoal, ToolSpec
-from optipromp.laboratory.experiments.conditions import SETTLE
+from optipromp.laboratory.experiments.situations import SETTLE
 from optipromp.laboratory.generate import generate
 from optipromp.looks.page.replay import load_replay
 

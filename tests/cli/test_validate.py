@@ -15,8 +15,7 @@ from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.output import load_plan
 from optipromp.core.scenes import save_scene
-from optipromp.core.trajectory import Trajectory
-from optipromp.core.trajectory_files import arrays, csv, read_trajectory
+from optipromp.core.trajectory import Trajectory, arrays, csv, read_trajectory
 from optipromp.ros import Recorded, joint_trajectory, robot_trajectory, write_bag
 
 

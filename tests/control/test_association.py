@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.control.plants import UP, camera, detection, hanging
 
-from optipromp.control.association import common_shift, paired, target_of, visible
+from optipromp.control.belief import common_shift, paired, target_of, visible
 from optipromp.control.look import Look
 from optipromp.control.motion import Oscillators, Plant, PlantState
 from optipromp.control.tracks import Frame, Seen, Track, TrackerParameters, new_track

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from optipromp.control import Tracker
-from optipromp.control.driver import Driver, way_back
+from optipromp.control.driver import Driver, Route, way_back
 from optipromp.control.parameters import CONTROL
-from optipromp.control.servo import Route
-from optipromp.control.tracked import Tracked
+from optipromp.control.tracker import Tracked
 from optipromp.core import judging
 from optipromp.core.arrays import FloatArray
 from optipromp.core.execution.streaming import Stretch

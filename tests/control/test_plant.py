@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from optipromp.control import Look, Tracker
-from optipromp.control.parameters import CONTROL
-from optipromp.control.plant import (
+from optipromp.control.driver import (
     MOVED,
+    Route,
     appeared,
     changed,
     displaced,
@@ -17,7 +17,7 @@ from optipromp.control.plant import (
     target_row,
     unseen,
 )
-from optipromp.control.servo import Route
+from optipromp.control.parameters import CONTROL
 from optipromp.control.stiffness import FACTORS, Stiffness, assumed, by_wrench
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.planning import plan

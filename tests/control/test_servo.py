@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from optipromp.control.driver import Course, Displacement, Route, follow
 from optipromp.control.parameters import CONTROL
-from optipromp.control.servo import Course, Displacement, Route, follow
 from optipromp.core import judging
 from optipromp.core.arrays import FloatArray
 from optipromp.core.planning import plan

@@ -13,11 +13,11 @@ from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.task import posed
 from optipromp.laboratory.experiments import eyes
-from optipromp.laboratory.experiments.conditions import Situation
 from optipromp.laboratory.experiments.eyes import NOT_SEEN, STILL, aimed_at, situation
-from optipromp.laboratory.experiments.loops import loop_values
-from optipromp.laboratory.experiments.row_files import rows_of
+from optipromp.laboratory.experiments.rows import rows_of
+from optipromp.laboratory.experiments.situations import Situation
 from optipromp.laboratory.experiments.study import Study
+from optipromp.laboratory.experiments.trials import run_trials
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.detector import Truth
 from optipromp.laboratory.simulation.detector_parameters import EYES, DetectorParameters
@@ -59,8 +59,9 @@ def test_a_scene_without_a_ripe_fruit_in_view_gives_up(monkeypatch: pytest.Monke
     setting = situation("fitted", generate("cluster", SEED), SEED, "geometry")
     assert setting.seen.target is None
     assert setting.figures == {"pictures": 2}
-    values = loop_values(setting, SEED, "open")
-    assert (values["cause"], values["result"], values["pictures"]) == (NOT_SEEN, "gave_up", 2)
+    study = Study(("cluster",), ("opti-promp",), loops=("open",), eyes=("fitted",))
+    (row,) = run_trials(study, "cluster", SEED, "fitted", ("open",), "x")
+    assert (row.cause, row.result, row.pictures) == (NOT_SEEN, "gave_up", 2)
 
 
 def test_the_pick_of_any_ripe_fruit_counts() -> None:

@@ -13,32 +13,24 @@ from optipromp.core.execution.streaming import Stretch
 from optipromp.core.robots.library import load_robot
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.trajectory import State, Trajectory
-from optipromp.laboratory.experiments import loops, study
-from optipromp.laboratory.experiments.conditions import (
+from optipromp.laboratory.experiments import study, trials
+from optipromp.laboratory.experiments.loops import LOOPS, cut, executed
+from optipromp.laboratory.experiments.rows import STUDY, Row, row_of, rows_of
+from optipromp.laboratory.experiments.situations import (
     CAMERA_OFF,
     CONDITIONS,
     SETTLE,
     drop_one,
     miscalibrated,
 )
-from optipromp.laboratory.experiments.loop_statistics import ALL, loop_summary
-from optipromp.laboratory.experiments.loops import (
-    LOOPS,
-    LoopChoice,
-    cut,
-    executed,
-    loop_again,
-    run_loops,
-)
-from optipromp.laboratory.experiments.row_files import rows_of
-from optipromp.laboratory.experiments.runs import COLUMNS, Row, row_from_text
-from optipromp.laboratory.experiments.statistics import summary, wilson
+from optipromp.laboratory.experiments.statistics import ALL, loop_summary, summary, wilson
 from optipromp.laboratory.experiments.study import Study, run_study
+from optipromp.laboratory.experiments.trials import again, run_trials
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import Simulation
 from optipromp.laboratory.simulation.detector import DETECTORS, Detector, Truth
 
-ROW = Row(
+ROW = Row.of(
     preset="cluster", seed=0, planner="opti-promp", noise_position=0.0, noise_angle=0.0,
     pushables=2, redraws=0, plan_status="success", success=True, picked=True, duration=8.0,
     unripe_force=1.0, loop="closed", condition="sway", result="clean", retreats=1, looks=100,
@@ -204,13 +196,13 @@ def quick(monkeypatch):
     """Runs that cost nothing, and a list of what was run."""
     asked = []
 
-    def run(preset, seed, condition, names, given):
+    def run(_, preset, seed, condition, names, version):
         asked.append((preset, seed, condition, names))
         return [
             replace(ROW, preset=preset, seed=seed, condition=condition, loop=name) for name in names
         ]
 
-    monkeypatch.setattr(study, "run_loops", run)
+    monkeypatch.setattr(study, "run_trials", run)
     monkeypatch.setattr(study, "warm_up", lambda *_: None)
     return asked
 
@@ -234,15 +226,16 @@ def test_a_study_of_loops_goes_on_where_it_was_left(quick, tmp_path: Path) -> No
 
 
 def test_rows_from_before_the_loops_stay_readable() -> None:
-    old = COLUMNS[: COLUMNS.index("loop")]
+    columns = list(STUDY)
+    old = columns[: columns.index("loop")]
     plain = replace(ROW, loop="", condition="", result="")
     texts = {
         name: "" if getattr(plain, name) is None else str(getattr(plain, name)) for name in old
     }
-    row = row_from_text(texts)
+    row = row_of(texts)
     assert row.loop == row.condition == ""
     assert row.retreats is None
-    assert row.key == ("cluster", 0, "opti-promp", "", "", "")
+    assert row.key == ("cluster", 0, "opti-promp", "", "", "", "")
 
 
 def test_cells_count_results_and_pool_the_presets() -> None:
@@ -250,8 +243,8 @@ def test_cells_count_results_and_pool_the_presets() -> None:
         ROW,
         replace(ROW, seed=1, result="harmed", success=False, causes="crushed not_picked"),
         replace(ROW, preset="mixed", result="gave_up", success=False, cause="not_picked"),
-        replace(ROW, preset="mixed", seed=1, result="refused", success=False, cause="no_plan",
-                duration=None, nis=None, cycle_p99=0.03),
+        ROW.having(preset="mixed", seed=1, result="refused", success=False, cause="no_plan",
+                   duration=None, nis=None, cycle_p99=0.03),
         replace(ROW, preset="mixed", loop="open", result="missed", success=False,
                 cause="not_picked"),
     ]  # fmt: skip
@@ -291,7 +284,7 @@ def test_every_loop_runs_and_tells_its_figures(tmp_path: Path) -> None:
         assert 0.0 < row.worst_limit <= 1.0 + 1e-9
     with (tmp_path / "rows.csv").open() as stream:
         assert [line["loop"] for line in csv.DictReader(stream)] == list(LOOPS)
-    repeated = loop_again(rows["closed"])
+    repeated = again(rows["closed"])
     assert repeated.outcome.duration == rows["closed"].duration
     assert repeated.outcome.success == rows["closed"].success
 
@@ -300,7 +293,7 @@ def test_a_loop_that_breaks_off_is_a_row_too(monkeypatch) -> None:
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("of all objects")
 
-    monkeypatch.setattr(loops, "picked", broken)
-    (row,) = run_loops("cluster", 0, "none", ("closed",), LoopChoice())
+    monkeypatch.setattr(trials, "picked", broken)
+    (row,) = run_trials(small(), "cluster", 0, "none", ("closed",), "x")
     assert (row.success, row.cause, row.result) == (False, "error", "error")
     assert "of all objects" in row.message

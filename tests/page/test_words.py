@@ -13,8 +13,8 @@ from optipromp.laboratory.generate import generate
 from optipromp.looks.appearance import object_parts
 from optipromp.looks.appearance.part import hex_colour
 from optipromp.looks.page import content, look, telling
-from optipromp.looks.page.panel import legend, planned, replayed, things
-from optipromp.looks.viewer.plain import WORDS, complaint, head, sentences, without_codes
+from optipromp.looks.page.tabs import legend, planned, replayed, things
+from optipromp.looks.viewer.words import WORDS, complaint, head, sentences, without_codes
 
 FOV = 0.87  # [rad]
 
@@ -41,7 +41,8 @@ def test_a_success_is_told_in_sentences(made: Plan) -> None:
 def test_no_harm_is_claimed_without_a_prediction_and_long_lists_end(made: Plan) -> None:
     assert "Passes n1 at 62 mm." in sentences(replace(made, prediction=None), {})
     passage = {f"n{k}": (0.0, 0.05 + 0.01 * k) for k in range(9)}
-    crowd = replace(made, metrics=replace(made.metrics, passage=passage))
+    metrics = replace(made.metrics, passage=passage)
+    crowd = replace(made, judgement=replace(made.judgement, metrics=metrics))
     passed = [words for words in sentences(crowd, {"n7": 0.02}) if words.startswith("Passes")]
     assert passed == [
         "Passes n7 at 120 mm, pushes it 20 mm aside, no harm.", "Passes n0 at 50 mm, no harm.",
@@ -53,7 +54,7 @@ def test_every_code_has_words_and_none_is_shown(made: Plan) -> None:
     assert set(WORDS) == set(Code)
     for code in Code:
         assert not re.search("[A-Z_]{2,}", head(code)), code
-        failed = replace(made, status=code, message=f"after {code}: the arm <stops>")
+        failed = replace(made, status=code, reason=f"after {code}: the arm <stops>")
         told = telling.of_plan(failed, "planned in 3 ms", {})
         shown = re.sub("<[^>]*>", " ", told.html())
         assert not re.search("[A-Z]{2,}", shown), shown

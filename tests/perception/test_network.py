@@ -17,7 +17,7 @@ from optipromp.cli.main import app
 from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.scenes.io import save_scene
-from optipromp.laboratory.experiments.seeing import compared, figures
+from optipromp.laboratory.experiments.eyes import compared, figures
 from optipromp.laboratory.simulation.photograph import Photograph
 from optipromp.perception import ByNetwork
 from optipromp.perception.network import CLASSES, SIZE, encoded, grouped

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from optipromp import load_scene
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
-from optipromp.laboratory.experiments.seeing import compared, figures
+from optipromp.laboratory.experiments.eyes import compared, figures
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.photograph import Photograph, photograph
 from optipromp.laboratory.simulation.stereo import StereoParameters, sensed

@@ -15,10 +15,10 @@ from optipromp.core.budget import Budget, pause
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
 from optipromp.core.geometry.shapes import Box, Sphere
 from optipromp.core.planning import Plan, PlanOptions, detour
-from optipromp.core.planning.in_time import later
 from optipromp.core.planning.planners import OptiProMP
 from optipromp.core.planning.result import Failed, Harmful, Planned
 from optipromp.core.planning.task import Task
+from optipromp.core.planning.underway import later
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import Scene, SceneObject
 from optipromp.core.scenes.io import save_scene

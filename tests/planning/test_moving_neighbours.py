@@ -16,7 +16,7 @@ from optipromp.control.controller import Controller
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.planning import Plan, PlanOptions, plan_pick
-from optipromp.core.planning.in_time import later
+from optipromp.core.planning.underway import later
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import Scene, SceneObject, save_scene
 from optipromp.core.scenes.held import Place

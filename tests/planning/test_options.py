@@ -12,12 +12,13 @@ from tests.planning.builders import END, block
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.geometry import Sphere
 from optipromp.core.optimization.costs.joints import VelocityCost
-from optipromp.core.planning import PaperOptions, Plan, PlanOptions, judge, plan
+from optipromp.core.planning import Plan, PlanOptions, judge, plan
 from optipromp.core.planning.task import resolve
 from optipromp.core.pushing.path import through
 from optipromp.core.pushing.rules import rule_paths
 from optipromp.core.scenes import JointGoal, Scene, load_scene
 from optipromp.core.trajectory import Trajectory
+from optipromp.laboratory.planners.functionals import PaperOptions
 
 NAN, INF = float("nan"), float("inf")
 Planned = Callable[..., Plan]

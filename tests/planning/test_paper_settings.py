@@ -9,7 +9,7 @@ import pytest
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning import Plan, PlanOptions
-from optipromp.core.planning.options import PaperOptions
+from optipromp.laboratory.planners.functionals import PaperOptions
 
 Planned = Callable[..., Plan]
 NAN = float("nan")

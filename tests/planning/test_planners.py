@@ -19,7 +19,6 @@ from optipromp.core.planning import (
     Failed,
     IProMP,
     OptiProMP,
-    PaperOptions,
     Planned,
     PlanOptions,
     plan,
@@ -32,6 +31,7 @@ from optipromp.core.planning.task import Task
 from optipromp.core.planning.timing import shortest
 from optipromp.core.scenes import Scene
 from optipromp.laboratory.experiments.study import Study, run_study
+from optipromp.laboratory.planners.functionals import PaperOptions
 from optipromp.laboratory.planners.paper import Paper
 
 

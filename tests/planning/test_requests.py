@@ -24,7 +24,7 @@ from optipromp.core.geometry import Box, Sphere
 from optipromp.core.optimization import kernels
 from optipromp.core.optimization.costs import Cost
 from optipromp.core.optimization.evaluation import Evaluation
-from optipromp.core.planning import PLANNERS, STRATEGIES, PaperOptions, Plan, PlanOptions, plan
+from optipromp.core.planning import PLANNERS, STRATEGIES, Plan, PlanOptions, plan
 from optipromp.core.planning.pick import Solver
 from optipromp.core.planning.primitive import smooth_prior
 from optipromp.core.planning.task import resolve
@@ -33,6 +33,7 @@ from optipromp.core.pushing.rules import rule_paths
 from optipromp.core.pushing.stems import hanging as hanging_model
 from optipromp.core.robots.library import load_robot
 from optipromp.core.scenes import JointGoal, Scene, SceneObject, Stem
+from optipromp.laboratory.planners.functionals import PaperOptions
 
 # --- iterations and time ---------------------------------------------------------------------
 

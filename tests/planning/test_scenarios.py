@@ -10,9 +10,10 @@ import pytest
 
 from optipromp.core import judging
 from optipromp.core.errors import Code
-from optipromp.core.planning import PaperOptions, Plan, PlanOptions, plan
+from optipromp.core.planning import Plan, PlanOptions, plan
 from optipromp.core.scenes import Scene, load_scene
 from optipromp.core.trajectory import State
+from optipromp.laboratory.planners.functionals import PaperOptions
 
 Planned = Callable[..., Plan]
 PAPER_M_P = {

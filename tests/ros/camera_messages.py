@@ -9,7 +9,7 @@ from PIL import Image
 from optipromp.core.scenes.pose import Pose
 from optipromp.perception import CameraModel, DepthPicture
 from optipromp.ros import Message, from_bytes, message, to_bytes
-from optipromp.ros.shapes import xyz
+from optipromp.ros.scenes import xyz
 from optipromp.ros.trajectories import time_message
 
 FRAME = "camera_color_optical_frame"

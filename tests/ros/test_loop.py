@@ -25,7 +25,7 @@ from optipromp.ros import (
     stretch_trajectory,
 )
 from optipromp.ros.loop import moving
-from optipromp.ros.shapes import pose_message, xyz
+from optipromp.ros.scenes import pose_message, xyz
 from optipromp.ros.trajectories import nanoseconds
 
 SCENE = load_scene("scenario-3")

@@ -22,9 +22,8 @@ from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.photograph import Photograph
 from optipromp.perception import CameraModel, DepthPicture, Watcher, flange_of, look_at
 from optipromp.ros import Message, PickLoop, Recorded, bag_pictures, message, write_bag
-from optipromp.ros.frames import Frames
 from optipromp.ros.images import Pictures
-from optipromp.ros.loop import moving
+from optipromp.ros.loop import Frames, moving
 
 SECOND = 10**9
 EPOCH = 1_790_000_000 * SECOND

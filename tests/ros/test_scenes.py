@@ -36,7 +36,7 @@ from optipromp.ros import (
     read_collision_object,
     read_planning_scene,
 )
-from optipromp.ros.shapes import pose_message, read_pose
+from optipromp.ros.scenes import pose_message, read_pose
 
 TETRAHEDRON = MeshShape(
     np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]),

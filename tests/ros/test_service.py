@@ -24,9 +24,9 @@ from optipromp.ros import (
     read_trajectories,
     write_bag,
 )
-from optipromp.ros.goals import read_goal
+from optipromp.ros.live import read_goal
+from optipromp.ros.scenes import pose_message
 from optipromp.ros.service import MOVEIT
-from optipromp.ros.shapes import pose_message
 from optipromp.ros.types import constants
 
 SCENE = load_scene("scenario-3")

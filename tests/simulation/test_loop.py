@@ -8,8 +8,8 @@ from optipromp.control.controller import Controller, LoopStage
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning.task import posed
 from optipromp.core.trajectory import State
-from optipromp.laboratory.experiments.conditions import CONDITIONS, Situation
 from optipromp.laboratory.experiments.loops import executed, picked
+from optipromp.laboratory.experiments.situations import CONDITIONS, Situation
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import (
     Detector,

@@ -12,13 +12,14 @@ from optipromp.core.files import npz, read_npz
 from optipromp.laboratory.simulation import SimulationParameters
 from optipromp.laboratory.simulation.camera import shot
 from optipromp.laboratory.simulation.dress import dressed
-from optipromp.laboratory.simulation.files import read_parameters, write_run
-from optipromp.laboratory.simulation.loop_files import (
+from optipromp.laboratory.simulation.files import (
     POINTS,
     ellipsoids,
     read_loop,
+    read_parameters,
     record_of,
     write_loop,
+    write_run,
 )
 from optipromp.laboratory.simulation.loop_film import (
     INSET,

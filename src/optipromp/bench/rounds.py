@@ -16,12 +16,12 @@ from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
-from optipromp.bench.apart import SERVED
 from optipromp.bench.entrant import parts
-from optipromp.bench.limits import RUN_FILE, words
+from optipromp.bench.serve import SERVED
+from optipromp.bench.tracks import RUN_FILE, words
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import read_bytes
-from optipromp.laboratory.experiments.runs import source_version
+from optipromp.laboratory.experiments.rows import source_version
 
 WORD = 16  # random bytes of a word: nobody guesses it
 

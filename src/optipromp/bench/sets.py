@@ -41,17 +41,11 @@ FILE = "development.json"
 
 @dataclass(frozen=True)
 class SceneSet:
-    """Scenes of several presets, ``count`` of each.
+    """Scenes of several presets, ``count`` of each."""
 
-    Attributes:
-        word: ``development``, or the word that a test set is drawn by.
-        presets: names of presets; see ``optipromp generate --help``.
-        count: scenes of each.
-    """
-
-    word: str = DEVELOPMENT
-    presets: tuple[str, ...] = PRESETS
-    count: int = COUNT
+    word: str = DEVELOPMENT  # ``development``, or the word that a test set is drawn by
+    presets: tuple[str, ...] = PRESETS  # names of presets; see ``optipromp generate --help``
+    count: int = COUNT  # scenes of each
 
     def __post_init__(self) -> None:
         if not self.presets or not 1 <= self.count <= 1000:

@@ -11,8 +11,8 @@ from optipromp.cli.console import Cluster, Workers, grid, progress_bar, say_if_c
 from optipromp.core.errors import InvalidRequestError
 
 if TYPE_CHECKING:
-    from optipromp.bench.running import BenchRow
     from optipromp.bench.table import Leaderboard
+    from optipromp.laboratory.experiments.rows import Row
 
 bench = typer.Typer(
     name="bench", no_args_is_help=True, rich_markup_mode="rich",
@@ -235,7 +235,7 @@ def publish(
     \b
     optipromp bench publish ours theirs.zip --out release
     """
-    from optipromp.bench.publish import DIGESTS, published
+    from optipromp.bench.table import DIGESTS, published
 
     made = published(results, out, unverified)
     lines = [f"{digest}  {name}" for name, digest in made["sha256"].items()]
@@ -269,8 +269,8 @@ def entries() -> Report:
 
 def _told(
     say: Callable[[int, int, str], None],
-) -> Callable[[int, int, "BenchRow | None"], None]:
-    def tell(done: int, total: int, row: "BenchRow | None") -> None:
+) -> Callable[[int, int, "Row | None"], None]:
+    def tell(done: int, total: int, row: "Row | None") -> None:
         newest = "" if row is None else f": {row.preset} {row.seed} {row.result}"
         say(done, total, f"{done} of {total} scenes{newest}")
 
@@ -285,7 +285,7 @@ def _shown(board: "Leaderboard", words: str) -> Shown:
     for entry in board.order:
         for k, engine in enumerate(board.run.engines):
             s = board.of(entry, engine)
-            clean = f"{s.clean}/{s.runs} ({100 * s.low:.0f}–{100 * s.high:.0f})"
+            clean = f"{s.clean}/{s.runs} ({s.interval})"
             shown.add_row(
                 "" if k else entry, engine, clean, str(s.harmed), str(s.missed),
                 str(s.refused + s.errors), f"{100 * s.score:.0f}",

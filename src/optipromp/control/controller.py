@@ -13,15 +13,15 @@ import threading
 import time
 import time as wall
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from optipromp.control.driver import Driver, way_back
-from optipromp.control.look import Look
-from optipromp.control.parameters import CONTROL, LoopParameters
-from optipromp.control.plant import (
+from optipromp.control.driver import (
+    Driver,
+    Route,
     appeared,
     changed,
     displaced,
@@ -33,12 +33,12 @@ from optipromp.control.plant import (
     target_row,
     tracked_at_most,
     unseen,
+    way_back,
 )
-from optipromp.control.servo import Route
-from optipromp.control.stages import Decision, LoopStage, excess, with_covariance
+from optipromp.control.look import Look
+from optipromp.control.parameters import CONTROL, LoopParameters
 from optipromp.control.stiffness import Stiffness, by_wrench
-from optipromp.control.tracked import Tracked
-from optipromp.control.tracker import Tracker
+from optipromp.control.tracker import Tracked, Tracker
 from optipromp.control.tracks import TrackerParameters
 from optipromp.core.arrays import FloatArray, frame_along, rotation
 from optipromp.core.budget import between_steps, pause
@@ -49,8 +49,42 @@ from optipromp.core.planning.plan import compile_once
 from optipromp.core.planning.task import posed
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.scene import Scene
+from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.trajectory import State
+
+
+class LoopStage(StrEnum):
+    """What the controller does."""
+
+    LOOK = "look"  # it stands and looks, or plans
+    GO = "go"  # the tool follows a plan, moved with the plant
+    RETREAT = "retreat"  # the tool goes back along its path
+    DONE = "done"  # the tool is at the target
+    GAVE_UP = "gave_up"  # the tool stands away from the fruits
+
+
+@dataclass(frozen=True)
+class Decision:
+    """A decision: its time by the controller's clock [s], the stage that begins, and the reason."""
+
+    time: float
+    stage: LoopStage
+    why: str
+
+
+def with_covariance(item: SceneObject, parameters: LoopParameters) -> SceneObject:
+    """A fruit that was seen before, with a covariance."""
+    if item.covariance is not None:
+        return item
+    return replace(item, covariance=parameters.known**2 * np.eye(3))
+
+
+def excess(made: Plan | OptiPrompError) -> float:
+    """Predicted harm over what a success may have; 0 without a model, infinite without a motion."""
+    if isinstance(made, OptiPrompError) or not made.valid:
+        return math.inf
+    return 0.0 if made.prediction is None else made.prediction.harm / made.prediction.threshold
+
 
 _STEPS = 8  # of a turn, each at most 7 degrees: inverse kinematics stays on its branch
 _MISS = 1e-6  # [m] error above which a configuration is none

@@ -20,8 +20,7 @@ from optipromp.perception.fusing import fused
 from optipromp.perception.geometry import ByGeometry, box_of
 from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.pictures import DepthPicture
-from optipromp.perception.spheroids import NEAREST, Spheroid, all_fitted, claimed
-from optipromp.perception.stems import SeenStem, stem_of
+from optipromp.perception.spheroids import NEAREST, SeenStem, Spheroid, all_fitted, claimed, stem_of
 
 KINDS = {"ripe": 1, "unripe": 2, "stem": 2}
 SEEDINGS = 2  # of fits: to what the finder tells, and to what that leaves: a choice

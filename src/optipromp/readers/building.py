@@ -9,9 +9,8 @@ import numpy as np
 from optipromp.core.arrays import FloatArray, IntArray, frozen
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.description import Arm, LeftOut, LinkGeometry, rotation_of
-from optipromp.core.robots.dynamics import Dynamics
 from optipromp.core.robots.library import Choice
-from optipromp.core.robots.model import BodySpheres, Robot
+from optipromp.core.robots.model import BodySpheres, Dynamics, Robot
 from optipromp.core.robots.resolved import MOST_JOINTS, MOST_SPHERES
 from optipromp.core.shown import printable
 from optipromp.readers.arm import choose_arm

@@ -8,12 +8,9 @@
 """
 
 from optipromp.core.files import is_bag as is_bag
-from optipromp.ros.bags import Recorded as Recorded
-from optipromp.ros.bags import read_bag as read_bag
-from optipromp.ros.bags import write_bag as write_bag
-from optipromp.ros.detections import DetectionParameters as DetectionParameters
-from optipromp.ros.detections import read_detections as read_detections
+from optipromp.ros.live import DetectionParameters as DetectionParameters
 from optipromp.ros.live import LiveScene as LiveScene
+from optipromp.ros.live import read_detections as read_detections
 from optipromp.ros.live import read_planning_scene as read_planning_scene
 from optipromp.ros.loop import PickLoop as PickLoop
 from optipromp.ros.pictures import BagPicture as BagPicture
@@ -34,7 +31,10 @@ from optipromp.ros.trajectories import read_trajectory as read_trajectory
 from optipromp.ros.trajectories import robot_trajectory as robot_trajectory
 from optipromp.ros.trajectories import stretch_trajectory as stretch_trajectory
 from optipromp.ros.types import Message as Message
+from optipromp.ros.types import Recorded as Recorded
 from optipromp.ros.types import from_bytes as from_bytes
 from optipromp.ros.types import message as message
+from optipromp.ros.types import read_bag as read_bag
 from optipromp.ros.types import to_bytes as to_bytes
 from optipromp.ros.types import typestore as typestore
+from optipromp.ros.types import write_bag as write_bag

@@ -12,10 +12,14 @@ from optipromp.core.planning import Plan, PlanOptions, plan
 from optipromp.core.planning.planner import factory
 from optipromp.core.promp.model import ProMP
 from optipromp.core.robots.library import load_arm
-from optipromp.ros.goals import read_goal
-from optipromp.ros.joints import joint_motion, robot_state
-from optipromp.ros.live import LiveScene
-from optipromp.ros.trajectories import display_trajectory, joint_trajectory, robot_trajectory
+from optipromp.ros.live import LiveScene, read_goal
+from optipromp.ros.trajectories import (
+    display_trajectory,
+    joint_motion,
+    joint_trajectory,
+    robot_state,
+    robot_trajectory,
+)
 from optipromp.ros.types import Message, constants, message
 
 RESPONSE = "moveit_msgs/msg/MotionPlanResponse"

@@ -1,14 +1,12 @@
 """Planning: ``plan``, planners as values, ``plan_many``, ``plan_sequence`` and ``judge``."""
 
-from optipromp.core.planning.detours import Detour as Detour
-from optipromp.core.planning.detours import detour as detour
 from optipromp.core.planning.legs import Picked as Picked
 from optipromp.core.planning.legs import plan_pick as plan_pick
-from optipromp.core.planning.many import plan_many as plan_many
 from optipromp.core.planning.options import STRATEGIES as STRATEGIES
-from optipromp.core.planning.options import PaperOptions as PaperOptions
 from optipromp.core.planning.options import PlanOptions as PlanOptions
 from optipromp.core.planning.options import Strategy as Strategy
+from optipromp.core.planning.plan import Detour as Detour
+from optipromp.core.planning.plan import detour as detour
 from optipromp.core.planning.plan import plan as plan
 from optipromp.core.planning.plan import warm_up as warm_up
 from optipromp.core.planning.planner import Planner as Planner
@@ -24,6 +22,7 @@ from optipromp.core.planning.result import Planned as Planned
 from optipromp.core.planning.result import Stage as Stage
 from optipromp.core.planning.result import Term as Term
 from optipromp.core.planning.sequence import PickSequence as PickSequence
+from optipromp.core.planning.sequence import plan_many as plan_many
 from optipromp.core.planning.sequence import plan_sequence as plan_sequence
 from optipromp.core.planning.verdict import Verdict as Verdict
 from optipromp.core.planning.verdict import judge as judge

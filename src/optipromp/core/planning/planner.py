@@ -11,13 +11,15 @@ An entry point is loaded when its name is asked for, or when all planners are li
 
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from importlib import metadata
 from typing import Any, Protocol, runtime_checkable
 
 from optipromp.core.budget import Budget
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.planning.result import Failed, Harmful, Planned
+from optipromp.core.planning.options import PlanOptions
+from optipromp.core.planning.result import Failed, Harmful, Planned, Term
 from optipromp.core.planning.task import Task
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.scenes.values import suggest
@@ -36,7 +38,8 @@ class Planner(Protocol):
     that the scene allows are tried too if the straight one fails. ``timed`` says that a duration or
     a speed is set, ``iterations`` of 0 that no optimisation is. ``takes_strategy``, an attribute of
     the class, says that the planner has the settings ``strategy`` and ``constraints``: it serves a
-    request of opti-promp that names another strategy or other constraints than the default ones.
+    request of opti-promp that names another strategy or other constraints than the default ones,
+    and its ``functionals(task, settings, outcome)`` are the terms that every plan reports.
     ``ignores`` names those of :data:`WAY` for which it does not plan: such scenes are refused.
     """
 
@@ -120,13 +123,22 @@ def planner_names() -> tuple[str, ...]:
 
 def strategist() -> str:
     """The name of the planner that takes a strategy and constraints; see :class:`Planner`."""
-    for name in dict.fromkeys((*_known, *_joined())):
-        try:
-            if getattr(factory(name), "takes_strategy", False):
-                return name
-        except InvalidRequestError:  # of another package, which this request does not need
-            continue
+    for names in (lambda: [*_known], _joined):  # entry points are read only where they must be
+        for name in names():
+            with suppress(InvalidRequestError):  # of another package, which no request needs here
+                if getattr(factory(name), "takes_strategy", False):
+                    return name
     raise InvalidRequestError("no planner takes a strategy and constraints; install one that does")
+
+
+def functionals(
+    task: Task, planner: Planner, options: PlanOptions, outcome: Planned
+) -> dict[str, Term]:
+    """The functionals that a plan of ``planner`` reports: those of :func:`strategist`."""
+    kind: Any = factory(strategist())
+    of_its_own = getattr(planner, "takes_strategy", False)
+    reported: dict[str, Term] = kind.functionals(task, planner if of_its_own else options, outcome)
+    return reported
 
 
 def settings_of(kind: Factory) -> tuple[str, ...]:

@@ -1,23 +1,26 @@
 """The planners of the core as values: ``opti-promp``, ``i-promp`` and ``promp``."""
 
-from dataclasses import dataclass, fields, replace
+import math
+from dataclasses import dataclass, replace
 from typing import ClassVar
+
+import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import Budget, clock
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.planning import goals, primitive
-from optipromp.core.planning.kept import keeps
+from optipromp.core.planning.follow import keeps_path
 from optipromp.core.planning.lines import along_lines
 from optipromp.core.planning.options import (
     STRATEGIES,
-    PaperOptions,
     PlanOptions,
     Searched,
     Strategy,
     Timed,
+    require,
 )
-from optipromp.core.planning.parameters import GOAL
+from optipromp.core.planning.parameters import GOAL, PRIMITIVE, WAYPOINT
 from optipromp.core.planning.pick import pick
 from optipromp.core.planning.planner import (
     WAY,
@@ -29,8 +32,13 @@ from optipromp.core.planning.planner import (
     strategist,
 )
 from optipromp.core.planning.primitive import learnt
-from optipromp.core.planning.result import Failed, Harmful, Planned
+from optipromp.core.planning.result import Failed, Harmful, Planned, ViaPoint
 from optipromp.core.planning.task import Task, pushed_aside
+from optipromp.core.planning.timing import timed
+from optipromp.core.promp.model import ProMP
+from optipromp.core.pushing.interactive import pushes
+from optipromp.core.pushing.rules import detection_variance
+from optipromp.core.scenes.scene import PoseGoal
 from optipromp.core.shown import suggest
 
 JOINT: Strategy = "joint"
@@ -83,7 +91,7 @@ def goal_configurations(
         near = task.start
     found, free, reason = goals.choose(task, task.seed, starts, near, budget)
     if task.scene.path is not None and len(found):
-        found = found[keeps(task, found)]
+        found = found[keeps_path(task, found)]
         reason = reason or "no configuration found at the goal keeps the path's constraints"
     return Chosen(found, free, reason, clock() - began)
 
@@ -128,17 +136,12 @@ class ConditionedProMP(Timed):
     via_deviation: float = 1e-3
     name: ClassVar[str] = "promp"
     ignores: ClassVar[tuple[str, ...]] = WAY
-    interactive: ClassVar[bool] = False  # whether neighbours are among the points
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._options()
-
-    def _options(self) -> PlanOptions:
-        """The settings as options of a plan, checked."""
-        timed = {item.name: getattr(self, item.name) for item in fields(Timed)}
-        paper = {name: value for name, value in vars(self).items() if name not in timed}
-        return PlanOptions(**timed, paper=PaperOptions(**paper))
+        phase = self.camera_phase
+        require(self, "", phase is None or 0.0 < phase < 1.0, "camera_phase", "between 0 and 1")
+        require(self, "", self.via_deviation >= 0, "via_deviation", "not negative [m]")
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
         """See :class:`optipromp.core.planning.planner.Planner`."""
@@ -148,9 +151,46 @@ class ConditionedProMP(Timed):
             return chosen.failed
         budget.say(self.name)
         began = clock()
-        made = primitive.plan_primitive(task, promp, self._options(), chosen.q, self.interactive)
+        ends = np.linalg.norm(chosen.q - primitive.end(promp), axis=1)
+        made = self.conditioned(task, promp, chosen.q[int(np.argmin(ends))])
         made = replace(made, time={self.name: clock() - began})
         return replace(chosen, free=True).told(made)  # the judge reports contacts at the goal
+
+    def conditioned(self, task: Task, promp: ProMP, goal: FloatArray) -> Planned:
+        """The ProMP, conditioned on start, camera point, :meth:`passed` and the ``goal`` (n,).
+
+        The phases are evenly spaced; the arm pauses at the camera point, unless the scene or the
+        settings leave the point out.
+        """
+        phase = self.camera_phase or PRIMITIVE.camera_phase
+        branch: FloatArray | None = None
+        met: tuple[ViaPoint, ...] = (ViaPoint("goal", task.robot.tool_pose(goal)[0]),)
+        if isinstance(task.goal, PoseGoal) and self.through_camera(task):
+            names, positions, variances = self.passed(task)
+            points, deviations = primitive.via_points(task, positions, self.via_deviation)
+            branch = primitive.on_branch(task, points, goal)
+            if branch is not None:
+                met = (*map(ViaPoint, ("camera", *names), points), *met)
+        count = self.waypoints or WAYPOINT.primitive
+        if branch is None:
+            phases, values, spread, pause = np.array([1.0]), goal[None], np.zeros(1), None
+        else:
+            spread = (deviations / PRIMITIVE.lever_arm) ** 2
+            spread[1:-1] += np.array(variances) / PRIMITIVE.lever_arm**2
+            phases, values, pause = np.linspace(phase, 1.0, len(branch)), branch, phase
+        q = primitive.led_through(promp, task.start, phases, values, spread, count, pause)
+        q[-1] = goal
+        first = math.ceil(phase * (count - 1))
+        return Planned(timed(task, self, q, first if task.neighbours else None), first, via=met)
+
+    def through_camera(self, task: Task) -> bool:
+        """Whether the camera point is passed."""
+        stated = self.camera_point
+        return bool(task.scene.options.get("camera_point", True) if stated is None else stated)
+
+    def passed(self, task: Task) -> tuple[list[str], list[FloatArray], list[float]]:
+        """Names, tool points (3,) [m] and variances [m²] between the camera point and the goal."""
+        return [], [], []
 
 
 @dataclass(frozen=True)
@@ -167,7 +207,29 @@ class IProMP(ConditionedProMP):
     direction_deviation: float = 0.0
     guard: bool = False
     name: ClassVar[str] = "i-promp"
-    interactive: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        deviation = self.direction_deviation
+        require(self, "", deviation >= 0, "direction_deviation", "not negative [rad]")
+
+    def through_camera(self, task: Task) -> bool:
+        """True: the pushes begin there."""
+        return True
+
+    def passed(self, task: Task) -> tuple[list[str], list[FloatArray], list[float]]:
+        """Each neighbour and its pushed pose."""
+        names, positions, variances = list[str](), list[FloatArray](), list[float]()
+        deviation, tool = self.direction_deviation, task.robot.tool
+        rng = np.random.default_rng(task.seed) if deviation > 0.0 else None
+        below = 0.0 if tool is None else tool.depth
+        made = pushes(task.scene, task.neighbours, task.robot.gripper_radius, rng, deviation)
+        for push, item in zip(made, task.neighbours, strict=True):
+            drop = task.scene.frame[2] * (below + item.radius if self.guard else 0.0)
+            names += [push.id, f"{push.id} pushed"]
+            positions += [push.position - drop, push.pushed - drop]
+            variances += [detection_variance(item)] * 2
+        return names, positions, variances
 
 
 _OURS = {kind.name: kind for kind in (ConditionedProMP, IProMP, OptiProMP)}
@@ -201,8 +263,8 @@ def chosen_planner(planner: Planner | str, strategy: str, options: PlanOptions) 
         return planner
     kind = factory(planner)
     if kind in _OURS.values():
-        of_paper = {k: v for k, v in vars(options.paper).items() if not hasattr(options, k)}
-        given |= {} if kind is OptiProMP else of_paper
+        if kind is not OptiProMP and options.paper is not None:
+            given |= {k: v for k, v in vars(options.paper).items() if not hasattr(options, k)}
         if kind is OptiProMP and (strategy != JOINT or options.constraints == "paper"):
             planner = strategist()
             given |= {"strategy": strategy, "constraints": options.constraints}

@@ -25,12 +25,10 @@ from optipromp.core.pushing.rules import neighbours
 from optipromp.core.pushing.stems import hanging
 from optipromp.core.pushing.stems.cup import flange_of
 from optipromp.core.pushing.stems.hanging import Hanging
-from optipromp.core.robots.grippers import Scissor
-from optipromp.core.robots.laden import Laden, loads_of
+from optipromp.core.robots.grippers import PRESS, Scissor
 from optipromp.core.robots.model import Robot
-from optipromp.core.robots.mounted import unmounted
+from optipromp.core.robots.mounted import Mounted, loads_of, unmounted
 from optipromp.core.robots.self_collision import letting_touch
-from optipromp.core.robots.suction import PRESS
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.robots.tools import make_tool, with_tool
 from optipromp.core.scenes.held import Pair, check_names
@@ -180,10 +178,9 @@ def laden(robot: Robot, attached: Sequence[Attached]) -> Robot:
             f"attached {attached[0].id!r}: {robot.name} has no tool; give the scene a tool, "
             "in whose axes the shape stands"
         )
-    loads = tuple(item.load for item in attached)
-    if isinstance(robot.tool, Laden):
-        return with_tool(robot, Laden(robot.tool.tool, (*robot.tool.loads, *loads)))
-    return with_tool(robot, Laden(robot.tool, loads))
+    tool = Mounted.of(robot.tool)
+    loads = (*tool.loads, *(item.load for item in attached))
+    return with_tool(robot, replace(tool, loads=loads))
 
 
 def robot_of(scene: Scene, robot: Robot | None = None) -> Robot:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optipromp.core.arrays import FloatArray, read_only
+from optipromp.core.documents import read_table
 from optipromp.core.errors import InvalidDemonstrationError
 from optipromp.core.files import is_folder, is_there, npz, read_npz, texts, write_atomically
 from optipromp.core.promp.checks import (
@@ -20,7 +21,6 @@ from optipromp.core.promp.checks import (
     matched,
     names_for,
 )
-from optipromp.core.tables import read_table
 
 BEYOND_LIMITS = 0.05
 """[rad or m] Excess of a demonstration over a joint's limits that is accepted: an arm that is led

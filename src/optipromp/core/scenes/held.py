@@ -12,8 +12,8 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.shapes import MeshShape, PointCloudShape, Shape, is_convex
-from optipromp.core.robots.laden import Load
 from optipromp.core.robots.meshes import parted
+from optipromp.core.robots.mounted import Load
 from optipromp.core.robots.tool_geometry import Solid
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import IDENTITY, unit_quaternion
@@ -73,7 +73,7 @@ class Attached:
 
     @cached_property
     def load(self) -> Load:
-        """The load of the tool, see :class:`optipromp.core.robots.laden.Laden`."""
+        """The load of the tool, see :class:`optipromp.core.robots.mounted.Mounted`."""
         w, x, y, z = self.orientation.tolist()
         solids = (
             Solid(str(k), shape, self.position, (w, x, y, z), "load")

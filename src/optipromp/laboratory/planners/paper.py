@@ -4,19 +4,14 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from optipromp.core.budget import Budget
-from optipromp.core.planning.options import (
-    Constraints,
-    Optimised,
-    PaperOptions,
-    PlanOptions,
-    Strategy,
-)
+from optipromp.core.planning.options import Constraints, Optimised, Strategy
 from optipromp.core.planning.planner import WAY
 from optipromp.core.planning.planners import goal_configurations
 from optipromp.core.planning.primitive import learnt
 from optipromp.core.planning.result import Failed, Harmful, Planned
 from optipromp.core.planning.task import Task, pushed_aside
 from optipromp.core.promp.basis import Basis
+from optipromp.laboratory.planners.functionals import PaperOptions, reported
 
 PAPER_BASIS = Basis(count=5, width=4.0, outside=1)
 
@@ -38,6 +33,7 @@ class Paper(Optimised):
     name: ClassVar[str] = "opti-promp"
     takes_strategy: ClassVar[bool] = True
     ignores: ClassVar[tuple[str, ...]] = WAY
+    functionals = staticmethod(reported)
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
         """See :class:`optipromp.core.planning.planner.Planner`."""
@@ -48,5 +44,4 @@ class Paper(Optimised):
         if not len(chosen.q):
             return chosen.failed
         budget.say(f"optimising ({self.strategy})")
-        options = PlanOptions(**{k: v for k, v in vars(self).items() if k != "strategy"})
-        return chosen.told(solve(task, promp, options, self.strategy, chosen.q, budget))
+        return chosen.told(solve(task, promp, self, chosen.q, budget))

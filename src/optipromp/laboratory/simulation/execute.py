@@ -25,8 +25,7 @@ from dataclasses import replace
 import numpy as np
 
 from optipromp.control.controller import Controller
-from optipromp.control.driver import way_back
-from optipromp.control.plant import scene_of, target_row
+from optipromp.control.driver import scene_of, target_row, way_back
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import Code, OptiPrompError
 from optipromp.core.planning.legs import AFTER, CARRY, after
@@ -213,8 +212,8 @@ def bring(
     curve = way_back(robot, q, controller.parameters.retreat_speed)
     task = replace(resolve(scene, robot, State(curve.positions[0])), risk=made.risk)
     reach: Plan = replace(
-        made, task=task, status=Code.SUCCESS, message="executed in closed loop", trajectory=curve,
-        initial=curve, followed=curve, first=0,
+        made, task=task, status=Code.SUCCESS, reason="executed in closed loop", notes=(),
+        trajectory=curve, initial=curve, followed=curve, first=0,
     )  # fmt: skip
     try:
         picked = after(reach)

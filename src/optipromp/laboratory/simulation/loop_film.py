@@ -13,8 +13,8 @@ from optipromp.core.scenes.pose import Pose
 from optipromp.laboratory.simulation.camera import Shot, View, axes, shot
 from optipromp.laboratory.simulation.dress import dressed
 from optipromp.laboratory.simulation.engine import engine
+from optipromp.laboratory.simulation.files import LoopRecord, ellipsoids, record_of
 from optipromp.laboratory.simulation.loop import Loop
-from optipromp.laboratory.simulation.loop_files import LoopRecord, ellipsoids, record_of
 from optipromp.laboratory.simulation.render import (
     SMALL,
     Picture,

@@ -10,7 +10,7 @@ from optipromp.core.output import load_plan
 from optipromp.core.planning import Plan
 from optipromp.core.scenes.io import load_scene, scene_names
 from optipromp.core.scenes.scene import Scene
-from optipromp.laboratory.experiments.row_files import ROWS
+from optipromp.laboratory.experiments.rows import ROWS
 from optipromp.looks.page.replay import Replay, load_replay
 from optipromp.perception.pictures import OVERLAY, Image8, read_pixels
 

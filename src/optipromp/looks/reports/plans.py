@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from optipromp.core.documents import read_document
-from optipromp.core.errors import InvalidRequestError
-from optipromp.core.files import is_file, is_folder
+from optipromp.core.errors import InvalidRequestError, InvalidSceneError
+from optipromp.core.files import is_file, is_folder, reading
 from optipromp.core.output import load_plan
 from optipromp.core.planning import Plan
 from optipromp.core.scenes.io import scene_from_dict
@@ -29,7 +29,7 @@ from optipromp.looks.viewer.embed import plan_page, scene_page
 from optipromp.looks.viewer.figures import changed_terms, cost_figure, joint_figure, png
 from optipromp.looks.viewer.notebook import DPI, HEIGHT, frame
 from optipromp.looks.viewer.reach import reach_figure
-from optipromp.looks.viewer.words import plan_rows, seconds
+from optipromp.looks.viewer.words import author, plan_rows, seconds
 
 OURS = "—"
 
@@ -76,11 +76,9 @@ def run_report(folder: Path | str) -> bytes:
     """One HTML file, at most 5 MB, about the rollout in a folder that ``simulate --out`` left."""
     folder = Path(folder)
     document = read_document(folder / "outcome.json", InvalidRequestError, "an outcome")
-    try:
+    with reading(folder, "no rollout of this version", passes=(InvalidSceneError,)):
         scene = scene_from_dict(document["scene_file"], base_dir=folder, source=str(folder))
         words = ["optipromp", "simulate", f"{scene.name}.yaml", "--seed", str(document["seed"])]
-    except (KeyError, TypeError) as error:
-        raise InvalidRequestError(f"{folder}: no rollout of this version ({error})") from None
     title = f"{scene.name}: executed in the physics simulation"
     view = _shown(lambda: scene_page(scene), "Turn it with the mouse; the arm is at its start.")
     made = made_with(shlex.join(words), {"written by": f"optipromp {document.get('version')}"})
@@ -169,7 +167,7 @@ def _run(folder: Path) -> list[str]:
 def _settings(plan: Plan) -> list[tuple[str, str]]:
     scene, tool = plan.scene, plan.robot.tool
     rows = [
-        ("planner", plan.planner + (f", {plan.strategy}" if plan.strategy else "")),
+        ("planner", author(plan)),
         ("seed", str(plan.seed)),
         ("robot", repr(plan.robot)[7:-1]),
         ("tool", "none" if tool is None else repr(tool)),

@@ -10,10 +10,16 @@ import numpy as np
 
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
 from optipromp.core.planning import PlanOptions
-from optipromp.laboratory.experiments.row_files import FOLDER, ROWS, file_of, rows_of, settings_of
-from optipromp.laboratory.experiments.runs import ERROR, NO_PLAN, Row, again
-from optipromp.laboratory.experiments.statistics import Cell, Reliability, calibration, summary
-from optipromp.laboratory.experiments.study_output import study_figure
+from optipromp.laboratory.experiments.rows import ERROR, NO_PLAN, ROWS, Row, rows_of
+from optipromp.laboratory.experiments.statistics import (
+    Cell,
+    Reliability,
+    calibration,
+    percent,
+    summary,
+)
+from optipromp.laboratory.experiments.study import file_of, settings_of, study_figure
+from optipromp.laboratory.experiments.trials import FOLDER, again
 from optipromp.laboratory.generate import PANDA
 from optipromp.laboratory.simulation import Run
 from optipromp.looks.reports.html import made_with, page, paragraph, picture, section, table
@@ -76,8 +82,8 @@ def study_report(
 def _rates(cells: Sequence[Cell]) -> list[tuple[str, ...]]:
     return [
         (c.preset, c.planner, str(c.runs), f"{c.kept} ({100 * c.rate:.1f} %)",
-         f"{100 * c.low:.0f}–{100 * c.high:.0f} %", f"{c.broken} of {c.plans}",
-         f"{100 * c.broken_low:.0f}–{100 * c.broken_high:.0f} %", str(c.successes),
+         f"{c.interval} %", f"{c.broken} of {c.plans}",
+         f"{percent(c.broken_low, c.broken_high)} %", str(c.successes),
          _newton(c.unripe_force), _newton(c.unripe_force_90), f"{1e3 * c.plan_time:.0f} ms")
         for c in cells
     ]  # fmt: skip
@@ -93,8 +99,7 @@ def _prediction(found: Reliability | None) -> list[str]:
     )
     rows = [
         (f"{100 * b.low:g} to {100 * b.high:g} %", str(b.runs), f"{100 * b.predicted:.1f} %",
-         str(b.failures), f"{100 * b.rate:.1f} %",
-         f"{100 * b.rate_low:.0f}–{100 * b.rate_high:.0f} %")
+         str(b.failures), f"{100 * b.rate:.1f} %", f"{percent(b.rate_low, b.rate_high)} %")
         for b in found.bins
     ]  # fmt: skip
     head = "not clean, predicted", "runs", "mean", "failed", "rate", "95 %"

@@ -24,6 +24,7 @@ from optipromp.looks.appearance.faces import shape_faces
 from optipromp.looks.appearance.scene import PUSHABLES
 from optipromp.looks.viewer import drawn
 from optipromp.looks.viewer.drawn import COLOURS, OPTIMISED, STILL, Moment, Motion, Placed
+from optipromp.looks.viewer.words import author
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -106,8 +107,7 @@ def _close_views(plan: Plan) -> list[tuple[Camera, str]]:
 
 def title(plan: Plan, now: Moment | None = None) -> str:
     """Scene, planner and status; with a moment also the moment and the push prediction."""
-    strategy = f", {plan.strategy}" if plan.strategy else ""
-    lines = [f"{plan.scene.name}, {plan.planner}{strategy}: {plan.status}"]
+    lines = [f"{plan.scene.name}, {author(plan)}: {plan.status}"]
     if now is not None:
         lines.append(f"{now} of {plan.trajectory.duration:.1f} s")
         if plan.prediction is not None or plan.scene.pushables:

@@ -224,7 +224,7 @@ def _cut(scene: Scene, tool: Tool) -> tuple[float, ...]:
     Its blades are side by side along y_g, as the planner rolls them.
     """
     blades = unmounted(tool)
-    if not isinstance(blades, Scissor):
+    if not isinstance(blades, Scissor) or not tool.mouth[0]:  # of full blades it is 0
         return ()
     return math.hypot(*scene.approach.shift), 0.5 * blades.blade_width, *scene.frame[0].tolist()
 
