@@ -6,7 +6,7 @@ from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.planning import PlanOptions, plan
 from optipromp.core.planning.task import resolve
 from optipromp.core.pushing import rule_paths
-from optipromp.core.pushing.calibration import KNOWN
+from optipromp.core.pushing.parameters import KNOWN
 from optipromp.core.scenes import JointGoal, load_scene
 from optipromp.laboratory.experiments.baselines import STUDY_PLANNERS, attempt
 from optipromp.laboratory.generate import generate

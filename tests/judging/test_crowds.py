@@ -13,7 +13,7 @@ from optipromp.core import judging
 from optipromp.core.geometry import Box, Capsule, Cylinder, HalfSpace, Sphere
 from optipromp.core.judging import clearance
 from optipromp.core.judging.distances import BLOCK, objects_of
-from optipromp.core.judging.passing import Passing, last_passages, passing
+from optipromp.core.judging.speed import Passing, last_passages, passing
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import JointGoal, Scene, SceneObject, Stem
 

@@ -15,8 +15,8 @@ from tests.judging.builders import moving, obj, to
 
 from optipromp.core import judging
 from optipromp.core.geometry import Box, Cylinder, Shape, Sphere
-from optipromp.core.judging.passing import between
-from optipromp.core.judging.passing import passing as judged_passing
+from optipromp.core.judging.speed import between
+from optipromp.core.judging.speed import passing as judged_passing
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import Approach, Scene, SceneObject, Stem
 from optipromp.core.trajectory import State

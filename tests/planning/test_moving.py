@@ -22,7 +22,7 @@ from optipromp.core.planning.underway import later
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import Scene, SceneObject
 from optipromp.core.scenes.io import save_scene
-from optipromp.core.scenes.motion import ObjectMotion
+from optipromp.core.scenes.objects import ObjectMotion
 from optipromp.core.scenes.scene import JointGoal
 from optipromp.core.trajectory import Trajectory
 

@@ -20,7 +20,7 @@ from optipromp.core.planning.underway import later
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import Scene, SceneObject, save_scene
 from optipromp.core.scenes.held import Place
-from optipromp.core.scenes.motion import ObjectMotion
+from optipromp.core.scenes.objects import ObjectMotion
 from optipromp.core.scenes.scene import JointGoal
 from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.simulation.export import mjcf

@@ -10,9 +10,9 @@ from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.output import load_plan, write_plan
 from optipromp.core.planning import judge, plan
 from optipromp.core.planning.options import PlanOptions
-from optipromp.core.pushing.calibration import DETECTED, KNOWN
 from optipromp.core.pushing.model import Calibration
 from optipromp.core.pushing.packs.standing import Standing
+from optipromp.core.pushing.parameters import DETECTED, KNOWN
 from optipromp.laboratory.generate import NOISES, generate, noisy
 
 EVERY = {"known": KNOWN, "detected": DETECTED, "packs": Standing.calibration}

@@ -24,8 +24,7 @@ from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import through, turning
 from optipromp.core.pushing.rules import neighbours, rule_paths
 from optipromp.core.pushing.searching import search
-from optipromp.core.pushing.stems.hanging import HANGING
-from optipromp.core.pushing.stems.paths import PathsPast, rooms
+from optipromp.core.pushing.stems.hanging import HANGING, PathsPast, rooms
 from optipromp.core.robots.library import load_robot
 from optipromp.core.robots.tools import with_tool
 from optipromp.core.scenes import SceneObject

@@ -11,9 +11,8 @@ from optipromp.core.geometry.shapes import Box
 from optipromp.core.pushing.stems import swinging
 from optipromp.core.pushing.stems.bending import Stems
 from optipromp.core.pushing.stems.cup import Mouth, cup_distance
-from optipromp.core.pushing.stems.equilibrium import CONTACT
 from optipromp.core.pushing.stems.harm import Harm
-from optipromp.core.pushing.stems.swinging import push
+from optipromp.core.pushing.stems.swinging import CONTACT, push
 
 NOTHING = pack([])
 

@@ -11,8 +11,7 @@ from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots import load_robot
 from optipromp.core.robots.library import load_arm
 from optipromp.readers import reading
-from optipromp.readers.mjcf import read_mjcf
-from optipromp.readers.mjcf_files import mjcf_files
+from optipromp.readers.mjcf import mjcf_files, read_mjcf
 
 mujoco = pytest.importorskip("mujoco")
 

@@ -10,7 +10,7 @@ import pytest
 from optipromp.core.arrays import rotation
 from optipromp.core.robots import load_robot
 from optipromp.core.robots.spheres import cover_box, cover_cylinder
-from optipromp.readers.surfaces import hulls_touch, of_box, of_rod, parts
+from optipromp.readers.self_collision import hulls_touch, of_box, of_rod, parts
 
 
 @pytest.mark.parametrize("gap", [-0.0001, 0.0001])

@@ -9,7 +9,7 @@ import pytest
 import optipromp
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.scenes import Scene, save_scene, scene_from_dict
-from optipromp.core.scenes.motion import ObjectMotion
+from optipromp.core.scenes.objects import ObjectMotion
 
 BALL = {"sphere": {"radius": 0.02}}
 STEM = {"root": [0.5, 0.1, 0.7]}

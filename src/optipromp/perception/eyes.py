@@ -12,8 +12,7 @@ from optipromp.core.arrays import FloatArray, IntArray, frame_along
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Ellipsoid, Shape, Sphere
 from optipromp.core.scenes.held import pairs_among
-from optipromp.core.scenes.hidden import cleared
-from optipromp.core.scenes.objects import STEEPEST, Role, SceneObject, Stem
+from optipromp.core.scenes.objects import STEEPEST, Role, SceneObject, Stem, cleared
 from optipromp.core.scenes.scene import Scene
 from optipromp.perception.finder import Finder, Found, Region
 from optipromp.perception.fusing import fused
@@ -216,7 +215,7 @@ def seen_scene(
     its goal are not used. Of several ripe fruits the lowest is the target and the others are
     pushable. A fruit whose stem was not seen gets one that is unseen: about upright, clear of the
     other fruits, as long as the median of those seen
-    (:func:`optipromp.core.scenes.hidden.cleared`). Its tilts have the standard deviation
+    (:func:`optipromp.core.scenes.objects.cleared`). Its tilts have the standard deviation
     ``parameters.tilt``.
 
     Raises:

@@ -1,6 +1,7 @@
 """The end of a trajectory against the goals: one of them must be reached."""
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -8,10 +9,36 @@ import numpy as np
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.compiled import kernel
 from optipromp.core.judging.kinematics import Body, body_of, segments
-from optipromp.core.judging.violation import Violation
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.goals import Goal, JointGoal, PoseGoal, RegionGoal
 from optipromp.core.scenes.scene import Scene
+
+
+@dataclass(frozen=True)
+class Violation:
+    """One reason why a trajectory is not valid.
+
+    Args:
+        kind: ``contact``, ``unchecked``, ``goal``, ``axis``, ``stem side``, ``limit``,
+            ``velocity``, ``acceleration``, ``jerk``, ``speed``, ``start``, ``motion``, ``drift``,
+            ``stem``, ``upright``, ``plane``, ``line`` or ``line speed``.
+        message: the reason as a sentence, which is also ``str(violation)``.
+        subject: the link, joint or object concerned; empty where there is none.
+        time: of the largest amount [s]; None where the violation has no time.
+        amount: size of the violation, in ``unit``; for a velocity, acceleration or jerk the share
+            of the limit.
+    """
+
+    kind: str
+    message: str
+    subject: str = ""
+    time: float | None = None
+    amount: float | None = None
+    unit: str = ""
+
+    def __str__(self) -> str:
+        return self.message
+
 
 GOAL_TOLERANCE = 1e-3  # [m], or [rad] for a goal in joints; method §5
 AXIS_TOLERANCE = np.deg2rad(2.0)  # [rad]; method §5

@@ -16,9 +16,8 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.judging.curve import along
-from optipromp.core.judging.ends import AXIS_TOLERANCE, BORDER, tool_poses
+from optipromp.core.judging.ends import AXIS_TOLERANCE, BORDER, Violation, tool_poses
 from optipromp.core.judging.kinematics import fitting
-from optipromp.core.judging.violation import Violation
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.lines import Lines, axes_of, pose_name
 from optipromp.core.scenes.scene import Scene

@@ -38,7 +38,7 @@ from optipromp.core.pushing.path import ToolPath
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.roll import level
-from optipromp.core.scenes.constraints import PathConstraints
+from optipromp.core.scenes.goals import PathConstraints
 from optipromp.core.scenes.scene import PoseGoal
 from optipromp.core.trajectory import Trajectory
 

@@ -32,7 +32,7 @@ from optipromp.core.robots.self_collision import letting_touch
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.robots.tools import make_tool, with_tool
 from optipromp.core.scenes.held import Pair, check_names
-from optipromp.core.scenes.motion import ObjectMotion
+from optipromp.core.scenes.objects import ObjectMotion
 from optipromp.core.scenes.scene import Attached, Goal, PoseGoal, Scene, SceneObject
 from optipromp.core.trajectory import State, Trajectory
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.geometry.shapes import MeshShape, is_convex
-from optipromp.core.robots.meshes import parted
+from optipromp.core.geometry.shapes import MeshShape, is_convex, parted
 from optipromp.core.robots.tool_geometry import Part, Solid, profile
 from optipromp.core.robots.tool_protocol import LARGEST, Tool, check_length
 

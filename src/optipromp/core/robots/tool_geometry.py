@@ -9,8 +9,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry.distances import distances
 from optipromp.core.geometry.obstacles import pack
-from optipromp.core.geometry.shapes import BOX, GRID, Shape
-from optipromp.core.robots.meshes import box_axes
+from optipromp.core.geometry.shapes import BOX, GRID, Shape, box_axes
 from optipromp.core.robots.spheres import cover_box
 
 EXCESS = 0.004  # [m] that a sphere may reach beyond a box, chosen: as beyond a cup
