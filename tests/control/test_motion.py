@@ -202,3 +202,33 @@ def test_amplitudes_follow_the_energy_of_the_posterior() -> None:
     assert still.learnt(1.0, (np.zeros(4), np.ones(4))).oscillators.sigma == pytest.approx(
         PLANT.bank.sigma
     )
+
+
+def test_innovations_of_the_models_own_motion_are_what_it_says() -> None:
+    """Truth drawn from the model: squares are χ² of 3, errors of positions too."""
+    rng, count, dt = np.random.default_rng(11), 3, 0.05
+    base = PLANT.still()
+    truth = rng.multivariate_normal(base.mean, base.covariance)
+    spread = np.tile(9e-6 * np.eye(3), (count, 1, 1))
+    rest = rng.normal(size=(count, 3))
+    state = base.with_fruits(swings(count), rest, spread, known=True)
+    kept = state.layout.of(np.zeros(0, dtype=np.int64))
+    truth = rng.multivariate_normal(state.mean, state.covariance)
+    assert len(kept) == 8
+    squares, errors = [], []
+    for _ in range(600):
+        point = PlantState(
+            state.layout, state.oscillators, truth, np.zeros((len(truth), len(truth)))
+        )
+        moved = point.after(dt, 0.001)
+        truth = rng.multivariate_normal(moved.mean, moved.covariance, method="eigh")
+        state = state.after(dt, 0.001)
+        looked = state.layout.position
+        seen = (looked @ truth).reshape(-1, 3) + 0.003 * rng.standard_normal((count, 3))
+        state, square = state.updated(np.arange(3), seen, spread, np.zeros(0, dtype=np.int64))
+        squares.append(square)
+        off = looked @ (state.mean - truth)
+        errors.append(off @ np.linalg.solve(looked @ state.covariance @ looked.T, off))
+    # 1800 squares of 3 degrees: standard deviation of their mean 0.058
+    assert np.mean(squares) == pytest.approx(3.0, abs=0.15)
+    assert np.mean(errors) == pytest.approx(9.0, abs=1.0)
