@@ -90,11 +90,12 @@ def test_the_report_for_people_says_whether_the_plan_holds() -> None:
 
 
 def test_the_command_plans_what_the_library_plans() -> None:
-    code, stdout, _ = call("plan", "scenario-3", "--seed", "5", "--set", "waypoints=60", "--json")
+    words = ["plan", "scenario-3", "--seed", "5", "--set", "waypoints=60", "--duration", "6"]
+    code, stdout, _ = call(*words, "--json")
     assert code == 0
     from optipromp import PlanOptions
 
-    result = plan("scenario-3", seed=5, options=PlanOptions(waypoints=60))
+    result = plan("scenario-3", seed=5, options=PlanOptions(waypoints=60, duration=6.0))
     assert read(stdout)["metrics"] == read(json.dumps(result.metrics.to_dict()))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from optipromp import load_scene
+from optipromp import judge, load_scene
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.output import load_plan
@@ -176,3 +176,8 @@ def test_check_tells_of_a_start_below_the_floor(tmp_path: Path) -> None:
         save_scene(one, tmp_path / f"{name}.yaml")
         _, _, stderr = call("check", str(tmp_path / f"{name}.yaml"))
         assert ("below the floor" in stderr) is said
+
+
+def test_the_library_judges_files_too(reach: Path) -> None:
+    assert judge("scenario-3", reach / "trajectory.csv").status == "success"
+    assert judge(load_scene("scenario-3"), reach).status == "success"

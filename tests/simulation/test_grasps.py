@@ -55,6 +55,7 @@ def test_a_scissor_cuts_the_stem_of_the_target() -> None:
     assert run.outcome.picked
     assert run.outcome.message.startswith("the stem of ripe alone is cut")
     assert not run.outcome.torn
+    assert list(run.outcome.to_dict()["cut"]["stems"]) == ["ripe"]
     assert run.rollout.attached[0, 0]
     assert not run.rollout.attached[-1, 0]
     height = run.rollout.fruit_positions[:, 0] @ scene.up

@@ -235,3 +235,7 @@ def test_the_view_puts_fruits_where_they_were(run):
         stem = at["n1"].stem
         ends = np.linalg.norm(stem[[0, -1]] - at["n1"].position, axis=1)
         assert ends[1] < 0.05 < ends[0]  # the root first
+
+
+def test_runs_faster_than_real_time(runs):
+    assert max(run.real_time_factor for run in runs.values()) > 1.0
