@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2, poisson
 from tests.simulation.eyes import (
@@ -326,6 +326,7 @@ def test_unknown_fruits_are_refused():
         detector.expose(0.0, HOME, fruits._replace(ids=("ripe", "ripe")))
 
 
+@settings(deadline=None)
 @given(
     seed=st.integers(0, 10**6),
     place=st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(0.1, 1.0)),
