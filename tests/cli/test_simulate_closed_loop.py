@@ -9,6 +9,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
+from optipromp.cli.simulate import loop_lines
 from optipromp.core.geometry import Sphere
 from optipromp.core.scenes import Place, Scene, SceneObject, Stem
 from optipromp.core.scenes.io import save_scene
@@ -25,18 +26,17 @@ def invoke(*arguments):
 
 
 def test_a_pick_in_closed_loop_is_told_and_left(tmp_path):
-    arguments = ["simulate", "scenario-3", "--closed-loop", "--out", tmp_path]
-    result = invoke(*arguments)
-    document = json.loads((tmp_path / "outcome.json").read_text())
+    result = invoke("simulate", "scenario-3", "--closed-loop", "--out", tmp_path, "--json")
+    document = json.loads(result.stdout)
     assert document["loop"] == "closed"
     assert document["result"] in ("clean", "harmed", "gave_up", "missed")
     assert result.exit_code == (0 if document["result"] == "clean" else 1)
-    assert f"closed loop: {document['result']}" in result.stdout
+    shown = "\n".join(loop_lines(document))  # what is printed without --json
     stages = [decision["stage"] for decision in document["decisions"]]
     assert stages[-1] == document["stage"]
     assert document["stage"] in ("done", "gave_up")
     for decision in document["decisions"]:
-        assert decision["why"][:20] in result.stdout
+        assert decision["why"][:20] in shown
     assert document["looks"] > 5
     assert 0.0 < document["cycle_median"] <= document["cycle_p99"]
     assert document["worst_jump"] < 1e-6
