@@ -62,7 +62,6 @@ def test_among_fruits_that_hang_still_nothing_takes_over_after_the_first(made: P
     assert drive.phase(2.0 + LEAD) == pytest.approx(1.0)
     assert drive.state(2.0).near(first.at(2.0), 0.0)
     held = drive.go_on(end, tracked)  # at the target it moves with the plant
-    assert held is not None
     assert held.at(held.begins).near(first.at(held.begins), 1e-9)
 
 
@@ -73,7 +72,6 @@ def test_a_plant_that_moved_asks_for_another_course(made: Plan) -> None:
     small, large = np.array([1e-4, 0.0, 0.0]), np.array([0.0, 4e-3, 0.0])
     assert drive.go_on(now, seen(made.scene, small)) is None
     after = drive.go_on(now, seen(made.scene, large))
-    assert after is not None
     assert after.at(after.begins).near(before.at(after.begins), 1e-9)
     assert shares(made.robot, after.curve) <= 1.0
     end, _ = made.robot.tool_pose(after.curve.positions[-1])

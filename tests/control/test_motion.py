@@ -204,11 +204,6 @@ def test_amplitudes_follow_the_energy_of_the_posterior() -> None:
     )
 
 
-def test_the_sway_is_level() -> None:
-    assert np.allclose(PLANT.axes @ PLANT.up, 0.0)
-    assert np.allclose(PLANT.axes @ PLANT.axes.T, np.eye(2))
-
-
 def test_innovations_of_the_models_own_motion_are_what_it_says() -> None:
     """Truth drawn from the model: squares are χ² of 3, errors of positions too."""
     rng, count, dt = np.random.default_rng(11), 3, 0.05

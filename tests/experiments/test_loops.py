@@ -70,7 +70,6 @@ def test_the_ten_conditions_differ_and_repeat_to_the_bit() -> None:
 def test_a_missed_pushable_is_one_of_the_three_nearest(seed: int) -> None:
     scene = generate("mixed", seed)
     target = scene.target
-    assert target is not None
     (lost,) = {item.id for item in scene.objects} - {x.id for x in drop_one(scene, seed).objects}
     away = sorted(
         (float(np.linalg.norm(item.position - target.position)), item.id)
@@ -90,7 +89,6 @@ def test_a_miscalibrated_camera_errs_at_first_as_it_does_later() -> None:
     """Without other errors, a look from where the first was made shows the scene as first seen."""
     scene = generate("cluster", 1)
     target = scene.target
-    assert target is not None
     detector = replace(DETECTORS["perfect"], mount="beside", view=3.0, **CAMERA_OFF)
     seen = miscalibrated(scene, scene, detector, 5)
     eye = Detector(scene, scene.load_robot(), detector, 5)
@@ -119,7 +117,6 @@ def test_plants_that_sway_are_first_seen_where_the_settled_fruits_are() -> None:
         np.testing.assert_allclose(seen[item].position, now, atol=1e-6)
         true = next(other for other in scene.objects if other.id == item)
         away.append(float(np.linalg.norm(seen[item].position - true.position)))
-        assert true.stem is not None
         shift = seen[item].position - true.position
         np.testing.assert_allclose(seen[item].stem.points, true.stem.points + shift, atol=1e-9)
     assert 1e-3 < max(away) < 0.06
@@ -150,7 +147,6 @@ def move(q: np.ndarray, by: float, seconds: float) -> Trajectory:
 def test_a_cut_curve_is_the_same_curve() -> None:
     curve = move(load_robot("panda").home, 0.4, 2.0)
     part = cut(curve, 0.77)
-    assert part is not None
     assert part.duration == 0.77
     at = np.linspace(0.0, 0.77, 50)
     for one, other in zip(part.sample(at), curve.sample(at), strict=True):
@@ -304,7 +300,6 @@ def test_every_loop_runs_and_tells_its_figures(tmp_path: Path) -> None:
     with (tmp_path / "rows.csv").open() as stream:
         assert [line["loop"] for line in csv.DictReader(stream)] == list(LOOPS)
     repeated = again(rows["closed"])
-    assert repeated is not None
     assert repeated.outcome.duration == rows["closed"].duration
     assert repeated.outcome.success == rows["closed"].success
 
