@@ -25,7 +25,7 @@ from optipromp import plan
 from optipromp.core.planning import pick
 from optipromp.core.planning.planners import OptiProMP
 from optipromp.core.pushing.packs.standing import PathsBetween
-from optipromp.core.pushing.stems import paths
+from optipromp.core.pushing.stems import hanging as paths
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import simulate
 

@@ -39,17 +39,11 @@ _AS_JSON = inspect.Parameter("as_json", _KEYWORD, default=False, annotation=Anno
 
 @dataclass(frozen=True)
 class Report:
-    """The answer of a command.
+    """The answer of a command."""
 
-    Attributes:
-        document: printed under ``--json``.
-        shown: lines and tables for people.
-        code: the exit code.
-    """
-
-    document: object
-    shown: Shown
-    code: int = OK
+    document: object  # printed under ``--json``
+    shown: Shown  # lines and tables for people
+    code: int = OK  # the exit code
 
     def print(self, as_json: bool) -> None:
         """Print the report on standard output."""

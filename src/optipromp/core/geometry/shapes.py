@@ -67,21 +67,13 @@ NO_SIZE = 0.0, 0.0, 0.0
 
 
 class BallPair(NamedTuple):
-    """Two balls on a line through a shape's origin, whose hull stands for the shape.
+    """Two balls on a line through a shape's origin, whose hull stands for the shape."""
 
-    Attributes:
-        line: (3,) unit vector along the line, from the lower ball to the upper one.
-        low: place of the lower ball's centre on the line [m].
-        radius: of the lower ball [m].
-        above: radius of the upper ball [m].
-        apart: distance of the centres [m]; 0 for a single ball.
-    """
-
-    line: FloatArray
-    low: float
-    radius: float
-    above: float
-    apart: float
+    line: FloatArray  # (3,) unit vector along the line, from the lower ball to the upper one
+    low: float  # place of the lower ball's centre on the line [m]
+    radius: float  # of the lower ball [m]
+    above: float  # radius of the upper ball [m]
+    apart: float  # distance of the centres [m]; 0 for a single ball
 
 
 class Shape(ABC):

@@ -71,20 +71,13 @@ class Waypoints:
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """The start of an optimisation.
+    """The start of an optimisation."""
 
-    Attributes:
-        primitive: (T, n) the conditioned ProMP.
-        followed: (T, n) the conditioned ProMP, led along the path.
-        waypoints: their number, and the first on the path.
-        path: the tool path that is followed; None where there is none.
-        running: the trajectory through ``followed``, where it runs already and is not optimised.
-    """
-
-    primitive: FloatArray
-    followed: FloatArray
-    waypoints: Waypoints
-    path: ToolPath | None
+    primitive: FloatArray  # (T, n) the conditioned ProMP
+    followed: FloatArray  # (T, n) the conditioned ProMP, led along the path
+    waypoints: Waypoints  # their number, and the first on the path
+    path: ToolPath | None  # the tool path that is followed; None where there is none
+    # the trajectory through ``followed``, where it runs already and is not optimised
     running: Trajectory | None = None
 
 

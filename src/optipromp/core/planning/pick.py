@@ -168,34 +168,24 @@ def first_valid(solver: Solver, starts: Iterable[Start]) -> Attempt | None:
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """A start and the trajectory that was optimised from it.
+    """A start and the trajectory that was optimised from it."""
 
-    Attributes:
-        start: of the optimisation.
-        trajectory: the optimised one, with its timing.
-        judgement: of the trajectory.
-        valid: whether the judge found no violation; a speed that the options ask for is none.
-        merit: value of the objective.
-        history: value of each cost after each iteration, the start first.
-        message: why the solver stopped.
-        shortfall: what the trajectory lacks of the margin from static objects, where another goal
-            configuration may have more room [m].
-        push: the push model for where the attempt ends, and the motion that the model predicts;
-            None without a model.
-        harm: predicted harm.
-        score: harm by which attempts on several tool paths are compared; see :func:`scored`.
-    """
-
-    start: Start
-    trajectory: Trajectory
-    judgement: Judgement
-    valid: bool
-    merit: float
+    start: Start  # of the optimisation
+    trajectory: Trajectory  # the optimised one, with its timing
+    judgement: Judgement  # of the trajectory
+    valid: bool  # whether the judge found no violation; a speed that the options ask for is none
+    merit: float  # value of the objective
+    # value of each cost after each iteration, the start first
     history: tuple[dict[str, float], ...]
-    message: str
+    message: str  # why the solver stopped
+    # what the trajectory lacks of the margin from static objects, where another goal configuration
+    # may have more room [m]
     shortfall: float
+    # the push model for where the attempt ends, and the motion that the model predicts; None
+    # without a model
     push: tuple[PushModel, PushMotion] | None = None
-    harm: float = 0.0
+    harm: float = 0.0  # predicted harm
+    # harm by which attempts on several tool paths are compared; see :func:`scored`
     score: float = np.inf
 
     @property

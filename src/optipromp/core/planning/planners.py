@@ -199,19 +199,12 @@ JOINT: Strategy = "joint"
 
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """Goal configurations of a task.
+    """Goal configurations of a task."""
 
-    Attributes:
-        q: configurations (m, n), best first.
-        free: whether the configurations touch nothing.
-        reason: why none is free, in words.
-        seconds: wall time of inverse kinematics [s].
-    """
-
-    q: FloatArray
-    free: bool
-    reason: str
-    seconds: float
+    q: FloatArray  # configurations (m, n), best first
+    free: bool  # whether the configurations touch nothing
+    reason: str  # why none is free, in words
+    seconds: float  # wall time of inverse kinematics [s]
 
     def told(self, made: Planned | Harmful) -> Planned | Failed | Harmful:
         """The answer of a planner that made ``made``: a failure where no configuration is free."""

@@ -82,19 +82,13 @@ def _three(given: list[float]) -> list[float]:
 
 @dataclass(frozen=True)
 class Value:
-    """What a value of a scene file is.
+    """What a value of a scene file is."""
 
-    Attributes:
-        type: its type, with limits, as pydantic checks it; a form, for a mapping.
-        metres: power of the file's ``scale`` that turns it into metres.
-        frame: how it changes from one frame to another; "": not at all.
-        default: where the file lacks it; ``...``: the file must state it.
-    """
-
-    type: Any
-    metres: int = 0
+    type: Any  # its type, with limits, as pydantic checks it; a form, for a mapping
+    metres: int = 0  # power of the file's ``scale`` that turns it into metres
+    # how it changes from one frame to another; "": not at all
     frame: Literal["", "point", "direction"] = ""
-    default: Any = None
+    default: Any = None  # where the file lacks it; ``...``: the file must state it
 
     def read(self, value: Any, scale: float, frame: Pose | None) -> Any:
         """The value in metres and in the frame in which its own has the pose ``frame``."""

@@ -23,7 +23,7 @@ from optipromp.core.planning.planners import WAY, ConditionedProMP, OptiProMP
 from optipromp.core.planning.result import Failed, Harmful, Planned
 from optipromp.core.planning.task import Task
 from optipromp.core.scenes.scene import Scene
-from optipromp.laboratory.planners.paper import PaperOptions
+from optipromp.laboratory.planners.paper_costs import PaperOptions
 from optipromp.laboratory.planners.straight import gently
 
 TRIES = 20  # smooth corrections of a trajectory beyond its limits, before it is clipped: a choice
@@ -63,14 +63,10 @@ class Chomp:
 
     The objective is F_s + F_d over all body spheres + ``smoothness`` · ½∫‖ξ̈‖² dt. The start and
     the goal configuration stay.
-
-    Attributes:
-        epsilon: ε, the safety distance of the obstacle cost [m].
-        smoothness: weight of ½∫‖ξ̈‖² dt beside the obstacle functionals; a choice.
     """
 
-    epsilon: float = PaperOptions.epsilon
-    smoothness: float = 1e-5
+    epsilon: float = PaperOptions.epsilon  # ε, the safety distance of the obstacle cost [m]
+    smoothness: float = 1e-5  # weight of ½∫‖ξ̈‖² dt beside the obstacle functionals; a choice
     name: ClassVar[str] = "chomp"
     ignores: ClassVar[tuple[str, ...]] = WAY
 

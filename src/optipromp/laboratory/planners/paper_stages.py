@@ -53,7 +53,7 @@ from optipromp.core.pushing.rules import Drift, detection_variance, drift_choice
 from optipromp.core.scenes.scene import JointGoal, PoseGoal
 from optipromp.core.scenes.values import suggest
 from optipromp.core.trajectory import Trajectory
-from optipromp.laboratory.planners.paper import Paper, weighted
+from optipromp.laboratory.planners.paper_costs import PaperSettings, weighted
 
 
 @dataclass(frozen=True)
@@ -123,27 +123,16 @@ class ConstraintRows(Cost):
 
 @dataclass(frozen=True, eq=False)
 class Posed:
-    """The paper's problem for one goal configuration and one choice of sides.
+    """The paper's problem for one goal configuration and one choice of sides."""
 
-    Attributes:
-        task: scene and robot.
-        options: settings of the planner.
-        waypoints: number of waypoints, and the first at or after t_1.
-        drift: place of each pushable to pass, and the direction to its free side.
-        offsets: (N,) lateral offset that constraint 1 asks for at each pushable [m].
-        via: tool points that the ProMP was conditioned on, the target last.
-        initial: (T, n) the conditioned ProMP.
-        points: (T, 3) tool points of ``initial`` [m].
-    """
-
-    task: Task
-    options: Paper
-    waypoints: Waypoints
-    drift: Drift
-    offsets: FloatArray
-    via: tuple[ViaPoint, ...]
-    initial: FloatArray
-    points: FloatArray
+    task: Task  # scene and robot
+    options: PaperSettings  # settings of the planner
+    waypoints: Waypoints  # number of waypoints, and the first at or after t_1
+    drift: Drift  # place of each pushable to pass, and the direction to its free side
+    offsets: FloatArray  # (N,) lateral offset that constraint 1 asks for at each pushable [m]
+    via: tuple[ViaPoint, ...]  # tool points that the ProMP was conditioned on, the target last
+    initial: FloatArray  # (T, n) the conditioned ProMP
+    points: FloatArray  # (T, 3) tool points of ``initial`` [m]
 
     def rows(self, weight: float = 0.0, every: int = 1, most: int | None = None) -> ConstraintRows:
         """Constraints 1 and 2 at ``most`` waypoints (None: all), 3 at each ``every``-th of them.
@@ -192,7 +181,7 @@ class Posed:
         )  # fmt: skip
 
 
-def drift_offsets(task: Task, options: Paper) -> FloatArray:
+def drift_offsets(task: Task, options: PaperSettings) -> FloatArray:
     """The lateral offset (N,) that constraint 1 asks for at each neighbour [m].
 
     It is that of the options, else of the scene, else R_gripper.
@@ -211,7 +200,7 @@ def drift_offsets(task: Task, options: Paper) -> FloatArray:
 
 
 def posed_problems(
-    task: Task, promp: ProMP, options: Paper, goals: FloatArray
+    task: Task, promp: ProMP, options: PaperSettings, goals: FloatArray
 ) -> Iterator[list[Posed]]:
     """For each goal configuration of ``goals`` (m, n): the problems of all choices of sides.
 
@@ -246,7 +235,7 @@ def posed_problems(
         ]
 
 
-def spaced(task: Task, options: Paper, values: FloatArray) -> Waypoints:
+def spaced(task: Task, options: PaperSettings, values: FloatArray) -> Waypoints:
     """Waypoints between which no joint moves much more than the wanted step.
 
     The step holds before t_1 and after it. ``values`` (m, n) are the configurations that the motion
@@ -284,19 +273,14 @@ def further(task: Task, seed: int, known: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """A posed problem, the trajectory that solves it, and its judgement.
-
-    Attributes:
-        narrow: what the trajectory lacks of the margin from static objects [m].
-        objective: Σ α·F with the quadratic F_p; compares valid plans of the same ``narrow``.
-    """
+    """A posed problem, the trajectory that solves it, and its judgement."""
 
     posed: Posed
     trajectory: Trajectory
     stages: tuple[Stage, ...]
     judgement: Judgement
-    objective: float
-    narrow: float
+    objective: float  # Σ α·F with the quadratic F_p; compares valid plans of the same ``narrow``
+    narrow: float  # what the trajectory lacks of the margin from static objects [m]
 
     @property
     def valid(self) -> bool:
@@ -309,7 +293,9 @@ class Solved:
         return not self.valid, self.narrow, self.objective
 
 
-def solve(task: Task, promp: ProMP, options: Paper, goals: FloatArray, budget: Budget) -> Planned:
+def solve(
+    task: Task, promp: ProMP, options: PaperSettings, goals: FloatArray, budget: Budget
+) -> Planned:
     """Plan as the paper does, to each of the ``goals`` (m, n) in turn until a plan is valid.
 
     Each initial trajectory is ``promp``, conditioned on its goal. Stems leave choices of the side
