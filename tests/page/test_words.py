@@ -11,10 +11,10 @@ from optipromp.core.planning import Plan, plan
 from optipromp.core.scenes.io import load_scene
 from optipromp.laboratory.generate import generate
 from optipromp.looks.appearance import object_parts
-from optipromp.looks.appearance.part import hex_colour
+from optipromp.looks.appearance.faces import hex_colour
 from optipromp.looks.page import content, look, telling
 from optipromp.looks.page.panel import legend, planned, replayed, things
-from optipromp.looks.viewer.plain import WORDS, complaint, head, sentences, without_codes
+from optipromp.looks.viewer.words import WORDS, complaint, head, sentences, without_codes
 
 FOV = 0.87  # [rad]
 

@@ -8,8 +8,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry.shapes import Ellipsoid, Sphere
 from optipromp.perception import ByGeometry, CameraModel, DepthPicture, EyeParameters, look_at
 from optipromp.perception.finder import Region
-from optipromp.perception.shown import INSIDE, start_of
-from optipromp.perception.spheroids import fitted
+from optipromp.perception.spheroids import INSIDE, fitted, start_of
 
 CAMERA = CameraModel(320, 240, 480.0, 480.0, 159.5, 119.5)
 UP = np.array([0.0, -1.0, 0.0])  # in the frame of the camera

@@ -10,9 +10,19 @@ from tests.simulation.loops import SWAY, swaying
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import npz, read_npz
 from optipromp.laboratory.simulation import SimulationParameters
-from optipromp.laboratory.simulation.camera import shot
-from optipromp.laboratory.simulation.dress import dressed
 from optipromp.laboratory.simulation.files import read_parameters, write_run
+from optipromp.laboratory.simulation.film import (
+    INSET,
+    LINGER,
+    PLANS,
+    View,
+    _corner,
+    frames,
+    loop_animation,
+    loop_film,
+    loop_frames,
+    shot,
+)
 from optipromp.laboratory.simulation.loop_files import (
     POINTS,
     ellipsoids,
@@ -20,15 +30,7 @@ from optipromp.laboratory.simulation.loop_files import (
     record_of,
     write_loop,
 )
-from optipromp.laboratory.simulation.loop_film import (
-    INSET,
-    PLANS,
-    _corner,
-    loop_animation,
-    loop_film,
-    loop_frames,
-)
-from optipromp.laboratory.simulation.render import LINGER, View, frames
+from optipromp.laboratory.simulation.studio import dressed
 from optipromp.laboratory.simulation.world import build
 
 SMALL = View(width=240, height=160)

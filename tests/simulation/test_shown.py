@@ -7,7 +7,7 @@ import pytest
 
 from optipromp import plan
 from optipromp.laboratory.simulation import simulate
-from optipromp.laboratory.simulation.moving import Moving
+from optipromp.laboratory.simulation.execute import Moving
 from optipromp.laboratory.simulation.world import build
 
 

@@ -11,7 +11,7 @@ from optipromp.core.planning.task import posed
 from optipromp.core.scenes.io import scene_to_dict
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
-from optipromp.laboratory.simulation.progress import HarmSoFar
+from optipromp.laboratory.simulation.contacts import HarmSoFar
 from optipromp.laboratory.simulation.simulation import FruitStates
 
 TICK = 0.001  # [s] of a reference, as of the main simulation's controller

@@ -140,8 +140,7 @@ def check(
         robot, found = load_arm(item, choice=named.choice)
         summary = _robot(robot, found)
         if out is not None:
-            from optipromp.looks.viewer.cover import cover_figure
-            from optipromp.looks.viewer.figures import png
+            from optipromp.looks.viewer.figures import cover_figure, png
 
             _write({"cover.png": png(cover_figure(robot))}, out)
     elif named:

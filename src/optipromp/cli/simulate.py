@@ -210,8 +210,7 @@ def _leave(
 
     films = {}
     if kinds:
-        from optipromp.laboratory.simulation.loop_film import loop_animation, loop_film
-        from optipromp.laboratory.simulation.render import animation, film
+        from optipromp.laboratory.simulation.film import animation, film, loop_animation, loop_film
 
         with waiting("drawing"):
             for kind in kinds:
@@ -227,7 +226,7 @@ def _leave(
 
 
 def _shown(run: "Run", told: str) -> list[str]:
-    from optipromp.laboratory.simulation.words import run_rows
+    from optipromp.laboratory.simulation.execute import run_rows
 
     return [
         f"{run.scene.name}  {told}  {run.outcome.told}",

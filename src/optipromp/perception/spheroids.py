@@ -3,13 +3,17 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.ndimage import binary_erosion
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frame_along
 from optipromp.perception.balls import (
+    FitData,
     SpheroidRows,
     axis_of,
+    balls_of,
     descended,
     padded,
     planar,
@@ -18,9 +22,221 @@ from optipromp.perception.balls import (
     system,
 )
 from optipromp.perception.finder import Region
+from optipromp.perception.geometry import edge_of
 from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.pictures import DepthPicture
-from optipromp.perception.shown import SpheroidViews, rays_of, shown_of, slack_of, start_of
+
+MOST_POINTS, MOST_RAYS = 120, 60  # that a fit uses: a choice
+TOUCHING = 1e-3  # [m] depth below which nothing is measured, but numbers overflow: a choice
+INSIDE = 2  # [pixel] from the outline to the depths that are used: edges of depth are ragged
+BEFORE = 0.006  # [m] by which something that hides a fruit is nearer than it: a choice
+GRID, WIDE = 25, 1.4  # samples across a fruit, and radii from its middle to the last: a choice
+TURNS, TICKS = 48, 64  # directions in which an outline is looked for, and samples along: a choice
+BEYOND = 3.0, 5.0  # [pixel] beyond an outline, where what hides the fruit would be: a choice
+
+
+class SpheroidViews(NamedTuple):
+    """What the picture shows of R spheroids; names as in :class:`Spheroid`.
+
+    Attributes:
+        data: for the next fit.
+        support: (R,) samples where its surface is seen.
+    """
+
+    data: FitData
+    support: IntArray
+    share: FloatArray
+    through: FloatArray
+    spill: FloatArray
+
+    def of(self, rows: BoolArray) -> "SpheroidViews":
+        """Those of some spheroids."""
+        data = FitData(*(each[rows] for each in self.data))
+        rest = self.share[rows], self.through[rows], self.spill[rows]
+        return SpheroidViews(data, self.support[rows], *rest)
+
+
+def _at(
+    picture: DepthPicture, colours: IntArray, where: FloatArray
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Rays (..., 3), depths (nan outside the picture) and colours at pixels (..., 2)."""
+    camera = picture.camera
+    cells = np.rint(where).astype(np.int64)
+    column = np.clip(cells[..., 0], 0, camera.width - 1)
+    row = np.clip(cells[..., 1], 0, camera.height - 1)
+    depth = np.where(
+        (column == cells[..., 0]) & (row == cells[..., 1]), picture.depth[row, column], np.nan
+    )
+    x, y = (column - camera.cx) / camera.fx, (row - camera.cy) / camera.fy
+    return np.stack([x, y, np.ones_like(x)], axis=-1), depth, colours[row, column]
+
+
+def slack_of(depth: Any, p: EyeParameters) -> Any:
+    """Largest error of a depth that shows a fruit at this depth [m]."""
+    return 3.0 * p.depth_noise * depth**2 + 0.002  # a choice
+
+
+def shown_of(
+    picture: DepthPicture, colours: IntArray, kinds: IntArray, x: FloatArray, axes: FloatArray,
+    p: EyeParameters,
+) -> SpheroidViews:  # fmt: skip
+    """Where spheroids (R, 7) are seen, hidden, or seen through."""
+    count, focal = len(x), 0.5 * (picture.camera.fx + picture.camera.fy)
+    middle = picture.camera.pixels(x[:, :3])
+    size = np.exp(x[:, 3] + np.maximum(x[:, 4], 0.0)) * focal / x[:, 2]  # [pixel]
+    noise = p.depth_noise * x[:, 2] ** 2
+    slack = slack_of(x[:, 2], p)[:, None]
+    balls = balls_of(x, axes)
+    ticks = np.linspace(-WIDE, WIDE, GRID)
+    grid = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
+    rays, depth, colour = _at(picture, colours, middle[:, None] + size[:, None, None] * grid)
+    aside, front = surface(rays, balls)
+    known = depth > 0.0
+    mine = known & (colour == kinds[:, None]) & (np.abs(depth - front) < slack)
+    inside = aside < 1.0
+    area = np.maximum(inside.sum(axis=1), 1)
+    deep = aside < 1.0 - np.minimum(INSIDE / size, 0.3)[:, None]
+    ring = (aside > 1.0 + 2.0 / size[:, None]) & (aside < 1.0 + 6.0 / size[:, None])
+    support = mine & deep
+    through = known & deep & (depth > front + slack)
+    spread = (2.0 * WIDE * size / (GRID - 1)) ** 2  # [pixel] of a sample
+    per = np.maximum(p.patch / spread, 1.0)
+    weights = support / (noise * np.sqrt(per))[:, None]
+    points = rays * np.where(known, depth, 0.0)[:, :, None]
+    ways, pulls = _outlines(picture, colours, kinds, balls, (middle, size, slack), p)
+    order = np.argsort(~support, axis=1, kind="stable")[:, : max(int(support.sum(axis=1).max()), 1)]
+    rows = np.arange(count)[:, None]
+    return SpheroidViews(
+        FitData(points[rows, order], weights[rows, order], ways, pulls),
+        support.sum(axis=1), (mine & inside).sum(axis=1) / area,
+        through.sum(axis=1) / np.maximum(deep.sum(axis=1), 1),
+        (mine & ring).sum(axis=1) / np.maximum(ring.sum(axis=1), 1),
+    )  # fmt: skip
+
+
+def _outlines(
+    picture: DepthPicture, colours: IntArray, kinds: IntArray, balls: SpheroidRows,
+    about: tuple[FloatArray, FloatArray, FloatArray], p: EyeParameters,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    """Rays (R, K, 3) through the free outlines of spheroids (R, 7), and their weights (R, K)."""
+    middle, size, slack = about
+    count, focal = len(size), 0.5 * (picture.camera.fx + picture.camera.fy)
+    angle = np.arange(TURNS) * (2.0 * math.pi / TURNS)
+    turn = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    tick = np.linspace(0.3, WIDE, TICKS)
+    where = turn[:, None] * tick[:, None]  # (K, T, 2) in sizes
+    where = middle[:, None, None] + size[:, None, None, None] * where
+    rays, depth, colour = _at(picture, colours, where.reshape(count, -1, 2))
+    aside, front = surface(rays, balls)
+    shape = count, TURNS, TICKS
+    dyed = (colour == kinds[:, None]).reshape(shape)
+    near = ((depth > 0.0) & (np.abs(depth - front) < slack)).reshape(shape)
+    pixel = (size * (tick[1] - tick[0]))[:, None]
+    order = np.arange(TICKS)
+    deep = np.where(dyed & near, order, -1).max(axis=2)  # the last that is surely of the fruit
+    ends = np.where(~dyed & (order > deep[:, :, None]), order, TICKS).min(axis=2)
+    last = np.where(
+        (ends - deep) * pixel < 3.5, ends - 1, deep
+    )  # [pixel] edges of depth are ragged
+    reach = (
+        0.5 * (tick[np.clip(last, 0, TICKS - 1)] + tick[np.clip(last + 1, 0, TICKS - 1)])
+    ) * size[:, None]
+    edge = middle[:, None] + reach[..., None] * turn
+    camera = picture.camera
+    ways = np.concatenate(
+        [(edge - [camera.cx, camera.cy]) / [camera.fx, camera.fy], np.ones((count, TURNS, 1))],
+        axis=2,
+    )
+    aside, front = surface(ways, balls)
+    free = (
+        (deep >= 0)
+        & (last < TICKS - 1)
+        & (np.abs(aside - 1.0) * size[:, None] < np.maximum(0.25 * size, 4.0)[:, None])
+    )
+    for ahead in BEYOND:
+        _, beyond, _ = _at(picture, colours, edge + ahead * turn)
+        free &= ~((beyond > 0.0) & (beyond < front + BEFORE)) & ~np.isnan(beyond)
+    around = 2.0 * math.pi * size / TURNS  # [pixel] of a direction
+    per = np.maximum(p.outline_run / around, 1.0)
+    return ways, free * (focal / (p.outline * balls.center[:, 2] * np.sqrt(per)))[:, None]
+
+
+class SeedStart(NamedTuple):
+    """The middle (3,) of a seed's front [m], its radius if it is whole [m], and its data."""
+
+    place: FloatArray
+    radius: float
+    data: FitData
+
+
+def start_of(picture: DepthPicture, seed: Region, p: EyeParameters) -> SeedStart | None:
+    """Where a fit to the pixels of a seed begins."""
+    box = tuple(slice(max(b.start - INSIDE - 3, 0), b.stop + INSIDE + 3) for b in seed.box)
+    pixels = seed.pixels
+    pixels, depth = pixels[box], picture.depth[box]
+    area = int(pixels.sum())
+    inside = binary_erosion(pixels, iterations=INSIDE)
+    if inside.sum() < 0.3 * area:  # a thin rest of a fruit: a choice
+        inside = pixels
+    rows = np.argwhere(inside & (depth > 0.0))
+    if len(rows) < 8:  # a choice: fewer tell no place
+        return None
+    camera = picture.camera
+    focal = 0.5 * (camera.fx + camera.fy)
+    begin = np.array([box[0].start, box[1].start])
+    rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), 2 * MOST_POINTS)).astype(int)]
+    far = depth[rows[:, 0], rows[:, 1]]
+    middle = float(np.median(far))
+    if middle < TOUCHING:
+        return None
+    near = np.abs(far - middle) < p.most_radius
+    if not near.any():  # as many pixels far before the middle as behind it: the nearer half
+        middle = float(far[far < middle].max())
+        near = np.abs(far - middle) < p.most_radius
+    points = rays_of(picture, rows[near] + begin) * far[near][:, None]
+    points = points[:: max(len(points) // MOST_POINTS, 1)]
+    per = max(p.patch * len(points) / area, 1.0)
+    weights = 1.0 / (p.depth_noise * points[:, 2] ** 2 * math.sqrt(per))
+    edge = _free(picture, pixels, begin, middle)
+    radius = float(
+        np.clip(math.sqrt(area / math.pi) / focal * middle, p.least_radius, p.most_radius)
+    )
+    around = 2.0 * math.pi * radius * focal / middle
+    per = max(p.outline_run * len(edge) / max(around, 1.0), 1.0)
+    pulls = np.full(len(edge), focal / (p.outline * middle * math.sqrt(per)))
+    data = FitData(points, weights, rays_of(picture, edge), pulls)
+    return SeedStart(np.median(points, axis=0), radius, data)
+
+
+def rays_of(picture: DepthPicture, rows: FloatArray) -> FloatArray:
+    """Directions (N, 3), of depth 1, through rows and columns (N, 2)."""
+    camera = picture.camera
+    x, y = (rows[:, 1] - camera.cx) / camera.fx, (rows[:, 0] - camera.cy) / camera.fy
+    return np.column_stack([x, y, np.ones(len(rows))])
+
+
+def _free(picture: DepthPicture, pixels: BoolArray, begin: IntArray, middle: float) -> FloatArray:
+    """Rows and columns (K, 2) of the free part of an outline.
+
+    A part of the outline is free where what lies beyond it is not nearer than the fruit and the
+    picture does not end there.
+    """
+    height, width = picture.depth.shape
+    rows = np.argwhere(edge_of(pixels))
+    out = rows - rows.mean(axis=0)
+    out = out / np.maximum(np.linalg.norm(out, axis=1), 1e-9)[:, None]
+    shape = np.array(pixels.shape)
+    free = ((rows + begin >= 2) & (rows + begin <= np.array([height, width]) - 3)).all(axis=1)
+    for ahead in BEYOND:
+        there = np.rint(rows + ahead * out).astype(int)
+        here = np.clip(there, 0, shape - 1)
+        mine = pixels[here[:, 0], here[:, 1]]  # a dent: the fruit goes on beyond
+        there = np.clip(there + begin, 0, [height - 1, width - 1])
+        depth = picture.depth[there[:, 0], there[:, 1]]
+        free &= ~((depth > 0.0) & (depth < middle + BEFORE)) & ~mine
+    edge = (rows + 0.5 * out + begin)[free]  # half a pixel beyond the middle of the last pixel
+    return np.asarray(edge[:: max(-(-len(edge) // MOST_RAYS), 1)])
+
 
 FIRST, AGAIN, ROUNDS = 6, 4, 2  # steps to a seed, after each claim, and claims: a choice
 BATCH = 256  # seeds that are fitted at once, which bounds memory: a choice

@@ -14,10 +14,8 @@ from optipromp.core.robots.tool_protocol import quaternion
 from optipromp.core.scenes.scene import SceneObject, Stem
 from optipromp.core.scenes.trusses import nearest, parents_first
 from optipromp.laboratory.simulation.disturbances import add_carriage
-from optipromp.laboratory.simulation.engine import engine
-from optipromp.laboratory.simulation.entities import layers
+from optipromp.laboratory.simulation.engine import add_shape, engine, layers
 from optipromp.laboratory.simulation.parameters import SimulationParameters, StemParameters
-from optipromp.laboratory.simulation.solids import add_shape
 from optipromp.laboratory.simulation.trusses import StemChain, carried, holding
 
 RIPE = (0.80, 0.08, 0.10, 1.0)

@@ -1,26 +1,28 @@
 """``Simulation``: a scene in MuJoCo that is stepped by references of the joint controller."""
 
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, frozen
 from optipromp.core.errors import ExecutionError, InvalidRequestError
+from optipromp.core.execution.executor import Follower, Guard
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
-from optipromp.laboratory.simulation.contacts import pressing
-from optipromp.laboratory.simulation.entities import Layer
-from optipromp.laboratory.simulation.grip import GRIP
+from optipromp.laboratory.simulation.contacts import HarmSoFar, harm_so_far, in_tool, pressing
+from optipromp.laboratory.simulation.engine import Layer
 from optipromp.laboratory.simulation.outcome import Outcome, judge
 from optipromp.laboratory.simulation.parameters import SimulationParameters
-from optipromp.laboratory.simulation.progress import HarmSoFar, harm_so_far, in_tool
 from optipromp.laboratory.simulation.rollout import Rollout
 from optipromp.laboratory.simulation.steps import Execution, quiet
-from optipromp.laboratory.simulation.world import World, build
+from optipromp.laboratory.simulation.world import GRIP, World, build
 
 
 class FruitStates(NamedTuple):
@@ -330,3 +332,70 @@ class Simulation:
                 break
         self._first_record()
         return judge(self._world, self._run.rollout(moved), self._run.log)
+
+
+class SimulatedArm(Follower):
+    """An arm in the simulation of a scene; fruits hang, swing and tear as in ``simulate``.
+
+    Args:
+        scene: in which the arm moves, from the scene's start.
+        robot: with its tool; None: the scene's.
+        parameters: of the physics.
+        guard: when to refuse a motion and when to stop.
+        seed: of everything random.
+        real_time: whether a simulated second takes a second; else it takes as long as it needs.
+
+    Attributes:
+        simulation: in which the arm moves.
+
+    Raises:
+        InvalidRequestError: MuJoCo is not installed.
+        InvalidSceneError: something in the scene cannot be built.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        robot: Robot | None = None,
+        parameters: SimulationParameters | None = None,
+        guard: Guard | None = None,
+        *,
+        seed: int = 0,
+        real_time: bool = False,
+    ) -> None:
+        self.simulation = Simulation(scene, seed, parameters, robot=robot)
+        super().__init__(self.simulation.robot, guard)
+        self._real_time = real_time
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        return self.simulation.time
+
+    def state(self) -> State:
+        """Simulated positions and velocities; the acceleration is the commanded one."""
+        return self.simulation.state()
+
+    @contextmanager
+    def stream(self) -> Iterator[Iterator[float]]:
+        """See :class:`Follower`."""
+        yield self._ticks()
+
+    def command(self, reference: State) -> None:
+        """See :class:`Follower`."""
+        self.simulation.reference = reference
+
+    def _ticks(self) -> Iterator[float]:
+        began, wall = self.time, time.perf_counter()
+        while True:
+            yield self.time - began
+            with suppress(ExecutionError):
+                self.simulation.step(self.simulation.reference)
+            if self.simulation.broken:
+                return
+            if self._real_time:
+                time.sleep(max(0.0, self.time - began - (time.perf_counter() - wall)))
+
+    def outcome(self) -> Outcome:
+        """Stand still for ``control.hold``, then judge all that happened so far."""
+        return self.simulation.outcome()

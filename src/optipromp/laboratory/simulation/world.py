@@ -25,12 +25,9 @@ from optipromp.laboratory.simulation.disturbances import (
     root_motion,
     roots_of,
 )
-from optipromp.laboratory.simulation.engine import engine
-from optipromp.laboratory.simulation.entities import NOBODY, Entity, layers
+from optipromp.laboratory.simulation.engine import NOBODY, Entity, add_shape, engine, layers
 from optipromp.laboratory.simulation.fruits import BuiltFruit, add_fruit, bows, trusses_of
-from optipromp.laboratory.simulation.grip import add_grip
 from optipromp.laboratory.simulation.parameters import SimulationParameters
-from optipromp.laboratory.simulation.solids import add_shape
 
 STATIC_COLOUR = (0.62, 0.60, 0.57, 1.0)
 AVOID_COLOUR = (0.35, 0.60, 0.30, 0.35)
@@ -446,3 +443,18 @@ def apart(scene: Scene) -> tuple[Scene, dict[str, float]]:
             item = replace(item, position=item.position + shift, stem=stem, motion=motion)
         objects.append(item)
     return replace(scene, objects=rooted(objects)), far
+
+
+GRIP = "grip"
+"""Name of the weld between the tool and the target; it holds from the pick to the release."""
+
+
+def add_grip(spec: Any, scene: Scene, robot: Robot) -> None:
+    """Add the weld, which does not hold yet, after those of the stems; for a scene with a place."""
+    mujoco = engine()
+    if scene.place is None or robot.tool is None or scene.target is None:
+        return
+    spec.add_equality(
+        name=GRIP, type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY, name1="tool",
+        name2=f"fruit:{scene.target.id}", active=False,
+    )  # fmt: skip

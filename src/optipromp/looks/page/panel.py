@@ -9,18 +9,26 @@ from typing import Any
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import InvalidRequestError, OptiPrompError
-from optipromp.core.files import file_name
+from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning import STRATEGIES, Plan, planner_names
 from optipromp.core.scenes.scene import Scene
-from optipromp.core.shown import is_name
-from optipromp.looks.appearance.part import hex_colour
+from optipromp.looks.appearance.faces import hex_colour
 from optipromp.looks.appearance.scene import SEE_THROUGH, colour_of
 from optipromp.looks.page import arrange
 from optipromp.looks.page.content import GREEN_AT, Chart, charts
-from optipromp.looks.page.look import NARROW, SHEET
-from optipromp.looks.page.stage import AHEAD, BACK, LAYERS, PLANNED, SIDE, SPREAD, SURE, UNSURE
-from optipromp.looks.page.tabs import RecordTab, ReplayTab
+from optipromp.looks.page.stage import (
+    AHEAD,
+    BACK,
+    LAYERS,
+    NARROW,
+    PLANNED,
+    SHEET,
+    SIDE,
+    SPREAD,
+    SURE,
+    UNSURE,
+)
+from optipromp.looks.page.tabs import Controls, RecordTab, ReplayTab
 from optipromp.looks.page.telling import Told, table
 from optipromp.looks.page.window import Window
 from optipromp.looks.viewer.drawn import GREEN, PRIMITIVE, RED, motions
@@ -62,14 +70,13 @@ STYLE = f"""<style>
 CHART_EVERY = 0.1  # [s] between two moves of the charts' needles while the clock runs
 
 
-class Panel:
+class Panel(Controls):
     """Builds the controls of a window and keeps them in step with it."""
 
     def __init__(self, window: Window) -> None:
-        self.window, self.gui = window, window.client.gui
+        super().__init__(window)
         self.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
         self.gui.set_panel_label(f"OptI-ProMP: {window.scene.name}")
-        self.buttons: list[Any] = []
         self.gui.add_html(STYLE)
         self.status = self.gui.add_html("")
         window.say, window.occupy = self._say, self._occupy
@@ -105,12 +112,6 @@ class Panel:
         if not on:
             self.recording.enable()
 
-    def button(self, label: str, act: Callable[[], None]) -> Any:
-        """Add a button that posts ``act``; it cannot be pressed while something is under way."""
-        self.buttons.append(self.gui.add_button(label))
-        self.on(self.buttons[-1], label, lambda _: act())
-        return self.buttons[-1]
-
     def _explain(self) -> None:
         """Update the legend."""
         window = self.window
@@ -124,22 +125,6 @@ class Panel:
         self.legend.content = legend(entries)
         for name in PLANNED:
             self.layers[name].disabled = bool(window.replayed)
-
-    def on(self, control: Any, kind: str, act: Callable[[Any], None]) -> None:
-        """Post ``act`` with the new value when the user changes a control."""
-
-        async def changed(event: Any) -> None:
-            if event.client is not None:
-                value = event.target.value
-                self.window.post(kind, lambda: self._safely(act, value))
-
-        (getattr(control, "on_update", None) or control.on_click)(changed)
-
-    def _safely(self, act: Callable[[Any], None], value: Any) -> None:
-        try:
-            act(value)
-        except OptiPrompError as error:
-            self.window.refuse(error)
 
     # -- the clock ------------------------------------------------------------------------------
 
@@ -227,10 +212,6 @@ class Panel:
             window.change(arrange.moved(window.scene, window.selected, np.array(value)))
             window.select(window.selected.name)
 
-    def named(self) -> str:
-        """The name to save under, see :func:`plain_name`."""
-        return plain_name(str(self.name.value))
-
     def _save_scene(self) -> None:
         from optipromp.core.files import check_folder
         from optipromp.core.scenes.io import save_scene
@@ -305,14 +286,6 @@ class Panel:
             self.choice.value = window.selected.name
             self.place.value = tuple(arrange.place(window.scene, window.selected).tolist())
         self.plots.mark(window.now, CHART_EVERY * window.speed if window.worker.running else 0.0)
-
-
-def plain_name(text: str) -> str:
-    """The name of a file within the page's folder."""
-    name = text.strip()
-    if not is_name(name) or name != file_name(name).strip("."):
-        raise InvalidRequestError(f"the name {name!r} is not a plain file name")
-    return name
 
 
 CHART_HEIGHT = 170  # [pixel]

@@ -9,7 +9,7 @@ from typing import Any
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.looks.page.panel import Panel
-from optipromp.looks.page.sources import Source
+from optipromp.looks.page.replay import Source
 from optipromp.looks.page.window import Window
 from optipromp.looks.viewer.serving import listening
 

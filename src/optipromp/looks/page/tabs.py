@@ -1,28 +1,27 @@
-"""The tabs for recording demonstrations and for replaying executed plans."""
+"""The controls that all tabs share, and the tabs that record demonstrations and replay runs."""
 
 import math
 import warnings
-from typing import TYPE_CHECKING
-
-from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import InvalidRequestError
-from optipromp.core.files import check_folder
-from optipromp.core.planning.task import posed
-from optipromp.laboratory.simulation.loop_files import LoopRecord
-from optipromp.looks.page.content import bundle
-from optipromp.looks.viewer.drawn import GREEN, RED
-
-if TYPE_CHECKING:
-    from optipromp.looks.page.panel import Panel
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import InvalidRequestError, OptiPrompError
+from optipromp.core.files import check_folder, file_name
+from optipromp.core.planning.task import posed
 from optipromp.core.promp import Basis, Demonstrations, ProMP, fit
 from optipromp.core.promp.demonstrations import Demonstration, save_demonstrations
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
+from optipromp.core.shown import is_name
+from optipromp.laboratory.simulation.loop_files import LoopRecord
+from optipromp.looks.page.content import bundle
+from optipromp.looks.page.window import Window
+from optipromp.looks.viewer.drawn import GREEN, RED
 
 RECENT = 0.5  # [s] age of a look above which nothing is drawn: the camera is blocked, a choice
 _SIDE = 200  # [pixel] of what the camera of a closed loop saw, beside the replay
@@ -30,10 +29,53 @@ LEARNT = "learnt band"
 _TELL = "Drag the tool by its handle; the joints follow. Then accept or discard, save, learn."
 
 
+def plain_name(text: str) -> str:
+    """The name of a file within the page's folder."""
+    name = text.strip()
+    if not is_name(name) or name != file_name(name).strip("."):
+        raise InvalidRequestError(f"the name {name!r} is not a plain file name")
+    return name
+
+
+class Controls:
+    """The controls of a window: each posts what it does, and errors are told on the page."""
+
+    def __init__(self, window: Window) -> None:
+        self.window, self.gui = window, window.client.gui
+        self.buttons: list[Any] = []
+        self.name: Any = None  # the field of the name to save under
+
+    def button(self, label: str, act: Callable[[], None]) -> Any:
+        """Add a button that posts ``act``; it cannot be pressed while something is under way."""
+        self.buttons.append(self.gui.add_button(label))
+        self.on(self.buttons[-1], label, lambda _: act())
+        return self.buttons[-1]
+
+    def on(self, control: Any, kind: str, act: Callable[[Any], None]) -> None:
+        """Post ``act`` with the new value when the user changes a control."""
+
+        async def changed(event: Any) -> None:
+            if event.client is not None:
+                value = event.target.value
+                self.window.post(kind, lambda: self._safely(act, value))
+
+        (getattr(control, "on_update", None) or control.on_click)(changed)
+
+    def _safely(self, act: Callable[[Any], None], value: Any) -> None:
+        try:
+            act(value)
+        except OptiPrompError as error:
+            self.window.refuse(error)
+
+    def named(self) -> str:
+        """The name to save under, see :func:`plain_name`."""
+        return plain_name(str(self.name.value))
+
+
 class RecordTab:
     """Controls of a recording; the window's scene gives robot and start."""
 
-    def __init__(self, panel: "Panel") -> None:
+    def __init__(self, panel: Controls) -> None:
         self.panel, self.window, gui = panel, panel.window, panel.gui
         self.recorder: Recorder | None = None
         self.told = gui.add_markdown(_TELL)
@@ -132,7 +174,7 @@ class RecordTab:
 class ReplayTab:
     """Controls of executed plans."""
 
-    def __init__(self, panel: "Panel") -> None:
+    def __init__(self, panel: Controls) -> None:
         self.window, gui = panel.window, panel.gui
         panel.button("execute this plan", self.window.execute)
         self.choice = gui.add_dropdown("replay", ("none",))

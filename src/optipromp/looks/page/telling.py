@@ -11,8 +11,7 @@ from optipromp.core.planning import Plan
 from optipromp.core.planning.verdict import verdict_of
 from optipromp.looks.page.replay import Replay
 from optipromp.looks.viewer.drawn import GREEN, OPTIMISED, RED
-from optipromp.looks.viewer.plain import head, sentence, sentences, without_codes
-from optipromp.looks.viewer.words import plan_rows
+from optipromp.looks.viewer.words import head, plan_rows, sentence, sentences, without_codes
 
 _WRONG = {  # rows of the table by the kinds of violation that concern them
     "target": {"goal", "axis"},
