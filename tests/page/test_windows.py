@@ -15,8 +15,8 @@ import msgspec
 import viser
 
 from optipromp.core.errors import InvalidRequestError
+from optipromp.looks.page.panel import Page
 from optipromp.looks.page.replay import open_source
-from optipromp.looks.page.server import Page
 from optipromp.looks.page.tabs import plain_name
 
 CAMERA = {

@@ -44,7 +44,7 @@ class Kind(NamedTuple):
     fewest: int = 1
     most: int = 4
     """Of pushables, with even odds."""
-    count: Callable[[np.random.Generator], int] | None = None
+    number: Callable[[np.random.Generator], int] | None = None
     """Samples the number of pushables in place of ``fewest`` and ``most``."""
     gutter: bool | None = None
     """Whether a gutter stands on the side that is sampled; None: no side is sampled."""
@@ -64,7 +64,7 @@ KINDS: Mapping[Preset, Kind] = {
     "truss": Kind(plants.truss, 2),
     "field": Kind(plants.field, 2, plants=(bunches.sample, bunches.tight, plants.truss)),
     "shelf": Kind(shelves.sample, 2, 6, panda_only=True),
-    "wild": Kind(plants.wild, count=plants.wild_count),
+    "wild": Kind(plants.wild, number=plants.wild_count),
 }
 
 
@@ -153,7 +153,7 @@ def generate_with_report(
         raise InvalidRequestError(f"scenes of the preset {preset} are for the built-in panda only")
     rng = np.random.default_rng([zlib.crc32(preset.encode()), seed])
     reasons: Counter[str] = Counter()
-    count = kind.count(rng) if kind.count else int(rng.integers(kind.fewest, kind.most + 1))
+    count = kind.number(rng) if kind.number else int(rng.integers(kind.fewest, kind.most + 1))
     sample, unfits = kind.sample, 0
     if kind.plants:
         sample = partial(sample, kind.plants[int(rng.integers(len(kind.plants)))])

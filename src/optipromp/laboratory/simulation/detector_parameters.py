@@ -6,6 +6,7 @@ from typing import Literal
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.parameters import Checked, parameter
+from optipromp.laboratory.detection import Noise
 
 MOUNTS = "palm", "hand", "beside"
 SIGNED = "bias", "lower"  # may be negative
@@ -17,7 +18,7 @@ ABOVE_ZERO = "view", "rate", "reference", "slot", "aim", "leaf_size", "false_rad
 
 
 @dataclass(frozen=True)
-class DetectorParameters(Checked):
+class DetectorParameters(Noise):
     """Where the camera is, how late it is and what the detector does wrong.
 
     Standard deviations, ``bias`` and ``angle`` hold at the distance ``reference`` and grow with the
@@ -37,8 +38,6 @@ class DetectorParameters(Checked):
     view: float = parameter(1.4, "rad", "choice", "full angle of the view; RGB-D: 42-87 degrees")
     rate: float = parameter(20.0, "Hz", "reported", "pictures; detectors run at 10-30 Hz")
     latency: float = parameter(0.06, "s", "reported", "exposure to detections; 0.03-0.1 s reported")
-    position: float = parameter(0.0, "m", "choice", "deviation of each coordinate; 0: exact")
-    angle: float = parameter(0.0, "deg", "choice", "deviation of a stem's tilt, each axis")
     reference: float = parameter(0.45, "m", "choice", "distance at which the errors hold")
     along: float = parameter(1.0, "1", "choice", "deviation along the sight over that across")
     least_position: float = parameter(
@@ -48,9 +47,6 @@ class DetectorParameters(Checked):
         0.3, "1", "guess", "of the variance, for the whole run: of a fruit's unseen part"
     )
     bias: float = parameter(0.0, "m", "choice", "along the line of sight; positive: too far")
-    lower: float = parameter(0.0, "m", "choice", "positive: seen lower than it is")
-    missed: float = parameter(0.0, "1", "choice", "probability that a fruit in view is missed")
-    hidden: float = parameter(0.0, "1", "choice", "of a wholly hidden one; in between by its share")
     hidden_from: float = parameter(
         0.0, "1", "choice", "hidden share above which it is missed more often"
     )
@@ -85,7 +81,7 @@ class DetectorParameters(Checked):
                 raise InvalidRequestError(f"{name} is {getattr(self, name)}; must be finite [m]")
         signed = {name: getattr(self, name) for name in SIGNED}
         self._set(dict.fromkeys(SIGNED, 0.0))  # Checked refuses negative numbers
-        super().__post_init__()
+        Checked.__post_init__(self)
         self._set(signed)
         for name in SHARES:
             if getattr(self, name) > 1.0:

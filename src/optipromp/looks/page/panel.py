@@ -1,9 +1,14 @@
 """The controls of a window: state, clock, planning, moving, layers, charts."""
 
+import asyncio
 import functools
 import html
+import io
+import socket
 from collections.abc import Callable, Collection, Sequence
+from contextlib import redirect_stdout
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +21,7 @@ from optipromp.looks.appearance.faces import hex_colour
 from optipromp.looks.appearance.scene import SEE_THROUGH, colour_of
 from optipromp.looks.page import arrange
 from optipromp.looks.page.content import GREEN_AT, Chart, charts
+from optipromp.looks.page.replay import Source
 from optipromp.looks.page.stage import (
     AHEAD,
     BACK,
@@ -32,6 +38,7 @@ from optipromp.looks.page.tabs import Controls, RecordTab, ReplayTab
 from optipromp.looks.page.telling import Told, table
 from optipromp.looks.page.window import Window
 from optipromp.looks.viewer.drawn import GREEN, PRIMITIVE, RED, motions
+from optipromp.looks.viewer.serving import listening
 from optipromp.perception.overlay import RIPE, STEM, UNRIPE
 
 SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1": 1.0, "2": 2.0}
@@ -471,3 +478,62 @@ def _sign(width: str, height: str, style: str) -> str:
 def _seen(colour: str, opacity: float) -> str:
     """A colour with its opacity in two more digits."""
     return f"{colour}{round(255 * opacity):02x}"
+
+
+class Page:
+    """A running server. :meth:`stop` ends it and its threads.
+
+    ``source``: that each window opens with. ``host``: address of the server. ``port``: of the
+    server; 0: any free one. ``out``: folder into which windows save.
+    """
+
+    def __init__(
+        self, source: Source, *, host: str = "localhost", port: int = 0, out: Path = Path("out")
+    ) -> None:
+        self.source, self.out = source, out
+        self.windows: dict[int, Window] = {}
+        self.panels: dict[int, Panel] = {}
+        self.server = listening(host, usable(host, port))
+        self.url = f"http://{host}:{self.server.get_port()}"
+        self.server.on_client_connect(self._enter)
+        self.server.on_client_disconnect(self._leave)
+
+    # Coroutines, since viser awaits these in the order of events. It gives functions to threads in
+    # any order: a window that leaves before it enters would stay for ever.
+
+    async def _enter(self, client: Any) -> None:
+        window = Window(client, self.source, self.out)
+        self.windows[client.client_id] = window
+
+        def begin() -> None:
+            panel = Panel(window)
+            if client.client_id in self.windows:  # it may have left meanwhile
+                self.panels[client.client_id] = panel
+                window.start()
+
+        window.post("start", begin)
+
+    async def _leave(self, client: Any) -> None:
+        window = self.windows.pop(client.client_id, None)
+        if window is not None:
+            await asyncio.to_thread(window.close)
+        self.panels.pop(client.client_id, None)
+
+    def stop(self) -> None:
+        """Close every window and the server."""
+        for window in list(self.windows.values()):
+            window.close()
+        with redirect_stdout(io.StringIO()):
+            self.server.stop()
+
+
+def usable(host: str, port: int) -> int:
+    """The port, or a free one for 0."""
+    try:
+        family, *_ = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind((host, port))
+            return int(probe.getsockname()[1])
+    except (OSError, OverflowError) as error:
+        raise InvalidRequestError(f"cannot listen at {host}:{port}: {error}") from None

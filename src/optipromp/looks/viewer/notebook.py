@@ -83,7 +83,7 @@ def show(thing: Any) -> View3D:
 
 def plot(thing: Any, *args: Any) -> Plot:
     """The picture of a plan, a primitive, a trajectory or a robot's spheres."""
-    from optipromp.looks.viewer import cover, figures, reach
+    from optipromp.looks.viewer import figures, reach
 
     if isinstance(thing, Plan):
         return Plot(reach.reach_figure(thing))
@@ -92,7 +92,7 @@ def plot(thing: Any, *args: Any) -> Plot:
     if isinstance(thing, Trajectory):
         return Plot(figures.trajectory_figure(thing))
     if isinstance(thing, Robot):
-        return Plot(cover.cover_figure(thing))
+        return Plot(figures.cover_figure(thing))
     raise InvalidRequestError(f"there is no picture of a {type(thing).__name__}; try show()")
 
 
