@@ -407,6 +407,8 @@ def loop_frames(
         camera = shot(world, model, run, times, view)
         top, left = _corner(loop, camera, times, view, model)
         solid, glass = model.mat_rgba.copy(), _glass(model)
+        for size in ((view.width, view.height), (side, side)):
+            studio.renderer(*size)  # one made between two pictures changes pixels of the next
         for k, time in enumerate(times.tolist()):
             index = _index(run, time)
             studio.stand(run.rollout.states[index])
