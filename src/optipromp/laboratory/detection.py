@@ -76,5 +76,5 @@ def turned(vector: FloatArray) -> FloatArray:
 
 def tilt(vector: FloatArray, angles: FloatArray) -> FloatArray:
     """Rotation (3, 3) that tilts ``vector`` (3,) by angles (2,) [rad] about two axes across it."""
-    x, y, _ = frame_along(vector / np.linalg.norm(vector)).T
-    return turned(angles[0] * x + angles[1] * y)
+    across = frame_along(vector / np.linalg.norm(vector))[:, :2]
+    return turned(across @ angles)

@@ -407,8 +407,6 @@ def loop_frames(
         camera = shot(world, model, run, times, view)
         top, left = _corner(loop, camera, times, view, model)
         solid, glass = model.mat_rgba.copy(), _glass(model)
-        for size in ((view.width, view.height), (side, side)):
-            studio.renderer(*size)  # one made between two pictures changes pixels of the next
         for k, time in enumerate(times.tolist()):
             index = _index(run, time)
             studio.stand(run.rollout.states[index])
@@ -496,7 +494,11 @@ def _next(scene: Any) -> Any:
     if scene.ngeom >= scene.maxgeom:
         return None
     scene.ngeom += 1
-    return scene.geoms[scene.ngeom - 1]
+    geom = scene.geoms[scene.ngeom - 1]
+    # mjv_initGeom leaves these as they were in memory, and pixels with them
+    geom.transparent = geom.category = geom.objtype = geom.objid = geom.segid = 0
+    geom.camdist = 0.0
+    return geom
 
 
 def _look_from(scene: Any, pose: Pose, view: float) -> None:
