@@ -15,13 +15,13 @@ from optipromp.core.geometry.obstacles import Obstacles, pack
 from optipromp.core.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere
 from optipromp.core.optimization.costs.joints import VelocityCost
 from optipromp.core.optimization.costs.obstacles import ObstacleCost, SelfCost
-from optipromp.core.optimization.costs.tool import PushCost
 from optipromp.core.optimization.evaluation import BodyPoints
 from optipromp.core.optimization.problem import Problem, Surroundings
 from optipromp.core.planning.task import reach as arm_reach
 from optipromp.core.robots.library import load_robot
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.tools import Cup, with_tool
+from optipromp.laboratory.planners.paper import PushCost
 
 SOURCE = Path(__file__).parent / "cpp" / "evaluation.cpp"
 FLAGS = ("-O3", "-march=native", "-std=c++17")

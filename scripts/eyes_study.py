@@ -11,7 +11,7 @@ import itertools
 import json
 from pathlib import Path
 
-from optipromp.laboratory.experiments.seeing import compared, figures
+from optipromp.laboratory.experiments.eyes import compared, figures
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.photograph import photograph
 from optipromp.perception.detector import finder_named

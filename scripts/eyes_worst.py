@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image, ImageDraw
 
-from optipromp.laboratory.experiments.seeing import SURE, SeenPicture, matched
+from optipromp.laboratory.experiments.eyes import SURE, SeenPicture, matched
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.photograph import FRUITS, Photograph, photograph
 from optipromp.perception import look_at

@@ -30,8 +30,7 @@ import numpy as np
 from optipromp.core.planning import plan
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.scene import Scene
-from optipromp.laboratory.experiments.eyes import STILL, cameras
-from optipromp.laboratory.experiments.seeing import SeenFruit, compared
+from optipromp.laboratory.experiments.eyes import STILL, SeenFruit, cameras, compared
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.detector import Detector, DetectorParameters
 from optipromp.laboratory.simulation.photograph import photograph

@@ -34,7 +34,7 @@ DATA = ROOT / "src" / "optipromp"
 READERS = [
     "yaml", "defusedxml", "optipromp.core.documents", "optipromp.core.files",
     "optipromp.core.geometry.loading", "optipromp.core.shown", "optipromp.core.output",
-    "optipromp.core.trajectory_files", "optipromp.core.promp.demonstrations",
+    "optipromp.core.trajectory", "optipromp.core.promp.demonstrations",
     "optipromp.core.promp.checks", "optipromp.core.promp.model", "optipromp.core.scenes.reading",
     "optipromp.core.scenes.schema", "optipromp.core.scenes.objects", "optipromp.core.scenes.values",
     "optipromp.core.scenes.pose", "optipromp.core.scenes.io", "optipromp.readers.urdf",
@@ -106,7 +106,7 @@ def parser(target: str, folder: Path) -> Callable[[Path], Any]:
     """What reads a file, as the library does. Imports it."""
     from optipromp import ProMP, load_demonstrations, load_plan, load_robot, load_scene
     from optipromp.core.geometry.loading import load_cloud, load_mesh
-    from optipromp.core.trajectory_files import read_trajectory
+    from optipromp.core.trajectory import read_trajectory
     from optipromp.readers.robot_file import read_robot_file
     from optipromp.readers.srdf import read_srdf
     from optipromp.readers.urdf import read_urdf

@@ -22,18 +22,14 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import Budget
-from optipromp.core.planning import PlanOptions
 from optipromp.core.planning.goals import find
-from optipromp.core.planning.options import PaperOptions
 from optipromp.core.planning.primitive import learnt
 from optipromp.core.planning.task import posed, resolve
 from optipromp.core.robots.model import BodySpheres, Robot
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import PoseGoal, Scene
-from optipromp.laboratory.planners.paper import PAPER_BASIS
-from optipromp.laboratory.planners.paper_problem import Posed, posed_problems
-from optipromp.laboratory.planners.paper_stages import staged
-from optipromp.laboratory.planners.parameters import PAPER
+from optipromp.laboratory.planners.paper import PAPER_BASIS, Paper, PaperOptions
+from optipromp.laboratory.planners.paper_stages import PAPER, Posed, posed_problems, staged
 
 BEGIN, END = "<!-- falls: begin -->", "<!-- falls: end -->"
 START = (0.0, 0.0, 0.0, -0.1, 0.0, 0.0, 0.8)  # [rad] the paper's
@@ -98,7 +94,7 @@ def begun(name: str, seed: int) -> Posed:
     scene = scene_of(name)
     task = resolve(scene, as_points(posed(scene)[0]))
     deviation = MET if scene.static else PaperOptions.via_deviation
-    options = PlanOptions(paper=PaperOptions(via_deviation=deviation))
+    options = Paper(constraints="push-model", paper=PaperOptions(via_deviation=deviation))
     goals = find(task, seed, PAPER.spread_starts)[:GOALS]
     term = next(term for term in PUBLISHED[name] if term != "push")
 
@@ -107,7 +103,7 @@ def begun(name: str, seed: int) -> Posed:
         return abs(math.log(max(value, 1e-12) / PUBLISHED[name][term][0]))
 
     promp = learnt(task, None, PAPER_BASIS)
-    found = posed_problems(task, promp, options, "sequential", goals)
+    found = posed_problems(task, promp, options, goals)
     return min((first for first, *_ in found), key=off)
 
 

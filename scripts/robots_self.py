@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from optipromp.core.robots import Robot, load_robot
 from optipromp.core.robots.description import LinkGeometry, LinkShape, rotation_of
-from optipromp.readers.fit import spread
+from optipromp.readers.fit import spread_points
 from optipromp.readers.meshes import triangles
 
 
@@ -89,11 +89,11 @@ def meshes_touch(robot: Robot, q: np.ndarray, missed: np.ndarray) -> tuple[np.nd
 
 def _depth(solid: tuple[np.ndarray, ...], place: coal.Transform3s, mesh: np.ndarray) -> float:
     """How deep points of ``mesh``, 1 mm apart, that stands at ``place`` are in a solid [m]."""
-    (own, low, high), points = solid, spread(mesh, 0.001)
+    (own, low, high), points = solid, spread_points(mesh, 0.001)
     placed = points @ place.getRotation().T + place.getTranslation()
     rows = np.flatnonzero(((placed > low) & (placed < high)).all(axis=1))
     inside = [t for t in rows if _inside(solid, place, points[t])]
-    away = cKDTree(spread(own, 0.001)).query(placed[inside])[0] if inside else np.zeros(1)
+    away = cKDTree(spread_points(own, 0.001)).query(placed[inside])[0] if inside else np.zeros(1)
     return float(away.max())
 
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optipromp.cli.render import seeds_of, write_shot
+from optipromp.cli.generate import seeds_of, write_shot
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.files import check_folder, write_together
 from optipromp.core.scenes.pose import Pose

@@ -13,14 +13,13 @@ import json
 import re
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from optipromp.laboratory.experiments.row_files import rows_of
-from optipromp.laboratory.experiments.runs import Row
+from optipromp.laboratory.experiments.rows import Row, rows_of
 from optipromp.laboratory.experiments.statistics import Cell, calibration, summary
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -42,7 +41,7 @@ def result(rows: Sequence[Row]) -> dict[str, Any]:
         "versions": sorted({row.version for row in rows}),
         "cells": [cell.to_dict() for cell in summary(rows)],
         "all": summary(together)[0].to_dict(),
-        "reliability": None if found is None else asdict(found),
+        "reliability": None if found is None else found.to_dict(),
         "plan_time_ms": [round(float(time), 1) for time in times],
         "tilted": sum(row.tilt > 0.1 for row in rows),
         "runs": len(rows),
@@ -56,7 +55,7 @@ def kept(name: str) -> Result:
 
 
 def _cell(values: Mapping[str, Any]) -> Cell:
-    return Cell(**{key: value for key, value in values.items() if key != "broken"})
+    return Cell(values)
 
 
 def rates(found: Result) -> list[str]:

@@ -33,11 +33,12 @@ LONG = {
     "experiments": "baselines cluster eyes loops own_scenes paper_falls study variations",
     "fuzzing": "doors",
     "geometry": "grids",
+    "judging": "against_coal_and_mujoco crowds planted",
     "looks": "looks",
     "perception": "bounds calibration network seeing spheroids watcher",
     "page": "first_sight loop_replay page sources words",
     "planning": (
-        "follow goals legs lines many moving moving_neighbours options paper "
+        "approaches cutting follow goals legs many moving moving_neighbours options paper "
         "paper_in_two_dimensions paper_settings prediction regions requests risk static_margin "
         "underway verdict ways"
     ),

@@ -14,7 +14,7 @@ import pytest
 import optipromp
 from optipromp.core.errors import Code
 from optipromp.core.planning import PlanOptions
-from optipromp.core.pushing.calibration import DETECTED, KNOWN, PACKS
+from optipromp.core.pushing.parameters import DETECTED, KNOWN, PACKS
 from optipromp.core.scenes import load_scene
 from optipromp.laboratory.experiments.statistics import wilson
 from optipromp.laboratory.simulation import SimulationParameters

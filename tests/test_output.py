@@ -157,12 +157,3 @@ def test_what_a_file_says_is_not_believed(result: Plan, tmp_path: Path, damage: 
     path.write_text(json.dumps(document))
     with pytest.raises(OptiPrompError, match=str(tmp_path)):
         load_plan(tmp_path)
-
-
-@pytest.mark.parametrize("harm", [0.0, 3.0])
-def test_the_harm_of_a_file_is_predicted_again(result: Plan, tmp_path: Path, harm: float) -> None:
-    write_plan(result, tmp_path)
-    path = tmp_path / "plan.json"
-    stated = {"harm": harm, "threshold": 1.0, "object": "", "cause": "so it says"}
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"predicted_harm": stated}))
-    assert load_plan(tmp_path).to_dict() == result.to_dict()

@@ -7,10 +7,9 @@ import numpy as np
 
 from benchmarks.entries.pathed import Pathed
 from optipromp.bench.entries.planners import gentle_plan
-from optipromp.core.arrays import FloatArray, evenly
+from optipromp.core.arrays import FloatArray, evenly_along
 from optipromp.core.budget import Budget
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
-from optipromp.core.optimization import covariant
 from optipromp.core.planning import plan
 from optipromp.core.planning.collision import collider, open_edge
 from optipromp.core.planning.planners import goal_configurations
@@ -21,7 +20,7 @@ from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import ToolPath, through
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
-from optipromp.laboratory.planners.obstacles import Chomp
+from optipromp.laboratory.planners.obstacles import Chomp, descend
 from optipromp.laboratory.planners.straight import gently
 from optipromp.timing import LEAST, gentle
 
@@ -38,14 +37,14 @@ class FromLine(Chomp):
     waypoints: ClassVar[int] = 100
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed:
-        """See :class:`optipromp.core.planning.planner.Planner`."""
+        """See :class:`optipromp.core.planning.planners.Planner`."""
         chosen = goal_configurations(pushed_aside(task), budget)
         if not len(chosen.q):
             return chosen.failed
         share = np.linspace(0.0, 1.0, self.waypoints)[:, None]
         line = task.start + share * (chosen.q[0] - task.start)
         problem = self.problem(task, self.waypoints)
-        found = covariant.descend(problem, line, covariant.DescentOptions())
+        found = descend(problem, line, budget)
         return gently(task, found.q)
 
 
@@ -128,7 +127,7 @@ class Rrt:
             InvalidRequestError: OMPL is not installed.
         """
         corners = _grown(resolve(scene), self.fruits, seed)
-        return None if corners is None else gentle(scene, evenly(corners, LEAST))
+        return None if corners is None else gentle(scene, evenly_along(corners, LEAST))
 
 
 class RrtObstacles(Rrt):

@@ -10,10 +10,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from benchmarks.entries.pathed import Pathed, harm_of
-from optipromp.bench.drive import joints_for
 from optipromp.bench.entries.planners import gentle_plan
 from optipromp.bench.env import SPEED, objects_in, state_of
-from optipromp.bench.episode import Observation
+from optipromp.bench.episode import Observation, joints_for
 from optipromp.bench.primitive import COUNT, OfWeights, path_of
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, installed_by

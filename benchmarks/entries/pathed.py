@@ -31,7 +31,7 @@ class Pathed(OptiProMP):
         """The tool path for a task; the push model is None where nothing is to be pushed."""
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
-        """See :class:`optipromp.core.planning.planner.Planner`."""
+        """See :class:`optipromp.core.planning.planners.Planner`."""
         if not isinstance(task.goal, PoseGoal):
             return Failed(Code.GOAL_UNREACHABLE, "a tool path needs a goal with place and axis")
         chosen = goal_configurations(pushed_aside(task), budget)

@@ -24,11 +24,11 @@ from benchmarks.scenes import many
 from benchmarks.timing import median, paired_ratio, percentile, reference
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import OptiPrompError
-from optipromp.core.planning import PaperOptions, Plan, plan, warm_up
-from optipromp.core.planning.functionals import functional_values
+from optipromp.core.planning import Plan, plan, warm_up
 from optipromp.core.planning.task import resolve
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import PoseGoal, Scene
+from optipromp.laboratory.planners.paper import PaperOptions, functional_values
 
 SCENES = ("scenario-3", "scenario-4")
 COUNT = 200

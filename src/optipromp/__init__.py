@@ -29,16 +29,15 @@ if TYPE_CHECKING:
     from optipromp.core.output import write_plan as write_plan
     from optipromp.core.planning import IProMP as IProMP
     from optipromp.core.planning import OptiProMP as OptiProMP
-    from optipromp.core.planning import PaperOptions as PaperOptions
     from optipromp.core.planning import Plan as Plan
     from optipromp.core.planning import PlanOptions as PlanOptions
     from optipromp.core.planning import Verdict as Verdict
     from optipromp.core.planning import judge as judge
     from optipromp.core.planning.legs import Picked as Picked
     from optipromp.core.planning.legs import plan_pick as plan_pick
-    from optipromp.core.planning.many import plan_many as plan_many
     from optipromp.core.planning.plan import plan as plan
     from optipromp.core.planning.sequence import PickSequence as PickSequence
+    from optipromp.core.planning.sequence import plan_many as plan_many
     from optipromp.core.planning.sequence import plan_sequence as plan_sequence
     from optipromp.core.planning.task import robot_of as robot_of
     from optipromp.core.promp import Basis as Basis
@@ -60,6 +59,8 @@ if TYPE_CHECKING:
     from optipromp.core.scenes.scene import SceneObject as SceneObject
     from optipromp.core.trajectory import State as State
     from optipromp.core.trajectory import Trajectory as Trajectory
+    from optipromp.laboratory.planners.paper import PaperOptions as PaperOptions
+    from optipromp.laboratory.planners.paper import PushCost as PushCost
     from optipromp.laboratory.simulation import simulate as simulate
 
 _HOMES = {
@@ -67,7 +68,7 @@ _HOMES = {
     "core.judging": "Metrics",
     "core.output": "load_pick load_plan write_pick write_plan",
     "core.planning": (
-        "IProMP OptiProMP PaperOptions PickSequence Picked Plan PlanOptions Verdict judge "
+        "IProMP OptiProMP PickSequence Picked Plan PlanOptions Verdict judge "
         "plan plan_many plan_pick plan_sequence"
     ),
     "core.planning.task": "robot_of",
@@ -77,6 +78,7 @@ _HOMES = {
     "core.robots.tools": "Cup FrankaHand with_tool",
     "core.scenes.io": "load_scene save_scene",
     "core.scenes.scene": "Scene SceneObject",
+    "laboratory.planners.paper": "PaperOptions PushCost",
     "laboratory.simulation": "simulate",
     "core.trajectory": "State Trajectory",
 }

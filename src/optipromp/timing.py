@@ -18,12 +18,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optipromp.core.arrays import FloatArray, evenly, lengths
+from optipromp.core.arrays import FloatArray, evenly_along, lengths
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.planning.fastest import fastest, ramped
 from optipromp.core.planning.parameters import TIMING
 from optipromp.core.planning.task import robot_of
-from optipromp.core.planning.timing import shortest
+from optipromp.core.planning.timing import fastest, ramped, shortest
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import GREATEST, Trajectory, chained
@@ -128,7 +127,7 @@ def gentle(scene: Scene, waypoints: ArrayLike) -> Trajectory:
     if len(q) < LEAST:
         limits = robot.velocity, robot.acceleration, robot.jerk
         path = timed(q, *limits, joint_names=robot.joint_names)
-        q = evenly(path.resample(RATE).positions, LEAST)
+        q = evenly_along(path.resample(RATE).positions, LEAST)
     points, _ = robot.tool_pose(q)
     away = np.full(len(q), np.inf)
     for item in scene.objects:

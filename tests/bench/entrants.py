@@ -95,7 +95,7 @@ class Patcher:
     def plan(self, scene: Scene, seed: int) -> Trajectory:
         import optipromp.bench.running as running
 
-        running._result = lambda clean, harmed: "clean"  # type: ignore[assignment]
+        running._judged = lambda row, *_: row.having(result="clean")
         return still(scene)
 
 

@@ -2,6 +2,7 @@
 
 import socket
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -12,17 +13,14 @@ from pathlib import Path
 import pytest
 from tests.bench import entrants as entries
 from tests.bench.entrants import HOWS, entry
-from typer.testing import CliRunner
 
 from optipromp import Scene
 from optipromp.bench import running
-from optipromp.bench.apart import Apart, dismissed
-from optipromp.bench.limits import ROWS, EntryError, Patience, words
 from optipromp.bench.results import BenchRun, run_bench
 from optipromp.bench.running import Exercise, attempted
+from optipromp.bench.serve import Apart, Served, dismissed
 from optipromp.bench.sets import SceneSet, scene_of
-from optipromp.bench.tracks import asked
-from optipromp.cli.main import app
+from optipromp.bench.tracks import ROWS, EntryError, Patience, asked, words
 from optipromp.core.errors import InvalidRequestError
 
 SHORT = Patience(plan=2.0, reset=2.0, act=0.5)
@@ -69,7 +67,7 @@ def test_a_changed_judge_is_another_ones() -> None:
     (made,), _ = attempted(replace(TASK, entry=entry(entries.Patcher)))
     dismissed()
     assert made.result == "missed"
-    assert running._result(False, True) == "harmed"
+    assert running._judged.__name__ == "_judged"
 
 
 @pytest.mark.parametrize(
@@ -245,23 +243,40 @@ def test_an_entry_that_cannot_be_made_is_told(
             apart.begin()
 
 
-def test_a_run_of_an_entry_that_ends_at_import_is_one_error(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "ends.py").write_text("import os; os._exit(0)")
-    monkeypatch.chdir(tmp_path)
-    told = CliRunner().invoke(
-        app, ["bench", "run", "--entry", "ends:A", "--count", "1", "--out", "o"]
-    )
-    assert told.exit_code == 2
-    assert told.output.count("error INVALID_REQUEST") == 1
-    assert "exit code 0" in told.output
-    assert not (tmp_path / "o/rows.csv").exists()
-
-
 def test_a_hidden_scene_is_no_seed_away() -> None:
     """The name of what an entry sees is the same for all scenes."""
     seen = running.situated(TASK)[0].seen
     truth, _ = scene_of(TASK.preset, TASK.seed)
     assert truth.name == "limp-110000"
     assert seen.name == running.situated(replace(TASK, seed=110_001))[0].seen.name == "scene"
+
+
+PROGRAM = """
+from optipromp.bench.entries.own import Blind
+from optipromp.bench.serve import serve
+serve(Blind(), calls=1)
+"""
+
+
+def started(program: str) -> Iterator[str]:
+    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE) as process:
+        yield process.stdout.readline().decode().strip()
+        process.kill()
+
+
+@pytest.fixture
+def address() -> Iterator[str]:
+    yield from started(PROGRAM)
+
+
+def test_a_served_policy_acts_as_at_home(address: str) -> None:
+    away, _ = attempted(Exercise(address, "policy", "limp", 110_000, engines=("arm",)))
+    home, _ = attempted(Exercise("blind", "policy", "limp", 110_000, engines=("arm",)))
+    assert away[0].result == home[0].result == "clean"
+    assert away[0].judged() == home[0].judged()
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1:1", "127.0.0.1:x", ":99999", "", "a" * 300 + ":80"])
+def test_nobody_there_is_told(address: str) -> None:
+    with pytest.raises(InvalidRequestError, match="start it"):
+        Served(address).begin()

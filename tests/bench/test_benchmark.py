@@ -119,9 +119,8 @@ def test_policies_act_in_both_engines(tmp_path: Path) -> None:
     assert BenchRun.of(entry(Follower), "policy", run.scenes).engines == ("arm",)  # sway
 
 
-@pytest.mark.parametrize(("preset", "seed"), [("cluster", 110_002), ("field", 110_000)])
-def test_pictures_come_in(preset: str, seed: int) -> None:
-    rows, _ = attempted(Exercise(entry(Seer), "picture", preset, seed))
+def test_pictures_come_in() -> None:
+    rows, _ = attempted(Exercise(entry(Seer), "picture", "field", 110_000))
     assert {row.result for row in rows} <= {"clean", "harmed", "missed"}
     assert rows[0].picked
 

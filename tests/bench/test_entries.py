@@ -41,10 +41,8 @@ def test_an_entry_pushes_something_aside(name: str) -> None:
     """In a scene that the straight way does not solve, the path is off the straight line."""
     scene, _ = scene_of("cluster", 110_001)
     told = curve(loaded(name, "plan").plan(scene, 0))
-    assert told is not None
     robot, _ = posed(scene)
     points, _ = robot.tool_pose(told.positions)
-    assert scene.target is not None
     off = (points - scene.target.position) @ scene.frame.T
     low = (off[:, 2] > -0.15) & (off[:, 2] < 0.0)
     assert np.hypot(*off[low, :2].T).max() > 0.01
@@ -104,7 +102,6 @@ def test_a_scene_s_robot_has_its_tool() -> None:
     scene, _ = scene_of("field", 110_002)
     robot = optipromp.robot_of(scene)
     made = plan(scene)
-    assert scene.target is not None
     point, _ = robot.tool_pose(made.trajectory.positions[-1])
     bare, _ = scene.load_robot().tool_pose(made.trajectory.positions[-1])
     assert np.linalg.norm(point - scene.target.position) < 1e-3

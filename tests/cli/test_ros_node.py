@@ -12,13 +12,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.perception.shots import shot_of
 from tests.ros.camera_messages import FRAME, compressed, frames, image, info
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
 from optipromp.core.scenes import load_scene
-from optipromp.laboratory.generate import generate
-from optipromp.laboratory.simulation.photograph import photograph
 from optipromp.ros import (
     from_bytes,
     message,
@@ -40,11 +39,6 @@ def test_without_rclpy_it_says_what_is_missing() -> None:
     assert result.exit_code == 2
     assert "error INVALID_REQUEST: ros-node needs ROS 2 and finds no rclpy" in result.stderr
     assert len(result.stderr.splitlines()) == 1
-
-
-def test_help_shows_how_to_start_it() -> None:
-    result = runner.invoke(app, ["ros-node", "--help"], env={"COLUMNS": "200"})
-    assert "optipromp ros-node my-scene.yaml --prefix fr3_" in result.stdout
 
 
 class Node:
@@ -222,7 +216,7 @@ def test_the_shell_of_the_loop_carries_messages_both_ways(node: Node) -> None:
 
 def photographing(node: Node) -> None:
     """A camera at the base whose picture comes until the fruit in it is tracked."""
-    shot = photograph(generate("cluster", 60011), seed=60011)
+    shot = shot_of()
     names = [f"fr3_joint{k}" for k in range(1, 8)]
     _, tick = node.timer
     mount = frames(0, ("fr3_link0", FRAME, shot.picture.camera.pose))

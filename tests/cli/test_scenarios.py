@@ -3,18 +3,12 @@
 import re
 from pathlib import Path
 
-import pytest
-
 from optipromp.cli.scenarios import BEGIN, END, _shown, markdown, renew
-from optipromp.laboratory.experiments.scenarios import CASES, ScenarioRow, run_scenarios
+from optipromp.laboratory.experiments.scenarios import CASES, ScenarioRow
 
+Rows = tuple[ScenarioRow, ...]
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "concepts.md"
 NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]\d+)?(?![\w-])")
-
-
-@pytest.fixture(scope="module")
-def rows() -> tuple[ScenarioRow, ...]:
-    return run_scenarios()
 
 
 def tables(page: str) -> str:
@@ -27,17 +21,22 @@ def structure(text: str) -> list[str]:
     return [line.replace("n# and n# are swallowed", "n# is swallowed") for line in lines]
 
 
-def test_the_page_holds_the_tables_that_the_command_makes(rows: tuple[ScenarioRow, ...]) -> None:
+def test_the_page_holds_the_tables_that_the_command_makes(
+    scenario_rows: Rows,
+) -> None:
     """Header, cases, statuses, which tests of the paper hold, causes; the numbers may differ."""
-    kept, made = tables(PAGE.read_text(encoding="utf-8")), markdown(rows)
+    kept, made = tables(PAGE.read_text(encoding="utf-8")), markdown(scenario_rows)
     assert structure(kept) == structure(made)
     firsts = [line.split(" | ")[0].strip("| ") for line in kept.splitlines()[2:]]
     assert firsts[: len(CASES)] == [case.key for case in CASES]
 
 
-def test_the_paper_s_figures_are_those_of_the_cases(rows: tuple[ScenarioRow, ...]) -> None:
+def test_the_paper_s_figures_are_those_of_the_cases(scenario_rows: Rows) -> None:
     """The first number of a cell is the paper's, in millimetres."""
-    lines = {line.split(" | ")[0].strip("| "): line for line in markdown(rows).splitlines()[2:14]}
+    lines = {
+        line.split(" | ")[0].strip("| "): line
+        for line in markdown(scenario_rows).splitlines()[2:14]
+    }
     for case in CASES:
         cells = lines[case.key].split(" | ")
         told = [cells[column].split(" / ")[0] for column in (2, 4, 5)]
@@ -48,9 +47,11 @@ def test_the_paper_s_figures_are_those_of_the_cases(rows: tuple[ScenarioRow, ...
         assert told == wanted
 
 
-def test_the_command_says_why_our_falls_are_not_the_paper_s(rows: tuple[ScenarioRow, ...]) -> None:
+def test_the_command_says_why_our_falls_are_not_the_paper_s(
+    scenario_rows: Rows,
+) -> None:
     """The note stands under the falls, and what it names is there."""
-    note = str(list(_shown(rows, None))[2])
+    note = str(list(_shown(scenario_rows, None))[2])
     assert note.startswith("why our falls are not the paper's")
     root = PAGE.parents[1]
     named = re.findall(r"(?:scripts|docs)/\w+\.\w+", note)

@@ -10,7 +10,8 @@ from typer.testing import CliRunner
 from optipromp.cli.catalogue import documented, settings
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.planning import PaperOptions, PlanOptions
+from optipromp.core.planning import PlanOptions
+from optipromp.laboratory.planners.paper import PaperOptions
 
 
 def call(*arguments: str) -> tuple[int, str, str]:
@@ -76,6 +77,8 @@ def test_settings_add_up_and_the_last_of_a_key_counts() -> None:
         ("max_step=fast", r"max_step is fast; it must be of type float"),
         ("paper.epsilon=0", r"paper\.epsilon is 0; it must be positive"),
         ("constraints=all", r"constraints is all; it must be"),
+        ("waypoints=2", r"waypoints is 2; it must be a whole number >= 3"),
+        ("paper.alphas=[-1,1,1,0]", "negative"),
     ],
 )
 def test_what_is_wrong_is_said(pair: str, message: str) -> None:
@@ -121,28 +124,5 @@ def test_a_setting_of_the_paper_is_heeded() -> None:
         )
         assert code == 1  # promp swallows n2
         documents.append(read(stdout))
+    assert documents[0]["strategy"] is None
     assert documents[0]["metrics"]["duration"] != documents[1]["metrics"]["duration"]
-
-
-@pytest.mark.parametrize(
-    ("pair", "said"),
-    [
-        ("max_stp=0.03", "did you mean 'max_step'"),
-        ("max_step=-1", "max_step is -1"),
-        ("max_step=fast", "must be of type float"),
-        ("max_step", "write key=value"),
-        ("paper.drift_offset=-1", "paper.drift_offset is -1"),
-    ],
-)
-def test_wrong_settings_end_with_two_and_one_line(pair: str, said: str) -> None:
-    code, stdout, stderr = call("scenario-3", "--set", pair)
-    assert code == 2
-    assert stdout == ""
-    assert said in stderr
-    assert stderr.startswith("error INVALID_REQUEST: ")
-    assert stderr.count("\n") == 1
-
-
-def test_there_is_no_other_name_for_a_setting() -> None:
-    assert call("scenario-3", "--waypoints", "60")[0] == 2
-    assert call("scenario-3", "--max-step", "0.03")[0] == 2

@@ -9,11 +9,12 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
+from optipromp.cli.simulate import loop_lines
 from optipromp.core.geometry import Sphere
 from optipromp.core.scenes import Place, Scene, SceneObject, Stem
 from optipromp.core.scenes.io import save_scene
 from optipromp.core.scenes.scene import JointGoal, ToolSpec
-from optipromp.laboratory.experiments.conditions import SETTLE
+from optipromp.laboratory.experiments.situations import SETTLE
 from optipromp.laboratory.generate import generate
 from optipromp.looks.page.replay import load_replay
 
@@ -25,18 +26,17 @@ def invoke(*arguments):
 
 
 def test_a_pick_in_closed_loop_is_told_and_left(tmp_path):
-    arguments = ["simulate", "scenario-3", "--closed-loop", "--out", tmp_path]
-    result = invoke(*arguments)
-    document = json.loads(invoke(*arguments, "--json").stdout)
+    result = invoke("simulate", "scenario-3", "--closed-loop", "--out", tmp_path, "--json")
+    document = json.loads(result.stdout)
     assert document["loop"] == "closed"
     assert document["result"] in ("clean", "harmed", "gave_up", "missed")
     assert result.exit_code == (0 if document["result"] == "clean" else 1)
-    assert f"closed loop: {document['result']}" in result.stdout
+    shown = "\n".join(loop_lines(document))  # what is printed without --json
     stages = [decision["stage"] for decision in document["decisions"]]
     assert stages[-1] == document["stage"]
     assert document["stage"] in ("done", "gave_up")
     for decision in document["decisions"]:
-        assert decision["why"][:20] in result.stdout
+        assert decision["why"][:20] in shown
     assert document["looks"] > 5
     assert 0.0 < document["cycle_median"] <= document["cycle_p99"]
     assert document["worst_jump"] < 1e-6
@@ -45,7 +45,7 @@ def test_a_pick_in_closed_loop_is_told_and_left(tmp_path):
 
 def test_a_pick_from_a_plant_that_sways_is_drawn_and_replayed(tmp_path):
     """The arm stands until the sway has settled, the film shows the looks, the page replays it."""
-    arguments = ["simulate", "scenario-3", "--closed-loop", "--sway", "0.01", "--slow", "0.2"]
+    arguments = ["simulate", "scenario-3", "--closed-loop", "--sway", "0.01", "--slow", "0.05"]
     result = invoke(*arguments, "--gif", "--json", "--out", tmp_path)
     if "draw" in result.stderr:
         pytest.skip(result.stderr)
@@ -53,7 +53,6 @@ def test_a_pick_from_a_plant_that_sways_is_drawn_and_replayed(tmp_path):
     assert document["decisions"][0]["time"] > SETTLE
     assert document["displacement"]["ripe"] > 0.005
     shown = load_replay(tmp_path)
-    assert shown.record is not None
     assert shown.record.times[0] == pytest.approx(SETTLE)
     assert shown.record.begun == tuple(item["stage"] for item in document["decisions"])
     with Image.open(tmp_path / "run.gif") as picture:
@@ -93,17 +92,11 @@ def test_a_loop_in_a_scene_with_a_place_brings_the_fruit_there(tmp_path):
 def test_the_options_of_the_loop_reach_it(tmp_path):
     """Looks that are late are waited for at the camera point; two looks are told as such."""
     common = ["simulate", "scenario-3", "--closed-loop", "--looks-only", "--json", "--out"]
-    made = [
-        json.loads(invoke(*common, tmp_path / name, "--latency", name).stdout)
-        for name in ("0.01", "1")
-    ]
-    assert [document["loop"] for document in made] == ["looks", "looks"]
-    waits = []
-    for document in made:
-        times = [decision["time"] for decision in document["decisions"]]
-        at = [item["why"] for item in document["decisions"]].index("at the camera point")
-        waits.append(times[at + 1] - times[at])
-    assert waits[1] > waits[0] + 0.4
+    document = json.loads(invoke(*common, tmp_path, "--latency", "1").stdout)
+    assert document["loop"] == "looks"
+    times = [decision["time"] for decision in document["decisions"]]
+    at = [item["why"] for item in document["decisions"]].index("at the camera point")
+    assert times[at + 1] - times[at] > 1.0  # [s] the latency
 
 
 def test_a_loop_that_finds_no_plan_gives_up_and_moves_nothing(tmp_path):
@@ -127,9 +120,7 @@ def test_a_scene_without_a_target_is_refused(tmp_path):
 
 def test_fruits_that_hang_aside_are_missed_by_an_open_loop(tmp_path):
     common = ["simulate", "scenario-3", "--json", "--out"]
-    still = json.loads(invoke(*common, tmp_path / "a").stdout)
-    aside = json.loads(invoke(*common, tmp_path / "b", "--shift", "0.06").stdout)
-    assert still["success"]
+    aside = json.loads(invoke(*common, tmp_path, "--shift", "0.06").stdout)
     assert not aside["success"]
 
 
@@ -169,18 +160,16 @@ def test_a_plan_is_refused_in_closed_loop(tmp_path):
 
 def test_study_compares_loops(tmp_path):
     arguments = [
-        "study", "--loop", "open,closed", "--conditions", "none", "--preset", "mixed",
+        "study", "--loop", "open", "--conditions", "none", "--preset", "mixed",
         "--seeds", "0:1", "--workers", "1", "--out", tmp_path,
     ]  # fmt: skip
     result = invoke(*arguments)
     assert result.exit_code == 0, result.output
-    for word in ("closed", "Wilson", "gave", "wrote rows.csv"):
+    for word in ("open", "Wilson", "gave", "wrote rows.csv"):
         assert word in result.stdout
     document = json.loads(invoke(*arguments, "--json").stdout)
     cells = document["cells"]
-    assert [(cell["condition"], cell["loop"]) for cell in cells] == [
-        ("none", "open"), ("none", "closed"),
-    ]  # fmt: skip
+    assert [(cell["condition"], cell["loop"]) for cell in cells] == [("none", "open")]
     kinds = ("clean", "harmed", "gave_up", "refused", "missed", "error")
     assert all(sum(cell[kind] for kind in kinds) == cell["runs"] == 1 for cell in cells)
     saved = json.loads((tmp_path / "summary.json").read_text())

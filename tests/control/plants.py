@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optipromp.control.look import Look
-from optipromp.control.tracked import Tracked
+from optipromp.control.tracker import Tracked
 from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.scenes.objects import SceneObject, Stem

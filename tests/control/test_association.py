@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.control.plants import UP, camera, detection, hanging
 
-from optipromp.control.association import common_shift, paired, target_of, visible
+from optipromp.control.belief import common_shift, pairing, target_of, visible
 from optipromp.control.look import Look
 from optipromp.control.motion import Oscillators, Plant, PlantState
 from optipromp.control.tracks import Frame, Seen, Track, TrackerParameters, new_track
@@ -47,7 +47,7 @@ def pairs(places: FloatArray, found: FloatArray, target: int = 0) -> dict[int, i
     state, tracks = of(places)
     seen = Seen.of(look_at(found, target))
     noise = np.broadcast_to(seen.covariances, (len(tracks), len(found), 3, 3))
-    result = paired(state, places, noise, tracks, seen, GIVEN)
+    result = pairing(state, places, noise, tracks, seen, GIVEN)
     rows = [int(seen.items[k].id[1:]) for k in result.detections]
     return dict(zip(result.tracks.tolist(), rows, strict=True))
 
@@ -87,11 +87,11 @@ def test_a_far_detection_is_new_and_a_near_one_is_the_fruit_that_moved() -> None
     state = PlantState(state.layout, state.oscillators, state.mean, 1e-4 * state.covariance)
     seen = Seen.of(look_at(places + [[0.02, 0.0, 0.0]]))
     tight = np.full((1, 1, 1, 1), 1e-6) * np.eye(3)
-    result = paired(state, places, tight, tracks, seen, GIVEN)
+    result = pairing(state, places, tight, tracks, seen, GIVEN)
     assert result.jumped.tolist() == [True]
     assert not len(result.new)
     seen = Seen.of(look_at(places + [[0.03, 0.0, 0.0]]))  # above 0.6 of 36 mm
-    result = paired(state, places, tight, tracks, seen, GIVEN)
+    result = pairing(state, places, tight, tracks, seen, GIVEN)
     assert not len(result.tracks)
     assert result.new.tolist() == [0]
 

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from optipromp.control import Tracker
-from optipromp.control.driver import Driver, way_back
+from optipromp.control.driver import Driver, Route, path_back
 from optipromp.control.parameters import CONTROL
-from optipromp.control.servo import Route
-from optipromp.control.tracked import Tracked
+from optipromp.control.tracker import Tracked
 from optipromp.core import judging
 from optipromp.core.arrays import FloatArray
 from optipromp.core.execution.streaming import Stretch
@@ -63,7 +62,6 @@ def test_among_fruits_that_hang_still_nothing_takes_over_after_the_first(made: P
     assert drive.phase(2.0 + LEAD) == pytest.approx(1.0)
     assert drive.state(2.0).near(first.at(2.0), 0.0)
     held = drive.go_on(end, tracked)  # at the target it moves with the plant
-    assert held is not None
     assert held.at(held.begins).near(first.at(held.begins), 1e-9)
 
 
@@ -74,7 +72,6 @@ def test_a_plant_that_moved_asks_for_another_course(made: Plan) -> None:
     small, large = np.array([1e-4, 0.0, 0.0]), np.array([0.0, 4e-3, 0.0])
     assert drive.go_on(now, seen(made.scene, small)) is None
     after = drive.go_on(now, seen(made.scene, large))
-    assert after is not None
     assert after.at(after.begins).near(before.at(after.begins), 1e-9)
     assert shares(made.robot, after.curve) <= 1.0
     end, _ = made.robot.tool_pose(after.curve.positions[-1])
@@ -155,7 +152,7 @@ def test_no_course_leads_through_what_stands(made: Plan) -> None:
 
 def test_the_way_back_leads_through_its_points_at_its_speed(made: Plan) -> None:
     q = made.trajectory.positions[made.first : -20][::-1]
-    back = way_back(made.robot, q, 0.1)
+    back = path_back(made.robot, q, 0.1)
     assert np.array_equal(back.positions[0], q[0])
     assert np.array_equal(back.positions[-1], q[-1])
     assert shares(made.robot, back) <= 1.0
@@ -167,6 +164,6 @@ def test_the_way_back_leads_through_its_points_at_its_speed(made: Plan) -> None:
     speeds = np.linalg.norm(np.diff(points, axis=0), axis=1) / 2e-3
     assert np.median(speeds) > 0.08
     assert speeds.max() < 0.13
-    still = way_back(made.robot, np.tile(q[0], (3, 1)), 0.1)  # nothing was passed yet
+    still = path_back(made.robot, np.tile(q[0], (3, 1)), 0.1)  # nothing was passed yet
     assert np.ptp(still.positions, axis=0).max() == 0.0
     assert isinstance(Stretch(still, 0.0), Stretch)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from optipromp.control.motion import Oscillators, Plant, PlantState, drives
+from optipromp.control.motion import Oscillators, Plant, PlantState, coupling
 from optipromp.core.arrays import FloatArray
 
 PLANT = Plant(np.array([0.0, 0.6, 0.8]), (0.4, 1.1), 0.03, 0.006)
@@ -79,7 +79,7 @@ def test_the_acceleration_of_the_sway_drives_the_swings() -> None:
     state, dt = drawn(), 0.3
     own, bank, found = state.oscillators, state.layout.bank, state.drives
     assert found.shape == (3, bank, 2, 2)
-    assert np.array_equal(found, drives(pick(own, [0, 2]), pick(own, [4, 6, 8])))
+    assert np.array_equal(found, coupling(pick(own, [0, 2]), pick(own, [4, 6, 8])))
     whole = state.after(dt, 0.0)
     m, mean = state.layout.half, state.mean
     for fruit in range(3):
@@ -202,11 +202,6 @@ def test_amplitudes_follow_the_energy_of_the_posterior() -> None:
     assert still.learnt(1.0, (np.zeros(4), np.ones(4))).oscillators.sigma == pytest.approx(
         PLANT.bank.sigma
     )
-
-
-def test_the_sway_is_level() -> None:
-    assert np.allclose(PLANT.axes @ PLANT.up, 0.0)
-    assert np.allclose(PLANT.axes @ PLANT.axes.T, np.eye(2))
 
 
 def test_innovations_of_the_models_own_motion_are_what_it_says() -> None:

@@ -6,12 +6,24 @@ import numpy as np
 import pytest
 
 from optipromp.control import Look, Tracker
+from optipromp.control.driver import (
+    MOVED,
+    Route,
+    appeared,
+    changed,
+    displaced,
+    pushed_by,
+    target_row,
+    tracked_scene,
+    unseen,
+)
 from optipromp.control.parameters import CONTROL
-from optipromp.control.plant import appeared, changed, displaced, scene_of, target_row, unseen
 from optipromp.control.stiffness import FACTORS, Stiffness, assumed, by_wrench
 from optipromp.core.geometry.shapes import Sphere
+from optipromp.core.planning import plan
 from optipromp.core.pushing.stems.bending import stems
 from optipromp.core.scenes import Pose, Scene, SceneObject, Stem, ToolSpec
+from optipromp.laboratory.generate import generate
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -61,7 +73,7 @@ def test_a_common_motion_is_no_change_of_the_fruits_against_each_other() -> None
     np.testing.assert_allclose(places, [item.position for item in FRUITS])
     np.testing.assert_allclose(moved[:, 0], 0.004, atol=0.003)
     assert changed(SCENE, tracked) < 0.001
-    bare = scene_of(SCENE, tracked, moved.mean(axis=0))
+    bare = tracked_scene(SCENE, tracked, moved.mean(axis=0))
     for before, after in zip(FRUITS, bare.objects, strict=True):
         assert np.linalg.norm(after.position - before.position) < 0.001
 
@@ -93,3 +105,25 @@ def test_before_an_observation_nothing_is_told_of_stems() -> None:
     assert Stiffness.prior().told(FRUITS[1], UP) is FRUITS[1]
     assert Stiffness.prior().weights.sum() == pytest.approx(1.0)
     assert FACTORS[4] == pytest.approx(1.0)
+
+
+def test_a_push_is_told_of_the_fruits_that_it_moves() -> None:
+    """The target, which the tool does not touch, counts as free: its rest may be learnt."""
+    made = plan(generate("cluster", 101))
+    route = Route.of(made)
+    assert pushed_by(route, route.approach) == {}
+    whole = pushed_by(route, route.duration)
+    assert whole
+    target = made.scene.target
+    assert target.id not in whole
+    assert all(np.linalg.norm(by) > MOVED for by in whole.values())
+    model = made.push_model
+    found = model.moved(route.points[made.first :], route.axes[made.first :])
+    places = dict(zip(found.ids, found.positions, strict=True))
+    for item in made.scene.objects:
+        if item.id in whole:
+            assert whole[item.id] == pytest.approx(places[item.id] - item.position, abs=2e-3)
+    half = pushed_by(route, 0.5 * (route.approach + route.duration))
+    assert set(half) <= {item.id for item in made.scene.pushables}
+    back = Route.back(made.robot, made.trajectory, made.scene)
+    assert pushed_by(back, route.duration) == {}

@@ -59,14 +59,3 @@ def test_covariances_are_symmetric_and_positive(
         assert ((tracked.existence > 0.0) & (tracked.existence < 1.0)).all()
         assert np.allclose(np.linalg.norm(tracked.stem_direction, axis=1), 1.0)
         assert len(tracked.objects()) == tracked.confirmed.sum()
-
-
-@settings(max_examples=25, deadline=None)
-@given(story)
-def test_the_same_looks_give_the_same_bits(story: list) -> None:
-    one, other = (told(story, TrackerParameters()) for _ in range(2))
-    a, b = one.at(one.time + 0.1), other.at(other.time + 0.1)
-    assert a.ids == b.ids
-    assert (a.positions == b.positions).all()
-    assert (spreads(a) == spreads(b)).all()
-    assert (one.statistics.squares == other.statistics.squares).all()

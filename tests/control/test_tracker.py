@@ -35,19 +35,13 @@ def errors(seed: int, frequencies: FloatArray) -> FloatArray:
 
 
 @pytest.mark.parametrize(
-    ("frequency", "median", "most"), [(0.5, 0.0038, 0.007), (1.6, 0.0045, 0.008)]
+    ("frequencies", "median", "most"),
+    [([0.5], 0.0038, 0.007), ([1.6], 0.0045, 0.008), ([0.41, 0.61, 1.34], 0.004, 0.007)],
 )
-def test_where_a_swaying_fruit_is_now(frequency: float, median: float, most: float) -> None:
-    away = np.concatenate([errors(seed, np.array([frequency])) for seed in (1, 2)])
+def test_where_a_swaying_fruit_is_now(frequencies: list[float], median: float, most: float) -> None:
+    away = np.concatenate([errors(seed, np.array(frequencies)) for seed in (1, 2)])
     assert np.median(away) < median
     assert np.quantile(away, 0.9) < most
-
-
-def test_where_fruits_are_now_in_a_sway_of_many_frequencies() -> None:
-    rng = np.random.default_rng(3)
-    away = np.concatenate([errors(seed, rng.uniform(0.3, 1.6, 3)) for seed in (4, 5)])
-    assert np.median(away) < 0.004
-    assert np.quantile(away, 0.9) < 0.007
 
 
 def test_a_sway_seen_for_long_is_foreseen() -> None:
@@ -67,17 +61,6 @@ def test_a_sway_seen_for_long_is_foreseen() -> None:
     learnt = ahead(TrackerParameters().learning)
     assert learnt < 0.005  # a sway of fruits that do not swing on their stems
     assert ahead(0.0) > 2.0 * learnt
-
-
-def test_the_newest_look_alone_is_worse() -> None:
-    """What the filter is for: the last detection is 60 ms old and has 5 mm of noise."""
-    rng = np.random.default_rng(1)
-    plant = swaying(rng, 8, 0.020, np.array([1.6]))
-    raw = []
-    for each in looks(plant, rng, Eye(), 3.0):
-        seen = np.array([item.position for item in each.in_base()])
-        raw.append(np.linalg.norm(seen - plant.at(each.time + LATENCY), axis=1))
-    assert np.median(np.concatenate(raw)) > 2.0 * np.median(errors(1, np.array([1.6])))
 
 
 def test_innovations_and_rests_are_consistent_on_a_still_plant() -> None:

@@ -120,14 +120,6 @@ def test_a_tick_that_is_a_little_late_slows_the_motion(by: float) -> None:
     assert arm.at[-1] == pytest.approx(3.0 + lost, abs=0.03)
 
 
-def test_a_tick_that_is_very_late_ends_the_motion() -> None:
-    arm = Controlled(once("tick", 1.0, late(0.2)))
-    done = arm.follow(giving((0.0, Stretch(WHOLE, 0.0)), (1.0, Stretch(rest(1.5, 0.1), 1.5))))
-    assert not done.finished
-    assert "a tick came 0.201 s after the last" in done.reason
-    assert_at_rest(arm)
-
-
 @pytest.mark.parametrize("often", [once, always])
 def test_a_state_that_cannot_be_read_in_motion(often: Any) -> None:
     arm, asked = Controlled(often("state", 1.0, no_number)), list[float]()
@@ -145,35 +137,6 @@ def test_a_state_that_cannot_be_read_in_motion(often: Any) -> None:
     arm.spoil = quiet
     there = Stretch(between(arm.asked[-1], State(PANDA.home), 2.0), 0.0)
     assert arm.follow(giving((0.0, there))).finished  # it can be used again
-
-
-def test_a_state_that_cannot_be_read_before_the_motion() -> None:
-    arm = Controlled(always("state", -1.0, no_number))
-    assert trouble(arm, giving()).message.endswith("the arm has not moved")
-    assert len(arm.asked) == 1
-
-
-def test_what_watches_ends_it_or_fails() -> None:
-    arm = Controlled(quiet)
-    done = arm.follow(giving((0.0, Stretch(WHOLE, 0.0))), watch=lambda now, _: now > 1.0)
-    assert done.reason.startswith("watch ended it at 1.0")
-    assert_at_rest(arm)
-    arm = Controlled(quiet)
-    one = giving((0.0, Stretch(WHOLE, 0.0)))
-    error = trouble(arm, one, watch=lambda now, _: 1.0 / (0.0 if now > 1.0 else 1.0) > 2.0)
-    assert "watch failed (ZeroDivisionError" in error.message
-    assert_at_rest(arm)
-
-
-def test_control_that_is_lost() -> None:
-    def lose(arm: Controlled) -> None:
-        arm.lost = True
-
-    one = Stretch(WHOLE, 0.0)
-    done = Controlled(once("tick", 1.0, lose)).follow(giving((0.0, one)))
-    assert (done.finished, done.reason) == (False, "control of the arm was lost")
-    error = trouble(Controlled(once("tick", 1.0, throws(RuntimeError("reflex")))), giving((0, one)))
-    assert error.message.endswith("could not be brought to rest")
 
 
 def test_an_abort_from_another_thread_before_and_in_motion() -> None:

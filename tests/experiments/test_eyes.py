@@ -13,11 +13,11 @@ from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.task import posed
 from optipromp.laboratory.experiments import eyes
-from optipromp.laboratory.experiments.conditions import Situation
 from optipromp.laboratory.experiments.eyes import NOT_SEEN, STILL, aimed_at, situation
-from optipromp.laboratory.experiments.loops import loop_values
-from optipromp.laboratory.experiments.row_files import rows_of
+from optipromp.laboratory.experiments.rows import rows_of
+from optipromp.laboratory.experiments.situations import Situation
 from optipromp.laboratory.experiments.study import Study
+from optipromp.laboratory.experiments.trials import run_trials
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.detector import Truth
 from optipromp.laboratory.simulation.detector_parameters import EYES, DetectorParameters
@@ -59,18 +59,17 @@ def test_a_scene_without_a_ripe_fruit_in_view_gives_up(monkeypatch: pytest.Monke
     setting = situation("fitted", generate("cluster", SEED), SEED, "geometry")
     assert setting.seen.target is None
     assert setting.figures == {"pictures": 2}
-    values = loop_values(setting, SEED, "open")
-    assert (values["cause"], values["result"], values["pictures"]) == (NOT_SEEN, "gave_up", 2)
+    study = Study(("cluster",), ("opti-promp",), loops=("open",), eyes=("fitted",))
+    (row,) = run_trials(study, "cluster", SEED, "fitted", ("open",), "x")
+    assert (row.cause, row.result, row.pictures) == (NOT_SEEN, "gave_up", 2)
 
 
 def test_the_pick_of_any_ripe_fruit_counts() -> None:
     scene = generate("cluster", SEED)
-    assert scene.target is not None
     other = scene.pushables[0]
     seen = other.position + 0.003
     assert aimed_at(scene, {scene.target.id}, seen) is scene
     aimed = aimed_at(scene, {scene.target.id, other.id}, seen)
-    assert aimed.target is not None
     assert aimed.target.id == other.id
     assert scene.target.id in {item.id for item in aimed.pushables}
 
@@ -80,8 +79,6 @@ def test_a_rendered_look_shows_the_moment() -> None:
     robot, state = posed(scene)
     detector = RenderedDetector(scene, robot, DetectorParameters(mount="beside"), SEED)
     target = scene.target
-    assert target is not None
-    assert target.stem is not None
     aside = target.position + [0.0, 0.0, -0.03]
     moved = Truth(
         (target.id,), aside[None], target.rotation[None],
@@ -119,8 +116,6 @@ def test_two_views_are_fused(monkeypatch: pytest.MonkeyPatch) -> None:
     assert spread(two) < 0.7 * spread(one)
     assert spread(more) == spread(two)
     assert len(two.seen.pushables) == len(scene.pushables)
-    assert two.seen.target is not None
-    assert scene.target is not None
     assert np.linalg.norm(two.seen.target.position - scene.target.position) < 0.006
 
 
@@ -171,6 +166,7 @@ def test_the_fit_finds_the_numbers_that_made_the_looks() -> None:
         script["fitted"](given._replace(fruits=fruits[:5]), "beside")
 
 
+@pytest.mark.slow  # pictures of two scenes, twice
 def test_a_handful_of_pictures_is_fitted_and_the_worst_are_on_a_sheet() -> None:
     script = runpy.run_path(str(ROOT / "scripts/fit_eyes.py"))
     scenes = [("cluster", SEED), ("field", SEED)]

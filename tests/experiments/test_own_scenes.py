@@ -9,7 +9,8 @@ from typer.testing import CliRunner
 
 from optipromp import load_scene, save_scene
 from optipromp.cli.main import app
-from optipromp.laboratory.experiments.row_files import rows_of, settings_of
+from optipromp.laboratory.experiments.rows import rows_of
+from optipromp.laboratory.experiments.study import settings_of
 
 
 def study(*words: object) -> tuple[int, str, str]:

@@ -10,6 +10,7 @@ from tests.loaded import script
 
 from optipromp.core.planning.task import posed
 
+pytestmark = pytest.mark.slow  # the paper's costs of two scenes, begun five times
 falls = script("paper_falls")
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "concepts.md"
 

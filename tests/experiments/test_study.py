@@ -10,18 +10,31 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import mannwhitneyu
 
 import optipromp
 from optipromp.core.errors import InvalidRequestError
-from optipromp.laboratory.experiments import runs, study
-from optipromp.laboratory.experiments.row_files import RowFile, rows_of
-from optipromp.laboratory.experiments.runs import COLUMNS, Row, row_from_text, source_version
-from optipromp.laboratory.experiments.statistics import summary, wilson
-from optipromp.laboratory.experiments.study import Study, run_study
-from optipromp.laboratory.experiments.study_output import study_figure, write_results
-from optipromp.laboratory.generate import Noise
+from optipromp.laboratory.experiments import study, trials
+from optipromp.laboratory.experiments.rows import (
+    STUDY,
+    Row,
+    row_of,
+    rows_of,
+    source_version,
+)
+from optipromp.laboratory.experiments.statistics import auc, calibration, summary, wilson
+from optipromp.laboratory.experiments.study import (
+    Study,
+    row_file,
+    run_study,
+    study_figure,
+    write_results,
+)
+from optipromp.laboratory.experiments.trials import run_trials
 
-ROW = Row(
+ROW = Row.of(
     preset="cluster", seed=0, planner="straight", noise_position=0.0, noise_angle=0.0, pushables=2,
     redraws=5, plan_status="success", success=False, cause="crushed", message='n1, "hard"',
     picked=True, swallowed="", unripe_force=12.5, target_force=0.1, static_force=0.0, torn="",
@@ -42,14 +55,14 @@ def quick(monkeypatch):
     """Runs that cost nothing, and a list of the scenes that were run."""
     asked: list[tuple[str, int, tuple[str, ...]]] = []
 
-    def run_scene(preset, seed, planners, noise, version, *_):
+    def run_trials(_, preset, seed, condition, planners, version):
         asked.append((preset, seed, tuple(planners)))
         return [
             replace(ROW, preset=preset, seed=seed, planner=planner, success=planner == "promp")
             for planner in planners
         ]
 
-    monkeypatch.setattr(study, "run_scene", run_scene)
+    monkeypatch.setattr(study, "run_trials", run_trials)
     monkeypatch.setattr(study, "warm_up", lambda *_: None)
     return asked
 
@@ -73,16 +86,15 @@ def test_wilson_against_published_values() -> None:
 def test_summary_counts() -> None:
     rows = [
         replace(ROW, seed=0, success=True, cause=""),
-        replace(
-            ROW,
+        ROW.having(
             seed=1,
             static_force=3.0,
             cause="static_contact",
             unripe_force=2.5,
             causes="static_contact crushed not_picked",
         ),
-        replace(ROW, seed=2, cause="no_plan", plan_status="INVALID_PLAN", unripe_force=None),
-        replace(ROW, seed=3, torn="n1 n2"),
+        ROW.having(seed=2, cause="no_plan", plan_status="INVALID_PLAN", unripe_force=None),
+        ROW.having(seed=3, torn="n1 n2"),
     ]
     (cell,) = summary(rows)
     assert (cell.runs, cell.successes, cell.plans, cell.kept, cell.broken) == (4, 1, 3, 1, 2)
@@ -100,8 +112,7 @@ def test_summary_counts() -> None:
     "row",
     [
         ROW,
-        replace(
-            ROW,
+        ROW.having(
             picked=None,
             unripe_force=None,
             duration=None,
@@ -112,30 +123,30 @@ def test_summary_counts() -> None:
     ],
 )
 def test_a_row_outlives_its_file(row: Row, tmp_path: Path) -> None:
-    RowFile(tmp_path, small().common()).append(row)
-    assert RowFile(tmp_path, small().common()).rows == [row]
-    assert row_from_text({name: str(getattr(ROW, name)) for name in COLUMNS}) == ROW
+    row_file(small(), tmp_path).append(row)
+    assert row_file(small(), tmp_path).rows == [row]
+    assert row_of({name: str(getattr(ROW, name)) for name in STUDY}) == ROW
 
 
 def test_a_row_cut_short_is_dropped_and_the_rest_kept(tmp_path: Path) -> None:
-    file = RowFile(tmp_path, small().common())
+    file = row_file(small(), tmp_path)
     file.append(ROW)
     whole = file.path.read_bytes()
     file.append(replace(ROW, seed=1))
     file.path.write_bytes(file.path.read_bytes()[:-7])
-    again = RowFile(tmp_path, small().common())
+    again = row_file(small(), tmp_path)
     assert again.rows == [ROW]
     assert file.path.read_bytes() == whole
 
 
 def test_a_run_that_stands_twice_is_refused(tmp_path: Path) -> None:
-    file = RowFile(tmp_path, small().common())
+    file = row_file(small(), tmp_path)
     file.append(ROW)
     file.append(replace(ROW, seed=1))
     head, first, _ = file.path.read_bytes().splitlines(keepends=True)
     with file.path.open("ab") as stream:
         stream.write(first.replace(b"True", b"False"))
-    for read in (lambda: rows_of(tmp_path), lambda: RowFile(tmp_path, small().common())):
+    for read in (lambda: rows_of(tmp_path), lambda: row_file(small(), tmp_path)):
         with pytest.raises(InvalidRequestError, match=r"rows\.csv holds 2 rows of .*must hold one"):
             read()
     file.path.write_bytes(head + first)
@@ -143,9 +154,9 @@ def test_a_run_that_stands_twice_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_message_of_many_lines_is_one_line(tmp_path: Path) -> None:
-    file = RowFile(tmp_path, small().common())
+    file = row_file(small(), tmp_path)
     file.append(replace(ROW, message="one\ntwo\r\n three"))
-    assert RowFile(tmp_path, small().common()).rows[0].message == "one two three"
+    assert row_file(small(), tmp_path).rows[0].message == "one two three"
     assert file.path.read_bytes().count(b"\n") == 2
 
 
@@ -162,9 +173,9 @@ def test_a_message_of_many_lines_is_one_line(tmp_path: Path) -> None:
 def test_rows_of_another_study_are_not_mixed(change, named, tmp_path: Path) -> None:
     """Whether the folder or the study states what the other leaves at its default."""
     for k, (held, asked) in enumerate(((small(), small(**change)), (small(**change), small()))):
-        RowFile(tmp_path / str(k), held.common())
+        row_file(held, tmp_path / str(k))
         with pytest.raises(InvalidRequestError, match=f"holds rows with {named}"):
-            RowFile(tmp_path / str(k), asked.common())
+            row_file(asked, tmp_path / str(k))
 
 
 def test_the_version_of_rows_follows_the_code_of_the_core(tmp_path: Path, monkeypatch) -> None:
@@ -182,18 +193,18 @@ def test_the_version_of_rows_follows_the_code_of_the_core(tmp_path: Path, monkey
 
 
 def test_rows_of_other_code_are_not_mixed(tmp_path: Path, monkeypatch) -> None:
-    RowFile(tmp_path, small().common())
-    monkeypatch.setattr(study, "source_version", lambda: "other")
+    row_file(small(), tmp_path)
+    monkeypatch.setattr(trials, "source_version", lambda: "other")
     with pytest.raises(InvalidRequestError, match="version"):
-        RowFile(tmp_path, small().common())
+        row_file(small(), tmp_path)
 
 
 def test_what_is_no_row_is_refused(tmp_path: Path) -> None:
-    file = RowFile(tmp_path, small().common())
+    file = row_file(small(), tmp_path)
     with file.path.open("a") as stream:
         stream.write("cluster,zero,straight\n")
     with pytest.raises(InvalidRequestError, match=r"rows\.csv"):
-        RowFile(tmp_path, small().common())
+        row_file(small(), tmp_path)
 
 
 # --- running ------------------------------------------------------------------------------------
@@ -236,7 +247,7 @@ def test_a_study_goes_on_where_it_was_left(quick, tmp_path: Path) -> None:
     assert steps[0] == (4, 9)
     assert steps[-1] == (9, 9)
     assert [row.key for row in rows] == [
-        ("cluster", seed, planner, "", "", "")
+        ("cluster", seed, planner, "", "", "", "")
         for seed in range(3)
         for planner in ("straight", "promp", "chomp")
     ]
@@ -249,9 +260,9 @@ def test_an_interruption_keeps_the_rows_that_are_done(quick, tmp_path: Path) -> 
 
     with pytest.raises(KeyboardInterrupt):
         run_study(small(), tmp_path, workers=1, progress=interrupt)
-    assert len(RowFile(tmp_path, small().common()).rows) == 3
+    assert len(row_file(small(), tmp_path).rows) == 3
     assert len(run_study(small(), tmp_path, workers=1)) == 6
-    assert len({row.key for row in RowFile(tmp_path, small().common()).rows}) == 6
+    assert len({row.key for row in row_file(small(), tmp_path).rows}) == 6
 
 
 def test_results_are_written(quick, tmp_path: Path) -> None:
@@ -268,7 +279,7 @@ def test_results_are_written(quick, tmp_path: Path) -> None:
 
 
 def test_the_bars_are_promised_and_picked_and_the_dots_are_executed() -> None:
-    refused = replace(ROW, success=True, plan_status="HARM_PREDICTED")
+    refused = ROW.having(success=True, plan_status="HARM_PREDICTED")
     rows = [replace(ROW, success=True), *(replace(refused, seed=k) for k in (1, 2)),
             replace(ROW, seed=3)]  # fmt: skip
     rates, _ = study_figure(summary(rows)).axes
@@ -280,8 +291,8 @@ def test_a_run_that_breaks_off_is_a_row_too(monkeypatch) -> None:
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("of all objects")
 
-    monkeypatch.setattr(runs, "attempt", broken)
-    (row,) = runs.run_scene("cluster", 0, ("straight",), Noise(), "x")
+    monkeypatch.setattr(trials, "attempt", broken)
+    (row,) = run_trials(small(), "cluster", 0, "", ("straight",), "x")
     assert (row.success, row.cause) == (False, "error")
     assert "of all objects" in row.message
 
@@ -302,7 +313,8 @@ def test_the_risk_of_a_study_sets_what_its_rows_promise(tmp_path: Path) -> None:
 def test_plans_that_are_refused_are_not_executed_where_so_asked() -> None:
     pytest.importorskip("mujoco")
     for seed in range(20):
-        (row,) = runs.run_scene("table-top", seed, ("straight",), Noise(), "x", only_valid=True)
+        chosen = Study(("table-top",), ("straight",), only_valid=True)
+        (row,) = run_trials(chosen, "table-top", seed, "", ("straight",), "x")
         if row.plan_status != "success":
             assert row.cause == "no_plan"
             assert row.unripe_force is None
@@ -318,7 +330,7 @@ def test_a_real_run_is_the_same_in_another_process(tmp_path: Path) -> None:
     assert len(alone) == len(together) == 2
     for one, other in zip(alone, together, strict=True):
         times = {"plan_time": 0.0, "simulation_time": 0.0}
-        assert replace(one, **times) == replace(other, **times)
+        assert one.having(**times) == other.having(**times)
         assert one.plan_status in ("success", "INVALID_PLAN", "HARM_PREDICTED")
         assert one.unripe_force is not None
     assert not multiprocessing.active_children()
@@ -345,7 +357,7 @@ def test_ctrl_c_leaves_whole_rows_and_no_process(tmp_path: Path) -> None:
     assert b"Traceback" not in errors
     content = rows.read_bytes()
     assert content.endswith(b"\n")
-    kept = RowFile(tmp_path, Study(("cluster",), ("straight",), (0, 400)).common()).rows
+    kept = row_file(Study(("cluster",), ("straight",), (0, 400)), tmp_path).rows
     assert 2 <= len(kept) < 400
     until = time.monotonic() + 10
     while group_lives(process.pid) and time.monotonic() < until:
@@ -372,10 +384,54 @@ def test_two_studies_cannot_write_into_one_folder(tmp_path: Path) -> None:
         stdin=subprocess.PIPE, stdout=subprocess.PIPE,
     )  # fmt: skip
     try:
-        assert other.stdout is not None
         other.stdout.readline()
         with pytest.raises(InvalidRequestError, match="another study writes into"):
             run_study(wanted, tmp_path, workers=1)
     finally:
         other.communicate("\n")
     assert len(run_study(wanted, tmp_path, workers=1)) == 1
+
+
+values = st.lists(st.integers(0, 6).map(lambda k: 0.25 * k), min_size=1, max_size=20)
+
+
+@given(values, values)
+def test_the_auc_is_that_of_mann_and_whitney(above: list[float], below: list[float]) -> None:
+    u = mannwhitneyu(above, below, method="asymptotic").statistic
+    assert auc(above, below) == pytest.approx(u / (len(above) * len(below)))
+
+
+def test_without_pairs_there_is_no_auc() -> None:
+    assert np.isnan(auc([], [1.0]))
+    assert np.isnan(auc([1.0], []))
+
+
+def test_runs_are_counted_in_the_bin_of_their_probability() -> None:
+    outcomes = [(0.0, True), (0.004, True), (0.01, False), (0.3, True), (0.1, False), (1.0, False)]
+    rows = [
+        ROW.having(
+            predicted_failure=told, success=ok,
+            plan_status="HARM_PREDICTED" if told > 0.5 else "success",
+        )
+        for told, ok in outcomes
+    ]  # fmt: skip
+    rows += [
+        ROW.having(predicted_failure=None),  # no model
+        ROW.having(predicted_failure=0.1, picked=None),  # not executed
+    ]
+    found = calibration(rows)
+    counted = [(b.low, b.high, b.runs, b.failures) for b in found.bins]
+    assert counted == [
+        (0.0, 0.01, 2, 0), (0.01, 0.02, 1, 1), (0.1, 0.2, 1, 1), (0.2, 0.4, 1, 0), (0.4, 1.0, 1, 1),
+    ]  # fmt: skip
+    assert [b.predicted for b in found.bins] == pytest.approx([0.002, 0.01, 0.1, 0.3, 1.0])
+    assert sum(b.runs for b in found.bins) == 6
+    for b in found.bins:
+        assert b.rate == b.failures / b.runs
+        assert (b.rate_low, b.rate_high) == wilson(b.failures, b.runs)
+    assert (found.successes, found.failed) == (5, 2)
+    assert found.auc == pytest.approx(7.0 / 9.0)
+
+
+def test_without_predictions_there_is_no_calibration() -> None:
+    assert calibration([ROW.having(predicted_failure=None)]) is None

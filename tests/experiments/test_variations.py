@@ -6,13 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.laboratory.experiments import runs
-from optipromp.laboratory.experiments.runs import Row
+from optipromp.laboratory.experiments.rows import Row
+from optipromp.laboratory.experiments.situations import VARIATIONS
 from optipromp.laboratory.experiments.statistics import summary
-from optipromp.laboratory.experiments.study import Study, run_study
-from optipromp.laboratory.experiments.study_output import study_figure
-from optipromp.laboratory.experiments.variations import VARIATIONS
-from optipromp.laboratory.generate import Noise, generate
+from optipromp.laboratory.experiments.study import Study, run_study, study_figure
+from optipromp.laboratory.experiments.trials import run_trials
+from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.parameters import SimulationParameters
 
 USUAL = SimulationParameters()
@@ -47,7 +46,7 @@ def differences(p: SimulationParameters) -> set[str]:
 @pytest.mark.parametrize("name", VARIATIONS)
 def test_a_variation_changes_what_it_names(name: str) -> None:
     scene = generate("mixed", 3)
-    changed, p = VARIATIONS[name](scene, np.random.default_rng(0))
+    changed, _, _, p, *_ = VARIATIONS[name](scene, 0)
     if name in CHANGED or name == "as assumed":
         assert changed is scene
         assert differences(p) == CHANGED.get(name, set())
@@ -83,7 +82,8 @@ def test_one_plan_is_executed_under_every_variation_and_as_assumed_as_ever(tmp_p
     assert [row.variation for row in rows] == list(VARIATIONS)
     assert len({(row.plan_status, row.predicted_harm, row.duration) for row in rows}) == 1
     assert len({row.unripe_force for row in rows}) > 5  # the physics was another each time
-    (usual,) = runs.run_scene("cluster", 9100, ("opti-promp",), Noise(), "x")
+    alone = Study(("cluster",), ("opti-promp",))
+    (usual,) = run_trials(alone, "cluster", 9100, "", ("opti-promp",), "x")
     kept = ("success", "message", "unripe_force", "target_force", "stem_force")
     assert [getattr(usual, k) for k in kept] == [getattr(rows[0], k) for k in kept]
     assert [cell.preset for cell in summary(rows)] == list(VARIATIONS)
@@ -94,9 +94,11 @@ def test_one_plan_is_executed_under_every_variation_and_as_assumed_as_ever(tmp_p
 
 def test_the_figure_shows_planners_beside_one_another_under_every_variation() -> None:
     rows = [
-        Row("cluster", seed, planner, 0.0, 0.0, 2, 0, "INVALID_PLAN" if seed == 3 else "success",
-            planner == "drift" or seed > 1,
-            causes="crushed not_picked", variation=name)
+        Row.of(
+            "cluster", seed, planner=planner, variation=name, causes="crushed not_picked",
+            plan_status="INVALID_PLAN" if seed == 3 else "success", redraws=0,
+            success=planner == "drift" or seed > 1,
+        )
         for name in VARIATIONS for planner in ("drift", "opti-promp") for seed in range(4)
     ]  # fmt: skip
     rates, why = study_figure(summary(rows)).axes

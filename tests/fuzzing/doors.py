@@ -185,7 +185,7 @@ def calibration(random: Random) -> Mutant:
     def act(folder: Path) -> str:
         from optipromp import load_robot
         from optipromp.perception import Board, by_tool, load_camera
-        from optipromp.perception.calibration_files import read_seen_tool, read_views
+        from optipromp.perception.calibration import read_seen_tool, read_views
 
         model, robot = load_camera(folder / "a.camera.json")[0], load_robot("panda")
         if boards:

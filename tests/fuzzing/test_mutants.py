@@ -6,6 +6,7 @@ import warnings
 from pathlib import Path
 from random import Random
 
+import pytest
 import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -31,12 +32,14 @@ def run(made) -> None:
             os.chdir(before)
 
 
+@pytest.mark.slow
 @few
 @given(randoms)
 def test_what_is_mutated_is_refused_or_right(random: Random) -> None:
     run(mutant(random))
 
 
+@pytest.mark.slow
 @few
 @given(st.sampled_from([robot, demonstrations, plan_folder]), randoms)
 def test_files_that_are_mutated_are_refused_or_right(make, random: Random) -> None:

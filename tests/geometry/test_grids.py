@@ -10,10 +10,15 @@ from scipy.spatial import cKDTree
 
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry import Box, MeshShape, PointCloudShape, Sphere, distances, grids, pack
-from optipromp.core.geometry.grids import cloud_grid, distance_grid, mesh_grid
+from optipromp.core.geometry.grids import (
+    cloud_grid,
+    distance_grid,
+    mesh_grid,
+    signed_grid,
+    to_nearest,
+    winding_number,
+)
 from optipromp.core.geometry.loading import load_cloud, load_mesh
-from optipromp.core.geometry.nearest import to_nearest
-from optipromp.core.geometry.triangles import signed_grid, winding_number
 
 EYE = np.eye(3)
 ZERO = np.zeros(3)

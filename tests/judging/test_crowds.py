@@ -13,7 +13,7 @@ from optipromp.core import judging
 from optipromp.core.geometry import Box, Capsule, Cylinder, HalfSpace, Sphere
 from optipromp.core.judging import clearance
 from optipromp.core.judging.distances import BLOCK, objects_of
-from optipromp.core.judging.passing import Passing, last_passages, passing
+from optipromp.core.judging.speed import Passing, last_passages, passages
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import JointGoal, Scene, SceneObject, Stem
 
@@ -128,7 +128,7 @@ def test_a_fruit_is_passed_alike_alone_and_among_others(seed: int, aim: bool) ->
     goal = {} if aim else {"goal": JointGoal(np.zeros(7))}
 
     def asked(*objects: SceneObject) -> Passing:
-        return passing(
+        return passages(
             Scene("s", "panda", (lowest, *objects, ripe) if aim else objects, **goal),
             tips, rims, 0.05,
         )  # fmt: skip

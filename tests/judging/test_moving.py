@@ -11,7 +11,7 @@ from optipromp.core import judging
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import Scene, SceneObject, Stem
-from optipromp.core.scenes.motion import ObjectMotion
+from optipromp.core.scenes.objects import ObjectMotion
 from optipromp.core.scenes.scene import JointGoal
 from optipromp.core.trajectory import Trajectory
 

@@ -10,7 +10,7 @@ from optipromp.core.judging import clearances
 from optipromp.core.judging.clearance import nearest_static
 from optipromp.core.judging.entered import entered
 from optipromp.core.planning.task import posed
-from optipromp.core.robots.dynamics import gravity_load
+from optipromp.core.robots.model import gravity_load
 from optipromp.core.scenes import Attached, PoseGoal, Scene, SceneObject, ToolSpec
 
 UP = np.array([0.0, 0.0, 1.0])

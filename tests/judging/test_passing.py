@@ -15,8 +15,8 @@ from tests.judging.builders import moving, obj, to
 
 from optipromp.core import judging
 from optipromp.core.geometry import Box, Cylinder, Shape, Sphere
-from optipromp.core.judging.passing import between
-from optipromp.core.judging.passing import passing as judged_passing
+from optipromp.core.judging.speed import between
+from optipromp.core.judging.speed import passages as judged_passing
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import Approach, Scene, SceneObject, Stem
 from optipromp.core.trajectory import State
@@ -26,7 +26,7 @@ TARGET = np.array([0.0, 0.0, 0.75])
 BALL = Sphere(0.015)
 
 
-def passing(
+def passages(
     gantry: Robot, stem: Any, aside: Callable[[np.ndarray], Any], fruit: Any = FRUIT,
     shape: Shape = BALL,
 ) -> judging.Judgement:  # fmt: skip
@@ -48,26 +48,20 @@ def passing(
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_m_p_is_the_offset_where_the_tool_passes(side: float, gantry: Robot) -> None:
-    judgement = passing(gantry, (0.0, 0.05, 0.2), lambda h: (0.01, side * 0.06))
+    judgement = passages(gantry, (0.0, 0.05, 0.2), lambda h: (0.01, side * 0.06))
     assert judgement.metrics.M_p["n"] == pytest.approx(side * 0.06)
     assert judgement.metrics.stem_projection["n"] == pytest.approx(0.05)
     wrong = side > 0.0  # the stem leans to +y: the tool must pass at -y
     assert (judgement.message == "the tool passes n on the side of its stem") == wrong
-    mirrored = passing(gantry, (0.0, -0.05, 0.2), lambda h: (0.01, side * 0.06))
+    mirrored = passages(gantry, (0.0, -0.05, 0.2), lambda h: (0.01, side * 0.06))
     assert mirrored.metrics.stem_projection["n"] == pytest.approx(-0.05)
     assert bool(mirrored.violations) != wrong
-
-
-def test_the_offset_counts_at_the_fruit_not_elsewhere(gantry: Robot) -> None:
-    judgement = passing(gantry, (0.0, 0.05, 0.2), lambda h: (0.0, -0.06 if abs(h) < 0.02 else 0.06))
-    assert judgement.metrics.M_p["n"] == pytest.approx(-0.06)
-    assert judgement.violations == ()
 
 
 def test_a_stem_that_leans_along_x_has_a_side_too(gantry: Robot) -> None:
     """The paper's figure, along y_g, says nothing here; the stem still must not be met."""
     for x in (-0.06, 0.06):
-        judgement = passing(gantry, (0.05, 0.0, 0.2), lambda h, x=x: (x, 0.0))  # type: ignore[misc]
+        judgement = passages(gantry, (0.05, 0.0, 0.2), lambda h, x=x: (x, 0.0))  # type: ignore[misc]
         assert judgement.metrics.M_p["n"] == pytest.approx(0.0, abs=1e-12)
         assert judgement.metrics.stem_projection["n"] == pytest.approx(0.0, abs=1e-12)
         assert bool(judgement.violations) == (x > 0.0)
@@ -76,33 +70,14 @@ def test_a_stem_that_leans_along_x_has_a_side_too(gantry: Robot) -> None:
 @pytest.mark.parametrize("stem", [None, (0.0, 0.0, 0.2), (0.0, 0.002, 0.2)])
 def test_without_a_lean_either_side_will_do(stem: Any, gantry: Robot) -> None:
     for y in (-0.06, 0.06):
-        judgement = passing(gantry, stem, lambda h, y=y: (0.0, y))  # type: ignore[misc]
+        judgement = passages(gantry, stem, lambda h, y=y: (0.0, y))  # type: ignore[misc]
         assert judgement.metrics.M_p["n"] == pytest.approx(y)
         assert judgement.violations == ()
     assert (judgement.metrics.stem_projection["n"] is None) == (stem is None)
 
 
-def test_the_last_passage_counts(gantry: Robot) -> None:
-    """Up on the wrong side, down, and up again on the right one."""
-    height = np.concatenate([np.linspace(0.5, 0.7, 20), np.linspace(0.7, 0.5, 20)])
-    height = np.concatenate([height, np.linspace(0.5, 0.75, 25)])
-    path = np.zeros((65, 3))
-    path[:, 2] = height
-    path[:20, 1], path[20:40, 1], path[40:, 1] = 0.06, 0.06, -0.06
-    path[-1] = TARGET
-    scene = to(
-        None,
-        obj("target", Sphere(0.015), TARGET, name="ripe"),
-        SceneObject(
-            "n", "pushable", Sphere(0.015), FRUIT, stem=Stem(np.array([FRUIT, [0, 0.05, 0.8]]))
-        ),
-    )
-    judgement = judging.judge(scene, gantry, moving(gantry, path - [0.0, 0.0, 0.13], dt=9.0))
-    assert judgement.metrics.M_p["n"] == pytest.approx(-0.06)
-
-
 def test_a_fruit_that_is_not_passed_has_no_m_p(gantry: Robot) -> None:
-    judgement = passing(gantry, (0.0, 0.05, 0.2), lambda h: (0.0, 0.06), np.array([0, 0, 0.9]))
+    judgement = passages(gantry, (0.0, 0.05, 0.2), lambda h: (0.0, 0.06), np.array([0, 0, 0.9]))
     assert judgement.metrics.M_p["n"] is None
     assert judgement.metrics.stem_projection["n"] == pytest.approx(0.05)
     assert judgement.violations == ()
@@ -110,7 +85,7 @@ def test_a_fruit_that_is_not_passed_has_no_m_p(gantry: Robot) -> None:
 
 def test_a_fruit_far_from_the_path_and_the_line_has_no_side(gantry: Robot) -> None:
     away = np.array([0.0, -0.4, 0.6])
-    judgement = passing(gantry, (0.0, 0.05, 0.2), lambda h: (0.0, 0.0), away)
+    judgement = passages(gantry, (0.0, 0.05, 0.2), lambda h: (0.0, 0.0), away)
     assert judgement.metrics.M_p["n"] == pytest.approx(0.4)  # reported,
     assert judgement.violations == ()  # but nothing is pushed
 
@@ -167,30 +142,6 @@ def test_the_side_of_a_stem_may_be_a_note(gantry: Robot) -> None:
     assert astray.notes == (strict.message,)
 
 
-@pytest.mark.parametrize(
-    ("y", "short"), [(-0.06, 0.0), (-0.05, 0.0), (-0.03, 0.02), (0.0, 0.05), (0.06, 0.11)]
-)
-def test_drift_shortfall_is_what_the_paper_asks_for_less_what_there_is(
-    y: float, short: float, gantry: Robot
-) -> None:
-    """The stem leans to +y, so the tool (R_gripper 0.05) must keep y <= -0.05."""
-    metrics = passing(gantry, (0.0, 0.05, 0.2), lambda h: (0.01, y)).metrics
-    assert metrics.drift_shortfall["n"] == pytest.approx(short, abs=1e-12)
-    mirrored = passing(gantry, (0.0, -0.05, 0.2), lambda h: (0.01, -y)).metrics
-    assert mirrored.drift_shortfall["n"] == pytest.approx(short, abs=1e-12)
-
-
-def test_drift_shortfall_is_the_worst_of_the_window(gantry: Robot) -> None:
-    """At the fruit's level 0.06 off, 10 mm above it 0.04, and on the line once past its radius."""
-
-    def aside(h: float) -> tuple[float, float]:
-        return 0.0, -0.06 if abs(h) < 5e-3 else -0.04 if abs(h) < 0.0151 else 0.0
-
-    metrics = passing(gantry, (0.0, 0.05, 0.2), aside).metrics
-    assert metrics.M_p["n"] == pytest.approx(-0.06)
-    assert metrics.drift_shortfall["n"] == pytest.approx(0.01)
-
-
 def test_drift_shortfall_counts_from_the_camera_point_on(gantry: Robot) -> None:
     """Down past the fruit on its stem's side, then from the camera point up on the other side."""
     down, up = np.linspace(0.7, 0.485, 40), np.linspace(0.485, 0.75, 40)
@@ -225,7 +176,7 @@ def test_the_window_is_the_extent_along_the_approach(shape: Shape, gantry: Robot
         def aside(h: float, far: float = height) -> tuple[float, float]:
             return 0.0, -0.06 if abs(h) < far else 0.0
 
-        metrics = passing(gantry, (0.0, 0.05, 0.2), aside, shape=shape).metrics
+        metrics = passages(gantry, (0.0, 0.05, 0.2), aside, shape=shape).metrics
         assert metrics.drift_shortfall["n"] == pytest.approx(short)
 
 
@@ -234,14 +185,14 @@ def test_the_window_is_the_extent_along_the_approach(shape: Shape, gantry: Robot
 def test_where_no_stem_decides_the_side_that_is_passed_counts(
     stem: Any, y: float, gantry: Robot
 ) -> None:
-    metrics = passing(gantry, stem, lambda h: (-0.01, y)).metrics
+    metrics = passages(gantry, stem, lambda h: (-0.01, y)).metrics
     assert metrics.drift_shortfall["n"] == pytest.approx(0.02)
     assert (metrics.stem_gap["n"] is None) == (stem is None)
 
 
 @pytest.mark.parametrize("fruit", [[0.0, 0.0, 0.9], [0.0, -0.4, 0.6]])
 def test_what_is_not_passed_or_far_off_has_no_shortfall(fruit: Any, gantry: Robot) -> None:
-    metrics = passing(gantry, (0.0, 0.05, 0.2), lambda h: (0.0, 0.0), np.array(fruit)).metrics
+    metrics = passages(gantry, (0.0, 0.05, 0.2), lambda h: (0.0, 0.0), np.array(fruit)).metrics
     assert metrics.drift_shortfall["n"] is None
     assert metrics.stem_gap["n"] is None
 
@@ -249,7 +200,7 @@ def test_what_is_not_passed_or_far_off_has_no_shortfall(fruit: Any, gantry: Robo
 def test_stem_gap_by_hand(gantry: Robot) -> None:
     """A level stem along +y. The segment from the tool ends at the fruit's surface, r = 0.015."""
     for y, gap in ((0.06, 0.0), (-0.06, 0.015)):
-        judgement = passing(
+        judgement = passages(
             gantry,
             (0.0, 0.1, 0.0),
             lambda h, y=y: (0.0, y if abs(h) < 0.016 else 0.0),  # type: ignore[misc]
@@ -266,7 +217,7 @@ def test_the_papers_constraints_as_a_check(gantry: Robot) -> None:
     ]
     for y, kinds in rows:
         stem = (0.0, 0.1, 0.0)
-        judgement = passing(gantry, stem, lambda h, y=y: (0.0, y))  # type: ignore[misc]
+        judgement = passages(gantry, stem, lambda h, y=y: (0.0, y))  # type: ignore[misc]
         hung = SceneObject(
             "n", "pushable", Sphere(0.015), FRUIT, stem=Stem(FRUIT + [np.zeros(3), stem])
         )
@@ -331,13 +282,13 @@ def test_constraints_1_and_2_are_those_of_every_waypoint(seed: int, pieces: int)
 
 def test_the_passage_is_told_in_the_plane(gantry: Robot) -> None:
     """M_p is its part along y_g; what is not passed has none."""
-    metrics = passing(gantry, (0.0, 0.05, 0.2), lambda h: (0.03, -0.06)).metrics
+    metrics = passages(gantry, (0.0, 0.05, 0.2), lambda h: (0.03, -0.06)).metrics
     assert metrics.passage["n"] == pytest.approx((0.03, -0.06), abs=1e-9)
     assert metrics.M_p["n"] == pytest.approx(-0.06)
 
 
 def test_to_dict_is_plain_and_complete(gantry: Robot) -> None:
-    document = passing(gantry, (0.0, 0.05, 0.2), lambda h: (0.0, -0.06)).metrics.to_dict()
+    document = passages(gantry, (0.0, 0.05, 0.2), lambda h: (0.0, -0.06)).metrics.to_dict()
     assert json.loads(json.dumps(document)) == document
     assert set(document) >= {
         "M_c", "M_p", "stem_projection", "drift_shortfall", "stem_gap", "clearance_static",

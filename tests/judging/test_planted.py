@@ -122,11 +122,13 @@ def test_a_position_limit_broken_by_a_millionth(which: int, seed: int, side: flo
 @given(whichever, st.sampled_from(judging.RATES), st.floats(3e-6, 1.0))
 @often
 def test_a_rate_over_its_limit(which: int, rate: str, share: float) -> None:
-    """By three millionths or by more."""
+    """By three millionths or by more; a millionth below it none is told."""
     made = planned(which)
     used = getattr(made.metrics, f"{rate}_ratio")
-    limit = np.array(getattr(made.robot, rate)) * used / (1.0 + share)
-    assert rate in [v.kind for v in faults(made, robot=replace(made.robot, **{rate: limit}))]
+    for over, wrong in ((share, True), (-1e-6, False)):
+        limit = np.array(getattr(made.robot, rate)) * used / (1.0 + over)
+        found = faults(made, robot=replace(made.robot, **{rate: limit}))
+        assert (rate in [v.kind for v in found]) is wrong
 
 
 @given(whichever, seeds)

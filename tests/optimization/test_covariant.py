@@ -8,12 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.optimization.builders import EMPTY
 
+from optipromp.core.budget import Budget
 from optipromp.core.geometry import Sphere, pack
-from optipromp.core.optimization import covariant
 from optipromp.core.optimization.costs.joints import SmoothnessCost
 from optipromp.core.optimization.costs.obstacles import ObstacleCost
-from optipromp.core.optimization.covariant import DescentOptions, descend
 from optipromp.core.optimization.problem import Problem, Surroundings
+from optipromp.core.planning import plan
+from optipromp.laboratory.planners import obstacles as covariant
+from optipromp.laboratory.planners.obstacles import descend
 
 WAYPOINTS = 40
 
@@ -75,7 +77,7 @@ def test_the_slope_along_the_step_is_what_differences_say(panda: Any) -> None:
 def test_every_step_lowers_the_objective_and_no_end_moves(panda: Any) -> None:
     problem, q = chomp(panda.robot), reach(panda.robot)
     before = problem.evaluate(q)
-    result = descend(problem, q, DescentOptions())
+    result = descend(problem, q, Budget())
     totals = [one["static"] + 1e-5 * one["smoothness"] for one in result.history]
     assert totals[0] == pytest.approx(before.merit)
     assert (np.diff(totals) < 0.0).all()
@@ -92,7 +94,7 @@ def test_a_free_end_moves(panda: Any) -> None:
     problem.evaluate(q)
     gradient = problem.gradient().copy()
     assert gradient[-1].any() or np.abs(gradient).any()
-    result = descend(problem, q, DescentOptions(iterations=20))
+    result = descend(problem, q, Budget(), iterations=20)
     np.testing.assert_array_equal(result.q[0], q[0])
     assert not np.array_equal(result.q[-1], q[-1])
 
@@ -101,7 +103,7 @@ def test_where_nothing_is_downhill_it_ends_at_once(panda: Any) -> None:
     """A straight rest: no obstacle, nothing to smooth."""
     q = np.tile(panda.robot.home, (WAYPOINTS, 1))
     problem = chomp(panda.robot)
-    result = descend(problem, q, DescentOptions())
+    result = descend(problem, q, Budget())
     free = problem.evaluate(q).costs["static"] == 0.0
     assert free
     assert result.iterations == 0
@@ -124,3 +126,9 @@ def test_what_is_beyond_a_limit_is_drawn_in(panda: Any, seed: int, waypoints: in
     assert (out <= robot.upper).all()
     assert (out >= robot.lower).all()
     np.testing.assert_array_equal(out[[0, -1]], q[[0, -1]])
+
+
+def test_the_planner_stops_where_its_effort_ends() -> None:
+    whole, cut = (plan("scenario-3", planner="chomp", effort=effort) for effort in (10**6, 3))
+    assert not np.array_equal(whole.trajectory.positions, cut.trajectory.positions)
+    assert "effort ran out" in cut.message or "was cut after" in cut.message

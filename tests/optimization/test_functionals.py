@@ -8,8 +8,8 @@ from tests.optimization.builders import EMPTY, reach
 
 from optipromp.core.geometry import Sphere, pack
 from optipromp.core.optimization.costs.obstacles import ObstacleCost, chomp_cost
-from optipromp.core.optimization.costs.tool import PushCost
 from optipromp.core.optimization.problem import Problem, Surroundings
+from optipromp.laboratory.planners.paper import PushCost
 
 
 def chomp_gradient(

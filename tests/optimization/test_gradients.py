@@ -19,9 +19,9 @@ from optipromp.core.optimization.costs.tool import (
     CorridorCost,
     GoalCost,
     LevelCost,
-    PushCost,
     UprightCost,
 )
+from optipromp.laboratory.planners.paper import PushCost
 
 FRAME = np.array([[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
 

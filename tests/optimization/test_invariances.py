@@ -13,8 +13,9 @@ from optipromp.core.geometry import Box, Sphere, pack
 from optipromp.core.optimization.costs import Cost
 from optipromp.core.optimization.costs.joints import SmoothnessCost, StepCost, VelocityCost
 from optipromp.core.optimization.costs.obstacles import ClearanceCost, ObstacleCost, SelfCost
-from optipromp.core.optimization.costs.tool import GoalCost, PushCost
+from optipromp.core.optimization.costs.tool import GoalCost
 from optipromp.core.optimization.problem import Problem, Surroundings
+from optipromp.laboratory.planners.paper import PushCost
 
 angle = st.floats(-2.5, 2.5)
 shift = st.floats(-0.5, 0.5)

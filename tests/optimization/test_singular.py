@@ -14,8 +14,9 @@ from optipromp.core.optimization.costs.obstacles import (
     obstacle_functional,
     self_penalty,
 )
-from optipromp.core.optimization.costs.tool import GoalCost, PushCost, UprightCost
+from optipromp.core.optimization.costs.tool import GoalCost, UprightCost
 from optipromp.core.optimization.problem import Surroundings
+from optipromp.laboratory.planners.paper import PushCost
 
 
 def test_costs_are_zero_where_there_is_nothing_to_do(panda: Any) -> None:

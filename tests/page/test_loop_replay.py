@@ -12,8 +12,7 @@ from tests.page.conftest import PATIENCE
 from tests.simulation.loops import swaying
 
 from optipromp.laboratory.simulation import simulate
-from optipromp.laboratory.simulation.files import write_run
-from optipromp.laboratory.simulation.loop_files import record_of, write_loop
+from optipromp.laboratory.simulation.files import record_of, write_loop, write_run
 from optipromp.looks.page.replay import load_replay, open_source
 
 

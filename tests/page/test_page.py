@@ -294,6 +294,7 @@ def test_two_windows_do_not_disturb_one_another(opened: Opened, opener) -> None:
     opened.until(lambda: not theirs.worker._thread.is_alive(), "its thread stays")
 
 
+@pytest.mark.slow  # each use is drawn
 def test_use_does_not_grow_memory(opened: Opened, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(content, "SEARCHING", 0.05)  # candidate paths are looked for less long
     window = opened.window

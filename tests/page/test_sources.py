@@ -19,7 +19,6 @@ from optipromp.core.scenes.io import load_scene, save_scene
 from optipromp.looks.page import arrange, content
 from optipromp.looks.page.replay import open_source
 from optipromp.looks.page.tabs import Recorder
-from optipromp.looks.page.telling import violations
 from optipromp.looks.viewer.nodes import tube
 from optipromp.perception.pictures import png_file
 
@@ -75,7 +74,7 @@ def test_the_cause_of_a_failure_is_placed() -> None:
     failed = plan(scene)
     (table,) = scene.static
     assert np.array_equal(arrange.culprit(scene, failed, None), table.position)
-    assert {violation.kind for violation in violations(failed)} >= {"goal", "contact"}
+    assert {violation.kind for violation in failed.judgement.violations} >= {"goal", "contact"}
 
 
 def test_the_bundle_ends_where_the_plan_does(made) -> None:

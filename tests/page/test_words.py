@@ -6,14 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from optipromp.core import judging
 from optipromp.core.errors import Code, InvalidSceneError
+from optipromp.core.judging import Violation
 from optipromp.core.planning import Plan, plan
 from optipromp.core.scenes.io import load_scene
 from optipromp.laboratory.generate import generate
 from optipromp.looks.appearance import object_parts
 from optipromp.looks.appearance.faces import hex_colour
 from optipromp.looks.page import content, stage, telling
-from optipromp.looks.page.panel import legend, planned, replayed, things
+from optipromp.looks.page.tabs import legend, planned, replayed, things
 from optipromp.looks.viewer.words import WORDS, complaint, head, sentences, without_codes
 
 FOV = 0.87  # [rad]
@@ -41,7 +43,8 @@ def test_a_success_is_told_in_sentences(made: Plan) -> None:
 def test_no_harm_is_claimed_without_a_prediction_and_long_lists_end(made: Plan) -> None:
     assert "Passes n1 at 62 mm." in sentences(replace(made, prediction=None), {})
     passage = {f"n{k}": (0.0, 0.05 + 0.01 * k) for k in range(9)}
-    crowd = replace(made, metrics=replace(made.metrics, passage=passage))
+    metrics = replace(made.metrics, passage=passage)
+    crowd = replace(made, judgement=replace(made.judgement, metrics=metrics))
     passed = [words for words in sentences(crowd, {"n7": 0.02}) if words.startswith("Passes")]
     assert passed == [
         "Passes n7 at 120 mm, pushes it 20 mm aside, no harm.", "Passes n0 at 50 mm, no harm.",
@@ -49,11 +52,25 @@ def test_no_harm_is_claimed_without_a_prediction_and_long_lists_end(made: Plan) 
     ]  # fmt: skip
 
 
+def test_the_table_does_not_judge_again(made: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It judged every plan that it showed a second time."""
+
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("judged again")
+
+    monkeypatch.setattr(judging, "judge", never)
+    wrong = Violation("goal", "the goal is missed")
+    judgement = replace(made.judgement, violations=(wrong,))
+    shown = telling.table(replace(made, judgement=judgement))
+    assert "<li>the goal is missed</li>" in shown
+    assert "<li>" not in telling.table(made)
+
+
 def test_every_code_has_words_and_none_is_shown(made: Plan) -> None:
     assert set(WORDS) == set(Code)
     for code in Code:
         assert not re.search("[A-Z_]{2,}", head(code)), code
-        failed = replace(made, status=code, message=f"after {code}: the arm <stops>")
+        failed = replace(made, status=code, reason=f"after {code}: the arm <stops>")
         told = telling.of_plan(failed, "planned in 3 ms", {})
         shown = re.sub("<[^>]*>", " ", told.html())
         assert not re.search("[A-Z]{2,}", shown), shown

@@ -12,7 +12,7 @@ from optipromp import load_scene
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.scenes.io import save_scene
-from optipromp.laboratory.experiments.seeing import middle
+from optipromp.laboratory.experiments.eyes import middle
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.photograph import Photograph, photograph
 from optipromp.perception import Sighting, fused, look_at, seen_scene

@@ -1,7 +1,6 @@
 """The network of the eyes: its grouping, its file, and what it finds in a picture."""
 
 import json
-import zipfile
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.perception.shots import shot_of
 from typer.testing import CliRunner
 
 from optipromp import load_scene
@@ -17,9 +17,8 @@ from optipromp.cli.main import app
 from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.scenes.io import save_scene
-from optipromp.laboratory.experiments.seeing import compared, figures
-from optipromp.laboratory.generate import generate
-from optipromp.laboratory.simulation.photograph import Photograph, photograph
+from optipromp.laboratory.experiments.eyes import compared, figures
+from optipromp.laboratory.simulation.photograph import Photograph
 from optipromp.perception import ByNetwork
 from optipromp.perception.network import CLASSES, SIZE, encoded, grouped
 from optipromp.perception.pictures import picture_files
@@ -31,7 +30,7 @@ WEIGHTS = sorted(Path(str(resources.files("optipromp.perception") / "data")).glo
 
 @pytest.fixture(scope="module")
 def shot() -> Photograph:
-    return photograph(generate("cluster", SEED), seed=SEED)
+    return shot_of(SEED)
 
 
 def answer(owner: IntArray, noise: float, seed: int) -> tuple[FloatArray, FloatArray]:
@@ -163,11 +162,6 @@ def test_a_picture_of_nothing_has_no_fruits(shot: Photograph) -> None:
     assert ByNetwork().find(bare).fruits == ()
 
 
-def test_a_file_that_is_no_network_is_refused(tmp_path: Path) -> None:
+def test_a_network_that_is_not_there_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidRequestError, match=r"none\.onnx: cannot be read"):
         ByNetwork(tmp_path / "none.onnx")
-    file = tmp_path / "a.onnx"
-    with zipfile.ZipFile(file, "w") as archive:
-        archive.writestr("a", "no weights")
-    with pytest.raises(InvalidRequestError, match="no network"):
-        ByNetwork(file)

@@ -8,7 +8,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry.shapes import Ellipsoid, Sphere
 from optipromp.perception import ByGeometry, CameraModel, DepthPicture, EyeParameters, look_at
 from optipromp.perception.finder import Region
-from optipromp.perception.spheroids import INSIDE, fitted, start_of
+from optipromp.perception.spheroids import INSIDE, fitted_spheroids, start_of
 
 CAMERA = CameraModel(320, 240, 480.0, 480.0, 159.5, 119.5)
 UP = np.array([0.0, -1.0, 0.0])  # in the frame of the camera
@@ -92,8 +92,7 @@ def test_the_less_is_seen_the_wider_the_covariance() -> None:
     spreads = []
     for picture in (whole, part.picture()):
         region = next(r for r in ByGeometry().find(picture).fruits if r.kind == "ripe")
-        fit = fitted(picture, region.pixels, UP, P)
-        assert fit is not None
+        fit = fitted_spheroids(picture, region.pixels, UP, P)
         spreads.append(float(np.trace(fit.covariance)))
     assert spreads[1] > 1.05 * spreads[0]
 
@@ -119,8 +118,6 @@ def test_a_stem_has_its_inclination(lean: float) -> None:
     painter = Painter().ellipsoid(center, (0.016,) * 3, RED)
     painter.rod(center + 0.015 * way, center + 0.10 * way)
     (fruit,) = look_at(painter.picture(0.5 * P.depth_noise), up=UP).detections
-    assert fruit.stem is not None
-    assert fruit.item.stem is not None
     off = np.degrees(np.arccos(np.clip(fruit.stem.direction @ way, -1.0, 1.0)))
     assert off < 4.0
     assert fruit.item.stem.length == pytest.approx(0.10, abs=0.015)
@@ -163,6 +160,5 @@ def test_a_region_half_near_and_half_far_begins_at_its_near_half() -> None:
     flip = np.argwhere(inside & (depth == (0.3 if odd > 0 else 0.9)))[: abs(odd) // 2]
     depth[tuple(flip.T)] = 0.9 if odd > 0 else 0.3
     found = start_of(DepthPicture(picture.rgb, depth, CAMERA), Region("ripe", one, 1.0), P)
-    assert found is not None
     assert np.isfinite(found.place).all()
     assert found.place[2] == pytest.approx(0.3)

@@ -15,7 +15,7 @@ from optipromp.core.planning import Plan, PlanOptions, plan
 from optipromp.core.planning.plan import warm_up
 from optipromp.core.promp import Demonstrations, load_demonstrations, save_demonstrations
 from optipromp.core.robots.library import load_robot
-from optipromp.core.scenes import JointGoal, Scene, SceneObject, Stem, load_scene
+from optipromp.core.scenes import JointGoal, Scene, Stem, load_scene
 
 RECORDED = (
     Path(__file__).resolve().parents[2] / "../shared/data/panda_demonstrations/demonstrations.npz"
@@ -66,11 +66,6 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def hung(obj: SceneObject, position: np.ndarray, root: np.ndarray) -> SceneObject:
-    """A fruit at another place, its straight stem to another root."""
-    return replace(obj, position=position, stem=Stem(np.array([position, root])))
-
-
 def noisy(scene: Scene, seed: int, deviation: float = 0.005) -> Scene:
     """Every fruit moved by N(0, deviation), still hanging from its root."""
     rng = np.random.default_rng(seed)
@@ -80,20 +75,16 @@ def noisy(scene: Scene, seed: int, deviation: float = 0.005) -> Scene:
             objects.append(obj)
         else:
             off = rng.normal(0.0, deviation, 3)
-            objects.append(hung(obj, obj.position + off, obj.stem.root))
+            at = obj.position + off
+            stem = Stem(np.array([at, obj.stem.root]))  # straight, to the same root
+            objects.append(replace(obj, position=at, stem=stem))
     return replace(scene, objects=tuple(objects))
 
 
 def moved(scene: Scene, seed: int, reach: float = 0.04) -> Scene:
     """The whole cluster elsewhere: every object moved alike, by up to ``reach`` along each axis."""
     off = np.random.default_rng(seed).uniform(-reach, reach, 3)
-    objects = []
-    for obj in scene.objects:
-        if obj.stem is None:
-            objects.append(replace(obj, position=obj.position + off))
-        else:
-            objects.append(hung(obj, obj.position + off, obj.stem.root + off))
-    return replace(scene, objects=tuple(objects))
+    return replace(scene, objects=tuple(obj.at(obj.position + off) for obj in scene.objects))
 
 
 @pytest.fixture(scope="session", name="noisy")

@@ -9,8 +9,8 @@ from optipromp import load_scene, save_scene
 from optipromp.core.errors import Code, InvalidSceneError
 from optipromp.core.judging import judge
 from optipromp.core.planning import plan, plan_many
-from optipromp.core.planning.approaches import others
 from optipromp.core.planning.parameters import APPROACH
+from optipromp.core.planning.plan import other_approaches
 from optipromp.core.planning.task import resolve
 from optipromp.core.scenes import Approach, Pose, Scene
 from optipromp.laboratory.generate import generate
@@ -57,7 +57,7 @@ def test_a_scene_that_allows_none_or_needs_none_is_planned_straight(refused: Sce
     scene = load_scene("scenario-4")
     one, two = plan(allowed(scene, **STRAIGHT)), plan(scene)
     np.testing.assert_array_equal(one.trajectory.positions, two.trajectory.positions)
-    assert list(others(resolve(refused, one.robot))) == []
+    assert list(other_approaches(resolve(refused, one.robot))) == []
 
 
 def test_approaches_stay_in_the_cone_and_the_target_in_the_mouth(refused: Scene) -> None:
@@ -67,8 +67,8 @@ def test_approaches_stay_in_the_cone_and_the_target_in_the_mouth(refused: Scene)
     room = robot.tool.mouth[0] - refused.target.radius
     for cone, aside in ((25.0, 0.0), (0.0, 0.5), (10.0, 0.003), (None, None)):
         task = resolve(allowed(refused, cone, aside), robot)
-        assert next(others(task, end=0.0), None) is None  # the time is over
-        found = [one.scene for one in others(task)]
+        assert next(other_approaches(task, end=0.0), None) is None  # the time is over
+        found = [one.scene for one in other_approaches(task)]
         assert found
         for scene in found:
             angle = np.degrees(np.arccos(min(scene.frame[2] @ refused.frame[2], 1.0)))
@@ -81,13 +81,13 @@ def test_approaches_stay_in_the_cone_and_the_target_in_the_mouth(refused: Scene)
 
 def test_to_what_stands_the_hand_comes_level_from_either_side() -> None:
     scene = generate("shelf", 3)
-    found = [one.scene for one in others(resolve(scene))]
+    found = [one.scene for one in other_approaches(resolve(scene))]
     assert len(found) == 2
     for one in found:
         assert abs(one.frame[2] @ one.up) < 1e-9
         angle = np.degrees(np.arccos(one.frame[2] @ scene.frame[2]))
         assert angle == pytest.approx(APPROACH.inner * APPROACH.cone)
-    assert list(others(resolve(allowed(scene, **STRAIGHT)))) == []
+    assert list(other_approaches(resolve(allowed(scene, **STRAIGHT)))) == []
 
 
 def test_a_shifted_goal_is_reached_and_judged(refused: Scene) -> None:

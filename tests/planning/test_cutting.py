@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 from tests.robots.builders import INNER
 
+from optipromp.core.geometry.shapes import Box
 from optipromp.core.planning.task import aimed_at_stem
 from optipromp.core.pushing.stems.hanging import Hanging
-from optipromp.core.robots import Cup, Mounted, Scissor
+from optipromp.core.robots import Cup, Mounted, Scissor, Solid
+from optipromp.core.robots.mounted import Load
 from optipromp.core.scenes import Scene, Stem
 from optipromp.laboratory.generate import generate
 
 BLADES = Scissor(0.06, blade_length=0.09, depth=0.008)
+BOX = Load("box", (Solid("box", Box((0.02, 0.02, 0.02)), np.array([0.0, 0.05, -0.1])),))
 
 
 def hanging(points: np.ndarray | None = None) -> Scene:
@@ -25,7 +28,9 @@ def hanging(points: np.ndarray | None = None) -> Scene:
     return replace(scene, objects=(replace(fruit, stem=stem),))
 
 
-@pytest.mark.parametrize("tool", [BLADES, Mounted(BLADES), Scissor(0.06, cut=0.03)])
+@pytest.mark.parametrize(
+    "tool", [BLADES, Mounted(BLADES), Mounted(BLADES, loads=(BOX,)), Scissor(0.06, cut=0.03)]
+)
 def test_the_approach_ends_on_the_stem_a_cut_above_the_fruit(tool: Scissor | Mounted) -> None:
     scene = hanging()
     found = aimed_at_stem(scene, tool)

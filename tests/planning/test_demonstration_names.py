@@ -37,7 +37,7 @@ def test_columns_are_matched_to_joints_by_name(three: Scene, tmp_path: Path) -> 
     saved, promp = tmp_path / "saved.npz", fit(load_demonstrations(path), BASIS)
     promp.save(saved)
     assert promp.joint_names == mixed
-    for given in (path, saved, promp):
+    for given in (path, str(path), saved, promp):
         found = learnt(task, given)
         assert found.joint_names == joints
         np.testing.assert_allclose(found.mean, right.mean, atol=1e-9)

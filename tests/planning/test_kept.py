@@ -1,6 +1,5 @@
 """Constraints of the way to a goal: a cup held upright, a plane; what the judge says of them."""
 
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -8,9 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.planning.builders import assert_success
-from typer.testing import CliRunner
 
-from optipromp.cli.main import app
+from optipromp import load_plan, load_scene, write_plan
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
 from optipromp.core.planning import Plan, judge, plan
 from optipromp.core.scenes import Pose, Scene, save_scene, scene_from_dict, scene_to_dict
@@ -142,10 +140,8 @@ def test_a_saved_path_is_the_same_path_and_turns_with_the_frame(tmp_path: Path) 
     np.testing.assert_allclose(moved.path.upright.axis, DOWN)
     np.testing.assert_allclose(moved.path.plane.point, [0.1, -0.304, 0.3], atol=1e-12)
     save_scene(scene(ASIDE, CUP), tmp_path / "s.yaml")
-    arguments = ["plan", str(tmp_path / "s.yaml"), "--json", "--out", str(tmp_path / "out")]
-    done = CliRunner().invoke(app, arguments)
-    assert (done.exit_code, json.loads(done.stdout)["status"]) == (0, "success")
-    assert CliRunner().invoke(app, ["check", str(tmp_path / "out")]).exit_code == 0
+    write_plan(plan(load_scene(tmp_path / "s.yaml")), tmp_path / "out")
+    assert load_plan(tmp_path / "out").success
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """Way points before a goal: straight lines of the tool, what the judge says of them, refusals."""
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -9,9 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.planning.builders import assert_success
-from typer.testing import CliRunner
 
-from optipromp.cli.main import app
+from optipromp import load_plan, load_scene, write_plan
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
 from optipromp.core.planning import Plan, judge, plan
 from optipromp.core.planning.options import PlanOptions
@@ -170,6 +168,7 @@ def test_the_judge_names_line_way_point_amount_and_time() -> None:
         ([0.5, -0.3, 0.3], LAST, "from waypoints[0] to the goal: "),
         ([0.5, -0.3, 0.3], LAST, "enters box"),
         ([0.4, 0.3, 0.5], [0.9, 0.3, 0.5], "is at its limit"),
+        ([0.4, 0.3, 0.5], [0.9, 0.3, 0.5], "no straight line from waypoints[0] to the goal"),
         ([2.0, 0.3, 0.5], LAST, "waypoints[0]: no configuration within the joint limits"),
         ([0.5, 0.0, 0.2], LAST, "waypoints[0]: every one of "),
     ],
@@ -210,15 +209,8 @@ def test_saved_way_points_are_the_same_and_turn_with_the_frame(tmp_path: Path) -
     assert based.waypoints is not None
     np.testing.assert_allclose(based.waypoints.points[0].position, [0.35, 0.3, 0.2])
     save_scene(asked, tmp_path / "s.yaml")
-    arguments = ["plan", str(tmp_path / "s.yaml"), "--json", "--out", str(tmp_path / "out")]
-    done = CliRunner().invoke(app, arguments)
-    assert (done.exit_code, json.loads(done.stdout)["status"]) == (0, "success")
-    assert CliRunner().invoke(app, ["check", str(tmp_path / "out")]).exit_code == 0
-    far = scene([{"position": [0.4, 0.3, 0.5], "axis": DOWN}], GOAL | {"position": [0.9, 0.3, 0.5]})
-    save_scene(far, tmp_path / "far.yaml")
-    done = CliRunner().invoke(app, ["plan", str(tmp_path / "far.yaml")])
-    assert done.exit_code != 0
-    assert "no straight line from waypoints[0] to the goal" in " ".join(done.output.split())
+    write_plan(plan(load_scene(tmp_path / "s.yaml")), tmp_path / "out")
+    assert load_plan(tmp_path / "out").success
 
 
 def test_way_points_made_in_python() -> None:

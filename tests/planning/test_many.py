@@ -15,8 +15,8 @@ import pytest
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError, StartInvalidError
 from optipromp.core.geometry import PointCloudShape
 from optipromp.core.optimization.costs import Cost
-from optipromp.core.planning import Plan, Planner, PlanOptions, many, plan, plan_many
-from optipromp.core.planning.many import Result
+from optipromp.core.planning import Plan, Planner, PlanOptions, plan, plan_many, sequence
+from optipromp.core.planning.sequence import Result
 from optipromp.core.planning.task import resolve
 from optipromp.core.processes import run_each
 from optipromp.core.scenes import SceneObject
@@ -51,7 +51,7 @@ def test_helpers_plan_and_their_arrays_come_back_read_only(monkeypatch: pytest.M
     def never(self: object, scene: object) -> Result:
         return InvalidSceneError("planned here")
 
-    monkeypatch.setattr(many._Request, "result", never)
+    monkeypatch.setattr(sequence._Request, "result", never)
     results = plan_many(["scenario-3"] * 4, planner="promp", workers=2)
     helped = [result for result in results if isinstance(result, Plan)]
     assert helped
@@ -89,7 +89,7 @@ def test_helpers_see_the_callers_environment_of_now(
     def never(self: object, scene: object) -> Result:
         return InvalidSceneError("planned here")
 
-    monkeypatch.setattr(many._Request, "result", never)
+    monkeypatch.setattr(sequence._Request, "result", never)
     results = plan_many([seen] * 4, planner="promp", workers=2)
     assert all(isinstance(result, Plan) for result in results)
     assert list(tmp_path.rglob("*.npz"))
@@ -143,7 +143,7 @@ def test_an_unexpected_error_of_a_plan_is_raised(monkeypatch: pytest.MonkeyPatch
     def broken(*_: object, **__: object) -> Plan:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(many, "plan", broken)
+    monkeypatch.setattr(sequence, "plan", broken)
     with pytest.raises(ZeroDivisionError):
         plan_many(["scenario-3"], workers=1)
 
@@ -156,7 +156,7 @@ def test_a_helper_that_is_killed_costs_at_most_its_own_scene() -> None:
         if len(heard) == 10:  # they plan
             os.kill(multiprocessing.active_children()[0].pid or 0, signal.SIGKILL)
 
-    scenes = [generate("cluster", seed) for seed in range(8)] * 80
+    scenes = [generate("cluster", seed) for seed in range(8)] * 12
     with pytest.warns(RuntimeWarning, match="helper process"):
         results = plan_many(scenes, workers=2, progress=kill)
     lost = [result for result in results if not isinstance(result, Plan)]

@@ -16,11 +16,11 @@ from optipromp.control.controller import Controller
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.planning import Plan, PlanOptions, plan_pick
-from optipromp.core.planning.in_time import later
+from optipromp.core.planning.underway import later
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import Scene, SceneObject, save_scene
 from optipromp.core.scenes.held import Place
-from optipromp.core.scenes.motion import ObjectMotion
+from optipromp.core.scenes.objects import ObjectMotion
 from optipromp.core.scenes.scene import JointGoal
 from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.simulation.export import mjcf
@@ -171,21 +171,18 @@ def test_what_knows_no_motion_refuses_it() -> None:
         led(KNOWN, "ripe", [0.0, 0.03, 0.0], 3.0)
 
 
-def test_neighbours_that_move_through_the_command_line(tmp_path: Path) -> None:
-    """Written, checked, planned, judged, simulated and exported."""
+def test_neighbours_that_move_in_files(tmp_path: Path) -> None:
+    """Written, checked, planned, judged again, simulated and exported."""
     scene = led(led(KNOWN, "n1", [0.0, 0.03, 0.0], 3.0), "left", [0.0, 0.05, 0.0], 2.0)
     path, out = tmp_path / "led.yaml", tmp_path / "plan"
     save_scene(scene, path)
     checked = CliRunner().invoke(app, ["check", str(path), "--json"])
     assert checked.exit_code == 0, checked.output
     assert json.loads(checked.stdout)["moving"] == ["n1", "left"]
-    run = CliRunner().invoke(app, ["plan", str(path), "--out", str(out)])
-    assert run.exit_code == 0, run.output
-    judged = CliRunner().invoke(app, ["validate", str(out), "--json"])
-    assert judged.exit_code == 0, judged.output
-    done = CliRunner().invoke(app, ["simulate", str(out), "--json"])
-    assert done.exit_code == 0, done.output
-    made = optipromp.plan(scene)
+    made = optipromp.plan(optipromp.load_scene(path))
+    optipromp.write_plan(made, out)
+    assert optipromp.load_plan(out).status is made.status
+    assert optipromp.simulate(made).success
     text = mjcf(scene, made.robot, made.task.start)
     assert 'name="avoid:left" mocap="true"' in text
     assert "root:n1" not in text  # it hangs on a root that stands

@@ -15,7 +15,7 @@ from optipromp.core.robots import Solid, Tool, load_robot, with_tool
 from optipromp.core.scenes import Scene, SceneObject
 from optipromp.laboratory.generate import generate
 from optipromp.looks.appearance import object_parts
-from optipromp.ros.shapes import geometry, read_geometry
+from optipromp.ros.scenes import geometry, read_geometry
 
 SIZE = 0.06, 0.08, 0.05
 

@@ -5,11 +5,11 @@ import pytest
 
 from optipromp.core.errors import Code
 from optipromp.core.planning import Plan, PlanOptions, plan
-from optipromp.core.planning.options import PaperOptions
 from optipromp.core.planning.task import resolve
 from optipromp.core.pushing.rules import drift_choices
 from optipromp.core.scenes import Scene, SceneObject
 from optipromp.laboratory.generate import generate
+from optipromp.laboratory.planners.paper import PaperOptions
 
 HAND = 0.04  # [m] R_gripper of the Franka hand
 

@@ -7,39 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optipromp.core.errors import InvalidRequestError
-from optipromp.core.planning import Plan, PlanOptions
-from optipromp.core.planning.options import PaperOptions
+from optipromp.core.planning import Plan
+from optipromp.laboratory.planners.paper import PaperOptions
 
 Planned = Callable[..., Plan]
-NAN = float("nan")
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("alphas", (1.0, 1.0, 1.0)), ("alphas", (1.0, -1.0, 1.0, 0.0)),
-        ("alphas", (NAN, 1.0, 1.0, 0.0)),
-        ("epsilon", 0.0), ("epsilon", NAN),
-        ("reduction", "mean"), ("push", "cubic"),
-        ("push_weights", (1.0, 1.0)), ("push_weights", (1.0, NAN, 1.0)),
-        ("drift", "left"), ("drift_offset", -0.01), ("drift_offset", NAN),
-        ("drift_offset", {"n1": -0.01}), ("drift_offset", {"n1": NAN}), ("drift_offset", {1: 0.1}),
-        ("corridor", -0.01), ("corridor", NAN),
-        ("trust_radii", ()), ("trust_radii", (0.0,)), ("trust_radii", (0.1, 0.05)),
-        ("trust_radii", (NAN,)),
-    ],
-)  # fmt: skip
-def test_refusals_name_the_setting(name: str, value: Any) -> None:
-    with pytest.raises(InvalidRequestError, match=rf"^paper\.{name} is .*must be"):
-        PaperOptions(**{name: value})
-
-
-def test_constraints_are_one_of_two() -> None:
-    with pytest.raises(InvalidRequestError, match=r"^constraints is .*must be"):
-        PlanOptions(constraints="none")  # type: ignore[arg-type]
-
-
 JOINT: dict[str, Any] = {
     "alphas": (1.0, 5.0, 1.0, 1.0),
     "epsilon": 0.06,

@@ -19,20 +19,19 @@ from optipromp.core.planning import (
     Failed,
     IProMP,
     OptiProMP,
-    PaperOptions,
     Planned,
     PlanOptions,
     plan,
     plan_many,
-    planner,
 )
+from optipromp.core.planning import planners as planner
 from optipromp.core.planning.planners import goal_configurations
 from optipromp.core.planning.result import Harmful
 from optipromp.core.planning.task import Task
 from optipromp.core.planning.timing import shortest
 from optipromp.core.scenes import Scene
 from optipromp.laboratory.experiments.study import Study, run_study
-from optipromp.laboratory.planners.paper import Paper
+from optipromp.laboratory.planners.paper import Paper, PaperOptions
 
 
 @dataclass(frozen=True)

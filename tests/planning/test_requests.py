@@ -24,7 +24,7 @@ from optipromp.core.geometry import Box, Sphere
 from optipromp.core.optimization import kernels
 from optipromp.core.optimization.costs import Cost
 from optipromp.core.optimization.evaluation import Evaluation
-from optipromp.core.planning import PLANNERS, STRATEGIES, PaperOptions, Plan, PlanOptions, plan
+from optipromp.core.planning import PLANNERS, STRATEGIES, Plan, PlanOptions, plan
 from optipromp.core.planning.pick import Solver
 from optipromp.core.planning.primitive import smooth_prior
 from optipromp.core.planning.task import resolve
@@ -33,21 +33,9 @@ from optipromp.core.pushing.rules import rule_paths
 from optipromp.core.pushing.stems import hanging as hanging_model
 from optipromp.core.robots.library import load_robot
 from optipromp.core.scenes import JointGoal, Scene, SceneObject, Stem
+from optipromp.laboratory.planners.paper import PaperOptions
 
 # --- iterations and time ---------------------------------------------------------------------
-
-
-def test_time_runs_out(obstructed: Scene) -> None:
-    """Before the first step; the initial trajectory runs into the obstacle."""
-    plan(obstructed)  # loads the kernels
-    began = time.process_time()
-    result = plan(obstructed, options=PlanOptions(timeout=1e-6))
-    assert time.process_time() - began < 1.0
-    assert result.status is Code.TIMEOUT
-    assert not result.success
-    assert "time ran out" in result.message
-    assert "block" in result.message
-    assert result.trajectory.n_waypoints > 3
 
 
 def test_a_plan_has_its_whole_budget_where_a_kernel_is_compiled_on_the_way(
@@ -219,13 +207,6 @@ def test_another_seed_pushes_another_way(three: Scene) -> None:
     assert sure[0].metrics.path_length == pytest.approx(sure[1].metrics.path_length, rel=0.2)
 
 
-def test_planning_leaves_the_scene_alone(three: Scene) -> None:
-    before = [o.position.copy() for o in three.objects]
-    plan(three)
-    for o, position in zip(three.objects, before, strict=True):
-        np.testing.assert_array_equal(o.position, position)
-
-
 # --- what is handed over ---------------------------------------------------------------------
 
 
@@ -317,21 +298,6 @@ def test_demonstrations_of_another_robot(three: Scene, tmp_path: Path) -> None:
     other.save(saved)
     with pytest.raises(InvalidDemonstrationError, match=r"other\.npz: .* joint1, .* is missing"):
         plan(three, demonstrations=saved)
-
-
-def test_demonstrations_that_are_not_there(three: Scene, tmp_path: Path) -> None:
-    with pytest.raises(InvalidDemonstrationError, match=r"none\.npz"):
-        plan(three, demonstrations=tmp_path / "none.npz")
-
-
-def test_a_promp_may_be_given_in_every_form(three: Scene, tmp_path: Path) -> None:
-    promp = smooth_prior(load_robot("panda"))
-    saved = tmp_path / "prior.npz"
-    promp.save(saved)
-    results = [plan(three, demonstrations=d) for d in (promp, saved, str(saved))]
-    for result in results:
-        assert_success(result)
-        np.testing.assert_array_equal(result.trajectory.positions, results[0].trajectory.positions)
 
 
 @pytest.mark.parametrize(

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.errors import Code
 from optipromp.core.output import load_plan, write_plan
 from optipromp.core.planning import judge, plan
 from optipromp.core.planning.options import PlanOptions
-from optipromp.core.pushing.calibration import DETECTED, KNOWN
 from optipromp.core.pushing.model import Calibration
 from optipromp.core.pushing.packs.standing import Standing
+from optipromp.core.pushing.parameters import DETECTED, KNOWN
 from optipromp.laboratory.generate import NOISES, generate, noisy
 
 EVERY = {"known": KNOWN, "detected": DETECTED, "packs": Standing.calibration}
@@ -44,7 +44,7 @@ def test_what_a_small_risk_promises_a_large_one_promises_too() -> None:
         made = [
             plan(noisy(generate("cluster", seed), seed, NOISES["zero-mean"]), seed=seed,
                  options=PlanOptions(risk=risk))
-            for seed in range(46000, 46012)
+            for seed in range(46000, 46008)
         ]  # fmt: skip
         promised[risk] = sum(one.success for one in made)
         for one in made:
@@ -71,9 +71,3 @@ def test_a_folder_keeps_the_risk_that_its_plan_was_promised_for(tmp_path: Path) 
     assert careful.status == Code.HARM_PREDICTED
     assert daring.status == Code.SUCCESS
     assert "not clean with probability" in careful.message
-
-
-@pytest.mark.parametrize("risk", [0.0, 1.0, -0.1, float("nan")])
-def test_a_risk_that_is_none_is_refused(risk: float) -> None:
-    with pytest.raises(InvalidRequestError, match="risk"):
-        PlanOptions(risk=risk)

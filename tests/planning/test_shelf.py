@@ -37,8 +37,3 @@ def test_without_packs_only_they_are_gone(scene: Scene) -> None:
     assert len(freed.surroundings.dynamic.kind) == len(scene.avoid)
     for kept, before in zip(freed.surroundings.static, task.surroundings.static, strict=True):
         np.testing.assert_equal(kept, before)
-
-
-def test_the_same_seed_gives_the_same_plan() -> None:
-    one, other = (plan(generate("shelf", 7), seed=3).trajectory.positions for _ in range(2))
-    np.testing.assert_array_equal(one, other)

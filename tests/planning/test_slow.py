@@ -9,8 +9,7 @@ from optipromp.core.errors import Code
 from optipromp.core.geometry.shapes import Box, Cylinder
 from optipromp.core.planning import Plan
 from optipromp.core.planning.parameters import TIMING
-from optipromp.core.planning.slow import quickened, slowly
-from optipromp.core.planning.timing import shortest
+from optipromp.core.planning.timing import quickened, shortest, slowly
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.robots.library import load_robot
 from optipromp.core.scenes import SceneObject

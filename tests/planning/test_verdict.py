@@ -1,9 +1,8 @@
 """Status and harm of a trajectory are the same, whoever asks, and of the whole motion."""
 
-import hashlib
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,14 +12,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.test_plan_folders import rows, stated
 from typer.testing import CliRunner
 
 from optipromp import OptiPrompError, judge, load_plan, write_plan
 from optipromp.cli.main import app
 from optipromp.core.errors import Code, StartInvalidError
 from optipromp.core.judging import centers
-from optipromp.core.output import FILES
 from optipromp.core.planning import PlanOptions, plan
+from optipromp.core.planning.result import best_of
 from optipromp.core.planning.task import resolve, spaced
 from optipromp.core.planning.verdict import predicted, verdict_of
 from optipromp.core.scenes import Scene, SceneObject, load_scene
@@ -37,11 +37,7 @@ def moved(scene: Scene, by: np.ndarray, **changes: Any) -> Scene:
     """The scene with its fruits elsewhere, and nothing else in it."""
     fruits = (o for o in scene.objects if o.role in ("target", "pushable"))
 
-    def there(item: SceneObject) -> SceneObject:
-        stem = item.stem and replace(item.stem, points=item.stem.points + by)
-        return replace(item, position=item.position + by, stem=stem)
-
-    return replace(scene, objects=tuple(map(there, fruits)), **changes)
+    return replace(scene, objects=tuple(o.at(o.position + by) for o in fruits), **changes)
 
 
 def last_link(scene: Scene, q: np.ndarray) -> np.ndarray:
@@ -213,31 +209,15 @@ def scenes() -> st.SearchStrategy[Scene]:
     return st.builds(drawn, names, st.integers(0, 40), st.integers(0, 4), cameras, sure)
 
 
-def restated(folder: Path, **changes: Any) -> None:
-    path = folder / "plan.json"
-    document = json.loads(path.read_text()) | changes
-    document["sha256"] = {
-        name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in FILES
-    }
-    path.write_text(json.dumps(document))
-
-
-def rewritten(folder: Path, change: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
-    with np.load(folder / "waypoints.npz") as found:
-        arrays = {name: found[name] for name in found.files}
-    np.savez(folder / "waypoints.npz", **change(arrays))
-    restated(folder)
-
-
 NO_HARM = {"harm": 0.0, "threshold": 1.0, "object": "", "cause": "nothing is harmed"}
 TAMPERED: dict[str, Callable[[Path], None]] = {
     "nothing": lambda folder: None,
-    "status": lambda folder: restated(folder, status="success", predicted_harm=NO_HARM),
-    "harm": lambda folder: restated(folder, predicted_harm=NO_HARM),
-    "shifted": lambda folder: rewritten(
+    "status": lambda folder: stated(folder, status="success", predicted_harm=NO_HARM),
+    "harm": lambda folder: stated(folder, predicted_harm=NO_HARM),
+    "shifted": lambda folder: rows(
         folder, lambda a: a | {"positions": a["positions"] + 0.01}
     ),
-    "bent": lambda folder: rewritten(
+    "bent": lambda folder: rows(
         folder, lambda a: a | {"positions": a["positions"] + 0.02
                                * np.sin(np.linspace(0.0, np.pi, len(a["times"])))[:, None]}
     ),
@@ -327,7 +307,7 @@ DRAWN = given(
 )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @DRAWN
 def test_whoever_asks_is_told_the_same(
     scene: Scene, seed: int, again_at: float | None, tampered: str
@@ -349,3 +329,43 @@ def test_whoever_asks_is_told_the_same_at_length(
     scene: Scene, seed: int, again_at: float | None, tampered: str
 ) -> None:
     assert_one_verdict(scene, seed, again_at, tampered, report=tampered == "nothing")
+
+
+# --- the one loop, and what a plan says ----------------------------------------------------------
+
+
+def test_the_best_motion_is_the_first_of_least_rank_and_no_more_are_made() -> None:
+    asked = []
+
+    def motions() -> Iterator[tuple[int, str]]:
+        for one in ((3, "a"), (1, "b"), (1, "c"), (0, "d"), (0, "e")):
+            asked.append(one[1])
+            yield one
+
+    assert best_of(motions(), lambda one: one[0]) == (0, "d")
+    assert asked == [*"abcde"]
+    asked.clear()
+    assert best_of(motions(), lambda one: one[0], lambda best: best[0] <= 1) == (1, "b")
+    assert asked == [*"ab"]
+    assert best_of(motions(), lambda one: one[0], best=(0, "before")) == (0, "before")
+    assert best_of(iter(()), lambda one: one) is None
+
+
+def test_the_notes_of_a_plan_are_fields_and_its_message_has_them(tmp_path: Path) -> None:
+    """They were glued into the message, and cut out again where they were in the way."""
+    made = plan("scenario-3")
+    verdict = verdict_of(made)
+    assert made.notes == verdict.notes != ()
+    assert "note" not in made.reason
+    assert made.message == "; note: ".join([made.reason, *made.notes]) == verdict.message
+    assert made.judgement.violations == ()
+    assert made.to_dict()["message"] == made.message
+    write_plan(made, tmp_path)
+    again = load_plan(tmp_path)
+    assert (again.message, again.reason, again.notes) == (made.message, made.reason, made.notes)
+    assert again.judgement.metrics.to_dict() == made.metrics.to_dict()
+    assert again.contacts == again.judgement.contacts == ()
+    document = json.loads((tmp_path / "plan.json").read_text())
+    del document["reason"], document["notes"]  # as older files are
+    (tmp_path / "plan.json").write_text(json.dumps(document))
+    assert load_plan(tmp_path).message == made.message

@@ -13,7 +13,7 @@ from optipromp.core import judging
 from optipromp.core.arrays import FloatArray
 from optipromp.core.compiled import kernel
 from optipromp.core.geometry.shapes import Cylinder
-from optipromp.core.planning import PlanOptions, collision, plan, tree, ways
+from optipromp.core.planning import PlanOptions, collision, follow, plan, tree
 from optipromp.core.planning.parameters import TREE, WAYPOINT
 from optipromp.core.planning.task import Task, resolve
 from optipromp.core.scenes.pose import Pose
@@ -152,7 +152,7 @@ def test_waypoints_along_a_way_start_slowly_and_stay_on_it(
     count: int, seed: int, waypoints: int, stop: bool
 ) -> None:
     corners = np.random.default_rng(seed).uniform(-2.0, 2.0, (count, 5))
-    q = ways.along(corners, waypoints, stop=stop)
+    q = follow.along_corners(corners, waypoints, stop=stop)
     np.testing.assert_allclose(q[[0, -1]], corners[[0, -1]], atol=1e-12)
     steps = np.abs(np.diff(q, axis=0)).max(axis=1)
     turns = float(np.abs(np.diff(corners, axis=0)).max(axis=1).sum())
@@ -167,7 +167,7 @@ def test_waypoints_along_a_way_start_slowly_and_stay_on_it(
 def test_no_joint_steps_farther_than_asked() -> None:
     options = PlanOptions(max_step=0.03)
     corners = way_of(task_of("bookshelf", 7600))
-    q = ways.along(corners, int(ways.way_count(corners, options)) + 1)
+    q = follow.along_corners(corners, int(follow.way_count(corners, options)) + 1)
     assert np.abs(np.diff(q, axis=0)).max() <= options.max_step * WAYPOINT.share * (1 + 1e-9)
 
 

@@ -67,25 +67,6 @@ def test_the_mean_alone_refuses_what_contradicts(make_promp: Make) -> None:
         conditioned_mean(make_promp(0), ((0.5, 0), (0.5, 0)), values, (0.0, 0.0))
 
 
-@given(seeds, st.integers(1, 4), st.sampled_from([None, 8]))
-@quick
-def test_is_the_textbook_update(make_promp: Make, seed: int, count: int, rank: int | None) -> None:
-    rng = np.random.default_rng(seed)
-    promp = make_promp(seed)
-    points = [JointPoint(p.phase, p.value, 0.1) for p in random_points(rng, 3, count)]
-    H = np.concatenate([np.kron(np.eye(3), promp.basis.evaluate([p.phase])) for p in points])
-    S = H @ promp.covariance @ H.T + 0.1 * np.eye(len(H))
-    K = np.linalg.solve(S, H @ promp.covariance).T
-    y = np.concatenate([p.value for p in points])
-    result = condition(promp, points)
-    np.testing.assert_allclose(
-        result.weights, promp.weights + K @ (y - H @ promp.weights), atol=1e-9
-    )
-    np.testing.assert_allclose(
-        result.covariance, promp.covariance - K @ H @ promp.covariance, atol=1e-9
-    )
-
-
 @given(seeds, st.integers(1, 6))
 @quick
 def test_exact_points_are_hit(make_promp: Make, seed: int, count: int) -> None:

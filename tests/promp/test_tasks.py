@@ -33,7 +33,7 @@ def reachable(promp: ProMP, arm: TaskMap, seed: int, spread: float) -> list[Task
 
 
 @given(seeds)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 def test_rows_differentiate(arm: TaskMap, seed: int) -> None:
     """Position rows exactly; axis rows along the great circle, where it matters."""
     rng = np.random.default_rng(seed)
@@ -68,7 +68,7 @@ def test_axis_rows_are_an_angle(arm: TaskMap) -> None:
 
 @given(seeds, st.sampled_from([1.0, 3.0]))
 @example(1121, 3.0)  # out of reach of the first six restarts
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 def test_exact_points_are_hit(arm: TaskMap, arm_promp: ProMP, seed: int, spread: float) -> None:
     points = reachable(arm_promp, arm, seed, spread)
     result, report = condition_with_report(arm_promp, points, arm, iterations=200)

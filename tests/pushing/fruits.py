@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from optipromp.core.pushing.stems.bending import Stems, bent
+from optipromp.core.pushing.stems.bending import Stems, bent_stems
 from optipromp.core.pushing.stems.cup import Mouth
 
 CUP = Mouth(inner=0.023, outer=0.025, base=-0.03, rim=0.02, floor=0.002, neck=0.01)
@@ -22,7 +22,7 @@ def hung(*fruits: tuple[Any, Any], radius: float = 0.015, apart: float = 0.0) ->
     fruit = TARGET + np.array([place for place, _ in fruits], dtype=float)
     root = fruit + np.array([vector for _, vector in fruits], dtype=float)
     radii, thickness = np.full(len(fruit), radius), np.full(len(fruit), 0.0015)
-    return bent(root, fruit, radii, thickness, apart=np.full(len(fruit), apart))
+    return bent_stems(root, fruit, radii, thickness, apart=np.full(len(fruit), apart))
 
 
 def along(*corners: Any, step: float = 0.003) -> np.ndarray:

@@ -15,9 +15,9 @@ from optipromp.core.pushing.stems.bending import (
     GRAVITY,
     LOADED,
     Stems,
-    bent,
-    moved,
+    bent_stems,
     stems,
+    stems_moved,
 )
 from optipromp.core.scenes import SceneObject, Stem
 
@@ -56,7 +56,7 @@ def hanging(length: float, radius: float, lean: float, azimuth: float = 0.0) -> 
     """A fruit on a stem that leans, and the beam that it hangs on."""
     way = np.array([np.sin(lean) * np.cos(azimuth), np.sin(lean) * np.sin(azimuth), -np.cos(lean)])
     root = np.array([[0.3, -0.2, 1.1]])
-    one = bent(root, root + length * way, np.array([radius]), np.array([0.0015]))
+    one = bent_stems(root, root + length * way, np.array([radius]), np.array([0.0015]))
     weight = FRUIT_DENSITY * 4.0 / 3.0 * np.pi * radius**3 * GRAVITY
     # what carries the moment m g sinθ (L - s) with no more than the turn it may have grown by
     grown = weight * np.sin(lean) * length**2 / (2.0 * bending.GROWN_TURN)
@@ -152,7 +152,7 @@ def test_the_fruit_itself_does_not_bend() -> None:
     light = 1e-9  # [kg/m³]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(bending, "FRUIT_DENSITY", light)
-        one = bent(
+        one = bent_stems(
             np.zeros((1, 3)), np.array([[0.0, 0.0, -length]]), np.array([0.02]), np.array([0.001])
         )
     tip = np.linalg.inv(one.stiffness[0])[-1, -1]
@@ -211,11 +211,11 @@ def test_stems_that_hang_a_little_otherwise_bend_nearly_as_before() -> None:
     root = np.array([[0.0, 0.0, 1.2], [0.05, 0.0, 1.15]])
     fruit = np.array([[0.02, 0.01, 1.0], [0.02, -0.03, 0.95]])
     radius, thickness = np.full(2, 0.016), np.full(2, 0.0015)
-    here = bent(root, fruit, radius, thickness)
+    here = bent_stems(root, fruit, radius, thickness)
     fruits = fruit + 0.003 * rng.standard_normal((3, 2, 3))
     roots = root + 0.003 * rng.standard_normal((3, 2, 3))
-    there = moved([here], roots, fruits)
-    exact = bent(
+    there = stems_moved([here], roots, fruits)
+    exact = bent_stems(
         roots.reshape(-1, 3), fruits.reshape(-1, 3), np.tile(radius, 3), np.tile(thickness, 3)
     )
     for name in ("root", "axes", "length", "mass", "radius", "thickness"):

@@ -6,9 +6,8 @@ from hypothesis import strategies as st
 from tests.pushing.fruits import CUP, DT, TARGET, UP, along, hung
 
 from optipromp.core.geometry import pack
-from optipromp.core.pushing.stems.bending import LOADED, bowed
-from optipromp.core.pushing.stems.deflected import place
-from optipromp.core.pushing.stems.parting import part
+from optipromp.core.pushing.stems.bending import LOADED, bowed, part
+from optipromp.core.pushing.stems.contacts import place
 from optipromp.core.pushing.stems.swinging import led
 
 

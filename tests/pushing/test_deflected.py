@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from tests.pushing.fruits import CUP, DT, TARGET, UP, hung
 
 from optipromp.core.pushing.stems.bending import Stems, bowed
+from optipromp.core.pushing.stems.contacts import Descent, begin, freely, place, press, shortened
 from optipromp.core.pushing.stems.cup import MouthPose, fruit_gap, stem_gap
-from optipromp.core.pushing.stems.deflected import Descent, begin, freely, place, press, shortened
-from optipromp.core.pushing.stems.equilibrium import CONTACT
+from optipromp.core.pushing.stems.swinging import CONTACT
 
 
 def energy(s: Stems, u: np.ndarray, ahead: np.ndarray, inertia: float, share: float, point: Any,

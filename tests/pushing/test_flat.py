@@ -2,31 +2,26 @@
 
 import numpy as np
 import pytest
+from tests.pushing.test_quasi_static import PUSHER, SQUARE, line
 
-from optipromp.core.pushing.packs.flat import clear, shapes
+from optipromp.core.pushing.packs.flat import clear_ahead, shapes
 
-SQUARE = np.array([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]])
-PUSHER = np.array([[-0.02, -0.05], [0.0, -0.05], [0.0, 0.05], [-0.02, 0.05]])
 WALL = np.array([[0.03, -0.1], [0.05, -0.1], [0.05, 0.1], [0.03, 0.1]])
-
-
-def line(start, end, step=0.002):
-    start, end = np.array([*start, 0.0]), np.array([*end, 0.0])
-    count = int(np.ceil(np.linalg.norm(end - start) / step)) + 1
-    return start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
 
 
 def test_room_to_a_wall():
     walls, hand = shapes([WALL]), shapes([PUSHER])
-    assert clear(line((-0.1, 0.0), (0.01, 0.0)), 1, hand, walls, np.inf) == pytest.approx(0.02)
-    assert clear(line((-0.1, 0.0), (0.04, 0.0)), 1, hand, walls, np.inf) < 0.0
+    assert clear_ahead(line((-0.1, 0.0), (0.01, 0.0)), 1, hand, walls, np.inf) == pytest.approx(
+        0.02
+    )
+    assert clear_ahead(line((-0.1, 0.0), (0.04, 0.0)), 1, hand, walls, np.inf) < 0.0
 
 
 def test_more_room_than_enough_is_enough():
     walls, hand = shapes([WALL]), shapes([PUSHER])
     path = line((-0.1, 0.0), (0.01, 0.0))
-    assert clear(path, 1, hand, walls, 0.015) == 0.015
-    assert clear(path, 1, hand, walls, 0.025) == pytest.approx(0.02)
+    assert clear_ahead(path, 1, hand, walls, 0.015) == 0.015
+    assert clear_ahead(path, 1, hand, walls, 0.025) == pytest.approx(0.02)
 
 
 def test_normals_point_outward_and_are_unit():

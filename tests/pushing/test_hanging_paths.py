@@ -24,8 +24,7 @@ from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import through, turning
 from optipromp.core.pushing.rules import neighbours, rule_paths
 from optipromp.core.pushing.searching import search
-from optipromp.core.pushing.stems.hanging import HANGING
-from optipromp.core.pushing.stems.paths import PathsPast, rooms
+from optipromp.core.pushing.stems.hanging import HANGING, PathsPast, rooms_beside
 from optipromp.core.robots.library import load_robot
 from optipromp.core.robots.tools import with_tool
 from optipromp.core.scenes import SceneObject
@@ -44,7 +43,9 @@ def test_the_room_about_an_upright_tool_is_the_distance_less_its_radius() -> Non
         room = distances(obstacles, where)[0].reshape(12, -1).min(axis=1) - 0.03
         for most in (0.01, 0.3):
             expected = min(room.min(), most), min(room[-1], most)
-            assert rooms(points, heights, up, obstacles, 0.03, most) == pytest.approx(expected)
+            assert rooms_beside(points, heights, up, obstacles, 0.03, most) == pytest.approx(
+                expected
+            )
 
 
 def test_candidates_begin_at_the_camera_and_end_at_the_target() -> None:

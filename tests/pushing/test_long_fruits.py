@@ -7,14 +7,22 @@ import pytest
 from tests.pushing.fruits import CUP, DT, TARGET, UP, along, hung
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.geometry import Box, Capsule, Cone, Ellipsoid, Sphere
+from optipromp.core.geometry import (
+    Box,
+    Capsule,
+    Cone,
+    Ellipsoid,
+    MeshShape,
+    PointCloudShape,
+    Shape,
+    Sphere,
+)
 from optipromp.core.geometry.obstacles import Obstacles, pack
 from optipromp.core.planning import plan
 from optipromp.core.pushing.stems import swinging
-from optipromp.core.pushing.stems.bending import Stems, balls_of
+from optipromp.core.pushing.stems.bending import Stems, hanging_balls
 from optipromp.core.pushing.stems.cup import cup_distance
-from optipromp.core.pushing.stems.equilibrium import CONTACT
-from optipromp.core.pushing.stems.swinging import push
+from optipromp.core.pushing.stems.swinging import CONTACT, push
 from optipromp.core.scenes import SceneObject, Stem
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import simulate
@@ -86,7 +94,7 @@ def test_the_balls_of_a_capsule_lie_along_its_stem() -> None:
             "f", "pushable", Capsule(0.015, 0.01), TARGET, flipped,
             Stem(np.array([TARGET + 0.02 * line, TARGET + 0.2 * line])),
         )  # fmt: skip
-        own = balls_of(fruit)
+        own = hanging_balls(fruit)
         np.testing.assert_allclose(own.center, TARGET - 0.005 * line, atol=1e-12)
         assert (own.radius, own.above, own.apart) == (0.015, 0.015, 0.01)
 
@@ -94,18 +102,60 @@ def test_the_balls_of_a_capsule_lie_along_its_stem() -> None:
 def test_a_cone_is_its_two_balls_and_other_round_shapes_are_fitted() -> None:
     stem = Stem(np.array([TARGET + 0.02 * UP, TARGET + 0.2 * UP]))
     cone = SceneObject("f", "pushable", Cone(0.015, 0.006, 0.02), TARGET, stem=stem)
-    own = balls_of(cone)
+    own = hanging_balls(cone)
     np.testing.assert_allclose(own.center, TARGET - 0.01 * UP, atol=1e-12)
     assert (own.radius, own.above, own.apart) == (0.006, 0.015, 0.02)
-    mesh = balls_of(replace(cone, shape=cone.shape.mesh()))
+    mesh = hanging_balls(replace(cone, shape=cone.shape.mesh()))
     np.testing.assert_allclose(mesh.center, own.center, atol=1e-3)
     np.testing.assert_allclose(mesh[1:], own[1:], atol=1e-3)
-    egg = balls_of(replace(cone, shape=Ellipsoid((0.015, 0.015, 0.02))))
+    egg = hanging_balls(replace(cone, shape=Ellipsoid((0.015, 0.015, 0.02))))
     assert egg.radius == pytest.approx(egg.above)
     assert egg.apart + 2.0 * egg.radius == pytest.approx(0.04)  # as long as it
     assert 0.012 < egg.radius < 0.016
-    flat = balls_of(replace(cone, shape=Ellipsoid((0.02, 0.02, 0.015))))
+    flat = hanging_balls(replace(cone, shape=Ellipsoid((0.02, 0.02, 0.015))))
     assert flat.apart < 0.002  # wider than long: one ball, or nearly
+
+
+class Own(Shape):
+    """A shape of a user, known by its mesh alone."""
+
+    def __init__(self, like: Shape) -> None:
+        self.like = like
+
+    def mesh(self, around: int = 24) -> MeshShape:
+        return self.like.mesh(around)
+
+
+class Unhashable(Own):
+    """The same, of a class that compares by value and has no hash."""
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Unhashable) and self.like == other.like
+
+
+@pytest.mark.parametrize("kind", [Own, Unhashable])
+def test_a_shape_of_a_user_hangs_as_its_mesh_does(kind: type[Own]) -> None:
+    """It was one ball of 30 mm, where the ellipsoid itself is two of 13.2 mm."""
+    egg = Ellipsoid((0.015, 0.015, 0.030))
+    line = np.array([0.3, 0.1, 0.9]) / np.linalg.norm([0.3, 0.1, 0.9])
+    stem = Stem(np.array([TARGET + 0.03 * line, TARGET + 0.2 * line]))
+    built_in = hanging_balls(SceneObject("f", "pushable", egg, TARGET, stem=stem))
+    assert built_in.apart > 0.02
+    for shape in (kind(egg), egg.mesh()):
+        own = hanging_balls(SceneObject("f", "pushable", shape, TARGET, stem=stem))
+        np.testing.assert_array_equal(own.center, built_in.center)
+        assert own[1:] == built_in[1:]
+
+
+def test_a_shape_without_a_mesh_and_a_fruit_without_a_stem_are_one_ball() -> None:
+    stem = Stem(np.array([TARGET + 0.02 * UP, TARGET + 0.2 * UP]))
+    cloud = PointCloudShape(np.array([[0.0, 0.0, 0.02], [0.0, 0.01, 0.0]]), 0.005)
+    for fruit in (
+        SceneObject("f", "pushable", cloud, TARGET, stem=stem),
+        SceneObject("f", "pushable", Ellipsoid((0.015, 0.015, 0.03)), TARGET),
+    ):
+        np.testing.assert_array_equal(hanging_balls(fruit).center, TARGET)
+        assert hanging_balls(fruit)[1:] == (fruit.radius, fruit.radius, 0.0)
 
 
 def test_the_upper_ball_may_be_larger() -> None:

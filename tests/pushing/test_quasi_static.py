@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from optipromp.core.pushing.packs.flat import FLAT, shapes
-from optipromp.core.pushing.packs.quasi_static import AHEAD, NO_OVERLAP, Bench, push
+from optipromp.core.pushing.packs.quasi_static import AHEAD, NO_OVERLAP, Bench, push_once
 from optipromp.core.robots.tools import FrankaHand
 
 SQUARE = np.array([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]])
@@ -30,7 +30,7 @@ def pushed(path, objects, state, walls=NONE, slip=0.4, friction=None, tool=PUSHE
     friction = np.ones(count) if friction is None else np.array(friction)
     state = np.array([[*row, 0.0] if len(row) == 2 else row for row in state], dtype=float)
     lever = 0.5 * objects.radius
-    return push(
+    return push_once(
         bench(objects, shapes([tool]), friction, lever, walls), path, state, slip, **further
     )
 
@@ -138,7 +138,7 @@ def test_a_disc_goes_round_the_corner_of_a_pad():
     path = line((0.0, 0.0), (0.034, -0.015), 0.003)
     for count in range(2, len(path) + 1):
         among = bench(shapes([radius]), hand, np.ones(1), np.full(1, radius))
-        result = push(among, path[:count], np.array([[*disc, 0.0]]), 0.4)
+        result = push_once(among, path[:count], np.array([[*disc, 0.0]]), 0.4)
         off = result.state[0, :2] - (path[count - 1, :2] + corner)
         assert np.linalg.norm(off) == pytest.approx(radius, abs=2.0 * NO_OVERLAP), count
 
@@ -150,7 +150,7 @@ def test_nothing_goes_through_a_pad(sign):
     path = line((0.0, 0.0), (0.0, sign * 0.03))
     state = np.array([[0.02, sign * 0.08, 0.0]])
     among = bench(shapes([SQUARE]), hand, np.ones(1), np.full(1, 0.02))
-    result = push(among, path, state, 0.4)
+    result = push_once(among, path, state, 0.4)
     assert sign * result.state[0, 1] > 0.03 + 0.0552 + 0.02 - 5e-3
 
 

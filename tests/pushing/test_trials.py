@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from optipromp.core.pushing.packs import trials
+from optipromp.core.pushing.packs import standing
 from optipromp.core.pushing.packs.standing import plane
 from optipromp.core.robots.tools import FrankaHand
 from optipromp.laboratory.generate import generate
@@ -29,7 +29,7 @@ def ways(board, count=40):
 
 def test_steps_are_equal_and_meet_the_ends():
     corners = np.array([[-0.2, 0.05], [-0.1, -0.02], [-0.1, -0.02], [0.0, 0.0]])
-    path = trials.stepped(corners)
+    path = standing.stepped(corners)
     np.testing.assert_array_equal(path[[0, -1], :2], corners[[0, -1]])
     steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
     assert steps.max() <= 0.004 + 1e-12
@@ -40,9 +40,9 @@ def test_a_limit_changes_no_cost_below_it(tried):
     board, *rest = tried
     told, so_far = 0, np.random.default_rng(2).uniform(0.0, 50.0, 8)
     for way in ways(board):
-        whole = trials.cost(rest[0], way, *rest[1:], np.zeros(8), np.inf)
-        assert trials.cost(rest[0], way, *rest[1:], so_far, whole * 1.001) == whole
-        less = trials.cost(rest[0], way, *rest[1:], so_far, whole * 0.5)
+        whole = standing.cost_of(rest[0], way, *rest[1:], np.zeros(8), np.inf)
+        assert standing.cost_of(rest[0], way, *rest[1:], so_far, whole * 1.001) == whole
+        less = standing.cost_of(rest[0], way, *rest[1:], so_far, whole * 0.5)
         assert less > whole * 0.5
         told += less == np.inf
     assert told > 20  # most are given up before the last trial
@@ -53,8 +53,8 @@ def test_a_jam_costs_more_the_earlier_it_comes(tried):
     side = float(board.bench.walls.box[:, 3].max())  # the outer side of a wall
     early = np.array([[board.entry, 0.0], [board.entry + 0.03, side], [0.0, 0.0]])
     costs = [
-        trials.cost(bench, way, states[:1], slips[:1], np.zeros(1), np.inf)
+        standing.cost_of(bench, way, states[:1], slips[:1], np.zeros(1), np.inf)
         for way in (early, np.array([[board.entry, 0.0], [0.0, 0.0]]))
     ]
-    assert costs[0] > trials.WORST
+    assert costs[0] > standing.WORST
     assert costs[0] > costs[1]

@@ -1,10 +1,13 @@
 """Reports, read as a browser would: nothing outside the file, and the figures of what it tells."""
 
+import io
 import json
 import re
+import time
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +19,7 @@ from optipromp.core.output import write_plan
 from optipromp.core.planning import plan
 from optipromp.core.robots.library import NOTHING, Choice
 from optipromp.core.scenes import load_scene, save_scene
-from optipromp.laboratory.experiments.runs import Row
+from optipromp.laboratory.experiments.rows import Row
 from optipromp.laboratory.experiments.study import Study, run_study
 from optipromp.laboratory.simulation import simulate
 from optipromp.laboratory.simulation.files import write_run
@@ -179,14 +182,14 @@ def test_the_report_of_a_rollout_alone(folder: Path, tmp_path: Path) -> None:
 
 
 def test_worst_cases_take_causes_in_turn_and_broken_promises_first() -> None:
-    row = Row("cluster", 1, "opti-promp", 0.0, 0.0, 2, 0, "success")
+    row = Row.of("cluster", 1, planner="opti-promp", plan_status="success")
     rows = [
         replace(row, seed=1, success=True),
-        replace(row, seed=2, cause="crushed", unripe_force=11.0, plan_status="HARM_PREDICTED"),
-        replace(row, seed=3, cause="crushed", unripe_force=12.0),
-        replace(row, seed=4, cause="crushed", unripe_force=20.0),
-        replace(row, seed=5, cause="torn", unripe_force=1.0),
-        replace(row, seed=6, cause="no_plan"),
+        row.having(seed=2, cause="crushed", unripe_force=11.0, plan_status="HARM_PREDICTED"),
+        row.having(seed=3, cause="crushed", unripe_force=12.0),
+        row.having(seed=4, cause="crushed", unripe_force=20.0),
+        row.having(seed=5, cause="torn", unripe_force=1.0),
+        row.having(seed=6, cause="no_plan"),
     ]
     assert [found.seed for found in worst_of(rows, 10)] == [4, 5, 3, 2]
     assert [found.seed for found in worst_of(rows, 2)] == [4, 5]
@@ -219,3 +222,35 @@ def test_a_study_of_another_robot_is_told_of_with_that_robot(studied: Path, tmp_
         found = Read(study_report(tmp_path, worst=1))
         assert words in found.text
         assert len(found.addresses) == 1  # no picture of a run with another robot
+
+
+PATIENCE = 90.0  # [s] without a graphics card
+
+
+def test_a_report_opens_offline_and_its_view_moves(chromium: Any, tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image")
+    write_plan(plan("scenario-1", planner="i-promp"), tmp_path)
+    (tmp_path / "report.html").write_bytes(plan_report(tmp_path))
+    context = chromium.new_context(viewport={"width": 400, "height": 800}, offline=True)
+    page = context.new_page()
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    wrong: list[str] = []
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.goto((tmp_path / "report.html").as_uri())
+    canvas = page.frame_locator("iframe").locator("canvas").first
+
+    def shot() -> np.ndarray:
+        content = image.open(io.BytesIO(canvas.screenshot(timeout=1e3 * PATIENCE)))
+        return np.asarray(content.convert("RGB"), dtype=int)
+
+    first, end = shot(), time.monotonic() + PATIENCE
+    while np.abs(shot() - first).max(axis=2).mean() < 1.0:
+        assert time.monotonic() < end, "nothing moves in the 3-D view"
+        time.sleep(0.5)
+    colours = shot().reshape(-1, 3)
+    assert ((colours[:, 0] > 2 * colours[:, 1]) & (colours[:, 0] > 90)).sum() > 5  # ripe
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    assert all(url.startswith(("file:", "data:", "blob:", "about:")) for url in asked)
+    assert not wrong
+    context.close()

@@ -25,7 +25,7 @@ from typer.testing import CliRunner
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.library import Choice, load_arm, load_robot
-from optipromp.readers.tree import words
+from optipromp.readers.chain import words_of
 
 Writer = Callable[..., Path]
 
@@ -363,6 +363,6 @@ def test_a_built_in_robot_takes_no_choice() -> None:
 
 
 def test_words_of_names() -> None:
-    assert {"left", "finger", "finger2", "joint"} <= words("leftFinger2_joint")
-    assert {"l", "finger"} <= words("LFinger21")
-    assert "hand" not in words("handle_joint")
+    assert {"left", "finger", "finger2", "joint"} <= words_of("leftFinger2_joint")
+    assert {"l", "finger"} <= words_of("LFinger21")
+    assert "hand" not in words_of("handle_joint")

@@ -46,8 +46,11 @@ SRDFS = {
 }
 
 
-@pytest.mark.parametrize("case", SRDFS)
-@pytest.mark.parametrize("where", ["robot.srdf", "srdf/robot.srdf", "srdf/r.srdf"])
+@pytest.mark.parametrize(
+    ("case", "where"),
+    [(case, "robot.srdf") for case in SRDFS]
+    + [("chain", "srdf/robot.srdf"), ("chain", "srdf/r.srdf")],
+)
 def test_srdf_beside(write: Writer, tmp_path: Path, case: str, where: str) -> None:
     parts, tip = SRDFS[case]
     path = write(robot(*ARM, fixed("alink6", "palm"), *GRIPPER))

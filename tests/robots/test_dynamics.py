@@ -11,7 +11,7 @@ from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.parameters import GRAVITY
 from optipromp.core.robots import load_robot
-from optipromp.core.robots.dynamics import gravity_load, warn_of_gravity
+from optipromp.core.robots.model import gravity_load, warn_of_gravity
 
 INERTIAL = (
     '<inertial><origin xyz="0.02 {0} 0.1" rpy="0.3 0.2 {0}"/><mass value="{1}"/>'

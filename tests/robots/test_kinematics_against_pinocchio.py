@@ -39,6 +39,7 @@ def compare(robot: Robot, path: Path, flange: str, values: Values, seed: int = 0
     model = pin.buildModelFromUrdf(str(path))
     data = model.createData()
     frame = model.getFrameId(flange)
+    links = [model.getFrameId(robot.link_names[link]) for link in robot.spheres.link]
     q = samples(robot, seed)
     points, axes = robot.tool_pose(q)
     jp, ja = robot.tool_jacobian(q)
@@ -57,9 +58,8 @@ def compare(robot: Robot, path: Path, flange: str, values: Values, seed: int = 0
         pose = data.oMf[frame]
         np.testing.assert_allclose(points[t], pose.translation, atol=TOLERANCE, rtol=0)
         np.testing.assert_allclose(axes[t], pose.rotation[:, 2], atol=TOLERANCE, rtol=0)
-        for b, link in enumerate(robot.spheres.link):
-            place = data.oMf[model.getFrameId(robot.link_names[link])]
-            np.testing.assert_allclose(centers[t, b], place.act(LOCAL[b]), atol=TOLERANCE, rtol=0)
+        there = [data.oMf[link].act(local) for link, local in zip(links, LOCAL, strict=True)]
+        np.testing.assert_allclose(centers[t], there, atol=TOLERANCE, rtol=0)
         if t % 5:
             continue
         jacobian = pin.computeFrameJacobian(

@@ -11,8 +11,7 @@ from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots import load_robot
 from optipromp.core.robots.library import load_arm
 from optipromp.readers import reading
-from optipromp.readers.mjcf import read_mjcf
-from optipromp.readers.mjcf_files import mjcf_files
+from optipromp.readers.mjcf import mjcf_files, read_mjcf
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -221,20 +220,6 @@ def test_a_lost_mesh_of_the_cache_is_made_again(path: Path, held: bool) -> None:
         reading._held.clear()
     load_robot(path)
     assert Path(mesh).is_file()
-
-
-def test_a_damaged_cache_is_made_again(
-    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path / "cache"))
-    load_robot(path)
-    (kept,) = (tmp_path / "cache" / "robots").iterdir()
-    whole = kept.read_bytes()
-    for content in (b"", b"PK", whole[:100], whole[:-100]):
-        kept.write_bytes(content)
-        reading._held.clear()
-        load_robot(path)
-        assert kept.read_bytes() == whole
 
 
 BALL = '<geom size=".1"/>'

@@ -89,11 +89,6 @@ def test_there_are_at_most_sixty_spheres_on_the_arm() -> None:
     assert len(FrankaHand().spheres()) <= 14
 
 
-def test_no_sphere_is_below_the_mounting_plane() -> None:
-    base = own(load_robot("panda"), "link0")
-    assert (base[:, 2] - base[:, 3] >= 0.0).all()
-
-
 @pytest.mark.parametrize("kind", ["collision", "visual"])
 def test_every_point_of_the_arm_is_in_a_sphere(meshes: Path, kind: str) -> None:
     """Of its own link, or, at a joint, of a neighbour, whatever the angle."""

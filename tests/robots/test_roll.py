@@ -2,18 +2,21 @@
 
 import numpy as np
 import pytest
+from tests.robots.builders import Spoon, mesh_cup
 
-from optipromp.core.robots import ik
+from optipromp.core.robots import Cup, FingerGripper, FrankaHand, Scissor, ik, with_tool
 from optipromp.core.robots.library import load_robot
 from optipromp.core.robots.roll import level, rolls
-from optipromp.core.robots.tools import Cup, FrankaHand, with_tool
 
 DOWN = np.array([0.0, 0.0, -1.0])
 
 
-@pytest.fixture(scope="module")
-def panda():
-    return with_tool(load_robot("panda"), FrankaHand())
+@pytest.fixture(
+    scope="module", params=[FrankaHand(), FingerGripper(0.06, turn=0.4), Scissor(0.05)],
+    ids=lambda tool: type(tool).__name__,
+)  # fmt: skip
+def panda(request):
+    return with_tool(load_robot("panda"), request.param)
 
 
 def opening(robot, q):
@@ -49,9 +52,9 @@ def test_a_path_keeps_its_roll(panda):
     assert np.abs(np.diff(out[:, -1])).max() < 0.2
 
 
-def test_a_cup_and_a_bare_arm_stay_as_they_are():
+def test_a_round_tool_and_a_bare_arm_stay_as_they_are():
     panda = load_robot("panda")
-    for robot in (panda, with_tool(panda, Cup(0.05))):
+    for robot in (panda, *(with_tool(panda, tool) for tool in (Cup(0.05), mesh_cup(), Spoon()))):
         q = sampled(robot, 5)
         np.testing.assert_array_equal(level(robot, q, DOWN), q)
 

@@ -10,7 +10,12 @@ from hypothesis import strategies as st
 
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.library import load_robot
-from optipromp.core.robots.spheres import MAX_SPHERES, cover_box, cover_capsule, cover_cylinder
+from optipromp.core.robots.tool_geometry import (
+    MAX_SPHERES,
+    cover_box,
+    cover_capsule,
+    cover_cylinder,
+)
 
 Writer = Callable[..., Path]
 RNG = np.random.default_rng(0)
@@ -123,8 +128,11 @@ def export(kind: str, path: Path) -> np.ndarray:
     return np.concatenate([np.einsum("fsk,fkd->fsd", shares, points).reshape(-1, 3), mesh.vertices])
 
 
-@pytest.mark.parametrize("kind", ["two", "cone", "plate", "capsule"])
-@pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "glb"])
+@pytest.mark.parametrize(
+    ("kind", "suffix"),
+    [(kind, "stl") for kind in ("two", "cone", "plate", "capsule")]
+    + [("two", suffix) for suffix in ("obj", "ply", "glb")],
+)
 def test_mesh(urdf: Writer, tmp_path: Path, kind: str, suffix: str) -> None:
     (tmp_path / "meshes").mkdir()
     points = export(kind, tmp_path / "meshes" / f"m.{suffix}")

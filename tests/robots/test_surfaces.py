@@ -9,8 +9,8 @@ import pytest
 
 from optipromp.core.arrays import rotation
 from optipromp.core.robots import load_robot
-from optipromp.core.robots.spheres import cover_box, cover_cylinder
-from optipromp.readers.surfaces import hulls_touch, of_box, of_rod, parts
+from optipromp.core.robots.tool_geometry import cover_box, cover_cylinder
+from optipromp.readers.self_collision import hulls_touch, of_box, of_rod, parts_of_cover
 
 
 @pytest.mark.parametrize("gap", [-0.0001, 0.0001])
@@ -43,7 +43,7 @@ def test_parts_hold_the_surface(triangles: np.ndarray, half: list[float]) -> Non
     """The hulls of the parts together reach as far as the surface in every direction, within
     0.5 mm, and each is in its sphere."""
     spheres = cover_box(2.0 * np.array(half), 0.01)
-    found = parts(spheres, triangles)
+    found = parts_of_cover(spheres, triangles)
     ways = np.random.default_rng(0).normal(size=(500, 3))
     ways /= np.linalg.norm(ways, axis=1)[:, None]
     reach = (found[:, :3] @ ways.T).max(axis=0)
@@ -60,7 +60,7 @@ def test_a_large_surface_takes_no_more_memory() -> None:
     spheres = np.array([[0.0, 0.0, 0.15, 2.0], [0.0, 0.0, -0.15, 2.0]])
     surface = of_rod(2.0, 0.3, 2.0)
     tracemalloc.start()
-    assert len(parts(spheres, surface)) < 1000
+    assert len(parts_of_cover(spheres, surface)) < 1000
     assert tracemalloc.get_traced_memory()[1] < 200e6
     tracemalloc.stop()
 
@@ -69,7 +69,7 @@ def test_neither_does_a_long_one() -> None:
     """A rod of 10 m once took a gigabyte."""
     spheres = cover_cylinder(0.03, 10.0, 0.01)
     tracemalloc.start()
-    found = parts(spheres, of_rod(0.03, 10.0, 0.0))
+    found = parts_of_cover(spheres, of_rod(0.03, 10.0, 0.0))
     assert tracemalloc.get_traced_memory()[1] < 400e6
     tracemalloc.stop()
     assert set(found[:, 3]) == set(range(len(spheres)))

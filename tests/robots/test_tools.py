@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.robots.library import load_robot
-from optipromp.core.robots.tools import Cup, FrankaHand, Tool, with_tool, without_tool
+from optipromp.core.robots.tools import Cup, FrankaHand, with_tool, without_tool
 
 
 def cup_surface(cup: Cup) -> np.ndarray:
@@ -52,44 +52,6 @@ def test_cup_is_covered_and_little_more(
     outward = np.hypot(cover[:, 0], cover[:, 1]) + cover[:, 3]
     assert (outward <= max(radius, 0.01) + bulge).all()
     assert ((body[:, 2] + body[:, 3]) <= length + height + bulge).all()
-
-
-def test_the_usual_cup() -> None:
-    cup = Cup(0.05)
-    cover = cup.spheres()
-    assert len(cover) <= 40
-    assert worst_gap(cup_surface(cup), cover) <= 0.0
-    assert (np.hypot(cover[:, 0], cover[:, 1]) + cover[:, 3]).max() < 0.05 + 0.0046
-    assert (cover[:, 2] + cover[:, 3]).max() < 0.15 + 0.0046
-
-
-@pytest.mark.parametrize("name", ["panda", "scara"])
-@pytest.mark.parametrize(
-    ("tool", "reach", "radius"),
-    [
-        (Cup(0.05), 0.13, 0.05),
-        (Cup(0.03, 0.04, 0.06, 0.01), 0.09, 0.03),
-        (FrankaHand(), 0.1034, 0.04),
-    ],
-)
-def test_mounted(name: str, tool: Tool, reach: float, radius: float) -> None:
-    bare = load_robot(name)
-    robot = with_tool(bare, tool)
-    flange, axis = bare.tool_pose(bare.home)
-    point, same_axis = robot.tool_pose(robot.home)
-    np.testing.assert_allclose(point, flange + reach * axis, atol=1e-12)
-    np.testing.assert_array_equal(axis, same_axis)
-    assert robot.gripper_radius == radius
-    assert robot.tool is tool
-    on_tool = robot.spheres.link == robot.link_names.index("tool")
-    assert robot.spheres.distal[on_tool].all()
-    # on the flange: the covers stand in the flange frame
-    rotation = robot.segment_frames(robot.home)[1][-1] @ robot.flange_rotation
-    local = (robot.sphere_centers(robot.home)[on_tool] - flange) @ rotation
-    np.testing.assert_allclose(local, tool.spheres()[:, :3], atol=1e-12)
-    pairs = robot.spheres.segment[robot.self_pairs]
-    assert (np.abs(pairs[:, 0] - pairs[:, 1]) >= 2).all()
-    assert bare.tool is None
 
 
 def test_a_second_tool_takes_the_place_of_the_first() -> None:

@@ -21,7 +21,8 @@ from optipromp.core.planning import PlanOptions
 from optipromp.core.robots import Choice, load_robot
 from optipromp.core.robots.library import UNTRUSTED, load_arm
 from optipromp.core.scenes import load_scene
-from optipromp.laboratory.experiments.runs import scenes_of
+from optipromp.laboratory.experiments.rows import Row
+from optipromp.laboratory.experiments.trials import setting_of
 
 Writer = Callable[..., Path]
 
@@ -114,14 +115,8 @@ def test_a_plan_and_a_study_run_no_xacro(far: Path) -> None:
     for command in ("check", "report"):
         assert CliRunner().invoke(app, [command, "made"]).exit_code == 2
     with pytest.raises(InvalidRobotError, match="named by a file"):
-        scenes_of(_row(), str(Path("arm.xacro").absolute()))
+        setting_of(Row("cluster", 0), str(Path("arm.xacro").absolute()))
     assert not mark.exists()
-
-
-def _row() -> object:
-    from types import SimpleNamespace
-
-    return SimpleNamespace(preset="cluster", seed=0, noise="", noise_position=0.0, noise_angle=0.0)
 
 
 def test_an_expression_without_end_is_cut(far: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -34,12 +34,13 @@ HINGE = HINGE.replace('upper="1"', 'upper="$(arg upper)"')
 GOAL = {"format": 1, "name": "s", "goal": {"joints": [0.5]}, "objects": []}
 
 
-@pytest.fixture(params=["arm.urdf.xacro", "arm.urdf"])
+@pytest.fixture
 def arm(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     Path("parts.xacro").write_text(PARTS % HINGE)
-    Path(request.param).write_text(ARM)
-    return Path(request.param)
+    path = Path(getattr(request, "param", "arm.urdf.xacro"))
+    path.write_text(ARM)
+    return path
 
 
 @pytest.fixture
@@ -60,6 +61,7 @@ def height(path: Path, **choice: object) -> float:
     return float(load_robot(path, **choice).kinematics.translation[0, 2])  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("arm", ["arm.urdf.xacro", "arm.urdf"], indirect=True)
 def test_arguments_replace_the_defaults(arm: Path) -> None:
     assert height(arm) == pytest.approx(0.3)
     assert height(arm, args={"length": 0.5}) == pytest.approx(0.5)

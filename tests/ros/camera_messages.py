@@ -8,11 +8,16 @@ from PIL import Image
 
 from optipromp.core.scenes.pose import Pose
 from optipromp.perception import CameraModel, DepthPicture
-from optipromp.ros import Message, message
-from optipromp.ros.shapes import xyz
+from optipromp.ros import Message, from_bytes, message, to_bytes
+from optipromp.ros.scenes import xyz
 from optipromp.ros.trajectories import time_message
 
 FRAME = "camera_color_optical_frame"
+
+
+def sent(item: Message) -> Message:
+    """A message as it arrives."""
+    return from_bytes(to_bytes(item), item.__msgtype__)
 
 
 def header(stamp: int, frame: str = FRAME) -> Message:

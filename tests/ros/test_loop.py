@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.ros.camera_messages import frames, header, sent
 
 from optipromp.control import Controller, Look, LoopStage, without_fruits
 from optipromp.core.arrays import frame_along
@@ -18,16 +19,14 @@ from optipromp.laboratory.generate import generate
 from optipromp.ros import (
     DetectionParameters,
     PickLoop,
-    from_bytes,
     message,
     read_detections,
     read_trajectories,
     stretch_trajectory,
-    to_bytes,
 )
 from optipromp.ros.loop import moving
-from optipromp.ros.shapes import pose_message, xyz
-from optipromp.ros.trajectories import nanoseconds, time_message
+from optipromp.ros.scenes import pose_message, xyz
+from optipromp.ros.trajectories import nanoseconds
 
 SCENE = load_scene("scenario-3")
 ROBOT, START = posed(SCENE)
@@ -38,10 +37,6 @@ CLASSES = DetectionParameters(
     stems=("ripe", "unripe"),
 )
 SIGMA = np.diag([0.002, 0.002, 0.004]) ** 2
-
-
-def header(stamp=EPOCH, frame="camera"):
-    return message("std_msgs/msg/Header", stamp=time_message(stamp), frame_id=frame)
 
 
 def seen(name, place, *, size=(0.03, 0.03, 0.03), up=(0.0, 0.0, 1.0), spread=SIGMA, **further):
@@ -72,11 +67,6 @@ def array(*items, stamp=EPOCH, frame="camera"):
     )
 
 
-def sent(item):
-    """The message as it arrives."""
-    return from_bytes(to_bytes(item), item.__msgtype__)
-
-
 def array_of(look: Look, stamp):
     """What a node of a detector sends of a look."""
     items = []
@@ -100,19 +90,6 @@ def joints(state, stamp):
     )  # fmt: skip
 
 
-def mount(parent, pose, child="camera"):
-    made = pose_message(pose)
-    transform = message(
-        "geometry_msgs/msg/Transform", rotation=made.orientation,
-        translation=xyz("geometry_msgs/msg/Vector3", pose.position),
-    )  # fmt: skip
-    one = message(
-        "geometry_msgs/msg/TransformStamped", header=header(0, parent), child_frame_id=child,
-        transform=transform,
-    )  # fmt: skip
-    return message("tf2_msgs/msg/TFMessage", transforms=[one])
-
-
 def test_a_pick_by_messages_alone() -> None:
     simulation_of = pytest.importorskip("optipromp.laboratory.simulation")
     scene = generate("cluster", 3)
@@ -131,7 +108,7 @@ def test_a_pick_by_messages_alone() -> None:
     loop = PickLoop(scene, parameters=parameters, controller=controller, prefix="fr3_")
     camera = eye.detector.camera(start.q)
     tool = moving(robot, start.q)[1]
-    loop.heard(sent(mount("tool", tool.inverse() @ camera)))
+    loop.heard(sent(frames(0, ("tool", "camera", tool.inverse() @ camera))))
     state, runs, begins = simulation.state(), None, 0.0
     coming, joins = [], []
     for _ in range(1500):
@@ -193,17 +170,17 @@ def test_detections_become_a_look() -> None:
 
 
 def test_wrong_detections_are_named() -> None:
-    frames = {"camera": Pose()}
+    known = {"camera": Pose()}
     with pytest.raises(InvalidRequestError, match="frame_id is 'eye': must be 'camera'"):
-        read_detections(array(frame="eye"), frames)
+        read_detections(array(frame="eye"), known)
     with pytest.raises(InvalidRequestError, match=r"detections\[0\].header.frame_id is 'eye'"):
-        read_detections(array(seen("ripe", [0, 0, 1], header=header(frame="eye"))), frames)
+        read_detections(array(seen("ripe", [0, 0, 1], header=header(EPOCH, "eye"))), known)
     with pytest.raises(InvalidRequestError, match=r"detections\[0\].bbox.size"):
-        read_detections(array(seen("ripe", [0, 0, 1], size=(0.0, 0.1, 0.1))), frames)
+        read_detections(array(seen("ripe", [0, 0, 1], size=(0.0, 0.1, 0.1))), known)
     with pytest.raises(InvalidSceneError, match="finite"):
-        read_detections(array(seen("ripe", [0, np.nan, 1])), frames)
+        read_detections(array(seen("ripe", [0, np.nan, 1])), known)
     with pytest.raises(InvalidRequestError, match="is no look"):
-        read_detections(joints(START, EPOCH), frames)
+        read_detections(joints(START, EPOCH), known)
     with pytest.raises(InvalidRequestError, match="role of class 'ripe' is 'static'"):
         DetectionParameters(roles={"ripe": "static"})
     with pytest.raises(InvalidRequestError, match="class 'red' has stems and no role"):
@@ -220,8 +197,8 @@ def test_a_stretch_carries_the_time_at_which_it_takes_over() -> None:
 
 def test_a_camera_on_the_hand_is_where_the_arm_was_at_the_exposure() -> None:
     loop, held = PickLoop(SCENE, prefix="fr3_"), Pose([0.0, 0.05, -0.02])
-    loop.heard(mount("fr3_flange", held, "bracket"))
-    loop.heard(mount("bracket", Pose([0.0, 0.0, 0.01])))
+    loop.heard(frames(0, ("fr3_flange", "bracket", held)))
+    loop.heard(frames(0, ("bracket", "camera", Pose([0.0, 0.0, 0.01]))))
     taken = []
     loop.controller.see = taken.append
     with pytest.raises(InvalidRequestError, match="joint states must come first"):

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.ros.camera_messages import FRAME, cloud, compressed, frames, image, info
+from tests.perception.shots import SEED, shot_of
+from tests.ros.camera_messages import FRAME, cloud, compressed, frames, header, image, info, sent
 from typer.testing import CliRunner
 
 from optipromp import load_scene
@@ -18,13 +19,12 @@ from optipromp.core.planning.task import posed
 from optipromp.core.scenes import save_scene
 from optipromp.core.scenes.pose import Pose
 from optipromp.laboratory.generate import generate
-from optipromp.laboratory.simulation.photograph import Photograph, photograph
-from optipromp.perception import CameraModel, DepthPicture, flange_of
-from optipromp.ros import Message, Recorded, bag_pictures, message, write_bag
-from optipromp.ros.frames import Frames
+from optipromp.laboratory.simulation.photograph import Photograph
+from optipromp.perception import CameraModel, DepthPicture, Watcher, flange_of, look_at
+from optipromp.ros import Message, PickLoop, Recorded, bag_pictures, message, write_bag
 from optipromp.ros.images import Pictures
+from optipromp.ros.loop import Frames, moving
 
-SEED = 60011
 SECOND = 10**9
 EPOCH = 1_790_000_000 * SECOND
 SCENE = load_scene("scenario-3")
@@ -41,7 +41,6 @@ def joined(colour: Message, far: Message, about: Message | None = None) -> Depth
     made.heard("/cam/color/camera_info", about or info(CAMERA))
     assert made.heard(COLOUR, colour) is None
     taken = made.heard(FAR, far)
-    assert taken is not None
     return taken.picture()
 
 
@@ -79,7 +78,6 @@ def test_depths_of_every_encoding_are_metres(far: str) -> None:
 def test_a_cloud_is_a_picture_whose_camera_fits_its_points() -> None:
     picture = DepthPicture(RGB, DEPTH.astype(np.float64), CAMERA)
     taken = Pictures().heard(CLOUD, cloud(picture, EPOCH))
-    assert taken is not None
     found = taken.picture()
     assert (found.rgb == RGB).all()
     assert np.abs(found.depth - DEPTH).max() < 1e-6
@@ -89,12 +87,10 @@ def test_a_cloud_is_a_picture_whose_camera_fits_its_points() -> None:
     for field, name in zip(turned.fields, "zxy", strict=False):  # z forward is x forward now
         field.name = name
     taken = Pictures().heard(CLOUD, turned)
-    assert taken is not None
     with pytest.raises(InvalidRequestError, match="optical frame"):
         taken.picture()
     flat = message("sensor_msgs/msg/PointCloud2", height=1, width=9)
     taken = Pictures().heard(CLOUD, flat)
-    assert taken is not None
     with pytest.raises(InvalidRequestError, match="take the organised one"):
         taken.picture()
 
@@ -149,7 +145,6 @@ def test_frames_that_move_are_between_their_times() -> None:
     tree.heard(frames(SECOND, ("world", "link7", Pose([3.0, 0.0, 0.0], turn))), still=False)
     tree.heard(frames(0, ("world", "link7", Pose([2.0, 0.0, 0.0]))), still=False)
     half = tree.find("camera", {"base": Pose()}, SECOND // 2)
-    assert half is not None
     assert half.position == pytest.approx(
         [1.5 - 0.1 * math.sin(0.5), 0.1 * math.cos(0.5), 0.0], abs=1e-12
     )
@@ -161,7 +156,7 @@ def test_frames_that_move_are_between_their_times() -> None:
 
 @pytest.fixture(scope="module")
 def shot() -> Photograph:
-    return photograph(generate("cluster", SEED), seed=SEED)
+    return shot_of()
 
 
 def recorded(shot: Photograph, stamp: int) -> list[Recorded]:
@@ -196,8 +191,6 @@ def test_a_bag_gives_the_scene_of_its_pictures(kind: str, shot: Photograph, tmp_
         "row-000, 0.00 s", "row-001, 1.00 s", "row-002, 2.00 s"
     ]  # fmt: skip
     seen, true = load_scene(records[1]["scene"]), shot.scene
-    assert seen.target is not None
-    assert true.target is not None
     assert np.linalg.norm(seen.target.position - true.target.position) < 0.01
     assert len(seen.pushables) == len(true.pushables)
     assert Path(records[1]["overlay"]).is_file()
@@ -214,8 +207,6 @@ def test_a_cloud_in_a_bag_and_a_camera_by_its_file(shot: Photograph, tmp_path: P
     words = ("--bag", tmp_path / "c.mcap", "--camera", tmp_path / "camera.json", "--json")
     record = json.loads(see(*words, "--out", tmp_path / "seen").stdout)["pictures"][0]
     seen = load_scene(record["scene"])
-    assert seen.target is not None
-    assert shot.scene.target is not None
     assert np.linalg.norm(seen.target.position - shot.scene.target.position) < 0.01
 
 
@@ -258,3 +249,52 @@ def test_a_bag_without_pictures_says_what_it_has(shot: Photograph, tmp_path: Pat
     assert "has no topic '/else': it has" in chosen.stderr
     assert "--topics goes with --bag" in see(tmp_path, "--topics", COLOUR).stderr
     assert "without a folder" in see(tmp_path, "--bag", tmp_path / "no-depth.mcap").stderr
+
+
+def states(names: list[str], q: np.ndarray, stamp: int) -> Message:
+    return message("sensor_msgs/msg/JointState", header=header(stamp, ""), name=names, position=q)
+
+
+def test_pictures_of_a_camera_on_the_hand_become_tracked_fruits() -> None:
+    scene = generate("cluster", SEED)
+    shot = shot_of()
+    robot, start = posed(scene)
+    names = [f"fr3_{name}" for name in robot.joint_names]
+    tool = moving(robot, start.q)[1]
+    loop = PickLoop(scene, prefix="fr3_", watcher=Watcher(up=scene.up))
+    loop.heard(sent(frames(0, ("tool", FRAME, tool.inverse() @ shot.picture.camera.pose))))
+    depth = shot.picture.depth.astype(np.float32)
+    for k in range(6):
+        stamp = EPOCH + k * 50_000_000
+        loop.heard(sent(states(names, start.q, stamp)))
+        for item in (
+            info(shot.picture.camera, stamp), image(shot.picture.rgb, "rgb8", stamp),
+            image(depth, "32FC1", stamp),
+        ):  # fmt: skip
+            loop.heard(sent(item), "/cam")
+        loop.tick(stamp + 1_000_000)
+    tracked = loop.controller.tracker.at(0.25)
+    picture = DepthPicture(shot.picture.rgb, depth.astype(np.float64), shot.picture.camera)
+    want = look_at(picture, up=scene.up).look.in_base()
+    assert len(want) >= 3
+    assert int(tracked.confirmed.sum()) == len(want)
+    for one in want:
+        assert np.linalg.norm(tracked.positions - one.position, axis=1).min() < 0.003
+
+
+def test_pictures_without_a_watcher_or_a_frame_are_refused() -> None:
+    scene = generate("cluster", SEED)
+    robot, start = posed(scene)
+    rng = np.random.default_rng(61303)
+    picture = shot_of().picture
+    with pytest.raises(InvalidRequestError, match="is of no use here"):
+        PickLoop(scene).heard(cloud(picture, EPOCH))
+    loop = PickLoop(scene, watcher=Watcher())
+    with pytest.raises(InvalidRequestError, match="joint states must come first"):
+        loop.heard(cloud(picture, EPOCH))
+    loop.heard(states(list(robot.joint_names), start.q, EPOCH))
+    with pytest.raises(InvalidRequestError, match=f"frame_id is '{FRAME}': must be"):
+        loop.heard(cloud(picture, EPOCH))
+    turn = Rotation.from_rotvec(rng.normal(0.0, 1.0, 3)).as_matrix()
+    loop.heard(frames(0, (robot.link_names[0], FRAME, Pose([0.1, 0.2, 0.3], turn))))
+    loop.heard(cloud(picture, EPOCH))

@@ -43,9 +43,9 @@ def test_five_demonstrations_are_found_where_they_are(
         assert np.abs(middle - there).max() < 0.03
 
 
-@pytest.mark.parametrize("noise", [0.0, 1e-4, 1e-3])
-@pytest.mark.parametrize("rate", [30.0, 100.0, 500.0])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    ("noise", "rate", "seed"), [(0.0, 500.0, 0), (1e-3, 30.0, 1), (1e-3, 500.0, 2)]
+)
 def test_the_count_does_not_depend_on_noise_and_rate(
     tmp_path: Path, noise: float, rate: float, seed: int
 ) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.ros.camera_messages import sent
 
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError
 from optipromp.core.geometry import (
@@ -30,14 +31,12 @@ from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.ros import (
     LiveScene,
     collision_object,
-    from_bytes,
     message,
     planning_scene,
     read_collision_object,
     read_planning_scene,
-    to_bytes,
 )
-from optipromp.ros.shapes import pose_message, read_pose
+from optipromp.ros.scenes import pose_message, read_pose
 
 TETRAHEDRON = MeshShape(
     np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]),
@@ -54,11 +53,6 @@ SHAPES = (
 )
 TURN = from_quaternion((0.5, 0.5, -0.5, 0.5))
 OBJECT = "moveit_msgs/msg/CollisionObject"
-
-
-def sent(item):
-    """A message as it arrives."""
-    return from_bytes(to_bytes(item), item.__msgtype__)
 
 
 def same_object(one: SceneObject, other: SceneObject) -> None:

@@ -10,7 +10,7 @@ from tests.robots.arms import TWO, robot
 from tests.robots.test_arm_named import along, groups
 
 from optipromp import judge, plan
-from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.errors import Code
 from optipromp.core.planning.task import resolve
 from optipromp.core.robots.library import Choice
 from optipromp.core.scenes import JointGoal, Pose, PoseGoal, RegionGoal, Scene, load_scene
@@ -24,9 +24,9 @@ from optipromp.ros import (
     read_trajectories,
     write_bag,
 )
-from optipromp.ros.goals import read_goal
-from optipromp.ros.service import MOVEIT
-from optipromp.ros.shapes import pose_message
+from optipromp.ros.live import read_goal
+from optipromp.ros.loop import MOVEIT
+from optipromp.ros.scenes import pose_message
 from optipromp.ros.types import constants
 
 SCENE = load_scene("scenario-3")
@@ -291,11 +291,6 @@ def test_time_that_is_too_short_is_said_and_the_motion_shown() -> None:
 @pytest.mark.parametrize("code", [code for code in Code if code is not Code.INVALID_DEMONSTRATION])
 def test_every_code_of_a_plan_has_one_of_moveit(code: Code) -> None:
     assert MOVEIT[code] in CODES
-
-
-def test_a_bag_without_a_planner_is_no_world() -> None:
-    with pytest.raises(InvalidRequestError, match="says nothing of a scene"):
-        LiveScene.of(SCENE).heard(request())
 
 
 @pytest.mark.filterwarnings("ignore:no built-in demonstrations")

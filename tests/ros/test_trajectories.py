@@ -9,20 +9,18 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from scipy.interpolate import CubicHermiteSpline
+from tests.ros.camera_messages import sent
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.trajectory import Trajectory
 from optipromp.ros import (
     Recorded,
     display_trajectory,
-    from_bytes,
     joint_trajectory,
     message,
-    read_bag,
     read_trajectories,
     read_trajectory,
     robot_trajectory,
-    to_bytes,
     write_bag,
 )
 
@@ -41,11 +39,6 @@ def same(one: Trajectory, other: Trajectory, atol: float = 1e-9) -> None:
     assert one.joint_names == other.joint_names
     for what in ("times", "positions", "velocities", "accelerations"):
         np.testing.assert_allclose(getattr(other, what), getattr(one, what), atol=atol, rtol=0)
-
-
-def sent(item):
-    """A message as it arrives."""
-    return from_bytes(to_bytes(item), item.__msgtype__)
 
 
 @settings(max_examples=30)
@@ -121,14 +114,6 @@ def test_missing_accelerations_are_those_of_the_cubics(rows: int) -> None:
     np.testing.assert_allclose(back.accelerations, wanted, atol=1e-4 * scale)
 
 
-def test_the_accelerations_of_one_cubic_are_exact() -> None:
-    times = np.array([0.0, 0.3, 0.5, 1.0])
-    t = times[:, None]
-    whole = Trajectory(times, t**3 - t, 3 * t**2 - 1, 6 * t, ("a",))
-    (back,) = read_trajectories(without(joint_trajectory(whole), "accelerations"))
-    np.testing.assert_allclose(back.accelerations, whole.accelerations, atol=1e-9)
-
-
 def change(item, k: int, field: str, value):
     setattr(item.points[k], field, value)
     return item
@@ -196,20 +181,6 @@ def test_a_joint_that_is_missing_is_named() -> None:
 def test_no_trajectories_cannot_be_displayed() -> None:
     with pytest.raises(InvalidRequestError, match="must be one at least"):
         display_trajectory([], "arm")
-
-
-@pytest.mark.parametrize("name", ["bag.mcap", "bag"])
-def test_a_bag_brings_it_back(tmp_path: Path, name: str) -> None:
-    trajectory = moving()
-    items = [
-        Recorded("/arm/joint_trajectory", joint_trajectory(trajectory), 1),
-        Recorded("/display_planned_path", display_trajectory([trajectory], "arm"), 2),
-    ]
-    write_bag(tmp_path / name, items)
-    for item in read_bag(tmp_path / name):
-        (back,) = read_trajectories(item.message, NAMES)
-        same(trajectory, back)
-    same(trajectory, read_trajectory(tmp_path / name, NAMES))
 
 
 def test_the_one_trajectory_of_a_bag(tmp_path: Path) -> None:

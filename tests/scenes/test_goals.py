@@ -139,3 +139,5 @@ def test_several_goals_are_those_of_the_scene() -> None:
     assert [type(goal) for goal in goals] == [RegionGoal, JointGoal]
     with pytest.raises(InvalidSceneError, match="goal has 0 entries: must have 1 to 1000"):
         Scene("s", "panda", (), goal=())
+    with pytest.raises(InvalidSceneError, match=r"goal has 1001 entries: must have 1 to 1000"):
+        Scene("s", "panda", (), goal=(goals[1],) * 1001)

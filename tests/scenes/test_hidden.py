@@ -17,9 +17,8 @@ from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry import Sphere
 from optipromp.core.pushing.stems.hanging import sampled
 from optipromp.core.scenes import Scene, SceneObject, save_scene, scene_from_dict
-from optipromp.core.scenes.hidden import ROOM, cleared
 from optipromp.core.scenes.io import scene_to_dict
-from optipromp.core.scenes.objects import UNSEEN_SPREAD, UNSEEN_TILT, Stem
+from optipromp.core.scenes.objects import ROOM, UNSEEN_SPREAD, UNSEEN_TILT, Stem, cleared
 from optipromp.laboratory.generate import generate
 
 UP = (0.0, 0.0, 1.0)

@@ -11,7 +11,7 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.scenes.documents import FRUIT, MINIMAL, with_fruit, with_object
+from tests.scenes.documents import FRUIT, MINIMAL, with_fruit
 
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError
 from optipromp.core.geometry import (
@@ -271,17 +271,6 @@ def test_objects_in_python_are_checked_alike():
     bent = Stem([[0, 0, 0], [0, 0, 1], [0, 1, 1]])
     assert bent.length == 2.0
     np.testing.assert_array_equal(bent.root, [0, 1, 1])
-
-
-def test_many_objects_load_in_bounded_time(tmp_path):
-    document = with_object()
-    rng = np.random.default_rng(0)
-    document["objects"] += [
-        {"id": f"o{i}", "role": "avoid", "shape": {"sphere": {"radius": 0.01}}, "position": p}
-        for i, p in enumerate(rng.uniform(-1, 1, (3000, 3)).tolist())
-    ]
-    scene = load_scene(write(tmp_path / "many.json", document))
-    assert len(scene.obstacles("avoid").kind) == 3000
 
 
 def test_what_is_chosen_of_a_robots_file(tmp_path, monkeypatch):

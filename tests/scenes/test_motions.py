@@ -9,7 +9,7 @@ import pytest
 import optipromp
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.scenes import Scene, save_scene, scene_from_dict
-from optipromp.core.scenes.motion import ObjectMotion
+from optipromp.core.scenes.objects import ObjectMotion
 
 BALL = {"sphere": {"radius": 0.02}}
 STEM = {"root": [0.5, 0.1, 0.7]}
@@ -56,6 +56,10 @@ def test_a_motion_of_each_role_is_read_and_written(tmp_path: Path, role: str, ho
         ({"stem": STEM, "motion": TIMES | {"times": [2, 0]}}, "must increase"),
         ({"stem": STEM, "motion": TIMES | {"times": [0, float("nan")]}}, "times"),
         ({"stem": STEM, "motion": TIMES | {"positions": [[0, 0, 0], [0, 0, 1e-3]]}}, "at time 0"),
+        ({"role": "static", "motion": TIMES | {"times": [0, 1, 2]}}, "positions"),
+        ({"role": "static", "motion": TIMES, "velocity": [0, 0, 1]}, "one"),
+        ({"role": "static", "motion": {"time": [0, 1]}}, "time"),
+        ({"role": "static", "velocity": [0, 0]}, "velocity"),
     ],
 )
 def test_a_motion_that_cannot_be_is_refused(changes: Any, words: str) -> None:

@@ -32,7 +32,7 @@ from optipromp.core.robots import (
     robot_names,
     with_tool,
 )
-from optipromp.core.robots.laden import Laden, Load
+from optipromp.core.robots.mounted import Load
 from optipromp.core.robots.tools import TOOLS as KINDS
 from optipromp.core.scenes import JointGoal, Scene
 from optipromp.laboratory.simulation.engine import engine
@@ -51,7 +51,7 @@ turned = (np.cos(0.4), np.sin(0.4), 0.0, 0.0)
 
 def holding(name: str) -> Tool:
     solid = Solid(name, HELD[name], np.array([0.01, 0.0, 0.04]), turned)
-    return Laden(FrankaHand(), (Load(name, (solid,), 0.1),))
+    return Mounted(FrankaHand(), loads=(Load(name, (solid,), 0.1),))
 
 
 CASES: dict[str, Tool] = {

@@ -1,26 +1,21 @@
 """Picks in closed loop in the physics: what is picked, how smoothly, and what is left alone."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from tests.control.benches import in_order
 
 from optipromp.control.controller import Controller, LoopStage
-from optipromp.control.look import Look
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning.task import posed
 from optipromp.core.trajectory import State
-from optipromp.laboratory.experiments.conditions import CONDITIONS, Situation
 from optipromp.laboratory.experiments.loops import executed, picked
+from optipromp.laboratory.experiments.situations import CONDITIONS, Situation
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import (
     Detector,
     Eye,
     Loop,
     SimulatedArm,
-    Simulation,
-    closed_loop,
 )
 from optipromp.laboratory.simulation.detector import Truth
 
@@ -81,27 +76,6 @@ def test_a_neighbour_that_was_missed_is_seen_and_the_pick_is_clean() -> None:
     assert np.linalg.norm(found.positions[found.confirmed] - place, axis=1).min() < 0.01
     assert loop.trace.tracks[0].ids == ("ripe",)
     assert loop.controller.plans[1].scene.pushables
-
-
-class Unseeing(Eye):
-    """An eye that shows everything but the target."""
-
-    def delivered(self, now: float) -> tuple[Look, ...]:
-        """See :class:`Eye`."""
-        return tuple(
-            replace(look, detections=tuple(x for x in look.detections if x.role != "target"))
-            for look in super().delivered(now)
-        )
-
-
-def test_a_target_that_is_never_seen_is_given_up_and_nothing_is_harmed() -> None:
-    given = situation("zero-mean", 101)
-    controller = Controller(given.seen)
-    eye = Unseeing(Detector(given.scene, controller.robot, given.detector, 101))
-    loop = closed_loop(Simulation(given.scene, 101, given.parameters), controller, eye)
-    assert_sound(loop)
-    assert (loop.result, loop.stage) == ("gave_up", LoopStage.GAVE_UP)
-    assert [str(cause) for cause in loop.run.outcome.causes] == ["not_picked"]
 
 
 def test_an_executor_follows_the_controller() -> None:

@@ -10,7 +10,15 @@ from tests.simulation.loops import SWAY, swaying
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import npz, read_npz
 from optipromp.laboratory.simulation import SimulationParameters
-from optipromp.laboratory.simulation.files import read_parameters, write_run
+from optipromp.laboratory.simulation.files import (
+    POINTS,
+    ellipsoids,
+    read_loop,
+    read_parameters,
+    record_of,
+    write_loop,
+    write_run,
+)
 from optipromp.laboratory.simulation.film import (
     INSET,
     LINGER,
@@ -22,13 +30,6 @@ from optipromp.laboratory.simulation.film import (
     loop_film,
     loop_frames,
     shot,
-)
-from optipromp.laboratory.simulation.loop_files import (
-    POINTS,
-    ellipsoids,
-    read_loop,
-    record_of,
-    write_loop,
 )
 from optipromp.laboratory.simulation.studio import dressed
 from optipromp.laboratory.simulation.world import build

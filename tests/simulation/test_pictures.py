@@ -5,6 +5,7 @@ import io
 import mujoco
 import numpy as np
 import pytest
+from tests.simulation.conftest import Bench
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Sphere
@@ -29,8 +30,9 @@ from optipromp.perception.pictures import png_file
 SMALL = View(width=160, height=120)
 
 
-@pytest.fixture
-def run(bench):
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    bench = Bench(tmp_path_factory.mktemp("bench"))
     scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5)))
     made = simulate(bench.line((0.0, 0.0, 0.3), (0.0, 0.0, 0.5), 1.0), scene)
     try:

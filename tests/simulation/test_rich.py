@@ -38,6 +38,7 @@ def test_rich_pictures_have_leaves_and_repeat():
     )
 
 
+@pytest.mark.slow  # eight photographs
 def test_a_third_of_the_stems_ends_is_visible():
     visible, count = 0, 0
     for seed in range(65_100, 65_108):

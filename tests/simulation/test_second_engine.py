@@ -28,7 +28,7 @@ def test_it_places_the_tool_where_the_house_does() -> None:
         np.testing.assert_allclose(turn[:, 2], axis, atol=1e-9)
 
 
-CASES = [("cluster", 20000), ("tight", 20000), ("truss", 20000), ("field", 20003)]
+CASES = [("tight", 20000), ("field", 20003)]
 
 
 @pytest.mark.parametrize(("preset", "seed"), CASES)
@@ -46,7 +46,6 @@ def test_both_engines_pick_what_is_planned(preset: str, seed: int, tmp_path: Pat
 def test_both_engines_see_what_a_straight_way_harms() -> None:
     scene = generate("cluster", 20001)
     made = attempt(scene, "straight")
-    assert made.trajectory is not None
     rows = made.trajectory.resample(1000.0)
     word = second.execute(scene_to_dict(scene), rows.times, rows.positions)
     assert not word.success

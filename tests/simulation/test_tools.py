@@ -94,13 +94,6 @@ def test_a_finger_gripper_takes_hold_of_the_target_alone(scene):
     assert "between the fingers" in run.outcome.message
 
 
-def test_a_gripper_takes_hold_of_a_fruit_past_its_neighbours():
-    run = simulate(plan(generate("cluster", 3), robot=equipped(FingerGripper(0.05))))
-    assert run.success, run.outcome.message
-    assert run.outcome.picked
-    assert "between the fingers" in run.outcome.message
-
-
 def test_a_mesh_with_a_mouth_swallows_a_fruit():
     run = simulate(plan(generate("cluster", 3), robot=equipped(mesh_cup())))
     assert run.success, run.outcome.message

@@ -89,8 +89,6 @@ def test_each_stem_has_a_colour_and_ends_at_its_root_and_its_fruit(optimised: Pl
     assert len(found) == 3
     assert len({item.colour for item in found}) == 3
     for item in found:
-        assert item.stem is not None
-        assert item.item.stem is not None
         np.testing.assert_allclose(item.stem[-1], item.item.stem.root, atol=1e-12)
         moved = item.item.stem.points[0] + item.position - item.item.position
         np.testing.assert_allclose(item.stem[0], moved, atol=1e-12)

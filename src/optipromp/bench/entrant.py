@@ -1,6 +1,6 @@
 """An entry in a process of its own, which knows neither the judge nor the run.
 
-``python -m optipromp.bench.entrant FD`` answers :class:`optipromp.bench.apart.Apart` over the
+``python -m optipromp.bench.entrant FD`` answers :class:`optipromp.bench.serve.Apart` over the
 socket FD: pickled calls come in, lines of JSON go out, and after the line of a motion its numbers.
 """
 

@@ -16,15 +16,14 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from optipromp.bench.drive import joints_for
-from optipromp.bench.episode import RATE, Episode, Observation, score
+from optipromp.bench.episode import RATE, Episode, Observation, joints_for, score
 from optipromp.bench.primitive import COUNT, OfWeights
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
 from optipromp.core.planning import Plan, plan
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.scenes.values import suggest
-from optipromp.laboratory.experiments.conditions import CONDITIONS, Situation
+from optipromp.laboratory.experiments.situations import CONDITIONS, Situation
 from optipromp.laboratory.generate import PRESETS, Preset, generate
 from optipromp.laboratory.simulation import Outcome, Run, Simulation, simulate
 
@@ -124,7 +123,7 @@ class _Scenes(gymnasium.Env[Any, Any]):
 
     Args:
         presets: of the scenes, one is drawn for each episode.
-        condition: of :data:`optipromp.laboratory.experiments.conditions.CONDITIONS`.
+        condition: of :data:`optipromp.laboratory.experiments.situations.CONDITIONS`.
         seeds: first of the scenes' seeds, and the last plus one. A few hundred of them are made
             once and held, which saves three quarters of the time of an action of a primitive.
         render_mode: ``rgb_array``, or None.

@@ -6,22 +6,24 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from optipromp.bench.drive import driven
 from optipromp.control.look import Look
-from optipromp.core.arrays import FloatArray
+from optipromp.core.arrays import BoolArray, FloatArray, frozen
 from optipromp.core.errors import ExecutionError, InvalidRequestError
+from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.io import scene_to_dict
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.trajectory import State
-from optipromp.laboratory.experiments.conditions import Situation
+from optipromp.laboratory.experiments.situations import Situation
 from optipromp.laboratory.simulation import Detector, Eye, Outcome, Simulation
 from optipromp.laboratory.simulation.contacts import HarmSoFar
 from optipromp.laboratory.simulation.detector import Truth
+from optipromp.laboratory.simulation.simulation import FruitStates
 
 if TYPE_CHECKING:
     from optipromp.bench.flight import Word
-    from optipromp.bench.flown import FlightWorld
 
+TICK = 0.001  # [s] of a reference in the second engine, as of the main simulation's controller
 RATE = 50.0  # [Hz] at which a policy is asked: a choice
 HELD = 0.3  # [s] for which the tool must hold a fruit before a pick ends: a choice
 LONGEST = 20.0  # [s] of a pick, after which it ends: a choice; plans take 4 to 12 s
@@ -29,27 +31,99 @@ LONGEST = 20.0  # [s] of a pick, after which it ends: a choice; plans take 4 to 
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What a policy knows at one moment.
+    """What a policy knows at one moment."""
 
-    Attributes:
-        time: since the beginning [s].
-        q, velocity: (n,) of the joints, as measured [rad or m, per s].
-        tool_point, tool_axis: (3,) in the robot's base frame [m].
-        fruits: targets, pushables and objects to avoid as last seen, in the base frame.
-        age: time since they were seen [s].
-        force: (3,) of the world on the tool [N].
-        look: the last one that was delivered, with its camera; its time is since the beginning.
-    """
-
-    time: float
+    time: float  # since the beginning [s]
+    # (n,) of the joints, as measured [rad or m, per s]
     q: FloatArray
     velocity: FloatArray
+    # (3,) in the robot's base frame [m]
     tool_point: FloatArray
     tool_axis: FloatArray
+    # targets, pushables and objects to avoid as last seen, in the base frame
     fruits: tuple[SceneObject, ...]
-    age: float
+    age: float  # time since they were seen [s]
+    # (3,) of the world on the tool [N]
     force: FloatArray = field(default_factory=lambda: np.zeros(3))
+    # the last one that was delivered, with its camera; its time is since the beginning
     look: Look | None = None
+
+
+class FlightWorld:
+    """A scene in the second engine, with the methods of the simulation that an episode calls.
+
+    The arm is where its reference is. Plants stand still: conditions that move them, or change
+    their physics, are of the first engine alone.
+    """
+
+    def __init__(self, scene: Scene, seed: int = 0) -> None:
+        self.scene, self.tick, self.broken = scene, TICK, False
+        self.robot, self.reference = posed(scene)
+        from optipromp.bench.flight import Flight
+
+        try:
+            self._flight = Flight(scene_to_dict(scene), self.reference.q, seed)
+        except ValueError as error:
+            raise InvalidRequestError(f"the second engine: {error}") from None
+        self._items = {item.id: item for item in scene.objects}
+
+    @property
+    def time(self) -> float:
+        """Since the beginning [s]."""
+        return self._flight.time
+
+    def step(self, reference: State) -> State:
+        """Lead the cup to a reference within one tick; returns the state after it."""
+        self.reference = reference
+
+        try:
+            self._flight.to(reference.q, TICK)
+        except RuntimeError as error:
+            self.broken = True
+            raise ExecutionError(str(error)) from None
+        return self.state()
+
+    def state(self) -> State:
+        """The reference."""
+        return self.reference
+
+    def fruits(self) -> FruitStates:
+        """The targets and pushables now; velocities are not told (zero)."""
+        ids = tuple(self._flight.ids)
+        places = [self._flight.place(name) for name in ids]
+        turns = [
+            turn @ self._items[k].rotation for k, (_, turn, _) in zip(ids, places, strict=True)
+        ]
+        attached: BoolArray = np.ones(len(ids), dtype=np.bool_)
+        return FruitStates(
+            ids, tuple(self._items[name].role for name in ids),
+            frozen(np.array([place for place, _, _ in places]).reshape(-1, 3)),
+            frozen(np.array(turns).reshape(-1, 3, 3)),
+            frozen(np.zeros((len(ids), 3))), attached, tuple(frozen(s) for _, _, s in places),
+        )  # fmt: skip
+
+    def held(self) -> tuple[str, ...]:
+        """The fruits in the cup now."""
+        return tuple(filter(self._flight.inside, self._flight.ids))
+
+    def wrench(self) -> FloatArray:
+        """(6,) of the world on the tool: force [N], and zeros."""
+        return np.concatenate([self._flight.pushed(), np.zeros(3)])
+
+    def harm(self) -> HarmSoFar:
+        """What was harmed so far."""
+        words = self._flight.harm()
+        fruit, stem = self._flight.shares()
+        static = 2.0 * any(word.endswith("touched") for word in words)
+        return HarmSoFar(fruit, stem, static)
+
+    def outcome(self) -> "Word":
+        """Stand still for a moment, and judge all that happened."""
+        from optipromp.bench.flight import Word
+
+        if self.broken or not math.isfinite(self.time):
+            return Word(False, (), ("the engine broke down",), math.nan)
+        return self._flight.outcome()
 
 
 class Episode:
@@ -63,7 +137,7 @@ class Episode:
 
     def __init__(
         self, situation: Situation, seed: int = 0, rate: float = RATE,
-        world: "FlightWorld | None" = None,
+        world: FlightWorld | None = None,
     ) -> None:  # fmt: skip
         self.situation, self.seed = situation, seed
         own = world or Simulation(situation.scene, seed, situation.parameters)
@@ -161,8 +235,72 @@ class Episode:
 
 def score(outcome: "Outcome | Word") -> int:
     """An outcome as the benchmark counts it: 1 clean, -1 harmed, 0 missed; harm comes first."""
-    if outcome.success:
-        return 1
-    if isinstance(outcome, Outcome):
-        return -any(each not in ("not_picked", "not_placed") for each in outcome.causes)
-    return -bool(outcome.harm or outcome.swallowed)
+    return {"clean": 1, "missed": 0, "harmed": -1}[outcome.result]
+
+
+BRAKE = 0.9  # share of the acceleration limit that brakes before the end of a range: a choice
+GAIN = 3.0  # [1/s] of the turn of the tool's axis: a choice
+LEVER = 0.2  # [m] by which a turn counts as a length: a choice
+DAMPING = 0.01  # [m] of the least squares: a choice
+
+
+def driven(
+    robot: Robot, before: State, wanted: FloatArray, period: float, count: int
+) -> list[State]:
+    """References of ``count`` ticks of a controller in which the joints come to a velocity.
+
+    The acceleration is constant, at most its limit. The velocity is at most its limit, and so low
+    that the joint can brake before the end of its range.
+
+    ``robot``: whose limits are kept. ``before``: the last reference. ``wanted``: (n,) velocity at
+    the end [rad/s or m/s]. ``period``: time from ``before`` to the last tick [s]. ``count``: number
+    of ticks.
+
+    Returns: The references, a tick apart, the last one ``period`` after ``before``.
+    """
+    most = BRAKE * robot.acceleration
+    ahead = before.q + 0.5 * period * before.velocity  # about where the velocity is reached
+    up, down = robot.upper - ahead, ahead - robot.lower
+    rise = _braking(up, most, period, before.velocity)
+    fall = _braking(down, most, period, -before.velocity)
+    top = np.minimum(robot.velocity, rise)
+    low = -np.minimum(robot.velocity, fall)
+    aim = np.clip(wanted, np.minimum(low, top), top)
+    change = np.clip(
+        aim - before.velocity, -robot.acceleration * period, robot.acceleration * period
+    )
+    gain, out = change / period, []
+    for k in range(1, count + 1):
+        t = period * k / count
+        q = before.q + t * before.velocity + 0.5 * t * t * gain
+        out.append(State(np.clip(q, robot.lower, robot.upper), before.velocity + t * gain, gain))
+    return out
+
+
+def _braking(room: FloatArray, most: FloatArray, period: float, speed: FloatArray) -> FloatArray:
+    """The velocity (n,) a period later from which a joint still stops within its range.
+
+    Where ``room`` (n,) is negative, the joint has to stop within the period, and turns back: it
+    brakes from ``speed`` (n,) by ``most`` (n,) throughout.
+    """
+    lead = 0.5 * most * period
+    far = np.nan_to_num(np.maximum(room, 0.0), posinf=1e9)
+    return np.where(room >= 0.0, np.sqrt(lead**2 + 2.0 * most * far) - lead, speed - most * period)
+
+
+def joints_for(
+    robot: Robot, q: FloatArray, linear: FloatArray, axis: FloatArray | None = None
+) -> FloatArray:
+    """Joint velocities (n,) by which the tool point moves and the tool's axis turns.
+
+    Damped least squares on the Jacobians of tool point and axis.
+
+    ``robot``: with its tool. ``q``: (n,) configuration. ``linear``: (3,) velocity of the tool point
+    [m/s]. ``axis``: (3,) to which the tool's axis turns; None: it keeps its direction.
+    """
+    _, now, along, turning = robot.tool_map(q)
+    turn = np.zeros(3) if axis is None else GAIN * (axis - now)
+    rows = np.vstack([along, LEVER * turning])
+    asked = np.concatenate([linear, LEVER * turn])
+    damped = rows @ rows.T + DAMPING**2 * np.eye(len(asked))
+    return np.asarray(rows.T @ np.linalg.solve(damped, asked))

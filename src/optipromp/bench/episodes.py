@@ -29,7 +29,7 @@ from optipromp.core.planning import Plan, plan
 from optipromp.core.planning.task import tool_motion
 from optipromp.core.processes import cores
 from optipromp.laboratory.experiments.cluster import over
-from optipromp.laboratory.experiments.runs import source_version
+from optipromp.laboratory.experiments.rows import source_version
 
 AnyArray = NDArray[Any]
 Format = Literal["minari", "lerobot"]
@@ -57,23 +57,14 @@ class EpisodeAsk:
 
 @dataclass(frozen=True, eq=False)
 class EpisodeData:
-    """One episode of k steps.
+    """One episode of k steps."""
 
-    Attributes:
-        ask: what it is of.
-        seen: observations by name, (k + 1, ...) each.
-        actions: (k, 3).
-        rewards: (k,).
-        success: whether it was clean.
-        terminated: whether it ended by itself, and not by time.
-    """
-
-    ask: EpisodeAsk
-    seen: Mapping[str, AnyArray]
-    actions: AnyArray
-    rewards: AnyArray
-    success: bool
-    terminated: bool
+    ask: EpisodeAsk  # what it is of
+    seen: Mapping[str, AnyArray]  # observations by name, (k + 1, ...) each
+    actions: AnyArray  # (k, 3)
+    rewards: AnyArray  # (k,)
+    success: bool  # whether it was clean
+    terminated: bool  # whether it ended by itself, and not by time
 
 
 def environment(presets: Sequence[str], condition: str, pictures: bool) -> PickEnv:

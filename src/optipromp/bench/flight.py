@@ -219,24 +219,24 @@ def model_of(scene: Mapping[str, Any], seed: int = 0) -> mujoco.MjModel:
 
 @dataclass(frozen=True)
 class Word:
-    """What became of a plan.
+    """What became of a plan."""
 
-    Attributes:
-        picked: whether the target is in the cup at the end.
-        swallowed: ids of other fruits in the cup.
-        harm: in words.
-        force: largest force of the cup, or of another fruit, on any fruit but the target [N].
-    """
-
-    picked: bool
-    swallowed: tuple[str, ...]
-    harm: tuple[str, ...]
-    force: float
+    picked: bool  # whether the target is in the cup at the end
+    swallowed: tuple[str, ...]  # ids of other fruits in the cup
+    harm: tuple[str, ...]  # in words
+    force: float  # largest force of the cup, or of another fruit, on any fruit but the target [N]
 
     @property
     def success(self) -> bool:
         """The target alone is in the cup, and nothing was harmed."""
         return self.picked and not self.swallowed and not self.harm
+
+    @property
+    def result(self) -> str:
+        """``clean``, ``harmed`` or ``missed``: harm counts first."""
+        if self.success:
+            return "clean"
+        return "harmed" if self.harm or self.swallowed else "missed"
 
 
 class _Watch:
@@ -379,10 +379,10 @@ class Flight:
         return self._watch.harm(self.ids, self.statics)
 
     def shares(self) -> tuple[float, float]:
-        """Largest force on a fruit so far [N], and the longest press of a stem [s]."""
+        """Largest force on a fruit, and longest press of a stem, over what each bears."""
         stems = [float(t) for n, t in zip(self._watch.labels, self._watch.long[:, 0], strict=True)
                  if n.startswith("stem of ")]  # fmt: skip
-        return self._watch.most(self.ids), max(stems, default=0.0)
+        return self._watch.most(self.ids) / FRUIT_FORCE, max(stems, default=0.0) / STEM_TIME
 
     def outcome(self) -> Word:
         """Stand still for a moment, and judge all that happened."""

@@ -12,12 +12,11 @@
 ==============================  ===================================================================
 """
 
-import csv
 import hashlib
 import io
 import platform
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -26,8 +25,11 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from optipromp.bench.apart import SERVED, dismissed, hired
-from optipromp.bench.limits import (
+from optipromp.bench.running import ENGINES, STEADY, Engine, Exercise, again, rows_and_arrays
+from optipromp.bench.serve import SERVED, dismissed, hired
+from optipromp.bench.sets import Round, SceneSet, entry_digest
+from optipromp.bench.tracks import (
+    CONDITION,
     MEMBERS,
     MOTION_FILE,
     PATIENCE,
@@ -35,22 +37,9 @@ from optipromp.bench.limits import (
     RUN_FILE,
     SUBMISSION,
     Patience,
+    Track,
     words,
 )
-from optipromp.bench.rounds import Round, entry_digest
-from optipromp.bench.running import (
-    COLUMNS,
-    ENGINES,
-    STEADY,
-    BenchRow,
-    Engine,
-    Exercise,
-    again,
-    row_of,
-    rows_and_arrays,
-)
-from optipromp.bench.sets import SceneSet
-from optipromp.bench.tracks import CONDITION, Track
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import (
     check_folder,
@@ -65,42 +54,40 @@ from optipromp.core.files import (
 from optipromp.core.processes import cores
 from optipromp.core.shown import is_name, suggest
 from optipromp.laboratory.experiments.cluster import over
-from optipromp.laboratory.experiments.conditions import CONDITIONS
-from optipromp.laboratory.experiments.locking import locked
-from optipromp.laboratory.experiments.runs import source_version
-from optipromp.laboratory.experiments.variations import VARIATIONS
+from optipromp.laboratory.experiments.rows import (
+    BENCH,
+    LOCK,
+    ROWS,
+    Key,
+    Row,
+    RowFile,
+    lines_of,
+    locked,
+    rows_in,
+    source_version,
+)
+from optipromp.laboratory.experiments.situations import CONDITIONS, VARIATIONS
 
-RUN, ROWS, MOTIONS, ZIP = "run.json", "rows.csv", "motions", "submission.zip"
-LOCK, RECORD = ".lock", ".verified.json"
+RUN, MOTIONS, ZIP, RECORD = "run.json", "motions", "submission.zip", ".verified.json"
 SAME = 1e-6  # [rad, 1/s, 1/s²] by which two motions are one: other processors, other last bits
 
 
 @dataclass(frozen=True)
 class BenchRun:
-    """A run of the benchmark.
+    """A run of the benchmark."""
 
-    Attributes:
-        entry: name, MODULE:CLASS or tcp:HOST:PORT.
-        track: one of :data:`optipromp.bench.tracks.TRACKS`.
-        scenes: the set.
-        condition: of :data:`optipromp.laboratory.experiments.conditions.CONDITIONS`.
-        variation: of :data:`optipromp.laboratory.experiments.variations.VARIATIONS`; empty: none.
-        engines: that execute. Conditions that move plants and variations are of ``arm`` alone.
-        version: of the library, with a digest of its source.
-        processor: kind of machine; other machines may differ in last bits.
-        digest: of the entry's source; empty of tcp:.
-        round: in which the set was drawn after the digest; None: the word was known before.
-    """
-
-    entry: str
-    track: Track
-    scenes: SceneSet
-    condition: str = "none"
+    entry: str  # name, MODULE:CLASS or tcp:HOST:PORT
+    track: Track  # one of TRACKS
+    scenes: SceneSet  # the set
+    condition: str = "none"  # of CONDITIONS
+    # of VARIATIONS; empty: none
     variation: str = ""
+    # that execute. Conditions that move plants and variations are of ``arm`` alone
     engines: tuple[Engine, ...] = ENGINES
-    version: str = ""
-    processor: str = ""
-    digest: str = ""
+    version: str = ""  # of the library, with a digest of its source
+    processor: str = ""  # kind of machine; other machines may differ in last bits
+    digest: str = ""  # of the entry's source; empty of tcp:
+    # in which the set was drawn after the digest; None: the word was known before
     round: Round | None = None
 
     def __post_init__(self) -> None:
@@ -168,7 +155,7 @@ def staffed(
         dismissed()
 
 
-Progress = Callable[[int, int, BenchRow | None], None]
+Progress = Callable[[int, int, Row | None], None]
 
 
 def run_bench(
@@ -179,7 +166,7 @@ def run_bench(
     ray: str | None = None,
     progress: Progress | None = None,
     patience: Patience = PATIENCE,
-) -> list[BenchRow]:
+) -> list[Row]:
     """Run the scenes that a folder does not hold yet; see :mod:`optipromp.bench.results`.
 
     ``run``: what to run. ``folder``: of the results, made if need be. ``workers``: processes; None:
@@ -194,22 +181,21 @@ def run_bench(
     with ExitStack() as stack:
         stack.enter_context(locked(folder / LOCK))
         _check_run(run, folder / RUN)
-        rows = read_rows(folder)
         stack.enter_context(staffed(run.entry, run.track, workers, patience))
+        file = RowFile(folder, BENCH, ROW_FILE)
         write_atomically(folder / RUN, json_text(asdict(run)).encode())
-        done = {row.key for row in rows}
+        done = {row.key for row in file.rows}
         all_ = list(run.tasks(patience))
-        tasks = [t for t in all_ if not {(t.preset, t.seed, e) for e in t.engines} <= done]
+        tasks = [task for task in all_ if not done.issuperset(task.keys)]
 
         def hear(task: Exercise, result: Any) -> None:
             fresh, arrays = result
             write_atomically(folder / MOTIONS / _file(task), npz(arrays, compressed=True))
-            _append(folder / ROWS, [row for row in fresh if row.key not in done])
-            rows.extend(fresh)
+            file.append(*(row for row in fresh if row.key not in done))
 
         _over(rows_and_arrays, tasks, [()] * len(tasks), hear, len(all_), workers, ray, progress)
-        held = {row.key: row for row in rows}
-        ordered = [held[t.preset, t.seed, e] for t in all_ for e in t.engines]
+        held = {row.key: row for row in file.rows}
+        ordered = [held[key] for task in all_ for key in task.keys]
         _zipped(run, folder, ordered)
     return ordered
 
@@ -264,39 +250,7 @@ def _file(task: Exercise) -> str:
     return f"{task.preset}-{task.seed}.npz"
 
 
-def _lines(rows: Iterable[BenchRow], header: bool) -> bytes:
-    text = io.StringIO()
-    table = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    if header:
-        table.writeheader()
-    for row in rows:
-        table.writerow(asdict(replace(row, cause=words(row.cause))))
-    return text.getvalue().encode()
-
-
-def _append(path: Path, rows: Sequence[BenchRow]) -> None:
-    with path.open("ab") as stream:
-        stream.write(_lines(rows, header=stream.tell() == 0))
-
-
-def read_rows(folder: Path) -> list[BenchRow]:
-    """The rows of a folder; a line that an interruption cut short is dropped."""
-    path = folder / ROWS
-    content = read_bytes(path, InvalidRequestError, ROW_FILE) if is_there(path) else b""
-    whole = content[: content.rfind(b"\n") + 1]
-    if len(whole) < len(content):
-        path.write_bytes(whole)
-    return _parsed(whole, str(path))
-
-
-def _parsed(content: bytes, where: str) -> list[BenchRow]:
-    try:
-        return [row_of(line) for line in csv.DictReader(io.StringIO(content.decode("utf-8")))]
-    except (ValueError, KeyError, TypeError, csv.Error) as error:
-        raise InvalidRequestError(f"{where} holds something that is no row: {error}") from None
-
-
-def _zipped(run: BenchRun, folder: Path, rows: Sequence[BenchRow]) -> None:
+def _zipped(run: BenchRun, folder: Path, rows: Sequence[Row]) -> None:
     """All files with fixed dates and in a fixed order, so that equal runs are equal files."""
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED) as file:
@@ -305,7 +259,7 @@ def _zipped(run: BenchRun, folder: Path, rows: Sequence[BenchRow]) -> None:
             file.writestr(zipfile.ZipInfo(name, (2020, 1, 1, 0, 0, 0)), content)
 
         put(RUN, (folder / RUN).read_bytes())
-        put(ROWS, _lines(rows, header=True))
+        put(ROWS, lines_of(rows, BENCH, header=True))
         for task in run.tasks():
             put(f"{MOTIONS}/{_file(task)}", (folder / MOTIONS / _file(task)).read_bytes())
     if len(content := stream.getvalue()) > SUBMISSION:
@@ -323,11 +277,11 @@ class Verified:
     """A submission that was executed once more."""
 
     run: BenchRun
-    rows: tuple[BenchRow, ...]
+    rows: tuple[Row, ...]
     """As submitted."""
-    changed: tuple[tuple[BenchRow, BenchRow], ...]
+    changed: tuple[tuple[Row, Row], ...]
     """Pairs of rows, submitted and now, that differ in more than times of thinking."""
-    unconfirmed: tuple[BenchRow, ...]
+    unconfirmed: tuple[Row, ...]
     """Rows without a motion, which the entry alone can confirm."""
     by: Means
 
@@ -379,9 +333,9 @@ def verify(
                 f"{run.digest[:12] or 'none'}: give the entry as it was submitted"
             )
     tasks = [replace(task, entry=entry or "") for task in run.tasks()]
-    fresh: dict[tuple[str, int, str], BenchRow] = {}
+    fresh: dict[Key, Row] = {}
 
-    def hear(task: Exercise, result: list[BenchRow]) -> None:
+    def hear(task: Exercise, result: list[Row]) -> None:
         fresh.update({row.key: row for row in result})
 
     more = [(motions[_file(task)], f"{path}: {MOTIONS}/{_file(task)}") for task in tasks]
@@ -394,8 +348,8 @@ def verify(
         if now is None and row.result in ("refused", "error"):
             unconfirmed.append(row)
             continue
-        now = now or replace(row, result="error", cause="not executed")
-        told = replace(row, cause=now.cause) if row.result == now.result == "error" else row
+        now = now or row.having(result="error", cause="not executed")
+        told = row.having(cause=now.cause) if row.result == now.result == "error" else row
         if now.judged() != told.judged():
             changed.append((row, now))
     by: Means = "motions" if entry is None else "entry"
@@ -409,7 +363,7 @@ def verify(
     return made
 
 
-def asked_again(task: Exercise, content: bytes, where: str) -> list[BenchRow]:
+def asked_again(task: Exercise, content: bytes, where: str) -> list[Row]:
     """The rows of an entry that is asked again, if its motion is the one of the content."""
     rows, arrays = rows_and_arrays(task)
     told = read_npz(where, content=content, most=MOTION_FILE)
@@ -419,7 +373,7 @@ def asked_again(task: Exercise, content: bytes, where: str) -> list[BenchRow]:
     ):
         return rows
     # a digest that no row has, so that all of them differ
-    return [replace(row, digest="", cause=f"another motion: {row.cause}") for row in rows]
+    return [row.having(digest="", cause=f"another motion: {row.cause}") for row in rows]
 
 
 def recorded(path: Path, sha256: str, run: BenchRun) -> Means:
@@ -442,7 +396,7 @@ class Submission(NamedTuple):
     """What a submission's file holds."""
 
     run: BenchRun
-    rows: list[BenchRow]
+    rows: list[Row]
     motions: dict[str, bytes]
     """Contents of the files of motions by name, packed as they are."""
     sha256: str
@@ -467,13 +421,12 @@ def submission(path: Path) -> Submission:
                 return file.read(told)
 
             run = _run_of(held(RUN), f"{path}: {RUN}")
-            rows = _parsed(held(ROWS), f"{path}: {ROWS}")
+            rows = rows_in(held(ROWS), f"{path}: {ROWS}", BENCH)
             motions = {_file(task): held(f"{MOTIONS}/{_file(task)}") for task in run.tasks()}
     except InvalidRequestError:
         raise
     except Exception as error:  # zipfile and zlib raise whatever goes wrong in them
         raise InvalidRequestError(f"{path} is no submission: {words(str(error))}") from None
-    wanted = {(t.preset, t.seed, e) for t in run.tasks() for e in t.engines}
-    if {row.key for row in rows} != wanted or len(rows) != len(wanted):
+    if {row.key for row in rows} != {key for task in run.tasks() for key in task.keys}:
         raise InvalidRequestError(f"{path}: rows and scenes differ")
     return Submission(run, rows, motions, hashlib.sha256(content).hexdigest())

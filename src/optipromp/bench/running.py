@@ -5,18 +5,30 @@ scene, the physics or the looks could be drawn again.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
-from typing import Any, Literal, cast
+from dataclasses import dataclass, replace
+from typing import Literal, cast
 
 import numpy as np
-from pydantic import TypeAdapter
 
-from optipromp.bench.apart import Apart, Entry, hired
-from optipromp.bench.episode import Episode, score
-from optipromp.bench.flight import Word
-from optipromp.bench.limits import MOTION_FILE, PATIENCE, EntryError, Patience, too_long, words
+from optipromp.bench.episode import Episode, FlightWorld
+from optipromp.bench.flight import Word, execute
+from optipromp.bench.serve import Apart, Entry, hired
 from optipromp.bench.sets import BITS, DEVELOPMENT, SHORT, drawn, scene_of
-from optipromp.bench.tracks import Deed, Track, acted, against, asked, photographed, replayed
+from optipromp.bench.tracks import (
+    MOTION_FILE,
+    PATIENCE,
+    Deed,
+    EntryError,
+    Patience,
+    Track,
+    acted,
+    against,
+    asked,
+    photographed,
+    replayed,
+    too_long,
+    words,
+)
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.files import read_npz
@@ -24,16 +36,15 @@ from optipromp.core.planning.task import posed
 from optipromp.core.scenes.io import scene_to_dict
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
-from optipromp.laboratory.experiments.conditions import CONDITIONS, Situation
 from optipromp.laboratory.experiments.eyes import aimed_at, without_fruits
-from optipromp.laboratory.experiments.variations import VARIATIONS
+from optipromp.laboratory.experiments.rows import Key, Row
+from optipromp.laboratory.experiments.situations import CONDITIONS, Situation, varied
 from optipromp.laboratory.generate.plants import untold
 from optipromp.laboratory.simulation import Outcome, simulate
 
 Engine = Literal["arm", "flight"]
 ENGINES: tuple[Engine, ...] = ("arm", "flight")
 """``arm``: the whole arm with its controller; ``flight``: a cup in flight, a model of its own."""
-Result = Literal["clean", "harmed", "missed", "refused", "error"]
 NEUTRAL = "scene"
 """Name of every scene that an entry gets."""
 MOTION_ARRAYS = "times", "positions", "velocities", "accelerations"
@@ -43,80 +54,28 @@ STEADY = "none", "zero-mean", "detector", "missed", "calibration"
 
 @dataclass(frozen=True)
 class Exercise:
-    """What is asked of an entry.
+    """What is asked of an entry."""
 
-    Attributes:
-        entry: name, or MODULE:CLASS.
-        track: one of :data:`optipromp.bench.tracks.TRACKS`.
-        preset, seed: of the scene.
-        condition: of :data:`optipromp.laboratory.experiments.conditions.CONDITIONS`.
-        variation: of :data:`optipromp.laboratory.experiments.variations.VARIATIONS`; empty: none.
-        engines: that execute the motion.
-        word: of the set, which the entry does not get.
-        patience: the time that the entry has.
-    """
-
-    entry: str
-    track: Track
+    entry: str  # name, or MODULE:CLASS
+    track: Track  # one of TRACKS
+    # of the scene
     preset: str
     seed: int
-    condition: str = "none"
+    condition: str = "none"  # of CONDITIONS
+    # of VARIATIONS; empty: none
     variation: str = ""
-    engines: tuple[Engine, ...] = ENGINES
-    word: str = DEVELOPMENT
-    patience: Patience = PATIENCE
+    engines: tuple[Engine, ...] = ENGINES  # that execute the motion
+    word: str = DEVELOPMENT  # of the set, which the entry does not get
+    patience: Patience = PATIENCE  # the time that the entry has
+
+    @property
+    def keys(self) -> list[Key]:
+        """Of its rows."""
+        return [Row(self.preset, self.seed, engine=engine).key for engine in self.engines]
 
     def drawn(self, purpose: str, bits: int = BITS) -> int:
         """The seed of ``physics`` and looks, or of the ``entry``; see :mod:`.sets`."""
         return drawn(self.word, self.preset, self.seed, purpose, bits)
-
-
-@dataclass(frozen=True)
-class BenchRow:
-    """What became of one scene in one engine: a row of the benchmark.
-
-    Attributes:
-        preset, seed, digest: of the scene.
-        engine: that executed the motion.
-        result: ``clean``: the target alone was picked and nothing harmed; ``harmed``: something
-            was, whether or not the target was picked; ``missed``: neither; ``refused``: the entry
-            gave no motion, or none that a controller takes; ``error``: it raised an error.
-        picked: whether the target was in the tool at the end.
-        cause: of what is not clean.
-        force: largest force on any fruit but the target [N]; None: not executed.
-        duration: of the motion [s]; None: not executed.
-        thought: wall time of the entry [s]; of a policy, the median of a call.
-    """
-
-    preset: str
-    seed: int
-    digest: str
-    engine: str
-    result: Result
-    picked: bool = False
-    cause: str = ""
-    force: float | None = None
-    duration: float | None = None
-    thought: float = 0.0
-
-    @property
-    def key(self) -> tuple[str, int, str]:
-        """By which a row is unique."""
-        return self.preset, self.seed, self.engine
-
-    def judged(self) -> tuple[Any, ...]:
-        """All but the times that differ from machine to machine."""
-        return tuple(getattr(self, name) for name in COLUMNS if name != "thought")
-
-
-COLUMNS: tuple[str, ...] = tuple(field.name for field in fields(BenchRow))
-
-
-def row_of(texts: Mapping[str, str]) -> BenchRow:
-    """A row from its cells."""
-    values = {name: texts[name] or None for name in COLUMNS}
-    values["cause"] = values["cause"] or ""
-    return TypeAdapter(BenchRow).validate_python(values)
 
 
 def situated(task: Exercise) -> tuple[Situation, str]:
@@ -125,18 +84,14 @@ def situated(task: Exercise) -> tuple[Situation, str]:
     seed = task.drawn("physics")
     setting = CONDITIONS[task.condition](scene, seed)
     setting = setting._replace(seen=replace(untold(setting.seen), name=NEUTRAL))
-    if task.variation:
-        rng = np.random.default_rng([seed, 2])
-        changed, parameters = VARIATIONS[task.variation](setting.scene, rng)
-        setting = setting._replace(scene=changed, parameters=parameters)
-    return setting, digest
+    return varied(setting, task.variation, seed), digest
 
 
 Deeds = Mapping[Engine, Deed]
 """By engine: a policy acts anew in each, one trajectory is executed in all."""
 
 
-def attempted(task: Exercise) -> tuple[list[BenchRow], Deeds]:
+def attempted(task: Exercise) -> tuple[list[Row], Deeds]:
     """Ask an entry for its motion in a scene, and execute it in every engine.
 
     Errors of the entry are rows; those of the task are raised.
@@ -160,19 +115,17 @@ def attempted(task: Exercise) -> tuple[list[BenchRow], Deeds]:
     return executed_rows(task, setting, digest, motions), motions
 
 
-def executed_rows(
-    task: Exercise, setting: Situation, digest: str, motions: Deeds
-) -> list[BenchRow]:
+def executed_rows(task: Exercise, setting: Situation, digest: str, motions: Deeds) -> list[Row]:
     """The rows of motions, each executed anew in its engine."""
     rows = []
     for engine, motion in motions.items():
-        row = BenchRow(task.preset, task.seed, digest, engine, "refused", thought=motion.thought)
+        row = _row(task, digest, engine, "refused", thought=motion.thought)
         if motion.refused:
-            rows.append(replace(row, cause=words(motion.why)))
+            rows.append(row.having(cause=words(motion.why)))
         elif motion.actions is not None:
             episode = _episode(task, setting, engine)
             replayed(motion, episode)
-            rows.append(_ended(row, episode))
+            rows.append(_judged(row, episode.outcome(), episode.time))
         else:
             rows.append(_flown(row, task, setting, motion, engine))
     return rows
@@ -180,9 +133,9 @@ def executed_rows(
 
 def _by_policy(
     entry: Entry, task: Exercise, setting: Situation, digest: str, seed: int
-) -> tuple[list[BenchRow], Deeds]:
+) -> tuple[list[Row], Deeds]:
     """The rows of a policy, which acts anew in every engine."""
-    rows, motions = list[BenchRow](), dict[Engine, Deed]()
+    rows, motions = list[Row](), dict[Engine, Deed]()
     for engine in task.engines:
         episode = _episode(task, setting, engine)
         try:
@@ -192,23 +145,18 @@ def _by_policy(
             rows += _errors(replace(task, engines=(engine,)), digest, error)
             continue
         motions[engine] = motion
-        row = BenchRow(task.preset, task.seed, digest, engine, "missed", thought=motion.thought)
-        rows.append(_ended(row, episode))
+        row = _row(task, digest, engine, "missed", thought=motion.thought)
+        rows.append(_judged(row, episode.outcome(), episode.time))
     return rows, motions
 
 
 def _episode(task: Exercise, setting: Situation, engine: Engine) -> Episode:
     seed = task.drawn("physics")
-    if engine == "arm":
-        return Episode(setting, seed)
-    from optipromp.bench.flown import FlightWorld
-
-    return Episode(setting, seed, world=FlightWorld(setting.scene, seed))
+    world = None if engine == "arm" else FlightWorld(setting.scene, seed)
+    return Episode(setting, seed, world=world)
 
 
-def _flown(
-    row: BenchRow, task: Exercise, setting: Situation, motion: Deed, engine: Engine
-) -> BenchRow:
+def _flown(row: Row, task: Exercise, setting: Situation, motion: Deed, engine: Engine) -> Row:
     assert motion.trajectory is not None
     truth = _aimed(setting.scene, motion) if task.track == "picture" else setting.scene
     seed = task.drawn("physics")
@@ -216,12 +164,10 @@ def _flown(
         if engine == "arm":
             run = simulate(motion.trajectory, truth, parameters=setting.parameters, seed=seed)
             return _judged(row, run.outcome, motion.trajectory.duration)
-        from optipromp.bench.flight import execute
-
         rows = motion.trajectory.resample(1000.0)
         word = execute(scene_to_dict(truth), rows.times, rows.positions, seed)
     except (OptiPrompError, RuntimeError, ValueError) as error:
-        return replace(row, result="error", cause=words(str(error)))
+        return row.having(result="error", cause=words(str(error)))
     return _judged(row, word, motion.trajectory.duration)
 
 
@@ -233,40 +179,32 @@ def _aimed(scene: Scene, motion: Deed) -> Scene:
     return aimed_at(scene, ripe, np.asarray(point))
 
 
-def _ended(row: BenchRow, episode: Episode) -> BenchRow:
-    return _judged(row, episode.outcome(), episode.time)
-
-
-def _judged(row: BenchRow, outcome: Outcome | Word, duration: float) -> BenchRow:
+def _judged(row: Row, outcome: Outcome | Word, duration: float) -> Row:
     """A row with the word of an engine; harm counts before success."""
-    time_, worth = round(duration, 4), score(outcome)
-    result = _result(worth > 0, worth < 0)
     if isinstance(outcome, Word):
         harm = [*outcome.harm, *(f"swallowed {name}" for name in outcome.swallowed)]
-        return replace(
-            row, result=result, picked=outcome.picked, cause="; ".join(harm),
-            force=_rounded(outcome.force), duration=time_,
-        )  # fmt: skip
-    return replace(
-        row, result=result, picked=bool(outcome.picked),
-        cause=" ".join(outcome.causes), force=_rounded(outcome.unripe_peak_force), duration=time_,
+        cause, force = "; ".join(harm), outcome.force
+    else:
+        cause, force = " ".join(outcome.causes), outcome.unripe_peak_force
+    return row.having(
+        result=outcome.result, picked=bool(outcome.picked), cause=words(cause),
+        force=round(float(force), 3), duration=round(duration, 4),
     )  # fmt: skip
 
 
-def _result(clean: bool, harmed: bool) -> Result:
-    return "clean" if clean else "harmed" if harmed else "missed"
+def _row(
+    task: Exercise, digest: str, engine: str, result: str, thought: float = 0.0, cause: str = ""
+) -> Row:
+    """What became of one scene in one engine, with nothing executed yet."""
+    row = Row(task.preset, task.seed, engine=engine, result=result, cause=cause, picked=False)
+    return row.having(digest=digest, thought=thought)
 
 
-def _rounded(value: float | FloatArray) -> float:
-    return round(float(value), 3)
+def _errors(task: Exercise, digest: str, error: EntryError) -> list[Row]:
+    return [_row(task, digest, e, "error", cause=words(str(error))) for e in task.engines]
 
 
-def _errors(task: Exercise, digest: str, error: EntryError) -> list[BenchRow]:
-    row = BenchRow(task.preset, task.seed, digest, "arm", "error", cause=words(str(error)))
-    return [replace(row, engine=engine) for engine in task.engines]
-
-
-def rows_and_arrays(task: Exercise) -> tuple[list[BenchRow], dict[str, FloatArray]]:
+def rows_and_arrays(task: Exercise) -> tuple[list[Row], dict[str, FloatArray]]:
     """:func:`attempted` with the motions as arrays, for a file."""
     rows, motions = attempted(task)
     if task.track == "policy":
@@ -274,7 +212,7 @@ def rows_and_arrays(task: Exercise) -> tuple[list[BenchRow], dict[str, FloatArra
     return rows, next(iter(motions.values())).arrays() if motions else {}
 
 
-def again(task: Exercise, content: bytes, where: str) -> list[BenchRow]:
+def again(task: Exercise, content: bytes, where: str) -> list[Row]:
     """The rows of a motion from a file's content, executed once more."""
     arrays = read_npz(where, content=content, most=MOTION_FILE)
     wanted = set(task.engines if task.track == "policy" else MOTION_ARRAYS)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -11,54 +11,28 @@ from optipromp.cli.console import Cluster, Workers, grid, progress_bar, say_if_c
 from optipromp.core.errors import InvalidRequestError
 
 if TYPE_CHECKING:
-    from optipromp.bench.running import BenchRow
     from optipromp.bench.table import Leaderboard
+    from optipromp.laboratory.experiments.rows import Row
 
 bench = typer.Typer(
     name="bench", no_args_is_help=True, rich_markup_mode="rich",
     help="Compare pickers on frozen scenes, in two physics engines (docs/benchmark.md).",
 )  # fmt: skip
 
-Results = Annotated[
-    list[Path], typer.Argument(metavar="RESULTS...", help="Folders or submissions.")
-]
-
 
 @bench.command("run")
 @command()
 def run(
-    entry: Annotated[
-        str, typer.Option(metavar="NAME", help="Of 'optipromp bench list', or MODULE:CLASS.")
-    ],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Of the results; goes on where it was.")],
-    track: Annotated[
-        str, typer.Option(metavar="NAME", help="plan, policy or picture; see 'bench list'.")
-    ] = "",
-    scenes: Annotated[
-        str,
-        typer.Option(
-            "--set",
-            metavar="WORD",
-            help="development, or a word that draws a test set.",
-        ),
-    ] = "development",
-    draw: Annotated[
-        bool, typer.Option("--draw", help="A round of this entry alone: its digest, then a word.")
-    ] = False,
-    round_: Annotated[
-        Path | None,
-        typer.Option("--round", metavar="FILE", help="Of 'bench draw': its word, its entries."),
-    ] = None,
-    preset: Annotated[
-        str, typer.Option(metavar="NAMES", help="Presets, separated by commas.")
-    ] = "cluster,mixed,field,wild",
-    count: Annotated[int, typer.Option(help="Scenes of each preset.")] = 200,
-    condition: Annotated[
-        str | None, typer.Option(metavar="NAME", help="What moves and is seen wrongly.")
-    ] = None,
-    variation: Annotated[
-        str, typer.Option(metavar="NAME", help="Of the physics; see 'study --vary'.")
-    ] = "",
+    entry: str,
+    out: Path,
+    track: str = "",
+    scenes: str = "development",
+    draw: bool = False,
+    round_: Path | None = None,
+    preset: str = "cluster,mixed,field,wild",
+    count: int = 200,
+    condition: str | None = None,
+    variation: str = "",
     workers: Workers = None,
     ray: Cluster = None,
 ) -> Report:
@@ -77,11 +51,22 @@ def run(
     optipromp bench run --entry mine:Picker --track plan --out mine
     optipromp bench run --entry mine:Policy --track policy --draw --out test
     optipromp bench run --entry mine:Picker --round round.json --out mine
+
+    Args:
+        entry (NAME): Of 'optipromp bench list', or MODULE:CLASS.
+        out (DIR): Of the results; goes on where it was.
+        track (NAME): plan, policy or picture; see 'bench list'.
+        scenes (--set WORD): development, or a word that draws a test set.
+        draw: A round of this entry alone: its digest, then a word.
+        round_ (--round FILE): Of 'bench draw': its word, its entries.
+        preset (NAMES): Presets, separated by commas.
+        count: Scenes of each preset.
+        condition (NAME): What moves and is seen wrongly.
+        variation (NAME): Of the physics; see 'study --vary'.
     """
     from optipromp.bench.entries import ENTRIES
     from optipromp.bench.results import BenchRun, run_bench
-    from optipromp.bench.rounds import draw_round, read_round
-    from optipromp.bench.sets import SceneSet
+    from optipromp.bench.sets import SceneSet, draw_round, read_round
     from optipromp.bench.tracks import TRACKS
     from optipromp.core.scenes.values import suggest
 
@@ -107,11 +92,9 @@ def run(
 @bench.command("verify")
 @command()
 def verify(
-    submission: Annotated[Path, typer.Argument(metavar="ZIP", help="Of 'bench run'.")],
-    entry: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="The submitted entry, which is asked again."),
-    ] = None,
+    submission: Path,
+    /,
+    entry: str | None = None,
     workers: Workers = None,
     ray: Cluster = None,
 ) -> Report:
@@ -129,6 +112,10 @@ def verify(
     \b
     optipromp bench verify mine/submission.zip --entry mine:Picker
     optipromp bench verify theirs.zip
+
+    Args:
+        submission (ZIP): Of 'bench run'.
+        entry (NAME): The submitted entry, which is asked again.
     """
     from optipromp.bench.results import verify as again
 
@@ -161,11 +148,8 @@ def verify(
 @bench.command("draw")
 @command()
 def draw_(
-    entry: Annotated[
-        list[str],
-        typer.Option(metavar="NAME", help="Of 'bench list', or MODULE:CLASS; several times."),
-    ],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="Of the round; is not written over.")],
+    entry: list[str],
+    out: Path,
 ) -> Report:
     """Draw a test set for entries that are handed in: their digests first, then the word.
 
@@ -176,10 +160,14 @@ def draw_(
 
     \b
     optipromp bench draw --entry opti-promp --entry mine:Picker --out round.json
+
+    Args:
+        entry (NAME): Of 'bench list', or MODULE:CLASS; several times.
+        out (FILE): Of the round; is not written over.
     """
     from dataclasses import asdict
 
-    from optipromp.bench.rounds import draw_round
+    from optipromp.bench.sets import draw_round
     from optipromp.core.files import is_there, json_text, write_atomically
 
     if is_there(out):
@@ -193,10 +181,9 @@ def draw_(
 @bench.command("table")
 @command()
 def table(
-    results: Results,
-    out: Annotated[
-        Path | None, typer.Option("--markdown", metavar="FILE", help="Leave the page here.")
-    ] = None,
+    results: list[Path],
+    /,
+    out: Path | None = None,
 ) -> Report:
     """Make the leaderboard of submissions on one set.
 
@@ -206,6 +193,10 @@ def table(
 
     \b
     optipromp bench table ours straight theirs.zip --markdown leaderboard.md
+
+    Args:
+        results (RESULTS...): Folders or submissions.
+        out (--markdown FILE): Leave the page here.
     """
     from optipromp.bench.table import leaderboard, markdown
     from optipromp.core.files import write_atomically
@@ -219,11 +210,10 @@ def table(
 @bench.command("publish")
 @command()
 def publish(
-    results: Results,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="New; of the files of a release.")],
-    unverified: Annotated[
-        bool, typer.Option("--unverified", help="Take what 'bench verify' did not confirm, too.")
-    ] = False,
+    results: list[Path],
+    /,
+    out: Path,
+    unverified: bool = False,
 ) -> Report:
     """Gather submissions, what verified them, the table and the digests of all.
 
@@ -234,8 +224,13 @@ def publish(
 
     \b
     optipromp bench publish ours theirs.zip --out release
+
+    Args:
+        results (RESULTS...): Folders or submissions.
+        out (DIR): New; of the files of a release.
+        unverified: Take what 'bench verify' did not confirm, too.
     """
-    from optipromp.bench.publish import DIGESTS, published
+    from optipromp.bench.table import DIGESTS, published
 
     made = published(results, out, unverified)
     lines = [f"{digest}  {name}" for name, digest in made["sha256"].items()]
@@ -269,8 +264,8 @@ def entries() -> Report:
 
 def _told(
     say: Callable[[int, int, str], None],
-) -> Callable[[int, int, "BenchRow | None"], None]:
-    def tell(done: int, total: int, row: "BenchRow | None") -> None:
+) -> Callable[[int, int, "Row | None"], None]:
+    def tell(done: int, total: int, row: "Row | None") -> None:
         newest = "" if row is None else f": {row.preset} {row.seed} {row.result}"
         say(done, total, f"{done} of {total} scenes{newest}")
 
@@ -285,7 +280,7 @@ def _shown(board: "Leaderboard", words: str) -> Shown:
     for entry in board.order:
         for k, engine in enumerate(board.run.engines):
             s = board.of(entry, engine)
-            clean = f"{s.clean}/{s.runs} ({100 * s.low:.0f}–{100 * s.high:.0f})"
+            clean = f"{s.clean}/{s.runs} ({s.interval})"
             shown.add_row(
                 "" if k else entry, engine, clean, str(s.harmed), str(s.missed),
                 str(s.refused + s.errors), f"{100 * s.score:.0f}",

@@ -13,12 +13,12 @@ from optipromp.core.errors import InvalidRequestError
 @command()
 def catalogue() -> Report:
     """List the built-in robots and scenes, the kinds of tool, the planners, and their settings."""
-    from optipromp.core.planning.options import PaperOptions, PlanOptions
-    from optipromp.core.planning.planner import planners
-    from optipromp.core.planning.planners import PLANNERS
+    from optipromp.core.planning.options import PlanOptions
+    from optipromp.core.planning.planners import PLANNERS, planners
     from optipromp.core.robots.library import robot_names
     from optipromp.core.robots.tools import TOOLS
     from optipromp.core.scenes.io import scene_names
+    from optipromp.laboratory.planners.paper import PaperOptions
 
     robots, scenes = robot_names(), scene_names()
     known = documented(PlanOptions)
@@ -74,8 +74,14 @@ def asked(
     command-line option.
     """
     from optipromp.core.planning import PlanOptions
-    from optipromp.core.planning.planner import factory, make, settings_of
-    from optipromp.core.planning.planners import JOINT, OF_A_PLAN, PLANNERS
+    from optipromp.core.planning.planners import (
+        JOINT,
+        OF_A_PLAN,
+        PLANNERS,
+        factory,
+        make,
+        settings_of,
+    )
 
     if planner in PLANNERS:
         return {"planner": planner, "strategy": strategy, "options": settings(pairs, **stated)}
@@ -106,8 +112,8 @@ def _values(pairs: Sequence[str], names: list[str], nested: bool) -> dict[str, A
     import yaml
 
     from optipromp.core.documents import read_yaml
-    from optipromp.core.planning import PaperOptions
     from optipromp.core.scenes.values import suggest
+    from optipromp.laboratory.planners.paper import PaperOptions
 
     names += [f"paper.{name}" for name in documented(PaperOptions)] if nested else []
     known: dict[str, Any] = {}

@@ -1,26 +1,26 @@
-"""``optipromp check``: is this file right?"""
+"""``optipromp check``: is this file right? ``optipromp validate``: is this trajectory?"""
 
 import warnings
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import is_dataclass
+from dataclasses import is_dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from optipromp.cli.command import OK, Report, Shown, command, exit_code
-from optipromp.cli.console import headline, say_if_compiling, waiting
+from optipromp.cli.console import grid, headline, say_if_compiling, waiting
 from optipromp.cli.robot import ArmOptions
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
 from optipromp.core.files import is_folder, is_there
 
 if TYPE_CHECKING:
-    from optipromp.core.planning import Plan
+    from optipromp.core.planning import Plan, Verdict
     from optipromp.core.robots.description import Arm
     from optipromp.core.robots.model import Robot
     from optipromp.core.scenes.scene import Scene
+    from optipromp.core.trajectory import Trajectory
+
 
 LISTED = 20  # items of a list in text, a choice: a robot on a base has hundreds of pairs of links
 _SCENE_KEYS = frozenset({"objects", "robot", "target", "goal", "approach", "start"})
@@ -102,20 +102,9 @@ def _inside(path: Path) -> Kind:
 
 @command()
 def check(
-    item: Annotated[
-        str,
-        typer.Argument(
-            metavar="ITEM", help="A scene, a robot or demonstrations: a path or a built-in name."
-        ),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="Leave pictures there: of a robot cover.png, its body spheres; of a scene "
-            "scene.png, and scene.html to turn (extra 'view').",
-        ),
-    ] = None,
+    item: str,
+    /,
+    out: Path | None = None,
     *,
     arm: ArmOptions,
 ) -> Report:
@@ -132,6 +121,11 @@ def check(
     optipromp check my-robot.urdf --tip left_tool0
     optipromp check my-robot.urdf --out pictures
     optipromp check recordings/
+
+    Args:
+        item (ITEM): A scene, a robot or demonstrations: a path or a built-in name.
+        out (DIR): Leave pictures there: of a robot cover.png, its body spheres; of a scene
+            scene.png, and scene.html to turn (extra 'view').
     """
     kind, named = kind_of(item), arm.of(None)
     if kind is Kind.ROBOT:
@@ -154,7 +148,7 @@ def check(
         summary = _SUMMARIES[kind](item)
         if out is not None:
             from optipromp.core.scenes.io import load_scene
-            from optipromp.looks.viewer.reach import scene_pictures
+            from optipromp.looks.viewer.figures import scene_pictures
 
             say_if_compiling()
             with waiting("drawing"):
@@ -192,7 +186,7 @@ def _words(value: object) -> str:
 
 def _scene(item: str) -> dict[str, Any]:
     from optipromp.core.planning.task import resolve
-    from optipromp.core.robots.dynamics import warn_of_gravity
+    from optipromp.core.robots.model import warn_of_gravity
     from optipromp.core.scenes.io import load_scene
     from optipromp.looks.appearance.scene import ground_of
     from optipromp.looks.viewer.reach import tool_faces
@@ -226,7 +220,7 @@ def _robot(robot: "Robot", arm: "Arm") -> dict[str, Any]:
     """The summary of a robot; lengths in metres."""
     import numpy as np
 
-    from optipromp.core.robots.dynamics import warn_of_gravity
+    from optipromp.core.robots.model import warn_of_gravity
 
     warn_of_gravity(robot, robot.home[None], np.array([0.0, 0.0, 1.0]), "at home")
     spheres = Counter(robot.link_names[i] for i in robot.spheres.link)
@@ -327,3 +321,126 @@ _SUMMARIES = {
     Kind.PRIMITIVE: _primitive,
     Kind.PLAN: _plan,
 }
+
+
+_LONG, _SLOW = 60.0, 2e-3  # [s], share of a velocity limit: a choice; 1,000 times faster is usual
+
+
+@command()
+def validate(
+    trajectory: Path,
+    /,
+    scene: str | None = None,
+    out: Path | None = None,
+    *,
+    risk: float | None = None,
+) -> Report:
+    """Judge TRAJECTORY in a scene: what is violated, where, when and by how much.
+
+    The curve between the rows is judged too: it meets positions, velocities and
+    accelerations of the rows, or is the smoothest through the positions where
+    those are not given. Joints are matched by name. The exit code is 0 only
+    where nothing is wrong; 1 where something is; 2 when the input is wrong.
+
+    [bold]Examples[/bold]
+
+    \b
+    optipromp validate recorded.csv --scene scenario-3
+    optipromp validate reach
+    optipromp validate moveit.mcap --scene my-scene.yaml --out verdict --json
+
+    Args:
+        trajectory (TRAJECTORY): A .csv or .npz file, a bag or .mcap with a JointTrajectory, or a
+            plan's folder.
+        scene (SCENE): A scene file or built-in scene; a plan's own.
+        out (DIR): Leave verdict.json and limits.png there.
+        risk: Share of promised successes that may be broken; a plan's own, or 0.03.
+    """
+    from optipromp.core.errors import InvalidRequestError
+    from optipromp.core.files import is_file
+    from optipromp.core.output import load_plan
+    from optipromp.core.planning import PlanOptions, judge, verdict_of
+    from optipromp.core.planning.task import posed
+    from optipromp.core.scenes.io import load_scene
+
+    if scene is None and not is_file(trajectory / "plan.json"):
+        raise InvalidRequestError(f"{trajectory} states no scene: add --scene SCENE")
+    with waiting("judging"):
+        if scene is None:
+            plan = load_plan(trajectory)
+            risk = plan.risk if risk is None else PlanOptions(risk=risk).risk
+            plan = replace(plan, task=replace(plan.task, risk=risk))
+            loaded, robot, curve, found = plan.scene, plan.robot, plan.trajectory, verdict_of(plan)
+        else:
+            loaded = load_scene(scene)
+            robot = posed(loaded)[0]
+            curve = read(trajectory, robot)
+            risk = PlanOptions.risk if risk is None else risk
+            found = judge(loaded, curve, risk=risk)
+    slow = max(found.judgement.metrics.velocity_ratio, 1e-12)
+    if curve.duration > _LONG and slow < _SLOW:
+        told = f"{curve.duration:.0f} s with {100 * slow:.2g} % of the velocity limits"
+        warnings.warn(f"{trajectory} takes {told}: are its times milliseconds?", stacklevel=1)
+    document = describe(found, curve, loaded, risk)
+    if out is not None:
+        from optipromp.core.files import json_text, write_atomically
+        from optipromp.looks.viewer.figures import limits_figure, png
+
+        figure = limits_figure(curve, robot, found.judgement.violations, loaded.name)
+        write_atomically(out / "limits.png", png(figure))
+        write_atomically(out / "verdict.json", json_text(document).encode("utf-8"))
+    return Report(document, _judged(found, loaded, curve), exit_code(found.status))
+
+
+def read(path: Path, robot: "Robot") -> "Trajectory":
+    """The trajectory in a file or bag."""
+    from optipromp.core.files import is_bag
+    from optipromp.core.trajectory import read_trajectory
+
+    if is_bag(path):
+        from optipromp import ros
+
+        return ros.read_trajectory(path, robot.joint_names)
+    return read_trajectory(path, robot.joint_names)
+
+
+def describe(found: "Verdict", curve: "Trajectory", scene: "Scene", risk: float) -> dict[str, Any]:
+    """The verdict as plain values for JSON."""
+    from optipromp.core.files import plain
+
+    return dict(plain({
+        "scene": scene.name,
+        "status": found.status,
+        "message": found.message,
+        "violations": [vars(violation) for violation in found.judgement.violations],
+        "notes": found.judgement.notes,
+        "predicted_harm": None if found.prediction is None else vars(found.prediction),
+        "risk": risk,
+        "rows": curve.n_waypoints,
+        "metrics": found.judgement.metrics.to_dict(),
+    }))  # fmt: skip
+
+
+def _judged(found: "Verdict", scene: "Scene", curve: "Trajectory") -> Shown:
+    m = found.judgement.metrics
+    colour = "green" if found.status is Code.SUCCESS else "red"
+    yield headline(
+        (scene.name, "bold"),
+        f"  {curve.n_waypoints} rows, {curve.duration:.3f} s  ",
+        (found.status, f"bold {colour}"),
+    )
+    if found.judgement.violations:
+        table = grid(("what", "where"), ("when, s", "how much"))
+        for violation in found.judgement.violations:
+            when = "" if violation.time is None else f"{violation.time:.3f}"
+            amount = "" if violation.amount is None else f"{violation.amount:.4g} {violation.unit}"
+            table.add_row(violation.kind, violation.subject, when, amount)
+        yield table
+    yield found.message
+    if found.prediction is not None and found.status is not Code.HARM_PREDICTED:
+        yield f"{found.prediction}"  # harm is in the message already
+    off = f"{m.goal_error:.4f}" if m.goal_axis_error is None else f"{1e3 * m.goal_error:.2f} mm"
+    yield (
+        f"limits in use: velocity {m.velocity_ratio:.0%}, acceleration {m.acceleration_ratio:.0%}, "
+        f"jerk {m.jerk_ratio:.0%}; {off} off the goal"
+    )

@@ -2,12 +2,13 @@
 
 import inspect
 import json
+import re
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import wraps
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, get_origin, get_type_hints
 
 import typer
 
@@ -31,7 +32,7 @@ _OUTCOMES = frozenset(
         Code.TIMEOUT,
     }
 )
-_KEYWORD = inspect.Parameter.KEYWORD_ONLY
+_KEYWORD, _ARGUMENT = inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.POSITIONAL_ONLY
 _JSON = typer.Option("--json", help="Print one JSON document and nothing else.")
 _AS_JSON = inspect.Parameter("as_json", _KEYWORD, default=False, annotation=Annotated[bool, _JSON])
 
@@ -83,6 +84,8 @@ def command(
     """Turn a function that returns a :class:`Report` into a command for Typer.
 
     A parameter whose annotation is a dataclass stands for a group of options: one for each field.
+    What ``Args:`` or ``Attributes:`` in the docstring say of a parameter is its help, and is left
+    out of the command's own help; see :func:`entries`. A positional-only parameter is an argument.
     The option ``--json`` comes before the function's keyword-only parameters.
 
     A typed error becomes one line on standard error and its exit code; under ``--json`` standard
@@ -94,11 +97,13 @@ def command(
 
     def decorate(function: Callable[..., Report | None]) -> Callable[..., None]:
         signature = inspect.signature(function, eval_str=True)
-        asked = signature.parameters.values()
+        asked, said = signature.parameters.values(), entries(function, "Args")
+        if unknown := said.keys() - signature.parameters.keys():
+            raise TypeError(f"{function.__name__}: no parameter {', '.join(sorted(unknown))}")
         parameters = [
-            *_flat([each for each in asked if each.kind is not _KEYWORD]),
+            *_flat([each for each in asked if each.kind is not _KEYWORD], said),
             *([_AS_JSON] if reports else []),
-            *_flat([each for each in asked if each.kind is _KEYWORD]),
+            *_flat([each for each in asked if each.kind is _KEYWORD], said),
         ]
         groups: dict[str, Any] = {
             each.name: each.annotation for each in asked if is_dataclass(each.annotation)
@@ -112,12 +117,13 @@ def command(
             arguments = {name: given[name] for name in signature.parameters if name in given}
             for name, group in groups.items():
                 arguments[name] = group(**{one.name: given[one.name] for one in fields(group)})
+            first = [arguments.pop(each.name) for each in asked if each.kind is _ARGUMENT]
             code = OK
             try:
                 with warnings.catch_warnings():
                     warnings.simplefilter("default", UserWarning)
                     warnings.showwarning = show_warning
-                    report = function(**arguments)
+                    report = function(*first, **arguments)
                     if report is not None:
                         report.print(as_json)
                         code = report.code
@@ -129,6 +135,7 @@ def command(
                 raise typer.Exit(exit_code(error.code)) from None
             raise typer.Exit(code)
 
+        run.__doc__ = inspect.cleandoc(function.__doc__ or "").partition("\n\nArgs:\n")[0]
         run.__annotations__ = {each.name: each.annotation for each in parameters}
         vars(run)["__signature__"] = inspect.Signature(parameters)  # what Typer reads
         return run
@@ -136,21 +143,61 @@ def command(
     return decorate
 
 
-def _flat(parameters: Sequence[inspect.Parameter]) -> list[inspect.Parameter]:
-    """The parameters, by keyword; a group's fields in its place."""
+def entries(of: Any, section: str) -> dict[str, tuple[str, str]]:
+    """The last ``section`` of a docstring, by name: what stands in brackets, and the text.
+
+    In the brackets of an option are its declarations (by default the name), its bounds as
+    ``A..B``, ``A..`` or ``..B``, and the word in place of its value:
+    ``port (--port NUMBER 0..65535): Of the page.``
+    """
+    text = inspect.cleandoc(of.__doc__ or "").rpartition(f"{section}:\n")[2]
+    parts = re.split(r"^    (?=\w+(?: \(.*?\))?: )", text, flags=re.MULTILINE)[1:]
+    found = [re.match(r"(\w+)(?: \((.*?)\))?: (.*)", " ".join(part.split())) for part in parts]
+    return {each[1]: (each[2] or "", each[3]) for each in found if each}
+
+
+def _flat(
+    parameters: Sequence[inspect.Parameter], said: Mapping[str, tuple[str, str]]
+) -> list[inspect.Parameter]:
+    """The parameters, by keyword and with their options; a group's fields in its place."""
     out = []
     for each in parameters:
         if is_dataclass(each.annotation):
             hints = get_type_hints(each.annotation, include_extras=True)
-            out += [
+            of_group = [
                 inspect.Parameter(
                     one.name, _KEYWORD, default=one.default, annotation=hints[one.name]
                 )
                 for one in fields(each.annotation)
             ]
+            out += _flat(of_group, entries(each.annotation, "Attributes"))
         else:
-            out.append(each.replace(kind=_KEYWORD))
+            stated = _stated(each, *said[each.name]) if each.name in said else each.annotation
+            out.append(each.replace(kind=_KEYWORD, annotation=stated))
     return out
+
+
+def _stated(each: inspect.Parameter, brackets: str, text: str) -> Any:
+    """The annotation of a parameter of which a docstring says ``brackets`` and ``text``."""
+    if get_origin(each.annotation) is Annotated:
+        return each.annotation
+    declared, shown, bounds = list[str](), list[str](), ("", "")
+    for word in brackets.split():
+        if found := re.fullmatch(r"(\d*)\.\.(\d*)", word):
+            bounds = found[1], found[2]
+        else:
+            (declared if word.startswith("--") else shown).append(word)
+    least, most = (int(bound) if bound else None for bound in bounds)
+    metavar = " ".join(shown) or None
+    if each.kind is _ARGUMENT:
+        return Annotated[each.annotation, typer.Argument(metavar=metavar, help=text)]
+    if each.annotation is bool and not each.default and not declared:
+        declared = [f"--{each.name.replace('_', '-')}"]  # without a --no-
+    shows = not (each.default is None or each.default is False)
+    option = typer.Option(
+        *declared, metavar=metavar, help=text, min=least, max=most, show_default=shows
+    )
+    return Annotated[each.annotation, option]
 
 
 def show_warning(message: Warning | str, *_: object, **__: object) -> None:

@@ -1,14 +1,13 @@
-"""``optipromp export``: a scene or a plan in the formats of other programs; a robot resolved."""
+"""``optipromp export``, ``view`` and ``report``: scenes and plans for other programs and eyes."""
 
+import threading
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
-
-import typer
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from optipromp.cli.check import Kind, kind_of, scene_or_plan
 from optipromp.cli.command import Report, command
-from optipromp.cli.console import waiting
+from optipromp.cli.console import say_if_compiling, stdout, waiting
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
 
 if TYPE_CHECKING:
@@ -25,37 +24,13 @@ def _failed(error: OptiPrompError, arguments: Mapping[str, Any]) -> dict[str, An
 
 @command(failure=_failed)
 def export(
-    scene_or_plan: Annotated[
-        str,
-        typer.Argument(
-            metavar="SCENE|PLAN_DIR",
-            help="A scene, or a folder that 'plan --out' left; for --robot alone also a robot.",
-        ),
-    ],
-    mjcf: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.xml",
-            help="Write a MuJoCo model: robot with servos, tool, objects, fruits on stems.",
-        ),
-    ] = None,
-    mcap: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.mcap",
-            help="Write a bag of ROS 2 messages: the planning scene; of a plan, its trajectory.",
-        ),
-    ] = None,
-    robot: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.robot", help="Write the robot, without a tool, resolved."),
-    ] = None,
-    rate: Annotated[
-        float, typer.Option(metavar="HZ", help="Of the JointTrajectory's points in the bag.")
-    ] = 1000.0,
-    prefix: Annotated[
-        str, typer.Option(metavar="TEXT", help="Before the joints' names in the bag, as in fr3_.")
-    ] = "",
+    scene_or_plan: str,
+    /,
+    mjcf: Path | None = None,
+    mcap: Path | None = None,
+    robot: Path | None = None,
+    rate: float = 1000.0,
+    prefix: str = "",
 ) -> Report:
     """Write a scene or a plan in the formats of other programs.
 
@@ -69,6 +44,16 @@ def export(
     optipromp export reach --mjcf reach.xml
     optipromp export reach --mcap reach.mcap
     optipromp export my-arm.urdf --robot my-arm.robot
+
+    Args:
+        scene_or_plan (SCENE|PLAN_DIR): A scene, or a folder that 'plan --out' left; for --robot
+            alone also a robot.
+        mjcf (FILE.xml): Write a MuJoCo model: robot with servos, tool, objects, fruits on stems.
+        mcap (FILE.mcap): Write a bag of ROS 2 messages: the planning scene; of a plan, its
+            trajectory.
+        robot (FILE.robot): Write the robot, without a tool, resolved.
+        rate (HZ): Of the JointTrajectory's points in the bag.
+        prefix (TEXT): Before the joints' names in the bag, as in fr3_.
     """
     wanted = [
         ("--mjcf", mjcf, ".xml", _mjcf),
@@ -142,3 +127,106 @@ def _robot(content: _Content, path: Path) -> None:
     from optipromp.core.robots.tools import without_tool
 
     save_robot(without_tool(content.robot), path)
+
+
+@command(reports=False)
+def view(
+    item: str,
+    beside: str | None = None,
+    /,
+    port: int = 8080,
+    host: str = "localhost",
+    browser: bool = True,
+    out: Path = Path("out"),
+) -> None:
+    """Open a page that shows a plan in 3-D and lets you move things and plan again.
+
+    It listens on this machine only, unless --host says otherwise, and runs
+    until Ctrl-C. Needs the extra 'view': pip install -e '.\\[view]'.
+
+    [bold]Examples[/bold]
+
+    \b
+    optipromp view scenario-3
+    optipromp view reach --port 0 --no-browser
+    optipromp view reach-i-promp reach-opti-promp
+
+    Args:
+        item (SCENE|PLAN_DIR|ROLLOUT_DIR): A scene to plan for, or a folder that plan or simulate
+            left.
+        beside (ROLLOUT_DIR): A second rollout, replayed beside the first.
+        port (0..65535): Of the page; 0: any that is free.
+        host: Address to listen at; 0.0.0.0 lets other machines in.
+        browser: Open the page in the browser.
+        out (DIR): Folder that the page saves into.
+    """
+    import webbrowser
+
+    from optipromp.core.planning import warm_up
+    from optipromp.looks.page.panel import Page
+    from optipromp.looks.page.replay import open_source
+
+    source = open_source(item, beside)
+    say_if_compiling()
+    with waiting("loading"):
+        warm_up()  # so that the first plan does not wait for it
+    page = Page(source, host=host, port=port, out=out)
+    try:
+        stdout().print(f"{page.url}  (Ctrl-C ends it)")
+        if browser:
+            webbrowser.open(page.url)
+        threading.Event().wait()
+    except KeyboardInterrupt:
+        stdout().print("closed")
+    finally:
+        page.stop()
+
+
+@command()
+def report(
+    item: Path,
+    /,
+    out: Path | None = None,
+) -> Report:
+    """Write one HTML file about a plan, a run or a study: no network, at most 5 MB.
+
+    Of a plan: 3-D, pictures, metrics beside the paper's, settings, versions,
+    the command; with outcome and film where 'simulate' left them there. Of a
+    run: scene, outcome, film. Of a study: rates with intervals, causes, and
+    the worst cases with pictures.
+    3-D needs the extra 'view', pictures of worst cases the extra 'sim'.
+
+    [bold]Examples[/bold]
+
+    \b
+    optipromp plan scenario-3 --out reach
+    optipromp simulate reach --video
+    optipromp report reach --out reach.html
+
+    Args:
+        item (PLAN_DIR|ROLLOUT_DIR|STUDY_DIR): What 'plan', 'simulate' or 'study' left at --out.
+        out (FILE.html): Where the report goes; else beside what it tells.
+    """
+    from optipromp.core.files import is_file, is_folder, write_atomically
+    from optipromp.laboratory.experiments.rows import ROWS
+    from optipromp.looks.reports import plan_report, run_report, study_report
+
+    folder = item if is_folder(item) else item.parent
+    path = out or folder / "report.html"
+    if path.suffix.lower() != ".html":
+        raise InvalidRequestError(f"--out is {str(path)!r}: its name must end in .html")
+    with waiting("writing the report") as say:
+        if is_file(folder / "plan.json"):
+            content = plan_report(folder)
+        elif is_file(folder / ROWS):
+            content = study_report(folder, progress=say)
+        elif is_file(folder / "rollout.npz"):
+            content = run_report(folder)
+        else:
+            raise InvalidRequestError(
+                f"{item} holds no plan (plan.json), no run (rollout.npz) and no study ({ROWS})"
+            )
+        write_atomically(path, content)
+    size = len(content)
+    document = {"status": Code.SUCCESS, "message": "", "file": str(path), "bytes": size}
+    return Report(document, [f"wrote {path} ({size / 1e6:.1f} MB)"])

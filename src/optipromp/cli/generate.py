@@ -1,50 +1,42 @@
-"""``optipromp generate``: random scenes that an arm could solve."""
+"""``optipromp generate``, ``render`` and ``episodes``: scenes, their pictures, and experts."""
 
+import json
 import os
 import shlex
 from collections import Counter
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any, Literal
 
 from optipromp.cli.command import Report, Shown, command
-from optipromp.cli.console import Preset
+from optipromp.cli.console import Cluster, Preset, Workers, progress_bar, say_if_compiling
 from optipromp.cli.robot import ArmOptions, Named, Whose
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.files import ALLOW_XACRO, FOLDERS, check_folder, check_inside, is_folder
+from optipromp.core.files import (
+    ALLOW_XACRO,
+    FOLDERS,
+    check_folder,
+    check_inside,
+    is_folder,
+    json_text,
+    write_together,
+)
 
 if TYPE_CHECKING:
     from optipromp.core.scenes.scene import Scene
+    from optipromp.laboratory.simulation.coco import Shot
+
 
 SEEN = "seen"
 
 
 @command()
 def generate(
-    preset: Annotated[
-        Preset,
-        typer.Option(
-            help="cluster: 1-4 fruits before the ripe one; side-clusters: and neighbours; "
-            "table-top: and a gutter; mixed: all of these; tight: fruits that nearly touch; limp: "
-            "plumb stems; elongated: long fruits; truss: fruits on one truss; field: fruits, stems "
-            "and trusses of all kinds; shelf: cans and boxes; wild: as in pictures of plantations."
-        ),
-    ],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the scene files go.")],
-    seed: Annotated[
-        int, typer.Option(min=0, help="Of the first scene; each next has one more.")
-    ] = 0,
-    count: Annotated[int, typer.Option(min=1, help="How many scenes.")] = 1,
-    noise: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            help="Write the scenes as a detector sees them, too, into DIR/seen: zero-mean, low, "
-            "high, missed or detector, as of 'study'.",
-        ),
-    ] = "",
+    preset: Preset,
+    out: Path,
+    seed: int = 0,
+    count: int = 1,
+    noise: str = "",
     *,
     robot: Whose = None,
     arm: ArmOptions,
@@ -67,6 +59,17 @@ def generate(
     optipromp generate --preset tight --noise detector --out tight
     optipromp plan tight/seen --out plans
     optipromp simulate plans/tight-0 --in tight/tight-0.yaml
+
+    Args:
+        preset: cluster: 1-4 fruits before the ripe one; side-clusters: and neighbours; table-top:
+            and a gutter; mixed: all of these; tight: fruits that nearly touch; limp: plumb stems;
+            elongated: long fruits; truss: fruits on one truss; field: fruits, stems and trusses of
+            all kinds; shelf: cans and boxes; wild: as in pictures of plantations.
+        out (DIR): Where the scene files go.
+        seed (0..): Of the first scene; each next has one more.
+        count (1..): How many scenes.
+        noise (NAME): Write the scenes as a detector sees them, too, into DIR/seen: zero-mean, low,
+            high, missed or detector, as of 'study'.
     """
     from optipromp.core.scenes.io import save_scene
     from optipromp.core.scenes.values import suggest
@@ -125,7 +128,7 @@ def _judge_start(scene: "Scene") -> None:
     """
     from optipromp.core import judging
     from optipromp.core.planning.task import posed
-    from optipromp.core.robots.dynamics import warn_of_gravity
+    from optipromp.core.robots.model import warn_of_gravity
 
     robot, state = posed(scene)
     touching = judging.touching(scene, robot, state.q)
@@ -159,3 +162,175 @@ def _seen(scene: "Scene", seed: int, noise: str, out: Path) -> dict[str, Any]:
     save_scene(seen, file)
     ids = {item.id for item in seen.objects}
     return {"seen": str(file), "missed": [i.id for i in scene.objects if i.id not in ids]}
+
+
+@command()
+def render(
+    scene: str | None = None,
+    /,
+    *,
+    out: Path,
+    preset: Preset | None = None,
+    seeds: str = "0:1",
+    mount: Literal["beside", "palm", "hand"] = "beside",
+    looks: Literal["plain", "rich"] | None = None,
+) -> Report:
+    """Take pictures of a scene, with depth and truth.
+
+    Light, colours and background are sampled by the seed, and so are the errors of depth: noise,
+    scale, ragged edges and holes of a stereo camera. A picture NAME leaves NAME.rgb.png,
+    NAME.depth.png (16 bits, 0.1 mm), NAME.camera.json, NAME.masks.png (an instance a value),
+    NAME.masks.json (what each value is, and its visible share) and NAME.yaml, the true scene.
+    annotations.json has all of them as COCO: masks, boxes, key points of fruits and stems, cameras.
+    Needs the extra 'sim'.
+
+    [bold]Examples[/bold]
+
+    \b
+    optipromp render scenario-3 --seeds 0:3 --out pictures
+    optipromp render --preset field --seeds 70000:70010 --out pictures
+    optipromp render --preset wild --seeds 70000:70010 --out pictures
+    optipromp see pictures --out seen
+
+    Args:
+        scene (SCENE): A scene.
+        out (DIR): Where the pictures go.
+        preset: In place of a scene: random ones, as of 'generate'.
+        seeds (A:B): Of the scenes, and of light, colours and errors.
+        mount: Of the camera: standing beside, in the tool's mouth, on the hand.
+        looks: plain: smooth fruits before two colours; rich: leaves, bowed stems, painted surfaces,
+            shadows. Default: rich for the preset wild, else plain.
+    """
+    from optipromp.laboratory.simulation import coco
+
+    if (scene is None) == (preset is None):
+        raise InvalidRequestError("give a scene or --preset, one of them")
+    numbers = seeds_of(seeds)
+    check_folder(out)
+    looks = looks or ("rich" if preset == "wild" else "plain")
+    records: list[dict[str, Any]] = []
+    annotated: list[coco.Labels] = []
+    with progress_bar(10) as told:
+        for number in numbers:
+            shot, name, true = _taken(scene, preset, number, mount, looks)
+            told(len(records), len(numbers), name)
+            records.append(write_shot(shot, name, true, out))
+            annotated.append(coco.record(name, shot))
+    content = json.dumps(coco.document(annotated), separators=(",", ":"))
+    write_together(out, {coco.FILE: content.encode()})
+    lines = [f"wrote {len(records)} picture{'s' * (len(records) != 1)} to {out}"]
+    return Report({"mount": mount, "looks": looks, "pictures": records}, lines)
+
+
+def seeds_of(text: str) -> range:
+    """The seeds from A to before B of A:B."""
+    begin, colon, end = text.partition(":")
+    if not (begin.isdigit() and end.isdigit() and colon and int(begin) < int(end)):
+        raise InvalidRequestError(f"seeds are {text!r}; write them as 0:10")
+    return range(int(begin), int(end))
+
+
+def _scene(scene: str | None, preset: Any, number: int) -> "Scene":
+    from optipromp.core.scenes.io import load_scene
+    from optipromp.laboratory.generate import generate
+
+    return generate(preset, number) if scene is None else load_scene(scene)
+
+
+def _taken(
+    scene: str | None, preset: Any, number: int, mount: str, looks: str
+) -> "tuple[Shot, str, Scene | None]":
+    """A picture, its name, and the true scene."""
+    from optipromp.laboratory.simulation.photograph import photograph
+
+    shot = photograph(_scene(scene, preset, number), mount, number, looks=looks)  # type: ignore[arg-type]
+    name = f"{Path(scene).stem}-{number}" if scene is not None else shot.scene.name
+    return shot, name, shot.scene
+
+
+def write_shot(shot: "Shot", name: str, true: "Scene | None", out: Path) -> dict[str, Any]:
+    """Write the files of a picture; returns what is said of it."""
+    from optipromp.core.scenes.io import save_scene
+    from optipromp.perception.pictures import picture_files, png_file
+
+    masks = [
+        {"value": k + 1, "id": each.id, "kind": each.kind}
+        | ({} if each.share != each.share else {"visible": round(each.share, 3)})
+        for k, each in enumerate(shot.marked)
+    ]
+    files = picture_files(name, shot.picture)
+    files[f"{name}.masks.png"] = png_file(shot.masks)
+    files[f"{name}.masks.json"] = json_text(masks).encode()
+    write_together(out, files)
+    fruits = [each.id for each in shot.marked if each.kind in ("ripe", "unripe")]
+    told = {"name": name, "scene": None, "fruits": fruits}
+    if true is not None:
+        save_scene(true, out / f"{name}.yaml")
+        told["scene"] = str(out / f"{name}.yaml")
+    return told
+
+
+@command()
+def episodes(
+    out: Path,
+    count: int = 100,
+    form: str = "minari",
+    preset: str = "cluster,field",
+    seed: int | None = None,
+    condition: str = "none",
+    keep: str = "clean",
+    pictures: bool = False,
+    name: str = "optipromp/pick/expert-v0",
+    workers: Workers = None,
+    ray: Cluster = None,
+) -> Report:
+    """Write episodes of our planner as a policy, at 50 Hz, for learners.
+
+    State episodes take about a second and a half each on one core.
+
+    [bold]Examples[/bold]
+
+    \b
+    optipromp episodes --count 1000 --out data
+    optipromp episodes --count 50 --format lerobot --pictures --out data
+
+    Args:
+        out (DIR): Of the dataset.
+        count (1..): Episodes to keep.
+        form (--format NAME): minari or lerobot (version 3.0).
+        preset (NAMES): Of the scenes, in turn, separated by commas.
+        seed: Of the first scene.
+        condition (NAME): What moves and is seen wrongly; as in bench run.
+        keep (WHICH): clean: successes alone; or all.
+        pictures: With those of the camera in the tool's mouth.
+        name (ID): Of a Minari dataset.
+    """
+    from optipromp.bench import episodes as bench
+    from optipromp.core.scenes.values import suggest
+    from optipromp.laboratory.experiments.situations import CONDITIONS
+    from optipromp.laboratory.generate import PRESETS
+
+    presets = tuple(filter(None, preset.split(",")))
+    given = [("format", form, bench.FORMATS), ("keep", keep, ("clean", "all"))]
+    given += [("condition", condition, tuple(CONDITIONS))]
+    given += [("preset", each, tuple(PRESETS)) for each in presets or ("",)]
+    for what, value, valid in given:
+        if value not in valid:
+            raise InvalidRequestError(f"{what} is {value!r}: {suggest(value, valid)}")
+    bench.check_place(form, out, name)  # type: ignore[arg-type]
+    first = bench.FIRST if seed is None else seed
+    asks = [
+        bench.EpisodeAsk(presets[k % len(presets)], first + k, condition, pictures)
+        for k in range(2 * count + 20)
+    ]
+    say_if_compiling()
+    with progress_bar(20) as say:
+        made = bench.collected(asks, count, keep=keep, workers=workers, ray=ray, progress=say)  # type: ignore[arg-type]
+    bench.write_minari(made, out, name) if form == "minari" else bench.write_lerobot(made, out)
+    steps, clean = sum(len(each.rewards) for each in made), sum(each.success for each in made)
+    document = {
+        "format": form, "out": str(out), "episodes": len(made), "steps": steps, "clean": clean,
+        "seeds": [each.ask.seed for each in made],
+    }  # fmt: skip
+    words = f"wrote {len(made)} episodes, {steps} steps, {clean} of them clean, to {out}"
+    return Report(document, [words])

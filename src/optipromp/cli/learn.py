@@ -3,9 +3,7 @@
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from optipromp.cli.command import Report, Shown, command
 from optipromp.cli.console import grid, waiting
@@ -28,36 +26,16 @@ NAMELESS = (
 
 @command()
 def learn(
-    demonstrations: Annotated[
-        Path,
-        typer.Argument(
-            metavar="DEMOS", help="NPZ, CSV, a folder of CSVs, or a bag of joint states."
-        ),
-    ],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="Where the primitive goes (.npz).")],
-    topic: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Of a bag's joint states (/joint_states).")
-    ] = None,
-    em: Annotated[
-        bool, typer.Option("--em", help="Expectation-maximisation: for uneven recordings.")
-    ] = False,
-    bases: Annotated[
-        int | None,
-        typer.Option(metavar="N", help="Number of bases a joint; cross-validated if left out."),
-    ] = None,
-    width: Annotated[float, typer.Option(help="Width of a basis; larger is narrower.")] = 4,
-    figure: Annotated[
-        bool, typer.Option("--figure/--no-figure", help="Draw FILE with the suffix .png.")
-    ] = True,
+    demonstrations: Path,
+    /,
+    out: Path,
+    topic: str | None = None,
+    em: bool = False,
+    bases: int | None = None,
+    width: float = 4,
+    figure: bool = True,
     *,
-    robot: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ROBOT",
-            help="Put the columns, told by name, into this robot's order; columns without names "
-            "are taken to be in it.",
-        ),
-    ] = None,
+    robot: str | None = None,
     arm: ArmOptions,
 ) -> Report:
     """Learn a movement primitive, for plan --demonstrations.
@@ -72,6 +50,17 @@ def learn(
     optipromp learn recorded.npz --out reach.npz
     optipromp learn recordings/ --out reach.npz --robot panda --bases 12
     optipromp learn guided.mcap --out reach.npz --robot panda
+
+    Args:
+        demonstrations (DEMOS): NPZ, CSV, a folder of CSVs, or a bag of joint states.
+        out (FILE): Where the primitive goes (.npz).
+        topic (NAME): Of a bag's joint states (/joint_states).
+        em: Expectation-maximisation: for uneven recordings.
+        bases (N): Number of bases a joint; cross-validated if left out.
+        width: Width of a basis; larger is narrower.
+        figure: Draw FILE with the suffix .png.
+        robot (ROBOT): Put the columns, told by name, into this robot's order; columns without names
+            are taken to be in it.
     """
     from optipromp.core.files import check_folder, write_atomically
     from optipromp.core.promp import fit, fit_em, residuals

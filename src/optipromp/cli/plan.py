@@ -1,14 +1,17 @@
-"""``optipromp plan``: one scene, one plan; see also ``folder`` and ``sequence``."""
+"""``optipromp plan``: one scene; a folder of scenes; several ripe fruits of one scene.
+
+Of a folder, each plan is written into a folder of its own, and all cores plan.
+"""
 
 import math
-from collections.abc import Mapping
+import sys
+import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-import typer
-
-from optipromp.cli.command import Report, Shown, command, exit_code
+from optipromp.cli.command import FAILED, OK, Report, Shown, command, exit_code
 from optipromp.cli.console import (
     ChosenStrategy,
     Progress,
@@ -16,85 +19,28 @@ from optipromp.cli.console import (
     Seed,
     Strategy,
     Workers,
+    grid,
     headline,
+    progress_bar,
     say_if_compiling,
     waiting,
 )
 from optipromp.cli.robot import ArmOptions, InPlace
-from optipromp.core.errors import InvalidRequestError, OptiPrompError
-from optipromp.core.files import is_folder
+from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
+from optipromp.core.files import file_name, is_folder, is_there, json_text, write_atomically
+from optipromp.core.shown import printable
 
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from optipromp.cli.robot import Named
     from optipromp.core.planning import Picked, Plan, PlanOptions
+    from optipromp.core.planning.sequence import PickSequence
     from optipromp.core.promp import ProMP
     from optipromp.core.scenes.scene import Scene
 
-SceneOrFolder = Annotated[
-    str,
-    typer.Argument(
-        metavar="SCENE|DIR",
-        help="A scene file, a built-in scene's name, or a folder of scene files.",
-    ),
-]
-ChosenPlanner = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME",
-        help="promp: as learnt; i-promp: pushing by geometry; opti-promp: optimised; or another "
-        "that 'optipromp list' names.",
-    ),
-]
-Duration = Annotated[
-    float | None,
-    typer.Option(metavar="SECONDS", help="Of the motion; the shortest within limits if left out."),
-]
-ChosenConstraints = Annotated[
-    Literal["push-model", "paper"],
-    typer.Option(help="push-model: least predicted harm; paper: the paper's constraints 1-3."),
-]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Any other setting of the planner, as often as you like; 'optipromp list' names them.",
-    ),
-]
-Previous = Annotated[
-    Path | None,
-    typer.Option(metavar="PLAN_DIR", help="A plan that runs: go on from it, at --at seconds."),
-]
-At = Annotated[float | None, typer.Option(metavar="SECONDS", help="Time in the plan that runs.")]
-Targets = Annotated[
-    str | None,
-    typer.Option(
-        metavar="IDS",
-        help="Ripe fruits, separated by commas: choose their order, and plan each pick; of --out, "
-        "in a folder each.",
-    ),
-]
-Timeout = Annotated[
-    float | None, typer.Option(metavar="SECONDS", help="Give up planning after this long.")
-]
-PlanFolder = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="DIR",
-        help="Leave plan.json, trajectory.csv and .npz, waypoints.npz and figures; of a folder's "
-        "scenes, in a folder each.",
-    ),
-]
-Rate = Annotated[float, typer.Option(metavar="HZ", help="Of the rows in trajectory.csv and .npz.")]
-Figures = Annotated[
-    bool | None,
-    typer.Option(
-        "--figures/--no-figures",
-        help="Draw figures into --out; by default for one scene, not for a folder's.",
-        show_default=False,
-    ),
-]
+_SUFFIXES = (".yaml", ".yml", ".json")
+ORDER = "sequence.json"
 
 
 @dataclass(frozen=True)
@@ -110,16 +56,26 @@ class Request:
 
 @dataclass(frozen=True)
 class Wanted:
-    """The options that say how to plan."""
+    """The options that say how to plan.
 
-    planner: ChosenPlanner = "opti-promp"
+    Attributes:
+        planner (NAME): promp: as learnt; i-promp: pushing by geometry; opti-promp: optimised; or
+            another that 'optipromp list' names.
+        duration (SECONDS): Of the motion; the shortest within limits if left out.
+        constraints: push-model: least predicted harm; paper: the paper's constraints 1-3.
+        setting (--set KEY=VALUE): Any other setting of the planner, as often as you like;
+            'optipromp list' names them.
+        timeout (SECONDS): Give up planning after this long.
+    """
+
+    planner: str = "opti-promp"
     strategy: ChosenStrategy = "joint"
     demonstrations: Recorded = None
     seed: Seed = 0
-    duration: Duration = None
-    constraints: ChosenConstraints = "push-model"
-    setting: Settings = None
-    timeout: Timeout = None
+    duration: float | None = None
+    constraints: Literal["push-model", "paper"] = "push-model"
+    setting: list[str] | None = None
+    timeout: float | None = None
 
     def request(self) -> Request:
         """The request of these options; a learnt primitive is read from its file."""
@@ -136,20 +92,35 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Variant:
-    """The options of a plan that is not one motion from the start to the scene's target."""
+    """The options of a plan that is not one motion from the start to the scene's target.
 
-    previous: Previous = None
-    at: At = None
-    targets: Targets = None
+    Attributes:
+        previous (PLAN_DIR): A plan that runs: go on from it, at --at seconds.
+        at (SECONDS): Time in the plan that runs.
+        targets (IDS): Ripe fruits, separated by commas: choose their order, and plan each pick; of
+            --out, in a folder each.
+    """
+
+    previous: Path | None = None
+    at: float | None = None
+    targets: str | None = None
 
 
 @dataclass(frozen=True)
 class Output:
-    """The options of the files that are written."""
+    """The options of the files that are written.
 
-    out: PlanFolder = None
-    rate: Rate = 1000.0
-    figures: Figures = None
+    Attributes:
+        out (DIR): Leave plan.json, trajectory.csv and .npz, waypoints.npz and figures; of a
+            folder's scenes, in a folder each.
+        rate (HZ): Of the rows in trajectory.csv and .npz.
+        figures (--figures/--no-figures): Draw figures into --out; by default for one scene, not for
+            a folder's.
+    """
+
+    out: Path | None = None
+    rate: float = 1000.0
+    figures: bool | None = None
 
     def check(self) -> None:
         """Refuse a folder that cannot be written into, and a rate that is not above 0."""
@@ -160,39 +131,33 @@ class Output:
         if not 0.0 < self.rate < math.inf:
             raise InvalidRequestError(f"--rate is {self.rate:g}: must be above 0 [Hz]")
 
-    def write(self, result: "Plan", folder: Path, *, figures: bool = False) -> tuple[str, ...]:
-        """Write the plan and its figures; returns the names of the files.
+    def write(
+        self, result: "Plan | Picked", folder: Path, *, figures: bool = False
+    ) -> tuple[str, ...]:
+        """Write a plan, or all legs of a pick, and figures of the reach; the names of the files.
 
         ``figures``: whether figures are drawn where the user does not say.
         """
-        from optipromp.core.output import write_plan
+        from optipromp.core.output import write_pick, write_plan
+        from optipromp.core.planning import Plan
 
-        written = write_plan(result, folder, rate=self.rate)  # before the figures, which may fail
-        return *written, *self.draw(result, folder, figures=figures)
-
-    def write_legs(self, result: "Picked", folder: Path, *, figures: bool) -> tuple[str, ...]:
-        """Write all legs of a pick, and the figures of its reach; see :meth:`write`."""
-        from optipromp.core.output import write_pick
-
-        written = write_pick(result, folder, rate=self.rate)
-        return *written, *self.draw(result.reach, folder, figures=figures)
-
-    def draw(self, result: "Plan", folder: Path, *, figures: bool) -> tuple[str, ...]:
-        """Draw figures of a plan if they are wanted; their names."""
+        if isinstance(result, Plan):
+            reach, written = result, write_plan(result, folder, rate=self.rate)
+        else:
+            reach, written = result.reach, write_pick(result, folder, rate=self.rate)
         if not (figures if self.figures is None else self.figures):
-            return ()
-        from optipromp.core.files import write_atomically
+            return written
         from optipromp.looks.viewer.figures import plan_figures
 
-        pictures = plan_figures(result)
+        pictures = plan_figures(reach)  # after the plan is written: they may fail
         for name, content in pictures.items():
             write_atomically(folder / name, content)
-        return tuple(pictures)
+        return *written, *pictures
 
 
 def failed_plan(error: OptiPrompError, request: Mapping[str, Any]) -> dict[str, Any]:
     """The document of a plan that raised an error: a plan's keys, with the error's code."""
-    from optipromp.core.planning.planner import label
+    from optipromp.core.planning.planners import label
 
     planner = label(request["planner"])
     return {
@@ -207,7 +172,8 @@ def failed_plan(error: OptiPrompError, request: Mapping[str, Any]) -> dict[str, 
 
 @command(failure=failed_plan)
 def plan(
-    scene: SceneOrFolder,
+    scene: str,
+    /,
     wanted: Wanted,
     variant: Variant,
     output: Output,
@@ -238,14 +204,15 @@ def plan(
     optipromp plan seen-again.yaml --previous reach --at 1.5
     optipromp plan crowded-shelf.yaml --progress --timeout 30
     optipromp plan my-scene.yaml --targets ripe,n1,n3 --out picks
+
+    Args:
+        scene (SCENE|DIR): A scene file, a built-in scene's name, or a folder of scene files.
     """
     from optipromp.core.scenes.io import load_scene, scene_names
 
     output.check()
     request, named = wanted.request(), arm.of(robot)
     if scene not in scene_names() and is_folder(Path(scene)):
-        from optipromp.cli.folder import plan_folder
-
         if variant.previous is not None or variant.targets is not None:
             name = "--previous" if variant.targets is None else "--targets"
             raise InvalidRequestError(f"{name} goes with one scene, not with a folder of them")
@@ -257,8 +224,6 @@ def plan(
         if output.out is not None:
             _keep_picture(Path(scene), output.out)
         return report
-    from optipromp.cli.sequence import plan_targets
-
     if variant.previous is not None:
         raise InvalidRequestError("--previous goes with one target, not with --targets")
     return plan_targets(loaded, variant.targets, request, output, progress)
@@ -266,7 +231,7 @@ def plan(
 
 def _keep_picture(scene: Path, folder: Path) -> None:
     """Keep the picture that ``see`` left beside the scene, for ``view``; an earlier one goes."""
-    from optipromp.core.files import is_file, read_bytes, write_atomically
+    from optipromp.core.files import is_file, read_bytes
     from optipromp.perception.pictures import OVERLAY
 
     picture, kept = scene.with_suffix(OVERLAY), folder / f"seen{OVERLAY}"
@@ -277,23 +242,23 @@ def _keep_picture(scene: Path, folder: Path) -> None:
 
 
 def plan_one(
-    scene: "Scene",
-    request: Request,
-    output: Output,
-    variant: Variant,
-    progress: bool | None = None,
+    scene: "Scene", request: Request, output: Output, variant: Variant, progress: bool | None = None
 ) -> Report:
-    """Plan one motion to the target of ``scene``, and write it."""
+    """Plan one motion to the target of ``scene``, or a pick with all its legs, and write it."""
     from optipromp.core.output import load_plan
     from optipromp.core.planning import plan as make_plan
+    from optipromp.core.planning import plan_pick
 
-    if scene.place is not None:
-        if variant.previous is not None:
-            raise InvalidRequestError("--previous goes with a scene without a place")
-        return plan_legs(scene, request, output, progress)
+    if scene.place is not None and variant.previous is not None:
+        raise InvalidRequestError("--previous goes with a scene without a place")
     running = None if variant.previous is None else load_plan(variant.previous)
+    result: Plan | Picked
     with waiting(f"planning {scene.name}", progress) as say:
-        result = make_plan(scene, progress=say, previous=running, at=variant.at, **vars(request))
+        if scene.place is not None:
+            result = plan_pick(scene, progress=say, **vars(request))
+        else:
+            at = variant.at
+            result = make_plan(scene, progress=say, previous=running, at=at, **vars(request))
     written: tuple[str, ...] = ()
     if output.out is not None:
         with waiting("drawing", progress):
@@ -301,63 +266,34 @@ def plan_one(
     return Report(result.to_dict(), shown(result, written, output.out), exit_code(result.status))
 
 
-def plan_legs(
-    scene: "Scene", request: Request, output: Output, progress: bool | None = None
-) -> Report:
-    """Plan the pick of ``scene`` with all its legs, and write it."""
-    from optipromp.core.planning import plan_pick
+def shown(result: "Plan | Picked", written: tuple[str, ...], out: Path | None) -> Shown:
+    """Name, status and message of a plan; the figures of a success; a line for each leg."""
+    from rich.table import Table
 
-    with waiting(f"planning {scene.name}", progress) as say:
-        result = plan_pick(scene, progress=say, **vars(request))
-    written: tuple[str, ...] = ()
-    if output.out is not None:
-        with waiting("drawing"):
-            written = output.write_legs(result, output.out, figures=True)
-    lines = [*shown(result.reach, (), None), *legs_shown(result)]
-    if output.out is not None:
-        lines.append(f"wrote {', '.join(written)} to {output.out}")
-    return Report(result.to_dict(), lines, exit_code(result.status))
+    from optipromp.core.planning import Plan
+    from optipromp.looks.viewer.words import author, plan_rows, seconds
 
-
-def legs_shown(result: "Picked") -> Shown:
-    """The status of a pick, and a line for each of its legs."""
-    yield headline(("all legs  ", "bold"), (result.status, "bold"), f"  {result.message}")
-    for name, leg in result.legs.items():
-        harm = "" if leg.prediction is None else f", harm {leg.prediction.harm:.2f}"
-        yield f"  {name:<10}{leg.status}, {leg.trajectory.duration:.2f} s{harm}"
-
-
-def shown(plan: "Plan", written: tuple[str, ...], out: Path | None) -> Shown:
-    """The plan's name and status; why it failed, or else the figures by which it is judged."""
-    from optipromp.looks.viewer.words import seconds
-
-    strategy = f", {plan.strategy}" if plan.strategy else ""
-    colour = "green" if plan.success else "red"
-    total = plan.time.get("total", math.nan)
+    plan = result if isinstance(result, Plan) else result.reach
     yield headline(
         (plan.scene.name, "bold"),
-        f"  {plan.planner}{strategy}  ",
-        (plan.status, f"bold {colour}"),
-        f" in {seconds(total)}",
+        f"  {author(plan)}  ",
+        (plan.status, f"bold {'green' if plan.success else 'red'}"),
+        f" in {seconds(plan.time.get('total', math.nan))}",
     )
     if plan.message:
         yield plan.message
     if plan.success:
-        yield _figures(plan)
+        table = Table(box=None, show_header=False, padding=(0, 2))
+        for row in plan_rows(plan):
+            table.add_row(*row)
+        yield table
+    if not isinstance(result, Plan):
+        yield headline(("all legs  ", "bold"), (result.status, "bold"), f"  {result.message}")
+        for name, leg in result.legs.items():
+            harm = "" if leg.prediction is None else f", harm {leg.harm:.2f}"
+            yield f"  {name:<10}{leg.status}, {leg.duration:.2f} s{harm}"
     if out is not None:
         yield f"wrote {', '.join(written)} to {out}"
-
-
-def _figures(plan: "Plan") -> "Table":
-    """The figures by which a plan is judged."""
-    from rich.table import Table
-
-    from optipromp.looks.viewer.words import plan_rows
-
-    table = Table(box=None, show_header=False, padding=(0, 2))
-    for label, value in plan_rows(plan):
-        table.add_row(label, value)
-    return table
 
 
 def read_primitive(path: Path | None) -> "ProMP | Path | None":
@@ -367,3 +303,159 @@ def read_primitive(path: Path | None) -> "ProMP | Path | None":
     from optipromp.core.promp.model import ProMP, is_primitive
 
     return ProMP.load(path) if is_primitive(path) else path
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A scene file, the folder of its plan, and the plan or the error."""
+
+    file: Path
+    out: Path | None
+    result: "Plan | Picked | OptiPrompError"
+
+    @property
+    def status(self) -> Code:
+        """The status of the plan, or the code of the error."""
+        return self.result.code if isinstance(self.result, OptiPrompError) else self.result.status
+
+    def to_dict(self, request: Request) -> dict[str, Any]:
+        """The plan's document with the paths of its files; an error's has the same keys."""
+        if isinstance(self.result, OptiPrompError):
+            told = failed_plan(self.result, {"scene": self.file.stem, **vars(request)})
+        else:
+            told = self.result.to_dict()
+        return {"file": str(self.file), "out": self.out and str(self.out), **told}
+
+
+def scene_files(folder: Path) -> list[Path]:
+    """The scene files in ``folder``, by name; robot files and plans are passed over."""
+    from optipromp.cli.check import Kind, kind_of
+
+    try:
+        files = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
+    except OSError as error:
+        raise InvalidRequestError(f"cannot read {folder}: {error.strerror or error}") from error
+    kinds = [kind_of(str(path)) for path in files]
+    scenes = [path for path, kind in zip(files, kinds, strict=True) if kind is Kind.SCENE]
+    for path, kind in zip(files, kinds, strict=True):
+        if kind is not Kind.SCENE:
+            sys.stderr.write(f"passed over {printable(str(path))}: a {kind}, not a scene\n")
+    if not scenes:
+        hint = "; it holds a plan, for 'simulate'" if is_there(folder / "plan.json") else ""
+        raise InvalidRequestError(f"no scene file ({', '.join(_SUFFIXES)}) in {folder}{hint}")
+    return scenes
+
+
+def outputs(files: Sequence[Path], folder: Path) -> list[Path]:
+    """A folder for the plan of each file: its stem, or its whole name where two share a stem."""
+    stems = [path.stem for path in files]
+    return [folder / (path.name if stems.count(path.stem) > 1 else path.stem) for path in files]
+
+
+def plan_folder(
+    folder: Path,
+    request: Request,
+    output: Output,
+    named: "Named",
+    workers: int | None = None,
+    progress: bool | None = None,
+) -> Report:
+    """Plan every scene in ``folder``, with the robot that is named, and write each plan."""
+    from optipromp.core.planning import plan_many
+    from optipromp.core.scenes.io import load_scene
+
+    files, out = scene_files(folder), output.out
+    homes: Sequence[Path | None] = [None] * len(files) if out is None else outputs(files, out)
+    say_if_compiling(progress)
+    began = time.perf_counter()
+    done_so_far, good = 0, 0
+    with progress_bar(10, progress) as shown:
+
+        def done(index: int, result: "Plan | Picked | OptiPrompError") -> None:
+            nonlocal done_so_far, good
+            home = homes[index]
+            if home is not None and not isinstance(result, OptiPrompError):
+                output.write(result, home)
+            done_so_far, good = done_so_far + 1, good + getattr(result, "success", False)
+            words = f"{done_so_far} of {len(files)} planned, {good} succeeded"
+            shown(done_so_far, len(files), words)
+
+        stated = [named.of(load_scene(file)) for file in files] if named else files
+        results = plan_many(stated, workers=workers, legs=True, progress=done, **vars(request))
+    seconds = time.perf_counter() - began
+    entries = [Entry(*item) for item in zip(files, homes, results, strict=True)]
+    document = {
+        "folder": str(folder),
+        "succeeded": good,
+        "of": len(entries),
+        "seconds": seconds,
+        "scenes": [entry.to_dict(request) for entry in entries],
+    }
+    lines: list[Any] = [table(entries)]
+    lines.append(f"{good} of {len(entries)} plans succeeded, in {seconds:.1f} s")
+    if out is not None:
+        lines.append(f"wrote a folder for each plan to {out}")
+    return Report(document, lines, max((exit_code(entry.status) for entry in entries), default=OK))
+
+
+def table(entries: Sequence[Entry]) -> "Table":
+    """The status and the main figures of each scene; the motion is that of all its legs."""
+    from optipromp.core.planning import Plan
+    from optipromp.looks.viewer.words import nearest
+
+    out = grid(("scene", "status"), ("time, ms", "room, mm", "off, mm", "motion, s"))
+    for entry in entries:
+        cells = ["", "", "", ""]
+        if not isinstance(entry.result, OptiPrompError):
+            made = entry.result
+            reach = made if isinstance(made, Plan) else made.reach
+            room = nearest(reach)
+            cells = [
+                f"{1e3 * reach.time['total']:.0f}",
+                "–" if room is None else f"{1e3 * room:.1f}",
+                f"{1e3 * reach.metrics.goal_error:.2f}",
+                f"{made.duration:.2f}",
+            ]
+        out.add_row(printable(entry.file.stem), str(entry.status), *cells)
+    return out
+
+
+def plan_targets(
+    scene: "Scene", targets: str, request: Request, output: Output, progress: bool | None = None
+) -> Report:
+    """Plan the picks of ``targets`` (ids, separated by commas), and write each plan."""
+    from optipromp.core.planning.sequence import plan_sequence
+
+    ids = [part.strip() for part in targets.split(",") if part.strip()]
+    with waiting(f"planning {scene.name}", progress) as say:
+        found = plan_sequence(scene, ids, progress=say, **vars(request))
+    document, out = found.to_dict(), output.out
+    written = []
+    if out is not None:
+        homes = [file_name(f"{i + 1}-{id_}") for i, id_ in enumerate(found.order)]
+        homes += [file_name(f"left-{left.id}") for left in found.left]
+        made = [*found.whole, *(left.made for left in found.left)]
+        tolds = [*document["picks"], *document["left"]]
+        for home, pick, told in zip(homes, made, tolds, strict=True):
+            output.write(pick, out / home)
+            told["out"] = str(out / home)
+        write_atomically(out / ORDER, json_text(document).encode("utf-8"))
+        written = [f"wrote {', '.join([*homes, ORDER])} to {out}"]
+    lines = [
+        *(f"{left.id} stays: {left.message}" for left in found.left),
+        f"{len(found.picks)} of {len(ids)} planned",
+        *written,
+    ]
+    return Report(document, _order(found, lines), OK if found.success else FAILED)
+
+
+def _order(found: "PickSequence", lines: Sequence[str]) -> Shown:
+    table = grid(("pick", "status"), ("not clean", "motion, s"))
+    for id_, pick, made in zip(found.order, found.picks, found.whole, strict=True):
+        share = math.nan if pick.prediction is None else pick.prediction.probability
+        failure = "–" if math.isnan(share) else f"{100.0 * share:.0f} %"
+        table.add_row(id_, str(pick.status), failure, f"{made.duration:.2f}")
+    for left in found.left:
+        table.add_row(left.id, str(left.status), "–", "–")
+    yield table
+    yield from lines

@@ -23,15 +23,10 @@ Whose = Annotated[
 
 @dataclass(frozen=True)
 class Named:
-    """The robot that a command's options name.
+    """The robot that a command's options name."""
 
-    Attributes:
-        name: of the robot, or path; None: not named.
-        choice: of the arm in its file; relative paths start at the working directory.
-    """
-
-    name: str | None
-    choice: "Choice"
+    name: str | None  # of the robot, or path; None: not named
+    choice: "Choice"  # of the arm in its file; relative paths start at the working directory
 
     def __bool__(self) -> bool:
         from optipromp.core.robots.library import NOTHING
@@ -51,32 +46,24 @@ class Named:
 
 @dataclass(frozen=True)
 class ArmOptions:
-    """The options that choose the arm in a robot's file."""
+    """The options that choose the arm in a robot's file.
 
-    arm: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME", help="Of the robot: a group, or a part of a name such as left."
-        ),
-    ] = None
-    tip: Annotated[
-        str | None, typer.Option(metavar="LINK", help="Of the robot: the flange link.")
-    ] = None
-    base: Annotated[
-        str | None, typer.Option(metavar="LINK", help="Of the robot: joints before it are held.")
-    ] = None
-    srdf: Annotated[Path | None, typer.Option(help="Of the robot: groups that tell the arm.")] = (
-        None
-    )
-    package_dir: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="FOLDER", help="Of the robot: holds packages of package:// names."),
-    ] = None
+    Attributes:
+        arm (NAME): Of the robot: a group, or a part of a name such as left.
+        tip (LINK): Of the robot: the flange link.
+        base (LINK): Of the robot: joints before it are held.
+        srdf: Of the robot: groups that tell the arm.
+        package_dir (FOLDER): Of the robot: holds packages of package:// names.
+        robot_arg (NAME:=VALUE): Of the robot's xacro: an argument.
+    """
 
-    robot_arg: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME:=VALUE", help="Of the robot's xacro: an argument."),
-    ] = None
+    arm: str | None = None
+    tip: str | None = None
+    base: str | None = None
+    srdf: Path | None = None
+    package_dir: list[Path] | None = None
+
+    robot_arg: list[str] | None = None
 
     def of(self, robot: str | None) -> Named:
         """The robot of that name, if any, with the choice of these options."""

@@ -5,9 +5,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from multiprocessing import get_context
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from optipromp.cli.command import command
 from optipromp.cli.console import Recorded, say_if_compiling
@@ -21,42 +19,16 @@ if TYPE_CHECKING:
 
 @command(reports=False)
 def ros_node(
-    scene: Annotated[
-        str, typer.Argument(metavar="SCENE", help="Gives robot, tool and what no topic says.")
-    ],
-    prefix: Annotated[
-        str, typer.Option(metavar="TEXT", help="Before joint and link names in ROS, as in fr3_.")
-    ] = "",
-    rate: Annotated[
-        float | None, typer.Option(metavar="HZ", help="Of the points; the plan's own if left out.")
-    ] = None,
+    scene: str,
+    /,
+    prefix: str = "",
+    rate: float | None = None,
     demonstrations: Recorded = None,
-    execute: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ACTION",
-            help="FollowJointTrajectory action that gets each success; with --loop the topic of "
-            "the controller.",
-        ),
-    ] = None,
-    loop: Annotated[
-        bool, typer.Option("--loop", help="Pick in closed loop by detections, at once.")
-    ] = False,
-    detections: Annotated[
-        str, typer.Option(metavar="TOPIC", help="With --loop: of the Detection3DArray messages.")
-    ] = "~/detections",
-    pictures: Annotated[
-        str | None,
-        typer.Option(
-            metavar="COLOUR,DEPTH,INFO",
-            help="With --loop, in place of detections: topics of a camera, Image (or "
-            "CompressedImage by its usual end) and CameraInfo; or one of PointCloud2.",
-        ),
-    ] = None,
-    role: Annotated[
-        list[str] | None,
-        typer.Option(metavar="CLASS=ROLE", help="Role of a detected class; :stem: z is its stem."),
-    ] = None,
+    execute: str | None = None,
+    loop: bool = False,
+    detections: str = "~/detections",
+    pictures: str | None = None,
+    role: list[str] | None = None,
 ) -> None:
     """Plan on request: a node of ROS 2 with MoveIt's service GetMotionPlan.
 
@@ -78,6 +50,18 @@ def ros_node(
         --execute /arm_controller/joint_trajectory
     optipromp ros-node my-scene.yaml --loop --pictures /camera/color/image_raw,\\
     /camera/aligned_depth_to_color/image_raw,/camera/color/camera_info
+
+    Args:
+        scene (SCENE): Gives robot, tool and what no topic says.
+        prefix (TEXT): Before joint and link names in ROS, as in fr3_.
+        rate (HZ): Of the points; the plan's own if left out.
+        execute (ACTION): FollowJointTrajectory action that gets each success; with --loop the topic
+            of the controller.
+        loop: Pick in closed loop by detections, at once.
+        detections (TOPIC): With --loop: of the Detection3DArray messages.
+        pictures (COLOUR,DEPTH,INFO): With --loop, in place of detections: topics of a camera, Image
+            (or CompressedImage by its usual end) and CameraInfo; or one of PointCloud2.
+        role (CLASS=ROLE): Role of a detected class; :stem: z is its stem.
     """
     try:
         import rclpy  # noqa: F401
@@ -88,7 +72,7 @@ def ros_node(
         ) from None
     from optipromp.core.scenes.io import load_scene
     from optipromp.ros import LiveScene, PickLoop
-    from optipromp.ros.detections import DETECTIONS
+    from optipromp.ros.live import DETECTIONS
 
     say_if_compiling()
     if loop:

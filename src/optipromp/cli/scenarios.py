@@ -3,9 +3,7 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from optipromp.cli.command import FAILED, OK, Report, Shown, command
 from optipromp.cli.console import Recorded, Seed, grid, say_if_compiling, waiting
@@ -21,17 +19,8 @@ if TYPE_CHECKING:
 def scenarios(
     seed: Seed = 0,
     demonstrations: Recorded = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Leave every plan with its figures here.")
-    ] = None,
-    as_markdown: Annotated[
-        Path | None,
-        typer.Option(
-            "--markdown",
-            metavar="FILE",
-            help="Leave the tables here; in a page with marks, between them.",
-        ),
-    ] = None,
+    out: Path | None = None,
+    as_markdown: Path | None = None,
 ) -> Report:
     """Run the paper's four scenarios and set its figures beside ours.
 
@@ -46,6 +35,10 @@ def scenarios(
     optipromp scenarios
     optipromp scenarios --out paper --json
     optipromp scenarios --markdown docs/concepts.md
+
+    Args:
+        out (DIR): Leave every plan with its figures here.
+        as_markdown (--markdown FILE): Leave the tables here; in a page with marks, between them.
     """
     from optipromp.laboratory.experiments.scenarios import run_scenarios
 
@@ -162,8 +155,8 @@ def markdown(rows: Sequence["ScenarioRow"]) -> str:
 
 
 def _end(row: "ScenarioRow") -> str:
-    """The end of a run in words; of a success, without the note on pushed fruits."""
-    return row.plan.message.partition("; note: ")[0].partition(" (")[0]
+    """The end of a run in words, without notes."""
+    return row.plan.reason.partition(" (")[0]
 
 
 def _table(header: Sequence[str], lines: Sequence[Sequence[str]]) -> list[str]:

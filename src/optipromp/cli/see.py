@@ -1,18 +1,21 @@
-"""``optipromp see``: from pictures with depth to scenes that can be planned in."""
+"""``optipromp see``: from pictures to scenes; ``optipromp calibrate``: where a camera is."""
 
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-import typer
-
-from optipromp.cli.command import FAILED, OK, Report, command
+from optipromp.cli.command import FAILED, OK, Report, command, show_warning
+from optipromp.cli.console import grid, waiting
 from optipromp.core.errors import Code, InvalidRequestError
-from optipromp.core.files import check_folder, is_file, is_folder, write_atomically
+from optipromp.core.files import check_folder, is_file, is_folder, json_text, write_atomically
 
 if TYPE_CHECKING:
+    from optipromp.core.robots.model import Robot
     from optipromp.core.scenes.scene import Scene
+    from optipromp.perception.boards import Board
+    from optipromp.perception.calibration import HandEye
     from optipromp.perception.eyes import Sighting
     from optipromp.perception.pictures import DepthPicture
 
@@ -31,63 +34,20 @@ class _Asked(NamedTuple):
 
 @command()
 def see(
-    folder: Annotated[
-        Path | None,
-        typer.Argument(metavar="DIR", help="Pictures as 'render' leaves them; else --rgb."),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.yaml|DIR", help="The scene; of a folder, all scenes."),
-    ] = None,
+    folder: Path | None = None,
+    /,
+    out: Path | None = None,
     *,
-    rgb: Annotated[Path | None, typer.Option(help="A picture: PNG.")] = None,
-    depth: Annotated[
-        Path | None, typer.Option(help="Its depth: 16-bit PNG, or NPZ with 'depth' in metres.")
-    ] = None,
-    camera: Annotated[
-        Path | None,
-        typer.Option(
-            help="Its camera: JSON or YAML with width, height, fx, fy, cx, cy, position and "
-            "orientation in the robot's base, depth_scale; or what 'calibrate' wrote."
-        ),
-    ] = None,
-    known: Annotated[
-        str | None,
-        typer.Option(
-            metavar="SCENE",
-            help="Whose robot, tool, start, approach and static objects are known; its fruits are "
-            "not used. In a folder by default the scene beside each picture; else scenario-3.",
-        ),
-    ] = None,
-    finder: Annotated[
-        str,
-        typer.Option(
-            metavar="geometry|network|MODULE:NAME",
-            help="Of fruits and stems: by colour and shape, by our network, or your own.",
-        ),
-    ] = "geometry",
-    model: Annotated[
-        Path | None, typer.Option(metavar="FILE.onnx", help="Of the network, in place of ours.")
-    ] = None,
-    together: Annotated[
-        bool,
-        typer.Option(
-            "--together",
-            help="All pictures show one scene, from different places: one scene 'together.yaml', "
-            "too, each fruit's position the mean of all pictures that show it.",
-        ),
-    ] = False,
-    bag: Annotated[
-        Path | None,
-        typer.Option(help="Of ROS 2, in place of files: colour and depth, or a cloud, and frames."),
-    ] = None,
-    topics: Annotated[
-        str | None,
-        typer.Option(metavar="A,B", help="Of the bag: colour and depth, or the cloud, to take."),
-    ] = None,
-    every: Annotated[
-        float, typer.Option(metavar="SECONDS", min=0.0, help="Of the bag: between pictures.")
-    ] = 1.0,
+    rgb: Path | None = None,
+    depth: Path | None = None,
+    camera: Path | None = None,
+    known: str | None = None,
+    finder: str = "geometry",
+    model: Path | None = None,
+    together: bool = False,
+    bag: Path | None = None,
+    topics: str | None = None,
+    every: float = 1.0,
 ) -> Report:
     """Find fruits and stems in pictures, and write scenes to plan in.
 
@@ -105,6 +65,24 @@ def see(
     optipromp see --rgb a.png --depth a.npz --camera camera.json --known row.yaml --out a.yaml
     optipromp see --bag row.mcap --known row.yaml --every 2 --out seen
     optipromp plan a.yaml --out reach
+
+    Args:
+        folder (DIR): Pictures as 'render' leaves them; else --rgb.
+        out (FILE.yaml|DIR): The scene; of a folder, all scenes.
+        rgb: A picture: PNG.
+        depth: Its depth: 16-bit PNG, or NPZ with 'depth' in metres.
+        camera: Its camera: JSON or YAML with width, height, fx, fy, cx, cy, position and
+            orientation in the robot's base, depth_scale; or what 'calibrate' wrote.
+        known (SCENE): Whose robot, tool, start, approach and static objects are known; its fruits
+            are not used. In a folder by default the scene beside each picture; else scenario-3.
+        finder (geometry|network|MODULE:NAME): Of fruits and stems: by colour and shape, by our
+            network, or your own.
+        model (FILE.onnx): Of the network, in place of ours.
+        together: All pictures show one scene, from different places: one scene 'together.yaml',
+            too, each fruit's position the mean of all pictures that show it.
+        bag: Of ROS 2, in place of files: colour and depth, or a cloud, and frames.
+        topics (A,B): Of the bag: colour and depth, or the cloud, to take.
+        every (SECONDS 0..): Of the bag: between pictures.
     """
     from optipromp.core.scenes.io import save_scene
     from optipromp.perception.detector import finder_named
@@ -288,3 +266,156 @@ def _answer(
         return record, [f"{line}; no scene: {error.message}"], None
     record.update(scene=str(asked.out), assumed=list(assumed))
     return record, [f"{line}; wrote {asked.out}", *(f"  {words}" for words in assumed)], scene
+
+
+@dataclass(frozen=True)
+class BoardOptions:
+    """The options that tell what is printed on the board.
+
+    Attributes:
+        board: What is printed on it.
+        size (CxR): Of a chessboard its inner corners, of a charuco board its squares, of apriltags
+            the tags: along a row, and rows.
+        side (METRES): Of a square; of an apriltag's black border.
+        marker (METRES): Side of a charuco board's markers; gap between apriltags.
+        dictionary: Of the markers, as OpenCV names it; by default the usual one.
+    """
+
+    board: Literal["chessboard", "charuco", "apriltag"] = "charuco"
+    size: str = "7x5"
+    side: float | None = None
+    marker: float = 0.0
+    dictionary: str = ""
+
+    def made(self) -> "Board":
+        """The board."""
+        from optipromp.perception.boards import Board
+
+        columns, cross, rows = self.size.lower().partition("x")
+        if not (cross and columns.isdigit() and rows.isdigit()):
+            raise InvalidRequestError(f"--size is {self.size!r}: write it as 7x5")
+        if self.side is None:
+            raise InvalidRequestError("give --side, measured on the print [m]")
+        usual = "APRILTAG_36h11" if self.board == "apriltag" else "5X5_100"
+        size = int(columns), int(rows)
+        return Board(self.board, *size, self.side, self.marker, self.dictionary or usual)
+
+
+@command()
+def calibrate(
+    folder: Path | None = None,
+    /,
+    *,
+    camera: Path,
+    out: Path,
+    poses: Path | None = None,
+    tool: Path | None = None,
+    mount: Literal["hand", "base"] = "base",
+    board: BoardOptions,
+    known: str | None = None,
+) -> Report:
+    """Tell where a camera is, from pictures of a board or from the arm's own tool.
+
+    A camera on the hand looks at a board that stands; a camera that stands looks at a board fixed
+    on the hand, or at the tool itself. Take 10 to 20 pictures, tilt the hand by 15 to 30 degrees to
+    all sides between them, and turn it. Told are what each view leaves, the standard deviation of
+    the camera's place, and how far it moves when one view is left out. Needs the extra 'vision'.
+
+    [bold]Examples[/bold]
+
+    \b
+    optipromp calibrate shots --poses shots/poses.yaml --known row.yaml --camera d435.json \\
+        --mount hand --size 7x5 --side 0.03 --marker 0.022 --out camera.json
+    optipromp calibrate --tool seen.yaml --known row.yaml --camera d435.json --out camera.json
+    optipromp see --rgb a.png --depth a.png --camera camera.json --known row.yaml --out a.yaml
+
+    Args:
+        folder (DIR): Of pictures of a board; else --tool.
+        camera: Its pictures: JSON or YAML with width, height, fx, fy, cx, cy. Pictures are without
+            distortion, as most cameras give them.
+        out (FILE.json): The camera, for 'see'.
+        poses: YAML or JSON: a picture's name to joints, or to position and orientation (w, x, y, z)
+            of the flange in the base.
+        tool: In place of pictures, YAML or JSON: a name to camera, the tool's centre as the camera
+            sees it [m], and joints, or the centre's position in the base.
+        mount: hand: the camera is on it, the board stands; base: the other way.
+        known (SCENE): Whose robot has these joints, and tool.
+    """
+    from optipromp.perception.calibration import by_tool, hand_eye, read_seen_tool, read_views
+    from optipromp.perception.pictures import load_camera
+
+    if (folder is None) == (tool is None):
+        raise InvalidRequestError("give a folder of pictures or --tool, one of them")
+    if tool is not None and mount == "hand":
+        raise InvalidRequestError("a camera on the hand sees the tool stand still: show it a board")
+    model, robot, without = load_camera(camera)[0], _robot(known), tuple[str, ...]()
+    if tool is not None:
+        found = by_tool(read_seen_tool(tool, robot), model)
+    else:
+        assert folder is not None
+        if poses is None:
+            raise InvalidRequestError("give --poses: where the hand was in each picture")
+        with waiting("look for the board"):
+            views, without = read_views(folder, poses, board.made(), model, robot)
+            if not views:
+                raise InvalidRequestError(
+                    f"the board is in none of {len(without)} pictures: compare --board, --size and "
+                    "--dictionary with the print; it must be whole (chessboard), sharp and flat"
+                )
+            found = hand_eye(views, model, mount)
+    for name in without:
+        show_warning(f"{name}: the board was not found")
+    write_atomically(out, json_text(found.camera.document()).encode())
+    return Report(_document(found, out, without), _shown(found, out))
+
+
+def _robot(known: str | None) -> "Robot | None":
+    from optipromp.core.planning.task import posed
+    from optipromp.core.scenes.io import load_scene
+
+    return None if known is None else posed(load_scene(known))[0]
+
+
+def _document(found: "HandEye", out: Path, without: tuple[str, ...]) -> dict[str, Any]:
+    board = found.board
+    return {
+        "file": str(out),
+        "camera": found.camera.document(),
+        "sigma": found.sigma.tolist(),
+        "sigma_deg": found.sigma_degree,
+        "left_out_moves": found.spread,
+        "left_out_turns_deg": found.spread_degree,
+        "residual": {name: found.total(name) for name in ("pixel", "metre", "degree")},
+        "views": [each._asdict() for each in found.residuals],
+        "without_board": list(without),
+        "board": board and {
+            "position": board.position.tolist(), "orientation": board.orientation.tolist(),
+        },
+    }  # fmt: skip
+
+
+def _shown(found: "HandEye", out: Path) -> Iterator[Any]:
+    from rich.table import Table
+
+    table: Table = grid(("view",), ("pixel", "mm", "degree"))
+    for each in found.residuals:
+        table.add_row(each.name, *_figures(each.pixel, each.metre, each.degree))
+    table.add_section()
+    total = (found.total(name) for name in ("pixel", "metre", "degree"))
+    table.add_row("root mean square", *_figures(*total))
+    yield table
+    pose, sigma = found.camera.pose, 1e3 * found.sigma
+    at = ", ".join(f"{1e3 * value:.1f}" for value in pose.position)
+    within = ", ".join(f"{value:.1f}" for value in sigma)
+    yield f"camera in the frame of the {found.camera.mount}: at {at} mm"
+    yield f"  standard deviation {within} mm, {found.sigma_degree:.2f} degrees"
+    yield (
+        f"  leaving one view out moves it by {1e3 * found.spread:.1f} mm and "
+        f"{found.spread_degree:.2f} degrees at most"
+    )
+    yield f"wrote {out}"
+
+
+def _figures(pixel: float, metre: float, degree: float) -> tuple[str, ...]:
+    values = (f"{pixel:.2f}", f"{1e3 * metre:.2f}", f"{degree:.2f}")
+    return tuple("" if text == "nan" else text for text in values)

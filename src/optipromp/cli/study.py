@@ -1,91 +1,59 @@
 """``optipromp study``: planners compared on random scenes in the physics simulation."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from optipromp.cli.command import Report, Shown, command
+from optipromp.cli.command import Report, command
 from optipromp.cli.console import Cluster, Workers, grid, progress_bar, say_if_compiling
-from optipromp.cli.folder import scene_files
-from optipromp.cli.loops import LoopChoices, eyes_table, loop_causes, loop_table
+from optipromp.cli.plan import scene_files
 from optipromp.cli.robot import ArmOptions, Whose
 from optipromp.core.errors import Code, InvalidRequestError
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from optipromp.laboratory.experiments.runs import Row
+    from optipromp.laboratory.experiments.rows import Row
     from optipromp.laboratory.experiments.statistics import Cell, Reliability
 
 
-Compared = Annotated[
-    list[str],
-    typer.Option(
-        "--planner",
-        "--planners",
-        metavar="NAMES",
-        help="Any that 'optipromp list' names, separated by commas or one an option, or all.",
-    ),
-]
+@dataclass(frozen=True)
+class LoopChoices:
+    """The options that choose loops and conditions.
+
+    Attributes:
+        loop (NAMES): Instead of planners compare open (plan, execute blind), looks (look again at
+            the camera point, execute blind) and closed (the controller), or all.
+        conditions (NAMES): Of loops: none, zero-mean, detector, missed, lower, aside, sway,
+            calibration, limp, all (at once); 'all' by itself is each of them, 'all,' that one.
+        eyes (NAMES): Of loops (open by itself): scenes are seen by the eyes. rendered: in pictures,
+            in the closed loop too, for a handful of scenes; fitted: by a camera model with the
+            errors of these eyes.
+        finder (NAME): Of --eyes, what finds fruits in pictures.
+        views (1|2): Of --eyes: pictures from as many sides, before a plan.
+    """
+
+    loop: str = ""
+    conditions: str = ""
+    eyes: str = ""
+    finder: str = "geometry"
+    views: int = 1
 
 
 @command()
 def study(
-    out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Where rows go; rows that are there are kept.")
-    ],
-    preset: Annotated[
-        str, typer.Option(metavar="NAMES", help="Presets, separated by commas, or all.")
-    ] = "all",
-    scenes: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="Your scenes in place of presets: the scene files of a folder. The seed is then "
-            "of noise, planner and physics.",
-        ),
-    ] = None,
-    planners: Compared = ["all"],  # noqa: B006 (typer copies it)
-    seeds: Annotated[
-        str | None,
-        typer.Option(
-            metavar="A:B",
-            help="Seeds of the scenes, from A to before B (0:20; with --scenes 0:1).",
-            show_default=False,
-        ),
-    ] = None,
-    noise_position: Annotated[
-        float, typer.Option(metavar="METRES", help="Standard deviation of detected positions.")
-    ] = 0.0,
-    noise_angle: Annotated[
-        float, typer.Option(metavar="DEGREES", help="Standard deviation of detected stems.")
-    ] = 0.0,
-    noise: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            help="Of the detector: zero-mean (5 mm, 5 degrees), low and high (and all seen 10 mm "
-            "too low or high), missed (fruits not seen, hidden ones more often), detector (low "
-            "and missed).",
-        ),
-    ] = "",
-    only_valid: Annotated[
-        bool, typer.Option("--only-valid", help="Do not execute plans that the judge refuses.")
-    ] = False,
-    vary: Annotated[
-        bool,
-        typer.Option(
-            "--vary",
-            help="Execute each plan under a table of physical variations: softer and stiffer "
-            "stems, friction, mass, size, damping, a tool off its place, fruits lower than seen.",
-        ),
-    ] = False,
-    risk: Annotated[
-        float,
-        typer.Option(help="Share of promised successes that may be broken; less refuses more."),
-    ] = 0.03,
+    out: Path,
+    preset: str = "all",
+    scenes: Path | None = None,
+    planners: list[str] = ["all"],  # noqa: B006 (typer copies it)
+    seeds: str | None = None,
+    noise_position: float = 0.0,
+    noise_angle: float = 0.0,
+    noise: str = "",
+    only_valid: bool = False,
+    vary: bool = False,
+    risk: float = 0.03,
     workers: Workers = None,
     ray: Cluster = None,
     *,
@@ -110,11 +78,29 @@ def study(
     optipromp study --preset tight --planners opti-promp --noise detector --out detected
     optipromp study --preset cluster,field --loop open,closed --conditions sway,missed --out loops
     optipromp study --preset cluster --loop open,closed --eyes fitted --out circle
+
+    Args:
+        out (DIR): Where rows go; rows that are there are kept.
+        preset (NAMES): Presets, separated by commas, or all.
+        scenes (DIR): Your scenes in place of presets: the scene files of a folder. The seed is then
+            of noise, planner and physics.
+        planners (--planner --planners NAMES): Any that 'optipromp list' names, separated by commas
+            or one an option, or all.
+        seeds (A:B): Seeds of the scenes, from A to before B (0:20; with --scenes 0:1).
+        noise_position (METRES): Standard deviation of detected positions.
+        noise_angle (DEGREES): Standard deviation of detected stems.
+        noise (NAME): Of the detector: zero-mean (5 mm, 5 degrees), low and high (and all seen 10 mm
+            too low or high), missed (fruits not seen, hidden ones more often), detector (low and
+            missed).
+        only_valid: Do not execute plans that the judge refuses.
+        vary: Execute each plan under a table of physical variations: softer and stiffer stems,
+            friction, mass, size, damping, a tool off its place, fruits lower than seen.
+        risk: Share of promised successes that may be broken; less refuses more.
     """
     from optipromp.laboratory.experiments.baselines import study_planners
-    from optipromp.laboratory.experiments.conditions import CONDITIONS
     from optipromp.laboratory.experiments.eyes import WAYS
     from optipromp.laboratory.experiments.loops import LOOP_PLANNER, LOOPS
+    from optipromp.laboratory.experiments.situations import CONDITIONS
     from optipromp.laboratory.experiments.study import Study, run_study
     from optipromp.laboratory.generate import PRESETS
 
@@ -156,28 +142,26 @@ def study(
 
 def _report(rows: list["Row"], out: Path) -> Report:
     """Write the results beside the rows, and report them."""
-    from optipromp.laboratory.experiments.loop_statistics import loop_summary
-    from optipromp.laboratory.experiments.statistics import calibration, summary
-    from optipromp.laboratory.experiments.study_output import write_results
+    from optipromp.laboratory.experiments.statistics import calibration, loop_summary, summary
+    from optipromp.laboratory.experiments.study import write_results
 
     cells = summary(rows)
-    written = write_results(rows, cells, out)
-    document = {"runs": len(rows), "cells": [cell.to_dict() for cell in cells]}
-    last = f"wrote rows.csv, {', '.join(written)} to {out}"
-    if any(row.loop for row in rows):
-        picks = loop_summary(rows)
-        document["cells"] = [cell.to_dict() for cell in picks]
-        seen = (eyes_table(picks),) if any(row.pictures for row in rows) else ()
-        return Report(document, (*seen, loop_table(picks), loop_causes(picks), last))
-    return Report(document, _shown(cells, calibration(rows), last))
-
-
-def _shown(cells: Sequence["Cell"], found: "Reliability | None", last: str) -> Shown:
-    yield table(cells)
-    yield causes(cells)
-    if found is not None:
-        yield reliability(found)
-    yield last
+    last = f"wrote rows.csv, {', '.join(write_results(rows, cells, out))} to {out}"
+    shown = []
+    if looped := any(row.loop for row in rows):
+        cells = loop_summary(rows)
+        if any(row.pictures for row in rows):
+            shown.append(table(cells, LOOP_NAMES, EYES, EYES_TITLE))
+        shown.append(table(cells, LOOP_NAMES, LOOP, LOOP_TITLE))
+    else:
+        columns = dict(PLANNER)
+        if max(len(cell.preset) for cell in cells) > 15:  # variations: their names take the width
+            columns = dict(list(columns.items())[:5])
+        shown.append(table(cells, NAMES, columns, TITLE))
+    shown.append(causes(cells, LOOP_NAMES if looped else NAMES))
+    if not looped and (known := calibration(rows)) is not None:
+        shown.append(reliability(known))
+    return Report({"runs": len(rows), "cells": [c.to_dict() for c in cells]}, (*shown, last))
 
 
 def _names(text: str, all_of_them: Sequence[str]) -> tuple[str, ...]:
@@ -198,41 +182,91 @@ def _range(text: str) -> tuple[int, int]:
 TITLE = """%: promised and picked, nothing harmed, in the simulation; 95 %: Wilson's interval
 plans: those that promised it, broken: of these; executed: picked if no refusal is heeded
 static, torn: runs with such contact; medians: force on unripe fruits [N], seconds"""
+LOOP_TITLE = """%: clean: picked, nothing harmed, in the simulation; 95 %: Wilson's interval
+harmed, gave up, refused, missed [%]; back: retreats; s: median duration"""
+EYES_TITLE = """% of runs: a ripe fruit seen, a plan made, the fruit in the tool at the end (95 %:
+Wilson's interval), something harmed; recall [%] of visible fruits in the pictures before the plan;
+false: wrong detections a run; see: median processor time of seeing [s]"""
+NAMES, LOOP_NAMES = ("preset", "planner"), ("preset", "condition", "loop")
+Column = Callable[["Cell"], str]
 
 
-def table(cells: Sequence["Cell"]) -> "Table":
-    """Rates, contacts, forces and median times of every preset and planner."""
-    figures = ["n", "%", "95 %", "plans", "broken", "executed", "static", "torn", "unripe", "plan"]
-    figures.append("run")
-    if max(len(cell.preset) for cell in cells) > 15:  # variations: their names take the width
-        figures = figures[:5]
-    out = grid(("preset", "planner"), figures, title=TITLE, padding=(0, 0))
-    for cell, first in _sections(out, cells):
-        force = "–" if cell.unripe_force is None else f"{cell.unripe_force:.1f}"
-        run = "–" if cell.simulation_time is None else f"{cell.simulation_time:.1f}"
-        values = (
-            str(cell.runs), f"{100 * cell.rate:.1f}",
-            f"{100 * cell.low:.0f}–{100 * cell.high:.0f}", str(cell.plans),
-            str(cell.broken), str(cell.successes), str(cell.static_contacts), str(cell.torn),
-            force, f"{cell.plan_time:.2f}", run,
-        )  # fmt: skip
-        out.add_row(cell.preset if first else "", cell.planner, *values[: len(figures)])
+def _number(name: str, digits: int = 0) -> Column:
+    """A figure with so many decimals; a dash where there is none."""
+
+    def column(cell: "Cell") -> str:
+        value = getattr(cell, name)
+        return "–" if value is None else f"{value:.{digits}f}"
+
+    return column
+
+
+def _share(name: str) -> Column:
+    """A count in percent of the runs."""
+    return lambda cell: f"{100 * getattr(cell, name) / cell.runs:.3g}"
+
+
+PLANNER: Mapping[str, Column] = {
+    "n": _number("runs"), "%": lambda cell: f"{100 * cell.rate:.1f}",
+    "95 %": lambda cell: cell.interval, "plans": _number("plans"), "broken": _number("broken"),
+    "executed": _number("successes"), "static": _number("static_contacts"),
+    "torn": _number("torn"), "unripe": _number("unripe_force", 1),
+    "plan": _number("plan_time", 2), "run": _number("simulation_time", 1),
+}  # fmt: skip
+LOOP: Mapping[str, Column] = {
+    "n": _number("runs"), "%": _share("clean"), "95 %": lambda cell: cell.interval,
+    "harm": _share("harmed"), "gave": _share("gave_up"), "ref": _share("refused"),
+    "miss": _share("missed"), "s": _number("duration", 1), "back": _number("retreats"),
+}  # fmt: skip
+EYES: Mapping[str, Column] = {
+    "n": _number("runs"), "seen": _share("seen"), "planned": _share("planned"),
+    "picked": _share("picked"),
+    "95 %": lambda cell: "–".join(f"{100 * end:.0f}" for end in cell.picked_interval),
+    "harm": _share("harmed"),
+    "recall": lambda cell: f"{100 * cell.found / cell.visible:.3g}" if cell.visible else "–",
+    "false": lambda cell: f"{cell.false / cell.runs:.2f}" if cell.visible else "–",
+    "see": _number("see_time", 2),
+}  # fmt: skip
+
+
+def table(
+    cells: Sequence["Cell"], names: Sequence[str], columns: Mapping[str, Column], title: str
+) -> "Table":
+    """Cells as rows of a table: their names, then the columns. A name is not repeated below itself.
+
+    A line parts the presets.
+    """
+    out = grid(names, list(columns), title=title, padding=(0, 0))
+    _add(out, cells, names, columns)
     return out
 
 
-def causes(cells: Sequence["Cell"]) -> "Table":
+def causes(cells: Sequence["Cell"], names: Sequence[str]) -> "Table":
     """Why runs failed, most frequent first."""
-    out = grid(
-        ("preset", "planner"), title="causes of failure, a run may have several", padding=(0, 0)
-    )
+    out = grid(names, title="causes of failure, a run may have several", padding=(0, 0))
     out.add_column("failed by")
-    for cell, first in _sections(out, cells):
-        out.add_row(cell.preset if first else "", cell.planner, cell.failed_by)
+    _add(out, cells, names, {"": lambda cell: cell.failed_by})
     return out
+
+
+def _add(
+    out: "Table", cells: Sequence["Cell"], names: Sequence[str], columns: Mapping[str, Column]
+) -> None:
+    before: list[str] = []
+    for cell in cells:
+        own = [getattr(cell, name) for name in names]
+        if before and before[0] != own[0]:
+            out.add_section()
+        same = [before[: k + 1] == own[: k + 1] for k in range(len(own) - 1)]
+        words = ["" if alike else name for alike, name in zip([*same, False], own, strict=True)]
+        out.add_row(*words, *(column(cell) for column in columns.values()))
+        before = own
 
 
 def reliability(found: "Reliability") -> "Table":
     """Predicted probabilities against outcomes: the rate of failure in each bin."""
+    from optipromp.laboratory.experiments.statistics import percent
+
     title = (
         f"not clean, predicted and counted [%]; AUC {found.auc:.2f}; of {found.successes} plans "
         f"that promise success {found.failed} failed"
@@ -246,16 +280,6 @@ def reliability(found: "Reliability") -> "Table":
             f"{100 * item.predicted:.1f}",
             str(item.failures),
             f"{100 * item.rate:.1f}",
-            f"{100 * item.rate_low:.0f}–{100 * item.rate_high:.0f}",
+            percent(item.rate_low, item.rate_high),
         )
     return out
-
-
-def _sections(out: "Table", cells: Sequence["Cell"]) -> Iterator[tuple["Cell", bool]]:
-    """Each cell, and whether it is the first of its preset."""
-    before = ""
-    for cell in cells:
-        if before and cell.preset != before:
-            out.add_section()
-        yield cell, cell.preset != before
-        before = cell.preset

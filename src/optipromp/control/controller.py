@@ -13,32 +13,32 @@ import threading
 import time
 import time as wall
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from optipromp.control.driver import Driver, way_back
-from optipromp.control.look import Look
-from optipromp.control.parameters import CONTROL, LoopParameters
-from optipromp.control.plant import (
+from optipromp.control.driver import (
+    Driver,
+    Route,
     appeared,
     changed,
     displaced,
     gave_way,
     outside,
+    path_back,
     pushed_by,
-    scene_of,
-    settled,
+    rests_known,
     target_row,
     tracked_at_most,
+    tracked_scene,
     unseen,
 )
-from optipromp.control.servo import Route
-from optipromp.control.stages import Decision, LoopStage, excess, with_covariance
+from optipromp.control.look import Look
+from optipromp.control.parameters import CONTROL, LoopParameters
 from optipromp.control.stiffness import Stiffness, by_wrench
-from optipromp.control.tracked import Tracked
-from optipromp.control.tracker import Tracker
+from optipromp.control.tracker import Tracked, Tracker
 from optipromp.control.tracks import TrackerParameters
 from optipromp.core.arrays import FloatArray, frame_along, rotation
 from optipromp.core.budget import between_steps, pause
@@ -49,8 +49,42 @@ from optipromp.core.planning.plan import compile_once
 from optipromp.core.planning.task import posed
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.scene import Scene
+from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.trajectory import State
+
+
+class LoopStage(StrEnum):
+    """What the controller does."""
+
+    LOOK = "look"  # it stands and looks, or plans
+    GO = "go"  # the tool follows a plan, moved with the plant
+    RETREAT = "retreat"  # the tool goes back along its path
+    DONE = "done"  # the tool is at the target
+    GAVE_UP = "gave_up"  # the tool stands away from the fruits
+
+
+@dataclass(frozen=True)
+class Decision:
+    """A decision: its time by the controller's clock [s], the stage that begins, and the reason."""
+
+    time: float
+    stage: LoopStage
+    why: str
+
+
+def with_covariance(item: SceneObject, parameters: LoopParameters) -> SceneObject:
+    """A fruit that was seen before, with a covariance."""
+    if item.covariance is not None:
+        return item
+    return replace(item, covariance=parameters.known**2 * np.eye(3))
+
+
+def excess_harm(made: Plan | OptiPrompError) -> float:
+    """Predicted harm over what a success may have; 0 without a model, infinite without a motion."""
+    if isinstance(made, OptiPrompError) or not made.valid:
+        return math.inf
+    return 0.0 if made.prediction is None else made.prediction.harm / made.prediction.threshold
+
 
 _STEPS = 8  # of a turn, each at most 7 degrees: inverse kinematics stays on its branch
 _MISS = 1e-6  # [m] error above which a configuration is none
@@ -198,13 +232,13 @@ class Controller:
                 return None
             begin = State(self._driver.state(now).q)
             stems, factor = self._stems()
-            scene = scene_of(self.scene, tracked, None, stems)
+            scene = tracked_scene(self.scene, tracked, None, stems)
             self._job = _Job(self._planning(scene, start_state=begin), factor)
         factor = self._job.factor
         made = self._worked()
         if made is None:
             return None
-        harm = excess(made)
+        harm = excess_harm(made)
         enough = harm <= 1.0 or (harm < math.inf and not self._at_camera)  # it stops there
         if isinstance(made, OptiPrompError) or not (
             enough or (self.tries <= 0 and harm <= p.accepted)
@@ -234,7 +268,7 @@ class Controller:
             )
         if looked < p.look or self._seen < 3:
             return False
-        return looked > p.patient or settled(tracked, p.settled)
+        return looked > p.patient or rests_known(tracked, p.settled)
 
     def _look_elsewhere(self, now: float, tracked: Tracked) -> Stretch | None:
         """Go to another view of the start; give up where none is left."""
@@ -243,7 +277,7 @@ class Controller:
             self._views = [] if self._at_camera else views(self.robot, q, self.parameters)
         while self._views:
             way = np.array([q, self._views.pop(0)])
-            turn = way_back(self.robot, way, self.parameters.retreat_speed)
+            turn = path_back(self.robot, way, self.parameters.retreat_speed)
             if drive.safe(turn):
                 self._enter(LoopStage.GO, now, "the target is not seen: to another view")
                 return drive.set_out(Route.back(self.robot, turn, drive.still), now, tracked)
@@ -319,7 +353,7 @@ class Controller:
             _, moved, _ = displaced(made.scene, tracked)
             stems, factor = self._stems()
             offset = moved.mean(axis=0) if len(moved) else None
-            scene = scene_of(self.scene, tracked, offset, stems)
+            scene = tracked_scene(self.scene, tracked, offset, stems)
             at = phase + p.allowance
             work = self._planning(scene, previous=made, at=at, unpushed=True)
             self._job = _Job(work, factor, at, now + p.lead + p.allowance)
@@ -328,7 +362,7 @@ class Controller:
         found = self._worked()
         if found is None:
             return None
-        if isinstance(found, OptiPrompError) or excess(found) > p.hopeless:
+        if isinstance(found, OptiPrompError) or excess_harm(found) > p.hopeless:
             why = found.message if isinstance(found, OptiPrompError) else str(found.message)
             return self._retreat(now, tracked, phase, why)
         since = max(now + p.lead - job.takeover, 0.0)
@@ -351,7 +385,7 @@ class Controller:
         q = np.concatenate([*self._trail, passed])[::-1]
         self._enter(LoopStage.RETREAT, now, why)
         self._driver.blind = False
-        back = way_back(self.robot, q, self.parameters.retreat_speed)
+        back = path_back(self.robot, q, self.parameters.retreat_speed)
         return self._driver.set_out(Route.back(self.robot, back, route.scene), now, tracked)
 
     # -- the stems

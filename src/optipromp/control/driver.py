@@ -3,23 +3,363 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from optipromp.control.parameters import LoopParameters
-from optipromp.control.plant import field_of
-from optipromp.control.servo import Course, Displacement, Route, follow
-from optipromp.control.tracked import Tracked
+from optipromp.control.look import Look
+from optipromp.control.parameters import CONTROL, LoopParameters
+from optipromp.control.stiffness import Stiffness
+from optipromp.control.tracker import Tracked
 from optipromp.core import judging
-from optipromp.core.arrays import FloatArray, lengths
+from optipromp.core.arrays import FloatArray, frozen, lengths
 from optipromp.core.execution.streaming import Stretch
-from optipromp.core.planning.fastest import needs
-from optipromp.core.planning.task import posed
-from optipromp.core.planning.timing import stopped
+from optipromp.core.planning.result import Plan
+from optipromp.core.planning.task import posed, spaced
+from optipromp.core.planning.timing import needs, stopped
+from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.scene import JointGoal, Scene
+from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject, Stem
+from optipromp.core.scenes.trusses import rooted
 from optipromp.core.trajectory import State, Trajectory
+
+TRACKED = 2e-4  # [m] largest error of a followed tool point: a choice
+Moves = Callable[[FloatArray], FloatArray]
+"""Displacements (M, F, 3) of F fruits at times (M,) [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Displacement:
+    """The displacement of the plant against a plan's scene."""
+
+    places: FloatArray  # (F, 3) rest positions in the plan's scene [m]
+    # displacements of the fruits from these places over time, by the controller's clock
+    moves: Moves
+    length: float = CONTROL.field  # over which the displacement of a fruit counts [m]
+
+    def at(self, points: FloatArray, times: FloatArray) -> FloatArray:
+        """Displacement (M, 3) of tool points (M, 3) at times (M,) [s]."""
+        if not len(self.places):
+            return np.zeros_like(points)
+        away = np.square(points[:, None] - self.places[None]).sum(axis=2) / self.length**2
+        share = np.exp(away.min(axis=1, keepdims=True) - away)
+        share /= share.sum(axis=1, keepdims=True)
+        return np.asarray(np.einsum("mf,mfi->mi", share, self.moves(times)))
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """A plan's trajectory with its tool poses.
+
+    Attributes:
+        plan: the plan, or None for a way back.
+        trajectory: T waypoints.
+        points, axes: (T, 3) of the tool.
+        weight: (T,) share of the plant's displacement.
+        scene: of the plan.
+    """
+
+    robot: Robot
+    trajectory: Trajectory
+    points: FloatArray
+    axes: FloatArray
+    weight: FloatArray
+    scene: Scene
+    plan: Plan | None = None
+
+    @classmethod
+    def of(cls, plan: Plan) -> Route:
+        """The route of a plan."""
+        return cls._made(plan.robot, plan.trajectory, plan.first, plan.scene, plan)
+
+    @classmethod
+    def back(cls, robot: Robot, trajectory: Trajectory, scene: Scene) -> Route:
+        """The route of a way back, that was planned in a ``scene``."""
+        return cls._made(robot, trajectory, 0, scene, None)
+
+    @classmethod
+    def _made(
+        cls, robot: Robot, trajectory: Trajectory, first: int, scene: Scene, plan: Plan | None
+    ) -> Route:
+        """The route of a trajectory whose approach begins at waypoint ``first``."""
+        points, axes = robot.tool_pose(trajectory.positions)
+        begin = float(trajectory.times[first])
+        share = np.clip(trajectory.times / begin, 0.0, 1.0) if begin > 0.0 else 1.0
+        weight = np.broadcast_to(share * share * (3.0 - 2.0 * share), len(points))
+        return cls(robot, trajectory, points, axes, frozen(weight), scene, plan)
+
+    @property
+    def approach(self) -> float:
+        """Time in the route at which the approach begins [s]."""
+        first = 0 if self.plan is None else self.plan.first
+        return float(self.trajectory.times[first])
+
+    @property
+    def duration(self) -> float:
+        """Duration of the trajectory [s]."""
+        return self.trajectory.duration
+
+
+@dataclass(frozen=True, eq=False)
+class Course(Stretch):
+    """A stretch that follows a route."""
+
+    phase: float  # time in the route at ``begins`` [s]
+    rate: float  # time of the curve over time of the route; infinite for an arm that waits
+
+    def phase_at(self, time: float) -> float:
+        """Time in the route at a ``time`` [s]."""
+        return self.phase + max(time - self.begins, 0.0) / self.rate
+
+
+def follow(
+    route: Route, phase: float, state: State, begins: float, field: Displacement,
+    parameters: LoopParameters = CONTROL,
+) -> Course | None:  # fmt: skip
+    """The course along a route from ``phase`` on, beginning in ``state`` at the time ``begins``.
+
+    Of several times of the blend and rates, in order, the first counts with which the curve keeps
+    the robot's limits. None: with none of them, or the arm cannot reach the moved path.
+    """
+    ways = [(blend, parameters.rates[0]) for blend in parameters.blends[:3]]
+    ways += [(blend, rate) for rate in parameters.rates[1:] for blend in parameters.blends[1:]]
+    for blend, rate in ways:
+        curve = _curve(route, phase, state, begins, field, blend, rate, parameters.tail)
+        if curve is not None:
+            return Course(curve, begins, phase, rate)
+    return None
+
+
+def _curve(
+    route: Route, phase: float, state: State, begins: float, field: Displacement, blend: float,
+    rate: float, tail: float,
+) -> Trajectory | None:  # fmt: skip
+    made, robot = route.trajectory, route.robot
+    rows = np.flatnonzero((made.times - phase) * rate > blend)
+    times = (made.times[rows] - phase) * rate
+    end = max((made.duration - phase) * rate, blend)
+    near, points, axes = made.positions[rows], route.points[rows], route.axes[rows]
+    weight = route.weight[rows]
+    rest = tail * np.array([1.0, 2.0, 3.0]) / 3.0  # the plant's motion fades in the tail
+    late = end + (rest if len(rows) else np.append(0.0, rest))
+    count = len(late)
+    last = np.full(count, made.n_waypoints - 1)
+    asked = np.append(times, end + np.minimum(late - end, tail) * (1.0 - 0.5 * (late - end) / tail))
+    times = np.append(times, late)
+    near = np.concatenate([near, made.positions[last]])
+    points = np.concatenate([points, route.points[last]])
+    axes = np.concatenate([axes, route.axes[last]])
+    weight = np.append(weight, route.weight[last])
+    shift = weight[:, None] * field.at(points, begins + asked)
+    q, errors = ik.each(robot, points + shift, axes, near)
+    if errors.max() > TRACKED:
+        return None
+    curve = Trajectory.through(
+        np.vstack([state.q, q]), np.append(0.0, times), robot.joint_names, begin=state
+    )
+    inside = (curve.positions >= robot.lower) & (curve.positions <= robot.upper)
+    return curve if inside.all() and needs(robot, curve).max() <= 1.0 else None
+
+
+MOVED = 1e-4  # [m] of a predicted push, below which a fruit counts as free: a choice
+
+
+def tracked_scene(
+    base: Scene, tracked: Tracked, offset: FloatArray | None = None, stems: Stiffness | None = None
+) -> Scene:
+    """The scene to plan in: what stands still in ``base``, and the tracked fruits at rest.
+
+    ``base``: the scene with robot, tool, approach, and objects that stand still. ``tracked``: the
+    fruits. ``offset``: (3,) common displacement that is left out [m]; None: none. ``stems``: what
+    is believed of their stiffness; None: as the push model assumes.
+    """
+    still = tuple(item for item in base.objects if item.role in ("static", "avoid"))
+    grown = {item.id: item.stem for item in base.objects if item.stem is not None}
+    seen = [_as_grown(item, grown.get(item.id)) for item in tracked.objects()]
+    if stems is not None:
+        seen = [stems.told(item, base.up) for item in seen]
+    if offset is not None:
+        seen = [shifted(item, -offset) for item in seen]
+    return replace(base, objects=rooted([*still, *seen]), goal=None)
+
+
+def tracked_at_most(scene: Scene, most: int) -> Scene:
+    """The scene with at most so many fruits; those farther from the target are only avoided."""
+    fruits = [item for item in scene.objects if item.role in ("target", "pushable")]
+    if len(fruits) <= most:
+        return scene
+    centre = (scene.target or fruits[0]).position
+    fruits.sort(key=lambda item: (item.role != "target", math.dist(item.position, centre)))
+    far = {item.id for item in fruits[most:]}
+    objects = (replace(o, role="avoid") if o.id in far else o for o in scene.objects)
+    return replace(scene, objects=tuple(objects))
+
+
+def _as_grown(item: SceneObject, known: Stem | None) -> SceneObject:
+    """A tracked fruit on the stem that the scene states, where that is bent or grows from another.
+
+    A bent stem is shifted with its fruit.
+    """
+    if item.stem is None or known is None:
+        return item
+    points = item.stem.points
+    if len(known.points) > 2:
+        points = known.points + (item.position - known.points[0])
+    return replace(item, stem=replace(item.stem, points=points, parent=known.parent))
+
+
+def shifted(item: SceneObject, by: FloatArray) -> SceneObject:
+    """An object and its stem, shifted ``by`` (3,) [m]."""
+    stem = item.stem
+    if stem is not None:
+        stem = replace(stem, points=stem.points + by)
+    return replace(item, position=item.position + by, stem=stem)
+
+
+def target_row(tracked: Tracked) -> int | None:
+    """The row of the confirmed target; None: there is none."""
+    for row, (role, sure) in enumerate(zip(tracked.roles, tracked.confirmed, strict=True)):
+        if role == "target" and sure:
+            return row
+    return None
+
+
+def deviation(tracked: Tracked, row: int) -> float:
+    """Largest standard deviation of the position of a track along any direction [m]."""
+    return float(np.sqrt(np.linalg.eigvalsh(tracked.covariance[row])[-1]))
+
+
+def outside(robot: Robot, q: FloatArray, tracked: Tracked) -> bool:
+    """Whether the target is outside of the tool at ``q`` (n,), as far as the looks tell."""
+    tool, row = robot.tool, target_row(tracked)
+    if tool is None or row is None:
+        return tool is not None
+    point, axis = robot.tool_pose(q)
+    away = tracked.positions[row] - point
+    along = float(away @ axis)
+    aside = float(np.linalg.norm(away - along * axis))
+    spread = deviation(tracked, row)
+    return aside > max(tool.mouth[1], 0.01) + spread or along > tool.depth + spread
+
+
+def unseen(tracked: Tracked, eye: FloatArray, since: float) -> dict[str, str | None]:
+    """The confirmed fruits that no look has shown ``since`` a time [s], and what hides each.
+
+    What hides a fruit is the track nearest to the ray to it from the ``eye`` (3,), where that track
+    covers the ray; None: nothing that is tracked.
+    """
+    radii = np.array([shape.measure.bound for shape in tracked.shapes])
+    out: dict[str, str | None] = {}
+    for row in np.flatnonzero(tracked.confirmed & (tracked.last_seen < since)).tolist():
+        way = tracked.positions[row] - eye
+        far = float(np.linalg.norm(way))
+        others = tracked.positions - eye
+        along = others @ way / far
+        aside = np.linalg.norm(others - along[:, None] * way / far, axis=1)
+        covers = (aside < radii) & (along > 0.0) & (along < far - radii[row])
+        covers[row] = False
+        nearest = int(np.argmin(np.where(covers, aside, np.inf)))
+        out[tracked.ids[row]] = tracked.ids[nearest] if covers.any() else None
+    return out
+
+
+def rests_known(tracked: Tracked, most: float) -> bool:
+    """Whether the rest of every fruit in view is known to a standard deviation ``most`` [m]."""
+    fresh = tracked.time - tracked.last_seen < 0.3  # [s] in view: a choice
+    spread = np.linalg.eigvalsh(tracked.rest_covariance[fresh & tracked.confirmed])
+    return bool(np.sqrt(spread.max(initial=0.0)) <= most)
+
+
+def displaced(planned: Scene, tracked: Tracked) -> tuple[FloatArray, FloatArray, list[int]]:
+    """The fruits of a plan's scene that are still tracked.
+
+    Returns: Rest positions (F, 3) in the plan's scene [m], displacements (F, 3) of these fruits
+    since [m], and the rows of their tracks.
+    """
+    before = {o.id: o.position for o in planned.objects if o.role in ("target", "pushable")}
+    rows = [row for row, name in enumerate(tracked.ids) if name in before]
+    places = np.array([before[tracked.ids[row]] for row in rows]).reshape(-1, 3)
+    return places, tracked.rest[rows] - places, rows
+
+
+def field_of(planned: Scene, tracked: Tracked, length: float) -> Displacement:
+    """The displacement of the plant against a plan's scene."""
+    places, moved, rows = displaced(planned, tracked)
+    return Displacement(places, lambda times: moved + tracked.moves(times)[:, rows], length)
+
+
+def appeared(planned: Scene, tracked: Tracked) -> list[str]:
+    """The confirmed fruits that a plan's scene does not have."""
+    before = {item.id for item in planned.objects}
+    sure = zip(tracked.ids, tracked.confirmed, strict=True)
+    return [name for name, confirmed in sure if confirmed and name not in before]
+
+
+def changed(planned: Scene, tracked: Tracked) -> float:
+    """Largest motion of a fruit against the mean of all [m]; infinite for a new or lost fruit."""
+    before = {o.id for o in planned.objects if o.role in ("target", "pushable")}
+    now = {name for name, sure in zip(tracked.ids, tracked.confirmed, strict=True) if sure}
+    if before != now:
+        return float(np.inf)
+    _, moved, _ = displaced(planned, tracked)
+    return float(np.linalg.norm(moved - moved.mean(axis=0), axis=1).max(initial=0.0))
+
+
+def push_motion(route: Route, phase: float) -> tuple[FloatArray, FloatArray] | None:
+    """Points and axes (P, 3) of the tool on the approach of a route until ``phase`` [s].
+
+    None before the approach, and while the tool surely touches nothing.
+    """
+    made, times = route.plan, route.trajectory.times
+    model = None if made is None else made.push_model
+    if model is None:
+        return None
+    rows = np.flatnonzero((times >= route.approach) & (times <= phase))
+    if len(rows) < 2:
+        return None
+    motion = spaced(route.points[rows], route.axes[rows])
+    return None if model.clear(*motion) else motion
+
+
+def pushed_by(route: Route, phase: float) -> dict[str, FloatArray]:
+    """Displacement (3,) of each fruit that the push of a route moves until ``phase`` [m], by id."""
+    motion = push_motion(route, phase)
+    if motion is None:
+        return {}
+    assert route.plan is not None
+    assert route.plan.push_model is not None
+    found = route.plan.push_model.moved(*motion)
+    places = {item.id: item.position for item in route.scene.objects}
+    pushed = {
+        name: position - places[name]
+        for name, position in zip(found.ids, found.positions, strict=True)
+    }
+    return {name: by for name, by in pushed.items() if float(np.linalg.norm(by)) > MOVED}
+
+
+def gave_way(
+    scene: Scene, look: Look, tracked: Tracked, pushed: Mapping[str, FloatArray],
+    parameters: LoopParameters,
+) -> list[tuple[SceneObject, FloatArray]]:  # fmt: skip
+    """The pushed fruits of a plan's scene that a look shows, and their displacements (3,) [m].
+
+    ``scene``: of the plan. ``look``: from which detections are taken. ``tracked``: the fruits at
+    the time of the look. ``pushed``: predicted displacement (3,) of fruits, by id [m].
+    ``parameters``: with the least displacement that counts, and the reach of a detection.
+    """
+    fruits = {item.id: item for item in scene.objects if item.stem is not None}
+    found = np.array([look.camera @ item.position for item in look.detections]).reshape(-1, 3)
+    out = []
+    for row, name in enumerate(tracked.ids):
+        if name not in pushed or name not in fruits or not len(found):
+            continue
+        away = np.linalg.norm(found - tracked.positions[row], axis=1)
+        by = found[int(away.argmin())] - (tracked.positions[row] - pushed[name])
+        if away.min() <= parameters.reach and np.linalg.norm(by) >= parameters.yielded:
+            out.append((fruits[name], by))
+    return out
+
 
 AHEAD = np.array([0.1, 0.3, 0.6, 1.0])  # [s] at which the plant's motion is compared: a choice
 
@@ -153,7 +493,7 @@ def _ahead(route: Route, phase: float, begins: float, field: Displacement) -> Fl
     return field.at(route.points[row], begins + np.maximum(times - phase, 0.0))
 
 
-def way_back(robot: Robot, q: FloatArray, speed: float) -> Trajectory:
+def path_back(robot: Robot, q: FloatArray, speed: float) -> Trajectory:
     """The trajectory through configurations ``q`` (k, n) at a ``speed`` of the tool [m/s]."""
     points, _ = robot.tool_pose(q)
     gone = np.append(0.0, np.cumsum(lengths(np.diff(points, axis=0)))) + 1e-6 * np.arange(len(q))

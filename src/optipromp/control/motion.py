@@ -25,17 +25,11 @@ from optipromp.core.arrays import FloatArray, IntArray, frame_along
 
 @dataclass(frozen=True, eq=False)
 class Oscillators:
-    """Independent damped oscillators, driven by white noise.
+    """Independent damped oscillators, driven by white noise."""
 
-    Attributes:
-        omega: (m,) undamped angular frequencies [rad/s].
-        zeta: (m,) damping ratios, below 1.
-        sigma: (m,) stationary standard deviations of the displacements [m].
-    """
-
-    omega: FloatArray
-    zeta: FloatArray
-    sigma: FloatArray
+    omega: FloatArray  # (m,) undamped angular frequencies [rad/s]
+    zeta: FloatArray  # (m,) damping ratios, below 1
+    sigma: FloatArray  # (m,) stationary standard deviations of the displacements [m]
 
     def transition(self, dt: FloatArray) -> tuple[FloatArray, ...]:
         """a, b, c, d: after ``dt`` [s] (broadcast against (m,)) x is a x + b v, v is c x + d v."""
@@ -68,7 +62,7 @@ class Oscillators:
         )
 
 
-def drives(sway: Oscillators, swing: Oscillators) -> FloatArray:
+def coupling(sway: Oscillators, swing: Oscillators) -> FloatArray:
     """X (F, K, 2, 2) of the module, of K frequencies of the sway and F swings."""
     ws, zs, wy, zy = sway.omega, sway.zeta, swing.omega, swing.zeta
     count, bank = len(wy), len(ws)
@@ -91,17 +85,11 @@ def drives(sway: Oscillators, swing: Oscillators) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where the values of a state are, and which of them make up a position.
+    """Where the values of a state are, and which of them make up a position."""
 
-    Attributes:
-        bank: number of sway frequencies K.
-        count: number of fruits F.
-        axes: (2, 3) horizontal unit vectors across each other.
-    """
-
-    bank: int
-    count: int
-    axes: FloatArray
+    bank: int  # number of sway frequencies K
+    count: int  # number of fruits F
+    axes: FloatArray  # (2, 3) horizontal unit vectors across each other
 
     @property
     def half(self) -> int:
@@ -147,19 +135,12 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class PlantState:
-    """A Gaussian over the values of a layout.
+    """A Gaussian over the values of a layout."""
 
-    Attributes:
-        layout: of the values.
-        oscillators: (m,) of the sway and of the swings.
-        mean: (n,).
-        covariance: (n, n).
-    """
-
-    layout: Layout
-    oscillators: Oscillators
-    mean: FloatArray
-    covariance: FloatArray
+    layout: Layout  # of the values
+    oscillators: Oscillators  # (m,) of the sway and of the swings
+    mean: FloatArray  # (n,)
+    covariance: FloatArray  # (n, n)
 
     def after(self, dt: float, drift: float) -> "PlantState":
         """The prediction ``dt`` [s] ahead; rests walk by ``drift`` [m/√s] an axis."""
@@ -199,11 +180,11 @@ class PlantState:
 
     @cached_property
     def drives(self) -> FloatArray:
-        """X (F, K, 2, 2), see :func:`drives`."""
+        """X (F, K, 2, 2), see :func:`coupling`."""
         bank, own = 2 * self.layout.bank, self.oscillators
         swing = Oscillators(own.omega[bank::2], own.zeta[bank::2], own.sigma[bank::2])
         sway = Oscillators(own.omega[:bank:2], own.zeta[:bank:2], own.sigma[:bank:2])
-        return drives(sway, swing)
+        return coupling(sway, swing)
 
     def moves(self, ahead: FloatArray) -> FloatArray:
         """Displacements (M, F, 3) of the fruits from their rests, ``ahead`` (M,) [s] from now."""
@@ -347,19 +328,12 @@ class PlantState:
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """The prior of a plant's motion.
+    """The prior of a plant's motion."""
 
-    Attributes:
-        up: (3,) upward vertical in the base frame.
-        frequencies: (K,) of the sway [Hz].
-        damping: ratio of the sway.
-        sway: prior standard deviation of the common displacement along a horizontal axis [m].
-    """
-
-    up: FloatArray
-    frequencies: tuple[float, ...]
-    damping: float
-    sway: float
+    up: FloatArray  # (3,) upward vertical in the base frame
+    frequencies: tuple[float, ...]  # (K,) of the sway [Hz]
+    damping: float  # ratio of the sway
+    sway: float  # prior standard deviation of the common displacement along a horizontal axis [m]
 
     @cached_property
     def axes(self) -> FloatArray:

@@ -31,15 +31,10 @@ FACTORS = frozen(np.geomspace(0.2, 5.0, 9))
 
 @dataclass(frozen=True, eq=False)
 class Stiffness:
-    """A belief about the factor of the stems' stiffness.
+    """A belief about the factor of the stems' stiffness."""
 
-    Attributes:
-        weights: (K,) probabilities of :data:`FACTORS`.
-        observations: number of observations so far.
-    """
-
-    weights: FloatArray
-    observations: int = 0
+    weights: FloatArray  # (K,) probabilities of :data:`FACTORS`
+    observations: int = 0  # number of observations so far
 
     @classmethod
     def prior(cls, spread: float = PUSH.beam.stiffness_spread) -> Stiffness:

@@ -2,24 +2,247 @@
 
 A linear Kalman filter over all tracks jointly, so that the sway of the plant that they share is
 learnt from each (:mod:`optipromp.control.motion`); detections are assigned to tracks by the least
-total distance (:mod:`optipromp.control.association`).
+total distance (:mod:`optipromp.control.belief`).
 """
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.stats import chi2
 
-from optipromp.control.belief import Arrival, Belief, Record, Setting, begun, step
+from optipromp.control.belief import (
+    Arrival,
+    Belief,
+    LookRecord,
+    Setting,
+    after_look,
+    first_belief,
+    target_of,
+)
 from optipromp.control.look import Look
 from optipromp.control.motion import Plant
-from optipromp.control.tracked import Innovations, Tracked, snapshot
-from optipromp.control.tracks import Frame, Seen, TrackerParameters
-from optipromp.core.arrays import FloatArray
+from optipromp.control.tracks import ROLES, Frame, Seen, TrackerParameters, push_noise
+from optipromp.core.arrays import BoolArray, FloatArray, read_only
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.scenes.objects import SceneObject
+from optipromp.core.geometry.shapes import Shape
+from optipromp.core.scenes.objects import Role, SceneObject, Stem
 from optipromp.core.scenes.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Tracked:
+    """The fruits at a time, as all looks before tell. F tracks, in the order of their birth.
+
+    Attributes:
+        time: [s].
+        ids: of the tracks.
+        roles: one is ``target`` at most.
+        positions: (F, 3) [m].
+        velocities: (F, 3) [m/s].
+        covariance: (F, 3, 3) of the positions [m²], with the share of the detector's errors that
+            looks do not average out.
+        rest: (F, 3) positions without sway, swing and push [m].
+        rest_covariance: (F, 3, 3) [m²], with the same share.
+        shapes: as last detected.
+        orientation: (F, 4) quaternions, as last detected.
+        stem_direction: (F, 3) unit vectors from the fruit to the root.
+        stem_deviation: (F,) standard deviation of the tilt about each of two axes [rad].
+        stem_seen: (F,) whether a look saw the stem; else it counts as upright.
+        stem_length: (F,) [m].
+        existence: (F,) probability that there is a fruit.
+        confirmed: (F,) whether the track counts as a fruit.
+        last_seen: (F,) times [s].
+    """
+
+    time: float
+    ids: tuple[str, ...]
+    roles: tuple[Role, ...]
+    positions: FloatArray
+    velocities: FloatArray
+    covariance: FloatArray
+    rest: FloatArray
+    rest_covariance: FloatArray
+    shapes: tuple[Shape, ...]
+    orientation: FloatArray
+    stem_direction: FloatArray
+    stem_deviation: FloatArray
+    stem_seen: BoolArray
+    stem_length: FloatArray
+    existence: FloatArray
+    confirmed: BoolArray
+    last_seen: FloatArray
+    _belief: Belief = field(repr=False)
+    _world: Setting = field(repr=False)
+
+    def sway(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The predicted common displacement of the plant.
+
+        Args:
+            times: (M,) [s], not before the snapshot's.
+
+        Returns:
+            Positions (M, 3) [m], velocities (M, 3) [m/s] and accelerations (M, 3) [m/s²].
+        """
+        state = self._belief.state
+        count, half = 2 * state.layout.bank, state.layout.half
+        bank = state.oscillators.first(count)
+        a, b, c, d = bank.transition(self._ahead(times)[:, None])
+        begin, rate = state.mean[:count], state.mean[half : half + count]
+        x, v = a * begin + b * rate, c * begin + d * rate
+        pull = -(bank.omega**2) * x - 2.0 * bank.zeta * bank.omega * v
+        axes = state.layout.axes
+        moves = [(each.reshape(len(x), -1, 2).sum(axis=1) @ axes) for each in (x, v, pull)]
+        return moves[0], moves[1], moves[2]
+
+    def moves(self, times: FloatArray) -> FloatArray:
+        """The predicted displacement of each fruit from its rest, without pushes.
+
+        Args:
+            times: (M,) [s], not before the snapshot's.
+
+        Returns:
+            (M, F, 3) [m].
+        """
+        return self._belief.state.moves(self._ahead(times))
+
+    def sway_deviation(self, times: FloatArray) -> FloatArray:
+        """(M,) standard deviation of the common displacement along its most uncertain horizontal
+        axis [m] at ``times`` (M,) [s]."""
+        state = self._belief.state
+        count, half = 2 * state.layout.bank, state.layout.half
+        bank = state.oscillators.first(count)
+        a, b, _, _ = steps = bank.transition(self._ahead(times)[:, None])
+        moving = np.concatenate([np.arange(count), half + np.arange(count)])
+        spread = state.covariance[np.ix_(moving, moving)]
+        both = np.zeros((len(a), 2, 2 * count))
+        for axis in range(2):
+            both[:, axis, axis:count:2] = a[:, axis::2]
+            both[:, axis, count + axis :: 2] = b[:, axis::2]
+        fresh = bank.noise(steps)[0].reshape(len(a), -1, 2).sum(axis=1)
+        joint = both @ spread @ both.transpose(0, 2, 1) + fresh[:, :, None] * np.eye(2)
+        return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(joint)[:, 1], 0.0)))
+
+    def objects(self) -> tuple[SceneObject, ...]:
+        """The confirmed fruits at rest, each with its stem and the covariance of its rest."""
+        return self._objects(self.rest, self.rest_covariance)
+
+    def objects_now(self) -> tuple[SceneObject, ...]:
+        """The confirmed fruits where they are now, each with its stem and its covariance."""
+        return self._objects(self.positions, self.covariance)
+
+    def _objects(self, places: FloatArray, spread: FloatArray) -> tuple[SceneObject, ...]:
+        return tuple(
+            SceneObject(
+                self.ids[k],
+                self.roles[k],
+                self.shapes[k],
+                places[k],
+                self.orientation[k],
+                Stem.along(places[k], self.stem_direction[k], float(self.stem_length[k])),
+                spread[k],
+                self._belief.tracks[k].physical,
+            )
+            for k in np.flatnonzero(self.confirmed).tolist()
+        )
+
+    def _ahead(self, times: FloatArray) -> FloatArray:
+        ahead = np.asarray(times, dtype=np.float64) - self.time
+        if ahead.ndim != 1 or not (ahead >= -1e-9).all():
+            raise InvalidRequestError(
+                f"times {times} must be (M,) and not before the snapshot's {self.time:g} s"
+            )
+        return ahead
+
+
+def snapshot(
+    belief: Belief, time: float, world: Setting, pushed: Mapping[str, FloatArray] | None = None
+) -> Tracked:
+    """The belief, predicted to ``time`` [s]: a time before the belief's counts as the belief's.
+
+    ``pushed``: displacements (3,) of tracks by the arm at that time, by their ids [m]; None: those
+    of the last look.
+    """
+    given, frame = world.parameters, world.frame
+    ahead = time - belief.time if belief.time > -np.inf else 0.0
+    state = belief.state.after(max(ahead, 0.0), given.drift)
+    tracks, layout = belief.tracks, state.layout
+    count = len(tracks)
+    looked = layout.position
+    spread = np.einsum(
+        "kin,kjn->kij",
+        (looked @ state.covariance).reshape(count, 3, layout.size),
+        looked.reshape(count, 3, layout.size),
+    )
+    lasting = given.steady * np.array([track.spread for track in tracks]).reshape(-1, 3, 3)
+    push = np.array(
+        [track.pushed if pushed is None else pushed.get(track.id, np.zeros(3)) for track in tracks]
+    ).reshape(-1, 3)
+    at = 2 * layout.half + np.arange(3 * count).reshape(-1, 3)
+    rest = state.covariance[at[:, :, None], at[:, None, :]]
+    winner = target_of(tracks)
+    return Tracked(
+        time=max(time, belief.time),
+        ids=tuple(track.id for track in tracks),
+        roles=tuple(
+            "target" if best else ROLES[1 + int(track.votes[2] > track.votes[1])]
+            for best, track in zip(winner.tolist(), tracks, strict=True)
+        ),
+        positions=read_only((looked @ state.mean).reshape(-1, 3) + push),
+        velocities=read_only((layout.velocity @ state.mean).reshape(-1, 3)),
+        covariance=_even(spread + lasting + push_noise(push, given)),
+        rest=read_only(state.mean[at]),
+        rest_covariance=_even(rest + lasting),
+        shapes=tuple(track.shape for track in tracks),
+        orientation=read_only(np.array([t.orientation for t in tracks]).reshape(-1, 4)),
+        stem_direction=read_only(
+            np.array([t.direction(frame.up, frame.axes) for t in tracks]).reshape(-1, 3)
+        ),
+        stem_deviation=read_only(np.array([t.deviation(given) for t in tracks])),
+        stem_seen=read_only(np.array([t.stems > 0 for t in tracks], dtype=bool)),
+        stem_length=read_only(np.array([t.length(given) for t in tracks])),
+        existence=read_only(np.array([t.existence for t in tracks])),
+        confirmed=read_only(np.array([t.confirmed for t in tracks], dtype=bool)),
+        last_seen=read_only(np.array([t.last_seen for t in tracks])),
+        _belief=Belief(time, state, tracks),
+        _world=world,
+    )
+
+
+def _even(spread: FloatArray) -> FloatArray:
+    return read_only(0.5 * (spread + spread.transpose(0, 2, 1)))
+
+
+@dataclass(frozen=True, eq=False)
+class Innovations:
+    """How far detections were from where the tracker expected them, in its own measure.
+
+    Attributes:
+        times: (N,) of the looks [s].
+        ids: of the N tracks.
+        squares: (N,) normalised innovations squared, each given the tracks before it in its look:
+            independent χ² of 3 degrees of freedom if the model holds.
+        dropped: number of looks that came too late.
+    """
+
+    times: FloatArray
+    ids: tuple[str, ...]
+    squares: FloatArray
+    dropped: int = 0
+    degrees: int = 3
+
+    def consistent(self, level: float = 0.95) -> tuple[float, float, float, bool]:
+        """The mean of the squares, the band that holds it with probability ``level``, and whether
+        the band does. Without an update the mean is NaN and the band holds nothing."""
+        count = len(self.squares)
+        if not count:
+            return float("nan"), 0.0, float("inf"), False
+        tail = 0.5 * (1.0 - level)
+        low, high = chi2.ppf([tail, 1.0 - tail], self.degrees * count) / count
+        mean = float(self.squares.mean())
+        return mean, float(low), float(high), bool(low <= mean <= high)
+
 
 Balls = Callable[[float], FloatArray]
 """Of a time [s]: balls (B, 4) that hide fruits, centres in the base frame and radii [m]."""
@@ -32,7 +255,7 @@ class _Entry:
     before: Belief
     event: Arrival
     after: Belief
-    record: Record
+    record: LookRecord
 
 
 class Tracker:
@@ -72,9 +295,9 @@ class Tracker:
         static = scene.obstacles("static") if scene.static else None
         self._world = Setting(given, Frame(scene.up, plant.axes), static, names)
         self._tool = tool
-        self._start = begun(plant.still(), objects, self._world)
+        self._start = first_belief(plant.still(), objects, self._world)
         self._entries: list[_Entry] = []
-        self._records: list[Record] = []
+        self._records: list[LookRecord] = []
         self._dropped = 0
 
     @property
@@ -162,7 +385,7 @@ class Tracker:
 
     def _fold(self, event: Arrival) -> None:
         before = self._newest
-        after, record = step(before, event, self._world)
+        after, record = after_look(before, event, self._world)
         self._entries.append(_Entry(before, event, after, record))
 
     def _forget(self) -> None:

@@ -138,21 +138,13 @@ class TrackerParameters(Checked):
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """Detections of a look in the base frame, in an order that depends on what was seen only.
+    """Detections of a look in the base frame, in an order that depends on what was seen only."""
 
-    Attributes:
-        items: D detections, in the frame of the camera.
-        positions: (D, 3) [m].
-        covariances: (D, 3, 3) [m²].
-        turn: (3, 3) the camera's rotation.
-        look: that they are of.
-    """
-
-    items: tuple[SceneObject, ...]
-    positions: FloatArray
-    covariances: FloatArray
-    turn: FloatArray
-    look: Look
+    items: tuple[SceneObject, ...]  # D detections, in the frame of the camera
+    positions: FloatArray  # (D, 3) [m]
+    covariances: FloatArray  # (D, 3, 3) [m²]
+    turn: FloatArray  # (3, 3) the camera's rotation
+    look: Look  # that they are of
 
     @classmethod
     def of(cls, look: Look) -> "Seen":
@@ -179,43 +171,26 @@ class Seen:
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """What is known of one fruit, its motion left out.
+    """What is known of one fruit, its motion left out."""
 
-    Attributes:
-        id: of the track.
-        shape: as last detected.
-        orientation: quaternion (4,) in the base frame, as last detected.
-        physical: as last detected.
-        votes: number of detections as target, avoid, pushable.
-        tilts: (2,) sum of the seen tilts of the stem along the horizontal axes [rad].
-        lengths: sum of the seen lengths [m].
-        stems: number of seen stems.
-        spread: (3, 3) covariance of the last detection [m²].
-        pushed: (3,) displacement by the arm at the last look [m].
-        outcomes: whether it was found in the last looks at it, newest last.
-        lost: looks at it in which it was not found, in all for a tentative track, else in a row.
-        jumps: looks in a row that found it outside the gate.
-        confirmed: whether it counts as a fruit.
-        existence: probability that there is a fruit.
-        last_seen: time [s]; minus infinity for a track that no look has seen.
-    """
-
-    id: str
-    shape: Shape
-    orientation: FloatArray
-    physical: Mapping[str, float]
-    votes: tuple[int, int, int]
-    tilts: FloatArray
-    lengths: float
-    stems: int
-    spread: FloatArray
+    id: str  # of the track
+    shape: Shape  # as last detected
+    orientation: FloatArray  # quaternion (4,) in the base frame, as last detected
+    physical: Mapping[str, float]  # as last detected
+    votes: tuple[int, int, int]  # number of detections as target, avoid, pushable
+    tilts: FloatArray  # (2,) sum of the seen tilts of the stem along the horizontal axes [rad]
+    lengths: float  # sum of the seen lengths [m]
+    stems: int  # number of seen stems
+    spread: FloatArray  # (3, 3) covariance of the last detection [m²]
+    # (3,) displacement by the arm at the last look [m]
     pushed: FloatArray = field(default_factory=lambda: np.zeros(3))
-    outcomes: tuple[bool, ...] = ()
+    outcomes: tuple[bool, ...] = ()  # whether it was found in the last looks at it, newest last
+    # looks at it in which it was not found, in all for a tentative track, else in a row
     lost: int = 0
-    jumps: int = 0
-    confirmed: bool = False
-    existence: float = 0.5
-    last_seen: float = -math.inf
+    jumps: int = 0  # looks in a row that found it outside the gate
+    confirmed: bool = False  # whether it counts as a fruit
+    existence: float = 0.5  # probability that there is a fruit
+    last_seen: float = -math.inf  # time [s]; minus infinity for a track that no look has seen
 
     @property
     def radius(self) -> float:

@@ -41,7 +41,7 @@ def lengths(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.einsum("ki,ki->k", vectors, vectors)))
 
 
-def evenly(corners: FloatArray, count: int) -> FloatArray:
+def evenly_along(corners: FloatArray, count: int) -> FloatArray:
     """Points (count, n), evenly along the polyline through ``corners`` (k, n)."""
     far = np.append(0.0, np.cumsum(lengths(np.diff(corners, axis=0))))
     at = np.linspace(0.0, far[-1], count)

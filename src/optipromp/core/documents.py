@@ -1,4 +1,4 @@
-"""YAML and JSON files as plain values.
+"""YAML and JSON files as plain values, and CSV files as tables of numbers.
 
 Numbers, booleans and null follow YAML 1.2: ``1e-3`` is a number, ``no`` and ``1:30`` are text.
 Duplicate keys and tags are refused, and so are files that are larger or nested deeper than the
@@ -10,14 +10,19 @@ on deeply nested files, and raise exceptions of any type.
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
+import numpy as np
 import yaml
 
+from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.files import LARGEST_TEXT, read_bytes
 
@@ -106,7 +111,7 @@ def read_yaml(text: str) -> Any:
         if isinstance(event, yaml.DocumentStartEvent):
             documents += 1
             if documents > 1:
-                refuse(event, "a second document: must be one")
+                refuse_event(event, "a second document: must be one")
         elif isinstance(event, yaml.NodeEvent):
             value, _ = reader.node(event, 0)
     return value
@@ -123,19 +128,19 @@ class _Reader:
         """The value that begins with ``event``, at nesting ``depth``, and its number of values."""
         if isinstance(event, yaml.AliasEvent):
             if event.anchor not in self.anchors:
-                refuse(event, f"found undefined alias {event.anchor!r}")
+                refuse_event(event, f"found undefined alias {event.anchor!r}")
             known = self.anchors[event.anchor]
             if known is None:
-                refuse(event, "an alias holds itself: must not")
+                refuse_event(event, "an alias holds itself: must not")
             return known
         if event.tag not in (None, "!"):
-            refuse(event, f"tag {event.tag}: values must have none")
+            refuse_event(event, f"tag {event.tag}: values must have none")
         if isinstance(event, yaml.ScalarEvent):
             plain = event.implicit[0] and not event.tag
             found = _resolved(event.value) if plain else event.value, 1
         else:
             if depth == _DEEPEST:
-                refuse(event, _DEEP)
+                refuse_event(event, _DEEP)
             if event.anchor is not None:
                 self.anchors[event.anchor] = None
             mapping = isinstance(event, yaml.MappingStartEvent)
@@ -169,7 +174,7 @@ class _Reader:
                 continue
             merged = value if isinstance(value, list) else [value]
             if not all(isinstance(other, dict) for other in merged):
-                refuse(begin, "<< must be a mapping, or a list of mappings")
+                refuse_event(begin, "<< must be a mapping, or a list of mappings")
         for other in merged:  # keys of the mapping itself, and of earlier ones, take precedence
             for name in other:
                 out.setdefault(name, other[name])
@@ -178,11 +183,11 @@ class _Reader:
     def key(self, event: Any, known: dict[str, Any]) -> str:
         """The text of a mapping's key."""
         if not isinstance(event, yaml.ScalarEvent):
-            refuse(event, "a key must be text")
+            refuse_event(event, "a key must be text")
         if event.tag not in (None, "!"):
-            refuse(event, f"tag {event.tag}: values must have none")
+            refuse_event(event, f"tag {event.tag}: values must have none")
         if event.value in known:
-            refuse(event, f"key {event.value!r} stands twice")
+            refuse_event(event, f"key {event.value!r} stands twice")
         if event.anchor is not None:
             self.anchors[event.anchor] = event.value, 1
         return str(event.value)
@@ -191,7 +196,7 @@ class _Reader:
 def _sum(size: int, more: int, event: Any) -> int:
     """The sum of two numbers of values; refused above :data:`_MOST_VALUES`."""
     if size + more > _MOST_VALUES:
-        refuse(event, f"values unfold to more than {_MOST_VALUES}")
+        refuse_event(event, f"values unfold to more than {_MOST_VALUES}")
     return size + more
 
 
@@ -203,6 +208,53 @@ def _resolved(text: str) -> Any:
     return int(text) if _WHOLE.fullmatch(text) else float(text)
 
 
-def refuse(event: Any, what: str) -> NoReturn:
+def refuse_event(event: Any, what: str) -> NoReturn:
     """Refuse the document, at the line of ``event``."""
     raise yaml.MarkedYAMLError(problem=what, problem_mark=event.start_mark)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A CSV file: the names of its columns, and its rows as text."""
+
+    path: Path  # of the file
+    error: type[OptiPrompError]  # type of the errors that are raised
+    header: list[str]  # names of the columns
+    first: int  # line number of the header
+    lines: list[int]  # line number of each row
+    rows: list[list[str]]  # texts, one a column
+
+    def numbers(self, columns: Sequence[int]) -> FloatArray:
+        """The numbers (R, C) in the columns of the C indices, for all R rows."""
+        out = np.empty((len(self.rows), len(columns)))
+        for k, row in enumerate(self.rows):
+            for i, column in enumerate(columns):
+                try:
+                    out[k, i] = float(row[column])
+                except ValueError:
+                    out[k, i] = np.nan
+        if not np.isfinite(out).all():
+            k, i = (int(index) for index in np.argwhere(~np.isfinite(out))[0])
+            raise self.error(
+                f"{self.path}, line {self.lines[k]}: {self.header[columns[i]]} is "
+                f"{self.rows[k][columns[i]]!r}, expected a finite number"
+            )
+        return out
+
+
+def read_table(path: Path, error: type[OptiPrompError], wanted: str) -> Table:
+    """Read a CSV file; ``wanted`` describes the expected header in messages."""
+    try:
+        text = read_bytes(path, error, LARGEST_TEXT).decode("utf-8-sig")
+        lines = io.StringIO(text, newline="")
+        found = [(n, row) for n, row in enumerate(csv.reader(lines), start=1) if row]
+    except (UnicodeDecodeError, csv.Error) as cause:
+        raise error(f"{path} is not a UTF-8 CSV file ({cause})") from None
+    if not found:
+        raise error(f"{path} is empty; expected a header {wanted}")
+    header = [name.strip() for name in found[0][1]]
+    for line, row in found[1:]:
+        if len(row) != len(header):
+            raise error(f"{path}, line {line}: {len(row)} values, the header has {len(header)}")
+    numbers, rows = [line for line, _ in found[1:]], [row for _, row in found[1:]]
+    return Table(path, error, header, found[0][0], numbers, rows)

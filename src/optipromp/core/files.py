@@ -309,6 +309,70 @@ def _array(key: str, member: Any) -> Any:
     return member
 
 
+@contextmanager
+def reading(
+    path: Path | str,
+    wrong: str,
+    error: type[OptiPrompError] = InvalidRequestError,
+    passes: tuple[type[OptiPrompError], ...] = (),
+) -> Iterator[None]:
+    """Errors in the content of a file that this library wrote become one line that names the file.
+
+    ``path``: of the file. ``wrong``: what the file is not, in words. ``error``: type of the error
+    that is raised. ``passes``: types of errors that are raised as they are.
+    """
+    try:
+        yield
+    except passes:
+        raise
+    except OptiPrompError as cause:
+        raise error(with_path(path, cause)) from None
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as cause:
+        raise error(f"{path} is {wrong}: {_words(cause)}") from None
+
+
+def with_path(path: Path | str, cause: OptiPrompError) -> str:
+    """The message of an error, after the path of its file unless it has that already."""
+    return cause.message if str(path) in cause.message else f"{path}: {cause.message}"
+
+
+def _words(cause: Exception) -> str:
+    """An error of Python or pydantic in one line, with the key that it is about."""
+    if isinstance(cause, KeyError):
+        return f"it lacks {cause}"
+    told = getattr(cause, "errors", None)
+    if callable(told):  # pydantic's, which is not imported here
+        first = told()[0]
+        return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+    return str(cause)
+
+
+def members(
+    data: Mapping[str, Any], table: Mapping[str, tuple[type, str]], sizes: dict[str, int]
+) -> dict[str, Any]:
+    """The arrays of an archive that ``table`` names, read-only. Raises KeyError and ValueError.
+
+    ``data``: of :func:`read_npz`. ``table``: type and shape of each array, a letter or a digit for
+    each dimension. ``sizes``: of the letters; those that it lacks are added as they are met.
+    """
+    import numpy as np
+
+    from optipromp.core.arrays import frozen
+
+    out = {}
+    for key, (kind, shape) in table.items():
+        array = data[key]
+        for letter, size in zip(shape, array.shape, strict=False):
+            sizes.setdefault(letter, size)
+        wanted = tuple(int(letter) if letter.isdigit() else sizes[letter] for letter in shape)
+        if array.dtype != np.dtype(kind) or array.shape != wanted:
+            raise ValueError(
+                f"'{key}' must be {np.dtype(kind)} {wanted}, is {array.dtype} {array.shape}"
+            )
+        out[key] = frozen(array, array.dtype)
+    return out
+
+
 def texts(member: Any) -> tuple[str, ...]:
     """The texts of an array of texts, in order; an array without dimensions holds one."""
     import numpy as np

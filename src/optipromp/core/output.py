@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, Field, FiniteFloat, ValidationError
+from pydantic import BaseModel, Field, FiniteFloat
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.documents import read_document
@@ -32,26 +32,25 @@ from optipromp.core.files import (
     npz,
     read_bytes,
     read_npz,
+    reading,
     settle,
     write_atomically,
     write_together,
 )
 from optipromp.core.judging import Metrics, Overlap
 from optipromp.core.planning import Plan, Term
-from optipromp.core.planning.legs import AFTER, REACH, Picked, leg, task_of
-from optipromp.core.planning.lifting import stands
+from optipromp.core.planning.legs import AFTER, REACH, Picked, leg, stands, task_of
 from optipromp.core.planning.options import Strategy
 from optipromp.core.planning.result import Stage, ViaPoint
 from optipromp.core.planning.task import posed, resolve
 from optipromp.core.planning.underway import underway
-from optipromp.core.planning.verdict import verdict_of
+from optipromp.core.planning.verdict import verdict
 from optipromp.core.pushing.model import Prediction
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import scene_from_dict, scene_to_dict
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.shown import printable
-from optipromp.core.trajectory import State
-from optipromp.core.trajectory_files import arrays, csv, from_arrays
+from optipromp.core.trajectory import State, arrays, csv, from_arrays
 
 FORMAT = 4
 PUSHED = ("pushed_points", "pushed_axes")
@@ -61,6 +60,7 @@ TOLD = "status"  # of another leg, and its message; without them it is a success
 START = "start"  # (3, n) position, velocity and acceleration
 SEARCHED = Code.TIMEOUT, Code.GOAL_IN_COLLISION, Code.GOAL_UNREACHABLE, Code.NO_PLAN
 WORSE = Code.SUCCESS, Code.HARM_PREDICTED, Code.INVALID_PLAN, Code.START_IN_COLLISION, *SEARCHED
+WRONG = "not a plan that this version wrote"
 RATE = 1000.0  # [Hz] of the Panda's control interface
 
 
@@ -107,6 +107,8 @@ class _PlanFile(BaseModel):
     risk: Annotated[float, Field(gt=0.0, lt=1.0)]
     status: Code
     message: Annotated[str, Field(min_length=1)]
+    reason: str | None = None  # of older files: in the message, with the notes
+    notes: tuple[str, ...] = ()
     metrics: Metrics
     terms: dict[str, Term]
     stages: tuple[Stage, ...]
@@ -136,7 +138,7 @@ def load_plan(path: Path | str) -> Plan:
     with suppress(OSError):  # the digests then do not agree
         settle(folder)
     content = read_document(file, InvalidRequestError, "a plan")
-    try:
+    with reading(path, WRONG, passes=(InvalidSceneError, InvalidPlanError)):
         found = _PlanFile.model_validate(content)
         _check_digests(folder, found.sha256)
         rows = read_npz(folder / "waypoints.npz")
@@ -147,19 +149,6 @@ def load_plan(path: Path | str) -> Plan:
             )
         scene = scene_from_dict(found.scene_file, base_dir=folder, source=str(path))
         return _plan(found, scene, rows, file)
-    except (InvalidSceneError, InvalidPlanError):
-        raise
-    except OptiPrompError as error:
-        told = "" if str(folder) in error.message else f"{path}: "
-        raise InvalidRequestError(f"{told}{error.message}") from None
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(step) for step in first["loc"])
-        raise InvalidRequestError(
-            f"{path}: {where}: {first['msg']}; not a plan that this version wrote"
-        ) from None
-    except (KeyError, TypeError, ValueError) as error:
-        raise InvalidRequestError(f"{path}: not a plan that this version wrote ({error})") from None
 
 
 def _digest(content: bytes) -> str:
@@ -193,36 +182,31 @@ def _plan(found: _PlanFile, scene: Scene, rows: Mapping[str, Any], file: Path) -
     task = resolve(scene, robot, _start(rows, robot))
     if task.begun:
         task = underway(task, None, None)
-    stated = Plan(
-        task=replace(task, risk=found.risk, pushed=_pushed(rows)),
-        planner=found.planner,
-        strategy=found.strategy,
-        seed=found.seed,
-        status=found.status,
-        message=found.message,
-        trajectory=curve,
-        initial=curves[1],
-        followed=curves[2],
-        prediction=found.predicted_harm,
-        metrics=found.metrics,
-        terms=found.terms,
-        stages=found.stages,
-        contacts=found.contacts,
-        time=found.time,
-        first=found.first,
-        via=tuple(ViaPoint(via.name, np.array(via.position)) for via in found.via),
-    )
-    judged = verdict_of(stated)
+    task = replace(task, risk=found.risk, pushed=_pushed(rows))
+    judged = verdict(task, curve)
     if WORSE.index(judged.status) > WORSE.index(found.status):
         raise InvalidPlanError(
             f"{file}: status is {found.status}; judged again it is {judged.status}: "
             f"{judged.message}"
         )
-    return replace(
-        stated,
+    return Plan(
+        task=task,
+        planner=found.planner,
+        strategy=found.strategy,
+        seed=found.seed,
+        status=found.status,
+        reason=found.reason or found.message,
+        trajectory=curve,
+        initial=curves[1],
+        followed=curves[2],
         prediction=judged.prediction,
-        metrics=judged.judgement.metrics,
-        contacts=judged.judgement.contacts,
+        judgement=judged.judgement,
+        terms=found.terms,
+        stages=found.stages,
+        time=found.time,
+        first=found.first,
+        via=tuple(ViaPoint(via.name, np.array(via.position)) for via in found.via),
+        notes=found.notes,
     )
 
 
@@ -257,7 +241,9 @@ def _document(plan: Plan, folder: Path) -> dict[str, Any]:
     with suppress(OptiPrompError):  # a mesh made in memory: the plan is still worth writing
         if _alike(posed(plan.scene)[0], plan.robot):
             scene = scene_to_dict(plan.scene, base_dir=folder)
-    return plan.to_dict() | {"format": FORMAT, "version": version("optipromp"), "scene_file": scene}
+    said = {"reason": plan.reason, "notes": list(plan.notes)}
+    of_file = {"format": FORMAT, "version": version("optipromp"), "scene_file": scene}
+    return plan.to_dict() | said | of_file
 
 
 def _alike(one: Robot, other: Robot) -> bool:
@@ -328,19 +314,17 @@ def load_pick(path: Path | str) -> Picked | Plan:
         if not is_there(file):
             break
         rows = read_npz(file)
-        try:
+        with reading(file, "no leg that this version wrote"):
             curve, of = from_arrays(rows), str(rows[OF])
             status, message = map(str, rows.get(TOLD, (Code.SUCCESS, "")))
             code = Code(status)
-        except (KeyError, ValueError) as error:
-            raise InvalidRequestError(f"{file}: no leg that this version wrote ({error})") from None
         if of != _of(folder):
             break
         if curve.joint_names != reach.robot.joint_names:
             raise InvalidRequestError(f"{file}: must have the joints of {reach.robot.name}")
         legs[name] = leg(task_of(name, legs, curve), curve, 0.0)
         if code is not Code.SUCCESS:
-            legs[name] = replace(legs[name], status=code, message=printable(message))
+            legs[name] = replace(legs[name], status=code, reason=printable(message), notes=())
             break
         if not legs[name].success:
             raise InvalidPlanError(f"{file}: judged again: {legs[name].message}")

@@ -75,7 +75,7 @@ def run_each(
         for index, task in enumerate(tasks):
             done(index, function(*task))
         return
-    settings = packed((dict(os.environ), function, prepare))
+    settings = pickled((dict(os.environ), function, prepare))
     left: Sequence[int] = range(len(tasks))
     while left:
         under_way, left = _run(settings, tasks, left, done, min(workers, len(left)))
@@ -117,7 +117,7 @@ def _run(
     try:
         while queue or under_way:
             while queue and len(under_way) < 2 * workers:
-                future = pool.submit(_call, packed(tasks[queue[0]]))
+                future = pool.submit(_call, pickled(tasks[queue[0]]))
                 under_way[future] = queue.popleft()
             for future in wait(under_way, return_when=FIRST_COMPLETED).done:
                 deliver(future)
@@ -186,10 +186,10 @@ def _end_with_caller() -> None:
 
 
 def _call(task: bytes) -> bytes:
-    return packed(_function(*pickle.loads(task)))
+    return pickled(_function(*pickle.loads(task)))
 
 
-def packed(item: object) -> bytes:
+def pickled(item: object) -> bytes:
     """``item`` pickled; read-only arrays stay read-only."""
     import copyreg
 

@@ -15,16 +15,22 @@ from typing import Any
 import numpy as np
 
 from optipromp.core.documents import read_document
-from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
-from optipromp.core.files import is_file, is_folder
+from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError, OptiPrompError
+from optipromp.core.files import is_file, is_folder, reading
 from optipromp.core.output import load_plan
 from optipromp.core.planning import Plan, PlanOptions
 from optipromp.core.scenes.io import scene_from_dict
-from optipromp.laboratory.experiments.row_files import FOLDER, ROWS, file_of, rows_of, settings_of
-from optipromp.laboratory.experiments.runs import ERROR, NO_PLAN, Row, again
+from optipromp.laboratory.experiments.rows import ERROR, NO_PLAN, ROWS, Row, rows_of
 from optipromp.laboratory.experiments.scenarios import CASES, ScenarioRow
-from optipromp.laboratory.experiments.statistics import Cell, Reliability, calibration, summary
-from optipromp.laboratory.experiments.study_output import study_figure
+from optipromp.laboratory.experiments.statistics import (
+    Cell,
+    Reliability,
+    calibration,
+    percent,
+    summary,
+)
+from optipromp.laboratory.experiments.study import file_of, settings_of, study_figure
+from optipromp.laboratory.experiments.trials import FOLDER, again
 from optipromp.laboratory.generate import PANDA
 from optipromp.laboratory.simulation import Run
 from optipromp.looks.viewer import notebook
@@ -32,7 +38,7 @@ from optipromp.looks.viewer.embed import plan_page, scene_page
 from optipromp.looks.viewer.figures import changed_terms, cost_figure, joint_figure, png
 from optipromp.looks.viewer.notebook import DPI, HEIGHT, frame
 from optipromp.looks.viewer.reach import reach_figure
-from optipromp.looks.viewer.words import plan_rows, seconds
+from optipromp.looks.viewer.words import author, plan_rows, seconds
 from optipromp.perception.pictures import png_file
 
 LARGEST_FILE = 5_000_000  # bytes of a report
@@ -169,11 +175,9 @@ def run_report(folder: Path | str) -> bytes:
     """One HTML file, at most 5 MB, about the rollout in a folder that ``simulate --out`` left."""
     folder = Path(folder)
     document = read_document(folder / "outcome.json", InvalidRequestError, "an outcome")
-    try:
+    with reading(folder, "no rollout of this version", passes=(InvalidSceneError,)):
         scene = scene_from_dict(document["scene_file"], base_dir=folder, source=str(folder))
         words = ["optipromp", "simulate", f"{scene.name}.yaml", "--seed", str(document["seed"])]
-    except (KeyError, TypeError) as error:
-        raise InvalidRequestError(f"{folder}: no rollout of this version ({error})") from None
     title = f"{scene.name}: executed in the physics simulation"
     view = _shown(lambda: scene_page(scene), "Turn it with the mouse; the arm is at its start.")
     made = made_with(shlex.join(words), {"written by": f"optipromp {document.get('version')}"})
@@ -262,7 +266,7 @@ def _run(folder: Path) -> list[str]:
 def _settings(plan: Plan) -> list[tuple[str, str]]:
     scene, tool = plan.scene, plan.robot.tool
     rows = [
-        ("planner", plan.planner + (f", {plan.strategy}" if plan.strategy else "")),
+        ("planner", author(plan)),
         ("seed", str(plan.seed)),
         ("robot", repr(plan.robot)[7:-1]),
         ("tool", "none" if tool is None else repr(tool)),
@@ -347,8 +351,8 @@ def study_report(
 def _rates(cells: Sequence[Cell]) -> list[tuple[str, ...]]:
     return [
         (c.preset, c.planner, str(c.runs), f"{c.kept} ({100 * c.rate:.1f} %)",
-         f"{100 * c.low:.0f}–{100 * c.high:.0f} %", f"{c.broken} of {c.plans}",
-         f"{100 * c.broken_low:.0f}–{100 * c.broken_high:.0f} %", str(c.successes),
+         f"{c.interval} %", f"{c.broken} of {c.plans}",
+         f"{percent(c.broken_low, c.broken_high)} %", str(c.successes),
          _newton(c.unripe_force), _newton(c.unripe_force_90), f"{1e3 * c.plan_time:.0f} ms")
         for c in cells
     ]  # fmt: skip
@@ -364,8 +368,7 @@ def _prediction(found: Reliability | None) -> list[str]:
     )
     rows = [
         (f"{100 * b.low:g} to {100 * b.high:g} %", str(b.runs), f"{100 * b.predicted:.1f} %",
-         str(b.failures), f"{100 * b.rate:.1f} %",
-         f"{100 * b.rate_low:.0f}–{100 * b.rate_high:.0f} %")
+         str(b.failures), f"{100 * b.rate:.1f} %", f"{percent(b.rate_low, b.rate_high)} %")
         for b in found.bins
     ]  # fmt: skip
     head = "not clean, predicted", "runs", "mean", "failed", "rate", "95 %"

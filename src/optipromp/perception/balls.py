@@ -13,19 +13,12 @@ HUBER = 2.0  # [standard deviations] beyond which a residual counts linearly: a 
 
 
 class FitData(NamedTuple):
-    """What R fits use, padded with weights 0.
+    """What R fits use, padded with weights 0."""
 
-    Attributes:
-        points: (R, P, 3) of fronts [m].
-        weights: (R, P) [1/m].
-        rays: (R, K, 3) through free outlines.
-        pulls: (R, K) their weights [1/m].
-    """
-
-    points: FloatArray
-    weights: FloatArray
-    rays: FloatArray
-    pulls: FloatArray
+    points: FloatArray  # (R, P, 3) of fronts [m]
+    weights: FloatArray  # (R, P) [1/m]
+    rays: FloatArray  # (R, K, 3) through free outlines
+    pulls: FloatArray  # (R, K) their weights [1/m]
 
 
 def axis_of(x: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -91,7 +84,7 @@ class SpheroidRows(NamedTuple):
     half: FloatArray
 
 
-def balls_of(x: FloatArray, axes: FloatArray) -> SpheroidRows:
+def balls_through(x: FloatArray, axes: FloatArray) -> SpheroidRows:
     """The spheroids of states (R, 7)."""
     radius = np.exp(x[:, 3])
     return SpheroidRows(x[:, :3], axis_of(x, axes)[0], radius, radius * np.exp(x[:, 4]))

@@ -12,8 +12,7 @@ from optipromp.core.arrays import FloatArray, IntArray, frame_along
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Ellipsoid, Shape, Sphere
 from optipromp.core.scenes.held import pairs_among
-from optipromp.core.scenes.hidden import cleared
-from optipromp.core.scenes.objects import STEEPEST, Role, SceneObject, Stem
+from optipromp.core.scenes.objects import STEEPEST, Role, SceneObject, Stem, cleared
 from optipromp.core.scenes.scene import Scene
 from optipromp.perception.finder import Finder, Found, Region
 from optipromp.perception.fusing import Detection as Detection
@@ -22,8 +21,7 @@ from optipromp.perception.fusing import fused
 from optipromp.perception.geometry import ByGeometry, box_of
 from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.pictures import DepthPicture
-from optipromp.perception.spheroids import NEAREST, Spheroid, all_fitted, claimed
-from optipromp.perception.stems import SeenStem, stem_of
+from optipromp.perception.spheroids import NEAREST, SeenStem, Spheroid, all_fitted, claimed, stem_of
 
 KINDS = {"ripe": 1, "unripe": 2, "stem": 2}
 SEEDINGS = 2  # of fits: to what the finder tells, and to what that leaves: a choice
@@ -186,7 +184,7 @@ def seen_scene(
     its goal are not used. Of several ripe fruits the lowest is the target and the others are
     pushable. A fruit whose stem was not seen gets one that is unseen: about upright, clear of the
     other fruits, as long as the median of those seen
-    (:func:`optipromp.core.scenes.hidden.cleared`). Its tilts have the standard deviation
+    (:func:`optipromp.core.scenes.objects.cleared`). Its tilts have the standard deviation
     ``parameters.tilt``.
 
     Raises:

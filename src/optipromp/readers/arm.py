@@ -12,8 +12,7 @@ from dataclasses import replace
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.description import Arm
 from optipromp.core.scenes.values import suggest
-from optipromp.readers.srdf import Srdf
-from optipromp.readers.tree import (
+from optipromp.readers.chain import (
     CENTRE,
     FLANGE,
     HEAD,
@@ -23,8 +22,9 @@ from optipromp.readers.tree import (
     TORSO,
     WHEEL,
     Tree,
-    words,
+    words_of,
 )
+from optipromp.readers.srdf import Srdf
 from optipromp.readers.urdf import UrdfJoint, UrdfModel
 
 _NO_DIGITS = str.maketrans("", "", "0123456789")
@@ -89,7 +89,7 @@ def _named(tree: Tree, srdf: Srdf | None, name: str, arms: Sequence[Arm]) -> lis
     chains = {key: arm for key, arm in groups.items() if arm is not None}
     if name in chains:
         return [chains[name]]
-    called = {key: chain for key, chain in chains.items() if not words(key) & NO_ARM}
+    called = {key: chain for key, chain in chains.items() if not words_of(key) & NO_ARM}
     part = name.casefold()
     said = list(called.items())
     said += [(each, arm) for arm in arms for each in (arm.tip, _shared(arm.joints))]
@@ -102,7 +102,7 @@ def _named(tree: Tree, srdf: Srdf | None, name: str, arms: Sequence[Arm]) -> lis
 
 def _shared(names: Sequence[str]) -> str:
     """The words that all of some names have."""
-    return " ".join(sorted(frozenset.intersection(*map(words, names)))) if names else ""
+    return " ".join(sorted(frozenset.intersection(*map(words_of, names)))) if names else ""
 
 
 def _made(tree: Tree, tip: str, base: str | None, why: str) -> Arm:
@@ -124,9 +124,9 @@ def _carried(tree: Tree, tip: str) -> tuple[str, ...]:
         part
         for _, part in tree.rigid(body)
         if part not in (tip, body)
-        and not words(part) & SENSOR
+        and not words_of(part) & SENSOR
         and (
-            words(part) & PALM
+            words_of(part) & PALM
             or tip in {joint.parent for joint in tree.path(part)}
             or any(joint.name in tree.hands for joint in tree.below[part])
         )
@@ -142,36 +142,36 @@ def _other_ends(tree: Tree, arm: Arm) -> tuple[str, ...]:
     return tuple(
         f"tip '{part}' (same joints)"
         for part in last
-        if part != arm.tip and words(part) & (CENTRE | FLANGE) and not words(part) & SENSOR
+        if part != arm.tip and words_of(part) & (CENTRE | FLANGE) and not words_of(part) & SENSOR
     )
 
 
-def flange_of(tree: Tree, last: str, plain: bool = False) -> str:
+def _flange_of(tree: Tree, last: str, plain: bool = False) -> str:
     """The flange of an arm whose last joint carries the link ``last``.
 
     In this order: a link named tool0, flange or attachment (a site of an MJCF); an empty frame for
     a hand; the tool frame of a body that is a hand; the farthest link fixed to ``last``, without
     sensors and (unless ``plain``) hands.
     """
-    sensors = frozenset(part for _, part in tree.rigid(last)[1:] if words(part) & SENSOR)
+    sensors = frozenset(part for _, part in tree.rigid(last)[1:] if words_of(part) & SENSOR)
     if plain:
         return max(tree.rigid(last, sensors), key=lambda part: part[0])[1]
     palms = frozenset(
         part
         for _, part in tree.rigid(last)[1:]
-        if any(joint.name in tree.hands for joint in tree.below[part]) or words(part) & PALM
+        if any(joint.name in tree.hands for joint in tree.below[part]) or words_of(part) & PALM
     )
     for name in ("tool0", "flange", "attachment"):
         for _, part in tree.rigid(last, sensors):
-            if name in words(part):
+            if name in words_of(part):
                 return part
     for _, part in tree.rigid(last, sensors)[1:]:
-        if "hand" in words(part) and not words(part) & CENTRE and tree.is_bare(part):
+        if "hand" in words_of(part) and not words_of(part) & CENTRE and tree.is_bare(part):
             return part
-    is_hand = words(last) & PALM or any(joint.name in tree.hands for joint in tree.below[last])
+    is_hand = words_of(last) & PALM or any(joint.name in tree.hands for joint in tree.below[last])
     parts = tree.rigid(last, sensors if is_hand else sensors | palms)
     if is_hand:
-        parts = [(depth, part) for depth, part in parts if words(part) & CENTRE] or parts[:1]
+        parts = [(depth, part) for depth, part in parts if words_of(part) & CENTRE] or parts[:1]
     return max(parts, key=lambda part: part[0])[1]
 
 
@@ -204,7 +204,7 @@ def _by_rule(tree: Tree, base: str | None) -> list[Arm]:
     arms = [
         _made(
             tree,
-            flange_of(tree, end.child, alone),
+            _flange_of(tree, end.child, alone),
             _beginning(tree, end, usable | heads) if base is None else base,
             why,
         )
@@ -213,7 +213,7 @@ def _by_rule(tree: Tree, base: str | None) -> list[Arm]:
     without_legs = [
         arm
         for arm in arms
-        if len(arm.joints) > 1 and not any(words(name) & LEG for name in (*arm.joints, arm.tip))
+        if len(arm.joints) > 1 and not any(words_of(name) & LEG for name in (*arm.joints, arm.tip))
     ]
     return sorted(without_legs or arms, key=lambda arm: -len(arm.joints))
 
@@ -240,7 +240,7 @@ def _beginning(tree: Tree, end: UrdfJoint, usable: AbstractSet[str]) -> str:
             for joint in tree.onward(tree.body(path[k].parent))
             if joint.name in usable and joint != path[k]
         ]
-        heads = [joint for joint in beside if words(joint.name) & HEAD]
+        heads = [joint for joint in beside if words_of(joint.name) & HEAD]
         limbs = any(tree.reach(joint) > 1 for joint in beside if joint not in heads)
         series = len({joint.name.translate(_NO_DIGITS) for joint in path[k - 1 : k + 1]}) == 1
         if k < len(path) - k and (limbs or (heads and not series)):
@@ -257,9 +257,9 @@ def _of_groups(tree: Tree, srdf: Srdf) -> list[Arm]:
     found: dict[str, Arm] = {}
     for name in srdf.groups:
         arm = _of_group(tree, srdf, name)
-        if arm is not None and ("arm" in words(name) or not words(name) & NO_ARM):
+        if arm is not None and ("arm" in words_of(name) or not words_of(name) & NO_ARM):
             found[name] = arm
-    found = {k: arm for k, arm in found.items() if not words(k) & NO_ARM} or found
+    found = {k: arm for k, arm in found.items() if not words_of(k) & NO_ARM} or found
     arms = []
     for name, arm in found.items():  # of nested groups the smaller, if it has half the joints
         others = [set(other.joints) for key, other in found.items() if key != name]
@@ -299,7 +299,7 @@ def _of_group(tree: Tree, srdf: Srdf, name: str) -> Arm | None:
             return None  # the group of a hand
         if hand.parent_link in ends and not tips:
             tips = (hand.parent_link,)
-    tip = next((link for link in tips if link in ends), None) or flange_of(tree, last)
+    tip = next((link for link in tips if link in ends), None) or _flange_of(tree, last)
     why = f"group '{name}' of {srdf.path.name}"
     return _made(tree, tip, moving[0].parent, why)
 

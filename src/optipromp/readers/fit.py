@@ -30,7 +30,7 @@ from optipromp.core.processes import in_threads
 
 
 @inner
-def costs(points, centers, depth, out):
+def _costs(points, centers, depth, out):
     """The excess ``out`` (n, m) [m] of covering points (n, 3) from ``centers`` (3, m) at ``depth``
     (m,), in place."""
     for i in range(points.shape[0]):
@@ -56,7 +56,7 @@ def farthest(points, centers, out):
 
 
 @inner
-def largest(cost, rows, out):
+def _largest(cost, rows, out):
     """The maximum ``out`` (m,) over ``rows`` (k,) of ``cost`` (n, m), in place."""
     out[:] = -np.inf
     for i in rows:
@@ -179,7 +179,7 @@ class _Fit:
         touched = np.zeros(shape, dtype=bool)
         found = []  # the first point in each voxel; the surface of a fine mesh has many more
         for some in _in_turn(triangles, _STEP * self.voxel):
-            surface = spread(some, _STEP * self.voxel)
+            surface = spread_points(some, _STEP * self.voxel)
             touched[self._index(surface)] = True
             found.append(surface[_thinned(surface - self.low, self.voxel)])
         surface = np.concatenate(found)
@@ -197,7 +197,7 @@ class _Fit:
         self.centers = self._middle(inside)
         self.few = self.points[_thinned(self.points - self.low, 2.0 * self.voxel, _POINTS)]
         self.cost = np.empty((len(self.few), len(inside)), np.float32)
-        costs(self.few, _columns(self.centers), self.depth[tuple(inside.T)], self.cost)
+        _costs(self.few, _columns(self.centers), self.depth[tuple(inside.T)], self.cost)
         self.known = dict[bytes, int]()
         self.chosen = [self._center(np.arange(len(self.few)))]
         self.excess = float(self.cost[:, self.chosen].max())
@@ -262,7 +262,7 @@ class _Fit:
         """The candidate that covers ``points`` (indices into ``few``) with the least excess."""
         key = points.tobytes()
         if key not in self.known:  # most sets of points come again and again
-            largest(self.cost, points, most := np.empty(self.cost.shape[1], np.float32))
+            _largest(self.cost, points, most := np.empty(self.cost.shape[1], np.float32))
             self.known[key] = int(most.argmin())
         return self.known[key]
 
@@ -315,7 +315,8 @@ def count_samples(triangles: FloatArray) -> int:
 
 
 def samples(triangles: FloatArray, step: float) -> IntArray:
-    """The number (f,) of points, at most, that :func:`spread` puts on each triangle (f, 3, 3)."""
+    """The number (f,) of points, at most, that :func:`spread_points` puts on each
+    triangle (f, 3, 3)."""
     length = np.linalg.norm(triangles[:, [1, 2, 0]] - triangles, axis=2).max(axis=1)
     a, b, c = (triangles[:, k] for k in range(3))
     height = np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(length, 1e-12)
@@ -329,7 +330,7 @@ def _in_turn(triangles: FloatArray, step: float) -> list[FloatArray]:
     return np.split(triangles, np.flatnonzero(np.diff(part)) + 1)
 
 
-def spread(triangles: FloatArray, step: float) -> FloatArray:
+def spread_points(triangles: FloatArray, step: float) -> FloatArray:
     """Points (m, 3) on triangles (f, 3, 3), in rows along the longest sides, ``step`` [m] apart."""
     sides = np.linalg.norm(triangles[:, [1, 2, 0]] - triangles, axis=2)
     longest, each = sides.argmax(axis=1), np.arange(len(triangles))

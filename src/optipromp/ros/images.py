@@ -35,21 +35,13 @@ Part = Literal["colour", "depth", "cloud", "camera"]
 
 @dataclass(frozen=True, eq=False)
 class Taken:
-    """A picture in messages, to be decoded when it is wanted.
+    """A picture in messages, to be decoded when it is wanted."""
 
-    Attributes:
-        header: of the colours, with the frame of the camera, z forward.
-        colour: the image, or the cloud.
-        depth: the image of depth; None: a cloud.
-        info: the ``CameraInfo``; None: a cloud.
-        rectified: whether the topic says that its pictures have no distortion.
-    """
-
-    header: Message
-    colour: Message
-    depth: Message | None = None
-    info: Message | None = None
-    rectified: bool = False
+    header: Message  # of the colours, with the frame of the camera, z forward
+    colour: Message  # the image, or the cloud
+    depth: Message | None = None  # the image of depth; None: a cloud
+    info: Message | None = None  # the ``CameraInfo``; None: a cloud
+    rectified: bool = False  # whether the topic says that its pictures have no distortion
 
     @property
     def stamp(self) -> int:

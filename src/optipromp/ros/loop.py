@@ -1,31 +1,135 @@
-"""The closed loop on topics, without ROS: states and detections in, curves that replace others out.
+"""What the node ``optipromp ros-node`` does, without ROS: plans on request, and the closed loop.
 
-:class:`PickLoop` is what the node ``optipromp ros-node --loop`` runs.
+:class:`PickLoop` takes states and detections in and gives curves that replace others.
 """
 
+import bisect
+import math
 from collections import deque
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from optipromp.control.controller import Controller
 from optipromp.control.driver import without_fruits
 from optipromp.core.arrays import FloatArray, frame_along
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
 from optipromp.core.execution.streaming import Line
+from optipromp.core.planning import Plan, PlanOptions, plan
+from optipromp.core.planning.planners import factory
+from optipromp.core.promp.model import ProMP
+from optipromp.core.robots.library import load_arm
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
 from optipromp.perception.pictures import flange_of
 from optipromp.perception.watcher import Watcher
-from optipromp.ros.detections import DETECTIONS, DetectionParameters, read_detections
-from optipromp.ros.frames import Frames
-from optipromp.ros.goals import TOOL
 from optipromp.ros.images import PICTURES, Pictures
-from optipromp.ros.joints import joint_motion
-from optipromp.ros.live import frames_of, in_base
-from optipromp.ros.trajectories import NANO, nanoseconds, stretch_trajectory
-from optipromp.ros.types import Message, message
+from optipromp.ros.live import (
+    DETECTIONS,
+    TOOL,
+    DetectionParameters,
+    LiveScene,
+    frames_of,
+    in_base,
+    read_detections,
+    read_goal,
+)
+from optipromp.ros.scenes import read_quaternion, vector
+from optipromp.ros.trajectories import (
+    NANO,
+    display_trajectory,
+    joint_motion,
+    joint_trajectory,
+    nanoseconds,
+    robot_state,
+    robot_trajectory,
+    stretch_trajectory,
+)
+from optipromp.ros.types import Message, constants, message
+
+HELD = 200_000_000  # [ns] before its first and after its last time, a frame is as then: a choice
+
+
+class Frames:
+    """Frames by name: each one's parent, and its pose there over time.
+
+    Attributes:
+        still: parent and pose of each frame that does not move.
+    """
+
+    def __init__(self) -> None:
+        self.still: dict[str, tuple[str, Pose]] = {}
+        self._moving: dict[str, tuple[str, list[int], list[Pose]]] = {}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All frames that were told, and their parents."""
+        still = [name for child, (up, _) in self.still.items() for name in (child, up)]
+        moving = [name for child, (up, *_) in self._moving.items() for name in (child, up)]
+        return tuple(dict.fromkeys(still + moving))
+
+    def heard(self, item: Message, still: bool) -> None:
+        """Take a ``TFMessage`` in; ``still``: of frames that do not move (``/tf_static``)."""
+        for one in item.transforms:
+            name, up = one.child_frame_id.lstrip("/"), one.header.frame_id.lstrip("/")
+            to = one.transform
+            pose = Pose(vector(to.translation), read_quaternion(to.rotation))
+            if still:
+                self.still[name] = (up, pose)
+                continue
+            stamp = nanoseconds(one.header.stamp)
+            _, times, poses = self._moving.setdefault(name, (up, [], []))
+            k = bisect.bisect_right(times, stamp)
+            times.insert(k, stamp)
+            poses.insert(k, pose)
+
+    def find(self, name: str, known: Mapping[str, Pose], stamp: int = 0) -> Pose | None:
+        """The pose of a frame in the base at a ``stamp`` [ns].
+
+        ``name``: of the frame. ``known``: poses of frames in the base, the surest first. ``stamp``:
+        of what was seen.
+
+        Returns: None: no known frame is in the same tree, or its pose at that time was not told.
+        """
+        mine = dict(self._chain(name, stamp))
+        for other, pose in known.items():
+            for common, there in self._chain(other, stamp):
+                if common in mine:
+                    return pose @ there.inverse() @ mine[common]
+        return None
+
+    def _chain(self, name: str, stamp: int) -> Iterator[tuple[str, Pose]]:
+        """The frame and its parents, each with the pose of the frame in it; a loop ends it."""
+        met, pose, name = set[str](), Pose(), name.lstrip("/")
+        while name not in met:
+            met.add(name)
+            yield name, pose
+            step = self._step(name, stamp)
+            if step is None:
+                return
+            name, pose = step[0], step[1] @ pose
+
+    def _step(self, name: str, stamp: int) -> tuple[str, Pose] | None:
+        """Parent and pose in it, between two times on the way that turns evenly."""
+        if name not in self._moving:
+            return self.still.get(name)
+        up, times, poses = self._moving[name]
+        if not times[0] - HELD <= stamp <= times[-1] + HELD:
+            return None
+        k = bisect.bisect_right(times, stamp)
+        if k in (0, len(times)):
+            return up, poses[min(k, len(times) - 1)]
+        share = (stamp - times[k - 1]) / (times[k] - times[k - 1])
+        a, b = poses[k - 1], poses[k]
+        turn = Rotation.from_matrix(a.rotation.T @ b.rotation).as_rotvec() * share
+        place = a.position + share * (b.position - a.position)
+        return up, Pose(place, a.rotation @ Rotation.from_rotvec(turn).as_matrix())
+
 
 STALE = 0.1  # [s] age of joint states above which the loop does nothing: five cycles, a choice
 KEPT = 2.0  # [s] of joint states, to tell where a camera on the hand was: a choice
@@ -214,3 +318,166 @@ def moving(robot: Robot, q: FloatArray) -> tuple[Pose, Pose]:
     if robot.tool is not None:
         axes = robot.flange_rotation @ robot.tool.rotation
     return flange_of(robot, q), Pose(origin + turn @ robot.tool_point, turn @ axes)
+
+
+RESPONSE = "moveit_msgs/msg/MotionPlanResponse"
+ERROR_CODES = "moveit_msgs/msg/MoveItErrorCodes"
+MOVEIT: dict[Code, str] = {
+    Code.SUCCESS: "SUCCESS",
+    Code.INVALID_ROBOT: "INVALID_ROBOT_STATE",
+    Code.INVALID_SCENE: "INVALID_OBJECT_NAME",
+    Code.INVALID_REQUEST: "INVALID_GOAL_CONSTRAINTS",
+    Code.START_INVALID: "START_STATE_INVALID",
+    Code.START_IN_COLLISION: "START_STATE_IN_COLLISION",
+    Code.GOAL_IN_COLLISION: "GOAL_IN_COLLISION",
+    Code.GOAL_UNREACHABLE: "NO_IK_SOLUTION",
+    Code.NO_PLAN: "PLANNING_FAILED",
+    Code.INVALID_PLAN: "INVALID_MOTION_PLAN",
+    Code.HARM_PREDICTED: "INVALID_MOTION_PLAN",
+    Code.TIMEOUT: "TIMED_OUT",
+    Code.EXECUTION_FAILED: "CONTROL_FAILED",
+}
+"""MoveIt's name of each code; any other code is a FAILURE."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanAnswer:
+    """The answer to a request.
+
+    Attributes:
+        response: ``moveit_msgs/MotionPlanResponse``, with a trajectory only of a success.
+        trajectory: ``trajectory_msgs/JointTrajectory`` for a controller; None: no success.
+        display: ``moveit_msgs/DisplayTrajectory``, also of a plan that failed; None: the request
+            was refused.
+        plan: None: the request was refused.
+    """
+
+    response: Message
+    trajectory: Message | None = None
+    display: Message | None = None
+    plan: Plan | None = None
+
+
+def answer(
+    world: LiveScene,
+    request: Message,
+    options: PlanOptions | None = None,
+    *,
+    demonstrations: ProMP | str | Path | None = None,
+    rate: float | None = None,
+    prefix: str = "",
+) -> PlanAnswer:
+    """Plan the motion of a ``moveit_msgs/MotionPlanRequest``.
+
+    Read are ``start_state`` (where it names joints; with velocities the plan begins in motion),
+    ``goal_constraints`` (none: the target of the world), ``planner_id`` (empty: opti-promp),
+    ``allowed_planning_time``, and the scaling factors of velocity and acceleration (0: 1). A
+    ``group_name`` must be one of this arm, where an SRDF states its groups. Workspace, number of
+    attempts and pipeline are ignored. Path and trajectory constraints, reference trajectories and a
+    Cartesian speed are refused.
+
+    Args:
+        world: the scene so far.
+        request: the message.
+        options: of the plan; the request's planning time replaces its timeout.
+        demonstrations: as for :func:`optipromp.plan`.
+        rate: of the points of the answer [Hz]; None: the rows of the plan.
+        prefix: of joint and link names in ROS.
+
+    Returns:
+        The answer; to a request that cannot be used, the code and the message of the error.
+    """
+    try:
+        _refuse_unread(request)
+        _refuse_another_arm(request.group_name, world)
+        joints, state = request.start_state.joint_state, None
+        if joints.name:
+            state = joint_motion(joints, world.joints, "start_state.joint_state")
+        slowing = _slowing(request)
+        options = options or PlanOptions()
+        if request.allowed_planning_time > 0.0:
+            options = replace(options, timeout=float(request.allowed_planning_time))
+        if state is not None:
+            world = world.at(state.q)
+            if state.moving and slowing != 1.0:
+                raise InvalidRequestError(
+                    "start_state moves and a scaling factor is below 1: one of them must go; a "
+                    "motion that runs cannot be slowed at once"
+                )
+        scene = world.scene(read_goal(request.goal_constraints, world, prefix))
+        planner = request.planner_id or "opti-promp"
+        factory(planner, "planner_id")  # refuses an unknown name
+        made = plan(
+            scene,
+            planner=planner,
+            demonstrations=demonstrations,
+            options=options,
+            start_state=state if state is not None and state.moving else None,
+        )
+    except OptiPrompError as error:
+        return PlanAnswer(_response(request, error.code, error.message))
+    motion = made.trajectory.slowed(slowing)
+    start = robot_state(motion.at(0.0), motion.joint_names, prefix)
+    done = {"trajectory_start": start, "planning_time": made.time["total"]}
+    if made.success:
+        done["trajectory"] = robot_trajectory(motion, rate, prefix)
+    return PlanAnswer(
+        response=_response(request, made.status, made.message, **done),
+        trajectory=joint_trajectory(motion, rate, prefix) if made.success else None,
+        display=display_trajectory([motion], made.robot.name, rate, prefix),
+        plan=made,
+    )
+
+
+def _refuse_another_arm(group: str, world: LiveScene) -> None:
+    """Refuse a group whose joints are not the arm's, or that the arm's SRDF does not have."""
+    scene = world.scene()
+    _, arm = load_arm(scene.robot, scene.base_dir, scene.choice)
+    if not group or not arm.groups or set(arm.groups.get(group, ())) == set(arm.joints):
+        return
+    mine = [name for name, joints in arm.groups.items() if set(joints) == set(arm.joints)]
+    raise InvalidRequestError(
+        f"group_name is {group!r}: this node plans for {', '.join(mine) or arm.why} "
+        f"({arm.joints[0]} to {arm.joints[-1]}); leave it empty, or ask the node of that arm"
+    )
+
+
+def _response(request: Message, code: Code, words: str, **fields: Message) -> Message:
+    values = constants(ERROR_CODES)
+    error = message(
+        ERROR_CODES,
+        val=values[MOVEIT.get(code, "FAILURE")],
+        message=f"{code}: {words}" if words else str(code),
+        source="optipromp",
+    )
+    return message(RESPONSE, group_name=request.group_name, error_code=error, **fields)
+
+
+def _slowing(request: Message) -> float:
+    """The factor by which the scaling factors of the request slow the motion."""
+    factors = []
+    for field in ("max_velocity_scaling_factor", "max_acceleration_scaling_factor"):
+        value = float(getattr(request, field)) or 1.0
+        if not 0.0 < value <= 1.0:
+            raise InvalidRequestError(f"{field} is {value:g}: must be above 0 and at most 1, or 0")
+        factors.append(value)
+    return max(1.0 / factors[0], 1.0 / math.sqrt(factors[1]))
+
+
+def _refuse_unread(request: Message) -> None:
+    """Refuse constraints that the planner does not keep."""
+    path = request.path_constraints
+    kinds = ("joint", "position", "orientation", "visibility")
+    asked = [
+        f"path_constraints.{k}_constraints" for k in kinds if getattr(path, f"{k}_constraints")
+    ]
+    if request.trajectory_constraints.constraints:
+        asked.append("trajectory_constraints")
+    if request.reference_trajectories:
+        asked.append("reference_trajectories")
+    if request.max_cartesian_speed > 0.0:
+        asked.append("max_cartesian_speed")
+    if request.start_state.attached_collision_objects:
+        asked.append("start_state.attached_collision_objects")
+    if asked:
+        raise InvalidRequestError(f"{', '.join(asked)}: must be empty; the planner keeps none")

@@ -13,15 +13,12 @@ from optipromp.core.planning.task import posed
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene
 from optipromp.perception.pictures import CameraModel, DepthPicture
-from optipromp.ros.bags import read_bag
-from optipromp.ros.frames import HELD, Frames
-from optipromp.ros.goals import TOOL
 from optipromp.ros.images import CAMERA_INFO, PICTURES, Pictures, Taken
-from optipromp.ros.joints import joint_positions
-from optipromp.ros.live import WORLD
-from optipromp.ros.loop import moving
+from optipromp.ros.live import TOOL, WORLD
+from optipromp.ros.loop import HELD, Frames, moving
 from optipromp.ros.recordings import JOINT_STATE
-from optipromp.ros.trajectories import NANO, nanoseconds
+from optipromp.ros.trajectories import NANO, joint_positions, nanoseconds
+from optipromp.ros.types import read_bag
 
 TF = "tf2_msgs/msg/TFMessage"
 STATIC = "tf_static"  # end of the topic of frames that do not move

@@ -15,8 +15,8 @@ from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.errors import InvalidDemonstrationError, InvalidRequestError
 from optipromp.core.parameters import Checked, parameter
 from optipromp.core.promp.demonstrations import Demonstration, Demonstrations
-from optipromp.ros.bags import Recorded, read_bag
-from optipromp.ros.joints import joint_positions
+from optipromp.ros.trajectories import joint_positions, nanoseconds
+from optipromp.ros.types import Recorded, read_bag
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 USUAL_TOPIC = "/joint_states"
@@ -186,8 +186,7 @@ def _series(
 
 def _stamp(item: Recorded) -> int:
     """The time of the joint state [ns]."""
-    stamp = item.message.header.stamp
-    return stamp.sec * 10**9 + stamp.nanosec or item.stamp
+    return nanoseconds(item.message.header.stamp) or item.stamp
 
 
 def _pieces(

@@ -1,20 +1,29 @@
-"""The types of the messages, and messages without ROS.
+"""The types of the messages, messages without ROS, and bags: files of recorded messages.
 
 Types are those of ROS 2 Jazzy. The package ``rosbags`` (extra ``ros``) brings the common ones;
 ``definitions.txt`` holds the fields of ``moveit_msgs``, of ``vision_msgs`` 4 and of what they need.
+A bag is a rosbag2 folder (SQLite) or an MCAP file.
 """
 
 from __future__ import annotations
 
 import functools
+import os
+import shutil
+import tempfile
+import warnings
+from collections.abc import Collection, Iterable, Iterator
 from importlib import resources
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from optipromp.core.errors import InvalidRequestError, installed_by
+from optipromp.core.errors import InvalidRequestError, OptiPrompError, installed_by
+from optipromp.core.files import is_there
 
 if TYPE_CHECKING:
+    from rosbags.interfaces import Connection
     from rosbags.typesys.store import Typestore
 
 Message = Any
@@ -105,3 +114,141 @@ def _value(kind: Any, given: Any) -> Any:
         zeros = np.zeros(size if form == Nodetype.ARRAY else 0)
         return np.array(zeros if given is None else given, dtype=_NUMPY.get(of[0], of[0]))
     return [] if given is None else list(given)
+
+
+_METADATA_VERSION: Literal[8] = 8  # that of ROS 2 Iron and later
+
+
+class Recorded(NamedTuple):
+    """A message of a bag: its topic, the message, and when it was recorded [ns since 1970]."""
+
+    topic: str
+    message: Message
+    stamp: int = 0
+
+
+def write_bag(path: str | os.PathLike[str], items: Iterable[Recorded]) -> None:
+    """Write messages to a new bag, whole or not at all.
+
+    Args:
+        path: ends in ``.mcap``: one MCAP file; else a rosbag2 folder with a SQLite file.
+        items: the messages.
+
+    Raises:
+        InvalidRequestError: no messages, the path exists or cannot be written, rosbags is missing.
+    """
+    store = typestore()
+    from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
+
+    path, items = Path(path), list(items)
+    if not items:
+        raise InvalidRequestError(f"no messages for the bag {path}: must be one at least")
+    if is_there(path):
+        raise InvalidRequestError(f"{path} exists: a bag must have a path of its own")
+    single = path.suffix == ".mcap"
+    plugin = StoragePlugin.MCAP if single else StoragePlugin.SQLITE3
+    folder: str | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        folder = tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent)
+        made = Path(folder) / path.stem if single else Path(folder) / path.name
+        with Writer(made, version=_METADATA_VERSION, storage_plugin=plugin) as writer:
+            topics: dict[tuple[str, str], Connection] = {}
+            for topic, item, stamp in items:
+                key = topic, item.__msgtype__
+                if key not in topics:
+                    topics[key] = writer.add_connection(*key, typestore=store)
+                writer.write(topics[key], stamp, store.serialize_cdr(item, key[1]))
+        source = next(made.glob("*.mcap")) if single else made
+        source.replace(path)
+    except (OSError, WriterError) as error:
+        raise InvalidRequestError(f"cannot write the bag {path}: {error}") from error
+    finally:
+        if folder is not None:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def read_bag(
+    path: str | os.PathLike[str],
+    *,
+    topics: Collection[str] | None = None,
+    types: Collection[str] | None = None,
+) -> Iterator[Recorded]:
+    """The messages of a bag, in the order in which they were recorded.
+
+    A message is read by the definition of its type in the bag, else by the built-in one. A topic
+    whose type is not built in is skipped with a warning.
+
+    Args:
+        path: an MCAP file, a rosbag2 folder, or the SQLite file in it.
+        topics: to read; None: all.
+        types: of messages to read (``sensor_msgs/msg/JointState``); None: all.
+
+    Raises:
+        InvalidRequestError: no bag, a damaged bag, or a topic that it lacks (the message lists its
+            topics).
+    """
+    typestore()
+    from rosbags.rosbag2 import Reader
+
+    path = Path(path)
+    try:
+        with Reader(path) as reader:
+            chosen = _chosen(path, reader.connections, topics, types)
+            if not chosen:
+                return
+            stores = {connection.msgtype: _types_of(connection) for connection in chosen}
+            for connection, stamp, data in reader.messages(chosen):
+                item = stores[connection.msgtype].deserialize_cdr(data, connection.msgtype)
+                yield Recorded(connection.topic, item, stamp)
+    except OptiPrompError:
+        raise
+    except Exception as error:  # damaged files raise errors of any kind
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise InvalidRequestError(f"{path} is not a readable bag ({reason})") from None
+
+
+def _chosen(
+    path: Path,
+    connections: Iterable[Connection],
+    topics: Collection[str] | None,
+    types: Collection[str] | None,
+) -> list[Connection]:
+    """The connections to read."""
+    connections = list(connections)
+    there = {connection.topic for connection in connections}
+    for topic in topics or ():
+        if topic not in there:
+            raise InvalidRequestError(
+                f"{path} has no topic {topic!r}: it has {', '.join(sorted(there)) or 'none'}"
+            )
+    found = []
+    for connection in connections:
+        name = connection.msgtype
+        if (topics is not None and connection.topic not in topics) or (
+            types is not None and name not in types
+        ):
+            continue
+        if name not in typestore().fielddefs:
+            warnings.warn(
+                f"{path}: topic {connection.topic} is skipped; its type {name} is none of ours",
+                stacklevel=3,
+            )
+            continue
+        found.append(connection)
+    return found
+
+
+def _types_of(connection: Connection) -> Typestore:
+    """The types by the definition in the bag; the built-in ones where it has none or the same."""
+    from rosbags.interfaces import MessageDefinitionFormat
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    ours, name = typestore(), connection.msgtype
+    if connection.msgdef.format != MessageDefinitionFormat.MSG:
+        return ours
+    if connection.digest == ours.hash_rihs01(name):
+        return ours
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(connection.msgdef.data, name))
+    return store

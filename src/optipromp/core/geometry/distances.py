@@ -22,12 +22,10 @@ from optipromp.core.geometry.shapes import (
     CONE,
     CYLINDER,
     ELLIPSOID,
+    GRID_PADDING,
     HALF_SPACE,
     SPHERE,
 )
-
-GRID_PADDING = 3
-"""Smallest number of cells between a grid's border and the bounding box of the shape."""
 
 _NEWTON = 30  # steps to the nearest point of an ellipsoid, at most; 3 to 8 suffice
 _TINY = 1e-300  # [m²] squared lengths up to here count as 0: below 2e-308 numbers lose digits

@@ -43,7 +43,7 @@ def revolve(profile: FloatArray, around: int) -> FloatArray:
     return faces.reshape(-1, 4, 3)
 
 
-def rectangle(width: float, depth: float, cut: float = np.inf) -> FloatArray:
+def rectangle_faces(width: float, depth: float, cut: float = np.inf) -> FloatArray:
     """A rectangle in the plane z = 0, facing +z, in faces with edges up to ``cut`` [m]."""
     across, along = (
         np.linspace(-0.5, 0.5, min(max(int(np.ceil(edge / cut)), 1), MOST_PIECES) + 1) * edge
@@ -60,7 +60,7 @@ def box(size: FloatArray, cut: float = np.inf) -> FloatArray:
     parts = []
     for axis in range(3):
         first, second = (axis + 1) % 3, (axis + 2) % 3
-        face = rectangle(size[first], size[second], cut)
+        face = rectangle_faces(size[first], size[second], cut)
         placed = np.empty_like(face)
         placed[..., first], placed[..., second] = face[..., 0], face[..., 1]
         placed[..., axis] = 0.5 * size[axis]

@@ -79,10 +79,10 @@ def pack(
     shapes = [shape for shape, _, _ in items]
     position = _stacked([at for _, at, _ in items], (3,))
     rotation = _stacked([turn for _, _, turn in items], (3, 3))
-    return packed(shapes, position, rotation, measures(shapes), reach=reach, within=within)
+    return packed_shapes(shapes, position, rotation, measures(shapes), reach=reach, within=within)
 
 
-def packed(
+def packed_shapes(
     shapes: Sequence[Shape],
     position: FloatArray,
     rotation: FloatArray,

@@ -6,15 +6,18 @@ A shape has no pose: an object of a scene (or an item of
 
 from __future__ import annotations
 
+import itertools
 import math
 from abc import ABC, abstractmethod
+from contextlib import suppress
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, IntArray, frozen
+from optipromp.core.arrays import FloatArray, IntArray, frozen, lengths
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry import faces
 
@@ -25,6 +28,7 @@ LEAST = 1e-7
 
 SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID, ELLIPSOID, CONE = range(8)
 
+GRID_PADDING = 3  # least cells between a grid's border and the bounding box of the shape
 ROUND = 28  # faces around a drawn ball
 FINE = 48  # points around a round shape whose mesh is measured, weighed or simulated
 MOST_POINTS = 1500  # drawn of a point cloud
@@ -46,32 +50,45 @@ def _positive(shape: str, name: str, value: float) -> float:
 
 
 class Measure(NamedTuple):
-    """Kind and sizes of a shape for distance kernels and cells.
+    """Kind and sizes of a shape for distance kernels and cells."""
 
-    Attributes:
-        kind: one of SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID, ELLIPSOID, CONE.
-        size: by kind. sphere: r, 0, 0; box: half edges; cylinder, capsule: r, half length, 0;
-            ellipsoid: radii; cone: r, half length, r of the tip; else zeros [m].
-        bound: radius [m] of a ball about the origin that holds the shape; inf for a half-space.
-        half: half edges [m] of a box about the origin, along the axes, that holds the shape.
-        volume: [m³]; of a point cloud the volume of its bounding box; None: the mesh's volume.
-    """
-
-    kind: int
+    kind: int  # one of SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID, ELLIPSOID, CONE
+    # by kind. sphere: r, 0, 0; box: half edges; cylinder, capsule: r, half length, 0; ellipsoid:
+    # radii; cone: r, half length, r of the tip; else zeros [m]
     size: tuple[float, float, float]
-    bound: float
+    bound: float  # radius [m] of a ball about the origin that holds the shape; inf for a half-space
+    # half edges [m] of a box about the origin, along the axes, that holds the shape
     half: tuple[float, float, float]
+    # [m³]; of a point cloud the volume of its bounding box; None: the mesh's volume
     volume: float | None = None
 
 
 NO_SIZE = 0.0, 0.0, 0.0
 
 
+class BallPair(NamedTuple):
+    """Two balls on a line through a shape's origin, whose hull stands for the shape.
+
+    Attributes:
+        line: (3,) unit vector along the line, from the lower ball to the upper one.
+        low: place of the lower ball's centre on the line [m].
+        radius: of the lower ball [m].
+        above: radius of the upper ball [m].
+        apart: distance of the centres [m]; 0 for a single ball.
+    """
+
+    line: FloatArray
+    low: float
+    radius: float
+    above: float
+    apart: float
+
+
 class Shape(ABC):
     """A solid in its local frame: the interface between shapes and the library.
 
-    A shape of a user defines :meth:`mesh`. Distance grid, bounds, volume, picture, message and body
-    in the simulation follow from the mesh.
+    A shape of a user defines :meth:`mesh`. Distance grid, bounds, volume, the balls of a fruit that
+    hangs, picture, message and body in the simulation follow from the mesh.
     """
 
     @abstractmethod
@@ -88,6 +105,17 @@ class Shape(ABC):
         """See :class:`Measure` [m³]."""
         known = self.measure.volume
         return mesh_volume(self.mesh(FINE)) if known is None else known
+
+    def balls(self, line: FloatArray) -> BallPair:
+        """The two balls for which a push model takes a fruit whose stem leaves along ``line`` (3,).
+
+        They touch the ends of the mesh along ``line``, a unit vector.
+        """
+        key = tuple(line.tolist())
+        with suppress(TypeError):  # a class without a hash is fitted each time
+            hash(self)
+            return BallPair(line, *_fitted(self, key))
+        return BallPair(line, *_fitted.__wrapped__(self, key))
 
     def surface(self, cut: float = np.inf) -> FloatArray:
         """Faces (F, 4, 3) of the surface [m], see :mod:`optipromp.core.geometry.faces`.
@@ -124,6 +152,10 @@ class Primitive(Shape):
             for index, size in enumerate(sizes):
                 _positive(shape, f"{name}[{index}]", size)
             object.__setattr__(self, name, sizes)
+
+    def balls(self, line: FloatArray) -> BallPair:
+        """A single ball that holds the shape."""
+        return _single_ball(self, line)
 
     def mesh(self, around: int = 24) -> MeshShape:
         """The convex hull of the corners of its faces, whatever ``around``."""
@@ -196,6 +228,10 @@ class Capsule(Primitive):
         half = np.array([0.0, 0.0, 0.5 * self.length])
         return faces.tube(np.stack([-half, half]), self.radius, 24)
 
+    def balls(self, line: FloatArray) -> BallPair:
+        """The balls at its ends."""
+        return _end_balls(line, self.radius, self.radius, self.length)
+
 
 @dataclass(frozen=True)
 class Ellipsoid(Primitive):
@@ -210,6 +246,10 @@ class Ellipsoid(Primitive):
 
     def _faces(self, cut: float) -> FloatArray:
         return np.asarray(faces.sphere(np.zeros(3), 1.0, ROUND) * np.array(self.radii))
+
+    def balls(self, line: FloatArray) -> BallPair:
+        """Two balls that touch its ends along ``line``."""
+        return Shape.balls(self, line)
 
     def mesh(self, around: int = 24) -> MeshShape:
         """The convex hull of the surface points with evenly spread normals."""
@@ -253,6 +293,10 @@ class Cone(Primitive):
         ]
         return faces.revolve(np.concatenate(arcs), ROUND)
 
+    def balls(self, line: FloatArray) -> BallPair:
+        """The balls at its ends."""
+        return _end_balls(line, self.tip, self.radius, self.length)
+
     def mesh(self, around: int = 24) -> MeshShape:
         """The convex hull of the surface points with evenly spread normals."""
         normals, half = _normals(around), np.array([0.0, 0.0, 0.5 * self.length])
@@ -271,7 +315,7 @@ class HalfSpace(Primitive):
 
     def _faces(self, cut: float) -> FloatArray:
         """A patch of the plane."""
-        return faces.rectangle(2.0, 2.0, cut)
+        return faces.rectangle_faces(2.0, 2.0, cut)
 
 
 PRIMITIVES: dict[str, Any] = {
@@ -354,6 +398,10 @@ class PointCloudShape(Shape):
         ball = faces.sphere(np.zeros(3), max(self.radius, 0.003), 6)
         return (shown[:, None, None] + ball).reshape(-1, 4, 3)
 
+    def balls(self, line: FloatArray) -> BallPair:
+        """A single ball that holds the points."""
+        return _single_ball(self, line)
+
     def mesh(self, around: int = 24) -> MeshShape:
         """Refused: the surface between the points is unknown."""
         raise InvalidSceneError("a point cloud has no mesh")
@@ -370,6 +418,46 @@ def _rows_of_three(name: str, what: str, values: FloatArray, letter: str, least:
         raise InvalidSceneError(
             f"{name}: {one} {bad[0]} is {row}: must be finite, at most {FARTHEST:g}"
         )
+
+
+def _single_ball(shape: Shape, line: FloatArray) -> BallPair:
+    bound = shape.measure.bound
+    return BallPair(line, 0.0, bound, bound, 0.0)
+
+
+def _end_balls(line: FloatArray, low: float, high: float, length: float) -> BallPair:
+    """Balls at z = -length/2 of radius ``low`` and at z = length/2 of radius ``high``."""
+    up = np.array([0.0, 0.0, 1.0])
+    if float(line[2]) < 0.0:
+        return BallPair(-up, -0.5 * length, high, low, length)
+    return BallPair(up, -0.5 * length, low, high, length)
+
+
+@lru_cache(maxsize=256)
+def _fitted(shape: Shape, line: tuple[float, ...]) -> tuple[float, float, float, float]:
+    """The numbers of :class:`BallPair` of a shape with a mesh: balls that touch its ends.
+
+    Of 16 radii for each ball: the pair whose hull has the least mean distance from the surface.
+    """
+    points, axis = shape.mesh().vertices, np.array(line)
+    height = points @ axis
+    aside = lengths(points - height[:, None] * axis)
+    low, high, wide = float(height.min()), float(height.max()), float(aside.max())
+    one = 0.5 * (high - low)
+    shares = np.linspace(0.1, 1.0, 16) * min(wide, one)
+    best, fit = np.inf, (0.5 * (low + high), one, one, 0.0)
+    for radius, above in itertools.product(shares, shares):
+        apart = high - low - radius - above
+        if apart <= abs(radius - above) + 1e-9:
+            continue
+        sine = (radius - above) / apart
+        share = (height - low - radius + aside * sine / -np.sqrt(1.0 - sine**2)) / apart
+        share = np.clip(share, 0.0, 1.0)
+        off = np.hypot(aside, height - low - radius - share * apart)
+        error = float(np.abs(off - radius - share * (above - radius)).mean())
+        if error < best:
+            best, fit = error, (low + radius, float(radius), float(above), float(apart))
+    return fit
 
 
 def mesh_volume(mesh: MeshShape) -> float:
@@ -405,3 +493,46 @@ def is_convex(mesh: MeshShape) -> bool:
     from scipy.spatial import ConvexHull
 
     return mesh_volume(mesh) > (1.0 - CONVEX) * float(ConvexHull(mesh.vertices).volume)
+
+
+def _pieces(vertices: FloatArray, faces: IntArray) -> list[IntArray]:
+    """The faces (f, 3) of each connected piece; vertices within 1e-9 m are merged."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    _, merged = np.unique(vertices.round(9), axis=0, return_inverse=True)
+    joined = merged.reshape(-1)[faces]
+    rows, columns = joined[:, [0, 1]].ravel(), joined[:, [1, 2]].ravel()
+    size = int(joined.max()) + 1
+    graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(size, size))
+    _, label = connected_components(graph, directed=False)
+    of_face = label[joined[:, 0]]
+    return [faces[of_face == value] for value in np.unique(of_face)]
+
+
+def parted(mesh: MeshShape) -> list[MeshShape]:
+    """The connected pieces of a mesh, each with its own vertices."""
+    out = []
+    for piece in _pieces(mesh.vertices, mesh.faces):
+        used, own = np.unique(piece, return_inverse=True)
+        out.append(MeshShape(mesh.vertices[used], own.reshape(-1, 3)))
+    return out
+
+
+def box_axes(points: FloatArray) -> FloatArray:
+    """Axes (3, 3), as rows, of a box around ``points`` (m, 3), longest side first.
+
+    The box is along the axes of the frame or along the principal axes, whichever is smaller.
+    """
+    principal = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
+    if len(principal) < 3:
+        principal = np.eye(3)
+    best = min((np.eye(3), principal), key=lambda axes: float(np.prod(_extent(points, axes))))
+    order = np.argsort(-_extent(points, best), kind="stable")
+    frame: FloatArray = best[order]
+    return frame
+
+
+def _extent(points: FloatArray, axes: FloatArray) -> FloatArray:
+    """Sizes (3,) of the box of ``points`` along ``axes``; 1e-6 m larger, so that none is 0."""
+    return np.asarray(np.ptp(points @ axes.T, axis=0) + 1e-6)

@@ -9,6 +9,7 @@ from optipromp.core.judging.curve import Extremes as Extremes
 from optipromp.core.judging.curve import extremes as extremes
 from optipromp.core.judging.ends import AXIS_TOLERANCE as AXIS_TOLERANCE
 from optipromp.core.judging.ends import GOAL_TOLERANCE as GOAL_TOLERANCE
+from optipromp.core.judging.ends import Violation as Violation
 from optipromp.core.judging.entered import struck as struck
 from optipromp.core.judging.entered import touching as touching
 from optipromp.core.judging.kinematics import centers as centers
@@ -22,4 +23,3 @@ from optipromp.core.judging.validator import Judgement as Judgement
 from optipromp.core.judging.validator import Metrics as Metrics
 from optipromp.core.judging.validator import judge as judge
 from optipromp.core.judging.validator import paper_violations as paper_violations
-from optipromp.core.judging.violation import Violation as Violation

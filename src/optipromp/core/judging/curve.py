@@ -175,13 +175,13 @@ def along(trajectory: Trajectory, parts: IntArray) -> tuple[FloatArray, FloatArr
     rows = np.zeros(trajectory.n_waypoints, dtype=np.int64)
     np.cumsum(parts, out=rows[1:])
     fine, times = np.empty((rows[-1] + 1, trajectory.positions.shape[1])), np.empty(rows[-1] + 1)
-    cut(coefficients(trajectory), np.array(trajectory.times), rows, times, fine)
+    _cut(coefficients(trajectory), np.array(trajectory.times), rows, times, fine)
     fine[rows] = trajectory.positions
     return times, fine, rows
 
 
 @kernel
-def cut(c, times, rows, at, fine):
+def _cut(c, times, rows, at, fine):
     """Write times ``at`` (M,) and configurations ``fine`` (M, n); row ``rows[t]`` is waypoint t."""
     for t in range(c.shape[0]):
         count = rows[t + 1] - rows[t]

@@ -82,7 +82,7 @@ def objects_of(
     position = np.vstack([scene.positions, middle])
     rotation = np.concatenate([scene.rotations, turn])
     simple, rest = (np.flatnonzero((role >= 0) & each) for each in (kind != GRID, kind == GRID))
-    simple = simple[neighbours(role[simple], position[simple], bound[simple])]
+    simple = simple[_neighbours(role[simple], position[simple], bound[simple])]
     role, position, bound = role[simple], position[simple], bound[simple]
     place = np.arange(len(role))
     first = np.maximum.accumulate(np.where(np.diff(role, prepend=-1) != 0, place, 0))
@@ -151,7 +151,7 @@ def measured(of: Sequence[Shape]) -> tuple[IntArray, FloatArray, FloatArray]:
     return kind, size, bound
 
 
-def neighbours(role: IntArray, position: FloatArray, bound: FloatArray) -> IntArray:
+def _neighbours(role: IntArray, position: FloatArray, bound: FloatArray) -> IntArray:
     """An order (K,) of objects: by role, then by size, then along a Z-order curve.
 
     Sizes ``bound`` [m] are grouped by powers of two, positions by cells of :data:`CELL`.

@@ -1,6 +1,7 @@
 """The end of a trajectory against the goals: one of them must be reached."""
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -8,10 +9,36 @@ import numpy as np
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.compiled import kernel
 from optipromp.core.judging.kinematics import Body, body_of, segments
-from optipromp.core.judging.violation import Violation
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.goals import Goal, JointGoal, PoseGoal, RegionGoal
 from optipromp.core.scenes.scene import Scene
+
+
+@dataclass(frozen=True)
+class Violation:
+    """One reason why a trajectory is not valid.
+
+    Args:
+        kind: ``contact``, ``unchecked``, ``goal``, ``axis``, ``stem side``, ``limit``,
+            ``velocity``, ``acceleration``, ``jerk``, ``speed``, ``start``, ``motion``, ``drift``,
+            ``stem``, ``upright``, ``plane``, ``line`` or ``line speed``.
+        message: the reason as a sentence, which is also ``str(violation)``.
+        subject: the link, joint or object concerned; empty where there is none.
+        time: of the largest amount [s]; None where the violation has no time.
+        amount: size of the violation, in ``unit``; for a velocity, acceleration or jerk the share
+            of the limit.
+    """
+
+    kind: str
+    message: str
+    subject: str = ""
+    time: float | None = None
+    amount: float | None = None
+    unit: str = ""
+
+    def __str__(self) -> str:
+        return self.message
+
 
 GOAL_TOLERANCE = 1e-3  # [m], or [rad] for a goal in joints; method §5
 AXIS_TOLERANCE = np.deg2rad(2.0)  # [rad]; method §5
@@ -19,17 +46,11 @@ BORDER = 1e-6  # [m or rad] beyond the border of a tolerance region: rounding
 
 
 class End(NamedTuple):
-    """The end of a trajectory against one goal.
+    """The end of a trajectory against one goal."""
 
-    Attributes:
-        error: of the tool point [m], or of the configuration [rad or m].
-        angle: of the tool axis or the orientation [rad]; None without one.
-        missed: the violations; none where the goal is reached.
-    """
-
-    error: float
-    angle: float | None
-    missed: list[Violation]
+    error: float  # of the tool point [m], or of the configuration [rad or m]
+    angle: float | None  # of the tool axis or the orientation [rad]; None without one
+    missed: list[Violation]  # the violations; none where the goal is reached
 
 
 def ends(
@@ -70,7 +91,7 @@ def _against(
 def _pose(
     position: FloatArray, direction: FloatArray, tip: FloatArray, axis: FloatArray, time: float
 ) -> End:
-    error, angle = math.dist(tip, position), between(axis.tolist(), direction.tolist())
+    error, angle = math.dist(tip, position), _between(axis.tolist(), direction.tolist())
     out = []
     if error > GOAL_TOLERANCE:
         text = f"the tool ends {error * 1e3:.1f} mm from the goal"
@@ -96,9 +117,9 @@ def _region(
         out.append(Violation("goal", text, "", time, error, "m"))
     angle, what = None, "tool axis"
     if goal.axis is not None:
-        angle = between(axis.tolist(), goal.axis.tolist())
+        angle = _between(axis.tolist(), goal.axis.tolist())
     elif goal.rotation is not None:
-        angle, what = turned_by(tool_poses(robot, last[None])[1][0], goal.rotation), "tool"
+        angle, what = turned_by(poses_of_tool(robot, last[None])[1][0], goal.rotation), "tool"
     most = AXIS_TOLERANCE if goal.angle is None else math.radians(goal.angle)
     if angle is not None and angle > most + BORDER:
         text = (
@@ -109,7 +130,7 @@ def _region(
     return End(error, angle, out)
 
 
-def between(a: list[float], b: list[float]) -> float:
+def _between(a: list[float], b: list[float]) -> float:
     """Angle between two vectors [rad], exact for small angles too."""
     cross = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
     return math.atan2(math.hypot(*cross), a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
@@ -134,7 +155,7 @@ def unlimited(robot: Robot) -> BoolArray:
     return np.asarray(out, dtype=np.bool_)
 
 
-def tool_poses(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+def poses_of_tool(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Tool points (M, 3) [m], axes (M, 3, 3) of the tool's frame in columns, at ``q`` (M, n)."""
     turns, origins, body = np.empty((len(q), 3, 3)), np.empty((len(q), 3)), body_of(robot)
     last_poses(body, np.array(q, dtype=np.float64, order="C"), turns, origins)

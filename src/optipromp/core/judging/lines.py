@@ -16,9 +16,8 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.judging.curve import along
-from optipromp.core.judging.ends import AXIS_TOLERANCE, BORDER, tool_poses
+from optipromp.core.judging.ends import AXIS_TOLERANCE, BORDER, Violation, poses_of_tool
 from optipromp.core.judging.kinematics import fitting
-from optipromp.core.judging.violation import Violation
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.lines import Lines, axes_of, pose_name
 from optipromp.core.scenes.scene import Scene
@@ -50,7 +49,7 @@ def left_path(scene: Scene, robot: Robot, times: FloatArray, q: FloatArray) -> l
     if scene.path is None:
         return out
     upright, plane = scene.path.upright, scene.path.plane
-    points, frames = tool_poses(robot, q)
+    points, frames = poses_of_tool(robot, q)
     if upright is not None:
         axes = frames @ upright.axis
         across = np.linalg.norm(np.cross(axes, upright.direction), axis=1)
@@ -92,7 +91,7 @@ def left_lines(
     turned = np.abs(np.diff(trajectory.positions, axis=0)).sum(axis=1)
     parts = np.maximum(1.1 * np.diff(gone[waypoints]) / STEP, turned / TURN)  # arcs, not chords
     times, q, _ = along(trajectory, fitting(np.ceil(np.maximum(parts, 1.0)))[0])
-    tips, frames = tool_poses(robot, q)
+    tips, frames = poses_of_tool(robot, q)
     poses = lines.to(scene.goals[0])
     where = [
         _from_line(a.position, b.position, axes_of(a), axes_of(b), tips, frames)

@@ -14,15 +14,10 @@ from optipromp.core.scenes.scene import Scene, SceneObject, Stem
 
 
 class BodyPart(NamedTuple):
-    """Objects that a scene treats alike, and the robot that must not touch them.
+    """Objects that a scene treats alike, and the robot that must not touch them."""
 
-    Attributes:
-        robot: without links that may touch the objects; its spheres are larger by the padding.
-        rows: indices of the objects in the scene; None: all objects.
-    """
-
-    robot: Robot
-    rows: frozenset[int] | None
+    robot: Robot  # without links that may touch the objects; its spheres are larger by the padding
+    rows: frozenset[int] | None  # indices of the objects in the scene; None: all objects
 
 
 @functools.lru_cache(maxsize=8)

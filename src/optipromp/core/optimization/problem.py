@@ -19,22 +19,15 @@ ANCHOR = 1e3  # [1/T⁴] weight of ∫‖δ‖² dt beside ∫‖δ̈‖² dt in
 
 @dataclass(frozen=True)
 class Special:
-    """Obstacles that spheres keep another distance from than contact.
+    """Obstacles that spheres keep another distance from than contact."""
 
-    Attributes:
-        field: ``static`` or ``dynamic``.
-        obstacles: without cells.
-        shared: number of those that concern all spheres, of a dynamic field.
-        radius: (B,) of the body spheres, larger by that distance [m]; minus infinity where an
-            obstacle does not count.
-        bound: (L,) of the links' bounding spheres, likewise [m].
-    """
-
-    field: str
-    obstacles: Obstacles
-    shared: int
+    field: str  # ``static`` or ``dynamic``
+    obstacles: Obstacles  # without cells
+    shared: int  # number of those that concern all spheres, of a dynamic field
+    # (B,) of the body spheres, larger by that distance [m]; minus infinity where an obstacle does
+    # not count
     radius: FloatArray
-    bound: FloatArray
+    bound: FloatArray  # (L,) of the links' bounding spheres, likewise [m]
 
 
 @dataclass(frozen=True)
@@ -66,19 +59,12 @@ class Surroundings:
 
 @dataclass(frozen=True, eq=False)
 class Value:
-    """The objective at a trajectory.
+    """The objective at a trajectory."""
 
-    Attributes:
-        merit: the minimised sum, ``cost + scale·penalty``.
-        costs: each cost by its name, without its weight.
-        cost: the weighted sum of the costs.
-        penalty: the weighted sum of the constraints, at full stiffness.
-    """
-
-    merit: float
-    costs: dict[str, float]
-    cost: float = 0.0
-    penalty: float = 0.0
+    merit: float  # the minimised sum, ``cost + scale·penalty``
+    costs: dict[str, float]  # each cost by its name, without its weight
+    cost: float = 0.0  # the weighted sum of the costs
+    penalty: float = 0.0  # the weighted sum of the constraints, at full stiffness
 
 
 class Problem:

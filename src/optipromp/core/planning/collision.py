@@ -15,8 +15,7 @@ from optipromp.core.compiled import inlined, inner
 from optipromp.core.geometry.distances import distance_and_gradient
 from optipromp.core.geometry.obstacles import Obstacles, appended, pack
 from optipromp.core.planning.parameters import TREE
-from optipromp.core.planning.special import apart
-from optipromp.core.planning.task import FARTHER, Task, reach
+from optipromp.core.planning.task import FARTHER, Task, apart, reach
 from optipromp.core.robots.kernels import Kinematics, carried_points, chain_frames
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
@@ -41,7 +40,7 @@ class Collider(NamedTuple):
     static: Obstacles
     dynamic: Obstacles
     shared: int
-    special: Obstacles  # see :class:`optipromp.core.planning.special.RoomApart`
+    special: Obstacles  # see :class:`optipromp.core.planning.task.RoomApart`
     room: FloatArray  # (L, K) [m] of the special obstacles
     common: FloatArray  # (L, 0): the other obstacles have no room
     lever: FloatArray  # (n,) [m per rad or m] :func:`levers`

@@ -11,24 +11,37 @@ here to keep the order of its sums: the end rows are exact to a variance of 1e-1
 changes plans by 1e-7 rad. The update is iterated, because the Jacobian depends on the
 configuration. The arm's posture, which the path leaves free, stays as it was demonstrated. Inverse
 kinematics then removes the remaining millimetres between the tool and the path.
+
+At the end stand the other starts of the optimisation: along the constraints of a path, and round
+obstacles by the corners of :mod:`optipromp.core.planning.tree`.
 """
 
+import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, frozen
+from optipromp.core.arrays import FloatArray, frozen, lengths
+from optipromp.core.budget import Budget
+from optipromp.core.optimization.costs import Cost
+from optipromp.core.optimization.costs.tool import CorridorCost, UprightCost
+from optipromp.core.planning import tree
+from optipromp.core.planning.goals import clearance
 from optipromp.core.planning.options import Searched
-from optipromp.core.planning.parameters import FOLLOW, WAYPOINT
+from optipromp.core.planning.parameters import CONSTRAINT, FOLLOW, SOLVE, TREE, WAYPOINT
+from optipromp.core.planning.primitive import led_through
 from optipromp.core.planning.task import Task
+from optipromp.core.promp.conditioning import condition
 from optipromp.core.promp.gaussian import add_noise
 from optipromp.core.promp.model import ProMP
+from optipromp.core.promp.points import JointPoint
 from optipromp.core.pushing.path import ToolPath
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.roll import level
+from optipromp.core.scenes.goals import PathConstraints
 from optipromp.core.scenes.scene import PoseGoal
 from optipromp.core.trajectory import Trajectory
 
@@ -92,14 +105,14 @@ def starts(
     assert isinstance(task.goal, PoseGoal)
     share = np.linspace(1.0, 0.0, FOLLOW.stations)
     points, axes = path.at(share), task.axes(share)
-    found = []
+    tracked = []
     for goal in goals:
         back, errors = ik.track(task.robot, points, axes, goal)
         if errors.max() < FOLLOW.tracked:
             stations = back[::-1]
-            found.append((goal, stations, _waypoints(task, stations, path, options)))
-    found.sort(key=lambda item: item[2].count)
-    for goal, stations, waypoints in found[:most]:
+            tracked.append((goal, stations, _waypoints(task, stations, path, options)))
+    tracked.sort(key=lambda item: item[2].count)
+    for goal, stations, waypoints in tracked[:most]:
         start = _follow(task, path, promp, goal, stations, waypoints)
         if start is not None:
             yield start
@@ -167,7 +180,7 @@ def _follow(
     assert isinstance(task.goal, PoseGoal)
     robot, first, z = task.robot, waypoints.first, waypoints.phases
     share = np.linspace(0.0, 1.0, FOLLOW.stations)
-    table = np.linspace(0.0, 1.0, 401)
+    table = np.linspace(0.0, 1.0, FOLLOW.braked)
     times = np.interp(share, braked(table), table)  # the inverse of braked
     phases = z[first] + (1.0 - z[first]) * times
     poses = path.at(share), task.axes(share)
@@ -258,3 +271,169 @@ def _prior_at(promp: ProMP, phases: tuple[float, ...]) -> tuple[FloatArray, Floa
     cross = np.ascontiguousarray(cross.transpose(0, 2, 1)).reshape(n * count, -1)
     joint = (values @ cross.reshape(n, count, -1)).transpose(1, 0, 2).reshape(cross.shape[1], -1)
     return frozen(values), frozen(cross), frozen(joint)
+
+
+def uprighted(task: Task) -> Task:
+    """The task whose robot has the axis that is held upright for its tool axis.
+
+    Where a path's constraints hold, the point of the tool and this axis are those of the motion;
+    elsewhere the nearest that are allowed, to which inverse kinematics leads the arm.
+    """
+    path = task.scene.path
+    if path is None or path.upright is None:
+        return task
+    axis = frozen(task.robot.tool_rotation @ path.upright.axis)
+    return replace(task, robot=_with_axis(task.robot, axis))
+
+
+def _with_axis(robot: Robot, axis: FloatArray) -> Robot:
+    same = float(np.abs(axis - robot.tool_axis).max()) < 1e-12  # rounding: the robot as it is
+    return robot if same else replace(robot, tool_axis=axis)
+
+
+def path_costs(path: PathConstraints | None, count: int) -> list[Cost]:
+    """The penalties of a path's constraints at ``count`` waypoints, with a margin for the curve."""
+    out: list[Cost] = []
+    if path is None:
+        return out
+    if path.upright is not None:
+        chord = 2.0 * math.sin(0.5 * CONSTRAINT.share * math.radians(path.upright.angle))
+        out.append(UprightCost(SOLVE.kept, path.upright.direction[None], chord, 0))
+    if path.plane is not None:
+        points = np.tile(path.plane.point, (count, 1))
+        within = CONSTRAINT.share * path.plane.within
+        axes = path.plane.normal[None]
+        out.append(CorridorCost(SOLVE.must, points, axes, within, 0, SOLVE.within))
+    return out
+
+
+def keeps_path(task: Task, q: FloatArray) -> FloatArray:
+    """Whether configurations ``q`` (m, n) keep the constraints."""
+    points, axes = uprighted(task).robot.tool_pose(q)
+    near, turned = _allowed(task.scene.path, points, axes, 1.0)
+    off = lengths(points - near) + lengths(axes - turned)
+    return np.asarray(off < 1e-6)  # [m or rad] rounding
+
+
+def constrained(task: Task, start: Start) -> Start:
+    """The start, led to the nearest poses of the tool that keep the constraints."""
+    q = start.followed
+    points, axes = task.robot.tool_pose(q)
+    points, axes = _allowed(task.scene.path, points, axes, CONSTRAINT.share)
+    allowed, errors = ik.each(task.robot, points[1:-1], axes[1:-1], q[1:-1])
+    if errors.max(initial=0.0) > CONSTRAINT.reached:
+        return start
+    return replace(start, followed=np.vstack([q[:1], allowed, q[-1:]]))
+
+
+def constrained_starts(task: Task, proposed: Iterator[Start]) -> Iterator[Start]:
+    """The starts, led where the scene has constraints of a path."""
+    if task.scene.path is None:
+        return proposed
+    return (constrained(task, start) for start in proposed)
+
+
+def _allowed(
+    path: PathConstraints | None, points: FloatArray, axes: FloatArray, share: float
+) -> tuple[FloatArray, FloatArray]:
+    """The nearest tool points (m, 3) and axes (m, 3) within ``share`` of the limits."""
+    if path is not None and path.plane is not None:
+        height = (points - path.plane.point) @ path.plane.normal
+        most = share * path.plane.within
+        points = points - (height - np.clip(height, -most, most))[:, None] * path.plane.normal
+    if path is not None and path.upright is not None:
+        up, angle = path.upright.direction, share * math.radians(path.upright.angle)
+        along = axes @ up
+        aside = axes - along[:, None] * up
+        flat = lengths(aside)
+        leaning = np.arctan2(flat, along) > angle
+        flat_axis = aside / np.maximum(flat, 1e-12)[:, None]
+        edge = math.cos(angle) * up + math.sin(angle) * flat_axis
+        axes = np.where(leaning[:, None], edge, axes)
+    return points, axes
+
+
+def free_starts(
+    task: Task,
+    options: Searched,
+    promp: ProMP,
+    goals: FloatArray,
+    rng: np.random.Generator,
+    budget: Budget,
+) -> Iterator[Start]:
+    """Starts of a reach without a tool path, to goal configurations ``goals`` (m, n).
+
+    First comes the primitive conditioned on start and goal, the nearest goal first, where it does
+    not go deep into obstacles. Ways round the obstacles follow, then the deep primitives.
+    """
+    order = np.argsort(np.abs(goals - task.start).max(axis=1), kind="stable")
+    deep = []
+    for goal in goals[order]:
+        count = options.waypoints or free_count(goal - task.start, options.max_step)
+        q = led_through(promp, task.start, np.array([1.0]), goal[None], np.zeros(1), count)
+        start = Start(q, q, Waypoints(count, count - 1), None)
+        if clearance(task, q).min() < -TREE.deep:
+            deep.append(start)
+        else:
+            yield start
+    ends = [JointPoint(0.0, task.start), JointPoint(1.0, goals[order[0]])]
+    shown = condition(promp, ends).sample(rng, TREE.shown, WAYPOINT.fewest)
+    for _ in range(TREE.rounds):
+        corners = tree.way(task, goals, shown.reshape(-1, shown.shape[2]), rng, budget)
+        if corners is None:
+            break
+        q = along_corners(
+            corners, options.waypoints or within_limits(way_count(corners, options) + 1)
+        )
+        yield Start(q, q, Waypoints(len(q), len(q) - 1), None)
+    yield from deep
+
+
+def led_round(
+    task: Task, start: Start, options: Searched, rng: np.random.Generator, budget: Budget
+) -> Iterator[Start]:
+    """The start to the same tool path whose reach goes round obstacles, if there is a way."""
+    first, last = start.waypoints.first, start.waypoints.count - 1
+    corners = None
+    if first:
+        corners = tree.way(
+            task, start.followed[first : first + 1], start.primitive[:first], rng, budget
+        )
+    if corners is None:
+        return
+    reach = first
+    if not options.waypoints:
+        most = WAYPOINT.most - (last - first)
+        reach = max(int(min(way_count(corners, options), most)), WAYPOINT.fewest_reach)
+    q = np.vstack([along_corners(corners, reach + 1, stop=False)[:-1], start.followed[first:]])
+    rows = np.concatenate(
+        [np.linspace(0, first, reach, endpoint=False), np.arange(first, last + 1)]
+    )
+    shown = np.stack([np.interp(rows, np.arange(last + 1), one) for one in start.primitive.T], 1)
+    yield Start(shown, q, Waypoints(len(q), reach), start.path)
+
+
+def way_count(corners: FloatArray, options: Searched) -> float:
+    """Number of steps along a way (k, n), such that none is over ``max_step``."""
+    turns = float(np.abs(np.diff(corners, axis=0)).max(axis=1).sum())
+    return float(np.ceil(turns / (1.0 - TREE.ramp) / (WAYPOINT.share * options.max_step)))
+
+
+def along_corners(corners: FloatArray, count: int, *, stop: bool = True) -> FloatArray:
+    """Waypoints (count, n) along corners (k, n), from rest, and with ``stop`` to rest.
+
+    Between the ends, the joint that turns most on an edge has the same speed on all edges.
+    """
+    u = np.linspace(0.0, 1.0, count)
+    done = _started(u)
+    if stop:
+        done = np.where(u < 0.5, done, 1.0 - TREE.ramp - _started(1.0 - u))
+    turned = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(corners, axis=0)).max(axis=1))])
+    at = done / done[-1] * turned[-1]
+    return np.stack([np.interp(at, turned, one) for one in corners.T], axis=1)
+
+
+def _started(u: FloatArray) -> FloatArray:
+    """Distance (m,) at times ``u`` (m,) from rest; the speed rises smoothly to 1."""
+    x = np.minimum(u / TREE.ramp, 1.0)
+    return np.asarray(TREE.ramp * (x**3 - 0.5 * x**4) + np.maximum(u - TREE.ramp, 0.0))

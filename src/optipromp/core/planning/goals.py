@@ -13,8 +13,7 @@ from optipromp.core.optimization.costs.obstacles import self_overlap
 from optipromp.core.optimization.evaluation import Evaluation
 from optipromp.core.planning import collision
 from optipromp.core.planning.parameters import GOAL
-from optipromp.core.planning.regions import poses
-from optipromp.core.planning.task import Task
+from optipromp.core.planning.task import Task, poses
 from optipromp.core.robots import ik
 from optipromp.core.robots.roll import level, rolled
 from optipromp.core.scenes.scene import JointGoal, PoseGoal, RegionGoal
@@ -42,7 +41,8 @@ def clearance(task: Task, q: FloatArray) -> FloatArray:
 def find(task: Task, seed: int, starts: int = GOAL.starts) -> FloatArray:
     """Goal configurations (m, n), best first.
 
-    With ``GOAL.many_starts`` starts, solutions may be closer to one another.
+    Two configurations differ in a joint by at least ``GOAL.distinct``; with ``GOAL.many_starts``
+    starts, by at least ``GOAL.distinct_many``.
     """
     if isinstance(task.goal, JointGoal):
         return task.goal.joints[None]
@@ -77,7 +77,7 @@ def _solved(
         seed=seed,
         near=task.start[None],
         rest=task.start,
-        distinct=0.1 if starts >= GOAL.many_starts else GOAL.distinct,
+        distinct=GOAL.distinct_many if starts >= GOAL.many_starts else GOAL.distinct,
         clearance=lambda q: clearance(task, _rolled_level(task, q)),
     )
 
@@ -108,9 +108,9 @@ def free(task: Task, goals: FloatArray) -> tuple[FloatArray, str]:
     The judge decides where no goal is free to the planner: a goal beside a mesh or a point cloud
     may touch the distance grid and not the object.
     """
-    kept = collision.free(task, goals, GOAL.enough)
-    if len(kept):
-        return kept, ""
+    clear = collision.free(task, goals, GOAL.enough)
+    if len(clear):
+        return clear, ""
     contacts = [judging.clearances(task.scene, task.robot, goal[None])[1] for goal in goals]
     sure = [i for i, touching in enumerate(contacts) if not touching]
     blocked = next((touching for touching in contacts if touching), [])
@@ -134,20 +134,20 @@ def choose(
     Returns: Configurations (m, n), at most ``GOAL.enough`` where they are free; whether they touch
     nothing; and the reason where all of them touch an object or none exists.
     """
-    only = None if begin is None else nearest(task, begin)
-    if only is not None:
-        return only, True, ""
+    branch = None if begin is None else nearest(task, begin)
+    if branch is not None:
+        return branch, True, ""
     goals = find(task, seed, starts)
-    kept, blocked = free(task, goals)
+    clear, blocked = free(task, goals)
     budget = Budget() if budget is None else budget
     if (
-        len(kept) < GOAL.spare
+        len(clear) < GOAL.spare
         and (starts >= GOAL.starts or not len(goals))
         and not isinstance(task.goal, JointGoal)
         and not (len(goals) and budget.spent())
     ):
         goals = find(task, seed, GOAL.more_starts)
-        kept, blocked = free(task, goals)
+        clear, blocked = free(task, goals)
     if not len(goals):
         assert not isinstance(task.goal, JointGoal)
         at, how = task.goal.position, " along its axis"
@@ -159,15 +159,15 @@ def choose(
             f"no configuration within the joint limits has the tool at {np.round(at, 4).tolist()}"
             f"{how} ({np.linalg.norm(at):.3g} m from the base)",
         )
-    if not len(kept) and not isinstance(task.goal, JointGoal) and not budget.spent():
+    if not len(clear) and not isinstance(task.goal, JointGoal) and not budget.spent():
         goals = find(task, seed, GOAL.many_starts)
-        kept, blocked = free(task, goals)
-        if not len(kept) and not task.scene.pushables:  # a tool that pushes is not rolled
+        clear, blocked = free(task, goals)
+        if not len(clear) and not task.scene.pushables:  # a tool that pushes is not rolled
             turned = rolled(task.robot, goals)
             order = np.argsort(-clearance(task, turned), kind="stable")
-            kept, _ = free(task, turned[order[: GOAL.many_starts]])
-    if len(kept):
-        return kept, True, ""
+            clear, _ = free(task, turned[order[: GOAL.many_starts]])
+    if len(clear):
+        return clear, True, ""
     return (
         goals[: GOAL.enough],
         False,

@@ -1,8 +1,10 @@
 """``plan_pick``: a pick in several legs: the reach, the retreat, and the way to the place.
 
 On the *retreat* and on the *carry* the picked fruit is attached to the tool and its stem is cut.
-A target that stands on a board has a *lift* before the retreat; see
-:mod:`optipromp.core.planning.lifting`.
+A target that stands on a board has a *lift* before the retreat: straight up, then back along the
+reach, higher by the lift. Dragged back it would rub on the board and push what stands before it.
+Lifted, the target and the tool leave by the corridor that the reach has pushed free. The packs
+stand where the push model says that the reach left them.
 The retreat is the way back that does least harm: along the reach, along the tool axis, or off that
 axis within a cone. The carry is a motion in free space, in which the fruits that still hang are
 static.
@@ -13,28 +15,32 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import starmap
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from optipromp.core import judging
-from optipromp.core.arrays import FloatArray, frame_along, lengths
+from optipromp.core.arrays import FloatArray, frame_along, lengths, rotation
 from optipromp.core.budget import clock
 from optipromp.core.errors import Code, InvalidRequestError
-from optipromp.core.parameters import Checked, parameter
-from optipromp.core.planning import lifting
+from optipromp.core.planning.parameters import BACK, LIFTING
 from optipromp.core.planning.plan import plan
-from optipromp.core.planning.result import Plan, Terms
-from optipromp.core.planning.task import Task, laden, resolve
+from optipromp.core.planning.result import Plan, Terms, best_of
+from optipromp.core.planning.task import Task, laden, resolve, tool_motion
 from optipromp.core.planning.timing import shortest
-from optipromp.core.planning.verdict import verdict, whole
-from optipromp.core.planning.way_back import way_back
+from optipromp.core.planning.verdict import led, verdict, whole
+from optipromp.core.pushing.model import Continued, PushModel
 from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.pushing.stems.cup import flange_of
+from optipromp.core.pushing.stems.hanging import Hanging
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
+from optipromp.core.robots.mounted import Mounted
 from optipromp.core.robots.self_collision import letting_touch
-from optipromp.core.scenes.held import Attached, Place
+from optipromp.core.scenes.held import Attached, Place, pairs_among
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.scenes.scene import PoseGoal, Scene, SceneObject
@@ -44,23 +50,7 @@ from optipromp.core.trajectory import State, Trajectory
 REACH, LIFT, RETREAT, CARRY = "reach", "lift", "retreat", "carry"
 AFTER = LIFT, RETREAT, CARRY
 
-
-@dataclass(frozen=True)
-class RetreatParameters(Checked):
-    """Numbers of the retreat."""
-
-    step: float = parameter(0.005, "m", "choice", "between the waypoints of a straight retreat")
-    cone: float = parameter(25.0, "deg", "choice", "off the tool axis: as that of an approach")
-    around: int = parameter(6, "1", "choice", "directions about the tool axis that are tried")
-    farther: float = parameter(
-        2.0, "1", "choice", "retreats so much longer are tried where the shorter ends among fruits"
-    )
-    alike: float = parameter(
-        0.05, "1", "measured", "harms below it are equal: 1 % of such plans fail (docs/studies.md)"
-    )
-
-
-BACK = RetreatParameters()
+IDEAL = False, False, BACK.alike  # the rank of a retreat that no other betters
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +141,7 @@ def after(reach: Plan, progress: Callable[[str], None] | None = None, **request:
         raise InvalidRequestError(f"{reach.robot.name} has no tool, which would hold the target")
     if reach.success:
         (progress or str)("retreat")
-        legs |= lifted(reach) if lifting.stands(reach.scene) else {RETREAT: retreat(reach)}
+        legs |= lifted(reach) if stands(reach.scene) else {RETREAT: retreat(reach)}
     if RETREAT in legs and legs[RETREAT].success:
         scene, robot = carry_scene(legs)
         legs[CARRY] = plan(scene, progress=progress, **request | {"robot": robot})
@@ -164,25 +154,24 @@ def retreat(reach: Plan) -> Plan:
     Longer retreats are tried where all shorter ones harm, or end where the robot or the fruit
     touches something that the carry must not touch.
     """
-    began, found = clock(), list[tuple[tuple[bool, bool, float], Plan]]()
-    place = reach.scene.place
+    began, place = clock(), reach.scene.place
     assert place is not None
+
+    def judged(q: FloatArray) -> tuple[tuple[bool, bool, float], Plan]:
+        """A retreat and its rank: validity, whether the carry cannot begin there, harm."""
+        one = _leg(reach, RETREAT, q, PUSH.hanging.speed, began)
+        blocked = bool(judging.touching(*carried(one, place), q[-1]))
+        return (not one.valid, blocked, max(one.harm, BACK.alike)), one
+
+    best = None
     for factor in (1.0, 0.5 * (1.0 + BACK.farther), BACK.farther):
-        for q in _ways(reach, factor * place.retreat):
-            task = retreat_task(reach, q[-1])
-            made = shortest(task.robot, q, 0, PUSH.hanging.speed)
-            one = leg(task, made, clock() - began)
-            scene, robot = carried(one, place)
-            blocked = bool(judging.touching(scene, robot, q[-1]))
-            valid = one.success or one.status is Code.HARM_PREDICTED
-            harm = 0.0 if one.prediction is None else one.prediction.harm
-            found.append(((not valid, blocked, max(harm, BACK.alike)), one))
-            if found[-1][0] == (False, False, BACK.alike):
-                break
-        rank, best = min(found, key=lambda item: item[0])
-        if best.success and rank[:2] == (False, False):
+        proposed = map(judged, _retreats(reach, factor * place.retreat))
+        best = best_of(proposed, itemgetter(0), lambda one: one[0] == IDEAL, best)
+        assert best is not None  # the first retreat is always proposed
+        rank, made = best
+        if made.success and rank[:2] == IDEAL[:2]:
             break
-    return replace(best, time={"total": clock() - began})
+    return replace(made, time={"total": clock() - began})
 
 
 def lifted(reach: Plan) -> dict[str, Plan]:
@@ -193,25 +182,36 @@ def lifted(reach: Plan) -> dict[str, Plan]:
     began = clock()
     assert reach.scene.place is not None
     _, robot = held(reach)
-    found: dict[str, Plan] = {}
-    for up, back in lifting.ways(reach, robot, reach.scene.place.retreat):
-        found = {}
-        for name, q in ((LIFT, up), (RETREAT, back)):
-            task = lift_task(reach, name, q[0], q[-1])
-            made = shortest(task.robot, q, 0, lifting.LIFT.speed)
-            found[name] = leg(task, made, clock() - began)
-            if not found[name].success:
-                break
-        if len(found) == 2 and found[RETREAT].success:
-            return found
-    if not found:
+
+    def judged(up: FloatArray, back: FloatArray) -> dict[str, Plan]:
+        made = {LIFT: _leg(reach, LIFT, up, LIFTING.speed, began)}
+        if made[LIFT].success:
+            made[RETREAT] = _leg(reach, RETREAT, back, LIFTING.speed, began)
+        return made
+
+    proposed = lifts(reach, robot, reach.scene.place.retreat)
+    best = best_of(
+        enumerate(starmap(judged, proposed)),
+        rank=lambda one: -one[0],  # the last height
+        enough=lambda one: RETREAT in one[1] and one[1][RETREAT].success,
+    )
+    if best is None:
         raise InvalidRequestError(
             f"{reach.scene.name}: the arm cannot lift the target straight up from its grasp"
         )
-    return found
+    return best[1]
 
 
-def _ways(reach: Plan, distance: float) -> Iterator[FloatArray]:
+def _leg(reach: Plan, name: str, q: FloatArray, speed: float, began: float) -> Plan:
+    """The judged lift or retreat through waypoints ``q`` (T, n), as fast as ``speed`` [m/s] allows.
+
+    ``began``: the clock's time at which the stage began [s].
+    """
+    task = leg_task(reach, name, q[0], q[-1])
+    return leg(task, shortest(task.robot, q, 0, speed), clock() - began)
+
+
+def _retreats(reach: Plan, distance: float) -> Iterator[FloatArray]:
     """Waypoints (T, n) of retreats by ``distance`` [m], from the end of the reach.
 
     First back along the reach, then straight along the tool axis, then off the tool axis. Among
@@ -240,49 +240,38 @@ def _ways(reach: Plan, distance: float) -> Iterator[FloatArray]:
 
 def leg(task: Task, trajectory: Trajectory, seconds: float) -> Plan:
     """The judged plan of a motion that no planner made."""
-    found = verdict(task, trajectory)
+    outcome = verdict(task, trajectory)
     return Plan(
-        task=task, planner="retreat", strategy=None, seed=task.seed, status=found.status,
-        message=found.message, trajectory=trajectory, initial=trajectory, followed=trajectory,
-        prediction=found.prediction, metrics=found.judgement.metrics, terms=Terms(dict), stages=(),
-        contacts=found.judgement.contacts, time={"total": seconds},
+        task=task, planner="retreat", strategy=None, seed=task.seed, status=outcome.status,
+        reason=outcome.reason, notes=outcome.notes, trajectory=trajectory, initial=trajectory,
+        followed=trajectory, prediction=outcome.prediction, judgement=outcome.judgement,
+        terms=Terms(dict), stages=(), time={"total": seconds},
     )  # fmt: skip
 
 
-def retreat_task(reach: Plan, end: FloatArray) -> Task:
-    """The task of a retreat from the end of a reach to the configuration ``end`` (n,)."""
+def leg_task(reach: Plan, name: str, begin: FloatArray, end: FloatArray) -> Task:
+    """The task of a lift or a retreat between two configurations (n,)."""
     scene, robot = held(reach)
-    point, axis = robot.tool_pose(end)
-    scene = replace(scene, goal=PoseGoal(point, axis), name=f"{reach.scene.name}-{RETREAT}")
-    q = reach.trajectory.positions[-1]
-    return Task(
-        scene, robot, State(q), PoseGoal(point, axis), (), risk=reach.risk, begun=True,
-        seed=reach.seed, back=way_back(reach, robot),
-    )  # fmt: skip
-
-
-def lift_task(reach: Plan, name: str, begin: FloatArray, end: FloatArray) -> Task:
-    """The task of the lift, or of the retreat after it, between two configurations (n,)."""
-    scene, robot = held(reach)
-    scene = lifting.settled(reach, scene)
-    if name == RETREAT:
-        scene = replace(scene, may_touch=lifting.lifted_pairs(reach.scene, scene))
+    lifts = stands(reach.scene)
+    if lifts:
+        scene = settled(reach, scene)
+    if lifts and name == RETREAT:
+        scene = replace(scene, may_touch=lifted_pairs(reach.scene, scene))
     goal = PoseGoal(*robot.tool_pose(end))
     scene = replace(scene, goal=goal, start=begin, name=f"{reach.scene.name}-{name}")
     return Task(
-        scene, robot, State(begin), goal, (), risk=reach.risk, begun=True, seed=reach.seed
+        scene, robot, State(begin), goal, (), risk=reach.risk, begun=True, seed=reach.seed,
+        back=None if lifts else retreat_model(reach, robot),
     )  # fmt: skip
 
 
 def task_of(name: str, legs: Mapping[str, Plan], curve: Trajectory) -> Task:
     """The task of a leg after those of ``legs``, by which its ``curve`` is judged again."""
-    reach, end = legs[REACH], curve.positions[-1]
+    reach = legs[REACH]
     if name == CARRY:
         return replace(resolve(*carry_scene(legs)), risk=reach.risk)
-    if lifting.stands(reach.scene):
-        before = legs[REACH] if name == LIFT else legs[LIFT]
-        return lift_task(reach, name, before.trajectory.positions[-1], end)
-    return retreat_task(reach, end)
+    *_, before = legs.values()
+    return leg_task(reach, name, before.trajectory.positions[-1], curve.positions[-1])
 
 
 def carry_scene(legs: Mapping[str, Plan]) -> tuple[Scene, Robot]:
@@ -354,3 +343,152 @@ def _fixed(item: SceneObject) -> Iterator[SceneObject]:
     for k, (shape, middle, turn) in enumerate(() if item.stem is None else item.stem.pieces()):
         id_ = f"{item.id}:stem:{k}"
         yield SceneObject(id_, "static", shape, middle, to_quaternion(turn), padding=0.0)
+
+
+def stands(scene: Scene) -> bool:
+    """Whether the target stands and is reached from the side."""
+    target, slope = scene.target, abs(float(scene.frame[2] @ scene.up))
+    return target is not None and target.stem is None and slope < np.sin(np.deg2rad(LIFTING.level))
+
+
+def settled(reach: Plan, scene: Scene) -> Scene:
+    """The ``scene`` of the way back, with the packs where the reach has left them, as static.
+
+    Packs that the reach has pushed may be touched by the tool, the last link and what they hold.
+    """
+    places: dict[str, tuple[FloatArray, float]] = {}
+    model, robot = reach.push_model, reach.robot
+    if model is not None:
+        points, axes, *_ = led(reach.task, model, reach.trajectory)
+        left = model.moved(points, axes)
+        ends = zip(left.ids, left.positions, left.turns, strict=True)
+        places = {id_: (place, float(turn)) for id_, place, turn in ends}
+    objects, pairs = list[SceneObject](), list(scene.may_touch)
+    near = [
+        str(name) for name in robot.link_names[robot.spheres.link[robot.spheres.distal].min() :]
+    ]
+    holders = [*dict.fromkeys(near), *(item.id for item in scene.attached)]
+    for item in scene.objects:
+        if item.role == "static" or item.stem is not None:
+            objects.append(item)
+            continue
+        place, turn = places.get(item.id, (item.position, 0.0))
+        orientation = to_quaternion(rotation(-scene.frame[0], turn) @ item.rotation)
+        objects.append(SceneObject(item.id, "static", item.shape, place, orientation, padding=0.0))
+        if np.linalg.norm(place - item.position) > LIFTING.pushed or abs(turn) > LIFTING.pushed:
+            pairs += [(name, item.id) for name in holders]
+    return replace(scene, objects=tuple(objects), may_touch=tuple(pairs))
+
+
+def lifted_pairs(before: Scene, scene: Scene) -> tuple[tuple[str, str], ...]:
+    """The pairs of a ``scene`` that may touch, less those of the target with the board it left.
+
+    ``before`` is the scene of the reach.
+    """
+    target, static = before.target, {item.id for item in before.static}
+    assert target is not None
+    return tuple(
+        pair
+        for pair in scene.may_touch
+        if pair in before.may_touch or not (target.id in pair and static & set(pair))
+    )
+
+
+def lifts(reach: Plan, robot: Robot, distance: float) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Waypoints (T, n) of the lift and (U, n) of the way back, for each height.
+
+    The way back ends ``distance`` [m] along the reach from its end, and at least where the approach
+    begins.
+    """
+    q = reach.trajectory.positions
+    tips, axes = robot.tool_pose(q)
+    gone = np.append(0.0, np.cumsum(lengths(np.diff(tips[::-1], axis=0))))
+    first = len(q) - 1 - reach.first
+    last = max(min(int(np.searchsorted(gone, distance)), len(q) - 1), first, 2)
+    for height in LIFTING.heights:
+        rise = np.linspace(0.0, height, max(3, int(np.ceil(height / LIFTING.step)) + 1))
+        points = tips[-1] + rise[:, None] * reach.scene.up
+        up, off = ik.track(robot, points, np.tile(axes[-1], (len(rise), 1)), q[-1])
+        level = (tips - tips[-1]) @ reach.scene.up  # the way back is nowhere lower than the lift
+        over = tips + (height - np.minimum(level, 0.0))[:, None] * reach.scene.up
+        above = over[::-1][: last + 1]
+        back, missed = ik.track(robot, above, axes[::-1][: last + 1], up[-1])
+        if max(off.max(), missed.max()) < judging.GOAL_TOLERANCE:
+            yield np.vstack([q[-1:], up[1:]]), np.vstack([up[-1:], back[1:]])
+
+
+def retreat_model(reach: Plan, robot: Robot) -> PushModel | None:
+    """The push model of the retreat: the tool is full, so that it is a solid body among fruits.
+
+    The model knows the push of the reach. None where nothing else hangs.
+    """
+    scene, target = reach.scene, reach.scene.target
+    assert target is not None
+    hanging = [item for item in scene.pushables if item.stem is not None]
+    tool = reach.robot.tool
+    if target.stem is None or not hanging or tool is None or robot.tool is None:
+        return None
+
+    def away(item: SceneObject) -> float:
+        return math.dist(item.position, target.position)
+
+    first = min(hanging, key=away)
+    objects = (
+        replace(item, role="target") if item.id == first.id else item
+        for item in scene.objects
+        if item.id != target.id
+    )
+    seen = replace(
+        scene, objects=rooted(objects), place=None,
+        may_touch=pairs_among(scene.may_touch, [target.id]),
+    )  # fmt: skip
+    left = tuple(item for item in reach.task.neighbours if item.id not in (first.id, target.id))
+    full = replace(Mounted.of(robot.tool), full=True)
+    model = Hanging(
+        seen, full, left, reach.task.camera, robot.gripper_radius, flange_of(robot), reach.risk,
+    )  # fmt: skip
+    before = reach.push_model
+    if before is None:
+        points, axes = tool_motion(reach.robot, reach.trajectory.positions[reach.first :])
+        return RetreatModel(model, points, axes, ())
+    points, axes, *_ = led(reach.task, before, reach.trajectory)
+    radius = {item.id: item.radius for item in hanging}
+    moved = before.moved(points, axes)
+    off = moved.positions - points[-1]
+    height = off @ axes[-1]
+    aside = lengths(off - height[:, None] * axes[-1])
+    behind = (height < tool.front - tool.reach) & (height > -tool.reach)
+    caught = (
+        name
+        for name, is_behind, away_by in zip(moved.ids, behind, aside, strict=True)
+        if is_behind and name in radius and away_by < tool.mouth[1] + radius[name]
+    )
+    return RetreatModel(model, points, axes, tuple(caught))
+
+
+class RetreatModel(Continued):
+    """The push model of a retreat, after the push of the reach.
+
+    A fruit that the reach left behind the mouth's floor, across the way of its edge, is ``caught``:
+    the tool would pull it off its stem. The model of the push does not know such pulls. In the
+    simulation, 3 of 4 retreats past such a fruit tore one off; none of 5 others did.
+    """
+
+    def __init__(
+        self, model: PushModel, points: FloatArray, axes: FloatArray, caught: tuple[str, ...]
+    ) -> None:
+        super().__init__(model, points, axes)
+        self.caught = caught
+
+    def harm(
+        self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
+    ) -> float:
+        """See :class:`PushModel`; two thresholds more where a fruit is caught."""
+        more = 2.0 * self.threshold if self.caught else 0.0
+        return more + super().harm(points, axes, states, limit - more)
+
+    def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
+        """See :class:`PushModel`."""
+        if self.caught:
+            return self.caught[0], "is caught behind the tool, which would tear it off its stem"
+        return super().cause(points, axes)

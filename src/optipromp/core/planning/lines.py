@@ -9,7 +9,7 @@ returned. The arm rests at every way point.
 import math
 from dataclasses import dataclass
 from dataclasses import replace as replaced
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 
@@ -17,16 +17,16 @@ from optipromp.core import judging
 from optipromp.core.arrays import FloatArray, lengths, rotation
 from optipromp.core.budget import Budget, clock
 from optipromp.core.errors import Code, InvalidRequestError
-from optipromp.core.planning import goals, kept
+from optipromp.core.planning import goals
 from optipromp.core.planning.collision import free, open_until
+from optipromp.core.planning.follow import along_corners, keeps_path
 from optipromp.core.planning.options import Searched
 from optipromp.core.planning.parameters import GOAL, LINE
 from optipromp.core.planning.pick import pick
-from optipromp.core.planning.result import Failed, Planned
+from optipromp.core.planning.result import Failed, Planned, best_of
 from optipromp.core.planning.task import Task
 from optipromp.core.planning.timing import shortest, tool_speeds
 from optipromp.core.planning.verdict import judged
-from optipromp.core.planning.ways import along
 from optipromp.core.promp.model import ProMP
 from optipromp.core.robots import ik
 from optipromp.core.scenes.lines import Lines, axes_of, pose_name, turn_between
@@ -70,26 +70,21 @@ class StraightLine:
 
     def off(self, points: FloatArray) -> FloatArray:
         """Distances (m,) of points (m, 3) from the line [m]."""
-        way = self.b.position - self.a.position
-        share = np.clip((points - self.a.position) @ way / max(float(way @ way), 1e-18), 0.0, 1.0)
-        return lengths(points - self.a.position - share[:, None] * way)
+        edge = self.b.position - self.a.position
+        share = np.clip(
+            (points - self.a.position) @ edge / max(float(edge @ edge), 1e-18), 0.0, 1.0
+        )
+        return lengths(points - self.a.position - share[:, None] * edge)
 
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """A branch of inverse kinematics at the first way point, and how far it leads.
+    """A branch of inverse kinematics at the first way point, and how far it leads."""
 
-    Attributes:
-        begin: (n,) configuration at the first way point.
-        lines: waypoints (m, n) of each line that can be followed.
-        done: share of the next line that can be followed; 0 where all can.
-        why: the reason why it cannot be followed to its end; empty where all can.
-    """
-
-    begin: FloatArray
-    lines: tuple[FloatArray, ...]
-    done: float = 0.0
-    why: str = ""
+    begin: FloatArray  # (n,) configuration at the first way point
+    lines: tuple[FloatArray, ...]  # waypoints (m, n) of each line that can be followed
+    done: float = 0.0  # share of the next line that can be followed; 0 where all can
+    why: str = ""  # the reason why it cannot be followed to its end; empty where all can
 
     def turns(self, start: FloatArray) -> float:
         """Largest motions of a joint, to the branch and along each line, in sum [rad or m]."""
@@ -110,30 +105,28 @@ def along_lines(task: Task, promp: ProMP, options: Searched, budget: Budget) -> 
     legs = [StraightLine(a, b) for a, b in pairwise(poses)]
     first = replaced(task, scene=replaced(task.scene, goal=poses[0], waypoints=None), goal=poses[0])
     budget.say("inverse kinematics along the lines")
-    found = free(first, goals.find(first, task.seed, GOAL.many_starts), LINE.branches)
-    if not len(found):
-        found, clear, reason = goals.choose(first, task.seed, budget=budget)
+    begins = free(first, goals.find(first, task.seed, GOAL.many_starts), LINE.branches)
+    if not len(begins):
+        begins, clear, reason = goals.choose(first, task.seed, budget=budget)
         if not clear:
-            code = Code.GOAL_IN_COLLISION if len(found) else Code.GOAL_UNREACHABLE
+            code = Code.GOAL_IN_COLLISION if len(begins) else Code.GOAL_UNREACHABLE
             return Failed(code, f"waypoints[0]: {reason}")
-    near = np.abs(found - task.start).max(axis=1) < LINE.near
-    found = np.where(near[:, None] & (not task.state.moving), task.start, found)
+    near = np.abs(begins - task.start).max(axis=1) < LINE.near
+    begins = np.where(near[:, None] & (not task.state.moving), task.start, begins)
     branches: list[Branch] = []
-    for begin in found:
+    for begin in begins:
         branches.append(followed(task, legs, begin))
         if budget.spent() and any(not one.why for one in branches):
             break
     whole = sorted((one for one in branches if not one.why), key=lambda x: x.turns(task.start))
     if not whole:
         return Failed(Code.GOAL_UNREACHABLE, _refusal(branches, legs))
-    seconds, best = clock() - began, None
-    for branch in whole[: LINE.tries]:
-        made = _motion(task, first, legs, branch, (promp, options, budget))
-        if best is None or _wrong(made) < _wrong(best):
-            best = made
-        if not _wrong(best) or budget.spent():
-            break
-    assert best is not None
+    seconds = clock() - began
+    made = (_motion(task, first, legs, branch, (promp, options, budget)) for branch in whole)
+    best = best_of(
+        islice(made, LINE.tries), _wrong, lambda best: not _wrong(best) or budget.spent()
+    )
+    assert best is not None  # there is a whole branch
     return replaced(best, time={"inverse kinematics": seconds, **best.time})
 
 
@@ -157,7 +150,7 @@ def _track(
     The tool's speed rises and falls smoothly over equal times between the waypoints.
     """
     robot = task.robot
-    share = along(np.array([[0.0], [1.0]]), count)[:, 0]
+    share = along_corners(np.array([[0.0], [1.0]]), count)[:, 0]
     points, axes = leg.poses(share)
     q, errors = ik.track(robot, points[1:], None if axes is None else axes[1:], begin)
     q, errors = np.vstack([begin, q]), np.append(0.0, errors)
@@ -178,9 +171,9 @@ def _track(
         why = f"{robot.joint_names[joint]} would have to jump by {steps[row][joint]:.2f}"
         stops.append((row + 1, why))
     if task.scene.path is not None:
-        kept_at = kept.keeps(task, q)
-        if not kept_at.all():
-            stops.append((int(np.argmin(kept_at)), "the path's constraints are broken"))
+        holds = keeps_path(task, q)
+        if not holds.all():
+            stops.append((int(np.argmin(holds)), "the path's constraints are broken"))
     last = min(stops, default=(count, ""))[0]
     if (row := open_until(task, q[:last])) < last:  # the judge decides beside meshes
         contacts = judging.clearances(task.scene, robot, q[: row + 1])[1]

@@ -3,7 +3,7 @@
 import functools
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from inspect import signature
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -12,8 +12,6 @@ import numpy as np
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.optimization.costs import Cost
-from optipromp.core.optimization.costs.obstacles import Reduction
-from optipromp.core.optimization.costs.tool import PushForm
 from optipromp.core.parameters import Settings
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.rules import DriftRule
@@ -21,7 +19,6 @@ from optipromp.core.shown import short, suggest
 
 Strategy = Literal["joint", "sequential"]
 Constraints = Literal["push-model", "paper"]
-PaperDrift = Literal["paper", "lateral-plane"]
 STRATEGIES: tuple[Strategy, ...] = get_args(Strategy)
 
 
@@ -45,7 +42,7 @@ def _fits(value: object, hint: Any) -> bool:
     return isinstance(value, kind or hint)
 
 
-def _check_types(options: object, prefix: str) -> None:
+def check_types(options: object, prefix: str) -> None:
     """Refuse settings of a wrong type, and infinite numbers other than the timeout."""
     kind: Any = type(options)
     hints = _hints(kind)
@@ -57,11 +54,11 @@ def _check_types(options: object, prefix: str) -> None:
         if words and isinstance(value, str) and value not in words:
             told = f"it must be one of these: {suggest(value, words)}"
             raise InvalidRequestError(f"{prefix}{item.name} is {value}; {told}")
-        _need(options, prefix, _fits(value, hint), item.name, f"of type {wanted}")
-        for number in _numbers(value):
+        require(options, prefix, _fits(value, hint), item.name, f"of type {wanted}")
+        for number in numbers(value):
             if _fits(number, float):
                 endless = item.name == "timeout" and number == math.inf
-                _need(
+                require(
                     options, prefix, endless or abs(number) < _LARGEST_SETTING, item.name, "finite"
                 )
 
@@ -71,7 +68,7 @@ def _words(hint: Any) -> tuple[str, ...]:
     return get_args(hint) if get_origin(hint) is Literal else ()
 
 
-def _numbers(value: Any) -> Iterable[Any]:
+def numbers(value: Any) -> Iterable[Any]:
     """The values of a setting that is a mapping or a sequence, or else the setting itself."""
     if isinstance(value, Mapping):
         return value.values()
@@ -84,85 +81,11 @@ _MOST_WAYPOINTS = 20_000  # the solver keeps 20 KB for each waypoint
 _hints = functools.cache(get_type_hints)
 
 
-def _need(options: object, prefix: str, ok: bool, name: str, wanted: str) -> None:
+def require(options: object, prefix: str, ok: bool, name: str, wanted: str) -> None:
+    """Refuse the setting ``name`` of ``options`` where it is not ``ok``."""
     if not ok:
         value = short(getattr(options, name)).strip("'")
         raise InvalidRequestError(f"{prefix}{name} is {value}; it must be {wanted}")
-
-
-@dataclass(frozen=True)
-class PaperOptions(Settings):
-    r"""Settings that the paper leaves open; the defaults are those of the paper or its authors.
-
-    Attributes:
-        alphas: α1 … α4, the weights of F_s, F_d, F_p and F_v.
-        epsilon: ε, the safety distance of the obstacle cost [m].
-        reduction: of the obstacle cost over body points, ``max`` (the paper) or ``sum`` (CHOMP);
-            None: ``sum`` for the joint strategy, ``max`` for the sequential one.
-        push: form of F_p, ``quadratic`` (the paper) or ``reciprocal`` (the authors' runs:
-            Σ_t 1/|y_g·(fk − X_g)|); None: ``quadratic`` for the joint strategy, ``reciprocal``
-            for the sequential one.
-        push_weights: weights of the quadratic F_p along x_g, y_g and z_g.
-        drift: direction d_n of constraint 1: ``paper`` takes ±y_g, ``lateral-plane`` the direction
-            away from the lateral part of the stem.
-        drift_offset: least d_n·(fk − X_n) of constraint 1 [m], of all pushables or by the id of a
-            pushable (R_gripper where the id is missing); None: as the scene says (by default
-            R_gripper).
-        corridor: tolerance of constraint 3 about the initial tool points [m]: along x_g and z_g,
-            and along z_g alone where ``drift`` is ``lateral-plane``.
-        camera_phase: t_1, the phase of the camera point in (0, 1); None: 0.5 for promp and i-promp;
-            for OptI-ProMP such that steps before and after the camera point are equally long.
-        camera_point: whether the planner promp passes the camera point; None: as the scene says
-            (by default yes).
-        via_deviation: standard deviation with which a ProMP is held to a pushable [m].
-        direction_deviation: standard deviation of I-ProMP's push direction [rad]; above 0 the
-            direction is sampled.
-        guard: of i-promp: the mouth is closed while the tool pushes. The closed rim, not the tool
-            point, is led under each neighbour and under its pushed pose.
-        trust_radii: first trust radii of the push stage of the sequential strategy [rad]. They are
-            tried in this order, and the first valid plan is kept.
-    """
-
-    alphas: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 0.0)
-    epsilon: float = 0.01
-    reduction: Reduction | None = None
-    push: PushForm | None = None
-    push_weights: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    drift: PaperDrift = "paper"
-    drift_offset: float | Mapping[str, float] | None = None
-    corridor: float = 0.002
-    camera_phase: float | None = None
-    camera_point: bool | None = None
-    via_deviation: float = 1e-3
-    direction_deviation: float = 0.0
-    guard: bool = False
-    trust_radii: tuple[float, ...] = (0.005, 0.01, 0.02, 0.05, 0.1)
-
-    def __post_init__(self) -> None:
-        need = functools.partial(_need, self, "paper.")
-        _check_types(self, "paper.")
-        need(
-            len(self.alphas) == 4 and min(self.alphas) >= 0, "alphas", "four weights, none negative"
-        )
-        need(self.epsilon > 0, "epsilon", "positive [m]")
-        need(
-            len(self.push_weights) == 3 and min(self.push_weights) >= 0,
-            "push_weights",
-            "three weights, none negative",
-        )
-        offsets = () if self.drift_offset is None else _numbers(self.drift_offset)
-        need(all(offset >= 0 for offset in offsets), "drift_offset", "not negative [m]")
-        need(self.corridor >= 0, "corridor", "not negative [m]")
-        phase = self.camera_phase
-        need(phase is None or 0.0 < phase < 1.0, "camera_phase", "between 0 and 1")
-        need(self.via_deviation >= 0, "via_deviation", "not negative [m]")
-        need(self.direction_deviation >= 0, "direction_deviation", "not negative [rad]")
-        radii = self.trust_radii
-        need(
-            len(radii) > 0 and min(radii) > 0 and list(radii) == sorted(radii),
-            "trust_radii",
-            "positive, from small to large [rad]",
-        )
 
 
 @dataclass(frozen=True)
@@ -191,8 +114,8 @@ class Timed(Settings):
         return self.duration is not None or self.approach_speed is not None
 
     def __post_init__(self) -> None:
-        need = functools.partial(_need, self, "")
-        _check_types(self, "")
+        need = functools.partial(require, self, "")
+        check_types(self, "")
         count, speed = self.waypoints, self.approach_speed
         fits = count is None or 3 <= count <= _MOST_WAYPOINTS
         need(fits, "waypoints", f"a whole number >= 3, at most {_MOST_WAYPOINTS}")
@@ -228,7 +151,7 @@ class Optimised(Timed):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        need, steps = functools.partial(_need, self, ""), self.iterations
+        need, steps = functools.partial(require, self, ""), self.iterations
         need(self.max_step >= _LEAST, "max_step", f"at least {_LEAST:g} [rad or m]")
         for name in (
             "smoothness", "static_clearance", "avoid_clearance", "self_clearance", "limit_margin",
@@ -270,18 +193,19 @@ class PlanOptions(Searched):
         constraints: ``push-model``: the default planner. ``paper``: the paper's constraints 1 to 3,
             and a plan is a success only if constraint 1 holds at every waypoint of the paper's
             window. The strategy ``sequential`` plans with constraints 1 to 3 in any case.
-        paper: settings of the paper's own planners; see :class:`PaperOptions`.
+        paper: settings of the paper's planner, of promp and of i-promp, and of the functionals that
+            a plan reports: an :class:`optipromp.PaperOptions`; None: the defaults.
     """
 
     timeout: float = 60.0
     effort: int | None = None
     risk: float = PUSH.harm.risk
     constraints: Constraints = "push-model"
-    paper: PaperOptions = field(default_factory=PaperOptions)
+    paper: Settings | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        need, most = functools.partial(_need, self, ""), self.effort
+        need, most = functools.partial(require, self, ""), self.effort
         need(self.timeout > 0, "timeout", "positive [s]")
         need(0.0 < self.risk < 1.0, "risk", "between 0 and 1")
         need(most is None or most > 0, "effort", "a whole number > 0")

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
+from operator import attrgetter
 
 import numpy as np
 
@@ -23,14 +24,21 @@ from optipromp.core.optimization.costs.obstacles import ClearanceCost, ObstacleC
 from optipromp.core.optimization.costs.tool import CorridorCost, GoalCost, LevelCost, UprightCost
 from optipromp.core.optimization.evaluation import Evaluation
 from optipromp.core.optimization.problem import Problem
-from optipromp.core.planning import follow, kept, ways
-from optipromp.core.planning.follow import Start
+from optipromp.core.planning import follow
+from optipromp.core.planning.follow import (
+    Start,
+    constrained_starts,
+    free_starts,
+    led_round,
+    path_costs,
+    uprighted,
+)
 from optipromp.core.planning.goals import clearance, narrow, passed_over
-from optipromp.core.planning.options import Searched
+from optipromp.core.planning.options import Optimised, Searched
 from optipromp.core.planning.parameters import PICK, SOLVE
-from optipromp.core.planning.result import Harmful, Planned, Stage
-from optipromp.core.planning.slow import paced
+from optipromp.core.planning.result import Harmful, Planned, Stage, best_of
 from optipromp.core.planning.task import Task, pushed_aside
+from optipromp.core.planning.timing import paced
 from optipromp.core.planning.underway import rest, straight
 from optipromp.core.planning.verdict import PushMotion, harm_of, judged, led, prediction
 from optipromp.core.promp.model import ProMP
@@ -45,54 +53,57 @@ from optipromp.core.trajectory import Trajectory
 
 def pick(
     task: Task, promp: ProMP, options: Searched, goals: FloatArray, budget: Budget,
-    harmless_only: bool = False,
+    sparing: bool = False,
 ) -> Planned | Harmful:  # fmt: skip
     """The valid trajectory of least predicted harm; without a valid one, the best of the others.
 
     ``task``: to be solved. ``promp``: the primitive. ``options``: see :class:`Searched`. ``goals``:
-    configurations (m, n), best first. ``budget``: of the plan. ``harmless_only``: a path whose
+    configurations (m, n), best first. ``budget``: of the plan. ``sparing``: a path whose
     predicted harm is above the threshold is not followed. The answer is :class:`Harmful` where all
     paths are such.
     """
     began = clock()
     rng = np.random.default_rng(task.seed)
     solver = Solver(task, options, budget, task.push_model(goals[0]))
-    best: Followed | None = None
-    refused: list[ToolPath] = []
-    beyond = task.beyond
-    tries, most = 0, PICK.few_tries if harmless_only else PICK.tries
+    refused, scores = list[ToolPath](), list[float]()
+    most = PICK.few_tries if sparing else PICK.tries
+    beyond, good = task.beyond, np.inf
 
-    def serves(good: float) -> bool:
-        return best is not None and best.score <= good
+    def followed() -> Iterator[Attempt]:
+        nonlocal beyond, good
+        paths = tool_paths(solver, rng, lambda good: min(scores, default=np.inf) <= good)
+        for path, good in paths:
+            if sparing and solver.searched and path.harm > solver.searched.threshold:
+                refused.append(path)
+                continue
+            attempt = follow_path(solver, path, promp, goals, rng)
+            if attempt is None:
+                beyond = min(beyond, path.harm if solver.searched else np.inf)
+                continue
+            attempt = scored(solver, attempt, good)
+            scores.append(attempt.score)
+            yield attempt
 
-    for path, good in tool_paths(solver, rng, serves):
-        if harmless_only and solver.searched and path.harm > solver.searched.threshold:
-            refused.append(path)
-            continue
-        attempt = follow_path(solver, path, promp, goals, rng)
-        if attempt is None:
-            beyond = min(beyond, path.harm if solver.searched else np.inf)
-            continue
-        tries += 1
-        followed = scored(solver, attempt, good)
-        if best is None or followed.score < best.score:
-            best = followed
+    def enough(best: Attempt) -> bool:
         if best.score <= good or budget.spent():
-            break
-        if tries >= most and (harmless_only or not best.attempt.roomy):
-            break
-    if best is not None:
-        attempt = best.attempt
-        attempt = replace(attempt, judgement=passed_over(attempt.judgement, solver.without_margin))
-        push = None if best.push is None else prediction(*best.push, best.harm)
-        return replace(outcome(attempt, push, clock() - began), beyond=beyond)
-    if refused:
+            return True
+        return len(scores) >= most and (sparing or not best.roomy)
+
+    best = best_of(followed(), attrgetter("score"), enough)
+    if best is None and refused:
         least_harm = min(refused, key=lambda path: path.harm)
         return Harmful(replace(task, only=least_harm, sparing=False, beyond=beyond))
-    free = ways.free_starts(solver.cleared, options, promp, goals, rng, budget)
-    only = first_valid(solver, kept.starts(solver.cleared, chain(rest(task, options), free)))
-    assert only is not None  # there is at least one goal configuration
-    return replace(outcome(only, None, clock() - began), beyond=beyond)
+    if best is None:
+        free = chain(
+            rest(task, options), free_starts(solver.cleared, options, promp, goals, rng, budget)
+        )
+        best = first_valid(solver, constrained_starts(solver.cleared, free))
+        assert best is not None  # there is at least one goal configuration
+    else:
+        judgement = passed_over(best.judgement, solver.without_margin)
+        best = replace(best, judgement=judgement)
+    push = None if best.push is None else prediction(*best.push, best.harm)
+    return replace(outcome(best, push, clock() - began), beyond=beyond)
 
 
 def tool_paths(
@@ -134,7 +145,7 @@ def follow_path(
     if attempt is None or attempt.valid or budget.spent():
         return attempt
     if clearance(solver.cleared, attempt.reach).min() < 0.0:
-        round_obstacles = ways.led_round(solver.cleared, attempt.start, options, rng, budget)
+        round_obstacles = led_round(solver.cleared, attempt.start, options, rng, budget)
         attempt = first_valid(solver, round_obstacles) or attempt
     return attempt
 
@@ -142,17 +153,17 @@ def follow_path(
 def first_valid(solver: Solver, starts: Iterable[Start]) -> Attempt | None:
     """The first valid attempt that keeps the margin from static objects.
 
-    Without such an attempt: the best of those made until ``PICK.goals`` starts gave a valid one,
-    or until time ran out; None without starts.
+    Other valid attempts are returned after ``PICK.goals`` starts, and any attempt when the budget
+    is spent. The best attempt is returned; None where there is no start.
     """
-    best: Attempt | None = None
-    for count, start in enumerate(starts, 1):
-        attempt = solver.solve(start)
-        if best is None or attempt.rank < best.rank:
-            best = attempt
-        if best.roomy or solver.budget.spent() or (best.valid and count >= PICK.goals):
-            break
-    return best
+    count = 0
+
+    def enough(best: Attempt) -> bool:
+        nonlocal count
+        count += 1
+        return best.roomy or solver.budget.spent() or (best.valid and count >= PICK.goals)
+
+    return best_of(map(solver.solve, starts), attrgetter("rank"), enough)
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,6 +180,10 @@ class Attempt:
         message: why the solver stopped.
         shortfall: what the trajectory lacks of the margin from static objects, where another goal
             configuration may have more room [m].
+        push: the push model for where the attempt ends, and the motion that the model predicts;
+            None without a model.
+        harm: predicted harm.
+        score: harm by which attempts on several tool paths are compared; see :func:`scored`.
     """
 
     start: Start
@@ -179,6 +194,9 @@ class Attempt:
     history: tuple[dict[str, float], ...]
     message: str
     shortfall: float
+    push: tuple[PushModel, PushMotion] | None = None
+    harm: float = 0.0
+    score: float = np.inf
 
     @property
     def roomy(self) -> bool:
@@ -196,32 +214,13 @@ class Attempt:
         return self.trajectory.positions[: self.start.waypoints.first + 1]
 
 
-@dataclass(frozen=True, eq=False)
-class Followed:
-    """A followed tool path.
+def scored(solver: Solver, attempt: Attempt, good: float) -> Attempt:
+    """An attempt with its predicted harm and its score.
 
-    Attributes:
-        attempt: the best that follows the path.
-        push: the push model for where the attempt ends, and the motion that the model predicts;
-            None without a model.
-        harm: predicted harm of the attempt.
-        score: harm by which followed paths are compared.
-    """
-
-    attempt: Attempt
-    push: tuple[PushModel, PushMotion] | None
-    harm: float
-    score: float
-
-
-def scored(solver: Solver, attempt: Attempt, good: float) -> Followed:
-    """The followed path of an attempt, with its predicted harm and its score.
-
-    The score is the harm with four changes. Without ``options.prediction`` it begins at 0. The
-    path of the running plan is preferred: another path must be better by ``good``, or by the
-    model's threshold where nothing changed. A trajectory without the margin from static objects is
-    worse than every harmless one that keeps the margin, and better than a harmful one. A trajectory
-    that is not valid is worse by ``PICK.invalid``.
+    The score is the predicted harm, or 0 without ``options.prediction``. The score of the running
+    plan's path is lower by ``good``, or by the model's threshold where nothing changed. The score
+    of a trajectory without the margin from static objects is above the model's threshold, by what
+    it lacks. The score of a trajectory that is not valid is higher by ``PICK.invalid``.
     """
     task, model = solver.task, solver.model
     harm, push = 0.0, None
@@ -238,7 +237,7 @@ def scored(solver: Solver, attempt: Attempt, good: float) -> Followed:
         score = max(score, threshold) + attempt.shortfall
     if not attempt.valid:
         score += PICK.invalid
-    return Followed(attempt, push, harm, score)
+    return replace(attempt, push=push, harm=harm, score=score)
 
 
 def outcome(attempt: Attempt, prediction: Prediction | None, seconds: float) -> Planned:
@@ -274,7 +273,7 @@ class Solver:
     ) -> None:
         self.task, self.options, self.budget, self.model = task, options, budget, model
         self.searched = model if options.prediction else None
-        self.cleared = kept.held(pushed_aside(task))
+        self.cleared = uprighted(pushed_aside(task))
         self.without_margin: list[Judgement] = []
         self._arrays: dict[int, Evaluation] = {}
 
@@ -327,7 +326,7 @@ def following(task: Task, options: Searched, start: Start, arrays: Evaluation) -
     touch = ClearanceCost("touch", "static", SOLVE.must, SOLVE.touch_margin)
     constraints = limits_and_clearances(task, options, touch)
     path = task.scene.path
-    constraints += kept.costs(path, start.waypoints.count)
+    constraints += path_costs(path, start.waypoints.count)
     fixed = path is not None or not isinstance(task.goal, PoseGoal)
     if isinstance(task.goal, PoseGoal) and not fixed:
         constraints.append(GoalCost(SOLVE.must, task.goal.position, task.goal.axis))
@@ -349,7 +348,7 @@ def following(task: Task, options: Searched, start: Start, arrays: Evaluation) -
     )  # fmt: skip
 
 
-def limits_and_clearances(task: Task, options: Searched, *further: Cost) -> list[Cost]:
+def limits_and_clearances(task: Task, options: Optimised, *further: Cost) -> list[Cost]:
     """Constraints of every problem of a task: joint limits, steps, ``further``, clearances."""
     robot, proximal = task.robot, ~np.asarray(task.body.distal)
     return [
@@ -376,12 +375,12 @@ def opposite(task: Task) -> tuple[int, int]:
     between = center - center[:, None]
     along = between @ opens
     aside = np.linalg.norm(between - along[..., None] * opens, axis=-1)
-    low, high = np.unravel_index(np.argmax(along - 10.0 * aside), along.shape)
+    low, high = np.unravel_index(np.argmax(along - PICK.level * aside), along.shape)
     first = task.body.tool - len(mine)  # the tool's spheres come last
     return first + int(low), first + int(high)
 
 
-def schedule(options: Searched) -> gauss_newton.GaussNewtonOptions:
+def schedule(options: Optimised) -> gauss_newton.GaussNewtonOptions:
     """The solver's default schedule, or ``options.iterations`` divided over its stages."""
     usual = gauss_newton.GaussNewtonOptions()
     if options.iterations is None:

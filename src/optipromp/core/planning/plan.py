@@ -1,12 +1,14 @@
 """``plan``, the entry point of all planners, and compilation before the first plan."""
 
+from __future__ import annotations
+
 import functools
 import itertools
 import math
 import subprocess
 import sys
-from collections.abc import Callable, Iterable
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -15,28 +17,34 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from optipromp.core import judging
+from optipromp.core.arrays import rotation
 from optipromp.core.budget import Budget, clock
 from optipromp.core.compiled import in_cache
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.optimization.kernels import add_stiffness
-from optipromp.core.planning import approaches, tree
-from optipromp.core.planning.functionals import functional_values
-from optipromp.core.planning.in_time import later, plan_in_time
-from optipromp.core.planning.options import PaperOptions, PlanOptions, Strategy, stated
-from optipromp.core.planning.parameters import UNDERWAY
-from optipromp.core.planning.planner import Planner, check_way, label
-from optipromp.core.planning.planners import OptiProMP, chosen_planner
-from optipromp.core.planning.result import Failed, Harmful, Plan, Planned, Term, Terms
-from optipromp.core.planning.task import Task, resolve
+from optipromp.core.planning import tree
+from optipromp.core.planning.options import PlanOptions, Strategy, stated
+from optipromp.core.planning.parameters import APPROACH, UNDERWAY
+from optipromp.core.planning.planners import (
+    OptiProMP,
+    Planner,
+    check_way,
+    chosen_planner,
+    functionals,
+    label,
+)
+from optipromp.core.planning.result import Failed, Harmful, Plan, Planned, Terms, best_of
+from optipromp.core.planning.task import Task, approached, resolve
 from optipromp.core.planning.timing import stopped
-from optipromp.core.planning.underway import Moving, begun, underway
+from optipromp.core.planning.underway import Moving, begun, later, plan_in_time, running, underway
 from optipromp.core.planning.verdict import Verdict, judged, predicted
 from optipromp.core.processes import cores
 from optipromp.core.promp.model import ProMP
+from optipromp.core.pushing.model import PushModel
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene
-from optipromp.core.trajectory import Trajectory
+from optipromp.core.trajectory import Trajectory, chained
 
 DEFAULTS = PlanOptions()
 WARM_UP = "scenario-3"
@@ -45,6 +53,7 @@ RETRIED = Code.HARM_PREDICTED, Code.INVALID_PLAN, Code.GOAL_IN_COLLISION, Code.G
 
 _threads = functools.cache(ThreadpoolController)  # it finds the BLAS libraries once
 
+STILL = 0.0, 0.1, 0.2  # [s] times of a plan that stays at its start: a choice
 JUDGING = 0.03  # [s] that a planner leaves for prediction and judge: measured, they take 35 ms
 JUDGED_SHARE = 0.1  # of a time limit that is left for them at most: a choice
 
@@ -73,7 +82,7 @@ def plan(
         robot: with its tool (:func:`optipromp.core.robots.tools.with_tool`), in place of the
             scene's.
         planner: a planner with its settings, such as :class:`OptiProMP`, or any object that
-            solves a task (:class:`optipromp.core.planning.planner.Planner`); or a name: ``promp``
+            solves a task (:class:`optipromp.core.planning.planners.Planner`); or a name: ``promp``
             conditions the primitive on start, camera point and target; ``i-promp`` also on every
             neighbour and its pushed pose; ``opti-promp`` picks a tool path, follows it with the
             whole arm and optimises the result; others are registered.
@@ -126,18 +135,18 @@ def plan(
             if tasks[0].same and previous is not None and previous.success:
                 risk = max(task.risk, UNDERWAY.risk)
                 tasks = [replace(each, risk=risk) for each in tasks]
-        way = functools.partial(_best_way, planner=solver, options=options, began=began, say=say)
+        best = functools.partial(_best, planner=solver, options=options, began=began, say=say)
         if not scene.movers:
-            return way(tasks)
+            return best(tasks)
         late = _late(began + options.timeout, options)
         made = [
-            plan_in_time(each, lambda one: way([one]), late)
+            plan_in_time(each, lambda one: best([one]), late)
             for each in chain(tasks[:1], _until(late, tasks[1:]))
         ]
         return _of_tried(min(made, key=_slowness), len(made), len(tasks))
 
 
-def _best_way(
+def _best(
     tasks: list[Task], planner: Planner, options: PlanOptions, began: float,
     say: Callable[[str], object],
 ) -> Plan:  # fmt: skip
@@ -154,31 +163,37 @@ def _best_way(
     late = _late(end, options)
     attempt = functools.partial(_plan, planner=planner, options=options, end=end, say=say)
     first, several = tasks[0], len(tasks) > 1
-    ways: Iterable[Task] = tasks[1:]
+    others: Iterable[Task] = tasks[1:]
     if not several and getattr(planner, "approaches", False) and not first.begun:
-        ways = approaches.others(first, late)
-    made: list[Plan] = []
-    harmful: list[Harmful] = []
-    for approach in chain([first], _until(late, ways)):
-        found = attempt(approach)
-        if isinstance(found, Harmful):
-            harmful.append(found)
-            continue
-        made.append(found)
-        speed = found.metrics.approach_speed
-        fast = getattr(planner, "timed", False) and judging.too_fast(approach.scene, speed)
-        if not several and (fast or found.status not in RETRIED):
-            break
-    tried = len(made) + len(harmful)
-    if harmful and not any(done.success for done in made):
-        least = min(harmful, key=lambda answer: answer.harm)
-        found = attempt(replace(least.task, sparing=False))
-        assert isinstance(found, Plan)  # of a task that is not sparing
-        made.append(found)
-    best = min(made, key=_slowness if several else _badness)
+        others = other_approaches(first, late)
+    tried = 0
+
+    def judged() -> Iterator[Plan]:
+        nonlocal tried
+        harmful, success = list[Harmful](), False
+        for task in chain([first], _until(late, others)):
+            tried += 1
+            made = attempt(task)
+            if isinstance(made, Harmful):
+                harmful.append(made)
+                continue
+            yield made
+            success |= made.success
+            speed = made.metrics.approach_speed
+            fast = getattr(planner, "timed", False) and judging.too_fast(task.scene, speed)
+            if not several and (fast or made.status not in RETRIED):
+                break
+        if harmful and not success:
+            least = min(harmful, key=lambda answer: answer.harm)
+            made = attempt(replace(least.task, sparing=False))
+            assert isinstance(made, Plan)  # of a task that is not sparing
+            yield made
+
+    best = best_of(judged(), _slowness if several else _badness)
+    assert best is not None  # the first task gives a plan, or is harmful
     if several and not best.success:
         which = [each.goal for each in tasks].index(best.task.goal) + 1
-        best = replace(best, message=f"goal {which} of {len(tasks)}: {best.message}")
+        best = replace(best, reason=f"goal {which} of {len(tasks)}: {best.reason}")
     best = _of_tried(best, tried, len(tasks))
     return replace(best, time={**best.time, "total": clock() - began})
 
@@ -199,8 +214,8 @@ def _of_tried(best: Plan, tried: int, goals: int) -> Plan:
         return best
     left = f"{goals - tried} of {goals} goals were not tried, time ran out"
     if best.success:
-        return replace(best, message=f"{best.message}; note: {left}")
-    return replace(best, status=Code.TIMEOUT, message=f"{left}; the best so far: {best.message}")
+        return replace(best, notes=(*best.notes, left))
+    return replace(best, status=Code.TIMEOUT, reason=f"{left}; the best so far: {best.reason}")
 
 
 def _slowness(made: Plan) -> tuple[bool, bool, float]:
@@ -211,8 +226,7 @@ def _slowness(made: Plan) -> tuple[bool, bool, float]:
 
 def _badness(made: Plan) -> tuple[bool, float]:
     """Sort key of the plans of different approaches: validity, then harm."""
-    valid = made.success or made.status == Code.HARM_PREDICTED
-    return not valid, np.inf if made.prediction is None else made.prediction.harm
+    return not made.valid, np.inf if made.prediction is None else made.prediction.harm
 
 
 def check_request(
@@ -287,10 +301,11 @@ def compile_push_model() -> None:
 def _plan(
     task: Task, *, planner: Planner, options: PlanOptions, end: float, say: Callable[[str], object]
 ) -> Plan | Harmful:
-    """The judged plan of one approach; a planner's answer that all paths do harm as it is.
+    """The judged plan of one task.
 
-    The planner is not asked where the arm touches something at the start, breaks the path's
-    constraints there, or rests at the goal.
+    The planner's answer :class:`Harmful` is returned where the task is ``sparing``. The planner is
+    not asked where the arm touches something at the start, breaks the path's constraints there, or
+    rests at the goal.
     """
     began = clock()
     budget = Budget(_late(end, options), np.inf if options.effort is None else options.effort, say)
@@ -298,87 +313,69 @@ def _plan(
     touching = judging.touching(task.scene, task.robot, task.start, begun=task.begun)
     resting = task.running is None and task.scene.waypoints is None
     there = resting and all(task.at_goal(q) for q in stay.trajectory.positions)
-    found: Planned | Failed | Harmful = stay
+    answer: Planned | Failed | Harmful = stay
     if touching:
-        found = Failed(Code.START_IN_COLLISION, "at the start " + "; ".join(map(str, touching)))
+        answer = Failed(Code.START_IN_COLLISION, "at the start " + "; ".join(map(str, touching)))
     elif astray := judging.left_path(task.scene, task.robot, np.zeros(1), task.start[None]):
         told = f"{'; '.join(map(str, astray))}: choose a start that keeps the path, or widen it"
-        found = Failed(Code.START_INVALID, f"at the start {told}")
+        answer = Failed(Code.START_INVALID, f"at the start {told}")
     elif not there:
-        found = planner.solve(task, budget)
-    if isinstance(found, Harmful) and task.sparing:
-        return found
-    if not isinstance(found, Planned | Failed):
+        answer = planner.solve(task, budget)
+    if isinstance(answer, Harmful) and task.sparing:
+        return answer
+    if not isinstance(answer, Planned | Failed):
         raise InvalidRequestError(
-            f"planner {label(planner)} returned {type(found).__name__}: "
+            f"planner {label(planner)} returned {type(answer).__name__}: "
             "solve must return Planned or Failed, or Harmful where task.sparing is true"
         )
-    outcome = found if isinstance(found, Planned) else found.nearest or stay
+    outcome = answer if isinstance(answer, Planned) else answer.nearest or stay
     start = clock()
     prediction = outcome.prediction or predicted(task, outcome.trajectory)
     judgement = outcome.judgement or judged(task, outcome.trajectory, stem_side=prediction is None)
-    if isinstance(found, Planned):
+    if isinstance(answer, Planned):
         idle = getattr(planner, "iterations", None) == 0
-        status, message = _status(Verdict(judgement, prediction), outcome, idle, budget)
+        status, reason, notes = _status(Verdict(judgement, prediction), outcome, idle, budget)
     else:
-        status, message = found.code, found.message
-        if found.nearest is not None:
-            message += f"; the trajectory that comes nearest: {judgement.message}{_cut(budget)}"
+        status, reason, notes = answer.code, answer.message, ()
+        if answer.nearest is not None:
+            reason += f"; the trajectory that comes nearest: {judgement.message}"
+            notes = _cut(budget)
         elif broken := [
             str(v) for v in judgement.violations if v.kind in ("limit", *judging.RATES)
         ]:
-            message += "; on the way to rest " + "; ".join(broken)
+            reason += "; on the way to rest " + "; ".join(broken)
     now = clock()
     return Plan(
         task=task, planner=label(planner), strategy=getattr(planner, "strategy", None),
-        seed=task.seed, status=status, message=message, trajectory=outcome.trajectory,
+        seed=task.seed, status=status, reason=reason, notes=notes, trajectory=outcome.trajectory,
         initial=outcome.begin, followed=outcome.followed or outcome.begin, prediction=prediction,
-        metrics=judgement.metrics, stages=outcome.stages, contacts=judgement.contacts,
-        terms=Terms(functools.partial(_terms, task, outcome.paper or options.paper, outcome)),
+        judgement=judgement, stages=outcome.stages,
+        terms=Terms(functools.partial(functionals, task, planner, options, outcome)),
         time={**outcome.time, "check": now - start, "total": now - began},
         first=outcome.first, via=outcome.via,
     )  # fmt: skip
 
 
-def _status(found: Verdict, outcome: Planned, idle: bool, budget: Budget) -> tuple[Code, str]:
-    """Status and message of an outcome; ``idle``: no optimisation was asked for."""
-    note = "" if outcome.optimised else " (not optimised)"
-    wrong = found.judgement.message
+def _status(
+    verdict: Verdict, outcome: Planned, idle: bool, budget: Budget
+) -> tuple[Code, str, tuple[str, ...]]:
+    """Status, reason and notes of an outcome; ``idle``: no optimisation was asked for."""
+    raw = "" if outcome.optimised else " (not optimised)"
+    wrong = verdict.judgement.message
     if budget.cut and not outcome.optimised and not idle:
         so_far = f"before any optimisation; the initial trajectory: {wrong or 'valid'}"
-        return Code.TIMEOUT, f"{budget.ending} {so_far}"
+        return Code.TIMEOUT, f"{budget.ending} {so_far}", ()
     if budget.cut and wrong:
-        return Code.TIMEOUT, f"{budget.ending}; the best so far: {wrong}{note}"
-    message, comma, notes = found.message.partition("; note: ")
-    push = found.prediction
+        return Code.TIMEOUT, f"{budget.ending}; the best so far: {wrong}{raw}", ()
+    notes, push = verdict.notes, verdict.prediction
     if push is not None and push.harmful and push.harm > outcome.beyond:
-        notes += f"; note: a path of harm {outcome.beyond:.2f} is out of the arm's reach"
-    return found.status, message + note + comma + notes + _cut(budget)
+        notes += (f"a path of harm {outcome.beyond:.2f} is out of the arm's reach",)
+    return verdict.status, verdict.reason + raw, notes + _cut(budget)
 
 
-def _cut(budget: Budget) -> str:
+def _cut(budget: Budget) -> tuple[str, ...]:
     """A note where the budget cut the search: with more time the result may differ."""
-    return f"; note: the search was cut after {budget.used} steps" if budget.cut else ""
-
-
-def _terms(task: Task, paper: PaperOptions, outcome: Planned) -> dict[str, Term]:
-    """Each functional at the three trajectories, and over the stage that minimises it."""
-    begin = outcome.begin
-    first, second, last = (
-        functional_values(task, paper, outcome.first, made.positions, outcome.authors)
-        for made in (begin, outcome.followed or begin, outcome.trajectory)
-    )
-    out = {}
-    for name in ("static", "avoid", "push", "velocity"):
-        stage = next((s for s in outcome.stages if name in s.terms), None)
-        out[name] = Term(
-            first.get(name, 0.0),
-            second.get(name, 0.0),
-            last.get(name, 0.0),
-            () if stage is None else tuple(item.get(name, 0.0) for item in stage.history),
-            "" if stage is None else stage.name,
-        )
-    return out
+    return (f"the search was cut after {budget.used} steps",) if budget.cut else ()
 
 
 def _stay(task: Task) -> Planned:
@@ -386,6 +383,132 @@ def _stay(task: Task) -> Planned:
     if task.state.moving:
         still = stopped(task.robot, task.state)
     else:
-        rest, times = np.zeros((3, task.robot.n_joints)), np.array([0.0, 0.1, 0.2])
+        rest, times = np.zeros((3, task.robot.n_joints)), np.array(STILL)
         still = Trajectory(times, task.start + rest, rest, rest, task.robot.joint_names)
     return Planned(still, 1, optimised=False)
+
+
+def other_approaches(task: Task, end: float = np.inf) -> Iterator[Task]:
+    """The task with each of the most promising approaches that its scene allows.
+
+    The tool ends no farther beside the target's centre than its mouth leaves room, so that the cup
+    stays round the target. To a target that stands the tool comes level, from a little to either
+    side. Where the scene states no cone or no lateral distance, ``APPROACH`` does. No approach is
+    looked at after ``end`` [s], a time of the plan's clock.
+    """
+    scene = task.scene
+    tool, target = task.robot.tool, scene.target
+    if tool is None or target is None:
+        return
+    cone, aside = scene.approach.cone, scene.approach.aside
+    cone = np.deg2rad(APPROACH.cone if cone is None else cone)
+    aside = APPROACH.aside if aside is None else aside
+    reach = min(aside, max(tool.mouth[0] - target.radius - APPROACH.room, 0.0))
+    x_g, y_g, z_g = scene.frame
+    around = np.arange(APPROACH.around) * 2.0 * np.pi / APPROACH.around
+    flats = [np.cos(turn) * x_g + np.sin(turn) * y_g for turn in around]
+    shares: tuple[float, ...] = (1.0, APPROACH.inner)
+    if target.stem is None:
+        side = np.cross(scene.up, z_g)
+        level = float(np.linalg.norm(side))
+        flats = [side / level, -side / level] if level > 0.5 else []  # over 30° off the vertical
+        shares, reach = (APPROACH.inner,), 0.0
+    directions = [
+        (rotation(np.cross(z_g, flat), float(share * cone)) @ z_g, scene.approach.shift)
+        for share in shares
+        if cone > 0.0
+        for flat in flats
+    ]
+    directions += [(z_g, scene.approach.shift + reach * flat) for flat in flats if reach > 0.0]
+    left, best = APPROACH.tried, list[tuple[float, int, Task]]()
+    for k, (direction, shift) in enumerate(directions):
+        if clock() > end:
+            return
+        approach = replace(scene.approach, direction=direction, shift=shift)
+        other = approached(task, replace(scene, approach=approach))
+        model = other.push_model(task.robot.home)
+        if model is None:
+            continue
+        harm = _least_harm(other.scene, model, best[-1][0] if len(best) == left else np.inf)
+        if harm < APPROACH.promising * model.threshold:
+            yield other
+            left -= 1
+            best = best[:left]
+            if not left:
+                return
+        else:
+            best = sorted([*best, (harm, k, other)])[:left]
+    yield from (other for _, _, other in best)
+
+
+def _least_harm(scene: Scene, model: PushModel, most: float) -> float:
+    """The least harm of the model's first candidate paths, in the perceived state.
+
+    A harm above ``most`` is returned as any number that is not below ``most``.
+    """
+    axis, least = scene.frame[2], most
+    for x in model.candidates.first()[: APPROACH.candidates]:
+        path = model.candidates.path(x)
+        away = model.candidates.aside(x, path)
+        if away < least:
+            axes = np.tile(axis, (len(path.points), 1))
+            least = min(least, model.harm(path.points, axes, 1, least - away) + away)
+    return least
+
+
+@dataclass(frozen=True, eq=False)
+class Detour:
+    """What the arm does from a time of a running plan on.
+
+    Attributes:
+        trajectory: from the state of the running plan at that time; time 0 is that time.
+        plan: from where the arm stopped; None where the running motion is free and goes on.
+        brake: the curve from motion to rest, the first part of ``trajectory``; None likewise.
+        contacts: what the brake's curve touches: the obstacle appeared too late or too near.
+    """
+
+    trajectory: Trajectory
+    plan: Plan | None
+    brake: Trajectory | None
+    contacts: tuple[judging.Overlap, ...] = ()
+
+    @property
+    def success(self) -> bool:
+        """Whether the arm arrives and touches nothing that it must not."""
+        return not self.contacts and (self.plan is None or self.plan.success)
+
+
+def detour(scene: Scene, previous: Plan, at: float, options: PlanOptions | None = None) -> Detour:
+    """Go on with a running plan where its rest is free in a scene; else brake and plan anew.
+
+    The arm brakes by the shortest curve within all limits, and plans from where it stopped.
+
+    Args:
+        scene: as it is seen at the time ``at``: objects that move are as in the scene of
+            ``previous``, with times that begin with that plan.
+        previous: the plan that runs.
+        at: time in ``previous`` at which the obstacle is known [s].
+        options: of the new plan.
+
+    Raises:
+        InvalidRequestError: a time outside of the running plan.
+        OptiPrompError: what :func:`plan` raises.
+    """
+    end = previous.trajectory.duration
+    if not 0.0 <= at <= end:
+        raise InvalidRequestError(f"at is {at:g} s; the running plan lasts from 0 to {end:g} s")
+    robot, now = previous.robot, later(scene, at)
+    left, state = running(previous, at), previous.trajectory.at(at)
+    if left is not None and not _contacts(now, previous, left):
+        return Detour(left, None, None)
+    if not state.moving:
+        made = plan(now, robot=robot, start_state=state, options=options)
+        return Detour(made.trajectory, made, None)
+    brake = stopped(robot, state)
+    then = later(now, brake.duration)
+    made = plan(then, robot=robot, start_state=brake.at(brake.duration), options=options)
+    return Detour(chained([brake, made.trajectory]), made, brake, _contacts(now, previous, brake))
+
+
+def _contacts(scene: Scene, previous: Plan, curve: Trajectory) -> tuple[judging.Overlap, ...]:
+    return judging.judge(scene, previous.robot, curve, curve.at(0.0), begun=True).contacts

@@ -1,37 +1,198 @@
-"""The planners of the core as values: ``opti-promp``, ``i-promp`` and ``promp``."""
+"""What a planner is, the planners of a name, and ours: ``opti-promp``, ``i-promp``, ``promp``.
 
-from dataclasses import dataclass, fields, replace
-from typing import ClassVar
+A planner is a value: its settings are its fields, and it has one method. A name joins by
+:func:`register`, or by an entry point of the group :data:`GROUP` in a package's pyproject.toml::
+
+    [project.entry-points."optipromp.planners"]
+    mine = "my_package.planner:Mine"
+
+An entry point is loaded when its name is asked for, or when all planners are listed.
+"""
+
+import math
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, fields, is_dataclass, replace
+from importlib import metadata
+from typing import Any, ClassVar, Protocol, runtime_checkable
+
+import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import Budget, clock
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.planning import goals, primitive
-from optipromp.core.planning.kept import keeps
+from optipromp.core.planning.follow import keeps_path
 from optipromp.core.planning.lines import along_lines
 from optipromp.core.planning.options import (
     STRATEGIES,
-    PaperOptions,
     PlanOptions,
     Searched,
     Strategy,
     Timed,
+    require,
 )
-from optipromp.core.planning.parameters import GOAL
+from optipromp.core.planning.parameters import GOAL, PRIMITIVE, WAYPOINT
 from optipromp.core.planning.pick import pick
-from optipromp.core.planning.planner import (
-    WAY,
-    Planner,
-    factory,
-    make,
-    register,
-    settings_of,
-    strategist,
-)
 from optipromp.core.planning.primitive import learnt
-from optipromp.core.planning.result import Failed, Harmful, Planned
+from optipromp.core.planning.result import Failed, Harmful, Planned, Term, ViaPoint
 from optipromp.core.planning.task import Task, pushed_aside
+from optipromp.core.planning.timing import timed
+from optipromp.core.promp.model import ProMP
+from optipromp.core.pushing.interactive import pushes
+from optipromp.core.pushing.rules import detection_variance
+from optipromp.core.scenes.scene import PoseGoal, Scene
 from optipromp.core.shown import suggest
+
+GROUP = "optipromp.planners"
+WAY = "path", "waypoints"
+"""What a scene may say of the whole way to its goal."""
+
+
+@runtime_checkable
+class Planner(Protocol):
+    """Anything that solves a task.
+
+    A planner may have further attributes. Its plans report ``name`` (by default the name of its
+    class) and ``strategy`` (by default none). Where ``approaches`` is true, the other approaches
+    that the scene allows are tried too if the straight one fails. ``timed`` says that a duration or
+    a speed is set, ``iterations`` of 0 that no optimisation is. ``takes_strategy``, an attribute of
+    the class, says that the planner has the settings ``strategy`` and ``constraints``: it serves a
+    request of opti-promp that names another strategy or other constraints than the default ones,
+    and its ``functionals(task, settings, outcome)`` are the terms that every plan reports.
+    ``ignores`` names those of :data:`WAY` for which it does not plan: such scenes are refused.
+    """
+
+    def solve(self, task: Task, budget: Budget) -> "Planned | Failed | Harmful":
+        """The motion from ``task.state`` to the goal, or why there is none.
+
+        :func:`optipromp.plan` judges the motion, whatever the planner thinks of it.
+
+        Args:
+            task: scene, robot, goal, neighbours and push model; with the seed of everything random
+                and the demonstrations of the request.
+            budget: asked, by ``budget.spent()``, before each step of the work; ``budget.say`` takes
+                a short text as each part of the work begins.
+        """
+        ...
+
+
+Factory = Callable[..., Planner]
+_known: dict[str, Factory] = {}
+
+
+def register(name: str, factory: Factory) -> None:
+    """Give a planner a name, in this process; the name may replace a registered one.
+
+    ``factory`` makes the planner from its settings, as a dataclass does.
+    """
+    _known[name] = factory
+
+
+def _joined() -> dict[str, metadata.EntryPoint]:
+    """The entry points of installed packages, by name."""
+    return {entry.name: entry for entry in metadata.entry_points(group=GROUP)}
+
+
+def _load(entry: metadata.EntryPoint) -> Factory:
+    try:
+        factory = entry.load()
+    except Exception as error:  # another package's code
+        where = f"{entry.dist.name}: " if entry.dist is not None else ""
+        raise InvalidRequestError(
+            f"planner {entry.name!r} cannot be loaded: {where}{entry.value}: "
+            f"{type(error).__name__}: {error}"
+        ) from error
+    if not callable(factory):
+        raise InvalidRequestError(
+            f"planner {entry.name!r} is {entry.value}: must be a class or a function that makes one"
+        )
+    register(entry.name, factory)
+    return _known[entry.name]
+
+
+def factory(name: str, what: str = "planner") -> Factory:
+    """The factory of the planner with a name; ``what`` is the name's word in an error."""
+    if name in _known:
+        return _known[name]
+    joined = _joined()
+    if name not in joined:
+        valid = dict.fromkeys((*_known, *joined))
+        near = suggest(name, valid).partition("; ")[2]
+        words = f"{what} is {name!r}; valid: {', '.join(valid)}"
+        raise InvalidRequestError(f"{words}; {near}" if near else words)
+    return _load(joined[name])
+
+
+def planners() -> dict[str, Factory]:
+    """All planners by name, ours first; with a warning for each that cannot be loaded."""
+    joined = _joined()
+    for entry in [entry for name, entry in joined.items() if name not in _known]:
+        try:
+            _load(entry)
+        except InvalidRequestError as error:
+            warnings.warn(error.message, stacklevel=2)
+    first = [name for name in _known if name not in joined]
+    return {name: _known[name] for name in (*first, *joined) if name in _known}
+
+
+def planner_names() -> tuple[str, ...]:
+    """The names of :func:`planners`."""
+    return tuple(planners())
+
+
+def strategist() -> str:
+    """The name of the planner that takes a strategy and constraints; see :class:`Planner`."""
+    for names in (lambda: [*_known], _joined):  # entry points are read only where they must be
+        for name in names():
+            with suppress(InvalidRequestError):  # of another package, which no request needs here
+                if getattr(factory(name), "takes_strategy", False):
+                    return name
+    raise InvalidRequestError("no planner takes a strategy and constraints; install one that does")
+
+
+def functionals(
+    task: Task, planner: Planner, options: PlanOptions, outcome: Planned
+) -> dict[str, Term]:
+    """The functionals that a plan of ``planner`` reports: those of :func:`strategist`."""
+    kind: Any = factory(strategist())
+    of_its_own = getattr(planner, "takes_strategy", False)
+    reported: dict[str, Term] = kind.functionals(task, planner if of_its_own else options, outcome)
+    return reported
+
+
+def settings_of(kind: Factory) -> tuple[str, ...]:
+    """The names of the settings of a planner whose factory is a dataclass; else none."""
+    return tuple(item.name for item in fields(kind)) if is_dataclass(kind) else ()
+
+
+def make(name: str, **settings: Any) -> Planner:
+    """The planner of a name, with settings."""
+    kind = factory(name)
+    for setting in settings:
+        if setting not in settings_of(kind):
+            valid = suggest(setting, settings_of(kind) or ["none"])
+            raise InvalidRequestError(f"{setting} is no setting of {name}; {valid}")
+    return kind(**settings)
+
+
+def check_way(planner: Planner, scene: Scene) -> None:
+    """Refuse a planner for a scene that says of the way to its goal what the planner ignores."""
+    for said in getattr(planner, "ignores", ()):
+        if getattr(scene, said) is not None:
+            strategy = getattr(planner, "strategy", None)
+            name = label(planner) if strategy is None else f"{label(planner)} ({strategy})"
+            raise InvalidRequestError(
+                f"planner {name} ignores what the scene says in {said!r}: must be opti-promp with "
+                f"its usual strategy and constraints, or a scene without {said!r}"
+            )
+
+
+def label(planner: Planner | str) -> str:
+    """The name that a plan reports for its planner."""
+    return planner if isinstance(planner, str) else getattr(planner, "name", type(planner).__name__)
+
 
 JOINT: Strategy = "joint"
 
@@ -83,7 +244,7 @@ def goal_configurations(
         near = task.start
     found, free, reason = goals.choose(task, task.seed, starts, near, budget)
     if task.scene.path is not None and len(found):
-        found = found[keeps(task, found)]
+        found = found[keeps_path(task, found)]
         reason = reason or "no configuration found at the goal keeps the path's constraints"
     return Chosen(found, free, reason, clock() - began)
 
@@ -101,7 +262,7 @@ class OptiProMP(Searched):
         return self.prediction
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
-        """See :class:`optipromp.core.planning.planner.Planner`."""
+        """See :class:`optipromp.core.planning.planners.Planner`."""
         promp = learnt(task, task.demonstrations)
         if task.scene.waypoints is not None:
             return along_lines(task, promp, self, budget)
@@ -109,8 +270,8 @@ class OptiProMP(Searched):
         if not len(chosen.q):
             return chosen.failed
         budget.say("optimising (joint)")
-        harmless_only = task.sparing and chosen.free
-        return chosen.told(pick(task, promp, self, chosen.q, budget, harmless_only))
+        sparing = task.sparing and chosen.free
+        return chosen.told(pick(task, promp, self, chosen.q, budget, sparing))
 
 
 @dataclass(frozen=True)
@@ -128,29 +289,61 @@ class ConditionedProMP(Timed):
     via_deviation: float = 1e-3
     name: ClassVar[str] = "promp"
     ignores: ClassVar[tuple[str, ...]] = WAY
-    interactive: ClassVar[bool] = False  # whether neighbours are among the points
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._options()
-
-    def _options(self) -> PlanOptions:
-        """The settings as options of a plan, checked."""
-        timed = {item.name: getattr(self, item.name) for item in fields(Timed)}
-        paper = {name: value for name, value in vars(self).items() if name not in timed}
-        return PlanOptions(**timed, paper=PaperOptions(**paper))
+        phase = self.camera_phase
+        require(self, "", phase is None or 0.0 < phase < 1.0, "camera_phase", "between 0 and 1")
+        require(self, "", self.via_deviation >= 0, "via_deviation", "not negative [m]")
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
-        """See :class:`optipromp.core.planning.planner.Planner`."""
+        """See :class:`optipromp.core.planning.planners.Planner`."""
         promp = learnt(task, task.demonstrations)
         chosen = goal_configurations(task, budget, GOAL.few_starts, primitive.end(promp))
         if not len(chosen.q):
             return chosen.failed
         budget.say(self.name)
         began = clock()
-        made = primitive.plan_primitive(task, promp, self._options(), chosen.q, self.interactive)
+        ends = np.linalg.norm(chosen.q - primitive.end(promp), axis=1)
+        made = self.conditioned(task, promp, chosen.q[int(np.argmin(ends))])
         made = replace(made, time={self.name: clock() - began})
         return replace(chosen, free=True).told(made)  # the judge reports contacts at the goal
+
+    def conditioned(self, task: Task, promp: ProMP, goal: FloatArray) -> Planned:
+        """The ProMP, conditioned on start, camera point, :meth:`passed` and the ``goal`` (n,).
+
+        The phases are evenly spaced; the arm pauses at the camera point, unless the scene or the
+        settings leave the point out.
+        """
+        phase = self.camera_phase or PRIMITIVE.camera_phase
+        branch: FloatArray | None = None
+        met: tuple[ViaPoint, ...] = (ViaPoint("goal", task.robot.tool_pose(goal)[0]),)
+        if isinstance(task.goal, PoseGoal) and self.through_camera(task):
+            names, positions, variances = self.passed(task)
+            points, deviations = primitive.via_points(task, positions, self.via_deviation)
+            branch = primitive.on_branch(task, points, goal)
+            if branch is not None:
+                met = (*map(ViaPoint, ("camera", *names), points), *met)
+        count = self.waypoints or WAYPOINT.primitive
+        if branch is None:
+            phases, values, spread, pause = np.array([1.0]), goal[None], np.zeros(1), None
+        else:
+            spread = (deviations / PRIMITIVE.lever_arm) ** 2
+            spread[1:-1] += np.array(variances) / PRIMITIVE.lever_arm**2
+            phases, values, pause = np.linspace(phase, 1.0, len(branch)), branch, phase
+        q = primitive.led_through(promp, task.start, phases, values, spread, count, pause)
+        q[-1] = goal
+        first = math.ceil(phase * (count - 1))
+        return Planned(timed(task, self, q, first if task.neighbours else None), first, via=met)
+
+    def through_camera(self, task: Task) -> bool:
+        """Whether the camera point is passed."""
+        stated = self.camera_point
+        return bool(task.scene.options.get("camera_point", True) if stated is None else stated)
+
+    def passed(self, task: Task) -> tuple[list[str], list[FloatArray], list[float]]:
+        """Names, tool points (3,) [m] and variances [m²] between the camera point and the goal."""
+        return [], [], []
 
 
 @dataclass(frozen=True)
@@ -167,7 +360,29 @@ class IProMP(ConditionedProMP):
     direction_deviation: float = 0.0
     guard: bool = False
     name: ClassVar[str] = "i-promp"
-    interactive: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        deviation = self.direction_deviation
+        require(self, "", deviation >= 0, "direction_deviation", "not negative [rad]")
+
+    def through_camera(self, task: Task) -> bool:
+        """True: the pushes begin there."""
+        return True
+
+    def passed(self, task: Task) -> tuple[list[str], list[FloatArray], list[float]]:
+        """Each neighbour and its pushed pose."""
+        names, positions, variances = list[str](), list[FloatArray](), list[float]()
+        deviation, tool = self.direction_deviation, task.robot.tool
+        rng = np.random.default_rng(task.seed) if deviation > 0.0 else None
+        below = 0.0 if tool is None else tool.depth
+        made = pushes(task.scene, task.neighbours, task.robot.gripper_radius, rng, deviation)
+        for push, item in zip(made, task.neighbours, strict=True):
+            drop = task.scene.frame[2] * (below + item.radius if self.guard else 0.0)
+            names += [push.id, f"{push.id} pushed"]
+            positions += [push.position - drop, push.pushed - drop]
+            variances += [detection_variance(item)] * 2
+        return names, positions, variances
 
 
 _OURS = {kind.name: kind for kind in (ConditionedProMP, IProMP, OptiProMP)}
@@ -201,8 +416,8 @@ def chosen_planner(planner: Planner | str, strategy: str, options: PlanOptions) 
         return planner
     kind = factory(planner)
     if kind in _OURS.values():
-        of_paper = {k: v for k, v in vars(options.paper).items() if not hasattr(options, k)}
-        given |= {} if kind is OptiProMP else of_paper
+        if kind is not OptiProMP and options.paper is not None:
+            given |= {k: v for k, v in vars(options.paper).items() if not hasattr(options, k)}
         if kind is OptiProMP and (strategy != JOINT or options.constraints == "paper"):
             planner = strategist()
             given |= {"strategy": strategy, "constraints": options.constraints}

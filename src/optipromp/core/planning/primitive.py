@@ -1,7 +1,6 @@
 """Movement primitives: learnt, and conditioned for the planners ``promp`` and ``i-promp``."""
 
 import functools
-import math
 import warnings
 from collections.abc import Sequence
 from importlib import resources
@@ -11,18 +10,13 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import InvalidDemonstrationError, InvalidRequestError
-from optipromp.core.planning.options import PlanOptions
-from optipromp.core.planning.parameters import FOLLOW, PRIMITIVE, WAYPOINT
-from optipromp.core.planning.result import Planned, ViaPoint
+from optipromp.core.planning.parameters import FOLLOW, PRIMITIVE
 from optipromp.core.planning.task import Task
-from optipromp.core.planning.timing import timed
 from optipromp.core.promp.basis import Basis
 from optipromp.core.promp.conditioning import conditioned_mean
 from optipromp.core.promp.demonstrations import check_limits, load_demonstrations
 from optipromp.core.promp.learning import fit
 from optipromp.core.promp.model import ProMP, is_primitive
-from optipromp.core.pushing.interactive import pushes
-from optipromp.core.pushing.rules import detection_variance
 from optipromp.core.robots import ik
 from optipromp.core.robots.library import built_in_twin
 from optipromp.core.robots.model import Robot
@@ -207,60 +201,3 @@ def led_through(
 def end(promp: ProMP) -> FloatArray:
     """The last configuration (n,) of a ProMP's mean."""
     return frozen(promp.mean_trajectory(np.array([1.0]))[0])
-
-
-def plan_primitive(
-    task: Task,
-    promp: ProMP,
-    options: PlanOptions,
-    goals: FloatArray,
-    interactive: bool,
-) -> Planned:
-    """Condition the ProMP on tool points, to the goal (m, n) nearest to the end of its mean.
-
-    The points are start, camera point (unless the scene or the options leave it out) and target.
-    With ``interactive`` each neighbour's pose and pushed pose are added, at evenly spaced phases.
-    The arm pauses at the camera point.
-    """
-    goal = goals[int(np.argmin(np.linalg.norm(goals - end(promp), axis=1)))]
-    paper = options.paper
-    phase = paper.camera_phase or PRIMITIVE.camera_phase
-    camera = paper.camera_point
-    if camera is None:
-        camera = task.scene.options.get("camera_point", True)
-    branch: FloatArray | None = None
-    met: tuple[ViaPoint, ...] = (ViaPoint("goal", task.robot.tool_pose(goal)[0]),)
-    if isinstance(task.goal, PoseGoal) and (interactive or camera):
-        names, positions = ["camera"], list[FloatArray]()
-        variances: list[float] = []
-        if interactive:
-            deviation = paper.direction_deviation
-            rng = np.random.default_rng(task.seed) if deviation > 0.0 else None
-            objects, tool = task.neighbours, task.robot.tool
-            below = 0.0 if tool is None else tool.depth
-            for push, obj in zip(
-                pushes(task.scene, objects, task.robot.gripper_radius, rng, deviation),
-                objects,
-                strict=True,
-            ):
-                names += [push.id, f"{push.id} pushed"]
-                drop = task.scene.frame[2] * (below + obj.radius if paper.guard else 0.0)
-                positions += [push.position - drop, push.pushed - drop]
-                variances += [detection_variance(obj)] * 2
-        points, deviations = via_points(task, positions, paper.via_deviation)
-        branch = on_branch(task, points, goal)
-        if branch is not None:
-            met = (*map(ViaPoint, names, points), *met)
-    count = options.waypoints or WAYPOINT.primitive
-    if branch is None:
-        last, exact = np.array([1.0]), np.zeros(1)
-        q = led_through(promp, task.start, last, goal[None], exact, count)
-    else:
-        spread = (deviations / PRIMITIVE.lever_arm) ** 2
-        spread[1:-1] += np.array(variances) / PRIMITIVE.lever_arm**2
-        phases = np.linspace(phase, 1.0, len(branch))
-        q = led_through(promp, task.start, phases, branch, spread, count, phase)
-        q[-1] = goal
-    first = math.ceil(phase * (count - 1))
-    trajectory = timed(task, options, q, first if task.neighbours else None)
-    return Planned(trajectory, first, via=met)

@@ -1,22 +1,47 @@
 """The results of planning: stages of an optimisation, a planner's answers, a plan."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import Code
 from optipromp.core.files import plain
 from optipromp.core.judging import Judgement, Metrics, Overlap
-from optipromp.core.planning.options import PaperOptions, Strategy
-from optipromp.core.planning.regions import reached
-from optipromp.core.planning.task import Task, as_of, passages
+from optipromp.core.planning.options import Strategy
+from optipromp.core.planning.task import Task, as_of, passages, reached
 from optipromp.core.pushing.model import Prediction, PushModel
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.shown import Shown
 from optipromp.core.trajectory import State, Trajectory
+
+Made = TypeVar("Made")
+
+
+def best_of(
+    made: Iterable[Made],
+    rank: Callable[[Made], Any],
+    enough: Callable[[Made], bool] = lambda best: False,
+    best: Made | None = None,
+) -> Made | None:
+    """The motion of least rank; of equal ones the first; None where there is none.
+
+    A stage proposes motions, times and judges each as it is asked for. No motion is asked for once
+    the best so far is ``enough``. ``best`` is the best of the stages before.
+    """
+    for one in made:
+        if best is None or rank(one) < rank(best):
+            best = one
+        if enough(best):
+            break
+    return best
+
+
+def with_notes(reason: str, notes: Sequence[str]) -> str:
+    """A reason and the notes in one line, as messages have them."""
+    return "; note: ".join([reason, *notes])
 
 
 @dataclass(frozen=True)
@@ -67,8 +92,6 @@ class Planned:
         judgement: of the trajectory; None where the planner did not ask the judge.
         prediction: of the trajectory's push; None where the planner did not ask the push model.
         via: points of the tool that the primitive was conditioned on, the target last.
-        paper: settings of the reported functionals; None: those of the request.
-        authors: whether the functionals are reported in the forms of the authors' sequential runs.
         beyond: the least harm of the tool paths out of the arm's reach.
     """
 
@@ -82,8 +105,6 @@ class Planned:
     judgement: Judgement | None = None
     prediction: Prediction | None = None
     via: tuple[ViaPoint, ...] = ()
-    paper: PaperOptions | None = None
-    authors: bool = False
     beyond: float = math.inf
 
     @property
@@ -176,18 +197,18 @@ class Plan(Shown):
         strategy: of opti-promp: ``joint``, or the paper's ``sequential``.
         seed: of everything random.
         status: ``success`` only if the judge found nothing wrong and the predicted harm is small.
-        message: the reasons for the status.
+        reason: why the plan has this status.
         trajectory: the optimised one; the best that was found, whatever the status.
         initial: the conditioned ProMP.
         followed: the ProMP led along the tool path; equal to ``initial`` where there is no path.
         prediction: of the push, with its harm; None where no push model applies.
-        metrics: see :class:`optipromp.core.judging.Metrics`.
+        judgement: of the trajectory, by the independent judge.
         terms: the functionals ``static``, ``avoid``, ``push`` and ``velocity``.
         stages: optimisation stages in the order they ran.
-        contacts: pairs that touch but must not.
         time: wall time, ``total`` and per stage [s].
         first: index of the first waypoint on the approach.
         via: points of the tool that the planner conditioned the primitive on, the target last.
+        notes: remarks that do not change the status.
     """
 
     task: Task
@@ -195,18 +216,48 @@ class Plan(Shown):
     strategy: Strategy | None
     seed: int
     status: Code
-    message: str
+    reason: str
     trajectory: Trajectory
     initial: Trajectory
     followed: Trajectory
     prediction: Prediction | None
-    metrics: Metrics
+    judgement: Judgement
     terms: Mapping[str, Term]
     stages: tuple[Stage, ...]
-    contacts: tuple[Overlap, ...]
     time: Mapping[str, float] = field(default_factory=dict)
     first: int = 0
     via: tuple[ViaPoint, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def message(self) -> str:
+        """The reason for the status, and the notes."""
+        return with_notes(self.reason, self.notes)
+
+    @property
+    def metrics(self) -> Metrics:
+        """See :class:`optipromp.core.judging.Metrics`."""
+        return self.judgement.metrics
+
+    @property
+    def contacts(self) -> tuple[Overlap, ...]:
+        """Pairs that touch but must not."""
+        return self.judgement.contacts
+
+    @property
+    def harm(self) -> float:
+        """The predicted harm; 0 where no push model applies."""
+        return 0.0 if self.prediction is None else self.prediction.harm
+
+    @property
+    def valid(self) -> bool:
+        """Whether the judge finds nothing wrong; harm may be predicted."""
+        return self.status in (Code.SUCCESS, Code.HARM_PREDICTED)
+
+    @property
+    def duration(self) -> float:
+        """Of the motion [s]."""
+        return self.trajectory.duration
 
     @property
     def scene(self) -> Scene:

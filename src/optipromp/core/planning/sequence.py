@@ -1,14 +1,21 @@
 """``plan_sequence``: several ripe fruits, picked one after the other."""
 
-from collections.abc import Callable, Sequence
+import pickle
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.errors import Code, InvalidRequestError, NoPlanError, OptiPrompError
 from optipromp.core.planning.legs import Picked, after
-from optipromp.core.planning.plan import plan
-from optipromp.core.planning.result import Plan
+from optipromp.core.planning.options import PlanOptions, Strategy, stated
+from optipromp.core.planning.plan import check_request, plan
+from optipromp.core.planning.planners import Planner
+from optipromp.core.planning.result import Plan, best_of
+from optipromp.core.planning.task import Task
+from optipromp.core.processes import cores, run_each
+from optipromp.core.promp.model import ProMP
 from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Role, Scene
@@ -130,18 +137,31 @@ def plan_sequence(
                 progress(f"pick {len(picks) + 1}: {id_}")
             tried.append(plan(aimed(scene, id_, picked), **request))
         good = sorted((made for made in tried if made.success), key=_rank)
-        failed: dict[str, Picked] = {}
-        if scene.place is not None:
-            for made in good:
-                whole = after(made, progress, **request)
-                if whole.success:
-                    placed.append(whole)
-                    break
-                failed[_target(made)] = whole
-        if len(failed) == len(good):
-            left = tuple(_left(made, failed.get(_target(made))) for made in tried)
+        whole: dict[str, Plan | Picked] = {_target(made): made for made in tried}
+        best = best_of(
+            _completed(good, whole, progress, request),
+            rank=lambda made: not made.success,
+            enough=lambda made: made.success,
+        )
+        if best is None or not best.success:
+            left = tuple(Left(id_, made.status, made.message, made) for id_, made in whole.items())
             return PickSequence(begun, tuple(targets), tuple(picks), left, tuple(placed))
-        picks.append(good[len(failed)])
+        if isinstance(best, Picked):
+            placed.append(best)
+        picks.append(best.reach if isinstance(best, Picked) else best)
+
+
+def _completed(
+    good: Sequence[Plan],
+    whole: dict[str, Plan | Picked],
+    progress: Callable[[str], None] | None,
+    request: dict[str, Any],
+) -> Iterator[Plan | Picked]:
+    """The picks of good plans with all their legs, each put into ``whole`` by its target."""
+    for made in good:
+        if made.scene.place is not None:
+            whole[_target(made)] = after(made, progress, **request)
+        yield whole[_target(made)]
 
 
 def aimed(scene: Scene, target: str, picked: Sequence[str] = ()) -> Scene:
@@ -173,17 +193,118 @@ def _check(scene: Scene, targets: Sequence[str]) -> None:
             )
 
 
-def _left(made: Plan, whole: Picked | None) -> Left:
-    """The fruit of a plan, or of a pick of which another leg failed, as left."""
-    told = made if whole is None else whole
-    return Left(_target(made), told.status, told.message, told)
-
-
 def _rank(made: Plan) -> tuple[float, float]:
-    harm = 0.0 if made.prediction is None else made.prediction.harm
-    return max(harm, HARMLESS), made.trajectory.duration
+    return max(made.harm, HARMLESS), made.duration
 
 
 def _target(made: Plan) -> str:
     assert made.scene.target is not None
     return made.scene.target.id
+
+
+Result = Plan | Picked | OptiPrompError
+
+
+@dataclass(frozen=True, eq=False)
+class _Request:
+    """The arguments of :func:`plan` that all plans have in common."""
+
+    planner: Planner | str
+    strategy: Strategy
+    demonstrations: ProMP | str | Path | None
+    seed: int
+    options: PlanOptions | None
+    legs: bool = False
+
+    def result(self, scene: Scene | str | Path) -> Result:
+        asked = {name: value for name, value in vars(self).items() if name != "legs"}
+        try:
+            made = plan(scene, **asked)
+            placed = self.legs and made.scene.place is not None and made.scene.target is not None
+            return after(made, **asked) if placed else made
+        except OptiPrompError as error:
+            return error.with_traceback(None)
+
+    def bare(self, scene: Scene | str | Path) -> Result:
+        """The result without its scene, which the caller has: less to send between processes."""
+        result = self.result(scene)
+        if isinstance(result, Plan) and result.scene is scene:
+            task: Task = replace(result.task, scene=None, demonstrations=None)  # type: ignore[arg-type]
+            return replace(result, task=task)
+        return result
+
+
+def plan_many(
+    scenes: Sequence[Scene | str | Path],
+    options: PlanOptions | None = None,
+    *,
+    planner: Planner | str = "opti-promp",
+    strategy: Strategy = "joint",
+    demonstrations: ProMP | str | Path | None = None,
+    seed: int = 0,
+    workers: int | None = None,
+    legs: bool = False,
+    progress: Callable[[int, Result], None] | None = None,
+    **settings: Any,
+) -> list[Result]:
+    """Plan a reach in each of many scenes, on all cores.
+
+    Every plan equals the plan that :func:`plan` makes of its scene alone. Several processes make
+    the plans, so a script must call this function under ``if __name__ == "__main__":``, and the
+    classes of its own costs (``options.costs``) must be importable.
+
+    Args:
+        scenes: scenes, names of built-in scenes, or scene files.
+        options: of every plan; see :class:`PlanOptions`.
+        planner: as for :func:`plan`.
+        strategy: as for :func:`plan`.
+        demonstrations: as for :func:`plan`.
+        seed: as for :func:`plan`.
+        workers: processes that plan; None: one per core; 1: this process plans.
+        legs: scenes with a target and a ``place`` are planned with all legs, as
+            :func:`optipromp.core.planning.legs.plan_pick` does.
+        progress: called in this thread as each plan is done, with the index of its scene and the
+            result.
+        settings: as for :func:`plan`.
+
+    Returns:
+        A result for each scene, in the order of ``scenes``: the plan (also a plan that failed; with
+        ``legs`` the pick, of a scene with a place), or the error that :func:`plan` raises;
+        ``NoPlanError`` where the process ended.
+
+    Raises:
+        InvalidRequestError: fewer than one worker; an unknown planner or strategy; options or
+            demonstrations that cannot be sent to another process; processes cannot start.
+    """
+    if workers is not None and workers < 1:
+        raise InvalidRequestError(f"workers is {workers}; it must be at least 1")
+    options = stated(options, settings, plan_many)
+    check_request(planner, strategy, options)
+    request = _Request(planner, strategy, demonstrations, seed, options, legs)
+    count = min(workers or cores(), len(scenes))
+    if count > 1:
+        try:
+            pickle.dumps(request)
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            raise InvalidRequestError(
+                f"options or demonstrations cannot be sent to other processes ({error}); "
+                "workers=1 needs none"
+            ) from error
+    results: dict[int, Result] = {}
+
+    def done(index: int, result: Result | BrokenProcessPool) -> None:
+        scene = scenes[index]
+        if isinstance(scene, Scene) and getattr(result, "scene", scene) is None:
+            assert isinstance(result, Plan)
+            result = replace(
+                result, task=replace(result.task, scene=scene, demonstrations=demonstrations)
+            )
+        elif isinstance(result, BrokenProcessPool):
+            result = NoPlanError(str(result))
+        results[index] = result
+        if progress is not None:
+            progress(index, result)
+
+    function = request.bare if count > 1 else request.result
+    run_each(function, [(scene,) for scene in scenes], done, workers=count)
+    return [results[index] for index in range(len(scenes))]

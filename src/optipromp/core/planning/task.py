@@ -1,20 +1,21 @@
 """A task: the scene's robot with its tool, start, goal, obstacles, neighbours and push model."""
 
 import functools
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, lengths
+from optipromp.core.arrays import BoolArray, FloatArray, IntArray, lengths, read_only, rotation
 from optipromp.core.errors import InvalidRequestError, StartInvalidError
 from optipromp.core.geometry import distances, pack
+from optipromp.core.geometry.obstacles import Obstacles
 from optipromp.core.optimization.evaluation import BodyPoints
 from optipromp.core.optimization.problem import Special, Surroundings
-from optipromp.core.planning.regions import at_goal, goals_of, within_limits
-from optipromp.core.planning.special import is_special, specials
+from optipromp.core.planning.parameters import GOAL
 from optipromp.core.promp.model import ProMP
 from optipromp.core.pushing.model import Combined, Continued, PushModel
 from optipromp.core.pushing.packs import standing
@@ -25,17 +26,17 @@ from optipromp.core.pushing.rules import neighbours
 from optipromp.core.pushing.stems import hanging
 from optipromp.core.pushing.stems.cup import flange_of
 from optipromp.core.pushing.stems.hanging import Hanging
-from optipromp.core.robots.grippers import Scissor
-from optipromp.core.robots.laden import Laden, loads_of
+from optipromp.core.robots import ik
+from optipromp.core.robots.grippers import PRESS, Scissor
 from optipromp.core.robots.model import Robot
-from optipromp.core.robots.mounted import unmounted
+from optipromp.core.robots.mounted import Mounted, loads_of, unmounted
 from optipromp.core.robots.self_collision import letting_touch
-from optipromp.core.robots.suction import PRESS
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.robots.tools import make_tool, with_tool
+from optipromp.core.scenes.goals import ANGLE, WITHIN, Goal, JointGoal, PoseGoal, RegionGoal
 from optipromp.core.scenes.held import Pair, check_names
-from optipromp.core.scenes.motion import ObjectMotion
-from optipromp.core.scenes.scene import Attached, Goal, PoseGoal, Scene, SceneObject
+from optipromp.core.scenes.objects import ObjectMotion
+from optipromp.core.scenes.scene import Attached, Scene, SceneObject
 from optipromp.core.trajectory import State, Trajectory
 
 AMONG = 0.3  # [m] behind the target, within which the arm may meet objects that stand: a choice
@@ -68,7 +69,7 @@ class Task:
         only: the tool path to follow; None: a search finds the paths.
         sparing: whether the planner may answer :class:`Harmful` instead of following a path.
         beyond: the least harm of the tool paths out of the arm's reach.
-        back: the push model of a retreat, for its whole motion; None: the task is none.
+        back: the push model of a retreat, which predicts its whole motion; None for other motions.
         courses: how pushables move about their places in ``scene``, by id; see :func:`as_of`.
         begun: whether ``state`` replaces the scene's start: the tool may be among fruits already.
     """
@@ -180,10 +181,9 @@ def laden(robot: Robot, attached: Sequence[Attached]) -> Robot:
             f"attached {attached[0].id!r}: {robot.name} has no tool; give the scene a tool, "
             "in whose axes the shape stands"
         )
-    loads = tuple(item.load for item in attached)
-    if isinstance(robot.tool, Laden):
-        return with_tool(robot, Laden(robot.tool.tool, (*robot.tool.loads, *loads)))
-    return with_tool(robot, Laden(robot.tool, loads))
+    tool = Mounted.of(robot.tool)
+    loads = (*tool.loads, *(item.load for item in attached))
+    return with_tool(robot, replace(tool, loads=loads))
 
 
 def robot_of(scene: Scene, robot: Robot | None = None) -> Robot:
@@ -426,3 +426,165 @@ def aimed_at_stem(scene: Scene, tool: Tool | None) -> Scene:
     cone, aside = (0.0 if value is None else value for value in (approach.cone, approach.aside))
     approach = replace(approach, shift=above - target.position, cone=cone, aside=aside)
     return replace(scene, approach=approach)
+
+
+LIMIT_TOLERANCE = 1e-9  # [rad or m] a joint this little beyond its limit is within it: rounding
+
+
+def goals_of(goals: tuple[Goal, ...], robot: Robot, start: FloatArray) -> tuple[Goal, ...]:
+    """The goals of a scene for an arm at ``start`` (n,).
+
+    A joint that may turn without end goes to the nearest of its equal values.
+    """
+    return tuple(
+        _turned(goal, robot, start) if isinstance(goal, JointGoal) else goal for goal in goals
+    )
+
+
+def _turned(goal: JointGoal, robot: Robot, start: FloatArray) -> JointGoal:
+    joints = robot.check_configuration(goal.joints)
+    within_limits(robot, joints, "goal", InvalidRequestError)
+    turns = np.where(ik.turning(robot), np.round((joints - start) / (2.0 * np.pi)), 0.0)
+    return JointGoal(joints - 2.0 * np.pi * turns) if turns.any() else goal
+
+
+def within_limits(robot: Robot, q: FloatArray, what: str, error: type) -> None:
+    """Refuse a configuration (n,) outside the joint limits; ``what`` begins the ``error``."""
+    over = np.maximum(robot.lower - q, q - robot.upper)
+    worst = int(np.argmax(over))
+    if over[worst] > LIMIT_TOLERANCE:
+        degrees = " (degrees? radians are needed)" if abs(q[worst]) > 4.0 * np.pi else ""
+        raise error(
+            f"{what}: {robot.joint_names[worst]} is {q[worst]:.4f}, outside its limits "
+            f"[{robot.lower[worst]:.4f}, {robot.upper[worst]:.4f}]{degrees}"
+        )
+
+
+def at_goal(robot: Robot, goal: Goal, q: FloatArray) -> bool:
+    """Whether configuration ``q`` (n,) is at a goal, within its tolerances."""
+    if isinstance(goal, JointGoal):
+        off = q - goal.joints
+        turns = np.where(ik.turning(robot), np.round(off / (2.0 * np.pi)), 0.0)
+        return bool(np.max(np.abs(off - 2.0 * np.pi * turns)) < WITHIN)
+    point, axis = robot.tool_pose(q)
+    if isinstance(goal, PoseGoal):
+        near = np.linalg.norm(point - goal.position) < WITHIN
+        return bool(near and axis @ goal.axis > math.cos(math.radians(ANGLE)))
+    off, box = point - goal.position, goal.extents
+    inside = math.hypot(*off) < goal.radius
+    if box is not None:
+        inside = bool((np.abs(off @ box[1]) < box[0]).all())
+    if goal.rotation is not None:
+        turn = robot.segment_frames(q)[1][-1] @ robot.tool_rotation
+        cosine = 0.5 * (float(np.sum(turn * goal.rotation)) - 1.0)
+    else:
+        cosine = 1.0 if goal.axis is None else float(axis @ goal.axis)
+    return inside and cosine > math.cos(goal.tilt)
+
+
+def reached(robot: Robot, goals: tuple[Goal, ...], q: FloatArray) -> int | None:
+    """The index of the first goal that configuration ``q`` (n,) is at; None: it is at none."""
+    return next((k for k, goal in enumerate(goals) if at_goal(robot, goal, q)), None)
+
+
+def poses(goal: RegionGoal, seed: int) -> Iterator[tuple[FloatArray, FloatArray | None]]:
+    """Poses in a region: its middle first, then ``GOAL.poses`` of a uniform distribution.
+
+    Each is a tool point (3,) and what :func:`optipromp.core.robots.ik.solve` takes for its axis.
+    There is the middle alone where the goal has no tolerances.
+    """
+    frame = goal.rotation
+    yield goal.position, _axes(goal, np.eye(3))
+    if goal.within is None and goal.angle is None:
+        return
+    rng = np.random.default_rng(seed)
+    for _ in range(GOAL.poses):
+        off, box = rng.uniform(-1.0, 1.0, 3), goal.extents
+        if goal.within is None:
+            off = np.zeros(3)
+        elif box is not None:
+            off = box[1] @ (box[0] * off)
+        else:
+            off *= goal.radius * rng.random() ** (1.0 / 3.0) / math.hypot(*off)
+        about = rng.standard_normal(3)
+        if frame is None and goal.axis is not None:  # the roll about the axis is free
+            about -= (about @ goal.axis) * goal.axis
+        tilt = 0.0 if goal.angle is None else goal.tilt * rng.random()
+        turn = rotation(about / math.hypot(*about), GOAL.inside * tilt)
+        yield goal.position + GOAL.inside * off, _axes(goal, turn)
+
+
+def _axes(goal: RegionGoal, turn: FloatArray) -> FloatArray | None:
+    """Tool axis (3,), or z and y of the tool's frame (2, 3), turned; None: free."""
+    if goal.rotation is not None:
+        return np.asarray((turn @ goal.rotation).T[[2, 1]])
+    return None if goal.axis is None else np.asarray(turn @ goal.axis)
+
+
+def rooms(scene: Scene, robot: Robot, rows: IntArray) -> FloatArray:
+    """The room (L, K) of the links with spheres from the objects in ``rows`` (K,).
+
+    It is the distance that a link keeps from an object beyond contact [m]: the padding, or minus
+    infinity where the two may touch.
+    """
+    links = [robot.link_names[k] for k in np.unique(robot.spheres.link)]
+    out = np.zeros((len(links), len(rows)))
+    for column, item in enumerate(scene.objects_at(rows)):
+        out[:, column] = scene.padding_of(item)
+        if scene.may_touch:
+            spared = [scene.may_meet(name, item.id) for name in links]
+            out[spared, column] = -np.inf
+    return out
+
+
+def is_special(scene: Scene, robot: Robot, rows: IntArray) -> BoolArray:
+    """Which of the objects in ``rows`` (K,) have a room that is not 0."""
+    if scene.touches_alike:
+        return np.zeros(len(rows), dtype=np.bool_)
+    return np.asarray(rooms(scene, robot, rows).any(axis=0))
+
+
+def specials(
+    scene: Scene, robot: Robot, body: BodyPoints, static: IntArray, dynamic: tuple[IntArray, int]
+) -> Iterator[Special]:
+    """The special obstacles of the optimisation, by rooms that are alike.
+
+    ``scene``: of the objects. ``robot``: of the links. ``body``: of the robot. ``static``: rows of
+    special static objects. ``dynamic``: rows of special objects to avoid and then to push, and the
+    number of the first.
+    """
+    sizes = np.diff(body.link_start)
+    for name, rows, shared in (("static", static, len(static)), ("dynamic", *dynamic)):
+        room = rooms(scene, robot, rows)
+        for column in np.unique(room, axis=1).T:
+            mine = (room == column[:, None]).all(axis=0)
+            yield Special(
+                name, scene.packed(rows[mine]), int(mine[:shared].sum()),
+                read_only(body.radius + np.repeat(column, sizes)),
+                read_only(body.link_bound + column),
+            )  # fmt: skip
+
+
+class RoomApart(NamedTuple):
+    """All special obstacles: static ones, then those to avoid, then those to push.
+
+    ``room`` (L, K) is minus infinity also between the last link or the tool and all that is not
+    static.
+    """
+
+    obstacles: Obstacles
+    room: FloatArray
+
+
+@functools.lru_cache(maxsize=4)
+def apart(scene: Scene, robot: Robot, far: float) -> RoomApart:
+    """The special obstacles within ``far`` [m] of the base, for the search of ways."""
+    found = [scene.around(np.zeros(3), far, role) for role in ("static", "avoid", "pushable")]
+    kept = [rows[is_special(scene, robot, rows)] for rows in found]
+    rows = np.concatenate(kept)
+    room = rooms(scene, robot, rows)
+    links = np.unique(robot.spheres.link)
+    distal = np.isin(links, robot.spheres.link[robot.spheres.distal])
+    role = np.repeat(np.arange(3), [len(one) for one in kept])
+    room[np.ix_(distal, role > 0)] = -np.inf
+    return RoomApart(scene.packed(rows), np.ascontiguousarray(room))

@@ -17,18 +17,18 @@ from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.judging import Judgement, Overlap
 from optipromp.core.planning.options import PlanOptions
-from optipromp.core.planning.result import Plan
+from optipromp.core.planning.result import Plan, with_notes
 from optipromp.core.planning.task import MOST_POINTS, Task, as_of, passages, resolve, spaced
 from optipromp.core.pushing.model import Prediction, PushModel
 from optipromp.core.pushing.path import STEP, along
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene
-from optipromp.core.trajectory import Trajectory
-from optipromp.core.trajectory_files import read_trajectory
+from optipromp.core.trajectory import Trajectory, read_trajectory
 
 BELOW = PlanOptions.corridor
 """[m] a height this little below the entry counts as the entry's."""
+VALID = "reaches the target, keeps all limits, touches nothing it must not"
 COARSE = 0.01
 """[m] where the tool moves farther between two waypoints, the curve between them is sampled."""
 
@@ -59,20 +59,28 @@ class Verdict:
         return Code.INVALID_PLAN if self.judgement.violations else Code.SUCCESS
 
     @property
-    def message(self) -> str:
-        """The status in words."""
+    def reason(self) -> str:
+        """Why the trajectory has this status."""
         if self.judgement.at_start:
             return "at the start " + "; ".join(map(str, self.judgement.at_start))
         wrong = [*map(str, self.judgement.violations)]
         if self.status is Code.HARM_PREDICTED:
             wrong.insert(0, str(self.prediction))
-        if wrong:
-            return "; ".join(wrong)
-        message = "reaches the target, keeps all limits, touches nothing it must not"
-        found = self.prediction
-        pushes = "" if found is None else found.pushes(self.judgement.metrics.passage)
-        notes = [*self.judgement.notes, *([pushes] if pushes else [])]
-        return "; ".join([message, *(f"note: {note}" for note in notes)])
+        return "; ".join(wrong) or VALID
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks on a success: those of the judge, and where the pushed fruits are passed."""
+        if self.status is not Code.SUCCESS:
+            return ()
+        push = self.prediction
+        pushes = "" if push is None else push.pushes(self.judgement.metrics.passage)
+        return (*self.judgement.notes, *([pushes] if pushes else []))
+
+    @property
+    def message(self) -> str:
+        """The reason for the status, and the notes."""
+        return with_notes(self.reason, self.notes)
 
 
 def judge(
@@ -89,7 +97,7 @@ def judge(
     Args:
         scene: a scene, a built-in scene's name, or a scene file.
         trajectory: of the robot, joints in the robot's order; or the file or folder of a
-            trajectory (:func:`optipromp.core.trajectory_files.read_trajectory`).
+            trajectory (:func:`optipromp.core.trajectory.read_trajectory`).
         robot: with its tool, in place of the scene's.
         risk: share of promised successes that may be broken, see :class:`PlanOptions`.
 
@@ -122,8 +130,8 @@ def verdict(task: Task, trajectory: Trajectory, *, anywhere: bool = False) -> Ve
     The trajectory must begin in the task's state; with ``anywhere``, at rest in any configuration.
     """
     prediction = predicted(task, trajectory)
-    found = judged(task, trajectory, stem_side=prediction is None, anywhere=anywhere)
-    return Verdict(found, prediction)
+    judgement = judged(task, trajectory, stem_side=prediction is None, anywhere=anywhere)
+    return Verdict(judgement, prediction)
 
 
 def whole(legs: Mapping[str, Plan]) -> tuple[Code, str]:
@@ -186,10 +194,10 @@ def led(task: Task, model: PushModel, trajectory: Trajectory) -> PushMotion:
     q, points, axes, times = _followed(task.robot, trajectory)
 
     def moved(rows: slice, struck: Overlap | None = None) -> PushMotion:
-        way, turned = spaced(points[rows], axes[rows])
+        path, turned = spaced(points[rows], axes[rows])
         if not task.courses:
-            return PushMotion(way, turned, struck, {})
-        at = along(points[rows], times[rows, None], len(way))[:, 0]
+            return PushMotion(path, turned, struck, {})
+        at = along(points[rows], times[rows, None], len(path))[:, 0]
         since = np.append(0.0, at[:-1])  # roots drift from time 0 on, while the tool waits
         fastest = max(course.fastest for course in task.courses.values())
         steps = np.maximum(np.ceil((at - since) * fastest / STEP), 1).astype(np.int64)
@@ -198,7 +206,7 @@ def led(task: Task, model: PushModel, trajectory: Trajectory) -> PushMotion:
         here = np.where(share < 1.0, np.maximum(row - 1, 0), row)
         now = since[row] + share * (at - since)[row]
         drift = {name: course.at(now) for name, course in task.courses.items()}
-        return PushMotion(way[here], turned[here], struck, drift)
+        return PushMotion(path[here], turned[here], struck, drift)
 
     if task.back is not None:
         return moved(slice(None))

@@ -22,8 +22,8 @@ from optipromp.core.promp.demonstrations import Demonstration as Demonstration
 from optipromp.core.promp.demonstrations import Demonstrations as Demonstrations
 from optipromp.core.promp.demonstrations import load_demonstrations as load_demonstrations
 from optipromp.core.promp.demonstrations import save_demonstrations as save_demonstrations
-from optipromp.core.promp.em import fit_em as fit_em
 from optipromp.core.promp.learning import fit as fit
+from optipromp.core.promp.learning import fit_em as fit_em
 from optipromp.core.promp.learning import held_out_residuals as held_out_residuals
 from optipromp.core.promp.learning import residuals as residuals
 from optipromp.core.promp.model import ProMP as ProMP

@@ -107,7 +107,7 @@ def unnamed(names: Sequence[str]) -> bool:
     return tuple(names) == names_for((), len(names))
 
 
-def matched(names: Sequence[str], joints: Sequence[str], what: str) -> list[int]:
+def matching_columns(names: Sequence[str], joints: Sequence[str], what: str) -> list[int]:
     """Indices of the columns with the names of the ``joints``.
 
     ``names``: of the columns. ``joints``: names of the robot's joints, in its order. ``what``:

@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optipromp.core.arrays import FloatArray, read_only
+from optipromp.core.documents import read_table
 from optipromp.core.errors import InvalidDemonstrationError
 from optipromp.core.files import is_folder, is_there, npz, read_npz, texts, write_atomically
 from optipromp.core.promp.checks import (
     PHASE_TOLERANCE,
     UnitsWarning,
     finite_array,
-    matched,
+    matching_columns,
     names_for,
 )
-from optipromp.core.tables import read_table
 
 BEYOND_LIMITS = 0.05
 """[rad or m] Excess of a demonstration over a joint's limits that is accepted: an arm that is led
@@ -150,7 +150,7 @@ class Demonstrations(Sequence[Demonstration]):
         Raises:
             InvalidDemonstrationError: other joint names; the message begins with ``what``.
         """
-        order = matched(self.joint_names, joints, what)
+        order = matching_columns(self.joint_names, joints, what)
         items = (Demonstration(d.times, d.positions[:, order], d.span) for d in self)
         return Demonstrations(tuple(items), tuple(joints))
 

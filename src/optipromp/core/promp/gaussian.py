@@ -37,7 +37,7 @@ def check_covariance(covariance: ArrayLike, size: int, name: str) -> FloatArray:
     return matrix
 
 
-def root(covariance: FloatArray) -> FloatArray:
+def square_root(covariance: FloatArray) -> FloatArray:
     """A factor L (d, d) with L Lᵀ = covariance, which may be singular."""
     try:
         return np.asarray(np.linalg.cholesky(covariance))
@@ -59,18 +59,12 @@ def add_noise(matrix: FloatArray, noise: ArrayLike) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Inverse:
-    """A symmetric positive semi-definite S (p, p), ready for S⁺ b.
+    """A symmetric positive semi-definite S (p, p), ready for S⁺ b."""
 
-    Attributes:
-        scale: (p,) diagonal of D, with which D S D has a unit diagonal.
-        lower: (p, p) L with L Lᵀ = D S D, where S is safely definite.
-        pseudo: (p, p) pseudo-inverse of D S D, where S is not.
-        null: (p, m) scaled directions without variance; None where S has full rank.
-    """
-
-    scale: FloatArray
-    lower: FloatArray
-    pseudo: FloatArray | None = None
+    scale: FloatArray  # (p,) diagonal of D, with which D S D has a unit diagonal
+    lower: FloatArray  # (p, p) L with L Lᵀ = D S D, where S is safely definite
+    pseudo: FloatArray | None = None  # (p, p) pseudo-inverse of D S D, where S is not
+    # (p, m) scaled directions without variance; None where S has full rank
     null: FloatArray | None = None
 
     def solve(self, right: FloatArray) -> FloatArray:
@@ -126,22 +120,14 @@ class Update:
     (Paraschos et al., 2013; the covariance in the form of Bucy and Joseph, 1968, in which an error
     of K counts only squared). S may be singular where observations are exact. :func:`observed`
     builds an update.
-
-    Attributes:
-        prior: Σ (d, d).
-        rows: H (r, d).
-        noise: R (r, r).
-        cross: H Σ (r, d).
-        total: S (r, r).
-        inverse: S⁺.
     """
 
-    prior: FloatArray
-    rows: FloatArray
-    noise: FloatArray
-    cross: FloatArray
-    total: FloatArray
-    inverse: Inverse
+    prior: FloatArray  # Σ (d, d)
+    rows: FloatArray  # H (r, d)
+    noise: FloatArray  # R (r, r)
+    cross: FloatArray  # H Σ (r, d)
+    total: FloatArray  # S (r, r)
+    inverse: Inverse  # S⁺
 
     def mean(self, mean: FloatArray, values: FloatArray) -> FloatArray:
         """The posterior mean μ⁺ (d,), for the prior's μ (d,) and observed values y (r,)."""

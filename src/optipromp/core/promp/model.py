@@ -11,16 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optipromp.core.arrays import FloatArray, read_only
-from optipromp.core.errors import InvalidRequestError, OptiPrompError
-from optipromp.core.files import is_file, npz, read_npz, texts, write_atomically
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.files import is_file, npz, read_npz, reading, texts, write_atomically
 from optipromp.core.promp.basis import Basis
-from optipromp.core.promp.checks import finite_array, matched, names_for, positive
-from optipromp.core.promp.gaussian import check_covariance, root
+from optipromp.core.promp.checks import finite_array, matching_columns, names_for, positive
+from optipromp.core.promp.gaussian import check_covariance, square_root
 from optipromp.core.shown import Shown
 
 PROMP_FORMAT = 1
 LARGEST_WEIGHT = 1e9  # [rad or m] products of larger weights overflow
-_KEYS = ("format", "basis", "mean", "covariance", "noise", "joint_names")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,7 +100,7 @@ class ProMP(Shown):
 
     @cached_property
     def _root(self) -> FloatArray:
-        return read_only(root(self.covariance))
+        return read_only(square_root(self.covariance))
 
     def mean_trajectory(self, phases: int | ArrayLike) -> FloatArray:
         """Mean positions (T, n) at phases (T,), or at a count of evenly spaced phases."""
@@ -197,7 +196,7 @@ class ProMP(Shown):
         """
         if tuple(joints) == self.joint_names:
             return self
-        order = matched(self.joint_names, joints, what)
+        order = matching_columns(self.joint_names, joints, what)
         rows = np.arange(self.n_weights).reshape(self.mean.shape)[order].reshape(-1)
         return made(
             self.basis,
@@ -233,15 +232,10 @@ class ProMP(Shown):
         """
         path = Path(path)
         data = read_npz(path)
-        missing = [key for key in _KEYS if key not in data]
-        if missing:
-            raise InvalidRequestError(f"{path} is no ProMP file: it lacks {', '.join(missing)}")
-        version = data["format"]
-        if version.shape or version.dtype.kind not in "iu" or version != PROMP_FORMAT:
-            raise InvalidRequestError(
-                f"{path}: format {version} is unknown; this reads {PROMP_FORMAT}"
-            )
-        try:
+        with reading(path, "no ProMP file"):
+            version = data["format"]
+            if version.shape or version.dtype.kind not in "iu" or version != PROMP_FORMAT:
+                raise InvalidRequestError(f"format {version} is unknown; this reads {PROMP_FORMAT}")
             numbers, mean, covariance, noise = (  # "same_kind" refuses complex numbers
                 data[key].astype(np.float64, casting="same_kind")
                 for key in ("basis", "mean", "covariance", "noise")
@@ -250,15 +244,8 @@ class ProMP(Shown):
                 raise InvalidRequestError(f"basis: expected count, width, outside, got {numbers}")
             if (numbers[[0, 2]] % 1.0).any():
                 raise InvalidRequestError(f"basis: count and outside must be whole, got {numbers}")
-            return cls(
-                Basis(int(numbers[0]), float(numbers[1]), int(numbers[2])),
-                mean,
-                covariance,
-                noise,
-                texts(data["joint_names"]),
-            )
-        except (OptiPrompError, ValueError, TypeError) as cause:
-            raise InvalidRequestError(f"{path}: {cause}") from None
+            basis = Basis(int(numbers[0]), float(numbers[1]), int(numbers[2]))
+            return cls(basis, mean, covariance, noise, texts(data["joint_names"]))
 
 
 def is_primitive(path: Path) -> bool:

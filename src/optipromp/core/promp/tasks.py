@@ -47,19 +47,13 @@ class Rows:
 
     The rows of the position are along the principal axes of the covariance: their errors are
     independent.
-
-    Attributes:
-        position: (m, 3) targets [m].
-        turn: (m, 3, 3) directions of the rows of the position.
-        axis: (m, 3) unit targets.
-        with_axis: (m,) whether a point has an axis.
-        variance: (m, r), r = 3 or 5; 0: exact; 1 in the unused rows of points without axis.
     """
 
-    position: FloatArray
-    turn: FloatArray
-    axis: FloatArray
-    with_axis: BoolArray
+    position: FloatArray  # (m, 3) targets [m]
+    turn: FloatArray  # (m, 3, 3) directions of the rows of the position
+    axis: FloatArray  # (m, 3) unit targets
+    with_axis: BoolArray  # (m,) whether a point has an axis
+    # (m, r), r = 3 or 5; 0: exact; 1 in the unused rows of points without axis
     variance: FloatArray
 
     @staticmethod

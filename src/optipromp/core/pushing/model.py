@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, lengths
-from optipromp.core.pushing.calibration import Calibration as Calibration
 from optipromp.core.pushing.candidates import Candidates
+from optipromp.core.pushing.parameters import Calibration as Calibration
 from optipromp.core.pushing.path import STEP, along, evenly, length
 
 
@@ -24,7 +24,7 @@ class Prediction:
         cause: the harm of that object, in words.
         forces: largest force on each pushed object, by id, in the perceived state [N].
         probability: that the pick is not clean, see
-            :class:`optipromp.core.pushing.calibration.Calibration`.
+            :class:`optipromp.core.pushing.parameters.Calibration`.
     """
 
     harm: float

@@ -1,12 +1,10 @@
 """Robots: description files, kinematics, body spheres, tools."""
 
-from optipromp.core.robots.grippers import FingerGripper, Scissor
+from optipromp.core.robots.grippers import FingerGripper, MeshTool, Scissor, Suction
 from optipromp.core.robots.library import Choice, load_robot, robot_names
-from optipromp.core.robots.mesh_tool import MeshTool
 from optipromp.core.robots.model import BodySpheres, Robot
 from optipromp.core.robots.mounted import Mounted
 from optipromp.core.robots.resolved import save_robot
-from optipromp.core.robots.suction import Suction
 from optipromp.core.robots.tool_geometry import Solid, cover_solids, solids_inertia
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.robots.tools import Cup, FrankaHand, with_tool, without_tool

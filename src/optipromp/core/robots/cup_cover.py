@@ -21,7 +21,7 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.compiled import inner
-from optipromp.core.robots.spheres import cover_capsule
+from optipromp.core.robots.tool_geometry import cover_capsule
 
 NECK_RADIUS = 0.01  # [m] chosen
 _STEPS = 100  # steps of the dynamic programme, chosen: at least; a step is at most a bulge high

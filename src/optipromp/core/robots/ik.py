@@ -95,7 +95,7 @@ def apart_from_earlier(q, turning, distinct):
 
 
 @kernel
-def descend(
+def _descend(
     kin, tool_point, tool_axes, positions, directions, axis_weight, lower, upper, center, weight,
     iterations, chained, q, position_error, axis_error,
 ):  # fmt: skip
@@ -202,7 +202,7 @@ def _tracked(
     directions = np.zeros((len(q), 3)) if axes is None else np.array(axes, dtype=np.float64)
     directions = directions if directions.ndim == 3 else directions[:, None]
     weight = 0.0 if axes is None else AXIS_LENGTH**2
-    descend(
+    _descend(
         robot.kinematics, robot.tool_point, _tool_axes(robot, directions.shape[1]),
         np.array(positions, dtype=np.float64), directions, weight, robot.lower.copy(),
         robot.upper.copy(), q, np.zeros(len(q)), iterations, chained, q, position_error, axis_error,
@@ -278,7 +278,7 @@ def solve(
         weight = np.concatenate([np.full(len(further), 0.05), weight])
     q = np.ascontiguousarray(np.clip(q, low, high))
     position_error, axis_error = np.empty(len(q)), np.empty(len(q))
-    descend(
+    _descend(
         robot.kinematics, robot.tool_point, _tool_axes(robot, len(directions)),
         np.full((len(q), 3), target), np.tile(directions / length, (len(q), 1, 1)),
         AXIS_LENGTH**2 if axis is not None else 0.0, lower, upper, center, weight, iterations,

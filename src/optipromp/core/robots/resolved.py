@@ -12,15 +12,14 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
 from optipromp.core.arrays import frozen, lengths
 from optipromp.core.errors import InvalidRequestError, InvalidRobotError
-from optipromp.core.files import npz, read_npz, write_atomically
+from optipromp.core.files import members, npz, read_npz, reading, write_atomically
 from optipromp.core.robots.description import Arm, LeftOut, LinkGeometry, LinkShape, meshes_found
-from optipromp.core.robots.dynamics import Dynamics
 from optipromp.core.robots.kernels import Kinematics
-from optipromp.core.robots.model import BodySpheres, Robot
+from optipromp.core.robots.model import BodySpheres, Dynamics, Robot
 from optipromp.core.shown import is_name, printable
 
 SUFFIX = ".robot"
@@ -145,8 +144,8 @@ def resolved(robot: Robot, folder: Path) -> bytes:
         "dynamics": {} if robot.dynamics is None else robot.dynamics._asdict(),
     }
     arrays = {key: getattr(robot, key) for key in ARRAYS if " " not in key}
-    for group, members in groups.items():
-        arrays |= {f"{group} {key}": value for key, value in members.items()}
+    for group, own in groups.items():
+        arrays |= {f"{group} {key}": value for key, value in own.items()}
     return npz({"robot": json.dumps(asdict(header)), **arrays})
 
 
@@ -163,13 +162,13 @@ def read_resolved(path: Path, check: Callable[[Path], Path] = Path) -> Robot:
     exists.
     """
     data = read_npz(path, InvalidRobotError)
-    try:
+    with reading(path, "no resolved robot file", InvalidRobotError):
         header = TypeAdapter(_Header).validate_json(str(data.pop("robot")))
         sizes = {"n": len(header.joint_names), "G": len(header.geometry)}
-        arrays = _arrays(data, sizes)
+        still = not any(key.startswith("dynamics ") for key in data)
+        table = {k: of for k, of in ARRAYS.items() if not (still and k.startswith("dynamics "))}
+        arrays = members(data, table, sizes)
         _check(header, arrays)
-    except (KeyError, ValueError) as error:
-        raise InvalidRobotError(f"{path} is no resolved robot file: {_words(error)}") from None
 
     def group(name: str) -> dict[str, Any]:
         keys = [key for key in arrays if key.startswith(f"{name} ")]
@@ -205,30 +204,15 @@ def read_resolved(path: Path, check: Callable[[Path], Path] = Path) -> Robot:
     )
 
 
-def _arrays(data: dict[str, Any], sizes: dict[str, int]) -> dict[str, Any]:
-    """The arrays of a file, of the types and shapes of :data:`ARRAYS`. Raises ValueError."""
-    out, still = {}, not any(key.startswith("dynamics ") for key in data)
-    for key, (kind, shape) in ARRAYS.items():
-        if still and key.startswith("dynamics "):
-            continue
-        array = data[key]
-        for letter, size in zip(shape, array.shape, strict=False):
-            sizes.setdefault(letter, size)
-        wanted = tuple(int(letter) if letter.isdigit() else sizes[letter] for letter in shape)
-        if array.dtype != np.dtype(kind) or array.shape != wanted:
-            raise ValueError(f"'{key}' must be {np.dtype(kind)} {wanted}")
-        most = np.inf if key in _MAY_BE_INFINITE else LARGEST
-        if kind is float and not (np.abs(array) <= most).all():
-            raise ValueError(f"'{key}' holds a number that is not finite, or too large")
-        out[key] = frozen(array, array.dtype)
-    return out
-
-
 def _check(header: _Header, arrays: dict[str, Any]) -> None:
     """Refuse indices out of range, which kernels would follow unchecked, and contradicting limits.
 
     Raises ValueError.
     """
+    for key, array in arrays.items():
+        most = np.inf if key in _MAY_BE_INFINITE else LARGEST
+        if array.dtype == float and not (np.abs(array) <= most).all():
+            raise ValueError(f"'{key}' holds a number that is not finite, or too large")
     n, segments = len(header.joint_names), len(arrays["kinematics kind"])
     spheres, links = len(arrays["spheres radius"]), len(header.link_names)
     if not 0 < n <= segments <= MOST_JOINTS or spheres > MOST_SPHERES:
@@ -275,12 +259,3 @@ def _texts(value: Any) -> Iterator[str]:
     elif isinstance(value, tuple):
         for each in value:
             yield from _texts(each)
-
-
-def _words(error: Exception) -> str:
-    if isinstance(error, KeyError):
-        return f"it lacks {error}"
-    if isinstance(error, ValidationError):
-        first = error.errors()[0]
-        return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
-    return str(error)

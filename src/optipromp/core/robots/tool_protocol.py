@@ -9,7 +9,13 @@ import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, frozen
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.robots.tool_geometry import Solid, cover_solids, seen, solids_inertia, swept
+from optipromp.core.robots.tool_geometry import (
+    Solid,
+    cover_solids,
+    seen_polygon,
+    solids_inertia,
+    swept_polygons,
+)
 
 LARGEST = 5.0  # [m] chosen: a larger dimension of a tool is a number in millimetres
 
@@ -93,7 +99,7 @@ class Tool(Protocol):
         found: dict[bytes, FloatArray] = {}
         for solid in self.solids():
             local = (solid.corners - self.point) @ self.rotation
-            parts = seen(local) if self.fingers else swept(local)
+            parts = seen_polygon(local) if self.fingers else swept_polygons(local)
             found |= {part.round(6).tobytes(): part for part in parts}  # alike ones count once
         return tuple(found.values())
 

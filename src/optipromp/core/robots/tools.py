@@ -13,14 +13,11 @@ from optipromp.core.arrays import BoolArray, FloatArray, frozen
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError
 from optipromp.core.geometry.shapes import Box, Cylinder, MeshShape, Shape, hull_faces
 from optipromp.core.robots.cup_cover import NECK_RADIUS, cover_cup
-from optipromp.core.robots.grippers import FingerGripper, Scissor
-from optipromp.core.robots.laden import cover_load, loads_of
-from optipromp.core.robots.mesh_tool import MeshTool
+from optipromp.core.robots.grippers import FingerGripper, MeshTool, Scissor, Suction
 from optipromp.core.robots.model import BodySpheres, Robot
-from optipromp.core.robots.mounted import Mounted
+from optipromp.core.robots.mounted import Mounted, cover_load, loads_of
 from optipromp.core.robots.self_collision import candidate_pairs, drop_always_touching
-from optipromp.core.robots.suction import Suction
-from optipromp.core.robots.tool_geometry import Part, Solid, rectangle
+from optipromp.core.robots.tool_geometry import Part, Solid, strip
 from optipromp.core.robots.tool_protocol import (
     LARGEST,
     Tool,
@@ -119,7 +116,7 @@ class Cup(Tool):
         floor = (base, base + WALL, -outer, outer)
         walls = (base, rim, inner, outer), (base, rim, -outer, -inner)
         sides = [neck, floor, *walls] if self.length > 0.0 else [floor, *walls]
-        return tuple(rectangle(*side) for side in sides)
+        return tuple(strip(*side) for side in sides)
 
     def solids(self) -> tuple[Solid, ...]:
         """Neck, floor and a ring of flat walls."""
@@ -258,7 +255,7 @@ def with_tool(robot: Robot, tool: Tool) -> Robot:
     """``robot`` with ``tool`` on its flange, in place of any tool it carries.
 
     The tool is a new last link, "tool": distal and fixed to the last link. Each load of a
-    :class:`optipromp.core.robots.laden.Laden` tool is such a link before it. Their spheres are kept
+    :class:`optipromp.core.robots.mounted.Mounted` tool is such a link before it. Their spheres stay
     off the links of all segments but the last two.
 
     Args:

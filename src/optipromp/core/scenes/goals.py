@@ -1,9 +1,12 @@
-"""Goals of a scene without a target: a configuration, a pose of the tool, a region of poses."""
+"""Goals of a scene without a target, and what the tool keeps on its way to them.
+
+A goal is a configuration, a pose of the tool, or a region of poses.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,7 +14,7 @@ from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import IDENTITY, from_quaternion, product, unit_quaternion
-from optipromp.core.scenes.values import array, unit
+from optipromp.core.scenes.values import array, limited, unit
 
 WITHIN = 1e-3  # [m] distance of the tool point from a goal without a tolerance; method §5
 ANGLE = 2.0  # [degrees] the same of the tool's axis or orientation; method §5
@@ -85,11 +88,11 @@ class RegionGoal:
     def __post_init__(self) -> None:
         if self.axis is not None and self.orientation is not None:
             raise InvalidSceneError("goal has axis and orientation: must have one of them at most")
-        free = self.axis is None and self.orientation is None
-        if self.angle is not None and (free or not 0.0 < self.angle <= _MOST_ANGLE):
-            wanted = "an axis or an orientation" if free else f"above 0 and at most {_MOST_ANGLE:g}"
-            verb = "goes with" if free else "must be"
-            raise InvalidSceneError(f"goal.tolerance.angle is {self.angle:g}: {verb} {wanted}")
+        if self.angle is not None and self.axis is None and self.orientation is None:
+            raise InvalidSceneError(
+                f"goal.tolerance.angle is {self.angle:g}: goes with an axis or an orientation"
+            )
+        limited("goal.tolerance.angle", self.angle, "degrees", _MOST_ANGLE)
         sizes = np.atleast_1d(np.array(WITHIN if self.within is None else self.within, dtype=float))
         if sizes.shape not in ((1,), (3,)) or not (np.isfinite(sizes) & (sizes > 0.0)).all():
             raise InvalidSceneError(
@@ -158,3 +161,69 @@ Goal = JointGoal | PoseGoal | RegionGoal
 def transformed(goal: Goal, pose: Pose) -> Goal:
     """The same goal in another frame, in which its present frame has the ``pose``."""
     return goal if isinstance(goal, JointGoal) else goal.transformed(pose)
+
+
+_MOST_LEAN = 90.0  # [degrees] a wider cone keeps nothing upright
+
+
+def _z() -> FloatArray:
+    return np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class HeldUpright:
+    """An axis of the tool stays within an angle of a direction, as that of a full cup.
+
+    Args:
+        angle: largest angle between both [degrees].
+        axis: (3,) in the tool's frame (:class:`optipromp.core.scenes.goals.RegionGoal`); z is the
+            tool axis.
+        direction: (3,) in the base frame.
+    """
+
+    angle: float
+    axis: FloatArray = field(default_factory=_z)
+    direction: FloatArray = field(default_factory=_z)
+
+    def __post_init__(self) -> None:
+        limited("path.upright.angle", self.angle, "degrees", _MOST_LEAN)
+        object.__setattr__(self, "axis", unit("path.upright.axis", self.axis))
+        object.__setattr__(self, "direction", unit("path.upright.direction", self.direction))
+
+
+@dataclass(frozen=True, eq=False)
+class OnPlane:
+    """The tool point stays near a plane.
+
+    Args:
+        point: (3,) of the plane, in the base frame [m].
+        normal: (3,) of the plane, in the base frame.
+        within: largest distance of the tool point from the plane [m].
+    """
+
+    point: FloatArray
+    normal: FloatArray
+    within: float
+
+    def __post_init__(self) -> None:
+        limited("path.plane.within", self.within, "m")
+        object.__setattr__(self, "point", array("path.plane.point", self.point, 3))
+        object.__setattr__(self, "normal", unit("path.plane.normal", self.normal))
+
+
+@dataclass(frozen=True, eq=False)
+class PathConstraints:
+    """What the tool keeps from the start to the goal; None: nothing of the kind."""
+
+    upright: HeldUpright | None = None
+    plane: OnPlane | None = None
+
+    def transformed(self, pose: Pose) -> PathConstraints:
+        """The same constraints in another frame, in which their frame has the ``pose``."""
+        upright, plane = self.upright, self.plane
+        if upright is not None:
+            upright = replace(upright, direction=pose.rotation @ upright.direction)
+        if plane is not None:
+            normal = pose.rotation @ plane.normal
+            plane = OnPlane(pose @ plane.point, normal, plane.within)
+        return PathConstraints(upright, plane)

@@ -11,13 +11,12 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidSceneError
-from optipromp.core.geometry.shapes import MeshShape, PointCloudShape, Shape, is_convex
-from optipromp.core.robots.laden import Load
-from optipromp.core.robots.meshes import parted
+from optipromp.core.geometry.shapes import MeshShape, PointCloudShape, Shape, is_convex, parted
+from optipromp.core.robots.mounted import Load
 from optipromp.core.robots.tool_geometry import Solid
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import IDENTITY, unit_quaternion
-from optipromp.core.scenes.values import array, keep, named, suggest, unit
+from optipromp.core.scenes.values import array, keep, limited, named, suggest, unit
 
 TOOL = "tool"
 """Name of the tool in ``may_touch``."""
@@ -53,8 +52,7 @@ class Attached:
         where = f"attached {self.id!r}"
         object.__setattr__(self, "position", array(f"{where}: position", self.position, 3))
         object.__setattr__(self, "orientation", unit_quaternion(self.orientation))
-        if self.mass is not None and not (math.isfinite(self.mass) and self.mass > 0.0):
-            raise InvalidSceneError(f"{where}: mass is {self.mass:g}: must be above 0 [kg]")
+        limited(f"{where}: mass", self.mass, "kg")
         if not math.isfinite(self.shape.measure.bound) or isinstance(self.shape, PointCloudShape):
             raise InvalidSceneError(
                 f"{where}: shape is a {type(self.shape).__name__}: must be convex and have an end"
@@ -73,7 +71,7 @@ class Attached:
 
     @cached_property
     def load(self) -> Load:
-        """The load of the tool, see :class:`optipromp.core.robots.laden.Laden`."""
+        """The load of the tool, see :class:`optipromp.core.robots.mounted.Mounted`."""
         w, x, y, z = self.orientation.tolist()
         solids = (
             Solid(str(k), shape, self.position, (w, x, y, z), "load")

@@ -12,6 +12,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.scenes.goals import Goal, JointGoal, PoseGoal, RegionGoal
 from optipromp.core.scenes.pose import Pose
+from optipromp.core.scenes.values import limited
 
 LINE_WITHIN = 5e-4  # [m] distance from the lines where the scene states none: a choice
 _MOST_TURN = 179.0  # [degrees] a half turn between two way points could go either way
@@ -48,9 +49,7 @@ class Lines:
         if not points:
             raise InvalidSceneError("waypoints has no entries: must have at least one")
         for name in ("speed", "within"):
-            value = getattr(self, name)
-            if value is not None and not 0.0 < value < math.inf:
-                raise InvalidSceneError(f"waypoints.{name} is {value:g}: must be above 0")
+            limited(f"waypoints.{name}", getattr(self, name))
         object.__setattr__(self, "points", points)
 
     def to(self, goal: Goal) -> tuple[RegionGoal, ...]:

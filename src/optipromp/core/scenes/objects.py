@@ -1,23 +1,91 @@
-"""Objects of a scene and their stems."""
+"""Objects of a scene, their motions and their stems, also those that nobody saw."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Literal, TypeAlias, get_args
+from typing import Literal, Self, TypeAlias, get_args
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, frame_along, frozen
+from optipromp.core.arrays import FloatArray, frame_along, frozen, lengths
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.shapes import Box, Capsule, Cylinder, Shape
-from optipromp.core.scenes.motion import ObjectMotion
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import IDENTITY, from_quaternion, product, unit_quaternion
-from optipromp.core.scenes.values import array, keep, named, suggest, unit
+from optipromp.core.scenes.values import array, keep, limited, named, suggest, unit
+
+FOR_EVER = 600.0  # [s] a choice: for so long an object with a velocity moves
+FASTEST = 10.0  # [m/s] chosen: a larger speed is a number in millimetres
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectMotion:
+    """A curve of straight pieces. Before and after it, the object stands at the curve's ends.
+
+    Time 0 is the begin of a plan's trajectory. The object does not turn.
+
+    Args:
+        times: (k,) increasing [s], k >= 2.
+        positions: (k, 3) of the object at these times, in the base frame [m].
+
+    Raises:
+        InvalidSceneError: times that do not increase, arrays that do not fit, or a speed above
+            :data:`FASTEST`.
+    """
+
+    times: FloatArray
+    positions: FloatArray
+
+    def __post_init__(self) -> None:
+        times, positions = np.asarray(self.times, dtype=np.float64), np.asarray(self.positions)
+        if times.ndim != 1 or len(times) < 2 or positions.shape != (len(times), 3):
+            raise InvalidSceneError(
+                f"motion has times {times.shape} and positions {positions.shape}: must be (k,) "
+                "and (k, 3), k >= 2"
+            )
+        times = array("motion.times", times, len(times))
+        if (np.diff(times) <= 0.0).any():
+            raise InvalidSceneError(f"motion.times are {times.tolist()}: must increase")
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "positions", array("motion.positions", positions, len(times), 3))
+        if self.fastest > FASTEST:
+            raise InvalidSceneError(
+                f"motion reaches {self.fastest:.3g} m/s: must be at most {FASTEST:g} [m/s]; "
+                "millimetres? then write scale: 0.001 at the top"
+            )
+
+    @classmethod
+    def steady(cls, position: FloatArray, velocity: FloatArray) -> Self:
+        """From ``position`` (3,) [m] at time 0 with a ``velocity`` (3,) [m/s], for 600 s."""
+        begin, by = array("position", position, 3), array("velocity", velocity, 3)
+        return cls(np.array([0.0, FOR_EVER]), np.array([begin, begin + FOR_EVER * by]))
+
+    def at(self, times: FloatArray) -> FloatArray:
+        """Positions (M, 3) at ``times`` (M,) [m]."""
+        return np.stack([np.interp(times, self.times, one) for one in self.positions.T], axis=-1)
+
+    @property
+    def fastest(self) -> float:
+        """The largest speed [m/s]."""
+        gone = lengths(np.diff(self.positions, axis=0))
+        return float((gone / np.diff(self.times)).max())
+
+    def later(self, time: float) -> ObjectMotion:
+        """The same motion for one to whom ``time`` [s] is time 0."""
+        return replace(self, times=self.times - time)
+
+    def shifted(self, by: FloatArray) -> ObjectMotion:
+        """The same motion, displaced ``by`` (3,) [m]."""
+        return replace(self, positions=self.positions + by)
+
+    def transformed(self, pose: Pose) -> ObjectMotion:
+        """The same motion in another frame, in which its present frame has the ``pose``."""
+        return replace(self, positions=frozen([pose @ place for place in self.positions]))
+
 
 Role: TypeAlias = Literal["target", "pushable", "avoid", "static"]
 ROLES: tuple[Role, ...] = get_args(Role)
@@ -69,10 +137,7 @@ class Stem:
     unseen: bool = False
 
     def __post_init__(self) -> None:
-        if self.tilt is not None and not 0.0 <= self.tilt <= STEEPEST:
-            raise InvalidSceneError(
-                f"stem.tilt is {self.tilt:g}: must be 0 to {STEEPEST:g} [degrees]"
-            )
+        limited("stem.tilt", self.tilt, "degrees", STEEPEST, zero=True)
         shape = np.shape(self.points)
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 2:
             raise InvalidSceneError(f"stem.points has shape {shape}: must be (k, 3), k >= 2")
@@ -83,8 +148,7 @@ class Stem:
                 f"stem piece {short[0]} has no length: neighbouring points (the fruit's position "
                 "is the first) must differ"
             )
-        if not (math.isfinite(self.radius) and self.radius > 0.0):
-            raise InvalidSceneError(f"stem.radius is {self.radius:g}: must be above 0 [m]")
+        limited("stem.radius", self.radius, "m")
         object.__setattr__(self, "points", points)
 
     @classmethod
@@ -95,8 +159,7 @@ class Stem:
 
         ``direction`` (3,): from the fruit to the root, of any length above 0.
         """
-        if not (math.isfinite(length) and length > 0.0):
-            raise InvalidSceneError(f"stem.length is {length:g}: must be above 0 [m]")
+        limited("stem.length", length, "m")
         begin = array("position", position, 3)
         return cls(np.array([begin, begin + length * unit("stem.direction", direction)]), radius)
 
@@ -336,10 +399,7 @@ def _covariance(values: FloatArray | None, sigma: float | None) -> FloatArray:
     if sigma is not None:
         if values is not None:
             raise InvalidSceneError("covariance and sigma are given: must be one of them at most")
-        if not 0.0 <= sigma <= _LARGEST_SIGMA:
-            raise InvalidSceneError(
-                f"sigma is {sigma:g}: must be at least 0 [m] and at most {_LARGEST_SIGMA:g}"
-            )
+        limited("sigma", sigma, "m", _LARGEST_SIGMA, zero=True)
         return frozen(sigma**2 * np.eye(3))
     covariance = array("covariance", values, 3, 3)
     scale = float(np.abs(covariance).max())
@@ -355,3 +415,52 @@ def _covariance(values: FloatArray | None, sigma: float | None) -> FloatArray:
             f"covariance has eigenvalue {least:.3g}: must be positive semi-definite"
         )
     return covariance
+
+
+TILTS = 8.0, 16.0, 24.0, 32.0, 40.0  # [degrees] that are tried: choices
+AROUND = 12  # directions of each: a choice
+ROOM = 0.002  # [m] between a stem and a fruit, at least: a choice
+ALONG = 40  # points of a stem that are looked at: a choice
+
+
+def cleared(objects: Iterable[SceneObject], up: FloatArray) -> tuple[SceneObject, ...]:
+    """The objects, each upright stem that nobody saw tilted as little as clears the other fruits.
+
+    An unseen stem of another direction stays, since its direction was told. Where no tilt is clear,
+    the one with most room is taken.
+    """
+    items = tuple(objects)
+    return tuple(_cleared(item, items, up) for item in items)
+
+
+def _cleared(item: SceneObject, items: tuple[SceneObject, ...], up: FloatArray) -> SceneObject:
+    stem = item.stem
+    if stem is None or not stem.unseen:
+        return item
+    if stem.vector @ up < (1.0 - 1e-9) * stem.length:
+        return item
+    others = [one for one in items if one is not item and one.role in ("target", "pushable")]
+    if not others:
+        return item
+    centers = np.array([one.position for one in others])
+    sizes = np.array([one.radius for one in others]) + stem.radius
+    best, room = stem, -math.inf
+    for way in _ways(up):
+        line = stem.points[0] + np.linspace(0.0, stem.length, ALONG)[:, None] * way
+        gap = float((np.linalg.norm(line[:, None] - centers[None], axis=2) - sizes).min())
+        if gap > room:
+            made = Stem.along(stem.points[0], way, stem.length, stem.radius)
+            best, room = replace(made, tilt=stem.tilt, unseen=True), gap
+        if room > ROOM:
+            break
+    return replace(item, stem=best)
+
+
+def _ways(up: FloatArray) -> Iterator[FloatArray]:
+    """Directions (3,), the steepest first."""
+    axes = frame_along(up)
+    yield axes[:, 2]
+    for tilt in np.deg2rad(TILTS):
+        for turn in 2.0 * np.pi * np.arange(AROUND) / AROUND:
+            flat = math.sin(tilt) * np.array([math.cos(turn), math.sin(turn)])
+            yield axes @ np.append(flat, math.cos(tilt))

@@ -21,36 +21,21 @@ from optipromp.core.geometry.shapes import (
 )
 from optipromp.core.robots.library import UNTRUSTED, Choice, robot_names
 from optipromp.core.robots.tools import make_tool
-from optipromp.core.scenes.constraints import HeldUpright, OnPlane, PathConstraints
-from optipromp.core.scenes.goal_models import GoalModel, LinesModel, PathModel, ToleranceModel
-from optipromp.core.scenes.goals import Goal, JointGoal, PoseGoal, RegionGoal
-from optipromp.core.scenes.held import RETREAT, Place
-from optipromp.core.scenes.hidden import cleared
-from optipromp.core.scenes.lines import LINE_WITHIN, Lines
-from optipromp.core.scenes.motion import ObjectMotion
+from optipromp.core.scenes.goals import (
+    Goal,
+    HeldUpright,
+    JointGoal,
+    OnPlane,
+    PathConstraints,
+    PoseGoal,
+    RegionGoal,
+)
+from optipromp.core.scenes.held import Place
+from optipromp.core.scenes.lines import Lines
+from optipromp.core.scenes.objects import ObjectMotion, cleared
 from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.rotations import IDENTITY
-from optipromp.core.scenes.scene import (
-    STEM_RADIUS,
-    Approach,
-    Attached,
-    Scene,
-    SceneObject,
-    Stem,
-    ToolSpec,
-)
-from optipromp.core.scenes.schema import (
-    AttachedModel,
-    MeshToolModel,
-    ObjectModel,
-    PlaceModel,
-    PoseModel,
-    RobotModel,
-    SceneModel,
-    ShapeModel,
-    StemModel,
-    parse,
-)
+from optipromp.core.scenes.scene import Approach, Attached, Scene, SceneObject, Stem, ToolSpec
+from optipromp.core.scenes.schema import MeshToolModel, parse, values
 from optipromp.core.scenes.values import suggest, unit
 
 _FARTHEST = 20.0  # [m] chosen: a larger distance is a number in millimetres,
@@ -93,14 +78,14 @@ def scene_from_dict(
         approach = _approach(model, scale, default, frames["world"])
         given = model.goal
         goals = tuple(
-            goal_of(one, scale, default)
+            _goal_of(one, scale, default)
             for one in (given if isinstance(given, list) else [given])
             if one is not None
         )
         for one in goals:
             if not isinstance(one, JointGoal) and model.scale is None:
                 _check_distance("goal.position", one.position, told, reachable=False)
-        lines = lines_of(model.waypoints, scale, default)
+        lines = _lines_of(model.waypoints, scale, default)
         for k, point in enumerate([] if lines is None or model.scale is not None else lines.points):
             _check_distance(f"waypoints[{k}].position", point.position, told, reachable=False)
         return Scene(
@@ -112,16 +97,18 @@ def scene_from_dict(
             start=None if model.start is None else np.array(model.start),
             approach=approach,
             goal=goals if isinstance(given, list) else next(iter(goals), None),
-            path=path_of(model.path, scale, default, frames["world"]),
+            path=_path_of(model.path, scale, default, frames["world"]),
             waypoints=lines,
-            options=_options(model, scale),
+            options=values(model.options, scale),
             base_dir=base_dir,
-            base=Pose() if model.base is None else _pose(model.base, scale),
+            base=Pose() if model.base is None else Pose(**values(model.base, scale)),
             camera=None if model.camera is None else frames["camera"],
-            attached=tuple(_attached(item, scale, base_dir, shapes) for item in model.attached),
+            attached=tuple(
+                Attached(**_shaped(item, scale, base_dir, shapes)) for item in model.attached
+            ),
             may_touch=tuple((a, b) for a, b in model.may_touch),
             padding=scale * model.padding,
-            place=None if model.place is None else _place(model.place, scale, default),
+            place=None if model.place is None else Place(**values(model.place, scale, default)),
         )
     except InvalidSceneError as error:
         raise InvalidSceneError(f"{source}: {where}{error.message}") from None
@@ -132,109 +119,81 @@ def _inside(name: str, base_dir: Path | None) -> Path:
     return check_inside((base_dir or Path()) / name, base_dir, InvalidSceneError)
 
 
-def _choice(robot: str | RobotModel, base_dir: Path | None) -> Choice:
+def _choice(robot: Any, base_dir: Path | None) -> Choice:
     if isinstance(robot, str):
         if robot not in robot_names():
             _inside(robot, base_dir)
         return UNTRUSTED
     for name in (robot.file, *([robot.srdf] if robot.srdf else []), *robot.package_dirs):
         _inside(name, base_dir)
-    return Choice(
-        robot.tip, robot.base, robot.srdf, robot.hold, tuple(robot.package_dirs), robot.arm,
-        robot.args, untrusted=True,
-    )  # fmt: skip
+    stated = values(robot, 1.0)
+    del stated["file"]
+    folders = tuple(stated.pop("package_dirs", ()))
+    return Choice(**stated, package_dirs=folders, untrusted=True)
 
 
-def _frames(model: SceneModel, scale: float) -> dict[str, Pose]:
+def _frames(model: Any, scale: float) -> dict[str, Pose]:
     """The poses, in the base frame, of the frames in which the file may state values."""
     poses = {}
     for name, given in (("base", model.base), ("camera", model.camera)):
         try:
-            poses[name] = Pose() if given is None else _pose(given, scale)
+            poses[name] = Pose() if given is None else Pose(**values(given, scale))
         except InvalidSceneError as error:
             raise InvalidSceneError(f"{name}.{error.message}") from None
     world = Pose() if model.base is None else poses["base"].inverse()
     return {"base": Pose(), "world": world, "camera": world @ poses["camera"]}
 
 
-def _pose(model: PoseModel, scale: float) -> Pose:
-    return Pose(scale * np.array(model.position), _orientation(model.orientation))
-
-
-def _orientation(given: list[float] | None) -> FloatArray:
-    return IDENTITY if given is None else np.array(given)
+def _shaped(
+    item: Any, scale: float, base_dir: Path | None, shapes: dict[tuple[object, ...], Shape]
+) -> dict[str, Any]:
+    """The values of an item that has a shape, in the frame of its values in the file."""
+    return values(item, scale) | {"shape": _shape(item.shape, scale, base_dir, shapes)}
 
 
 def _object(
-    item: ObjectModel, scale: float, base_dir: Path | None,
+    item: Any, scale: float, base_dir: Path | None,
     shapes: dict[tuple[object, ...], Shape], up: FloatArray,
 ) -> SceneObject:  # fmt: skip
     """The object, in the frame of its values in the file, in which ``up`` (3,) is upwards."""
-    position = scale * np.array(item.position)
-    return SceneObject(
-        id=item.id,
-        role=item.role,
-        shape=_shape(item.shape, scale, base_dir, shapes),
-        position=position,
-        orientation=_orientation(item.orientation),
-        stem=None if item.stem is None else _stem(item.stem, scale, position, up),
-        covariance=None if item.covariance is None else scale**2 * np.array(item.covariance),
-        physical=item.physical,
-        motion=_motion(item, scale),
-        sigma=None if item.sigma is None else scale * item.sigma,
-        padding=None if item.padding is None else scale * item.padding,
-    )
+    stated = _shaped(item, scale, base_dir, shapes)
+    stated.pop("frame", None)
+    position, velocity = stated["position"], stated.pop("velocity", None)
+    if item.stem is not None:
+        stated["stem"] = _stem(values(item.stem, scale), position, up)
+    if velocity is not None:
+        stated["motion"] = ObjectMotion.steady(position, velocity)
+    elif item.motion is not None:
+        stated["motion"] = ObjectMotion(**values(item.motion, scale))
+    return SceneObject(**stated)
 
 
-def _motion(item: ObjectModel, scale: float) -> ObjectMotion | None:
-    if item.velocity is not None:
-        return ObjectMotion.steady(scale * np.array(item.position), scale * np.array(item.velocity))
-    if item.motion is None:
-        return None
-    return ObjectMotion(np.array(item.motion.times), scale * np.array(item.motion.positions))
-
-
-def _attached(
-    item: AttachedModel,
-    scale: float,
-    base_dir: Path | None,
-    shapes: dict[tuple[object, ...], Shape],
-) -> Attached:
-    """The attached shape, whose values are in the tool axes whatever the scene's frame."""
-    shape, at = _shape(item.shape, scale, base_dir, shapes), scale * np.array(item.position)
-    return Attached(item.id, shape, at, _orientation(item.orientation), item.mass)
-
-
-def _stem(model: StemModel, scale: float, position: FloatArray, up: FloatArray) -> Stem:
-    radius = STEM_RADIUS if model.radius is None else scale * model.radius
-    if model.unseen:
-        way = up if model.direction is None else np.array(model.direction)
-        long = None if model.length is None else scale * model.length
-        return Stem.hidden(position, way, long, model.tilt, radius)
-    if model.direction is not None and model.length is not None:
-        way = scale * model.length * unit("stem.direction", np.array(model.direction))
-        points = np.array([position, position + way])
-    elif model.root is not None:
-        points = np.array([position, scale * np.array(model.root)])
-    else:
-        points = scale * np.array(model.points)
-    return Stem(points, radius, model.parent, model.tilt)
+def _stem(stated: dict[str, Any], position: FloatArray, up: FloatArray) -> Stem:
+    """The stem of a fruit at ``position`` (3,), in whose frame ``up`` (3,) is upwards."""
+    unseen, way = stated.pop("unseen"), stated.pop("direction", None)
+    if unseen:
+        return Stem.hidden(position, up if way is None else way, **stated)
+    if way is not None:
+        along = stated.pop("length") * unit("stem.direction", way)
+        stated["points"] = np.array([position, position + along])
+    elif "root" in stated:
+        stated["points"] = np.array([position, stated.pop("root")])
+    return Stem(**stated)
 
 
 def _shape(
-    model: ShapeModel, scale: float, base_dir: Path | None, shapes: dict[tuple[object, ...], Shape]
+    model: Any, scale: float, base_dir: Path | None, shapes: dict[tuple[object, ...], Shape]
 ) -> Shape:
     """The shape. A file that several objects name is read once; they share its distance grid."""
     (name,) = model.model_fields_set
-    given = getattr(model, name).model_dump()
+    given = values(getattr(model, name), scale)
     if name in PRIMITIVES:
-        lengths = {key: (scale * np.array(value)).tolist() for key, value in given.items()}
-        shape: Shape = PRIMITIVES[name](**lengths)
+        shape: Shape = PRIMITIVES[name](**given)
         return shape
     from optipromp.core.geometry.loading import load_cloud, load_mesh
 
     path = _inside(given["file"], base_dir)
-    radius = (scale * given["radius"],) if "radius" in given else ()
+    radius = (given["radius"],) if "radius" in given else ()
     key = path, *radius, given["scale"]
     if key not in shapes:
         shapes[key] = load_cloud(*key) if radius else load_mesh(*key)
@@ -281,7 +240,7 @@ def _check_distance(name: str, position: FloatArray, told: str, *, reachable: bo
     )
 
 
-def _check_target_key(model: SceneModel, objects: list[SceneObject]) -> None:
+def _check_target_key(model: Any, objects: list[SceneObject]) -> None:
     if model.target is None:
         return
     named = next((item for item in objects if item.id == model.target), None)
@@ -297,7 +256,7 @@ def _check_target_key(model: SceneModel, objects: list[SceneObject]) -> None:
         )
 
 
-def _tool(model: SceneModel, scale: float, base_dir: Path | None) -> ToolSpec | None:
+def _tool(model: Any, scale: float, base_dir: Path | None) -> ToolSpec | None:
     """The tool. It is built once to check its parameters; mesh files are read."""
     if model.tool is None:
         return None
@@ -329,97 +288,52 @@ def _tool(model: SceneModel, scale: float, base_dir: Path | None) -> ToolSpec | 
     return spec
 
 
-def _approach(model: SceneModel, scale: float, frame: Pose, world: Pose) -> Approach:
+def _approach(model: Any, scale: float, frame: Pose, world: Pose) -> Approach:
     """The approach in the base frame; by default up and y of the world."""
-    given = model.approach
-    direction, lateral = (
-        world.rotation[:, axis] if values is None else frame.rotation @ np.array(values)
-        for values, axis in ((given.direction, 2), (given.lateral, 1))
-    )
-    further = {
-        name: scale * value
-        for name in ("camera_distance", "aside")
-        if (value := getattr(given, name)) is not None
-    }
-    if given.shift is not None:
-        further["shift"] = frame.rotation @ (scale * np.array(given.shift))
-    if given.lead is not None:
-        further["lead"] = frame.rotation @ np.array(given.lead)
-    return Approach(direction, lateral, cone=given.cone, **further)
+    towards = {"direction": world.rotation[:, 2], "lateral": world.rotation[:, 1]}
+    return Approach(**(towards | values(model.approach, scale, frame)))
 
 
-def _options(model: SceneModel, scale: float) -> dict[str, Any]:
-    """The planners' settings in the scene, with lengths in metres."""
-    out, offset = model.options.model_dump(exclude_none=True), model.options.drift_offset
-    if isinstance(offset, dict):
-        out["drift_offset"] = {name: scale * one for name, one in offset.items()}
-    elif offset is not None:
-        out["drift_offset"] = scale * offset
-    return out
-
-
-def _place(given: PlaceModel, scale: float, frame: Pose) -> Place:
-    away = RETREAT if given.retreat is None else scale * given.retreat
-    axis = frame.rotation @ np.array(given.axis)
-    return Place(frame @ (scale * np.array(given.position)), axis, away)
-
-
-def goal_of(given: GoalModel, scale: float, frame: Pose) -> Goal:
+def _goal_of(given: Any, scale: float, frame: Pose) -> Goal:
     """The goal in the base frame."""
     if given.joints is not None:
         return JointGoal(np.array(given.joints))
-    position = frame @ (scale * np.array(given.position))
-    axis = frame.rotation @ np.array(given.axis) if given.axis else None
-    if axis is not None and given.tolerance is None:
-        return PoseGoal(position, axis)
-    allowed = given.tolerance or ToleranceModel()
-    within = None if allowed.position is None else scale * np.array(allowed.position)
-    region = RegionGoal(
-        scale * np.array(given.position),
-        np.array(given.axis) if given.axis else None,
-        None if given.orientation is None else np.array(given.orientation),
-        float(within[0]) if within is not None and len(within) == 1 else within,
-        allowed.angle,
-        None if allowed.orientation is None else np.array(allowed.orientation),
-    )
+    if given.axis and given.tolerance is None:
+        return PoseGoal(**values(given, scale, frame))
+    stated, allowed = values(given, scale), {}
+    if given.tolerance is not None:
+        allowed = values(stated.pop("tolerance"), scale)
+    keys = {"within": "position", "angle": "angle", "box": "orientation"}
+    stated |= {name: allowed[key] for name, key in keys.items() if key in allowed}
+    if len(within := stated.get("within", ())) == 1:
+        stated["within"] = float(within[0])
+    region = RegionGoal(**stated)
     return region if frame.is_identity else region.transformed(frame)
 
 
-def lines_of(given: LinesModel | None, scale: float, frame: Pose) -> Lines | None:
+def _lines_of(given: Any, scale: float, frame: Pose) -> Lines | None:
     """The way points in the base frame."""
     if given is None:
         return None
     points = []
     for k, one in enumerate(given.points):
         try:
-            pose = RegionGoal(
-                scale * np.array(one.position),
-                np.array(one.axis) if one.axis else None,
-                None if one.orientation is None else np.array(one.orientation),
-            )
+            pose = RegionGoal(**values(one, scale))
         except InvalidSceneError as error:
             words = error.message.removeprefix("goal.")
             raise InvalidSceneError(f"waypoints[{k}].{words}") from None
         points.append(pose if frame.is_identity else pose.transformed(frame))
-    within = LINE_WITHIN if given.within is None else scale * given.within
-    return Lines(tuple(points), None if given.speed is None else scale * given.speed, within)
+    return Lines(**(values(given, scale) | {"points": tuple(points)}))
 
 
-def path_of(
-    given: PathModel | None, scale: float, frame: Pose, world: Pose
-) -> PathConstraints | None:
+def _path_of(given: Any, scale: float, frame: Pose, world: Pose) -> PathConstraints | None:
     """The constraints of the path in the base frame; upright is by default up in the world."""
     if given is None:
         return None
     upright = plane = None
     if given.upright is not None:
-        told, axis = given.upright, given.upright.axis
-        up = world.rotation[:, 2]
-        if told.direction is not None:
-            up = frame.rotation @ np.array(told.direction)
-        upright = HeldUpright(told.angle, np.array([0.0, 0.0, 1.0] if axis is None else axis), up)
+        up = {"direction": world.rotation[:, 2]}
+        upright = HeldUpright(**(up | values(given.upright, scale, frame)))
     if given.plane is not None:
-        point = frame @ (scale * np.array(given.plane.point))
-        normal = frame.rotation @ np.array(given.plane.normal)
-        plane = OnPlane(point, normal, scale * given.plane.within)
+        plane = OnPlane(**values(given.plane, scale, frame))
     return PathConstraints(upright, plane)

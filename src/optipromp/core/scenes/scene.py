@@ -13,18 +13,23 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, IntArray, frozen, joined, lengths, read_only
 from optipromp.core.errors import InvalidSceneError
-from optipromp.core.geometry.obstacles import Measures, Obstacles, measures, packed
+from optipromp.core.geometry.obstacles import Measures, Obstacles, measures, packed_shapes
 from optipromp.core.robots.library import NOTHING, Choice, load_arm
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import trusses
-from optipromp.core.scenes.constraints import PathConstraints
-from optipromp.core.scenes.goals import Goal, JointGoal, PoseGoal, RegionGoal, transformed
+from optipromp.core.scenes.goals import (
+    Goal,
+    JointGoal,
+    PathConstraints,
+    PoseGoal,
+    RegionGoal,
+    transformed,
+)
 from optipromp.core.scenes.held import Attached, Pair, Place, checked
 from optipromp.core.scenes.lines import Lines, check_lines
-from optipromp.core.scenes.motion import ObjectMotion
-from optipromp.core.scenes.objects import ROLES, STEM_RADIUS, Role, SceneObject, Stem
+from optipromp.core.scenes.objects import ROLES, STEM_RADIUS, ObjectMotion, Role, SceneObject, Stem
 from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.values import array, keep, named, suggest, unit
+from optipromp.core.scenes.values import array, keep, limited, named, suggest, unit
 from optipromp.core.shown import Shown
 
 __all__ = [
@@ -79,17 +84,9 @@ class Approach:
                 f"approach.lateral {y.tolist()} is parallel to direction {z.tolist()}: "
                 "must point across it"
             )
-        if not 0.0 < self.camera_distance <= _FARTHEST_CAMERA:
-            raise InvalidSceneError(
-                f"approach.camera_distance is {self.camera_distance:g}: must be above 0 [m] and at "
-                f"most {_FARTHEST_CAMERA:g}"
-            )
-        if self.cone is not None and not 0.0 <= self.cone <= WIDEST_CONE:
-            raise InvalidSceneError(
-                f"approach.cone is {self.cone:g}: must be 0 to {WIDEST_CONE:g} [degrees]"
-            )
-        if self.aside is not None and not 0.0 <= self.aside < np.inf:
-            raise InvalidSceneError(f"approach.aside is {self.aside:g}: must be at least 0 [m]")
+        limited("approach.camera_distance", self.camera_distance, "m", _FARTHEST_CAMERA)
+        limited("approach.cone", self.cone, "degrees", WIDEST_CONE, zero=True)
+        limited("approach.aside", self.aside, "m", zero=True)
         object.__setattr__(self, "direction", z)
         object.__setattr__(self, "lateral", y)
         object.__setattr__(self, "shift", array("approach.shift", self.shift, 3))
@@ -211,7 +208,7 @@ class Scene(Shown):
                     "ids must be unique, and an object has one role"
                 )
             seen[item.id] = index
-        trusses.check(self.objects)
+        trusses.check_trusses(self.objects)
         targets = [item.id for item in self.objects if item.role == "target"]
         if len(targets) > 1:
             raise InvalidSceneError(f"two targets, {targets[0]!r} and {targets[1]!r}: must be one")
@@ -412,7 +409,7 @@ class Scene(Shown):
         """
         kind, size, bound = self._measures
         shapes = [obj.shape for obj in self.objects_at(rows)]
-        return packed(
+        return packed_shapes(
             shapes, self.positions[rows], self.rotations[rows],
             (kind[rows], size[rows], bound[rows]), reach=reach, within=within,
         )  # fmt: skip

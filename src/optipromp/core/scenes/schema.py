@@ -1,14 +1,23 @@
-"""The schema of a scene file, as pydantic models."""
+"""The description of a scene file: each value with its type, its unit and its frame.
+
+A :class:`Value` says what a value is. A :func:`form` is a mapping of such values: a pydantic model
+that checks a file, and from which :func:`values` reads numbers in metres and in the base's frame.
+"""
 
 from __future__ import annotations
 
 import functools
 import operator
-from dataclasses import MISSING, fields
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, dataclass, fields, replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import numpy as np
 from pydantic import (
+    AfterValidator,
+    BaseModel,
     BeforeValidator,
+    ConfigDict,
     Discriminator,
     Field,
     Tag,
@@ -16,175 +25,308 @@ from pydantic import (
     create_model,
     model_validator,
 )
-from pydantic_core import ErrorDetails
+from pydantic_core import ErrorDetails, PydanticCustomError
 
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.shapes import PRIMITIVES
 from optipromp.core.robots.tools import TOOLS
-from optipromp.core.scenes.goal_models import GoalModel, LinesModel, PathModel
-from optipromp.core.scenes.models import (
-    Argument,
-    Model,
-    NotNegative,
-    Number,
-    Positive,
-    Quaternion,
-    Sizes,
-    Text,
-    Vector,
-    refuse,
-)
 from optipromp.core.scenes.objects import Role
+from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.values import suggest
-from optipromp.core.shown import short
+from optipromp.core.shown import LONGEST_NAME, printable, short
 
+
+def _refuse(what: str) -> PydanticCustomError:
+    """The refusal of a value, in words that follow its name."""
+    return PydanticCustomError("scene", "{what}", {"what": what})
+
+
+def _printable(text: str) -> str:
+    if printable(text) != text:
+        raise _refuse(f"is '{printable(text)[:60]}': must hold no control characters")
+    return text
+
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0.0)]
+NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0)]
+Text = Annotated[
+    str, Field(strict=True, min_length=1, max_length=LONGEST_NAME), AfterValidator(_printable)
+]
+Sizes = Annotated[list[Positive], Field(min_length=3, max_length=3)]
+Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
+Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
+Argument = (
+    Annotated[bool, Field(strict=True)]
+    | Annotated[int, Field(strict=True)]
+    | Number
+    | Annotated[str, Field(strict=True, max_length=LONGEST_NAME), AfterValidator(_printable)]
+)
 Frame = Literal["world", "base", "camera"]
 
 
-class _OneOf(Model):
-    """A mapping with exactly one of its keys."""
+def _free(given: Any) -> Any:
+    """An empty list for ``free``, which is no list in a file."""
+    if isinstance(given, str) or given == []:
+        if given != "free":
+            raise _refuse(f"is {short(given)}: must be [x, y, z] or free")
+        return []
+    return given
 
-    @model_validator(mode="after")
-    def _exactly_one(self) -> _OneOf:
-        given = [name for name in type(self).model_fields if name in self.model_fields_set]
-        if len(given) != 1:
-            raise refuse(
-                f"has {' and '.join(given) or 'no key'}: must have exactly one of "
-                f"{', '.join(type(self).model_fields)}"
+
+def _three(given: list[float]) -> list[float]:
+    if len(given) not in (0, 3):
+        raise _refuse(f"has {len(given)} entries: must have 3")
+    return given
+
+
+@dataclass(frozen=True)
+class Value:
+    """What a value of a scene file is.
+
+    Attributes:
+        type: its type, with limits, as pydantic checks it; a form, for a mapping.
+        metres: power of the file's ``scale`` that turns it into metres.
+        frame: how it changes from one frame to another; "": not at all.
+        default: where the file lacks it; ``...``: the file must state it.
+    """
+
+    type: Any
+    metres: int = 0
+    frame: Literal["", "point", "direction"] = ""
+    default: Any = None
+
+    def read(self, value: Any, scale: float, frame: Pose | None) -> Any:
+        """The value in metres and in the frame in which its own has the pose ``frame``."""
+        if isinstance(value, dict):
+            return {name: self.read(one, scale, frame) for name, one in value.items()}
+        if isinstance(value, list) and not value:
+            return None  # an axis that is free
+        if self.frame or (self.metres and isinstance(value, list)):
+            value = np.array(value)
+        value = scale**self.metres * value if self.metres else value
+        if frame is None or not self.frame:
+            return value
+        return frame @ value if self.frame == "point" else frame.rotation @ value
+
+
+POINT = Value(Vector, 1, "point")
+DIRECTION = Value(Vector, 0, "direction")
+SPAN = Value(Vector, 1, "direction")
+AXIS = Value(
+    Annotated[list[Number], BeforeValidator(_free), AfterValidator(_three)], 0, "direction"
+)
+TURN = Value(Quaternion)
+LENGTH = Value(Positive, 1)
+DISTANCE = Value(NotNegative, 1)
+NAME = Value(Text)
+
+
+class Model(BaseModel):
+    """Base of mappings, which refuse unknown keys by name."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            raise _refuse(
+                f"is {short(data)}: must be a mapping with keys {', '.join(cls.model_fields)}"
             )
-        if getattr(self, given[0]) is None:
-            raise refuse(f"{given[0]} is empty: must be a mapping")
-        return self
+        for key in data:
+            if key not in cls.model_fields:
+                raise _refuse(f"unknown key {key!r}: {suggest(key, cls.model_fields)}")
+        return data
 
 
-class MeshModel(Model):
-    """A mesh file; ``scale`` turns its unit into metres."""
-
-    file: Text
-    scale: Positive = 1.0
+_KINDS: dict[type[Model], Mapping[str, Value]] = {}
 
 
-class PointCloudModel(Model):
-    """A point cloud file; ``scale`` turns its unit into metres."""
-
-    file: Text
-    radius: Positive
-    scale: Positive = 1.0
-
-
-def _sizes_model(shape: type) -> type[Model]:
-    """The model of a shape without a file: each of its sizes, above 0."""
-    kinds: dict[Any, Any] = {"float": Positive, float: Positive}
-    keys: dict[str, Any] = {x.name: (kinds.get(x.type, Sizes), ...) for x in fields(shape)}
-    return create_model(f"{shape.__name__}Model", __base__=Model, **keys)
+def form(check: Callable[[Any], Any] | None = None, /, **kinds: Value) -> Any:
+    """A mapping with values of these kinds; ``check`` refuses values that do not go together."""
+    keys: dict[str, Any] = {
+        name: (kind.type | None, None) if kind.default is None else (kind.type, kind.default)
+        for name, kind in kinds.items()
+    }
+    more = {} if check is None else {"check": model_validator(mode="after")(check)}
+    made = create_model("Form", __base__=Model, __validators__=more, **keys)  # type: ignore[arg-type]
+    _KINDS[made] = kinds
+    return made
 
 
-if TYPE_CHECKING:
-    ShapeModel = _OneOf
-else:
-    _shapes = {name: _sizes_model(shape) for name, shape in PRIMITIVES.items()}
-    _shapes |= {"mesh": MeshModel, "point_cloud": PointCloudModel}
-    ShapeModel = create_model(
-        "ShapeModel", __base__=_OneOf, **{k: (model | None, None) for k, model in _shapes.items()}
+def needed(kind: Value) -> Value:
+    """A value that the file must state."""
+    return replace(kind, default=...)
+
+
+def values(given: Any, scale: float, frame: Pose | None = None) -> dict[str, Any]:
+    """The values that a mapping states, by their names; see :meth:`Value.read`."""
+    read = {
+        name: kind.read(value, scale, frame)
+        for name, kind in _KINDS[type(given)].items()
+        if (value := getattr(given, name)) is not None
+    }
+    return {name: value for name, value in read.items() if value is not None}
+
+
+# -- shapes ----------------------------------------------------------------------------------
+
+
+def _exactly_one(model: Any) -> Any:
+    """Refuse a mapping without exactly one of its keys."""
+    stated = [name for name in type(model).model_fields if name in model.model_fields_set]
+    if len(stated) != 1:
+        raise _refuse(
+            f"has {' and '.join(stated) or 'no key'}: must have exactly one of "
+            f"{', '.join(type(model).model_fields)}"
+        )
+    if getattr(model, stated[0]) is None:
+        raise _refuse(f"{stated[0]} is empty: must be a mapping")
+    return model
+
+
+def _sizes(shape: type) -> Value:
+    """A shape without a file: each of its sizes, above 0."""
+    kinds = {"float": LENGTH, float: LENGTH}
+    return Value(
+        form(**{x.name: needed(kinds.get(x.type, Value(Sizes, 1))) for x in fields(shape)})
     )
 
 
-class PoseModel(Model):
-    """The pose of a frame in the world; see :class:`optipromp.core.scenes.pose.Pose`."""
+FILE_SCALE = Value(Positive, default=1.0)  # turns the unit of a mesh or of a cloud into metres
+SHAPE = form(
+    _exactly_one,
+    **{name: _sizes(shape) for name, shape in PRIMITIVES.items()},
+    mesh=Value(form(file=needed(NAME), scale=FILE_SCALE)),
+    point_cloud=Value(form(file=needed(NAME), radius=needed(LENGTH), scale=FILE_SCALE)),
+)
 
-    position: Vector
-    orientation: Quaternion | None = None
-
-
-class StemModel(Model):
-    """A stem: straight to a root, or along a direction, or a polyline, fruit first; or unseen."""
-
-    root: Vector | None = None
-    direction: Vector | None = None
-    length: Positive | None = None
-    points: Annotated[list[Vector], Field(min_length=2)] | None = None
-    radius: Positive | None = None
-    parent: Text | None = None
-    tilt: NotNegative | None = None
-    unseen: bool = False
-
-    @model_validator(mode="after")
-    def _one_form(self) -> StemModel:
-        forms = [self.root, self.direction, self.points]
-        if self.unseen:
-            if self.root is not None or self.points is not None or self.parent is not None:
-                raise refuse("is unseen: may have direction, length, tilt and radius alone")
-            return self
-        if sum(form is not None for form in forms) != 1:
-            raise refuse("must have exactly one of root, direction (with length), points")
-        if self.direction is not None and self.length is None:
-            raise refuse("has direction and no length: must have both")
-        if self.length is not None and self.direction is None:
-            raise refuse("has length and no direction: length goes with direction")
-        return self
+# -- objects ---------------------------------------------------------------------------------
 
 
-class MotionModel(Model):
-    """See :class:`optipromp.core.scenes.motion.ObjectMotion`."""
-
-    times: Annotated[list[Number], Field(min_length=2)]
-    positions: Annotated[list[Vector], Field(min_length=2)]
-
-
-class ObjectModel(Model):
-    """One object."""
-
-    id: Text
-    role: Role
-    shape: ShapeModel
-    frame: Frame | None = None
-    position: Vector
-    orientation: Quaternion | None = None
-    stem: StemModel | None = None
-    covariance: Annotated[list[Vector], Field(min_length=3, max_length=3)] | None = None
-    sigma: NotNegative | None = None
-    padding: NotNegative | None = None
-    physical: dict[Text, Number] = Field(default_factory=dict)
-    velocity: Vector | None = None
-    motion: MotionModel | None = None
-
-    @model_validator(mode="after")
-    def _one_uncertainty(self) -> ObjectModel:
-        if self.covariance is not None and self.sigma is not None:
-            raise refuse("has covariance and sigma: must have one of them at most")
-        if self.velocity is not None and self.motion is not None:
-            raise refuse("has velocity and motion: must have one of them at most")
-        return self
+def _stem(stem: Any) -> Any:
+    """A stem is straight to a root, or along a direction, or a polyline, fruit first; or unseen."""
+    forms = [stem.root, stem.direction, stem.points]
+    if stem.unseen:
+        if stem.root is not None or stem.points is not None or stem.parent is not None:
+            raise _refuse("is unseen: may have direction, length, tilt and radius alone")
+        return stem
+    if sum(one is not None for one in forms) != 1:
+        raise _refuse("must have exactly one of root, direction (with length), points")
+    if stem.direction is not None and stem.length is None:
+        raise _refuse("has direction and no length: must have both")
+    if stem.length is not None and stem.direction is None:
+        raise _refuse("has length and no direction: length goes with direction")
+    return stem
 
 
-class AttachedModel(Model):
-    """A shape that moves with the tool; see :class:`optipromp.core.scenes.held.Attached`."""
-
-    id: Text
-    shape: ShapeModel
-    position: Vector = Field(default_factory=lambda: [0.0, 0.0, 0.0])
-    orientation: Quaternion | None = None
-    mass: Positive | None = None
+def _object(item: Any) -> Any:
+    for one, other in (("covariance", "sigma"), ("velocity", "motion")):
+        if getattr(item, one) is not None and getattr(item, other) is not None:
+            raise _refuse(f"has {one} and {other}: must have one of them at most")
+    return item
 
 
-class PlaceModel(Model):
-    """Where the target is brought; see :class:`optipromp.core.scenes.held.Place`."""
+POLYLINE = Value(Annotated[list[Vector], Field(min_length=2)], 1)
+POSE = form(position=needed(POINT), orientation=TURN)
+STEM = form(
+    _stem, root=POINT, direction=DIRECTION, length=LENGTH, points=POLYLINE, radius=LENGTH,
+    parent=NAME, tilt=Value(NotNegative), unseen=Value(bool, default=False),
+)  # fmt: skip
+MOTION = form(
+    times=needed(Value(Annotated[list[Number], Field(min_length=2)])), positions=needed(POLYLINE)
+)
+OBJECT = form(
+    _object,
+    id=needed(NAME),
+    role=needed(Value(Role)),
+    shape=needed(Value(SHAPE)),
+    frame=Value(Frame),
+    position=needed(POINT),
+    orientation=TURN,
+    stem=Value(STEM),
+    covariance=Value(Annotated[list[Vector], Field(min_length=3, max_length=3)], 2),
+    sigma=DISTANCE,
+    padding=DISTANCE,
+    physical=Value(dict[Text, Number], default={}),
+    velocity=SPAN,
+    motion=Value(MOTION),
+)
+ATTACHED = form(
+    id=needed(NAME),
+    shape=needed(Value(SHAPE)),
+    position=replace(POINT, default=[0.0, 0.0, 0.0]),
+    orientation=TURN,
+    mass=Value(Positive),
+)
 
-    position: Vector
-    axis: Vector
-    retreat: Positive | None = None
+# -- goals -----------------------------------------------------------------------------------
 
 
-class ApproachModel(Model):
-    """The target frame; see :class:`optipromp.core.scenes.scene.Approach`."""
+def _turn(pose: Any) -> Any:
+    """Refuse a pose unless it has exactly one of axis and orientation."""
+    if (pose.axis is None) == (pose.orientation is None):
+        both = "axis and orientation" if pose.axis is not None else "position alone"
+        raise _refuse(
+            f"has {both}: must have one of axis: [x, y, z], the tool axis; orientation: "
+            "[w, x, y, z], of the tool's frame; axis: free, where the tool may point anywhere"
+        )
+    return pose
 
-    direction: Vector | None = None
-    lateral: Vector | None = None
-    camera_distance: Positive | None = None
-    cone: NotNegative | None = None
-    aside: NotNegative | None = None
-    shift: Vector | None = None
-    lead: Vector | None = None
+
+def _goal(goal: Any) -> Any:
+    """A goal is of the joints, or of the tool: its point, and its axis, orientation or neither."""
+    if (goal.joints is None) == (goal.position is None):
+        raise _refuse("must have either joints, or position with axis or orientation")
+    if goal.joints is None:
+        return _turn(goal)
+    for name in ("axis", "orientation", "tolerance"):
+        if getattr(goal, name) is not None:
+            raise _refuse(f"has joints and {name}: {name} goes with position")
+    return goal
+
+
+def _path(path: Any) -> Any:
+    if path.upright is None and path.plane is None:
+        raise _refuse("must have upright, plane or both")
+    return path
+
+
+def _as_list(given: Any) -> Any:
+    return given if isinstance(given, list) else [given]
+
+
+JOINTS = Value(Annotated[list[Number], Field(min_length=1)])
+TOLERANCE = form(
+    position=Value(Annotated[list[Positive], BeforeValidator(_as_list)], 1),
+    angle=Value(Positive),
+    orientation=TURN,
+)
+GOAL = form(
+    _goal, joints=JOINTS, position=POINT, axis=AXIS, orientation=TURN, tolerance=Value(TOLERANCE)
+)
+WAYPOINT = form(_turn, position=needed(POINT), axis=AXIS, orientation=TURN)
+LINES = form(
+    points=needed(Value(Annotated[list[WAYPOINT], Field(min_length=1)])),  # type: ignore[valid-type]
+    speed=LENGTH,
+    within=LENGTH,
+)
+PATH = form(
+    _path,
+    upright=Value(form(angle=needed(Value(Positive)), axis=Value(Vector), direction=DIRECTION)),
+    plane=Value(form(point=needed(POINT), normal=needed(DIRECTION), within=needed(LENGTH))),
+)
+PLACE = form(position=needed(POINT), axis=needed(DIRECTION), retreat=LENGTH)
+APPROACH = form(
+    direction=DIRECTION, lateral=DIRECTION, camera_distance=LENGTH, cone=Value(NotNegative),
+    aside=DISTANCE, shift=SPAN, lead=DIRECTION,
+)  # fmt: skip
+OPTIONS = form(
+    camera_point=Value(bool), drift_offset=Value(NotNegative | dict[Text, NotNegative], 1)
+)
+
+# -- robot and tool --------------------------------------------------------------------------
 
 
 class MountModel(Model):
@@ -207,7 +349,7 @@ class _ToolModel(Model):
         for key in data:
             if key not in cls.model_fields:
                 which = suggest(key, own) if own else "it takes none"
-                raise refuse(f"{key} is no parameter of {data['kind']}: {which}")
+                raise _refuse(f"{key} is no parameter of {data['kind']}: {which}")
         return data
 
     @property
@@ -217,7 +359,7 @@ class _ToolModel(Model):
 
 
 class MeshToolModel(_ToolModel):
-    """See :class:`optipromp.core.robots.mesh_tool.MeshTool`; ``scale`` is for the mesh files."""
+    """See :class:`optipromp.core.robots.grippers.MeshTool`; ``scale`` is for the mesh files."""
 
     kind: Literal["mesh"]
     file: Text | None = None
@@ -233,7 +375,7 @@ class MeshToolModel(_ToolModel):
     def _one_form(self) -> MeshToolModel:
         given = [self.file is not None, self.parts is not None]
         if sum(given) != 1 and not (self.fingers is not None and not any(given)):
-            raise refuse("must have exactly one of file, parts; with fingers, at most one")
+            raise _refuse("must have exactly one of file, parts; with fingers, at most one")
         return self
 
 
@@ -241,8 +383,8 @@ def _tool_model(kind: str) -> type[_ToolModel]:
     """The model of a tool whose parameters are numbers; their ranges are checked by its class."""
     keys: dict[str, Any] = {"kind": (Literal[kind], ...)}
     for item in fields(TOOLS[kind]):  # type: ignore[arg-type]
-        needed = item.default is MISSING
-        keys[item.name] = (Number, ...) if needed else (Number | None, None)
+        required = item.default is MISSING
+        keys[item.name] = (Number, ...) if required else (Number | None, None)
     return create_model(f"Model of {kind}", __base__=_ToolModel, **keys)
 
 
@@ -252,25 +394,18 @@ else:
     _models = [MeshToolModel if kind == "mesh" else _tool_model(kind) for kind in TOOLS]
     ToolModel = Annotated[functools.reduce(operator.or_, _models), Field(discriminator="kind")]
 
+ROBOT = form(
+    file=needed(NAME),
+    arm=NAME,
+    tip=NAME,
+    base=NAME,
+    srdf=NAME,
+    hold=Value(dict[Text, Number], default={}),
+    package_dirs=Value(list[Text], default=[]),
+    args=Value(dict[Text, Argument], default={}),
+)
 
-class RobotModel(Model):
-    """A robot by its file; see :class:`optipromp.core.robots.library.Choice`."""
-
-    file: Text
-    arm: Text | None = None
-    tip: Text | None = None
-    base: Text | None = None
-    srdf: Text | None = None
-    hold: dict[Text, Number] = Field(default_factory=dict)
-    package_dirs: list[Text] = Field(default_factory=list)
-    args: dict[Text, Argument] = Field(default_factory=dict)
-
-
-class OptionsModel(Model):
-    """Settings of the planners that belong to a scene."""
-
-    camera_point: bool | None = None
-    drift_offset: NotNegative | dict[Text, NotNegative] | None = None
+# -- the scene -------------------------------------------------------------------------------
 
 
 def _points(given: Any) -> Any:
@@ -278,63 +413,65 @@ def _points(given: Any) -> Any:
     return {"points": given} if isinstance(given, list) else given
 
 
-class SceneModel(Model):
-    """A whole scene file."""
+def _camera_is_known(scene: Any) -> Any:
+    stated = {"frame": scene.frame}
+    stated |= {f"objects[{k}].frame": item.frame for k, item in enumerate(scene.objects)}
+    for name, frame in stated.items():
+        if frame == "camera" and scene.camera is None:
+            raise _refuse(
+                f"{name} is 'camera' and the scene has no camera: give its pose in the world, "
+                "camera: {position: [x, y, z], orientation: [w, x, y, z]}"
+            )
+    return scene
 
-    format: Literal[1] = 1
-    name: Text
-    robot: Annotated[
-        Annotated[Text, Tag("name")] | Annotated[RobotModel, Tag("file")],
-        Discriminator(lambda given: "file" if isinstance(given, dict) else "name"),
-    ]
-    tool: ToolModel | None = None
-    scale: Positive | None = None
-    start: Annotated[list[Number], Field(min_length=1)] | None = None
-    target: Text | None = None
-    goal: (
+
+_ONE_GOAL = Annotated[GOAL, Tag("one")]  # type: ignore[valid-type]
+_GOALS = Annotated[list[GOAL], Field(min_length=1), Tag("several")]  # type: ignore[valid-type]
+SCENE = form(
+    _camera_is_known,
+    format=Value(Literal[1], default=1),
+    name=needed(NAME),
+    robot=needed(
+        Value(
+            Annotated[
+                Annotated[Text, Tag("name")] | Annotated[ROBOT, Tag("file")],
+                Discriminator(lambda given: "file" if isinstance(given, dict) else "name"),
+            ]
+        )
+    ),
+    tool=Value(ToolModel),
+    scale=Value(Positive),
+    start=JOINTS,
+    target=NAME,
+    goal=Value(
         Annotated[
-            Annotated[GoalModel, Tag("one")]
-            | Annotated[list[GoalModel], Field(min_length=1), Tag("several")],
+            _ONE_GOAL | _GOALS,
             Discriminator(lambda given: "several" if isinstance(given, list) else "one"),
         ]
-        | None
-    ) = None
-    path: PathModel | None = None
-    waypoints: Annotated[LinesModel, BeforeValidator(_points)] | None = None
-    base: PoseModel | None = None
-    camera: PoseModel | None = None
-    frame: Frame = "world"
-    approach: ApproachModel = ApproachModel()
-    options: OptionsModel = OptionsModel()
-    objects: list[ObjectModel] = Field(default_factory=list)
-    attached: list[AttachedModel] = Field(default_factory=list)
-    may_touch: list[Annotated[list[Text], Field(min_length=2, max_length=2)]] = Field(
-        default_factory=list
-    )
-    padding: NotNegative = 0.0
-    place: PlaceModel | None = None
-
-    @model_validator(mode="after")
-    def _camera_is_known(self) -> SceneModel:
-        stated: dict[str, Frame | None] = {"frame": self.frame}
-        stated |= {f"objects[{k}].frame": item.frame for k, item in enumerate(self.objects)}
-        for name, frame in stated.items():
-            if frame == "camera" and self.camera is None:
-                raise refuse(
-                    f"{name} is 'camera' and the scene has no camera: give its pose in the world, "
-                    "camera: {position: [x, y, z], orientation: [w, x, y, z]}"
-                )
-        return self
+    ),
+    path=Value(PATH),
+    waypoints=Value(Annotated[LINES, BeforeValidator(_points)]),
+    base=Value(POSE),
+    camera=Value(POSE),
+    frame=Value(Frame, default="world"),
+    approach=Value(APPROACH, default=APPROACH()),
+    options=Value(OPTIONS, default=OPTIONS()),
+    objects=Value(list[OBJECT], default=[]),  # type: ignore[valid-type]
+    attached=Value(list[ATTACHED], default=[]),  # type: ignore[valid-type]
+    may_touch=Value(list[Annotated[list[Text], Field(min_length=2, max_length=2)]], default=[]),
+    padding=Value(NotNegative, 1, default=0.0),
+    place=Value(PLACE),
+)
 
 
-def parse(document: Any, source: str) -> SceneModel:
+def parse(document: Any, source: str) -> Any:
     """Check a document against the schema.
 
     ``document``: the content of the file, as plain Python values. ``source``: the name of the
     document in messages, usually the file.
     """
     try:
-        return SceneModel.model_validate(document)
+        return SCENE.model_validate(document)
     except ValidationError as error:
         details = error.errors(include_url=False)
         more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""

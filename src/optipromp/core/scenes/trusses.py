@@ -43,7 +43,7 @@ def parents_first(objects: Sequence[SceneObject]) -> list[SceneObject]:
     return list(out.values())
 
 
-def check(objects: Sequence[SceneObject]) -> None:
+def check_trusses(objects: Sequence[SceneObject]) -> None:
     """Refuse stems whose root is not on their parent's stem."""
     if all(item.stem is None or item.stem.parent is None for item in objects):
         return

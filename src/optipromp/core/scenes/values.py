@@ -31,6 +31,17 @@ def keep(name: str, value: object) -> float:
     return float(number)
 
 
+def limited(
+    name: str, value: float | None, unit: str = "", most: float = math.inf, *, zero: bool = False
+) -> None:
+    """Refuse a number that is below 0, too large, or (unless ``zero``) 0; None is accepted."""
+    if value is None or (0.0 < value <= most and value < math.inf) or (zero and value == 0.0):
+        return
+    least = "at least 0" if zero else "above 0"
+    wanted = least if math.isinf(most) else f"{least} and at most {most:g}"
+    raise InvalidSceneError(f"{name} is {value:g}: must be {wanted}{unit and f' [{unit}]'}")
+
+
 def numbers(name: str, values: object) -> FloatArray:
     """``values`` as a read-only array of any shape; refused if they are no numbers."""
     try:

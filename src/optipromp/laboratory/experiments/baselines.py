@@ -8,7 +8,7 @@ import numpy as np
 from optipromp.core.arrays import lengths
 from optipromp.core.errors import Code
 from optipromp.core.planning import Plan, PlanOptions, plan, planner_names
-from optipromp.core.planning.planner import make
+from optipromp.core.planning.planners import make
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
 
@@ -27,29 +27,18 @@ def study_planners() -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """A planner's answer to a scene.
+    """A planner's answer to a scene."""
 
-    Attributes:
-        planner: its name.
-        status: ``success`` only where the judge found no violation.
-        message: the status in words.
-        trajectory: to execute; None where the planner has none.
-        seconds: wall time of planning [s].
-        harm: predicted harm of the push; None where no push model applies.
-        guard: time until which the tool's mouth is closed [s]; 0: it is open.
-        failure: predicted probability that the pick is not clean; None where it is not predicted.
-        tilt: angle between the planner's approach and the scene's [degrees].
-    """
-
-    planner: str
-    status: Code
-    message: str
-    trajectory: Trajectory | None
-    seconds: float
-    harm: float | None = None
-    guard: float = 0.0
+    planner: str  # its name
+    status: Code  # ``success`` only where the judge found no violation
+    message: str  # the status in words
+    trajectory: Trajectory | None  # to execute; None where the planner has none
+    seconds: float  # wall time of planning [s]
+    harm: float | None = None  # predicted harm of the push; None where no push model applies
+    guard: float = 0.0  # time until which the tool's mouth is closed [s]; 0: it is open
+    # predicted probability that the pick is not clean; None where it is not predicted
     failure: float | None = None
-    tilt: float = 0.0
+    tilt: float = 0.0  # angle between the planner's approach and the scene's [degrees]
 
 
 def attempt(scene: Scene, planner: str, *, seed: int = 0, risk: float = PlanOptions.risk) -> Answer:

@@ -13,7 +13,7 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 from optipromp.core.errors import InvalidRequestError, installed_by
-from optipromp.core.processes import THREADS, cores, packed, run_each
+from optipromp.core.processes import THREADS, cores, pickled, run_each
 
 RETRIES = 3  # of a task whose worker died: a choice
 PATIENCE = 5.0  # [s] for which an address may not answer: a choice
@@ -72,14 +72,14 @@ def _on_ray(
             ) from None
     try:
         remote = cluster.remote(max_retries=RETRIES, num_cpus=1)(_call)
-        held = cluster.put(packed((function, prepare)))
+        held = cluster.put(pickled((function, prepare)))
         most = AHEAD * max(int(cluster.cluster_resources().get("CPU", 1)), 1)
         queue, under_way = deque(range(len(tasks))), dict[Any, int]()
         try:
             while queue or under_way:
                 while queue and len(under_way) < most:
                     index = queue.popleft()
-                    under_way[remote.remote(held, packed(tasks[index]))] = index
+                    under_way[remote.remote(held, pickled(tasks[index]))] = index
                 _deliver(cluster, under_way, done)
         except KeyboardInterrupt:
             while under_way:
@@ -114,4 +114,4 @@ def _call(held: bytes, task: bytes) -> bytes:
         _prepared.add(held)
         if prepare is not None:
             prepare()
-    return packed(function(*pickle.loads(task)))
+    return pickled(function(*pickle.loads(task)))

@@ -1,126 +1,29 @@
-"""One run of a loop under a condition: open, with two looks, or closed."""
+"""Loops: what a pick is when it looks, and how smooth the executed curve was."""
 
-import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any
 
 import numpy as np
 
-from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
-from optipromp.core.planning import PlanOptions
-from optipromp.core.planning.task import posed
-from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice
-from optipromp.core.scenes.values import suggest
-from optipromp.core.trajectory import State
-from optipromp.laboratory.experiments.baselines import Answer, attempt
-from optipromp.laboratory.experiments.conditions import CONDITIONS, Situation
-from optipromp.laboratory.experiments.eyes import NOT_SEEN, situation
-from optipromp.laboratory.experiments.runs import ERROR, NO_PLAN, Row, outcome_values
-from optipromp.laboratory.experiments.sources import Source, drawn, source_name
-from optipromp.laboratory.generate import PANDA, Preset
-
-if TYPE_CHECKING:
-    from optipromp.laboratory.simulation import Loop, Run
-from collections.abc import Sequence
-
+from optipromp.control.controller import Controller
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.judging import extremes
+from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
-from optipromp.core.trajectory import SHORTEST_STEP, Trajectory
+from optipromp.core.trajectory import SHORTEST_STEP, State, Trajectory
+from optipromp.laboratory.experiments.situations import Situation
+from optipromp.laboratory.simulation import Eye, Loop, Simulation, closed_loop
 
 LOOPS = "open", "looks", "closed"
 """``open``: the plan in the scene as first seen is executed blind; ``looks``: the arm goes to the
 camera point, looks, and executes the plan made there blind; ``closed``: the controller."""
-
 LOOP_PLANNER = "opti-promp"
-_BLIND = {
-    "plan_status": str(Code.NO_PLAN), "cause": NOT_SEEN, "result": "gave_up",
-    "message": "no ripe fruit is seen",
-}  # fmt: skip
 
 
-@dataclass(frozen=True)
-class LoopChoice:
-    """What the runs of a study of loops share: robot, its arm, risk, version, eyes."""
-
-    robot: str | Path = PANDA
-    choice: Choice = NOTHING
-    risk: float = PlanOptions.risk
-    version: str = ""
-    finder: str = ""
-    views: int = 1
-
-
-def check_loops(loops: Iterable[str], conditions: Iterable[str]) -> None:
-    """Refuse names that are none."""
-    for what, given, valid in (("loop", loops, LOOPS), ("condition", conditions, CONDITIONS)):
-        for item in given:
-            if item not in valid:
-                raise InvalidRequestError(f"{what} is {item!r}: {suggest(item, valid)}")
-
-
-def run_loops(
-    source: Source, seed: int, condition: str, loops: Iterable[str], given: LoopChoice
-) -> list[Row]:
-    """Run loops on one scene under one condition; each run is a row, also where it raised."""
-    scene, redraws = drawn(source, seed, given.robot, given.choice)
-    rows, setting = [], None
-    for loop in loops:
-        try:
-            setting = setting or situation(condition, scene, seed, given.finder, given.views)
-            values = loop_values(setting, seed, loop, given.risk)
-        except OptiPrompError as error:
-            values = _broken(str(error.code), error.message)
-        except Exception as error:  # the row tells of it, and the study goes on
-            values = _broken(ERROR, f"{type(error).__name__}: {error}")
-        rows.append(
-            Row(
-                preset=source_name(source),
-                seed=seed,
-                planner=LOOP_PLANNER,
-                noise_position=0.0,
-                noise_angle=0.0,
-                pushables=len(scene.pushables),
-                redraws=redraws,
-                version=given.version,
-                loop=loop,
-                condition=condition,
-                finder=given.finder,
-                views=given.views if given.finder else None,
-                **values,
-            )
-        )  # fmt: skip
-    return rows
-
-
-def loop_values(
-    setting: Situation, seed: int, loop: str, risk: float = PlanOptions.risk
-) -> dict[str, Any]:
-    """The values of a row for one run.
-
-    ``setting``: of a condition. ``seed``: of physics and looks; plans have the seed 0 in every
-    loop. ``loop``: one of :data:`LOOPS`. ``risk``: of the plan of the open loop.
-    """
-    if loop == "open":
-        return _open_values(setting, seed, risk)
-    began = time.perf_counter()
-    done = picked(setting, seed, servo=loop == "closed")
-    outcome = done.run.outcome
-    said = done.stage == "done" or outcome.success
-    return {
-        **setting.figures,
-        **outcome_values(outcome, setting.scene.target),
-        "plan_status": str(Code.SUCCESS if said else Code.NO_PLAN),
-        "result": done.result,
-        **loop_figures(done),
-        "simulation_time": time.perf_counter() - began,
-    }
-
-
-def loop_figures(done: "Loop") -> dict[str, Any]:
-    """Retreats, looks, times of cycles, innovations and smoothness of a pick; see :class:`Row`."""
+def loop_figures(done: Loop) -> dict[str, Any]:
+    """Retreats, looks, times of cycles, innovations and smoothness of a pick; see
+    :data:`optipromp.laboratory.experiments.rows.STUDY`."""
     controller = done.controller
     cycles = np.array(controller.cycles)
     start = State(posed(controller.scene, controller.robot)[1].q)
@@ -139,94 +42,23 @@ def loop_figures(done: "Loop") -> dict[str, Any]:
     }
 
 
-def picked(setting: Situation, seed: int, servo: bool = True) -> "Loop":
+def picked(setting: Situation, seed: int, servo: bool = True) -> Loop:
     """A pick in closed loop; without ``servo``, two looks."""
-    from optipromp.control.controller import Controller
-    from optipromp.laboratory.simulation import Eye, Simulation, closed_loop
-
     controller = Controller(setting.seen, servo=servo)
     simulation = Simulation(setting.scene, seed, setting.parameters)
     eye = Eye(setting.camera(setting.scene, controller.robot, setting.detector, seed))
     return closed_loop(simulation, controller, eye)
 
 
-def loop_again(
-    row: Row, robot: str = PANDA, risk: float = PlanOptions.risk, source: Source | None = None
-) -> "Run | None":
-    """A run made once more; see :func:`optipromp.laboratory.experiments.runs.again`."""
-    scene, _ = drawn(source or cast(Preset, row.preset), row.seed, robot, UNTRUSTED)
-    setting = situation(row.condition, scene, row.seed, row.finder, row.views or 1)
-    if row.loop != "open":
-        return picked(setting, row.seed, servo=row.loop == "closed").run
-    if setting.seen.target is None:
-        return None
-    made, setting = _planned(setting, risk)
-    if made.trajectory is None or made.status != Code.SUCCESS:
-        return None
-    return _blind(made, setting, row.seed)
-
-
-def _open_values(setting: Situation, seed: int, risk: float) -> dict[str, Any]:
-    if setting.seen.target is None:
-        return {**setting.figures, **_BLIND}
-    made, setting = _planned(setting, risk)
-    values: Mapping[str, Any] = {
-        **setting.figures,
-        "plan_status": str(made.status),
-        "plan_time": made.seconds,
-        "predicted_harm": made.harm,
-        "predicted_failure": made.failure,
-        "tilt": made.tilt,
-    }
-    if made.trajectory is None or made.status != Code.SUCCESS:
-        return {**values, "cause": NO_PLAN, "message": made.message, "result": "refused"}
-    began = time.perf_counter()
-    outcome = _blind(made, setting, seed).outcome
-    harmed = any(cause != "not_picked" for cause in outcome.causes)
-    return {
-        **values,
-        **outcome_values(outcome, setting.scene.target),
-        "result": "clean" if outcome.success else "harmed" if harmed else "missed",
-        "simulation_time": time.perf_counter() - began,
-    }
-
-
-def _planned(setting: Situation, risk: float) -> tuple[Answer, Situation]:
-    """A plan in the scene as first seen, or after one picture more, and that setting."""
-    made = attempt(setting.seen, LOOP_PLANNER, risk=risk)
-    while made.status != Code.SUCCESS and setting.further is not None:
-        further = setting.further()
-        if further.seen.target is None:
-            break
-        setting = further
-        made = attempt(setting.seen, LOOP_PLANNER, risk=risk)
-    return made, setting
-
-
-def _blind(made: Answer, setting: Situation, seed: int) -> "Run":
-    from optipromp.laboratory.simulation import simulate
-
-    assert made.trajectory is not None
-    return simulate(made.trajectory, setting.scene, parameters=setting.parameters, seed=seed)
-
-
-def _broken(status: str, message: str) -> dict[str, Any]:
-    return {"plan_status": status, "cause": ERROR, "message": message, "result": ERROR}
-
-
 @dataclass(frozen=True)
 class Smoothness:
-    """How smooth an executed curve is.
+    """How smooth an executed curve is."""
 
-    Attributes:
-        takeovers: number of stretches that took over.
-        jumps: largest jump of a joint's position [rad or m], velocity [rad/s or m/s] and
-            acceleration [rad/s² or m/s²] at a takeover.
-        shares: largest share of the robot's limits of velocity, acceleration and jerk.
-    """
-
-    takeovers: int
+    takeovers: int  # number of stretches that took over
+    # largest jump of a joint's position [rad or m], velocity [rad/s or m/s] and acceleration
+    # [rad/s² or m/s²] at a takeover
     jumps: tuple[float, float, float]
+    # largest share of the robot's limits of velocity, acceleration and jerk
     shares: tuple[float, float, float]
 
     @property

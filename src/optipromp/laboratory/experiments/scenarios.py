@@ -13,9 +13,9 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.geometry import Box, Sphere
 from optipromp.core.planning import Plan, PlanOptions, Strategy, plan
-from optipromp.core.planning.options import PaperOptions
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import SceneObject
+from optipromp.laboratory.planners.paper import PaperOptions
 
 if TYPE_CHECKING:
     from optipromp.core.promp.model import ProMP
@@ -23,20 +23,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Published:
-    """The figures that the paper reports of a scenario.
+    """The figures that the paper reports of a scenario."""
 
-    Attributes:
-        M_c: smallest distance from a body point to the core of an obstacle [m].
-        M_c_above: lower bound of M_c that the paper verifies: the clusters' radius, or the
-            table-top's half depth [m].
-        M_p: offset at each pushable, by its id [m]; its sign must be opposite to the stem's.
-        reductions: of the cost, by term.
-    """
-
-    M_c: float
+    M_c: float  # smallest distance from a body point to the core of an obstacle [m]
+    # lower bound of M_c that the paper verifies: the clusters' radius, or the table-top's half
+    # depth [m]
     M_c_above: float
+    # offset at each pushable, by its id [m]; its sign must be opposite to the stem's
     M_p: Mapping[str, float]
-    reductions: Mapping[str, "PaperReduction"]
+    reductions: Mapping[str, "PaperReduction"]  # of the cost, by term
 
 
 class PaperReduction(NamedTuple):
@@ -48,29 +43,18 @@ class PaperReduction(NamedTuple):
 
 @dataclass(frozen=True)
 class Case:
-    """One run.
+    """One run."""
 
-    Attributes:
-        key: short name, also of the run's folder.
-        scene: built-in scene.
-        title: in words.
-        planner: see :func:`optipromp.core.planning.plan`.
-        strategy: of opti-promp.
-        expected: code of the plan; None where any code is right.
-        published: the paper's figures, where there are some.
-        options: settings that differ from the default.
-        start: (n,) in place of the scene's.
-    """
-
-    key: str
-    scene: str
-    title: str
-    planner: str
-    strategy: Strategy = "joint"
-    expected: Code | None = None
-    published: Published | None = None
+    key: str  # short name, also of the run's folder
+    scene: str  # built-in scene
+    title: str  # in words
+    planner: str  # see plan
+    strategy: Strategy = "joint"  # of opti-promp
+    expected: Code | None = None  # code of the plan; None where any code is right
+    published: Published | None = None  # the paper's figures, where there are some
+    # settings that differ from the default
     options: Mapping[str, Any] = field(default_factory=dict)
-    start: tuple[float, ...] | None = None
+    start: tuple[float, ...] | None = None  # (n,) in place of the scene's
 
 
 @dataclass(frozen=True)
@@ -78,28 +62,17 @@ class Reduction:
     """The factors by which the cost of a term falls.
 
     A factor is infinite where the cost falls to 0, and NaN where it was 0 before.
-
-    Attributes:
-        term: name of the term.
-        stage: name of the stage that optimises the term.
-        paper: the paper's factor.
-        paper_iterations: the paper's number of iterations.
-        same: our factor after as many iterations (or fewer, where the stage ends earlier).
-        final: our factor at the end of the stage.
-        iterations: our number of iterations.
-        kept: our factor in the final plan, after the stages that follow.
-        valid: whether the judge finds no violation in that plan; factors of others mean nothing.
     """
 
-    term: str
-    stage: str
-    paper: float
-    paper_iterations: int
-    same: float
-    final: float
-    iterations: int
-    kept: float
-    valid: bool
+    term: str  # name of the term
+    stage: str  # name of the stage that optimises the term
+    paper: float  # the paper's factor
+    paper_iterations: int  # the paper's number of iterations
+    same: float  # our factor after as many iterations (or fewer, where the stage ends earlier)
+    final: float  # our factor at the end of the stage
+    iterations: int  # our number of iterations
+    kept: float  # our factor in the final plan, after the stages that follow
+    valid: bool  # whether the judge finds no violation in that plan; factors of others mean nothing
 
 
 @dataclass(frozen=True)
@@ -153,7 +126,7 @@ class ScenarioRow:
             same, final, kept = (_factor(history[0], end) for end in ends)
             rows.append(
                 Reduction(name, term.stage, factor, iterations, same, final, len(history) - 1,
-                          kept, self.plan.status in (Code.SUCCESS, Code.HARM_PREDICTED))
+                          kept, self.plan.valid)
             )  # fmt: skip
         return tuple(rows)
 

@@ -1,20 +1,22 @@
-"""Statistics of a study's rows: rates with intervals, causes, times, forces, calibration."""
+"""Statistics of rows: rates with intervals, causes, times, forces, calibration."""
 
 import itertools
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
 import numpy as np
 
 from optipromp.core.errors import Code
-from optipromp.laboratory.experiments.runs import Row
+from optipromp.laboratory.experiments.eyes import NOT_SEEN
+from optipromp.laboratory.experiments.rows import ERROR, Row
 
 STATIC_FORCE = 0.5  # [N] a harder touch of a static object counts as contact, as in the simulation
 EDGES = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 1.0)  # of the bins of predicted probability
+ALL = "all presets"
 
 
 def wilson(successes: int, runs: int) -> tuple[float, float]:
@@ -31,56 +33,31 @@ def wilson(successes: int, runs: int) -> tuple[float, float]:
     return low, high
 
 
+def percent(low: float, high: float) -> str:
+    """An interval of a rate in words, in whole percent."""
+    return f"{100 * low:.0f}–{100 * high:.0f}"
+
+
 @dataclass(frozen=True)
 class Cell:
-    """One planner on one preset.
+    """The rows of one group in figures by name, which are read as attributes, too.
 
-    Attributes:
-        preset: of the scenes, or the variation of the physics.
-        planner: its name.
-        runs: number of runs.
-        plans: number of runs whose plan promised a success.
-        kept: number of these runs that succeeded in the simulation: promised and picked.
-        rate: ``kept`` over ``runs``: the rate of a robot that executes no refused plan. ``low`` and
-            ``high`` are the ends of its 95 % interval.
-        broken_rate: share of the promises that are broken, with ``broken_low`` and ``broken_high``.
-        successes: number of runs that succeeded where every plan is executed, also a refused one.
-        causes: number of failures by cause, most frequent first; a run may have several causes.
-        static_contacts: number of runs in which arm or tool pressed a static object.
-        torn: number of runs in which a fruit came off.
-        unripe_force: largest force on any object but the target, median over executed runs [N];
-            None where no run was executed.
-        unripe_force_90: 90 % quantile of that force [N].
-        plan_time: median wall time of planning [s].
-        simulation_time: median wall time of execution over executed runs [s].
-        redraws: number of impossible scenes sampled before the scenes of these runs.
+    First come the names of the group (preset and planner; preset, condition and loop; entry,
+    engine and preset), then the figures of :func:`study_figures`, :func:`loop_figures` or
+    :func:`optipromp.bench.table.leaderboard`.
     """
 
-    preset: str
-    planner: str
-    runs: int
-    plans: int
-    kept: int
-    rate: float
-    low: float
-    high: float
-    broken_rate: float
-    broken_low: float
-    broken_high: float
-    successes: int
-    causes: Mapping[str, int]
-    static_contacts: int
-    torn: int
-    unripe_force: float | None
-    unripe_force_90: float | None
-    plan_time: float
-    simulation_time: float | None
-    redraws: int
+    figures: Mapping[str, Any]
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "figures" or name not in self.figures:
+            raise AttributeError(name)
+        return self.figures[name]
 
     @property
-    def broken(self) -> int:
-        """Number of broken promises."""
-        return self.plans - self.kept
+    def interval(self) -> str:
+        """The 95 % interval of the rate, in percent."""
+        return percent(self.low, self.high)
 
     @property
     def failed_by(self) -> str:
@@ -90,7 +67,34 @@ class Cell:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
-        return asdict(self) | {"broken": self.broken}
+        return dict(self.figures)
+
+
+def cells_of(
+    rows: Iterable[Row], names: Sequence[str], group: Callable[[Row], tuple[str, ...]],
+    figures: Callable[[Sequence[Row]], Mapping[str, Any]], pooled: str = "",
+) -> tuple[Cell, ...]:  # fmt: skip
+    """A cell for each group of rows, in the order in which the parts of names first appear.
+
+    ``names``: of the parts of a group's name. ``pooled``: name of the first part of further groups
+    that stand for all its values, last, where there are several; empty: there are none.
+    """
+    groups: dict[tuple[str, ...], list[Row]] = {}
+    rows = list(rows)
+    for row in rows:
+        groups.setdefault(group(row), []).append(row)
+    if pooled and len({first for first, *_ in groups}) > 1:
+        for row in rows:
+            groups.setdefault((pooled, *group(row)[1:]), []).append(row)
+    ranks = [list(dict.fromkeys(parts)) for parts in zip(*groups, strict=True)]
+
+    def order(key: tuple[str, ...]) -> list[int]:
+        return [rank.index(part) for rank, part in zip(ranks, key, strict=True)]
+
+    return tuple(
+        Cell({**dict(zip(names, key, strict=True)), **figures(groups[key])})
+        for key in sorted(groups, key=order)
+    )
 
 
 def summary(rows: Iterable[Row]) -> tuple[Cell, ...]:
@@ -99,88 +103,113 @@ def summary(rows: Iterable[Row]) -> tuple[Cell, ...]:
     In a study of variations, one cell for each variation (over all presets) and planner. In a study
     of loops, one for each condition (over all presets) and loop, named in place of the planner.
     """
-    groups: dict[tuple[str, str], list[Row]] = {}
-    for row in rows:
-        name = row.condition or row.variation or row.preset
-        groups.setdefault((name, row.loop or row.planner), []).append(row)
-    presets = {preset: i for i, preset in enumerate(dict.fromkeys(p for p, _ in groups))}
-    planners = {planner: i for i, planner in enumerate(dict.fromkeys(p for _, p in groups))}
-    keys = sorted(groups, key=lambda key: (presets[key[0]], planners[key[1]]))
-    return tuple(_cell(*key, groups[key]) for key in keys)
+
+    def group(row: Row) -> tuple[str, str]:
+        return row.condition or row.variation or row.preset, row.loop or row.planner
+
+    return cells_of(rows, ("preset", "planner"), group, study_figures)
 
 
-def _cell(preset: str, planner: str, rows: Sequence[Row]) -> Cell:
-    plans = sum(row.plan_status == Code.SUCCESS for row in rows)
-    kept = sum(row.success and row.plan_status == Code.SUCCESS for row in rows)
-    low, high = wilson(kept, len(rows))
-    broken_low, broken_high = wilson(plans - kept, plans)
-    failed = (row for row in rows if not row.success)
-    causes = Counter(cause for row in failed for cause in row.causes.split() or [row.cause])
+def loop_summary(rows: Iterable[Row]) -> tuple[Cell, ...]:
+    """One cell for each preset, condition and loop, and those of :data:`ALL` presets."""
+    return cells_of(
+        rows, ("preset", "condition", "loop"), lambda r: (r.preset, r.condition, r.loop),
+        loop_figures, ALL,
+    )  # fmt: skip
+
+
+def study_figures(rows: Sequence[Row]) -> dict[str, Any]:
+    """What became of the plans of one planner."""
+    runs, promised = len(rows), [row for row in rows if row.plan_status == Code.SUCCESS]
+    plans, kept = len(promised), sum(row.success for row in promised)
     executed = [row for row in rows if row.unripe_force is not None]
-    forces = sorted(row.unripe_force for row in executed if row.unripe_force is not None)
-    seconds = [row.simulation_time for row in executed]
-    return Cell(
-        preset=preset,
-        planner=planner,
-        runs=len(rows),
-        plans=plans,
-        kept=kept,
-        rate=kept / len(rows),
-        low=low,
-        high=high,
-        broken_rate=(plans - kept) / max(plans, 1),
-        broken_low=broken_low,
-        broken_high=broken_high,
-        successes=sum(row.success for row in rows),
-        causes=dict(causes.most_common()),
-        static_contacts=sum((row.static_force or 0.0) > STATIC_FORCE for row in rows),
-        torn=sum(bool(row.torn) for row in rows),
-        unripe_force=median(forces) if forces else None,
-        unripe_force_90=forces[math.ceil(0.9 * len(forces)) - 1] if forces else None,
-        plan_time=median(row.plan_time for row in rows),
-        simulation_time=median(seconds) if seconds else None,
-        redraws=sum(row.redraws for row in rows),
-    )
+    forces = sorted(row.unripe_force for row in executed)
+    low, high = wilson(kept, runs)
+    broken_low, broken_high = wilson(plans - kept, plans)
+    return {
+        "runs": runs,
+        "plans": plans,  # runs whose plan promised a success
+        "kept": kept,  # promised and picked: of a robot that executes no refused plan
+        "rate": kept / runs, "low": low, "high": high,
+        "broken_rate": (plans - kept) / max(plans, 1),  # of the promises
+        "broken_low": broken_low, "broken_high": broken_high,
+        "successes": sum(row.success for row in rows),  # where refused plans are executed, too
+        "causes": causes_of(row for row in rows if not row.success),
+        "static_contacts": sum((row.static_force or 0.0) > STATIC_FORCE for row in rows),
+        "torn": sum(bool(row.torn) for row in rows),  # runs in which a fruit came off
+        "unripe_force": _of(median, forces),  # [N] of executed runs; None: there are none
+        "unripe_force_90": forces[math.ceil(0.9 * len(forces)) - 1] if forces else None,
+        "plan_time": median(row.plan_time for row in rows),
+        "simulation_time": _of(median, [row.simulation_time for row in executed]),
+        "redraws": sum(row.redraws for row in rows),
+        "broken": plans - kept,
+    }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Bin:
-    """Runs whose predicted probability of failure lies in one interval.
+def loop_figures(rows: Sequence[Row]) -> dict[str, Any]:
+    """What became of the picks of one loop under one condition.
 
-    Attributes:
-        low, high: the interval [low, high).
-        runs: number of runs.
-        predicted: mean of their predicted probabilities.
-        failures: number of runs that failed in the simulation.
-        rate: ``failures`` over ``runs``, with its 95 % interval (``rate_low``, ``rate_high``).
+    Figures of time are medians over the runs that have them, jumps and shares of limits the worst.
     """
+    counts, runs = Counter(row.result for row in rows), len(rows)
+    low, high = wilson(counts["clean"], runs)
+    picked = sum(bool(row.picked) for row in rows)
 
-    low: float
-    high: float
-    runs: int
-    predicted: float
-    failures: int
-    rate: float
-    rate_low: float
-    rate_high: float
+    def over(function: Callable[[list[float]], Any], name: str) -> float | None:
+        return _of(function, (getattr(row, name) for row in rows))
+
+    def total(name: str) -> int:
+        return sum(getattr(row, name) or 0 for row in rows)
+
+    return {
+        "runs": runs,
+        **{
+            name: counts[name]
+            for name in ("clean", "harmed", "gave_up", "refused", "missed", "error")
+        },
+        "rate": counts["clean"] / runs, "low": low, "high": high,
+        "causes": causes_of(row for row in rows if row.result != "clean"),
+        "duration": over(median, "duration"),
+        "retreats": total("retreats"),
+        "cycle_median": over(median, "cycle_median"),
+        "cycle_p99": over(max, "cycle_p99"),
+        "nis": over(np.mean, "nis"),
+        "worst_jump": over(max, "worst_jump"),
+        "worst_limit": over(max, "worst_limit"),
+        "seen": sum(row.cause not in (NOT_SEEN, ERROR) for row in rows),  # a ripe fruit was
+        "planned": sum(row.duration is not None for row in rows),  # and executed
+        "picked": picked,  # whether or not something was harmed
+        "picked_interval": wilson(picked, runs),
+        **{name: total(name) for name in ("visible", "found", "false")},  # in pictures before plans
+        "see_time": over(median, "see_time"),
+    }  # fmt: skip
+
+
+def causes_of(failed: Iterable[Row]) -> dict[str, int]:
+    """The number of failures by cause, most frequent first; a run may have several causes."""
+    causes = Counter(cause for row in failed for cause in row.causes.split() or [row.cause])
+    return dict(causes.most_common())
+
+
+def _of(function: Callable[[list[float]], Any], values: Iterable[float | None]) -> float | None:
+    known = [value for value in values if value is not None and math.isfinite(value)]
+    return float(function(known)) if known else None
 
 
 @dataclass(frozen=True)
 class Reliability:
-    """Predicted probabilities of failure against outcomes.
+    """Predicted probabilities of failure against outcomes."""
 
-    Attributes:
-        bins: the reliability table; bins without runs are left out.
-        auc: probability that a failed run had a larger prediction than a run that succeeded (0.5:
-            the prediction is worth nothing); NaN where all runs ended alike.
-        successes: number of plans whose status was ``success``.
-        failed: number of these that failed in the simulation.
-    """
-
-    bins: tuple[Bin, ...]
+    bins: tuple[Cell, ...]  # those that hold runs
+    # probability that a failed run had a larger prediction than a run that succeeded (0.5: the
+    # prediction is worth nothing); NaN where all runs ended alike
     auc: float
-    successes: int
-    failed: int
+    successes: int  # number of plans whose status was success
+    failed: int  # number of these that failed in the simulation
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {**vars(self), "bins": [each.to_dict() for each in self.bins]}
 
 
 def calibration(rows: Iterable[Row]) -> Reliability | None:
@@ -195,8 +224,18 @@ def calibration(rows: Iterable[Row]) -> Reliability | None:
         inside = (told >= low) & ((told < high) | (high == EDGES[-1]))
         runs, failures = int(inside.sum()), int(failed[inside].sum())
         if runs:
-            mean, rate = float(told[inside].mean()), failures / runs
-            bins.append(Bin(low, high, runs, mean, failures, rate, *wilson(failures, runs)))
+            ends = wilson(failures, runs)
+            bins.append(
+                Cell(
+                    {
+                        "low": low, "high": high,  # of the interval [low, high)
+                        "runs": runs,
+                        "predicted": float(told[inside].mean()),
+                        "failures": failures,
+                        "rate": failures / runs, "rate_low": ends[0], "rate_high": ends[1],
+                    }
+                )
+            )  # fmt: skip
     good = [row for row in known if row.plan_status == Code.SUCCESS]
     return Reliability(
         tuple(bins),

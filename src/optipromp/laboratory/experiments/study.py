@@ -1,194 +1,44 @@
-"""A study: presets × planners × seeds on all cores, resumable, one row a run.
+"""A study: presets × contenders × seeds on all cores, resumable, one row a trial.
 
 One process appends each row, whole, to ``rows.csv``; a study that begins again in the same folder
-runs what is missing. ``study.json`` holds the settings that all rows share.
+runs what is missing. ``study.json`` holds the settings that all rows share; ``summary.json`` and
+``study.png`` hold the results.
 """
 
 import functools
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+import json
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any
 
 from optipromp.core.errors import InvalidRequestError, installed_by
-from optipromp.core.files import check_folder
-from optipromp.core.planning import PlanOptions
-from optipromp.core.planning.planner import factory
-from optipromp.core.robots.library import NOTHING, Choice
-from optipromp.core.scenes.io import load_scene
-from optipromp.core.scenes.values import suggest
-from optipromp.laboratory.experiments.baselines import STUDY_PLANNERS
+from optipromp.core.files import check_folder, is_file, json_text, write_atomically
+from optipromp.core.robots.library import NOTHING
 from optipromp.laboratory.experiments.cluster import over
-from optipromp.laboratory.experiments.eyes import check_eyes
-from optipromp.laboratory.experiments.locking import locked
-from optipromp.laboratory.experiments.loops import (
-    LOOP_PLANNER,
-    LoopChoice,
-    check_loops,
-    run_loops,
-)
-from optipromp.laboratory.experiments.row_files import FOLDER, RowFile
-from optipromp.laboratory.experiments.runs import (
+from optipromp.laboratory.experiments.rows import (
+    LOCK,
+    ROWS,
     Key,
     Row,
-    run_scene,
+    RowFile,
+    locked,
     source_version,
-    warm_up,
 )
-from optipromp.laboratory.experiments.sources import OWN, Source, digests
-from optipromp.laboratory.experiments.variations import VARIATIONS
-from optipromp.laboratory.generate import NOISES, PANDA, PRESETS, Noise, Preset
+from optipromp.laboratory.experiments.statistics import Cell, calibration, loop_summary
+from optipromp.laboratory.experiments.trials import FOLDER, digests, run_trials, warm_up
+from optipromp.laboratory.experiments.trials import Study as Study
+from optipromp.laboratory.generate import PANDA
+from optipromp.looks.viewer.figures import png
 
-LOCK = ".lock"
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
-
-@dataclass(frozen=True)
-class Study:
-    """The runs of a study.
-
-    ``presets``: of the scenes. ``planners``: to compare. ``seeds``: first seed, and the last plus
-    one. ``noise_position``: standard deviation of detected positions [m]. ``noise_angle``: standard
-    deviation of detected stem directions [degrees]. ``only_valid``: plans that the judge refuses
-    are not executed, and count as failures. ``robot``: name or path of the robot of the scenes.
-    ``choice``: of the arm in the robot's file. ``vary``: every plan is executed under all of
-    :data:`VARIATIONS`. ``noise``: name in :data:`optipromp.laboratory.generate.NOISES`, in place of
-    the deviations. ``risk``: share of promised successes that may be broken. ``loops``: of
-    :data:`optipromp.laboratory.experiments.loops.LOOPS`; the planner is opti-promp. Empty: planners
-    are compared. ``conditions``: of :data:`optipromp.laboratory.experiments.conditions.CONDITIONS`;
-    of loops. ``eyes``: of :data:`optipromp.laboratory.experiments.eyes.WAYS`, in place of
-    conditions. ``finder``: of the fruits in rendered pictures, see
-    :func:`optipromp.perception.detector.finder_named`. ``views``: pictures from as many sides are
-    fused before a plan: 1 or 2. ``files``: scene files, whose names stand for presets; see
-    :meth:`of_files`.
-    """
-
-    presets: tuple[str, ...] = PRESETS
-    planners: tuple[str, ...] = STUDY_PLANNERS
-    seeds: tuple[int, int] = (0, 20)
-    noise_position: float = 0.0
-    noise_angle: float = 0.0
-    only_valid: bool = False
-    robot: str | Path = PANDA
-    choice: Choice = NOTHING
-    vary: bool = False
-    noise: str = ""
-    risk: float = PlanOptions.risk
-    loops: tuple[str, ...] = ()
-    conditions: tuple[str, ...] = ("none",)
-    eyes: tuple[str, ...] = ()
-    finder: str = "geometry"
-    views: int = 1
-    files: tuple[Path, ...] = ()
-
-    @classmethod
-    def of_files(cls, files: Sequence[Path], **given: Any) -> "Study":
-        """A study of scene files, by default of their own robots and of seed 0; refuses others."""
-        for file in files:
-            load_scene(file)
-        names = tuple(file.name for file in files)
-        return cls(names, files=tuple(files), **{"seeds": (0, 1), "robot": OWN} | given)
-
-    def __post_init__(self) -> None:
-        for name, given, valid in (
-            ("preset", self.presets, tuple(file.name for file in self.files) or PRESETS),
-            ("planner", self.planners, STUDY_PLANNERS),
-        ):
-            if not given:
-                raise InvalidRequestError(f"no {name}: valid are {', '.join(valid)}")
-            for item in given:
-                if name == "planner":
-                    factory(item)  # refuses an unknown name
-                elif item not in valid:
-                    raise InvalidRequestError(f"{name} is {item!r}: {suggest(item, valid)}")
-            if len(set(given)) < len(given):
-                raise InvalidRequestError(f"a {name} is named twice: {', '.join(given)}")
-        first, end = self.seeds
-        if not 0 <= first < end:
-            raise InvalidRequestError(
-                f"seeds are {first}:{end}; the first must not be negative, the end (which is not "
-                "run) must be above it"
-            )
-        if self.noise and self.noise not in NOISES:
-            raise InvalidRequestError(f"noise is {self.noise!r}: {suggest(self.noise, NOISES)}")
-        if Noise(self.noise_position, self.noise_angle) != Noise() and self.noise:
-            raise InvalidRequestError(f"noise {self.noise} and a deviation: state one of them")
-        PlanOptions(risk=self.risk)  # refuses an invalid risk
-        self._check_loops()
-
-    def _check_loops(self) -> None:
-        check_loops(self.loops, self.conditions)
-        check_eyes(self.eyes, self.finder, self.views)
-        if self.eyes and (not self.loops or self.conditions != ("none",)):
-            raise InvalidRequestError("eyes are of loops, and take the place of conditions")
-        if not self.loops:
-            if self.conditions != ("none",):
-                raise InvalidRequestError("conditions are of loops: state loops, too")
-            return
-        for name, given in (("loop", self.loops), ("condition", self.eyes or self.conditions)):
-            if not given:
-                raise InvalidRequestError(f"no {name} is named")
-            if len(set(given)) < len(given):
-                raise InvalidRequestError(f"a {name} is named twice: {', '.join(given)}")
-        if self.planners != (LOOP_PLANNER,):
-            raise InvalidRequestError(
-                f"planners are {', '.join(self.planners)}; loops have one, {LOOP_PLANNER}"
-            )
-        noise = self.noise or Noise(self.noise_position, self.noise_angle) != Noise()
-        if noise or self.vary or self.only_valid:
-            raise InvalidRequestError(
-                "loops take no noise, variations or refusals: their conditions have them"
-            )
-
-    def source(self, name: str) -> Source:
-        """The source of the scenes of a preset, or of a file's name."""
-        paths = {file.name: file for file in self.files}
-        return paths[name] if self.files else cast(Preset, name)
-
-    def scenes(self) -> Iterator[tuple[str, int]]:
-        """Preset and seed of every scene, seeds outermost: a study cut short is a smaller one."""
-        for seed in range(*self.seeds):
-            for preset in self.presets:
-                yield preset, seed
-
-    @property
-    def variations(self) -> tuple[str, ...]:
-        """Names of the variations; an empty one for none."""
-        return tuple(VARIATIONS) if self.vary else ("",)
-
-    def __len__(self) -> int:
-        return len(self.keys())
-
-    def keys(self) -> list[Key]:
-        """The keys of all rows, in the study's order."""
-        conditions = self.eyes or self.conditions if self.loops else ("",)
-        return [
-            (*scene, planner, variation, loop, condition)
-            for scene in self.scenes()
-            for planner in self.planners
-            for variation in self.variations
-            for condition in conditions
-            for loop in self.loops or ("",)
-        ]
-
-    def common(self) -> dict[str, Any]:
-        """The settings that all rows of one folder share, by name."""
-        return {
-            "noise_position": self.noise_position,
-            "noise_angle": self.noise_angle,
-            "only_valid": self.only_valid,
-            **({} if self.robot == PANDA else {"robot": f"{self.robot} {self.choice}"}),
-            "vary": self.vary,
-            **({"noise": self.noise} if self.noise else {}),
-            "version": source_version(),
-            "risk": self.risk,
-            **({"loops": True} if self.loops else {}),
-            **({"finder": self.finder, "views": self.views} if self.eyes else {}),
-            **({"scenes": dict(digests(self.files))} if self.files else {}),
-            **({FOLDER: str(self.files[0].absolute().parent)} if self.files else {}),
-        }
+SETTINGS = "study.json"
 
 
 def run_study(
@@ -199,7 +49,7 @@ def run_study(
     ray: str | None = None,
     progress: Callable[[int, int, Row | None], None] | None = None,
 ) -> list[Row]:
-    """Run the runs of a study that its folder does not hold yet.
+    """Run the trials of a study that its folder does not hold yet.
 
     Ctrl-C lets the scenes under way finish, keeps their rows and raises ``KeyboardInterrupt``.
 
@@ -217,69 +67,200 @@ def run_study(
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder / LOCK):
-        return _run(study, RowFile(folder, study.common()), workers, ray, progress)
+        file = row_file(study, folder)
+        done = {row.key for row in file.rows}
+        keys = study.keys()
+        missing = [key for key in keys if key not in done]
+        before = len(keys) - len(missing) - len(file.rows)
+        tell = progress or (lambda *_: None)
+        tell(before + len(file.rows), len(keys), None)
+
+        def hear(index: int, result: Sequence[Row] | BrokenProcessPool) -> None:
+            if isinstance(result, BrokenProcessPool):
+                raise InvalidRequestError(f"{result}; begin the study again to go on")
+            for row in result:
+                if row.key not in done:
+                    file.append(row)
+                    done.add(row.key)
+                    tell(before + len(file.rows), len(keys), row)
+
+        prepare = functools.partial(warm_up, study.source(study.presets[0]), study)
+        jobs = _jobs(study, missing)
+        over(run_trials, jobs, hear, workers=workers, ray=ray, prepare=prepare)
+        held = {row.key: row for row in file.rows}
+        return [held[key] for key in keys]
 
 
-def _run(
-    study: Study,
-    file: RowFile,
-    workers: int | None,
-    ray: str | None,
-    progress: Callable[[int, int, Row | None], None] | None,
-) -> list[Row]:
-    """Run what is missing in the open file of a study; returns the study's rows in its order."""
-    done = {row.key for row in file.rows}
-    keys = study.keys()
-    missing = [key for key in keys if key not in done]
-    finished, total = sum(key in done for key in keys), len(keys)
-    if progress is not None:
-        progress(finished, total, None)
-
-    def hear(index: int, result: Sequence[Row] | BrokenProcessPool) -> None:
-        nonlocal finished
-        if isinstance(result, BrokenProcessPool):
-            raise InvalidRequestError(f"{result}; begin the study again to go on")
-        for row in result:
-            if row.key in done:
-                continue
-            file.append(row)
-            done.add(row.key)
-            finished += 1
-            if progress is not None:
-                progress(finished, total, row)
-
-    function, jobs = _jobs(study, missing)
-    robot = study.robot, study.choice
-    over(
-        function,
-        jobs,
-        hear,
-        workers=workers,
-        ray=ray,
-        prepare=functools.partial(warm_up, study.source(study.presets[0]), study.planners, *robot),
-    )
-    held = {row.key: row for row in file.rows}
-    return [held[key] for key in keys]
-
-
-def _jobs(study: Study, missing: Sequence[Key]) -> tuple[Callable[..., list[Row]], list[Any]]:
-    """A function, and its arguments for each group of missing rows."""
-    if study.loops:
-        finder = study.finder if study.eyes else ""
-        given = LoopChoice(
-            study.robot, study.choice, study.risk, source_version(), finder, study.views
+def _jobs(study: Study, missing: Sequence[Key]) -> list[tuple[Any, ...]]:
+    """The arguments of :func:`run_trials` for the missing rows of each scene and condition."""
+    return [
+        (
+            study, *scene,
+            tuple(dict.fromkeys(loop or planner for _, _, planner, _, loop, *_ in group)),
+            source_version(),
         )
-        by_condition = itertools.groupby(missing, key=lambda key: (key[0], key[1], key[5]))
-        return run_loops, [
-            (study.source(name), *rest, tuple(key[4] for key in group), given)
-            for (name, *rest), group in by_condition
-        ]
-    noise = study.noise or Noise(study.noise_position, study.noise_angle)
-    common = (
-        noise, source_version(), study.only_valid, study.robot, study.choice, study.vary, study.risk
-    )  # fmt: skip
-    by_scene = itertools.groupby(missing, key=lambda key: key[:2])
-    return run_scene, [
-        (study.source(name), seed, tuple(dict.fromkeys(key[2] for key in group)), *common)
-        for (name, seed), group in by_scene
-    ]
+        for scene, group in itertools.groupby(missing, key=lambda key: (key[0], key[1], key[5]))
+    ]  # fmt: skip
+
+
+def row_file(study: Study, folder: Path) -> RowFile:
+    """The open file of a study's rows in a folder, which refuses rows of another study."""
+    check_folder(folder)
+    path, wanted = folder / SETTINGS, study.common()
+    if not (folder / ROWS).exists():
+        write_atomically(path, json_text(wanted).encode())
+        return RowFile(folder)
+    try:
+        held = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InvalidRequestError(
+            f"{folder / ROWS} is there and {path.name} beside it cannot be read ({error}): choose "
+            "another folder"
+        ) from None
+    for name in dict.fromkeys((*wanted, *held)):  # a default may be left out of either
+        if name != FOLDER and held.get(name) != wanted.get(name):
+            raise InvalidRequestError(
+                f"{folder} holds rows with {name} {held.get(name)!r}, this study has "
+                f"{wanted.get(name)!r}: choose another folder"
+            )
+    return RowFile(folder)
+
+
+def settings_of(folder: Path) -> tuple[dict[str, Any], str | None]:
+    """The settings that the rows of a study share, and the robot of its scenes.
+
+    The robot is None where its file was read with choices.
+    """
+    try:
+        settings = dict(json.loads((folder / SETTINGS).read_text(encoding="utf-8")))
+    except (OSError, ValueError) as error:
+        raise InvalidRequestError(f"{folder / SETTINGS}: {error}") from None
+    told = str(settings.get("robot", f"{PANDA} {NOTHING}"))
+    return settings, told.removesuffix(f" {NOTHING}") if told.endswith(f" {NOTHING}") else None
+
+
+def file_of(settings: Mapping[str, Any], name: str) -> Path | None:
+    """The scene file of a study's rows; None where it is not there, or has changed since."""
+    known, path = settings.get("scenes"), Path(str(settings.get(FOLDER))) / name
+    if not isinstance(known, Mapping) or name not in known or not is_file(path):
+        return None
+    return path if digests([path]) == {name: known[name]} else None
+
+
+COLOURS = {
+    "straight": "#b0b5bd",
+    "promp": "#8fa6c4",
+    "i-promp": "#e0a458",
+    "i-promp-guard": "#c9822b",
+    "drift": "#b08fc4",
+    "paper": "#7d5ba6",
+    "obstacles": "#7fb28a",
+    "chomp": "#4f8a5c",
+    "opti-promp": "#1f5fb4",
+    "open": "#b0b5bd",
+    "looks": "#8fa6c4",
+    "closed": "#1f5fb4",
+}
+
+RATE = "promised and picked, nothing harmed [%]"
+TITLE = "Promised and picked, 95 % intervals (Wilson); dots: executed although refused"
+_BELOW: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.15)}
+
+
+def write_results(rows: Sequence[Row], cells: Sequence[Cell], folder: Path) -> tuple[str, ...]:
+    """Write ``summary.json`` and ``study.png``.
+
+    Returns: The names of the files.
+    """
+    found = calibration(rows)
+    document: dict[str, Any] = {
+        "cells": [cell.to_dict() for cell in cells],
+        "calibration": None if found is None else found.to_dict(),
+    }
+    if any(row.loop for row in rows):
+        document["loops"] = [cell.to_dict() for cell in loop_summary(rows)]
+    write_atomically(folder / "summary.json", json_text(document).encode("utf-8"))
+    write_atomically(folder / "study.png", png(study_figure(cells)))
+    return "summary.json", "study.png"
+
+
+def study_figure(cells: Sequence[Cell]) -> "Figure":
+    """Success rates by preset and planner with 95 % intervals, and the causes of failure."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11.0, 4.6), layout="constrained")
+    rates, causes = figure.subplots(1, 2, width_ratios=(3, 2))
+    many = len({cell.preset for cell in cells}) > 9  # variations: their names are long
+    (_varied if many else _rates)(rates, cells)
+    _causes(causes, cells)
+    for axes in (rates, causes):
+        axes.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def _rates(axes: "Axes", cells: Sequence[Cell]) -> None:
+    presets = list(dict.fromkeys(cell.preset for cell in cells))
+    planners = list(dict.fromkeys(cell.planner for cell in cells))
+    width = 0.8 / len(planners)
+    for i, planner in enumerate(planners):
+        mine = [cell for cell in cells if cell.planner == planner]
+        x = [presets.index(cell.preset) + (i - 0.5 * (len(planners) - 1)) * width for cell in mine]
+        spans = [[c.rate - c.low for c in mine], [c.high - c.rate for c in mine]]
+        axes.bar(
+            x, [100 * cell.rate for cell in mine], 0.9 * width, color=COLOURS.get(planner),
+            yerr=[[100 * v for v in side] for side in spans], label=planner,
+            error_kw={"elinewidth": 1.0, "capsize": 2.0, "ecolor": "#333333"},
+        )  # fmt: skip
+        axes.plot(x, [100 * c.successes / c.runs for c in mine], "o", color="#333333", ms=2.5)
+    labels = []
+    for preset in presets:
+        runs = sorted({cell.runs for cell in cells if cell.preset == preset})
+        labels.append(f"{preset}\n{'–'.join(map(str, runs))} scenes")
+    axes.set_xticks(range(len(presets)), labels)
+    axes.set_ylim(0.0, 105.0)
+    axes.set_ylabel(RATE)
+    axes.set_title(TITLE, fontsize=10)
+    axes.legend(frameon=False, fontsize=8, ncols=len(planners), **_BELOW)
+
+
+def _varied(axes: "Axes", cells: Sequence[Cell]) -> None:
+    """A line for each variation of the physics, with a rate and its interval for each planner."""
+    names = list(dict.fromkeys(cell.preset for cell in cells))
+    planners = list(dict.fromkeys(cell.planner for cell in cells))
+    for i, planner in enumerate(planners):
+        mine = [cell for cell in cells if cell.planner == planner]
+        beside = 0.6 * (i - 0.5 * (len(planners) - 1)) / len(planners)
+        spans = [[c.rate - c.low for c in mine], [c.high - c.rate for c in mine]]
+        axes.errorbar(
+            [100 * cell.rate for cell in mine], [names.index(c.preset) + beside for c in mine],
+            xerr=[[100 * v for v in side] for side in spans], fmt="s", markersize=4.0,
+            elinewidth=1.0, color=COLOURS.get(planner), label=planner,
+        )  # fmt: skip
+        y = [names.index(cell.preset) + beside for cell in mine]
+        axes.plot([100 * c.successes / c.runs for c in mine], y, "o", color="#333333", ms=2.5)
+    axes.set_yticks(range(len(names)), names)
+    axes.grid(axis="y", linewidth=0.4, color="#dddddd")
+    axes.invert_yaxis()
+    axes.set_xlim(-2.0, 102.0)
+    axes.set_xlabel(f"{RATE}; {'–'.join(map(str, sorted({c.runs for c in cells})))} scenes each")
+    axes.set_title(TITLE, fontsize=10)
+    axes.legend(frameon=False, fontsize=8, ncols=len(planners), **_BELOW)
+
+
+def _causes(axes: "Axes", cells: Sequence[Cell]) -> None:
+    planners = list(dict.fromkeys(cell.planner for cell in cells))
+    counts = {planner: Counter[str]() for planner in planners}
+    runs: Counter[str] = Counter()
+    for cell in cells:
+        counts[cell.planner].update(cell.causes)
+        runs[cell.planner] += cell.runs
+    causes = [cause for cause, _ in sum(counts.values(), Counter[str]()).most_common()]
+    width = 0.8 / len(planners)
+    for i, planner in enumerate(planners):
+        y = [k + (i - 0.5 * (len(planners) - 1)) * width for k in range(len(causes))]
+        share = [100.0 * counts[planner][cause] / runs[planner] for cause in causes]
+        axes.barh(y, share, 0.9 * width, color=COLOURS.get(planner))
+    axes.set_yticks(range(len(causes)), [cause.replace("_", " ") for cause in causes])
+    axes.invert_yaxis()
+    axes.set_xlabel("of all runs [%]")
+    axes.set_title("Why runs failed: all causes", fontsize=10)

@@ -70,18 +70,12 @@ KINDS: Mapping[Preset, Kind] = {
 
 @dataclass(frozen=True)
 class GenerationReport:
-    """The impossible samples before a scene.
+    """The impossible samples before a scene."""
 
-    Attributes:
-        preset: of the scene.
-        seed: of the scene.
-        redraws: number of impossible samples.
-        reasons: number of impossible samples by reason.
-    """
-
-    preset: Preset
-    seed: int
-    redraws: int
+    preset: Preset  # of the scene
+    seed: int  # of the scene
+    redraws: int  # number of impossible samples
+    # number of impossible samples by reason
     reasons: Mapping[str, int] = field(default_factory=dict)
 
 

@@ -100,21 +100,13 @@ class UnfitError(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Work:
-    """The working distances of a scene for an arm, in the frame of the preset's base.
+    """The working distances of a scene for an arm, in the frame of the preset's base."""
 
-    Attributes:
-        way: tool points (P, 3), the target first [m].
-        start: index of the start in ``way``.
-        drop: from the target down to the lowest pushable [m].
-        camera: distance of the camera point before the lowest fruit [m].
-        scale: of working distances.
-    """
-
-    way: FloatArray
-    start: int
-    drop: float
-    camera: float
-    scale: float
+    way: FloatArray  # tool points (P, 3), the target first [m]
+    start: int  # index of the start in ``way``
+    drop: float  # from the target down to the lowest pushable [m]
+    camera: float  # distance of the camera point before the lowest fruit [m]
+    scale: float  # of working distances
 
     @property
     def down(self) -> float:
@@ -376,17 +368,11 @@ IK_STARTS, BRANCHES = 24, 4  # of inverse kinematics; solutions followed at each
 
 @dataclass(frozen=True, eq=False)
 class Standpoint:
-    """A place of a robot's base.
+    """A place of a robot's base."""
 
-    Attributes:
-        pose: of the preset's base in the robot's base frame.
-        start: (n,) configuration in which the motions start.
-        low: height of the tool point over the links beside the tool, see :func:`lowest` [m].
-    """
-
-    pose: Pose
-    start: FloatArray
-    low: float
+    pose: Pose  # of the preset's base in the robot's base frame
+    start: FloatArray  # (n,) configuration in which the motions start
+    low: float  # height of the tool point over the links beside the tool, see :func:`lowest` [m]
 
 
 def at_robot(scene: Scene, robot: str | Path, choice: Choice) -> Scene:

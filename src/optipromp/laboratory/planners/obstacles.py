@@ -1,20 +1,37 @@
-"""``obstacles`` and ``chomp``: planners that avoid every pushable and push none."""
+r"""``obstacles`` and ``chomp``: planners that avoid every pushable and push none.
+
+:func:`descend` is covariant gradient descent, the update of CHOMP (Zucker et al. 2013) and of the
+paper: :math:`\xi \leftarrow \xi - \gamma A^{-1} \bar\nabla F(\xi)`. A is the metric of finite
+differences: :math:`\tfrac12\xi^\top A\,\xi=\tfrac12\int\lVert\ddot\xi\rVert^2dt` over the free
+waypoints of a trajectory that rests at both ends. A step is therefore smooth. At a fixed end the
+step and its slope are 0. The step length γ is halved where F does not fall.
+"""
 
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+import numpy as np
+from scipy.linalg import cho_solve_banded, cholesky_banded
+
+from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import Budget
-from optipromp.core.optimization import covariant
 from optipromp.core.optimization.costs.joints import SmoothnessCost
 from optipromp.core.optimization.costs.obstacles import ObstacleCost
-from optipromp.core.optimization.problem import Problem
-from optipromp.core.planning.options import PaperOptions
-from optipromp.core.planning.planner import WAY
-from optipromp.core.planning.planners import ConditionedProMP, OptiProMP
+from optipromp.core.optimization.gauss_newton import Result
+from optipromp.core.optimization.problem import ANCHOR, Problem
+from optipromp.core.planning.planners import WAY, ConditionedProMP, OptiProMP
 from optipromp.core.planning.result import Failed, Harmful, Planned
 from optipromp.core.planning.task import Task
 from optipromp.core.scenes.scene import Scene
+from optipromp.laboratory.planners.paper import PaperOptions
 from optipromp.laboratory.planners.straight import gently
+
+TRIES = 20  # smooth corrections of a trajectory beyond its limits, before it is clipped: a choice
+FIRST_STEP = 0.05  # [rad or m] of the joint that moves most: a choice
+GROW = 1.5  # factor on γ after a step that lowered F: a choice
+HALVINGS = 12  # of γ in an iteration; where none lowers F, the descent ends: a choice
+TOLERANCE = 1e-5  # the descent ends when a step lowers F by at most this share: a choice
+BEYOND = 1e-9  # [rad or m] a joint this little beyond its limit is within it: rounding
 
 
 @dataclass(frozen=True)
@@ -33,7 +50,7 @@ class Avoiding(OptiProMP):
         return False
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
-        """See :class:`optipromp.core.planning.planner.Planner`."""
+        """See :class:`optipromp.core.planning.planners.Planner`."""
         made = super().solve(avoiding(task), budget)
         if isinstance(made, Harmful):  # there is no other approach
             made = super().solve(made.task, budget)
@@ -58,13 +75,13 @@ class Chomp:
     ignores: ClassVar[tuple[str, ...]] = WAY
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed:
-        """See :class:`optipromp.core.planning.planner.Planner`."""
+        """See :class:`optipromp.core.planning.planners.Planner`."""
         made = ConditionedProMP().solve(task, budget)
         if not isinstance(made, Planned):
             assert isinstance(made, Failed)
             return Failed(made.code, made.message)
         problem = self.problem(task, made.trajectory.n_waypoints)
-        found = covariant.descend(problem, made.trajectory.positions, covariant.DescentOptions())
+        found = descend(problem, made.trajectory.positions, budget)
         return gently(task, found.q)
 
     def problem(self, task: Task, waypoints: int) -> Problem:
@@ -92,3 +109,74 @@ def as_obstacles(scene: Scene) -> Scene:
         replace(item, role="avoid") if item.role == "pushable" else item for item in scene.objects
     )
     return replace(scene, objects=objects)
+
+
+def descend(problem: Problem, q: FloatArray, budget: Budget, iterations: int = 100) -> Result:
+    """Descend from ``q`` (T, n) on the problem's merit; fixed waypoints do not change.
+
+    After each step the trajectory is drawn within the joint limits (:func:`within_limits`).
+    """
+    factor = _factor(problem)
+    q = within_limits(problem, factor, q)
+    value = problem.evaluate(q)
+    history, message, gamma, taken = [value.costs], "iteration limit", 0.0, 0
+    for _ in range(iterations):
+        if budget.spent():
+            message = budget.ending
+            break
+        direction = _solved(problem, factor, problem.gradient())
+        largest = float(np.abs(direction).max())
+        gamma = gamma or FIRST_STEP / max(largest, 1e-12)
+        for _ in range(HALVINGS):
+            trial = within_limits(problem, factor, q - gamma * direction)
+            new = problem.evaluate(trial)
+            if new.merit < value.merit:
+                break
+            gamma *= 0.5
+        else:
+            problem.evaluate(q)
+            message = "no step lowers the objective"
+            break
+        gain = value.merit - new.merit
+        q, value, gamma, taken = trial, new, GROW * gamma, taken + 1
+        history.append(value.costs)
+        if gain <= TOLERANCE * value.merit:
+            message = "converged"
+            break
+    return Result(q, value, tuple(history), taken, message)
+
+
+def within_limits(problem: Problem, factor: FloatArray, q: FloatArray) -> FloatArray:
+    """``q`` (T, n), drawn within the joint limits by smooth changes; fixed waypoints do not change.
+
+    As in CHOMP, the excess over the limits is smoothed by :math:`A^{-1}` and scaled such that the
+    joint with the largest excess comes to its limit. This is repeated until no joint exceeds its
+    limits.
+    """
+    robot = problem.robot
+    for _ in range(TRIES):
+        beyond = q - np.clip(q, robot.lower, robot.upper)
+        beyond[: problem.first], beyond[problem.last + 1 :] = 0.0, 0.0
+        at = np.unravel_index(np.argmax(np.abs(beyond)), q.shape)
+        if abs(beyond[at]) < BEYOND:
+            break
+        smooth = _solved(problem, factor, beyond)
+        q = q - (beyond[at] / smooth[at]) * smooth
+    out, free = q.copy(), slice(problem.first, problem.last + 1)
+    out[free] = np.clip(q[free], robot.lower, robot.upper)
+    return out
+
+
+def _factor(problem: Problem) -> FloatArray:
+    """The banded Cholesky factor of A: the problem's metric without its anchor."""
+    metric = np.array(problem.metric)
+    metric[0] -= ANCHOR * problem.dt
+    return np.asarray(cholesky_banded(metric, lower=True))
+
+
+def _solved(problem: Problem, factor: FloatArray, right: FloatArray) -> FloatArray:
+    """:math:`A^{-1}` times ``right`` (T, n) over the free waypoints; 0 at the others."""
+    free, out = slice(problem.first, problem.last + 1), np.zeros(right.shape)
+    solved = cho_solve_banded((factor, True), right[free].ravel())
+    out[free] = solved.reshape(-1, right.shape[1])
+    return out

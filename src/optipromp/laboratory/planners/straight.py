@@ -8,7 +8,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import Budget
 from optipromp.core.errors import Code, InvalidRequestError
-from optipromp.core.planning.planner import WAY
+from optipromp.core.planning.planners import WAY
 from optipromp.core.planning.result import Failed, Planned
 from optipromp.core.planning.task import Task
 from optipromp.core.planning.timing import shortest
@@ -35,7 +35,7 @@ class Straight:
     ignores: ClassVar[tuple[str, ...]] = WAY
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed:
-        """See :class:`optipromp.core.planning.planner.Planner`."""
+        """See :class:`optipromp.core.planning.planners.Planner`."""
         parts = _parts(task)
         if parts is None:
             away = "no configuration follows the approach line to the target"

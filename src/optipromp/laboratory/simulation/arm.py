@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, IntArray, all_finite, frozen
-from optipromp.core.robots.laden import Laden, Load, loads_of
 from optipromp.core.robots.model import Robot
+from optipromp.core.robots.mounted import Load, loads_of, without_loads
 from optipromp.core.robots.tool_geometry import Part, Solid, solids_inertia
 from optipromp.core.robots.tool_protocol import quaternion
 from optipromp.core.robots.tools import TOOL_LINK, WALL
@@ -210,8 +210,7 @@ def _add_tool(
     mass = given.hand_mass if tool.fingers else given.tool_mass
     _explicit(held, mass, *tool.inertia(mass))
     surface = {**layers("tool"), **_surface(parameters, given.tool_friction, entity)}
-    bare = tool.tool if isinstance(tool, Laden) else tool
-    _add_solids(spec, held, bare.solids(), surface)
+    _add_solids(spec, held, without_loads(tool).solids(), surface)
     for load in loads_of(tool):
         own = float(entity + robot.link_names.index(load.id) - last)
         _add_load(spec, held, load, {**surface, "userdata": [own]})

@@ -161,19 +161,12 @@ class ContactLog:
 
 
 class Pressing(NamedTuple):
-    """Contact points of one instant that carry force, C of them.
+    """Contact points of one instant that carry force, C of them."""
 
-    Attributes:
-        rows: (C,) in MuJoCo's list.
-        pairs: (C, 2) indices of entities.
-        points: (C, 3) [m].
-        forces: (C, 3) of the first entity on the second [N].
-    """
-
-    rows: IntArray
-    pairs: IntArray
-    points: FloatArray
-    forces: FloatArray
+    rows: IntArray  # (C,) in MuJoCo's list
+    pairs: IntArray  # (C, 2) indices of entities
+    points: FloatArray  # (C, 3) [m]
+    forces: FloatArray  # (C, 3) of the first entity on the second [N]
 
 
 def pressing(data: Any, world: World, among: BoolArray | None = None) -> Pressing:
@@ -200,21 +193,13 @@ BARE = 0.02  # [m] without a tool, an object this near the tool point counts as 
 
 @dataclass(frozen=True)
 class HarmSoFar:
-    """What was harmed so far; each share is 1 where the thing bears no more.
+    """What was harmed so far; each share is 1 where the thing bears no more."""
 
-    Attributes:
-        fruit: largest force on a fruit over what it bears.
-        stem: longest time for which a stem was pressed over what it bears.
-        static: largest force on a static object over what counts as a contact.
-        torn: number of fruits that came off.
-        swallowed: number of other fruits that the tool keeps; an episode counts them.
-    """
-
-    fruit: float = 0.0
-    stem: float = 0.0
-    static: float = 0.0
-    torn: int = 0
-    swallowed: int = 0
+    fruit: float = 0.0  # largest force on a fruit over what it bears
+    stem: float = 0.0  # longest time for which a stem was pressed over what it bears
+    static: float = 0.0  # largest force on a static object over what counts as a contact
+    torn: int = 0  # number of fruits that came off
+    swallowed: int = 0  # number of other fruits that the tool keeps; an episode counts them
 
     @property
     def worst(self) -> float:

@@ -42,17 +42,11 @@ EntityKind = Literal["link", "tool", "fruit", "thing", "stem", "static", "avoid"
 
 @dataclass(frozen=True)
 class Entity:
-    """A robot link, the tool, a fruit, a stem or an object: its contacts are counted together.
+    """A robot link, the tool, a fruit, a stem or an object: its contacts are counted together."""
 
-    Attributes:
-        kind: of the entity.
-        name: of the link, or the object's id (a stem's is its fruit's).
-        distal: whether it is the last link or the tool, which are not in B_d.
-    """
-
-    kind: EntityKind
-    name: str
-    distal: bool = False
+    kind: EntityKind  # of the entity
+    name: str  # of the link, or the object's id (a stem's is its fruit's)
+    distal: bool = False  # whether it is the last link or the tool, which are not in B_d
 
     @property
     def label(self) -> str:

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from optipromp.control.controller import Controller
-from optipromp.control.driver import way_back
-from optipromp.control.plant import scene_of, target_row
+from optipromp.control.driver import path_back, target_row, tracked_scene
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
 from optipromp.core.planning import Plan
@@ -242,12 +241,12 @@ def bring(
     made, robot = controller.plans[-1], controller.robot
     tracked = controller.tracker.at(simulation.time)
     seen = target_row(tracked) is not None
-    scene = scene_of(controller.scene, tracked) if seen else made.scene
-    curve = way_back(robot, q, controller.parameters.retreat_speed)
+    scene = tracked_scene(controller.scene, tracked) if seen else made.scene
+    curve = path_back(robot, q, controller.parameters.retreat_speed)
     task = replace(resolve(scene, robot, State(curve.positions[0])), risk=made.risk)
     reach: Plan = replace(
-        made, task=task, status=Code.SUCCESS, message="executed in closed loop", trajectory=curve,
-        initial=curve, followed=curve, first=0,
+        made, task=task, status=Code.SUCCESS, reason="executed in closed loop", notes=(),
+        trajectory=curve, initial=curve, followed=curve, first=0,
     )  # fmt: skip
     try:
         picked = after(reach)

@@ -17,8 +17,8 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, frame_along
 from optipromp.core.errors import InvalidSceneError
-from optipromp.core.robots.laden import loads_of
 from optipromp.core.robots.model import Robot
+from optipromp.core.robots.mounted import loads_of
 from optipromp.core.scenes.rotations import product, to_quaternion
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.scenes.values import unit
@@ -27,6 +27,8 @@ from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.fruits import BuiltFruit, add_fruit
 from optipromp.laboratory.simulation.parameters import DisturbanceParameters, SimulationParameters
 from optipromp.laboratory.simulation.world import World, build
+
+__all__ = ["START", "TOOL_POINT", "mjcf", "stem_mjcf"]
 
 START = "start"
 """Name of the keyframe with the robot at the start and the fruits in the scene's pose."""

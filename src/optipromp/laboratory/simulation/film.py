@@ -22,8 +22,8 @@ from optipromp.core.scenes.pose import Pose
 from optipromp.core.shown import suggest
 from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.execute import Run
+from optipromp.laboratory.simulation.files import LoopRecord, ellipsoids, record_of
 from optipromp.laboratory.simulation.loop import Loop
-from optipromp.laboratory.simulation.loop_files import LoopRecord, ellipsoids, record_of
 from optipromp.laboratory.simulation.studio import SHOWN, Studio
 from optipromp.laboratory.simulation.world import World, build
 from optipromp.perception.pictures import Image8

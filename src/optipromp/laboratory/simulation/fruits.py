@@ -19,23 +19,14 @@ from optipromp.laboratory.simulation.parameters import SimulationParameters, Ste
 
 
 class StemChain(NamedTuple):
-    """A stem as a chain of N pieces.
+    """A stem as a chain of N pieces."""
 
-    Attributes:
-        nodes: (N+1, 3) joints and the end at the fruit, root first [m].
-        masses: (N,) of the pieces [kg].
-        fruit: mass of the fruit [kg].
-        center: (3,) of the fruit [m].
-        parent: id of the object whose stem it grows from; None: it is rooted in the world.
-        link: piece of that stem from which it grows.
-    """
-
-    nodes: FloatArray
-    masses: FloatArray
-    fruit: float
-    center: FloatArray
-    parent: str | None
-    link: int
+    nodes: FloatArray  # (N+1, 3) joints and the end at the fruit, root first [m]
+    masses: FloatArray  # (N,) of the pieces [kg]
+    fruit: float  # mass of the fruit [kg]
+    center: FloatArray  # (3,) of the fruit [m]
+    parent: str | None  # id of the object whose stem it grows from; None: it is rooted in the world
+    link: int  # piece of that stem from which it grows
 
     @property
     def middles(self) -> FloatArray:
@@ -113,29 +104,20 @@ WELD_IMPEDANCE = [0.9999, 0.9999, 0.001, 0.5, 2.0]  # stiff: carries all but 1e-
 
 @dataclass(frozen=True, eq=False)
 class BuiltFruit:
-    """A fruit as built: the names of its bodies, and the torques that hold its stem up.
+    """A fruit as built: the names of its bodies, and the torques that hold its stem up."""
 
-    Attributes:
-        id: of the scene's object.
-        key: in the names of its bodies.
-        mass: [kg].
-        nodes: (N+1, 3) joints and end of the stem, root first [m]; empty without a stem.
-        grown: (N, 3) torques at the joints that carry stem and fruit in the scene's pose [N m].
-        bare: (N, 3) torques at the joints that carry the stem alone [N m].
-        carried_by: torques (K, 3) at the joints of other stems that carry the fruit, by the ids of
-            the fruits of those stems [N m].
-        abscission: pull that tears the fruit off [N].
-        shown: whether it is one of the scene's objects (not part of a neighbouring cluster).
-    """
-
-    id: str
-    key: str
-    mass: float
-    nodes: FloatArray
+    id: str  # of the scene's object
+    key: str  # in the names of its bodies
+    mass: float  # [kg]
+    nodes: FloatArray  # (N+1, 3) joints and end of the stem, root first [m]; empty without a stem
+    # (N, 3) torques at the joints that carry stem and fruit in the scene's pose [N m]
     grown: FloatArray
-    bare: FloatArray
-    abscission: float
+    bare: FloatArray  # (N, 3) torques at the joints that carry the stem alone [N m]
+    abscission: float  # pull that tears the fruit off [N]
+    # whether it is one of the scene's objects (not part of a neighbouring cluster)
     shown: bool = True
+    # torques (K, 3) at the joints of other stems that carry the fruit, by the ids of the fruits of
+    # those stems [N m]
     carried_by: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @property
@@ -279,19 +261,15 @@ def _add_body(
 
 @dataclass(frozen=True, eq=False)
 class Truss:
-    """A stem's connections to others.
+    """A stem's connections to others."""
 
-    Attributes:
-        grows_from: name of the body that the stem grows from, and that body's joint (3,) [m]; None
-            where its root is fixed.
-        carries: (N, 3) torques at its joints that carry the stems and fruits that hang on it [N m];
-            None where none do.
-        carried_by: see :class:`BuiltFruit`.
-    """
-
+    # name of the body that the stem grows from, and that body's joint (3,) [m]; None where its root
+    # is fixed
     grows_from: tuple[str, FloatArray] | None
+    # (N, 3) torques at its joints that carry the stems and fruits that hang on it [N m]; None where
+    # none do
     carries: FloatArray | None
-    carried_by: Mapping[str, FloatArray]
+    carried_by: Mapping[str, FloatArray]  # see :class:`BuiltFruit`
 
 
 def trusses_of(

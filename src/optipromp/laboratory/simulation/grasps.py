@@ -7,9 +7,8 @@ import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.geometry import distances, pack
-from optipromp.core.robots.grippers import Scissor
+from optipromp.core.robots.grippers import Scissor, Suction
 from optipromp.core.robots.mounted import unmounted
-from optipromp.core.robots.suction import Suction
 from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.core.scenes.scene import JointGoal
 from optipromp.laboratory.simulation.rollout import Rollout

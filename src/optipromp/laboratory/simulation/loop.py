@@ -7,10 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from optipromp.control.controller import Controller
+from optipromp.control.controller import Controller, LoopStage
 from optipromp.control.look import Look
-from optipromp.control.stages import LoopStage
-from optipromp.control.tracked import Tracked
+from optipromp.control.tracker import Tracked
 from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.errors import ExecutionError
 from optipromp.core.execution.streaming import Stretch
@@ -18,7 +17,6 @@ from optipromp.core.planning.legs import Picked
 from optipromp.core.trajectory import State
 from optipromp.laboratory.simulation.detector import Detector, Eye, Truth
 from optipromp.laboratory.simulation.execute import Run, bring
-from optipromp.laboratory.simulation.outcome import Cause
 from optipromp.laboratory.simulation.simulation import Simulation
 
 LONGEST = 90.0  # [s] of a pick, after which it ends: a choice
@@ -26,23 +24,14 @@ LONGEST = 90.0  # [s] of a pick, after which it ends: a choice
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """What the controller saw and did, for films and figures.
+    """What the controller saw and did, for films and figures."""
 
-    Attributes:
-        times: (C,) of the cycles [s].
-        stages: C stages.
-        looks: all looks that reached the controller.
-        tracks: C snapshots of the tracked fruits.
-        stretches: all stretches that took over.
-        plans: (C,) number of plans that were followed until then.
-    """
-
-    times: FloatArray
-    stages: tuple[LoopStage, ...]
-    looks: tuple[Look, ...]
-    tracks: tuple[Tracked, ...]
-    stretches: tuple[Stretch, ...]
-    plans: IntArray
+    times: FloatArray  # (C,) of the cycles [s]
+    stages: tuple[LoopStage, ...]  # C stages
+    looks: tuple[Look, ...]  # all looks that reached the controller
+    tracks: tuple[Tracked, ...]  # C snapshots of the tracked fruits
+    stretches: tuple[Stretch, ...]  # all stretches that took over
+    plans: IntArray  # (C,) number of plans that were followed until then
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +57,8 @@ class Loop:
     @property
     def result(self) -> str:
         """``clean``, ``harmed``, ``gave_up`` or ``missed`` (unharmed, not picked or placed)."""
-        outcome = self.run.outcome
-        if outcome.success:
-            return "clean"
-        if set(outcome.causes) - {Cause.NOT_PICKED, Cause.NOT_PLACED}:
-            return "harmed"
-        return "gave_up" if self.stage is LoopStage.GAVE_UP else "missed"
+        result = self.run.outcome.result
+        return "gave_up" if result == "missed" and self.stage is LoopStage.GAVE_UP else result
 
 
 def closed_loop(

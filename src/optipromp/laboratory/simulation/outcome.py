@@ -130,6 +130,14 @@ class Outcome:
     placed_off: float | None = None
 
     @property
+    def result(self) -> str:
+        """``clean``, ``harmed`` or ``missed`` (unharmed, but not picked or placed)."""
+        if self.success:
+            return "clean"
+        harmless = {Cause.NOT_PICKED, Cause.NOT_PLACED}
+        return "harmed" if set(self.causes) - harmless else "missed"
+
+    @property
     def unripe_peak_force(self) -> float:
         """Largest force on a fruit or object that was not to be picked [N]."""
         others = (force for id_, force in self.peak_force.items() if id_ != self.target)

@@ -62,17 +62,11 @@ class PhotoParameters(Checked):
 
 
 class Marked(NamedTuple):
-    """What an instance of the masks is.
+    """What an instance of the masks is."""
 
-    Attributes:
-        id: of the object; of a real neighbouring cluster's fruit, that of its body.
-        kind: of the surface.
-        share: pixels that are seen over those of the whole outline; fruits only, else nan.
-    """
-
-    id: str
-    kind: Kind
-    share: float
+    id: str  # of the object; of a real neighbouring cluster's fruit, that of its body
+    kind: Kind  # of the surface
+    share: float  # pixels that are seen over those of the whole outline; fruits only, else nan
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,17 +13,11 @@ from optipromp.core.trajectory import Trajectory
 
 
 class StemCut(NamedTuple):
-    """What a scissor did when it closed.
+    """What a scissor did when it closed."""
 
-    Attributes:
-        stems: ids of the fruits whose stems were cut.
-        fruits: ids of the fruits that were between the closing blades.
-        time: at which it closed [s].
-    """
-
-    stems: tuple[str, ...]
-    fruits: tuple[str, ...]
-    time: float
+    stems: tuple[str, ...]  # ids of the fruits whose stems were cut
+    fruits: tuple[str, ...]  # ids of the fruits that were between the closing blades
+    time: float  # at which it closed [s]
 
 
 @dataclass(frozen=True, eq=False)

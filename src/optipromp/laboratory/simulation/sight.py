@@ -8,7 +8,7 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, frame_along, frozen, lengths
 from optipromp.core.geometry import distances, pack
-from optipromp.core.geometry.obstacles import measures, packed
+from optipromp.core.geometry.obstacles import measures, packed_shapes
 from optipromp.core.geometry.shapes import Cylinder, Shape
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.pose import Pose
@@ -140,7 +140,7 @@ class Sight:
         places += [positions[leaf.row] + leaf.away * leaf.direction for leaf in leaves]
         turns = [frame.rotation @ part[2] for part in self._parts]
         turns += [frame_along(leaf.direction) for leaf in leaves]
-        moving = packed(
+        moving = packed_shapes(
             shapes,
             np.concatenate([positions, np.reshape(places, (-1, 3))]),
             np.concatenate([rotations, np.reshape(turns, (-1, 3, 3))]),

@@ -10,10 +10,9 @@ import numpy as np
 from optipromp.core.arrays import FloatArray, IntArray, frame_along, frozen
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Sphere
-from optipromp.core.pushing.stems.parting import shifts
+from optipromp.core.pushing.stems.bending import shifts
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.motion import ObjectMotion
-from optipromp.core.scenes.objects import UNSEEN_SPREAD
+from optipromp.core.scenes.objects import UNSEEN_SPREAD, ObjectMotion
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.scenes.scene import Scene, SceneObject, Stem

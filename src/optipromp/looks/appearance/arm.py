@@ -14,8 +14,8 @@ from optipromp.core.geometry.faces import revolve, sphere
 from optipromp.core.geometry.shapes import PRIMITIVES, hull_faces
 from optipromp.core.robots.cup_cover import NECK_RADIUS
 from optipromp.core.robots.description import LinkGeometry, LinkShape, mesh_file, rotation_of
-from optipromp.core.robots.laden import Laden, Load, loads_of
 from optipromp.core.robots.model import Robot
+from optipromp.core.robots.mounted import Load, loads_of, without_loads
 from optipromp.core.robots.tools import FINGERS, Cup, FrankaHand
 from optipromp.looks.appearance.faces import Part, coarser, hex_colour, shape_faces
 
@@ -204,7 +204,7 @@ def _tool(robot: Robot) -> list[Part]:
     if tool is None:
         return []
     held = [_held(load, last) for load in loads_of(tool)]
-    tool = tool.tool if isinstance(tool, Laden) else tool
+    tool = without_loads(tool)
     solids: dict[str, list[FloatArray]] = {}
     if isinstance(tool, FrankaHand) and folder is not None:
         placed = [("hand", np.zeros(3), 1.0)]

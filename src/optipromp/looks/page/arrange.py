@@ -17,17 +17,12 @@ FRUITS = "all fruits"
 
 @dataclass(frozen=True)
 class Grip:
-    """Objects, or parts of them, that are dragged together.
+    """Objects, or parts of them, that are dragged together."""
 
-    Attributes:
-        name: shown to the user; unique in the scene.
-        ids: of the objects.
-        part: ``object`` (the root of its stem stays), ``root`` (of its stem), or ``whole`` (the
-            object and its stem).
-    """
-
-    name: str
-    ids: tuple[str, ...]
+    name: str  # shown to the user; unique in the scene
+    ids: tuple[str, ...]  # of the objects
+    # ``object`` (the root of its stem stays), ``root`` (of its stem), or ``whole`` (the object and
+    # its stem)
     part: str = "object"
 
 

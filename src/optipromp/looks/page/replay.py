@@ -11,16 +11,15 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.documents import read_document
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError, OptiPrompError
-from optipromp.core.files import is_file, is_folder, is_there, read_npz
+from optipromp.core.files import is_file, is_folder, is_there, read_npz, reading
 from optipromp.core.output import load_plan
 from optipromp.core.planning import Plan
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import load_scene, scene_from_dict, scene_names
 from optipromp.core.scenes.scene import Scene
-from optipromp.laboratory.experiments.row_files import ROWS
-from optipromp.laboratory.simulation.files import read_parameters
-from optipromp.laboratory.simulation.loop_files import NAME, LoopRecord, read_loop
+from optipromp.laboratory.experiments.rows import ROWS
+from optipromp.laboratory.simulation.files import NAME, LoopRecord, read_loop, read_parameters
 from optipromp.laboratory.simulation.parameters import SimulationParameters
 from optipromp.looks.page.stage import PlanNodes
 from optipromp.perception.pictures import OVERLAY, Image8, read_pixels
@@ -104,7 +103,7 @@ def load_replay(folder: Path) -> Replay:
     """The replay of what ``optipromp simulate`` left in a folder."""
     outcome = read_document(folder / "outcome.json", InvalidRequestError, "an outcome")
     arrays: dict[str, Any] = dict(read_npz(folder / "rollout.npz"))
-    try:
+    with reading(folder, "not a rollout that this version wrote", passes=(InvalidSceneError,)):
         scene = scene_from_dict(outcome["scene_file"], base_dir=folder, source=str(folder))
         robot = posed(scene)[0]
         if arrays["contacts"].shape[1] != 9 or arrays["q"].shape[1] != robot.n_joints:
@@ -115,12 +114,6 @@ def load_replay(folder: Path) -> Replay:
         return Replay(folder.name, scene, robot, int(outcome["seed"]), arrays,
                       bool(outcome["success"]), str(outcome["message"]),
                       read_parameters(outcome), record)  # fmt: skip
-    except InvalidSceneError:
-        raise
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise InvalidRequestError(
-            f"{folder}: not a rollout that this version wrote ({error})"
-        ) from None
 
 
 def execute(plan: Plan, name: str) -> Replay:

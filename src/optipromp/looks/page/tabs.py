@@ -1,8 +1,8 @@
-"""The controls that all tabs share, and the tabs that record demonstrations and replay runs."""
+"""What the tabs of a window show: charts, the legend, what a camera saw, a recording."""
 
+import html
 import math
-import warnings
-from collections.abc import Callable
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,202 +10,206 @@ from typing import Any
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import InvalidRequestError, OptiPrompError
-from optipromp.core.files import check_folder, file_name
-from optipromp.core.planning.task import posed
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.planning import Plan
 from optipromp.core.promp import Basis, Demonstrations, ProMP, fit
 from optipromp.core.promp.demonstrations import Demonstration, save_demonstrations
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
-from optipromp.core.shown import is_name
-from optipromp.laboratory.simulation.loop_files import LoopRecord
-from optipromp.looks.page.content import bundle
-from optipromp.looks.page.window import Window
-from optipromp.looks.viewer.drawn import GREEN, RED
+from optipromp.core.scenes.scene import Scene
+from optipromp.laboratory.simulation.files import LoopRecord
+from optipromp.looks.appearance.faces import hex_colour
+from optipromp.looks.appearance.scene import SEE_THROUGH, colour_of
+from optipromp.looks.page.content import GREEN_AT, Chart
+from optipromp.looks.page.stage import AHEAD, BACK, SIDE, SPREAD, SURE, UNSURE
+from optipromp.looks.viewer.drawn import GREEN, PRIMITIVE, RED, motions
+from optipromp.perception.overlay import RIPE, STEM, UNRIPE
 
 RECENT = 0.5  # [s] age of a look above which nothing is drawn: the camera is blocked, a choice
 _SIDE = 200  # [pixel] of what the camera of a closed loop saw, beside the replay
-LEARNT = "learnt band"
-_TELL = "Drag the tool by its handle; the joints follow. Then accept or discard, save, learn."
+CHART_HEIGHT = 170  # [pixel]
+_NEEDLE = "#222222"
 
 
-def plain_name(text: str) -> str:
-    """The name of a file within the page's folder."""
-    name = text.strip()
-    if not is_name(name) or name != file_name(name).strip("."):
-        raise InvalidRequestError(f"the name {name!r} is not a plain file name")
-    return name
+class Plots:
+    """Charts in a container of their own.
 
+    ``gui``: of a client; the charts stay in the container that is current now.
+    """
 
-class Controls:
-    """The controls of a window: each posts what it does, and errors are told on the page."""
+    def __init__(self, gui: Any) -> None:
+        self.gui, self.place = gui, gui.add_folder("over the plan")
+        self.charts: list[tuple[Chart, Any]] = []
+        self.marked = -np.inf
 
-    def __init__(self, window: Window) -> None:
-        self.window, self.gui = window, window.client.gui
-        self.buttons: list[Any] = []
-        self.name: Any = None  # the field of the name to save under
+    def show(self, wanted: Sequence[Chart], now: float) -> None:
+        """Show charts; where their curves are the same as before, only the values are sent."""
+        if [_shape(chart) for chart in wanted] == [_shape(chart) for chart, _ in self.charts]:
+            self.charts = [(c, node) for c, (_, node) in zip(wanted, self.charts, strict=True)]
+            for chart, node in self.charts:
+                node.data = columns(chart, now)
+        else:
+            for _, node in self.charts:
+                node.remove()
+            with self.place:
+                self.charts = [(chart, self._add(chart, now)) for chart in wanted]
+        self.marked = now
 
-    def button(self, label: str, act: Callable[[], None]) -> Any:
-        """Add a button that posts ``act``; it cannot be pressed while something is under way."""
-        self.buttons.append(self.gui.add_button(label))
-        self.on(self.buttons[-1], label, lambda _: act())
-        return self.buttons[-1]
+    def mark(self, now: float, least: float) -> None:
+        """Move the needles to the time ``now`` [s], if they are more than ``least`` [s] away."""
+        if abs(now - self.marked) > least:
+            self.marked = now
+            for chart, node in self.charts:
+                if chart.timed:
+                    node.data = columns(chart, now)
 
-    def on(self, control: Any, kind: str, act: Callable[[Any], None]) -> None:
-        """Post ``act`` with the new value when the user changes a control."""
-
-        async def changed(event: Any) -> None:
-            if event.client is not None:
-                value = event.target.value
-                self.window.post(kind, lambda: self._safely(act, value))
-
-        (getattr(control, "on_update", None) or control.on_click)(changed)
-
-    def _safely(self, act: Callable[[Any], None], value: Any) -> None:
-        try:
-            act(value)
-        except OptiPrompError as error:
-            self.window.refuse(error)
-
-    def named(self) -> str:
-        """The name to save under, see :func:`plain_name`."""
-        return plain_name(str(self.name.value))
-
-
-class RecordTab:
-    """Controls of a recording; the window's scene gives robot and start."""
-
-    def __init__(self, panel: Controls) -> None:
-        self.panel, self.window, gui = panel, panel.window, panel.gui
-        self.recorder: Recorder | None = None
-        self.told = gui.add_markdown(_TELL)
-        panel.button("start recording", self.start)
-        self.further = [
-            panel.button("accept", self.accept),
-            panel.button("discard", self.discard),
-            panel.button("save demonstrations", self.save),
-            panel.button("learn and show the band", self.learn),
-            panel.button("forget what was learnt", self.forget),
+    def _add(self, chart: Chart, now: float) -> Any:
+        needle = [("now", None, _NEEDLE)] if chart.timed else []
+        series = [
+            {"label": name, "stroke": colour, "width": 1.5, "points": {"show": False}}
+            for name, _, colour in (*chart.curves, *needle)
         ]
-        self.enable()
-
-    def enable(self) -> None:
-        """Let those buttons be pressed that have something to do."""
-        known, held = self.recorder, self.window.dragging == self._dragged
-        rows, kept = (known.rows, known.kept) if known is not None else ([], [])
-        able = rows, held or rows, kept, kept, "demonstrations" in self.window.settings
-        for button, on in zip(self.further, able, strict=True):
-            button.disabled = not on
-
-    def start(self) -> None:
-        """Move the arm to the scene's start, and show the handle at the tool."""
-        window = self.window
-        robot, state = posed(window.scene)
-        window.replay(())
-        window.select("")
-        window.play(False)
-        known = self.recorder
-        if known is None or known.robot.joint_names != robot.joint_names:
-            self.recorder = known = Recorder(robot, state.q)
-        known.begin(state.q)
-        window.stage.show(window.scene, robot)
-        window.stage.pose(state.q)
-        window.hold(robot.tool_pose(state.q)[0], self._dragged)
-        self._tell("recording: drag the handle")
-
-    def _dragged(self, at: FloatArray, phase: str) -> None:
-        recorder = self.recorder
-        assert recorder is not None
-        reached = recorder.drag(at, self.window.since)
-        self.window.stage.pose(recorder.q)
-        words = f"{len(recorder.times)} samples" + ("" if reached else ", **out of reach**")
-        self._tell(f"recording: {words}")
-
-    def _recorder(self) -> "Recorder":
-        if self.recorder is None:
-            raise InvalidRequestError("nothing is recorded yet: start recording")
-        return self.recorder
-
-    def accept(self) -> None:
-        """Keep the recording."""
-        count = self._recorder().accept()
-        self.window.release()
-        self._tell(f"{count} demonstrations; start recording the next, save or learn")
-
-    def discard(self) -> None:
-        """Forget the recording."""
-        recorder = self._recorder()
-        recorder.begin(recorder.q)
-        self.window.release()
-        self._tell(f"discarded; {len(recorder.kept)} demonstrations")
-
-    def save(self) -> None:
-        """Write the accepted demonstrations into the page's folder."""
-        name = self.panel.named()
-        check_folder(self.window.out)
-        path = self.window.out / f"{name}-demonstrations.npz"
-        self._recorder().save(path)
-        self._tell(f"wrote {path}, for 'optipromp learn'")
-
-    def learn(self) -> None:
-        """Learn a primitive, show its tube and plan with it."""
-        recorder, window = self._recorder(), self.window
-        with warnings.catch_warnings(record=True) as said:
-            warnings.simplefilter("always")
-            promp = recorder.learn()
-        window.stage.bundle(bundle(promp, recorder.robot), LEARNT)
-        notes = "".join(f"  \n{one.message}" for one in said)
-        self._tell(f"learnt from {len(recorder.kept)} demonstrations; plans begin from it{notes}")
-        window.settings["demonstrations"] = promp
-        window.replan()
-
-    def forget(self) -> None:
-        """Plan from the robot's own demonstrations again."""
-        self.window.settings.pop("demonstrations", None)
-        self.window.stage.drop(LEARNT)
-        self._tell(_TELL)
-        self.window.replan()
-
-    def _tell(self, text: str) -> None:
-        self.told.content = text
-        self.enable()
+        return self.gui.add_uplot(
+            columns(chart, now), ({}, *series), title=chart.title, height=CHART_HEIGHT,
+            scales={"x": {"time": False}}, legend={"show": len(chart.curves) > 1},
+        )  # fmt: skip
 
 
-class ReplayTab:
-    """Controls of executed plans."""
+def _shape(chart: Chart) -> tuple[str, ...]:
+    return (chart.title, *(name for name, _, _ in chart.curves))
 
-    def __init__(self, panel: Controls) -> None:
-        self.window, gui = panel.window, panel.gui
-        panel.button("execute this plan", self.window.execute)
-        self.choice = gui.add_dropdown("replay", ("none",))
-        self.second = gui.add_dropdown("beside", ("none",))
-        for control in (self.choice, self.second):
-            panel.on(control, "replay", lambda _: self.show())
-        self.forces = gui.add_markdown("")
-        self.sight = gui.add_html("")
-        self.window.clocked.append(self.follow)
 
-    def show(self) -> None:
-        """Replay the chosen runs; with none, show the plan."""
-        known = {replay.name: replay for replay in self.window.replays}
-        names = dict.fromkeys(str(c.value) for c in (self.choice, self.second))
-        self.window.replay([known[name] for name in names if name in known])
+def columns(chart: Chart, now: float) -> tuple[FloatArray, ...]:
+    """Columns of a chart; where it is timed, the last is a needle at ``now``."""
+    if not chart.timed:
+        return chart.x, *(values for _, values, _ in chart.curves)
+    at = int(np.searchsorted(chart.x, now))
+    found = [
+        np.insert(values, at, [np.interp(now, chart.x, values)] * 3)
+        for _, values, _ in chart.curves
+    ]
+    needle = np.full(len(chart.x) + 3, min(c.min() for c in found))
+    needle[at + 1] = max(c.max() for c in found)
+    return np.insert(chart.x, at, [now] * 3), *found, needle
 
-    def follow(self) -> None:
-        """Show the names of the replayed runs and the present forces."""
-        names = ("none", *(replay.name for replay in self.window.replays))
-        now = [replay.name for replay, _ in self.window.replayed]
-        for control, name in zip((self.choice, self.second), [*now, "none", "none"], strict=False):
-            if tuple(control.options) != names:
-                control.options = names
-            control.value = name
-        text = self.window.forces if now else ""
-        if self.forces.content != text:
-            self.forces.content = text
-        records = [run.record for run, _ in self.window.replayed if run.record is not None]
-        drawn = "".join(sight(record, self.window.now) for record in records)
-        if self.sight.content != drawn:
-            self.sight.content = drawn
+
+ROLES = {
+    "target": "target",
+    "pushable": "may be pushed aside",
+    "avoid": "the arm keeps away",
+    "static": "fixed, not to be touched",
+}
+MOST = 3  # colours of one role
+_LINES = {
+    "conditioned ProMP": "learnt motion",
+    "followed path": "way past the fruits",
+    "optimised": "tool path",
+}
+
+Entry = tuple[str, str]  # sign as HTML, words
+
+
+def things(scene: Scene) -> list[Entry]:
+    """The colours of the scene's objects, one entry a role."""
+    found = []
+    for role, words in ROLES.items():
+        colours = [colour_of(scene, item) for item in scene.objects if item.role == role]
+        opacity = SEE_THROUGH if role == "avoid" else 1.0
+        signs = "".join(disc(colour, opacity) for colour in list(dict.fromkeys(colours))[:MOST])
+        if signs:
+            found.append((signs, words))
+    return found
+
+
+def planned(plan: Plan, shown: Collection[str]) -> list[Entry]:
+    """The signs of a plan on those of its layers that are shown."""
+    found = []
+    if "trajectories" in shown:
+        lines = list(motions(plan))[::-1]  # the motion itself first
+        words = ["tool path", *(_LINES[motion.name] for motion in lines[1:])]
+        found += [(line(m.colour), w) for m, w in zip(lines, words, strict=True)]
+    if "initial bundle" in shown:
+        found.append((disc(PRIMITIVE, SPREAD), "spread of the learnt motion"))
+    if "pushed objects" in shown and plan.push_model is not None:
+        found.append((label("n, 9 mm"), "predicted push"))
+    if "passing sides" in shown and any(plan.metrics.passage.values()):
+        found.append((arrow(hex_colour(SIDE)), "side on which it passes"))
+    if "candidate paths" in shown and plan.push_model is not None:
+        found.append((scale(GREEN, RED), "ways tried: harmless to harmful"))
+    if "body spheres" in shown:
+        found.append((scale(RED, GREEN), f"arm: touch to {1e3 * GREEN_AT:.0f} mm away"))
+    return found
+
+
+def replayed(*, looks: bool) -> list[Entry]:
+    """The signs of an executed plan, ``looks``: of one that looked on its way."""
+    found = [(arrow(RED), "force of a touch")]
+    if looks:
+        found += [
+            (line(AHEAD[0]), "way ahead, in the colour of its plan"),
+            (line(BACK), "way back"),
+            (disc(hex_colour(SURE)), "where it believes a fruit"),
+            (disc(hex_colour(UNSURE)), "perhaps a fruit"),
+        ]
+    return found
+
+
+def seen() -> list[Entry]:
+    """The signs over a picture in which a scene was seen."""
+    signs = ((RIPE, "ripe"), (UNRIPE, "unripe"), (STEM, "stem"))
+    return [(line(hex_colour(colour)), f"found: {words}") for colour, words in signs]
+
+
+def legend(entries: Collection[Entry]) -> str:
+    """Entries as one block of HTML."""
+    items = "".join(
+        f'<span style="display:flex;align-items:center;gap:0.35em">'
+        f"{sign}{html.escape(words)}</span>"
+        for sign, words in entries
+    )
+    return (
+        '<div class="legend" style="display:flex;flex-wrap:wrap;gap:0 0.9em;padding:0.4em 1em;'
+        'font-size:0.8em;line-height:1.6">'
+        f"{items}</div>"
+    )
+
+
+def disc(colour: str, opacity: float = 1.0) -> str:
+    """A thing's colour."""
+    return _sign("0.8em", "0.8em", f"border-radius:50%;background:{_seen(colour, opacity)};"
+                 f"border:1px solid {colour}")  # fmt: skip
+
+
+def line(colour: str, opacity: float = 1.0) -> str:
+    """A line's colour."""
+    return _sign("1.4em", "0.28em", f"background:{_seen(colour, opacity)}")
+
+
+def scale(first: str, last: str) -> str:
+    """Colours from one to another."""
+    return _sign("1.8em", "0.28em", f"background:linear-gradient(90deg,{first},#f0c43c,{last})")
+
+
+def arrow(colour: str) -> str:
+    """An arrow's colour."""
+    return f'<span style="color:{colour};font-weight:700">→</span>'
+
+
+def label(words: str) -> str:
+    """A label in the picture."""
+    return f'<span style="border:1px solid #bbb;padding:0 0.3em;font-size:0.85em">{words}</span>'
+
+
+def _sign(width: str, height: str, style: str) -> str:
+    return (
+        f'<span style="display:inline-block;flex:none;box-sizing:border-box;width:{width};'
+        f'height:{height};{style}"></span>'
+    )
+
+
+def _seen(colour: str, opacity: float) -> str:
+    """A colour with its opacity in two more digits."""
+    return f"{colour}{round(255 * opacity):02x}"
 
 
 def sight(record: LoopRecord, now: float) -> str:

@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from optipromp.core.errors import OptiPrompError
-from optipromp.core.judging import Violation
 from optipromp.core.planning import Plan
-from optipromp.core.planning.verdict import verdict_of
 from optipromp.looks.page.replay import Replay
 from optipromp.looks.viewer.drawn import GREEN, OPTIMISED, RED
 from optipromp.looks.viewer.words import head, plan_rows, sentence, sentences, without_codes
@@ -96,7 +94,7 @@ def _why(found: Plan | OptiPrompError) -> str:
 
 def table(plan: Plan) -> str:
     """The metrics of a plan in the words of the command line, and its violations."""
-    found = violations(plan)
+    found = plan.judgement.violations
     kinds, subjects = {v.kind for v in found}, {v.subject for v in found}
     touched = {contact.role for contact in plan.contacts}
 
@@ -119,8 +117,3 @@ def table(plan: Plan) -> str:
         f'<div style="padding:0 1em;font-size:0.85em"><table style="vertical-align:top">{rows}'
         f'</table><ul style="color:{RED};padding-left:1.2em">{items}</ul></div>'
     )
-
-
-def violations(plan: Plan) -> tuple[Violation, ...]:
-    """The violations that the judge finds in a plan."""
-    return verdict_of(plan).judgement.violations

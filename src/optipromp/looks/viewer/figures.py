@@ -3,15 +3,24 @@
 Drawn with matplotlib's object-oriented interface, without a display; nothing global is changed.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
+from optipromp.core.budget import Budget
 from optipromp.core.judging import RATES
+from optipromp.core.planning.plan import plan as make_plan
+from optipromp.core.planning.result import Planned
+from optipromp.core.planning.task import Task
 from optipromp.core.robots.description import rotation_of
 from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.scene import Scene
+from optipromp.core.trajectory import Trajectory
 from optipromp.looks.viewer.drawn import FOLLOWED, OPTIMISED, PRIMITIVE, RED, motions
 from optipromp.looks.viewer.reach import reach_figure, title
 from optipromp.readers.meshes import triangles
@@ -24,9 +33,6 @@ if TYPE_CHECKING:
     from optipromp.core.judging import Violation
     from optipromp.core.planning import Plan, Term
     from optipromp.core.promp import Demonstrations, ProMP
-    from optipromp.core.robots.model import Robot
-    from optipromp.core.trajectory import Trajectory
-
 
 LIMIT, RECORDED = "#7a7f87", "#3d434b"
 SHOWN = ("limit", *RATES)  # kinds of violation that have a panel
@@ -40,7 +46,7 @@ _NAMES = {
 }
 
 
-def plan_figures(plan: "Plan") -> dict[str, bytes]:
+def plan_figures(plan: Plan) -> dict[str, bytes]:
     """The figures of a plan as PNG files: ``reach``, ``joints``, and ``cost`` if one changed."""
     figures = {"reach": reach_figure(plan), "joints": joint_figure(plan)}
     if changed_terms(plan):
@@ -48,7 +54,7 @@ def plan_figures(plan: "Plan") -> dict[str, bytes]:
     return {f"{name}.png": png(figure) for name, figure in figures.items()}
 
 
-def png(figure: "Figure", dpi: int = 160) -> bytes:
+def png(figure: Figure, dpi: int = 160) -> bytes:
     """The figure as the content of a PNG file."""
     from io import BytesIO
 
@@ -60,7 +66,7 @@ def png(figure: "Figure", dpi: int = 160) -> bytes:
     return stream.getvalue()
 
 
-def changed_terms(plan: "Plan") -> Mapping[str, "Term"]:
+def changed_terms(plan: Plan) -> Mapping[str, Term]:
     """The costs that changed over the iterations of a stage.
 
     Iterations of the joint stage that do not begin at the followed path do not count: they are of
@@ -75,7 +81,7 @@ def changed_terms(plan: "Plan") -> Mapping[str, "Term"]:
     return out
 
 
-def cost_figure(plan: "Plan") -> "Figure":
+def cost_figure(plan: Plan) -> Figure:
     """Each of the :func:`changed_terms`: at ProMP, followed path and each iteration."""
     from matplotlib.figure import Figure
 
@@ -94,7 +100,7 @@ def cost_figure(plan: "Plan") -> "Figure":
     return figure
 
 
-def joint_figure(plan: "Plan") -> "Figure":
+def joint_figure(plan: Plan) -> Figure:
     """Each joint's place, velocity and acceleration over their limits, and the conditioned ProMP.
 
     The ProMP is drawn where it differs from the plan, at equal shares of both durations.
@@ -102,7 +108,7 @@ def joint_figure(plan: "Plan") -> "Figure":
     return _over_limits(plan.trajectory, plan.robot, (), title(plan), plan.initial)
 
 
-def trajectory_figure(trajectory: "Trajectory") -> "Figure":
+def trajectory_figure(trajectory: Trajectory) -> Figure:
     """Joint positions over time."""
     figure, panels = _joint_panels(len(trajectory.joint_names))
     times = np.linspace(0.0, trajectory.duration, 301)
@@ -117,8 +123,8 @@ def trajectory_figure(trajectory: "Trajectory") -> "Figure":
 
 
 def limits_figure(
-    trajectory: "Trajectory", robot: "Robot", violations: "Sequence[Violation]", name: str
-) -> "Figure":
+    trajectory: Trajectory, robot: Robot, violations: Sequence[Violation], name: str
+) -> Figure:
     """Each joint's place between its limits, and velocity, acceleration and jerk over theirs.
 
     A violation that has a time is a vertical line in the panel of its kind, else in all panels.
@@ -129,9 +135,9 @@ def limits_figure(
 
 
 def _over_limits(
-    trajectory: "Trajectory", robot: "Robot", violations: "Sequence[Violation]", heading: str,
-    before: "Trajectory | None" = None,
-) -> "Figure":  # fmt: skip
+    trajectory: Trajectory, robot: Robot, violations: Sequence[Violation], heading: str,
+    before: Trajectory | None = None,
+) -> Figure:  # fmt: skip
     """A panel for each kind of limit that a joint has; dotted: ``before``, then without jerks."""
     from matplotlib import colormaps
     from matplotlib.figure import Figure
@@ -185,7 +191,7 @@ def _over_limits(
     return figure
 
 
-def primitive_figure(promp: "ProMP", demonstrations: "Demonstrations | tuple[()]" = ()) -> "Figure":
+def primitive_figure(promp: ProMP, demonstrations: Demonstrations | tuple[()] = ()) -> Figure:
     """Each joint over the phase: the demonstrations, the mean, and two standard deviations."""
     figure, panels = _joint_panels(promp.n_joints)
     phases = np.linspace(0.0, 1.0, 201)
@@ -218,7 +224,7 @@ def primitive_figure(promp: "ProMP", demonstrations: "Demonstrations | tuple[()]
     return figure
 
 
-def _joint_panels(joints: int) -> tuple["Figure", "NDArray[np.object_]"]:
+def _joint_panels(joints: int) -> tuple[Figure, NDArray[np.object_]]:
     """A figure with a panel for each joint, column by column; the lowest have tick labels."""
     from matplotlib.figure import Figure
 
@@ -232,7 +238,7 @@ def _joint_panels(joints: int) -> tuple["Figure", "NDArray[np.object_]"]:
     return figure, panels[:joints]
 
 
-def _draw_cost(panel: "Axes", name: str, term: "Term", drawn: set[str]) -> None:
+def _draw_cost(panel: Axes, name: str, term: Term, drawn: set[str]) -> None:
     """Draw a cost at each of the ``drawn`` trajectories, and at each iteration of its stage.
 
     Changes by other stages, before and after, lie apart from the iterations.
@@ -277,7 +283,7 @@ def _draw_cost(panel: "Axes", name: str, term: "Term", drawn: set[str]) -> None:
     _plain(panel)
 
 
-def _plain(panel: "Axes") -> None:
+def _plain(panel: Axes) -> None:
     panel.spines[["top", "right"]].set_visible(False)
     panel.grid(color="#e6e8eb", lw=0.7)
     panel.set_axisbelow(True)
@@ -290,7 +296,7 @@ _SIZE, _TICKS = 5.0, 6  # [inch] of a view; ticks where it is as wide as high
 _COLOURS = ("#2f6db3", "#c8662b", "#3f8f4f")  # of neighbouring links
 
 
-def cover_figure(robot: Robot) -> "Figure":
+def cover_figure(robot: Robot) -> Figure:
     """Three views of the arm at home: its meshes grey, its body spheres as circles."""
     from matplotlib.collections import EllipseCollection, PolyCollection
     from matplotlib.figure import Figure
@@ -343,3 +349,33 @@ def surfaces(robot: Robot) -> FloatArray:
                 placed = placed @ rotations[link.segment].T + origins[link.segment]
             out.append(placed)
     return np.concatenate(out)
+
+
+class _Standing:
+    """The planner of an arm that stays at its start."""
+
+    def solve(self, task: Task, budget: Budget) -> Planned:
+        rest = np.zeros((2, task.robot.n_joints))
+        still = Trajectory(
+            np.array([0.0, 0.1]), task.start + rest, rest, rest, task.robot.joint_names
+        )
+        return Planned(still)
+
+
+def scene_figure(scene: Scene) -> Figure:
+    """Three views of a scene: the whole arm at its start, and the cluster along x_g and y_g."""
+    made = make_plan(scene, planner=_Standing())
+    figure = reach_figure(made)
+    words = f"{scene.name}: {made.robot.name} at its start"
+    figure.suptitle(words.replace("$", r"\$"), fontsize=11)
+    return figure
+
+
+def scene_pictures(scene: Scene) -> dict[str, bytes]:
+    """``scene.png``, and ``scene.html`` (3-D, without a network) where viser is installed."""
+    out = {"scene.png": png(scene_figure(scene))}
+    if find_spec("viser") is not None:
+        from optipromp.looks.viewer.embed import scene_page
+
+        out["scene.html"] = scene_page(scene).encode("utf-8")
+    return out

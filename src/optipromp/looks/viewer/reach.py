@@ -4,26 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
-from importlib.util import find_spec
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial import ConvexHull
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.budget import Budget
 from optipromp.core.geometry.faces import sphere, tube
-from optipromp.core.planning.plan import plan as make_plan
-from optipromp.core.planning.result import Planned
-from optipromp.core.planning.task import Task
 from optipromp.core.pushing.path import evenly, length
-from optipromp.core.scenes.scene import Scene
-from optipromp.core.trajectory import Trajectory
 from optipromp.looks.appearance.faces import shape_faces
 from optipromp.looks.appearance.scene import PUSHABLES
 from optipromp.looks.viewer import drawn
 from optipromp.looks.viewer.drawn import COLOURS, OPTIMISED, STILL, Moment, Motion, Placed
+from optipromp.looks.viewer.words import author
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,11 +25,6 @@ if TYPE_CHECKING:
 
     from optipromp.core.planning import Plan
     from optipromp.core.robots.model import Robot
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 ARM = "#86a5d4"
 _LINK_RADIUS = 0.042  # [m] of a drawn link: slender, so that objects behind it show
@@ -106,8 +95,7 @@ def _close_views(plan: Plan) -> list[tuple[Camera, str]]:
 
 def title(plan: Plan, now: Moment | None = None) -> str:
     """Scene, planner and status; with a moment also the moment and the push prediction."""
-    strategy = f", {plan.strategy}" if plan.strategy else ""
-    lines = [f"{plan.scene.name}, {plan.planner}{strategy}: {plan.status}"]
+    lines = [f"{plan.scene.name}, {author(plan)}: {plan.status}"]
     if now is not None:
         lines.append(f"{now} of {plan.trajectory.duration:.1f} s")
         if plan.prediction is not None or plan.scene.pushables:
@@ -372,38 +360,6 @@ def _legend(figure: Figure, plan: Plan, objects: Sequence[Placed], now: Moment) 
             handles=handles, loc="lower center", bbox_to_anchor=(0.5, place), ncols=len(handles),
             frameon=False, fontsize=9,
         )  # fmt: skip
-
-
-class _Standing:
-    """The planner of an arm that stays at its start."""
-
-    def solve(self, task: Task, budget: Budget) -> Planned:
-        rest = np.zeros((2, task.robot.n_joints))
-        still = Trajectory(
-            np.array([0.0, 0.1]), task.start + rest, rest, rest, task.robot.joint_names
-        )
-        return Planned(still)
-
-
-def scene_figure(scene: Scene) -> Figure:
-    """Three views of a scene: the whole arm at its start, and the cluster along x_g and y_g."""
-    made = make_plan(scene, planner=_Standing())
-    figure = reach_figure(made)
-    words = f"{scene.name}: {made.robot.name} at its start"
-    figure.suptitle(words.replace("$", r"\$"), fontsize=11)
-    return figure
-
-
-def scene_pictures(scene: Scene) -> dict[str, bytes]:
-    """``scene.png``, and ``scene.html`` (3-D, without a network) where viser is installed."""
-    from optipromp.looks.viewer.figures import png
-
-    out = {"scene.png": png(scene_figure(scene))}
-    if find_spec("viser") is not None:
-        from optipromp.looks.viewer.embed import scene_page
-
-        out["scene.html"] = scene_page(scene).encode("utf-8")
-    return out
 
 
 _TOWARDS_LIGHT = np.array([-0.35, 0.75, 0.56])  # in the camera's right, up, back

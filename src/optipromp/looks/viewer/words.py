@@ -1,4 +1,4 @@
-"""A plan in words and numbers, for people."""
+"""Plans and errors for people: in figures, and in plain words without codes and symbols."""
 
 import math
 import re
@@ -61,6 +61,17 @@ def _degrees(value: float | None) -> str:
     return "–" if value is None or not math.isfinite(value) else f"{math.degrees(value):.2f}°"
 
 
+def nearest(plan: "Plan") -> float | None:
+    """The smallest clearance of a plan [m]; None where nothing is near."""
+    m = plan.metrics
+    return least(m.clearance_static, m.clearance_avoid, m.clearance_pushable, m.clearance_self)
+
+
+def author(plan: "Plan") -> str:
+    """The planner of a plan, and its strategy where it has one."""
+    return plan.planner + (f", {plan.strategy}" if plan.strategy else "")
+
+
 def seconds(value: float) -> str:
     """A time with its unit."""
     return f"{1e3 * value:.0f} ms" if value < 1.0 else f"{value:.1f} s"
@@ -121,8 +132,8 @@ def sentences(plan: "Plan", shifts: Mapping[str, float]) -> tuple[str, ...]:
     end = "the target" if plan.scene.target is not None else "its goal"
     told = [f"Reaches {end} in {m.duration:.1f} s."]
     for room, what in (
-        (_least(m.clearance_avoid, m.clearance_avoid_tool), "what it should keep away from"),
-        (_least(m.clearance_static), "fixed things"),
+        (least(m.clearance_avoid, m.clearance_avoid_tool), "what it should keep away from"),
+        (least(m.clearance_static), "fixed things"),
     ):
         if room is not None:
             told.append(f"Stays {1e3 * room:.0f} mm from {what}.")
@@ -147,6 +158,6 @@ def _passings(plan: "Plan", shifts: Mapping[str, float]) -> tuple[str, ...]:
     return tuple(told)
 
 
-def _least(*rooms: float | None) -> float | None:
+def least(*rooms: float | None) -> float | None:
     """The smallest of the clearances that are known and finite; None where none is."""
     return min((r for r in rooms if r is not None and math.isfinite(r)), default=None)

@@ -15,7 +15,6 @@ from optipromp.core.optimization.costs.obstacles import SelfCost as SelfCost
 from optipromp.core.optimization.costs.tool import CorridorCost as CorridorCost
 from optipromp.core.optimization.costs.tool import GoalCost as GoalCost
 from optipromp.core.optimization.costs.tool import LevelCost as LevelCost
-from optipromp.core.optimization.costs.tool import PushCost as PushCost
 from optipromp.core.optimization.costs.tool import UprightCost as UprightCost
 from optipromp.core.optimization.evaluation import Cost as Cost
 from optipromp.core.optimization.evaluation import Evaluation as Evaluation

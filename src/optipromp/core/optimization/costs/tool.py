@@ -1,4 +1,4 @@
-"""Costs of the tool point and its axis: goal, upright, level, corridor, F_p, drift.
+"""Costs of the tool point and its axis: goal, upright, level, corridor.
 
 Arrays along the trajectory begin at its first waypoint; a cost applies from waypoint ``first`` on.
 The tip is the point on the tool axis at :data:`LEVER` from the tool point.
@@ -6,17 +6,13 @@ The tip is the point on the tool axis at :data:`LEVER` from the tool point.
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.compiled import inner
-from optipromp.core.errors import InvalidRequestError
 from optipromp.core.optimization.evaluation import LEVER, Cost, Evaluation
 from optipromp.core.optimization.kernels import add_along
-
-PushForm = Literal["quadratic", "reciprocal"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,74 +155,4 @@ def corridor_penalty(
             push = math.copysign(scale * over, off)
             x, y, z = axes[a, 0], axes[a, 1], axes[a, 2]
             add_along(force[t, tool], stiffness[t, tool], push, k, x, y, z)
-    return total
-
-
-@dataclass(frozen=True, eq=False)
-class PushCost(Cost):
-    r""":math:`F_p=\int_{t_1}^T\lVert fk(\xi_t)-X_g\rVert^2_{\mathcal F_g}dt`, or the authors' form.
-
-    ``goal`` is X_g; the rows of ``frame`` (3, 3) are x_g, y_g and z_g. ``axis_weights`` (3,) weigh
-    these axes in the quadratic form. The reciprocal form, that of the authors, has y_g alone;
-    ``softening`` [m] keeps it finite.
-
-    Raises:
-        InvalidRequestError: another form.
-    """
-
-    weight: float
-    goal: FloatArray
-    frame: FloatArray
-    first: int
-    axis_weights: FloatArray
-    form: PushForm = "quadratic"
-    softening: float = 1e-4
-    name = "push"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.form not in ("quadratic", "reciprocal"):
-            raise InvalidRequestError(f"push is {self.form!r}; use 'quadratic' or 'reciprocal'")
-
-    def add(self, e: Evaluation, scale: float) -> float:
-        if self.form == "reciprocal":
-            return e.at_points(
-                push_reciprocal, scale, self.goal, self.frame[1], self.softening, self.first
-            )
-        return e.at_points(
-            push_quadratic, scale, self.goal, self.frame, self.axis_weights, e.dt, self.first
-        )
-
-
-@inner
-def push_quadratic(points, tool, goal, frame, axis_weights, dt, first, scale, force, stiffness):
-    """F_p = ∫_{t1}^{T} Σ_a w_a (frame_a·(fk − X_g))² dt by the trapezoid rule."""
-    total, last = 0.0, points.shape[0] - 1
-    for t in range(first, last + 1):
-        for a in range(3):
-            w = axis_weights[a] * dt * (0.5 if t in (first, last) else 1.0)
-            x, y, z = frame[a, 0], frame[a, 1], frame[a, 2]
-            off = x * (points[t, tool, 0] - goal[0])
-            off += y * (points[t, tool, 1] - goal[1]) + z * (points[t, tool, 2] - goal[2])
-            total += w * off * off
-            k = 2.0 * scale * w
-            add_along(force[t, tool], stiffness[t, tool], k * off, k, x, y, z)
-    return total
-
-
-@inner
-def push_reciprocal(points, tool, goal, lateral, softening, first, scale, force, _stiffness):
-    """The authors' Σ_t 1/|y_g·(fk − X_g)|, kept finite: Σ_t (y² + softening²)^(-1/2).
-
-    The last waypoint is left out: at the target the cost is unbounded.
-    """
-    total = 0.0
-    for t in range(first, points.shape[0] - 1):
-        y = 0.0
-        for i in range(3):
-            y += lateral[i] * (points[t, tool, i] - goal[i])
-        value = 1.0 / math.sqrt(y * y + softening * softening)
-        total += value
-        for i in range(3):
-            force[t, tool, i] -= scale * y * value**3 * lateral[i]
     return total

@@ -220,7 +220,7 @@ def contact(bodies: Bodies, i: int, j: int, pairs: IntArray, p: int, hit: FloatA
 
 
 @kernel
-def clear(path: FloatArray, stride: int, tool: Shapes, walls: Shapes, enough: float) -> float:
+def clear_ahead(path: FloatArray, stride: int, tool: Shapes, walls: Shapes, enough: float) -> float:
     """Least distance of the tool from the walls at every ``stride``-th pose of a path (T, 3) [m].
 
     The distance is negative inside a wall, and at most ``enough``. By separating axes: past a

@@ -50,24 +50,19 @@ class Bench(NamedTuple):
 
 
 class Pushed(NamedTuple):
-    """The result of a push.
+    """The result of a push."""
 
-    Attributes:
-        state: (B, 3) final poses of the objects: u, v [m], turn [rad].
-        force: estimate of the largest force on an object in a step [N]: the multipliers of its
-            contacts over the step of the tool. It is about the friction of all objects that slide,
-            and grows without bound where an object jams.
-        jam: largest overlap that could not be resolved: an object is pressed against a wall [m].
-        done: share of the path after which the push ended; 1: at the end of the path.
-    """
-
-    state: FloatArray
+    state: FloatArray  # (B, 3) final poses of the objects: u, v [m], turn [rad]
+    # estimate of the largest force on an object in a step [N]: the multipliers of its contacts over
+    # the step of the tool. It is about the friction of all objects that slide, and grows without
+    # bound where an object jams
     force: float
+    # largest overlap that could not be resolved: an object is pressed against a wall [m]
     jam: float
-    done: float
+    done: float  # share of the path after which the push ended; 1: at the end of the path
 
 
-def push(
+def push_once(
     bench: Bench, path: FloatArray, state: FloatArray, slip: float, most: float = np.inf
 ) -> Pushed:
     """Move the hand along a path, and the objects with it; see :func:`pushed`."""

@@ -2,8 +2,12 @@
 
 Trials in the plane of the board, in (u, v) along z_g and y_g from the target, predict whether an
 object in the way has room at the side, and whether the target stays in place.
+
+A path is tried in the perceived state and in sampled states, in the quasi-static model. Most paths
+are bad: a trial ends as soon as the cost is sure to exceed a limit.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,17 +15,150 @@ from functools import lru_cache
 import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, frozen, lengths
+from optipromp.core.compiled import inner, kernel
 from optipromp.core.geometry.shapes import Box, Cylinder
 from optipromp.core.pushing.candidates import Candidates, Round, Schedule
 from optipromp.core.pushing.model import Moved, PushModel
-from optipromp.core.pushing.packs import trials
-from optipromp.core.pushing.packs.flat import shapes
-from optipromp.core.pushing.packs.quasi_static import JAMMED, Bench, Pushed, push
+from optipromp.core.pushing.packs.flat import clear_ahead, shapes
+from optipromp.core.pushing.packs.quasi_static import JAMMED, Bench, Pushed, push_once, pushed
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP, ToolPath, through
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.scenes.scene import Scene, SceneObject
+
+MODEL_STEP = PUSH.pack.step
+FAR, WORST, MOVED = PUSH.pack.far, PUSH.pack.worst, PUSH.pack.moved
+LIGHT, HEAVY = PUSH.pack.light, PUSH.pack.heavy
+WIDE, TIGHT = PUSH.pack.wide, PUSH.pack.tight
+BEHIND, BACK = PUSH.pack.behind, PUSH.pack.back
+BEYOND, JAM, TAKEN = PUSH.pack.beyond, PUSH.pack.jam, PUSH.pack.taken
+
+
+@kernel
+def stepped(corners: FloatArray) -> FloatArray:
+    """Poses (T, 3) along a path (k, 2), in equal steps of the model, without a turn."""
+    total = 0.0
+    for k in range(1, len(corners)):
+        total += math.hypot(corners[k, 0] - corners[k - 1, 0], corners[k, 1] - corners[k - 1, 1])
+    count = max(2, math.ceil(total / MODEL_STEP) + 1)
+    out = np.zeros((count, 3))
+    out[0, :2], out[-1, :2] = corners[0], corners[-1]
+    gone, t = 0.0, 1
+    for k in range(1, len(corners)):
+        du, dv = corners[k, 0] - corners[k - 1, 0], corners[k, 1] - corners[k - 1, 1]
+        length = math.hypot(du, dv)
+        while t < count - 1 and total * t / (count - 1) <= gone + length:
+            share = (total * t / (count - 1) - gone) / max(length, 1e-12)
+            out[t, 0] = corners[k - 1, 0] + share * du
+            out[t, 1] = corners[k - 1, 1] + share * dv
+            t += 1
+        gone += length
+    return out
+
+
+@inner
+def _excess(value: float, free: float, unit: float) -> float:
+    """Cost of a value above ``free``: ((value - free) / unit)², 0 below."""
+    return (max(0.0, value - free) / unit) ** 2
+
+
+@inner
+def motion_cost(start: FloatArray, end: FloatArray) -> float:
+    """Cost of the target's motion from one state (B, 3) to another."""
+    u, v = end[0, 0] - start[0, 0], end[0, 1] - start[0, 1]
+    return float((u * u + v * v) / (MOVED * MOVED))
+
+
+@inner
+def depth_cost(bench: Bench, end: FloatArray) -> float:
+    """Cost of a target that ends too deep between the fingers."""
+    return _excess(end[0, 0], 0.4 * bench.mouth[1], BEYOND)
+
+
+@inner
+def edge_cost(bench: Bench, u: float) -> float:
+    """Cost of an object that ends near the front of the board."""
+    return _excess(bench.edge + BEHIND, u, BACK)
+
+
+@inner
+def force_cost(force: float) -> float:
+    """Cost of the largest force [N]."""
+    return _excess(force, LIGHT, HEAVY)
+
+
+@inner
+def wall_cost(room: float) -> float:
+    """Cost of a distance to the walls [m]."""
+    return _excess(WIDE, room, TIGHT)
+
+
+@kernel
+def room_of(bench: Bench, path: FloatArray) -> float:
+    """Least distance of the hand from the walls along a path (T, 3) [m], at most :data:`WIDE`."""
+    return clear_ahead(path, 5, bench.hand, bench.walls, WIDE)
+
+
+@inner
+def _taken(bench: Bench, u: float, v: float) -> bool:
+    """Whether an object ends between the fingers."""
+    palm, tip, half = bench.mouth
+    return bool(palm < u < tip and abs(v) < half)
+
+
+@kernel
+def cost_of(
+    bench: Bench, corners: FloatArray, states: FloatArray, slips: FloatArray, so_far: FloatArray,
+    limit: float,
+) -> float:  # fmt: skip
+    """Mean cost of a path over trials, or infinity where it is sure to exceed ``limit``.
+
+    A trial costs where the target moves, an object jams, an object ends between the fingers, the
+    force is large, or a wall or the board's edge is near. The trials of the largest cost for
+    earlier paths come first: they end a bad path soon.
+
+    ``bench``: objects, walls and hand. ``corners``: (k, 2) of the path. ``states``: (N, B, 3) poses
+    of the objects in each trial. ``slips``: (N,) coefficients of friction between objects, and with
+    the tool. ``so_far``: (N,) summed cost of each trial for earlier paths; changed in place.
+    ``limit``: largest mean cost of interest.
+    """
+    path = stepped(corners)
+    always = 0.001 * len(path) + wall_cost(room_of(bench, path))
+    total, trials = 0.0, len(slips)
+    costs = np.full(trials, -1.0)  # of the trials so far; -1: not made yet
+    hardest = LIGHT + HEAVY * math.sqrt(WORST)
+    report = np.zeros(3)
+    for _ in range(trials):
+        left = (limit - always) * trials - total
+        if left < 0.0:
+            return math.inf
+        n = -1
+        for k in range(trials):
+            if costs[k] < 0.0 and (n < 0 or so_far[k] > so_far[n]):
+                n = k
+        end = states[n].copy()
+        enough = min(hardest, LIGHT + HEAVY * math.sqrt(left))
+        pushed(bench, path, end, slips[n], FAR, enough, report)
+        force, jam, done = report
+        if done < 1.0:
+            one = float(WORST * (2.0 - done))
+        else:
+            one = motion_cost(states[n], end) + depth_cost(bench, end)
+            one += (jam / JAM) ** 2 + force_cost(force)
+            for b in range(1, len(end)):
+                if _taken(bench, end[b, 0], end[b, 1]):
+                    one += TAKEN
+                one += edge_cost(bench, end[b, 0])
+            one = min(one, 2.0 * WORST)
+        costs[n] = one
+        so_far[n] += one
+        total += one
+    total = 0.0
+    for n in range(trials):  # in the order of the trials: the sum does not depend on ``so_far``
+        total += costs[n]
+    return always + total / trials
+
 
 STANDING = PUSH.standing
 
@@ -236,11 +373,11 @@ class Standing(PushModel):
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
-        """See :class:`PushModel`; the cost of :mod:`optipromp.core.pushing.packs.trials`."""
+        """See :class:`PushModel`; the cost of :mod:`optipromp.core.pushing.packs.standing`."""
         flat = self._corners(points)
         so_far = self._so_far.setdefault(states, np.zeros(states))
         tried = self._places[:states], self._slips[:states]
-        return float(trials.cost(self.bench, flat, *tried, so_far, limit))
+        return float(cost_of(self.bench, flat, *tried, so_far, limit))
 
     def clear(self, points: FloatArray, axes: FloatArray) -> bool:
         """See :class:`PushModel`; clear of the box that holds all packs."""
@@ -260,13 +397,13 @@ class Standing(PushModel):
         """See :class:`PushModel`."""
         flat = self._corners(points)
         one = [
-            trials.cost(self.bench, flat, place[None], np.array([slip]), np.zeros(1), np.inf)
+            cost_of(self.bench, flat, place[None], np.array([slip]), np.zeros(1), np.inf)
             for place, slip in zip(self._places, self._slips, strict=True)
         ]
-        worst, bench, path = int(np.argmax(one)), self.bench, trials.stepped(flat)
+        worst, bench, path = int(np.argmax(one)), self.bench, stepped(flat)
         before, end = self._places[worst], self._end(path, worst)
         for name, (u, v, _) in zip(self.names[1:], end.state[1:], strict=True):
-            if trials.taken(bench, u, v):
+            if _taken(bench, u, v):
                 return name, "ends between the fingers"
         moved = np.linalg.norm(end.state[:, :2] - before[:, :2], axis=1)
         target, farthest = self.names[0], self.names[int(np.argmax(moved))]
@@ -276,16 +413,16 @@ class Standing(PushModel):
         behind = float(end.state[over, 0]) - bench.edge
         if behind < 0.0:
             return self.names[over], "is pushed off the board"
-        room = trials.room(bench, path)
+        room = room_of(bench, path)
         costs = (
-            (trials.depth_cost(bench, end.state), target,
+            (depth_cost(bench, end.state), target,
              f"is {1e3 * end.state[0, 0]:.0f} mm beyond the tool point at the end"),
-            (trials.motion_cost(before, end.state), target,
+            (motion_cost(before, end.state), target,
              f"is pushed by {1e3 * moved[0]:.0f} mm"),
-            (trials.force_cost(end.force), farthest, f"is pushed with {end.force:.0f} N"),
-            (trials.edge_cost(bench, end.state[over, 0]), self.names[over],
+            (force_cost(end.force), farthest, f"is pushed with {end.force:.0f} N"),
+            (edge_cost(bench, end.state[over, 0]), self.names[over],
              f"ends {1e3 * behind:.0f} mm behind the front of the board"),
-            (trials.wall_cost(room), "",
+            (wall_cost(room), "",
              f"the hand comes within {1e3 * max(room, 0.0):.0f} mm of a wall"),
         )  # fmt: skip
         _, name, cause = max(costs)
@@ -294,17 +431,19 @@ class Standing(PushModel):
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
         """See :class:`PushModel`."""
         flat = (points - self.target) @ self._flat
-        end = self._end(trials.stepped(flat), 0)
+        end = self._end(stepped(flat), 0)
         shift = (end.state - self._places[0])[:, :2] @ self._flat.T
         return Moved(tuple(self.names), self._seen + shift, end.state[:, 2])
 
     def pushing(self, points: FloatArray, axes: FloatArray) -> BoolArray:
         """See :class:`PushModel`; where an object moves in a step of the model."""
         flat = (points - self.target) @ self._flat
-        path, state = trials.stepped(flat), self._places[0]
+        path, state = stepped(flat), self._places[0]
         moves = np.zeros(len(path), dtype=bool)
         for step in range(1, len(path)):
-            end = push(self.bench, path[step - 1 : step + 1], state, float(self._slips[0])).state
+            end = push_once(
+                self.bench, path[step - 1 : step + 1], state, float(self._slips[0])
+            ).state
             moves[step] = np.abs(end - state).max() > MOVES
             state = end
         gone = np.append(0.0, np.cumsum(lengths(np.diff(flat, axis=0))))
@@ -313,7 +452,7 @@ class Standing(PushModel):
 
     def _end(self, path: FloatArray, state: int) -> Pushed:
         """Effect of the hand, led along poses (T, 3), on one of the states."""
-        return push(self.bench, path, self._places[state], float(self._slips[state]))
+        return push_once(self.bench, path, self._places[state], float(self._slips[state]))
 
 
 def applies(scene: Scene, tool: Tool | None) -> bool:

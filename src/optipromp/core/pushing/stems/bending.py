@@ -13,11 +13,14 @@ directions across the stem. A deflected stem lifts its fruit by ½∫w'² ds = �
 A stem of unknown stiffness has that of green peduncles (a guess, :class:`BeamParameters`). A
 leaning stem is at least so stiff that the fruit's weight turns it by the angle that it grew with.
 
-The root of a stem that grows from another one yields: the compliance of such a stem includes that
-of the stems that carry it (:mod:`optipromp.core.pushing.stems.trusses`).
+A truss is a tree of straight beams, whose stems grow from other stems. A force on a fruit moves the
+fruit by the bending of its stem, and by the motion of the stem's root on the stems that carry it.
+Both motions follow from the influence functions of each beam, by the finite differences of a single
+stem: static condensation of the whole tree. A twist is (t, ω): motion and turn at a point [m, rad].
+A wrench is (f, m) [N, N m].
 """
 
-import itertools
+import math
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
@@ -25,10 +28,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dpbsv
 
-from optipromp.core.arrays import FloatArray, IntArray, frozen, lengths
-from optipromp.core.geometry.shapes import Capsule, Cone, Ellipsoid, MeshShape
+from optipromp.core.arrays import FloatArray, IntArray, frozen, lengths, read_only
+from optipromp.core.compiled import kernel
 from optipromp.core.pushing.parameters import PUSH
-from optipromp.core.pushing.stems import trusses
 from optipromp.core.scenes.scene import SceneObject
 
 LOADED, ELEMENTS, FINER = PUSH.beam.loaded, PUSH.beam.elements, PUSH.beam.finer
@@ -67,9 +69,9 @@ class Stems(NamedTuple):
 def stems(
     objects: Sequence[SceneObject], up: FloatArray = UP, factor: FloatArray | float = 1.0
 ) -> Stems:
-    """Straight stems of hanging fruits; ``up`` and ``factor`` see :func:`bent`."""
-    balls = [balls_of(fruit) for fruit in objects]
-    return bent(
+    """Straight stems of hanging fruits; ``up`` and ``factor`` see :func:`bent_stems`."""
+    balls = [hanging_balls(fruit) for fruit in objects]
+    return bent_stems(
         np.array([t.stem.points[-1] for t in objects if t.stem is not None]).reshape(-1, 3),
         np.array([own.center for own in balls]).reshape(-1, 3),
         np.array([own.radius for own in balls]),
@@ -100,57 +102,21 @@ class Balls(NamedTuple):
     apart: float  # distance of the centres; 0 for a single ball [m]
 
 
-def balls_of(fruit: SceneObject) -> Balls:
-    """The balls of a fruit: the ends of a capsule or cone, a fit of an ellipsoid or mesh.
+@lru_cache(maxsize=256)  # by identity: a plan asks several times for each fruit
+def hanging_balls(fruit: SceneObject) -> Balls:
+    """The balls of a fruit along its stem; see :meth:`optipromp.core.geometry.shapes.Shape.balls`.
 
-    Any other shape is taken for a single ball that holds it.
+    A fruit without a stem is a single ball that holds it.
     """
-    shape, stem = fruit.shape, fruit.stem
-    if stem is None or not isinstance(shape, Capsule | Cone | Ellipsoid | MeshShape):
+    if fruit.stem is None:
         return Balls(fruit.position, fruit.radius, fruit.radius, 0.0)
-    if isinstance(shape, Capsule | Cone):
-        tip = shape.tip if isinstance(shape, Cone) else shape.radius
-        end = 0.5 * shape.length * fruit.rotation[:, 2]
-        if float(end @ stem.vector) < 0.0:
-            return Balls(fruit.position + end, shape.radius, tip, shape.length)
-        return Balls(fruit.position - end, tip, shape.radius, shape.length)
-    line = stem.root - fruit.position
-    line = fruit.rotation.T @ (line / np.linalg.norm(line))
-    low, radius, above, apart = _fitted(shape, tuple(line.tolist()))
-    return Balls(fruit.position + low * (fruit.rotation @ line), radius, above, apart)
+    line = fruit.stem.root - fruit.position
+    pair = fruit.shape.balls(fruit.rotation.T @ (line / np.linalg.norm(line)))
+    center = fruit.position + pair.low * (fruit.rotation @ pair.line)
+    return Balls(read_only(center), pair.radius, pair.above, pair.apart)
 
 
-@lru_cache(maxsize=256)
-def _fitted(
-    shape: Ellipsoid | MeshShape, line: tuple[float, ...]
-) -> tuple[float, float, float, float]:
-    """Two balls on ``line`` (3,) from the local origin that touch the shape's ends along the line.
-
-    Of 16 radii for each ball: the pair whose hull has the least mean distance from the surface.
-    Position of the lower ball on the line, both radii, and the distance of the centres [m].
-    """
-    points, axis = shape.mesh().vertices, np.array(line)
-    height = points @ axis
-    aside = lengths(points - height[:, None] * axis)
-    low, high, wide = float(height.min()), float(height.max()), float(aside.max())
-    one = 0.5 * (high - low)
-    shares = np.linspace(0.1, 1.0, 16) * min(wide, one)
-    best, found = np.inf, (0.5 * (low + high), one, one, 0.0)
-    for radius, above in itertools.product(shares, shares):
-        apart = high - low - radius - above
-        if apart <= abs(radius - above) + 1e-9:
-            continue
-        sine = (radius - above) / apart
-        share = (height - low - radius + aside * sine / -np.sqrt(1.0 - sine**2)) / apart
-        share = np.clip(share, 0.0, 1.0)
-        off = np.hypot(aside, height - low - radius - share * apart)
-        error = float(np.abs(off - radius - share * (above - radius)).mean())
-        if error < best:
-            best, found = error, (low + radius, float(radius), float(above), float(apart))
-    return found
-
-
-def bent(
+def bent_stems(
     root: FloatArray, fruit: FloatArray, radius: FloatArray, thickness: FloatArray,
     up: FloatArray = UP, apart: FloatArray | float = 0.0, above: FloatArray | None = None,
     mass: FloatArray | float = np.nan, stiffness: FloatArray | float = np.nan,
@@ -178,8 +144,8 @@ def bent(
     grown, thick = weight * lean * length**2 / 2.0, np.full(count, DIAMETER)
     whole = None
     if parent is not None and (parent >= 0).any():
-        whole = trusses.tree(parent, root, axes, length)
-        weight, grown = trusses.carried(whole, weight, up, n)
+        whole = truss_of(parent, root, axes, length)
+        weight, grown = _carried(whole, weight, up, n)
         thick[np.unique(parent[parent >= 0])] = TRUSS_DIAMETER
     assumed = np.maximum(MODULUS * np.pi / 64.0 * thick**4, grown / GROWN_TURN)
     bending = factor * np.where(np.isnan(stiffness), assumed, stiffness)
@@ -196,10 +162,10 @@ def bent(
     compliance = np.array([dpbsv(one, _UNIT, lower=1)[1] for one in band]).reshape(count, n, loaded)
     joint, first = np.zeros((count, 0, 3, 3)), np.zeros((count, 1, loaded))
     if whole is not None:
-        solved = trusses.bending(whole, _full(band), _full(_band(np.zeros_like(ei), pull)))
-        base, joint = trusses.condensed(whole, solved)
+        solved = bent_by_weight(whole, _full(band), _full(_band(np.zeros_like(ei), pull)))
+        base, joint = roots_condensed(whole, solved)
         for k in range(count):
-            added = trusses.sideways(base[k], axes[k], solved.turned[k])[:, [0, *(_AT + 1)]]
+            added = sideways(base[k], axes[k], solved.turned[k])[:, [0, *(_AT + 1)]]
             first[k], compliance[k] = added[0, 1:], solved.influence[k][:, _AT] + added[1:, 1:]
     between = np.ascontiguousarray(compliance[:, _AT])
     condensed = np.linalg.inv(between)
@@ -256,7 +222,7 @@ def _full(band: FloatArray) -> FloatArray:
     return out
 
 
-def moved(cases: Sequence[Stems], root: FloatArray, fruit: FloatArray) -> Stems:
+def stems_moved(cases: Sequence[Stems], root: FloatArray, fruit: FloatArray) -> Stems:
     """The same N stems with M sampled roots and fruits (M, N, 3) [m].
 
     Sample m has the stiffness of case m modulo the number of cases.
@@ -280,3 +246,241 @@ def _frames(root: FloatArray, fruit: FloatArray) -> tuple[FloatArray, FloatArray
     u, v, w = e1 = e1 / lengths(e1.T)
     e2 = [y * w - z * v, z * u - x * w, x * v - y * u]
     return length, np.ascontiguousarray(np.stack([e1, e2, [x, y, z]]).transpose(2, 0, 1))
+
+
+class StemTree(NamedTuple):
+    """N stems of one or more"""
+
+    parent: IntArray  # (N,) index of the stem that each stem grows from; -1 for a held root
+    share: FloatArray  # (N,) of the parent's length at which the stem grows
+    root: FloatArray  # (N, 3) [m]
+    axes: FloatArray  # (N, 3, 3) as of :class:`.bending.Stems`
+    length: FloatArray  # (N,) [m]
+
+    def ancestors(self, i: int) -> list[tuple[int, float]]:
+        """The stems that carry stem i, and the share of each at which the next one grows."""
+        out = []
+        while self.parent[i] >= 0:
+            out.append((int(self.parent[i]), float(self.share[i])))
+            i = int(self.parent[i])
+        return out
+
+
+def truss_of(parent: IntArray, root: FloatArray, axes: FloatArray, length: FloatArray) -> StemTree:
+    """The tree of N stems; each root is projected on the chord of its parent."""
+    along = ((root - root[parent]) * axes[parent, 2]).sum(axis=1) / length[parent]
+    return StemTree(parent, np.clip(along, 0.0, 1.0), root, axes, length)
+
+
+def _carried(
+    t: StemTree, weight: FloatArray, up: FloatArray, count: int
+) -> tuple[FloatArray, FloatArray]:
+    """The load of each stem: its fruit, and the stems that grow from it.
+
+    ``t``: the tree. ``weight``: (N,) of the fruits [N]. ``up``: (3,) opposite to gravity.
+    ``count``: number of elements of a stem.
+
+    Returns: Weight (N, count) that hangs beyond each element [N], and the integral (N,) of the
+    bending moment along each stem [N m²].
+    """
+    middle = (np.arange(count) + 0.5) / count
+    fruit = t.root + t.length[:, None] * t.axes[:, 2]
+    here = t.root[:, None] + (t.length[:, None] * middle)[..., None] * t.axes[:, None, 2]
+    beyond = np.tile(weight[:, None], count)
+    moment = weight[:, None, None] * (fruit[:, None] - here)
+    for i in range(len(weight)):
+        for a, share in t.ancestors(i):
+            held = middle < share
+            beyond[a, held] += weight[i]
+            moment[a, held] += weight[i] * (fruit[i] - here[a, held])
+    level = moment - (moment @ up)[..., None] * up
+    return beyond, np.linalg.norm(level, axis=2).sum(axis=1) * t.length / count
+
+
+class Bent(NamedTuple):
+    """Bending of the stems of a truss under the weight that each carries."""
+
+    influence: FloatArray  # (N, n, n) deflections of the grid by forces on it, roots held [m/N]
+    turned: FloatArray  # (N, n + 1) deflections of root and grid [m] where the root turns by one
+    # radian and the weight pulls the stem back to the plumb
+
+
+def bent_by_weight(t: StemTree, stiffness: FloatArray, tension: FloatArray) -> Bent:
+    """Solve the beams, those that hang on others first.
+
+    The weight of a fruit pulls its stem back where the root turns. So a stem is a spring on the
+    slope of its parent, of stiffness sᵀBs - (Bs)ᵀA⁻¹Bs with the places s of the grid's points, the
+    whole stiffness A and the stiffness B of the tension.
+
+    ``t``: the tree. ``stiffness``: (N, n, n) of the grid's points of each single stem [N/m].
+    ``tension``: (N, n, n) part of the stiffness that is due to the tension [N/m].
+    """
+    count, n = len(t.parent), stiffness.shape[1]
+    influence, turned = np.zeros((count, n, n)), np.zeros((count, n + 1))
+    springs = np.zeros((count, n, n))
+    for i in sorted(range(count), key=lambda k: -len(t.ancestors(k))):
+        influence[i] = np.linalg.inv(stiffness[i] + springs[i])
+        s = t.length[i] * np.arange(1, n + 1) / n
+        pulled = (tension[i] + springs[i]) @ s
+        turned[i, 1:] = s - influence[i] @ pulled
+        if t.parent[i] >= 0:
+            _, slope = _weights(n, float(t.share[i]), t.length[t.parent[i]])
+            spring = float(turned[i, 1:] @ pulled)
+            springs[t.parent[i]] += spring * np.outer(slope, slope)[1:, 1:]
+    return Bent(influence, turned)
+
+
+def roots_condensed(t: StemTree, bent: Bent) -> tuple[FloatArray, FloatArray]:
+    """The compliance of roots and of fruits through the stems that they share.
+
+    Returns: Twist (N, 6, 6) of each root by a wrench on it, zero for a held root; and the motion
+    (N, N, 3, 3) of each fruit by a force on another fruit, zero on the diagonal [m/N].
+    """
+    count = len(t.parent)
+    base, joint = np.zeros((count, 6, 6)), np.zeros((count, count, 3, 3))
+    tops = [t.ancestors(i)[-1][0] if t.parent[i] >= 0 else i for i in range(count)]
+    for i in range(count):
+        base[i] = _root(t, bent, i)
+        for j in range(i):
+            if tops[i] == tops[j]:
+                joint[i, j] = _between(t, bent, (i, 1.0), (j, 1.0))[:3, :3]
+                joint[j, i] = joint[i, j].T
+    return base, joint
+
+
+Place = tuple[int, float]  # a stem, and a share of it
+
+
+def _root(t: StemTree, bent: Bent, i: int) -> FloatArray:
+    """Twist (6, 6) of the root of stem i by a wrench on it."""
+    if t.parent[i] < 0:
+        return np.zeros((6, 6))
+    at = int(t.parent[i]), float(t.share[i])
+    return _between(t, bent, at, at)
+
+
+def _between(t: StemTree, bent: Bent, of: Place, by: Place) -> FloatArray:
+    """Twist (6, 6) of a place ``of`` by a wrench at a place ``by``, in the world's axes."""
+    (i, share), (j, other) = of, by
+    if i == j:
+        lever, force = _carried_along(t, bent, i, share), _carried_along(t, bent, i, other)
+        return _beam(t, bent, i, share, other) + lever @ _root(t, bent, i) @ force.T
+    if len(t.ancestors(i)) < len(t.ancestors(j)):
+        return _between(t, bent, by, of).T
+    at = int(t.parent[i]), float(t.share[i])
+    return np.asarray(_carried_along(t, bent, i, share) @ _between(t, bent, at, by))
+
+
+def _weights(n: int, share: float, length: float) -> tuple[FloatArray, FloatArray]:
+    """Weights (n + 1,) of root and grid in the deflection and in the slope at a share of a stem."""
+    value, slope = np.zeros(n + 1), np.zeros(n + 1)
+    k = min(int(share * n), n - 1)
+    value[k : k + 2] = 1.0 - (share * n - k), share * n - k
+    slope[k : k + 2] = np.array([-1.0, 1.0]) * n / length
+    return value, slope
+
+
+def _carried_along(t: StemTree, bent: Bent, i: int, share: float) -> FloatArray:
+    """Twist (6, 6) of a share of stem i by the twist of its root."""
+    value, slope = _weights(bent.turned.shape[1] - 1, share, t.length[i])
+    x, y, z = (value @ bent.turned[i]) * t.axes[i, 2]
+    out = np.eye(6)
+    out[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+    out[3:, 3:] *= slope @ bent.turned[i]
+    return out
+
+
+def _beam(t: StemTree, bent: Bent, i: int, share: float, other: float) -> FloatArray:
+    """Twist (6, 6) of a share of stem i by a wrench at the share ``other``, root held."""
+    n = bent.influence.shape[1]
+    left, right = (np.stack(_weights(n, at, t.length[i]))[:, 1:] for at in (share, other))
+    plane = left @ bent.influence[i] @ right.T
+    out = np.zeros((6, 6))
+    for e in t.axes[i, :2]:
+        ways = np.zeros((6, 2))
+        ways[:3, 0], ways[3:, 1] = e, np.cross(t.axes[i, 2], e)
+        out += ways @ plane @ ways.T
+    return out
+
+
+def sideways(base: FloatArray, axes: FloatArray, turned: FloatArray) -> FloatArray:
+    """Compliance (n + 1, n + 1) of root and grid across a stem by the compliance of its root.
+
+    ``base`` (6, 6) is the compliance of the root; ``turned`` (n + 1,) see :class:`Bent`. The result
+    is the mean of the two directions across, which the model takes to be equal.
+    """
+    out = np.zeros((len(turned), len(turned)))
+    for e in axes[:2]:
+        ways = np.column_stack(
+            [np.tile(e, (len(turned), 1)), turned[:, None] * np.cross(axes[2], e)]
+        )
+        out += 0.5 * ways @ base @ ways.T
+    return out
+
+
+SWEEPS, GAP = PUSH.beam.parting_sweeps, PUSH.beam.parting_gap
+
+
+@kernel
+def part(
+    fruit: FloatArray, root: FloatArray, radius: FloatArray, above: FloatArray, apart: FloatArray
+) -> None:
+    """Move each fruit of an overlapping pair by half of the overlap, in place.
+
+    ``fruit``: (M, N, 3) centres of the lower balls of N fruits in M states, in and out [m].
+    ``root``: (M, N, 3) roots of the stems [m]. ``radius``: (N,) see
+    :class:`optipromp.core.pushing.stems.bending.Balls`, as for the others.
+    """
+    count, up, way = len(radius), np.zeros(3), np.zeros(3)
+    off = np.zeros((count, 3))  # from the lower to the upper ball
+    for m in range(len(fruit)):
+        for i in range(count):
+            far = 0.0
+            for k in range(3):
+                up[k] = root[m, i, k] - fruit[m, i, k]
+                far += up[k] * up[k]
+            for k in range(3):
+                off[i, k] = apart[i] * up[k] / math.sqrt(far)
+        for _ in range(SWEEPS):
+            moved = False
+            for i in range(count):
+                for o in range(i):
+                    deep = 0.0
+                    for a in range(2 if apart[i] > 0.0 else 1):
+                        for b in range(2 if apart[o] > 0.0 else 1):
+                            far = 0.0
+                            for k in range(3):
+                                d = fruit[m, i, k] + a * off[i, k] - fruit[m, o, k] - b * off[o, k]
+                                up[k] = d
+                                far += d * d
+                            far = math.sqrt(far)
+                            own = above[i] if a else radius[i]
+                            other = above[o] if b else radius[o]
+                            over = own + other - far
+                            if over > deep and far > 1e-9:
+                                deep = over
+                                for k in range(3):
+                                    way[k] = up[k] / far
+                    if deep > 0.0:
+                        moved = True
+                        for k in range(3):
+                            fruit[m, i, k] += 0.5 * (deep + GAP) * way[k]
+                            fruit[m, o, k] -= 0.5 * (deep + GAP) * way[k]
+            if not moved:
+                break
+
+
+def shifts(objects: Sequence[SceneObject]) -> FloatArray:
+    """Motions (N, 3) of N hanging fruits after which no two of them overlap [m]."""
+    balls = [hanging_balls(item) for item in objects]
+    seen = np.array([own.center for own in balls]).reshape(-1, 3)
+    root = np.array([t.stem.points[-1] for t in objects if t.stem is not None]).reshape(-1, 3)
+    fruit = seen[None].copy()
+    part(
+        fruit,
+        root[None],
+        np.array([own.radius for own in balls]),
+        np.array([own.above for own in balls]),
+        np.array([own.apart for own in balls]),
+    )
+    return np.asarray(fruit[0] - seen)

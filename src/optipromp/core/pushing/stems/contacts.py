@@ -3,6 +3,10 @@
 A contact of fruit i or of its stem has a kind, such as :data:`ON_WALL`, and a partner: a fruit, an
 obstacle or a piece of the stem. It has a gap [m] (negative: pressed), the unit direction in which
 it pushes the fruit or the stem, and the share of the stem at which it pushes.
+
+``u[i]`` (2L,) are the deflections of the loaded points of stem i: L along the first direction
+across the stem, then L along the second [m]. Kernels take the arrays of all stems and the index of
+a stem: counting the references of a slice would cost more than the kernel itself.
 """
 
 import math
@@ -15,9 +19,138 @@ from optipromp.core.compiled import inlined, inner
 from optipromp.core.geometry.distances import distance_and_gradient
 from optipromp.core.geometry.obstacles import Obstacles
 from optipromp.core.pushing.parameters import PUSH
-from optipromp.core.pushing.stems.bending import Stems
+from optipromp.core.pushing.stems.bending import LOADED, Stems
 from optipromp.core.pushing.stems.cup import NECK_LOOKED_AT, Mouth, MouthPose, fruit_gap
-from optipromp.core.pushing.stems.deflected import level, place
+
+LOADS = len(LOADED)
+
+
+class Descent(NamedTuple):
+    """Gauss-Newton on the energy of one stem after the other."""
+
+    inertia: FloatArray  # (N,) mass of the fruits over the squared time of a step [N/m]
+    free: FloatArray  # (N, L, L) inverse of stiffness plus inertia of each stem [m/N]
+    gradient: FloatArray  # (2L,) of the energy of the present stem [N]
+    inverse: FloatArray  # (2L, 2L) of the Hessian of that energy [m/N]
+    j: FloatArray  # (2L,) see :func:`press`
+    v: FloatArray  # (2L,) see :func:`press`
+    eased: FloatArray  # (N,) share of a Gauss-Newton step that is taken
+    last: FloatArray  # (N, 2L) last step [m]
+
+
+@inlined
+def shortened(s: Stems, u: FloatArray, i: int) -> float:
+    """Height by which the deflections of a stem lift its fruit: ½ uᵀ S u [m]."""
+    up = 0.0
+    for a in range(LOADS):
+        for b in range(LOADS):
+            both = u[i, a] * u[i, b] + u[i, LOADS + a] * u[i, LOADS + b]
+            up += 0.5 * s.shortening[i, a, b] * both
+    return up
+
+
+@inlined
+def place(
+    s: Stems, u: FloatArray, i: int, chord: float, share: float
+) -> tuple[float, float, float]:
+    """Position of the point at a share of a stem; ``chord`` is the distance root to fruit [m]."""
+    root, axes, shape = s.root, s.axes, s.shape
+    n = shape.shape[1] - 1
+    k = min(int(share * n), n - 1)
+    t = share * n - k
+    w1 = w2 = 0.0
+    for a in range(LOADS):
+        w = (1.0 - t) * shape[i, k, a] + t * shape[i, k + 1, a]
+        w1 += w * u[i, a]
+        w2 += w * u[i, LOADS + a]
+    along = chord * share
+    return (
+        root[i, 0] + w1 * axes[i, 0, 0] + w2 * axes[i, 1, 0] + along * axes[i, 2, 0],
+        root[i, 1] + w1 * axes[i, 0, 1] + w2 * axes[i, 1, 1] + along * axes[i, 2, 1],
+        root[i, 2] + w1 * axes[i, 0, 2] + w2 * axes[i, 1, 2] + along * axes[i, 2, 2],
+    )
+
+
+@inlined
+def level_place(s: Stems, i: int, x: float, y: float, z: float) -> float:
+    """Share of a straight stem that is level with a point; 0 beyond the ends of the stem."""
+    root, axes = s.root, s.axes
+    d = (
+        (x - root[i, 0]) * axes[i, 2, 0]
+        + (y - root[i, 1]) * axes[i, 2, 1]
+        + (z - root[i, 2]) * axes[i, 2, 2]
+    )
+    share = d / s.length[i]
+    return share if 0.0 < share < 1.0 else 0.0
+
+
+@inner
+def freely(s: Stems, i: int, d: Descent) -> None:
+    """``d.free[i]`` (L, L): inverse of the stiffness plus the fruit's inertia [m/N]."""
+    last = LOADS - 1
+    shared = 1.0 / d.inertia[i] + s.compliance[i, last, last]
+    for a in range(LOADS):
+        for b in range(LOADS):
+            both = s.compliance[i, a, last] * s.compliance[i, b, last]
+            d.free[i, a, b] = s.compliance[i, a, b] - both / shared
+
+
+@inlined
+def begin(s: Stems, u: FloatArray, ahead: FloatArray, i: int, d: Descent) -> None:
+    """``d.gradient`` and ``d.inverse`` of the energy of stem and inertia, without contacts."""
+    gradient, inverse = d.gradient, d.inverse
+    for a in range(LOADS):
+        g1 = g2 = 0.0
+        for b in range(LOADS):
+            k = s.stiffness[i, a, b]
+            g1 += k * (u[i, b] - s.rest[i, b])
+            g2 += k * (u[i, LOADS + b] - s.rest[i, LOADS + b])
+            inverse[a, b] = inverse[LOADS + a, LOADS + b] = d.free[i, a, b]
+            inverse[a, LOADS + b] = inverse[LOADS + a, b] = 0.0
+        gradient[a], gradient[LOADS + a] = g1, g2
+    for a in (LOADS - 1, 2 * LOADS - 1):
+        gradient[a] += d.inertia[i] * (u[i, a] - ahead[i, a])
+
+
+@inlined
+def press(
+    s: Stems, u: FloatArray, i: int, share: float, way: tuple[float, float, float], depth: float,
+    spring: float, d: Descent,
+) -> None:  # fmt: skip
+    """Add a spring [N/m], compressed by ``depth`` [m], that pushes a share of a stem along ``way``.
+
+    With ``d.j`` the derivative of the spring's length by the deflections, the Hessian grows by
+    ``spring`` j jᵀ. Its inverse follows by Sherman and Morrison's formula; ``d.v`` is scratch.
+    """
+    axes, shape, inverse, j, v = s.axes, s.shape, d.inverse, d.j, d.v
+    nx, ny, nz = way
+    n = shape.shape[1] - 1
+    k = min(int(share * n), n - 1)
+    t = share * n - k
+    n1 = nx * axes[i, 0, 0] + ny * axes[i, 0, 1] + nz * axes[i, 0, 2]
+    n2 = nx * axes[i, 1, 0] + ny * axes[i, 1, 1] + nz * axes[i, 1, 2]
+    n3 = share * (nx * axes[i, 2, 0] + ny * axes[i, 2, 1] + nz * axes[i, 2, 2])
+    for a in range(LOADS):
+        w = (1.0 - t) * shape[i, k, a] + t * shape[i, k + 1, a]
+        d1 = d2 = 0.0
+        for b in range(LOADS):
+            d1 += s.shortening[i, a, b] * u[i, b]
+            d2 += s.shortening[i, a, b] * u[i, LOADS + b]
+        j[a] = w * n1 - n3 * d1
+        j[LOADS + a] = w * n2 - n3 * d2
+    yielding = 1.0 / spring
+    for a in range(2 * LOADS):
+        total = 0.0
+        for b in range(2 * LOADS):
+            total += inverse[a, b] * j[b]
+        v[a] = total
+        yielding += total * j[a]
+    for a in range(2 * LOADS):
+        d.gradient[a] -= spring * depth * j[a]
+        total = v[a] / yielding
+        for b in range(2 * LOADS):
+            inverse[a, b] -= total * v[b]
+
 
 LISTED, WANDERED = PUSH.swing.listed, PUSH.swing.wandered
 ON_CUP = 0  # the fruit and the cup
@@ -70,7 +203,7 @@ def hang(s: Stems, f: Fruits, i: int) -> None:
 
 
 @inner
-def apart(
+def _apart(
     x: float, y: float, z: float, a: float, b: float, c: float
 ) -> tuple[float, float, float, float]:
     """Distance of two points, and the unit vector from the second to the first."""
@@ -93,11 +226,11 @@ def overlapping(s: Stems, u: FloatArray, overlap: BoolArray) -> None:
                 x0, x1, x2 = place(s, u, i, s.length[i], a)
                 for b, other in ((1.0, s.radius[o]), (s.upper[o], s.above[o])):
                     y0, y1, y2 = place(s, u, o, s.length[o], b)
-                    d, _, _, _ = apart(x0, x1, x2, y0, y1, y2)
+                    d, _, _, _ = _apart(x0, x1, x2, y0, y1, y2)
                     overlap[i, o, 0] |= d < own + other
-                share = level(s, o, x0, x1, x2)
+                share = level_place(s, o, x0, x1, x2)
                 y0, y1, y2 = place(s, u, o, s.length[o], share)
-                d, _, _, _ = apart(x0, x1, x2, y0, y1, y2)
+                d, _, _, _ = _apart(x0, x1, x2, y0, y1, y2)
                 overlap[i, o, 1] |= d < own + s.thickness[o]
 
 
@@ -119,7 +252,7 @@ def list_walls(s: Stems, center: FloatArray, c: Contacts, solid: Obstacles) -> N
     for i in range(len(center)):
         x, y, z = center[i, 0], center[i, 1], center[i, 2]
         at = c.listed_at
-        moved, _, _, _ = apart(x, y, z, at[i, 0], at[i, 1], at[i, 2])
+        moved, _, _, _ = _apart(x, y, z, at[i, 0], at[i, 1], at[i, 2])
         if moved <= WANDERED:
             continue
         at[i, 0], at[i, 1], at[i, 2] = x, y, z
@@ -169,7 +302,7 @@ def under_fruit(s: Stems, i: int) -> float:
 @inlined
 def _level_with(s: Stems, i: int, at: MouthPose, h: float) -> float:
     """Share of stem i that is level with the cup's axis at height h."""
-    return level(s, i, at.x + h * at.u, at.y + h * at.v, at.z + h * at.w)
+    return level_place(s, i, at.x + h * at.u, at.y + h * at.v, at.z + h * at.w)
 
 
 @inlined
@@ -231,18 +364,18 @@ def between(
             if kind == ON_FRUIT:
                 keep = own + other
             elif kind == ON_STEM:
-                along = level(s, o, x0, x1, x2)
+                along = level_place(s, o, x0, x1, x2)
                 if along == 0.0:
                     continue
                 y0, y1, y2 = place(s, u, o, s.length[o] - up[o], along)
                 keep = own + s.thickness[o]
             else:
-                share = level(s, i, y0, y1, y2)
+                share = level_place(s, i, y0, y1, y2)
                 if share == 0.0 or share > under_fruit(s, i):
                     continue
                 x0, x1, x2 = place(s, u, i, s.length[i] - up[i], share)
                 keep = other + s.thickness[i]
-            gap, n0, n1, n2 = apart(x0, x1, x2, y0, y1, y2)
+            gap, n0, n1, n2 = _apart(x0, x1, x2, y0, y1, y2)
             if gap - keep < least:
                 least, m0, m1, m2, at = gap - keep, n0, n1, n2, share
     return least, m0, m1, m2, at

@@ -154,7 +154,7 @@ def stem_gap(
 
 
 @inner
-def inside(x: float, y: float, z: float, at: MouthPose, cup: Mouth) -> bool:
+def inside_cup(x: float, y: float, z: float, at: MouthPose, cup: Mouth) -> bool:
     """Whether a fruit with this centre counts as inside the cup."""
     h, rho, _, _, _ = in_cup(x, y, z, at)
     return rho < cup.inner and cup.base < h < cup.rim - BARELY
@@ -170,7 +170,7 @@ def taken(
     them.
     """
     if cup.cut == 0.0:
-        return inside(x, y, z, at, cup)
+        return inside_cup(x, y, z, at, cup)
     rx, ry, rz = rx - x, ry - y, rz - z
     share = cup.cut / math.sqrt(rx * rx + ry * ry + rz * rz)
     h, rho, x, y, z = in_cup(x + share * rx, y + share * ry, z + share * rz, at)

@@ -1,0 +1,79 @@
+"""Is a plan slower than before? Process times of 40 scenes, of two installations in turn.
+
+``python scripts/plan_times.py BEFORE AFTER`` takes the Python of an environment that holds the
+project as it was, and that of one that holds the project as it is. BEFORE writes 40 scenes; both
+read and plan them in processes of their own, in turn, ``ROUNDS`` times. The figure of a scene is
+its least process time, so work beside this script hardly counts. The script exits with 1 where the
+ratio after : before is over ``MEDIAN`` in the median, or over ``TAIL`` at 95 %; ``.ci/speed`` calls
+it.
+"""
+
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROUNDS = 3
+MEDIAN = 1.10  # ratio of process times, after to before, over which a plan counts as slower
+TAIL = 1.25  # the same at 95 % of the scenes
+PRESETS = {"cluster": 10, "mixed": 10, "field": 9, "wild": 9}  # and scenarios 3 and 4
+FIRST = 300_000  # seed of the first scene of each preset: of no study and no benchmark
+
+TIME = """
+import json, sys, time
+from pathlib import Path
+from optipromp import load_scene, plan
+scenes = [load_scene(name) for name in ("scenario-3", "scenario-4")]
+scenes += [load_scene(path) for path in sorted(Path(sys.argv[1]).rglob("*.yaml"))]
+for scene in scenes[:4]:
+    plan(scene, seed=0)
+times = []
+for scene in scenes:
+    least = float("inf")
+    for _ in range(2):
+        begin = time.process_time()
+        plan(scene, seed=0)
+        least = min(least, time.process_time() - begin)
+    times.append(least)
+print(json.dumps(times))
+"""
+
+
+def run(*command: str) -> str:
+    """Standard output of a command that works outside the source tree."""
+    done = subprocess.run(command, cwd=tempfile.gettempdir(), capture_output=True, text=True)
+    if done.returncode:
+        raise SystemExit(f"{command[0]} failed ({done.returncode}):\n{done.stderr[-3000:]}")
+    return done.stdout
+
+
+def main(before: str, after: str) -> int:
+    """Print the ratio of process times; 1 where plans are slower."""
+    with tempfile.TemporaryDirectory() as folder:
+        for preset, count in PRESETS.items():
+            words = ["--preset", preset, "--seed", str(FIRST), "--count", str(count)]
+            words += ["--out", str(Path(folder, preset))]
+            run(before, "-m", "optipromp", "generate", *words)
+        least: dict[str, list[float]] = {}
+        for _ in range(ROUNDS):
+            for name, python in (("before", before), ("after", after)):
+                times = json.loads(run(python, "-c", TIME, folder))
+                least[name] = list(map(min, times, least.get(name, times)))
+    ratios = sorted(new / old for new, old in zip(least["after"], least["before"], strict=True))
+    median, tail = ratios[len(ratios) // 2], ratios[int(0.95 * len(ratios))]
+    old, new = (1e3 * sorted(least[name])[len(ratios) // 2] for name in ("before", "after"))
+    print(
+        f"{len(ratios)} scenes: {old:.1f} ms before, {new:.1f} ms after (medians); "
+        f"ratio {median:.2f} in the median (at most {MEDIAN}), {tail:.2f} at 95 % "
+        f"(at most {TAIL})"
+    )
+    slower = median > MEDIAN or tail > TAIL
+    print("plans are SLOWER" if slower else "plans are not slower")
+    return int(slower)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        sys.exit(__doc__)
+    sys.exit(main(*sys.argv[1:]))

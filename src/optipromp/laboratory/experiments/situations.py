@@ -1,0 +1,327 @@
+"""Situations of a trial: what differs from what is planned for, by name.
+
+Conditions (``optipromp study --conditions``) say what moves, and what is seen wrongly:
+
+==============  ===================================================================================
+``none``        the scene is as first seen, every look is exact (and 60 ms late)
+``zero-mean``   first seen and looked at with zero-mean errors of 5 mm and 5°
+``detector``    the same with a bias of 10 mm, misses, hidden stems, false and swapped detections
+``missed``      one of the three pushables nearest to the target was not seen at first
+``lower``       all fruits hang 10 mm lower than first seen
+``aside``       all fruits hang 15 mm aside, and jump by 10 mm at 3 s
+``sway``        the roots sway within ± 10 mm at 0.5–1.6 Hz, since 4 s before the first look
+``calibration`` the camera is 5 mm and 1° (root mean square) off its believed place in the hand
+``limp``        stems are three times softer than the planner assumes
+``all``         detector, missed, lower, aside, sway, calibration and limp at once; commands 10 ms
+                late
+==============  ===================================================================================
+
+Variations (``optipromp study --vary``) execute one plan in other worlds: stems, friction, mass,
+size, damping, places. Their ranges are those in which the guesses of the push models may be wrong.
+
+Stems of 10–25 cm have their resonance at 1–2 Hz: roots that sway within ± 10 mm make fruits swing
+by about ± 20 mm. Plants that sway are first seen at once, where the fruits are at that moment. The
+arm stands still until then (``engine.settle``).
+
+A miscalibrated camera has seen the fruits at first, too. Looks have zero-mean errors where the
+table does not say otherwise. Errors and rates are sourced in
+:data:`optipromp.laboratory.simulation.detector_parameters.DETECTORS` and
+:data:`optipromp.laboratory.generate.NOISES`, displacements beside the constants below and in
+:class:`optipromp.laboratory.simulation.DisturbanceParameters`.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from optipromp.control.driver import shifted
+from optipromp.core.arrays import FloatArray, frame_along
+from optipromp.core.geometry.shapes import Sphere
+from optipromp.core.planning.task import posed
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.held import pairs_among
+from optipromp.core.scenes.pose import Pose
+from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.core.scenes.trusses import rooted
+from optipromp.laboratory.generate import NOISES, noisy
+from optipromp.laboratory.generate.noise import LOOK
+from optipromp.laboratory.simulation.detector import Detector
+from optipromp.laboratory.simulation.detector_parameters import DETECTORS, DetectorParameters
+from optipromp.laboratory.simulation.parameters import SimulationParameters
+from optipromp.laboratory.simulation.simulation import Simulation
+
+LOWER = 0.010  # [m] from the height at which fruits are seen down to the true one: a choice
+ASIDE = 0.015  # [m] of fruits after they were first seen: a choice
+LEAP = 0.010  # [m] of fruits during the motion: a choice
+JUMP_AT, LEAP_AT = 3.0, 2.0  # [s] of that leap in a closed loop, and in a blind motion: choices
+SETTLE = 4.0  # [s] of sway before the first look, in which swings build up: a choice
+SWAY: Mapping[str, Any] = {"sway": 0.010, "sway_frequency": 0.5, "sway_fastest": 1.6}
+"""[m] [Hz] [Hz] of roots: fruits in wind sway by 10-30 mm, from a gutter's to their own frequency.
+"""
+LIGHT_WIND = 0.020  # [m] of the sway of a variation: a choice
+CAMERA_OFF: Mapping[str, Any] = {
+    "camera_offset": 0.005 / 3**0.5, "camera_turn": 1.0 / 3**0.5,
+}  # fmt: skip
+"""[m] [deg] about each of three axes: 5 mm and 1° in all, of a calibration by hand."""
+BASE_OFF: Mapping[str, float] = {"arm_offset": 0.005, "arm_turn": 1.0}
+"""[m] [deg] of the arm's base, of a calibration by hand: choices."""
+LATE, BUSY = 0.010, 0.020  # [s] of commands in a cell (0-20 ms), over a busy network: choices
+LIMP = 1.0 / 3.0  # of the stiffness of stems: the range in which it is a guess
+TOOL_OFF = 0.005  # [m] lateral error of the tool's position: a choice
+NEAREST = 3  # pushables of which one is missed: a choice
+MISSED: Mapping[str, Any] = {"missed": 0.05, "hidden": 0.5}  # as the detector's
+
+
+class Situation(NamedTuple):
+    """What a trial is made of: the truth, what is known of it at first, and who looks."""
+
+    scene: Scene
+    """The true one; the disturbances of ``parameters`` come on top."""
+    seen: Scene
+    """As first seen."""
+    detector: DetectorParameters
+    parameters: SimulationParameters
+    camera: Callable[[Scene, Robot, DetectorParameters, int], Detector] = Detector
+    """Makes the camera of a closed loop."""
+    figures: Mapping[str, Any] = {}
+    """What rows tell of the first pictures."""
+    further: "Callable[[], Situation] | None" = None
+    """After one picture more, where there is no plan; None: there is none."""
+
+
+Draw = Callable[[np.random.Generator], dict[str, float]]
+Shift = Callable[[Scene, np.random.Generator], FloatArray]
+
+
+@dataclass(frozen=True)
+class Change:
+    """What a named situation changes; all else is as the planner assumes.
+
+    ``noise``: of :data:`NOISES`, errors of the first look. ``detector``: of later looks.
+    ``unseen``: one of the pushables nearest to the target is not seen at first. ``disturbance``:
+    fields of the simulation's disturbances. ``settled``: fruits are first seen where a sway of
+    :data:`SETTLE` seconds has brought them. ``world``: arguments of :func:`_changed`, or what draws
+    them. ``shift``: of the true fruits (3,) [m]. ``roots``: whether stems' roots are shifted, too.
+    """
+
+    noise: str = ""
+    detector: DetectorParameters = DETECTORS["zero-mean"]
+    unseen: bool = False
+    disturbance: Mapping[str, float] = field(default_factory=dict)
+    settled: bool = False
+    world: Mapping[str, Any] | Draw = field(default_factory=dict)
+    shift: Shift | None = None
+    roots: bool = False
+
+    def __call__(self, scene: Scene, seed: int) -> Situation:
+        """The situation of a true scene; the same scene and seed give the same one."""
+        rng = np.random.default_rng([seed, 2])
+        drawn = self.world(rng) if callable(self.world) else self.world
+        p = SimulationParameters()
+        seen = noisy(scene, seed, NOISES[self.noise]) if self.noise else scene
+        if self.settled:  # before the fruits are shifted, and as stems are believed to be
+            p = replace(p, engine=replace(p.engine, settle=SETTLE))
+            sway = {name: v for name, v in self.disturbance.items() if name.startswith("sway")}
+            seen = seen_at_once(seen, scene, seed, _disturbed(p, sway))
+        truth, p = _changed(scene, p, **drawn)
+        if self.shift is not None:
+            truth = _moved(truth, self.shift(truth, rng), self.roots)
+        if self.detector.camera_offset or self.detector.camera_turn:
+            seen = miscalibrated(seen, scene, self.detector, seed)
+        if self.unseen:
+            seen = drop_one(seen, seed)
+        return Situation(truth, seen, self.detector, _disturbed(p, self.disturbance))
+
+
+def _disturbed(p: SimulationParameters, values: Mapping[str, Any]) -> SimulationParameters:
+    return replace(p, disturbance=replace(p.disturbance, **values))
+
+
+def _changed(
+    scene: Scene, p: SimulationParameters, *, stiffness: float = 1.0, friction: float | None = None,
+    density: float = 1.0, damping: float = 1.0, size: float = 1.0, calyx: Any = None,
+) -> tuple[Scene, SimulationParameters]:  # fmt: skip
+    """A world with other materials: factors, but for ``friction`` and ``calyx``, which are values.
+
+    ``stiffness``: of every stem, also where it follows from the stem's lean. ``size``: radius of
+    hanging balls.
+    """
+    stem = replace(
+        p.stem,
+        youngs_modulus=stiffness * p.stem.youngs_modulus,
+        grown_turn=p.stem.grown_turn / stiffness,
+        damping_time=damping * p.stem.damping_time,
+        swing_damping=damping * p.stem.swing_damping,
+        calyx=calyx or p.stem.calyx,
+    )
+    p = replace(p, stem=stem, fruit=replace(p.fruit, density=density * p.fruit.density))
+    if friction is not None:
+        p = replace(
+            p,
+            fruit=replace(p.fruit, friction=friction),
+            stem=replace(p.stem, friction=friction),
+            robot=replace(p.robot, tool_friction=friction),
+        )
+    if size != 1.0:
+        scene = _fruits(scene, lambda item: _wider(item, size))
+    return scene, p
+
+
+def _fruits(scene: Scene, change: Callable[[SceneObject], SceneObject]) -> Scene:
+    objects = (change(item) if item.stem is not None else item for item in scene.objects)
+    return replace(scene, objects=rooted(objects))
+
+
+def _wider(item: SceneObject, factor: float) -> SceneObject:
+    if not isinstance(item.shape, Sphere):
+        return item
+    return replace(item, shape=Sphere(factor * item.shape.radius))
+
+
+def _moved(scene: Scene, by: FloatArray, roots: bool) -> Scene:
+    """The fruits shifted ``by`` (3,) [m]; with ``roots``, the roots of their stems too."""
+
+    def change(item: SceneObject) -> SceneObject:
+        assert item.stem is not None
+        points = np.array(item.stem.points)
+        points[slice(None) if roots else slice(1)] += by
+        stem = replace(item.stem, points=points)
+        return replace(item, position=item.position + by, stem=stem)
+
+    return _fruits(scene, change)
+
+
+def _beside(scene: Scene, rng: np.random.Generator) -> FloatArray:
+    """A shift (3,) [m] across the approach, to a side that is drawn."""
+    turn = float(rng.uniform(0.0, 2.0 * np.pi))
+    return np.asarray(TOOL_OFF * (np.cos(turn) * scene.frame[0] + np.sin(turn) * scene.frame[1]))
+
+
+def _drawn(rng: np.random.Generator) -> dict[str, float]:
+    """All materials at once, each from the range of its rows in :data:`VARIATIONS`."""
+    return {
+        "stiffness": float(3.0 ** rng.uniform(-1.0, 1.0)),
+        "friction": float(rng.uniform(0.2, 0.8)),
+        "density": float(rng.uniform(0.5, 1.5)),
+        "damping": float(np.exp(rng.uniform(np.log(0.2), np.log(4.0)))),
+        "size": float(rng.uniform(0.9, 1.1)),
+    }
+
+
+def drop_one(scene: Scene, seed: int) -> Scene:
+    """The scene without one of the pushables that hang nearest to the target.
+
+    A fruit from whose stem another hangs is not dropped.
+    """
+    target = scene.target
+    assert target is not None
+    rng = np.random.default_rng([seed, 11])
+    parents = {item.stem.parent for item in scene.objects if item.stem is not None}
+    near = sorted(
+        (item for item in scene.pushables if item.id not in parents),
+        key=lambda item: float(np.linalg.norm(item.position - target.position)),
+    )
+    if not near:
+        return scene
+    dropped = near[int(rng.integers(min(NEAREST, len(near))))].id
+    objects = tuple(item for item in scene.objects if item.id != dropped)
+    return replace(scene, objects=objects, may_touch=pairs_among(scene.may_touch, [dropped]))
+
+
+def miscalibrated(seen: Scene, scene: Scene, detector: DetectorParameters, seed: int) -> Scene:
+    """The scene ``seen`` as a camera sees it whose calibration is off.
+
+    The camera looks along the approach at the target of the true ``scene``, from the distance of
+    the first look. ``detector`` and ``seed`` give the error, which later looks have, too.
+    """
+    target = scene.target
+    assert target is not None
+    error = Detector(scene, posed(scene)[0], detector, seed).miscalibration
+    approach = scene.frame[2]
+    camera = Pose(target.position - LOOK * approach, frame_along(approach))
+    moved = camera @ error @ camera.inverse()
+    return replace(
+        seen,
+        objects=tuple(
+            item if item.role == "static" else item.transformed(moved) for item in seen.objects
+        ),
+    )
+
+
+def seen_at_once(seen: Scene, scene: Scene, seed: int, parameters: SimulationParameters) -> Scene:
+    """The scene ``seen`` with its fruits where they are at the end of the settling.
+
+    Fruits on stems, and their stems, are shifted by as much as those of the true ``scene`` have
+    moved since the beginning of a simulation with ``seed`` and ``parameters``, whose arm stands.
+    """
+    simulation = Simulation(scene, seed, parameters)
+    for _ in range(round(parameters.engine.settle / simulation.tick)):
+        simulation.step(simulation.reference)
+    now = simulation.fruits()
+    true = {item.id: item.position for item in scene.objects}
+    moved = {name: now.positions[row] - true[name] for row, name in enumerate(now.ids)}
+    return replace(
+        seen,
+        objects=rooted(
+            shifted(item, moved[item.id]) if item.stem is not None and item.id in moved else item
+            for item in seen.objects
+        ),
+    )
+
+
+_WHITE = DETECTORS["zero-mean"]
+_ALL_MOVES = {
+    "shift": ASIDE, "jump": LEAP, "jump_at": JUMP_AT + SETTLE, "lower": LOWER,
+    "command_delay": LATE, **SWAY,
+}  # fmt: skip
+
+CONDITIONS: Mapping[str, Change] = {
+    "none": Change(detector=DETECTORS["perfect"]),
+    "zero-mean": Change(noise="zero-mean"),
+    "detector": Change(noise="detector", detector=DETECTORS["detector"]),
+    "missed": Change(unseen=True, detector=replace(_WHITE, **MISSED)),
+    "lower": Change(disturbance={"lower": LOWER}),
+    "aside": Change(disturbance={"shift": ASIDE, "jump": LEAP, "jump_at": JUMP_AT}),
+    "sway": Change(disturbance=SWAY, settled=True),
+    "calibration": Change(noise="zero-mean", detector=replace(_WHITE, **CAMERA_OFF)),
+    "limp": Change(world={"stiffness": LIMP}),
+    "all": Change(
+        noise="detector", detector=replace(DETECTORS["detector"], **CAMERA_OFF), unseen=True,
+        disturbance=_ALL_MOVES, settled=True, world={"stiffness": LIMP},
+    ),
+}  # fmt: skip
+"""By name; see the module's table."""
+
+VARIATIONS: Mapping[str, Change] = {
+    "as assumed": Change(),
+    "stems 3 times softer": Change(world={"stiffness": LIMP}),
+    "stems 3 times stiffer": Change(world={"stiffness": 3.0}),
+    "friction 0.2": Change(world={"friction": 0.2}),
+    "friction 0.8": Change(world={"friction": 0.8}),
+    "fruits half as heavy": Change(world={"density": 0.5}),
+    "fruits 1.5 times as heavy": Change(world={"density": 1.5}),
+    "fruits 10 % smaller": Change(world={"size": 0.9}),
+    "fruits 10 % larger": Change(world={"size": 1.1}),
+    "damping × 0.2": Change(world={"damping": 0.2}),
+    "damping × 4": Change(world={"damping": 4.0}),
+    "tool 5 mm off": Change(shift=_beside, roots=True),
+    "fruits 10 mm lower": Change(shift=lambda scene, rng: -LOWER * np.asarray(scene.up)),
+    "fruits turn freely": Change(world={"calyx": "free"}),
+    "cluster 15 mm aside": Change(disturbance={"shift": ASIDE}),
+    "jump 10 mm in motion": Change(disturbance={"jump": LEAP, "jump_at": LEAP_AT}),
+    "sway 20 mm": Change(disturbance={"sway": LIGHT_WIND}),
+    "arm 5 mm, 1 degree off": Change(disturbance=BASE_OFF),
+    "commands 20 ms late": Change(disturbance={"command_delay": BUSY}),
+    "all drawn at random": Change(world=_drawn),
+}
+"""By name. The first is the simulation's default, each next changes one thing, the last many."""
+
+
+def varied(setting: Situation, variation: str, seed: int) -> Situation:
+    """A situation in the world of a variation, of which nobody is told; empty: in its own."""
+    if not variation:
+        return setting
+    other = VARIATIONS[variation](setting.scene, seed)
+    return setting._replace(scene=other.scene, parameters=other.parameters)

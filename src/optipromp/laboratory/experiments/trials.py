@@ -1,0 +1,412 @@
+"""Trials: scenes are placed, planned or looped in, and executed; each is a row.
+
+The planners of a study plan once a scene, and their plan is executed in one situation or in all
+variations. Loops run in one situation each: a condition, or what eyes have seen.
+"""
+
+import functools
+import hashlib
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
+from optipromp.core.planning import PlanOptions
+from optipromp.core.planning.planners import factory
+from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice
+from optipromp.core.scenes.io import load_scene
+from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.core.shown import suggest
+from optipromp.laboratory.experiments.baselines import STUDY_PLANNERS, Answer, attempt
+from optipromp.laboratory.experiments.eyes import NOT_SEEN, check_eyes, situation
+from optipromp.laboratory.experiments.loops import LOOP_PLANNER, LOOPS, loop_figures, picked
+from optipromp.laboratory.experiments.rows import ERROR, NO_PLAN, Key, Row, source_version
+from optipromp.laboratory.experiments.situations import CONDITIONS, VARIATIONS, Situation, varied
+from optipromp.laboratory.generate import (
+    NOISES,
+    PANDA,
+    PRESETS,
+    Noise,
+    Preset,
+    generate_with_report,
+    noisy,
+)
+from optipromp.laboratory.generate.noise import perceived
+from optipromp.laboratory.simulation import Outcome, Run, simulate
+
+Source = Preset | Path
+"""A preset, which draws scenes, or the path of a scene file."""
+OWN = ""
+"""In place of a robot's name: the robot that a scene file names."""
+FOLDER = "folder"  # setting of a study: of the scene files; another one makes no other study
+_BLIND = {
+    "plan_status": str(Code.NO_PLAN), "cause": NOT_SEEN, "message": "no ripe fruit is seen",
+    "result": "gave_up",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Study:
+    """The trials of a study.
+
+    ``presets``: of the scenes. ``planners``: to compare. ``seeds``: first seed, and the last plus
+    one. ``noise_position``: standard deviation of detected positions [m]. ``noise_angle``: standard
+    deviation of detected stem directions [degrees]. ``only_valid``: plans that the judge refuses
+    are not executed, and count as failures. ``robot``: name or path of the robot of the scenes.
+    ``choice``: of the arm in the robot's file. ``vary``: every plan is executed under all of
+    :data:`VARIATIONS`. ``noise``: name in :data:`optipromp.laboratory.generate.NOISES`, in place of
+    the deviations. ``risk``: share of promised successes that may be broken. ``loops``: of
+    :data:`LOOPS`; the planner is opti-promp. Empty: planners are compared. ``conditions``: of
+    :data:`CONDITIONS`; of loops. ``eyes``: of :data:`optipromp.laboratory.experiments.eyes.WAYS`,
+    in place of conditions. ``finder``: of the fruits in rendered pictures, see
+    :func:`optipromp.perception.detector.finder_named`. ``views``: pictures from as many sides are
+    fused before a plan: 1 or 2. ``files``: scene files, whose names stand for presets; see
+    :meth:`of_files`.
+    """
+
+    presets: tuple[str, ...] = PRESETS
+    planners: tuple[str, ...] = STUDY_PLANNERS
+    seeds: tuple[int, int] = (0, 20)
+    noise_position: float = 0.0
+    noise_angle: float = 0.0
+    only_valid: bool = False
+    robot: str | Path = PANDA
+    choice: Choice = NOTHING
+    vary: bool = False
+    noise: str = ""
+    risk: float = PlanOptions.risk
+    loops: tuple[str, ...] = ()
+    conditions: tuple[str, ...] = ("none",)
+    eyes: tuple[str, ...] = ()
+    finder: str = "geometry"
+    views: int = 1
+    files: tuple[Path, ...] = ()
+
+    @classmethod
+    def of_files(cls, files: Sequence[Path], **given: Any) -> "Study":
+        """A study of scene files, by default of their own robots and of seed 0; refuses others."""
+        for file in files:
+            load_scene(file)
+        names = tuple(file.name for file in files)
+        return cls(names, files=tuple(files), **{"seeds": (0, 1), "robot": OWN} | given)
+
+    def __post_init__(self) -> None:
+        _check_names("preset", self.presets, [file.name for file in self.files] or PRESETS)
+        for planner in self.planners:
+            factory(planner)  # refuses an unknown name
+        _check_names("planner", self.planners, self.planners or STUDY_PLANNERS)
+        first, end = self.seeds
+        if not 0 <= first < end:
+            raise InvalidRequestError(
+                f"seeds are {first}:{end}; the first must not be negative, the end (which is not "
+                "run) must be above it"
+            )
+        if self.noise and self.noise not in NOISES:
+            raise InvalidRequestError(f"noise is {self.noise!r}: {suggest(self.noise, NOISES)}")
+        deviates = Noise(self.noise_position, self.noise_angle) != Noise()
+        if deviates and self.noise:
+            raise InvalidRequestError(f"noise {self.noise} and a deviation: state one of them")
+        PlanOptions(risk=self.risk)  # refuses an invalid risk
+        check_eyes(self.eyes, self.finder, self.views)
+        if self.eyes and (not self.loops or self.conditions != ("none",)):
+            raise InvalidRequestError("eyes are of loops, and take the place of conditions")
+        if not self.loops:
+            if self.conditions != ("none",):
+                raise InvalidRequestError("conditions are of loops: state loops, too")
+            return
+        _check_names("loop", self.loops, LOOPS)
+        _check_names("condition", self.eyes or self.conditions, self.eyes or CONDITIONS)
+        if self.planners != (LOOP_PLANNER,):
+            raise InvalidRequestError(
+                f"planners are {', '.join(self.planners)}; loops have one, {LOOP_PLANNER}"
+            )
+        if self.noise or deviates or self.vary or self.only_valid:
+            raise InvalidRequestError(
+                "loops take no noise, variations or refusals: their conditions have them"
+            )
+
+    def source(self, name: str) -> Source:
+        """The source of the scenes of a preset, or of a file's name."""
+        paths = {file.name: file for file in self.files}
+        return paths[name] if self.files else cast(Preset, name)
+
+    @property
+    def errors(self) -> Noise:
+        """The errors of the detector."""
+        return NOISES[self.noise] if self.noise else Noise(self.noise_position, self.noise_angle)
+
+    @property
+    def variations(self) -> tuple[str, ...]:
+        """Names of the variations; an empty one for none."""
+        return tuple(VARIATIONS) if self.vary else ("",)
+
+    def __len__(self) -> int:
+        return len(self.keys())
+
+    def keys(self) -> list[Key]:
+        """The keys of all rows in the study's order, seeds outermost: cut short, it is smaller."""
+        conditions = self.eyes or self.conditions if self.loops else ("",)
+        return [
+            (preset, seed, planner, variation, loop, condition, "")
+            for seed in range(*self.seeds)
+            for preset in self.presets
+            for planner in self.planners
+            for variation in self.variations
+            for condition in conditions
+            for loop in self.loops or ("",)
+        ]
+
+    def common(self) -> dict[str, Any]:
+        """The settings that all rows of one folder share, by name."""
+        return {
+            "noise_position": self.noise_position,
+            "noise_angle": self.noise_angle,
+            "only_valid": self.only_valid,
+            **({} if self.robot == PANDA else {"robot": f"{self.robot} {self.choice}"}),
+            "vary": self.vary,
+            **({"noise": self.noise} if self.noise else {}),
+            "version": source_version(),
+            "risk": self.risk,
+            **({"loops": True} if self.loops else {}),
+            **({"finder": self.finder, "views": self.views} if self.eyes else {}),
+            **({"scenes": dict(digests(self.files))} if self.files else {}),
+            **({FOLDER: str(self.files[0].absolute().parent)} if self.files else {}),
+        }
+
+
+def _check_names(what: str, names: Sequence[str], valid: Sequence[str] | Mapping[str, Any]) -> None:
+    """Refuse none at all, one that is not valid, and one that stands twice."""
+    if not names:
+        raise InvalidRequestError(f"no {what} is named: valid are {', '.join(valid)}")
+    for name in names:
+        if name not in valid:
+            raise InvalidRequestError(f"{what} is {name!r}: {suggest(name, valid)}")
+    if len(set(names)) < len(names):
+        raise InvalidRequestError(f"a {what} is named twice: {', '.join(names)}")
+
+
+def digests(files: Sequence[Path]) -> Mapping[str, str]:
+    """A digest of each file's content, by the file's name."""
+    return {file.name: hashlib.sha256(file.read_bytes()).hexdigest()[:16] for file in files}
+
+
+def drawn(source: Source, seed: int, robot: str | Path, choice: Choice) -> tuple[Scene, int]:
+    """The true scene of a source and a seed, and the number of scenes drawn before it.
+
+    A scene file gives the same scene for every seed. ``robot`` takes the place of its own, unless
+    it is :data:`OWN`; ``choice`` is of the arm in the robot's file.
+    """
+    if not isinstance(source, Path):
+        scene, report = generate_with_report(source, seed, robot, choice)
+        return scene, report.redraws
+    scene = load_scene(source)
+    if robot != OWN:
+        name = str(Path(robot).absolute()) if Path(robot).suffix else str(robot)
+        return replace(scene, robot=name, choice=choice), 0
+    return replace(scene, choice=replace(choice, untrusted=scene.choice.untrusted)), 0
+
+
+def detected(source: Source, scene: Scene, seed: int, errors: Noise) -> Scene:
+    """A scene as the planner sees it.
+
+    The physical parameters that a preset drew are hidden from the planner. Those that a scene file
+    states are known, and without errors of detection the file is seen as it is.
+    """
+    if not isinstance(source, Path):
+        return noisy(scene, seed, errors)
+    if errors == Noise():
+        return scene
+    return perceived(scene, np.random.default_rng([seed, 1]), errors)
+
+
+def warm_up(source: Source, study: Study) -> None:
+    """Load and compile the planners' code, so that no row's time includes it."""
+    with suppress(OptiPrompError):  # the rows tell of it
+        scene, _ = drawn(source, 0, study.robot, study.choice)
+        for planner in study.planners:
+            attempt(scene, planner)
+
+
+def run_trials(
+    study: Study, preset: str, seed: int, condition: str, contenders: Sequence[str], version: str
+) -> list[Row]:
+    """All rows of contenders in one scene, which see the same errors; each is a row if it raises.
+
+    ``condition``: of loops; else empty. ``contenders``: loops, or planners in the order in which
+    they run. ``version``: written into the rows.
+    """
+    source = study.source(preset)
+    scene, redraws = drawn(source, seed, study.robot, study.choice)
+    looping = bool(study.loops)
+    first = Row.of(
+        preset, seed, planner=LOOP_PLANNER, noise_position=study.errors.position,
+        noise_angle=study.errors.angle, noise=study.noise, pushables=len(scene.pushables),
+        redraws=redraws, version=version, condition=condition,
+        finder=study.finder if study.eyes else "", views=study.views if study.eyes else None,
+    )  # fmt: skip
+    if looping:
+        make = functools.partial(situation, condition, scene, seed, first.finder, study.views)
+    else:
+        make = functools.partial(_assumed, scene, detected(source, scene, seed, study.errors))
+    begin = functools.cache(make)
+    planned = functools.cache(lambda planner: _planned(begin(), planner, seed, study))
+    rows = []
+    for contender in contenders:
+        mine = first.having(**{"loop" if looping else "planner": contender})
+        for variation in study.variations:
+            try:
+                if looping and contender != "open":
+                    values = _looped(begin(), contender, seed)
+                else:
+                    made, setting = planned(mine.planner)
+                    values = _opened(made, setting, variation, seed, study)
+            except OptiPrompError as error:
+                values = _broken(str(error.code), error.message, looping)
+            except Exception as error:  # the row tells of it, and the study goes on
+                values = _broken(ERROR, f"{type(error).__name__}: {error}", looping)
+            rows.append(mine.having(variation=variation, **values))
+    return rows
+
+
+def again(
+    row: Row, robot: str = PANDA, risk: float = PlanOptions.risk, source: Source | None = None
+) -> Run | None:
+    """A trial made once more, for its picture; None where its plan is not executed.
+
+    ``robot`` is the name or path of the scene's robot, ``risk`` that of the study, ``source`` the
+    scene's where it is a file.
+    """
+    setting = setting_of(row, robot, source)
+    if row.loop not in ("", "open"):
+        return picked(setting, row.seed, servo=row.loop == "closed").run
+    study = Study(planners=(row.planner,), risk=risk, loops=(row.loop,) if row.loop else ())
+    made, setting = _planned(setting, row.planner, row.seed, study)
+    if not _executable(made, study):
+        return None
+    assert made is not None
+    return _executed(made, varied(setting, row.variation, row.seed), row.seed)
+
+
+def setting_of(row: Row, robot: str = PANDA, source: Source | None = None) -> Situation:
+    """What a row's trial was made of.
+
+    The robot's name is from a study's file, so it is untrusted; see
+    :class:`optipromp.core.robots.library.Choice`.
+    """
+    source = source or cast(Preset, row.preset)
+    scene, _ = drawn(source, row.seed, robot, UNTRUSTED)
+    if row.loop:
+        return situation(row.condition, scene, row.seed, row.finder, row.views or 1)
+    noise = NOISES[row.noise] if row.noise else Noise(row.noise_position, row.noise_angle)
+    return _assumed(scene, detected(source, scene, row.seed, noise))
+
+
+def _assumed(scene: Scene, seen: Scene) -> Situation:
+    return CONDITIONS["none"](scene, 0)._replace(seen=seen)
+
+
+def _planned(
+    setting: Situation, planner: str, seed: int, study: Study
+) -> tuple[Answer | None, Situation]:
+    """A plan in the scene as first seen, or after one picture more, and that situation.
+
+    The plan is None where loops see no ripe fruit. In loops all plans have the seed 0.
+    """
+    if study.loops and setting.seen.target is None:
+        return None, setting
+    plan = functools.partial(
+        attempt, planner=planner, seed=0 if study.loops else seed, risk=study.risk
+    )
+    made = plan(setting.seen)
+    while made.status != Code.SUCCESS and setting.further is not None:
+        further = setting.further()
+        if further.seen.target is None:
+            break
+        setting = further
+        made = plan(setting.seen)
+    return made, setting
+
+
+def _executable(made: Answer | None, study: Study) -> bool:
+    if made is None or made.trajectory is None:
+        return False
+    return made.status == Code.SUCCESS or not (study.only_valid or study.loops)
+
+
+def _opened(
+    made: Answer | None, setting: Situation, variation: str, seed: int, study: Study
+) -> dict[str, Any]:
+    """The values of a row for a plan that is executed blind in the true scene."""
+    if made is None:
+        return {**setting.figures, **_BLIND}
+    values: dict[str, Any] = {
+        **setting.figures,
+        "plan_status": str(made.status),
+        "plan_time": made.seconds,
+        "predicted_harm": made.harm,
+        "predicted_failure": made.failure,
+        "tilt": made.tilt,
+    }
+    if not _executable(made, study):
+        result = "refused" if study.loops else ""
+        return {**values, "cause": NO_PLAN, "message": made.message, "result": result}
+    began = time.perf_counter()
+    outcome = _executed(made, varied(setting, variation, seed), seed).outcome
+    return {
+        **values,
+        **outcome_values(outcome, setting.scene.target),
+        "result": outcome.result if study.loops else "",
+        "simulation_time": time.perf_counter() - began,
+    }
+
+
+def _executed(made: Answer, setting: Situation, seed: int) -> Run:
+    assert made.trajectory is not None
+    p = setting.parameters
+    p = replace(p, robot=replace(p.robot, guard_until=made.guard))
+    return simulate(made.trajectory, setting.scene, parameters=p, seed=seed)
+
+
+def _looped(setting: Situation, loop: str, seed: int) -> dict[str, Any]:
+    """The values of a row for a pick that looks again; ``seed``: of physics and looks."""
+    began = time.perf_counter()
+    done = picked(setting, seed, servo=loop == "closed")
+    outcome = done.run.outcome
+    said = done.stage == "done" or outcome.success
+    return {
+        **setting.figures,
+        **outcome_values(outcome, setting.scene.target),
+        "plan_status": str(Code.SUCCESS if said else Code.NO_PLAN),
+        "result": done.result,
+        **loop_figures(done),
+        "simulation_time": time.perf_counter() - began,
+    }
+
+
+def _broken(status: str, message: str, looping: bool) -> dict[str, Any]:
+    result = ERROR if looping else ""
+    return {"plan_status": status, "cause": ERROR, "message": message, "result": result}
+
+
+def outcome_values(outcome: Outcome, target: SceneObject | None) -> dict[str, Any]:
+    """The values of a row for the outcome of a run in a scene with that ``target``."""
+    static = (contact.peak_force for contact in outcome.static_contacts)
+    return {
+        "success": outcome.success,
+        "cause": "" if outcome.cause is None else str(outcome.cause),
+        "causes": " ".join(outcome.causes),
+        "message": outcome.message,
+        "picked": outcome.picked,
+        "swallowed": " ".join(outcome.swallowed_others),
+        "unripe_force": outcome.unripe_peak_force,
+        "target_force": None if target is None else outcome.peak_force.get(target.id),
+        "static_force": max(static, default=0.0),
+        "torn": " ".join(outcome.torn),
+        "stem_force": max(outcome.stem_force.values(), default=0.0),
+        "duration": outcome.duration,
+    }
