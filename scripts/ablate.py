@@ -25,7 +25,7 @@ from optipromp import plan
 from optipromp.core.planning import pick
 from optipromp.core.planning.planners import OptiProMP
 from optipromp.core.pushing.packs.standing import PathsBetween
-from optipromp.core.pushing.stems import hanging
+from optipromp.core.pushing.stems import hanging as paths
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import simulate
 
@@ -43,7 +43,7 @@ PRESETS = [
     "shelf",
     "wild",
 ]
-Candidates = (hanging.PathsPast, PathsBetween)
+Candidates = (paths.PathsPast, PathsBetween)
 
 
 @contextlib.contextmanager
@@ -57,7 +57,7 @@ def _scheduled(change: Callable[[Any], Any]) -> Iterator[None]:
     with contextlib.ExitStack() as stack:
         stack.enter_context(
             mock.patch.object(
-                hanging.PathsPast, "schedule",
+                paths.PathsPast, "schedule",
                 property(changed, lambda self, value: self.__dict__.update(_schedule=value)),
                 create=True,
             )
