@@ -82,7 +82,7 @@ def opener(
     chromium: Any, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Callable[..., Opened]]:
     """Opens pages of a source; they are closed after the module's tests."""
-    from optipromp.looks.page.server import Page
+    from optipromp.looks.page.panel import Page
 
     pages: list[Any] = []
     tabs: list[Any] = []

@@ -11,8 +11,8 @@ pytest.importorskip("viser")
 from tests.page.conftest import PATIENCE, Opened
 
 from optipromp.core.scenes.io import load_scene
-from optipromp.looks.page import look, window
-from optipromp.looks.page.sources import Source
+from optipromp.looks.page import stage, window
+from optipromp.looks.page.replay import Source
 
 SLOW = pytest.mark.slow  # the processor draws pictures for minutes
 DESK = {"viewport": {"width": 1280, "height": 800}}
@@ -199,7 +199,7 @@ def test_a_phone_reaches_the_last_control(phone: Opened) -> None:
 
 
 def test_the_view_of_a_phone_is_the_same_as_the_sheets(phone: Opened) -> None:
-    assert phone.tab.viewport_size["width"] <= look.NARROW
+    assert phone.tab.viewport_size["width"] <= stage.NARROW
     assert phone.window.client.camera.image_width == phone.tab.viewport_size["width"]
 
 

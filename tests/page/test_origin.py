@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("viser")
 
-from optipromp.looks.page.server import usable
+from optipromp.looks.page.panel import usable
 from optipromp.looks.viewer.serving import is_own, listening
 
 

@@ -15,9 +15,8 @@ import msgspec
 import viser
 
 from optipromp.core.errors import InvalidRequestError
-from optipromp.looks.page.panel import plain_name
-from optipromp.looks.page.server import Page
-from optipromp.looks.page.sources import open_source
+from optipromp.looks.page.panel import Page, plain_name
+from optipromp.looks.page.replay import open_source
 
 CAMERA = {
     "type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [1.0, 1.0, 1.0],

@@ -13,8 +13,8 @@ from optipromp.core.planning import Plan, plan
 from optipromp.core.scenes.io import load_scene
 from optipromp.laboratory.generate import generate
 from optipromp.looks.appearance import object_parts
-from optipromp.looks.appearance.part import hex_colour
-from optipromp.looks.page import content, look, telling
+from optipromp.looks.appearance.faces import hex_colour
+from optipromp.looks.page import content, stage, telling
 from optipromp.looks.page.tabs import legend, planned, replayed, things
 from optipromp.looks.viewer.words import WORDS, complaint, head, sentences, without_codes
 
@@ -108,12 +108,12 @@ def test_the_legend_has_the_colours_of_the_picture(made: Plan) -> None:
 def test_the_first_view_frames_target_neighbours_and_tool(name: str, size: tuple[int, int]) -> None:
     scene = generate("truss", 100) if name == "truss" else load_scene(name)
     tool = scene.target.position - [0.1, 0.05, 0.3]
-    centres, radii = look.balls(scene, tool)
+    centres, radii = stage.balls(scene, tool)
     branches = [o for o in scene.objects if o.stem is not None and o.stem.parent is not None]
     assert len(branches) == (2 if name == "truss" else 0)
     assert len(centres) == 2 + len(scene.pushables) + len(branches)
     camera = _Camera(*size)
-    look.look(camera, scene, tool)
+    stage.look(camera, scene, tool)
     forward = camera.look_at - camera.position
     forward = forward / np.linalg.norm(forward)
     right = np.cross(forward, camera.up_direction)
@@ -126,12 +126,12 @@ def test_the_first_view_frames_target_neighbours_and_tool(name: str, size: tuple
     assert (outline[:, 2] > 0.05).all()
     u, v = 0.5 * np.array(size)[:, None] / np.tan(0.5 * FOV) * outline[:, :2].T / outline[:, 2]
     u, v = 0.5 * size[0] + u * size[1] / size[0], 0.5 * size[1] - v
-    narrow = size[0] <= look.NARROW
-    wide, high = (size[0], 0.5 * size[1]) if narrow else (size[0] - look.PANEL, size[1])
+    narrow = size[0] <= stage.NARROW
+    wide, high = (size[0], 0.5 * size[1]) if narrow else (size[0] - stage.PANEL, size[1])
     assert u.min() >= 0.0 and u.max() <= wide  # noqa: PT018
     assert v.min() >= 0.0 and v.max() <= high  # noqa: PT018
     assert max(np.ptp(u) / wide, np.ptp(v) / high) > 0.6  # near, not the whole room
-    assert (scene.base.inverse() @ camera.position) @ scene.up >= look.CAMERA_LOWEST - 1e-9
+    assert (scene.base.inverse() @ camera.position) @ scene.up >= stage.CAMERA_LOWEST - 1e-9
 
 
 class _Camera:

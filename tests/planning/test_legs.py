@@ -128,7 +128,7 @@ def test_the_command_line_films_a_pick_whose_carry_failed(unplaced: Picked, tmp_
     pytest.importorskip("mujoco")
     av = pytest.importorskip("av")
     from optipromp import write_pick
-    from optipromp.laboratory.simulation.render import View, film
+    from optipromp.laboratory.simulation.film import View, film
 
     write_pick(unplaced, tmp_path)
     try:

@@ -23,9 +23,7 @@ from optipromp.laboratory.experiments.rows import Row
 from optipromp.laboratory.experiments.study import Study, run_study
 from optipromp.laboratory.simulation import simulate
 from optipromp.laboratory.simulation.files import write_run
-from optipromp.looks.reports import plan_report, study_report
-from optipromp.looks.reports.html import LARGEST_FILE
-from optipromp.looks.reports.studies import worst_of
+from optipromp.looks.reports import LARGEST_FILE, plan_report, study_report, worst_of
 
 
 class Read(HTMLParser):

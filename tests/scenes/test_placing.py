@@ -16,7 +16,7 @@ from optipromp.core.planning.task import resolve
 from optipromp.core.robots import load_robot
 from optipromp.core.robots.library import NOTHING
 from optipromp.laboratory.generate import bunches, generate
-from optipromp.laboratory.generate.fitting import ROUNDS, UnfitError, fitted
+from optipromp.laboratory.generate.placing import ROUNDS, UnfitError, fitted
 
 SIX = (  # joint axis, length of the link beyond it [m]
     ("0 0 1", 0.20), ("0 1 0", 0.40), ("0 1 0", 0.35), ("0 1 0", 0.10), ("0 0 1", 0.08),

@@ -5,8 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from optipromp.laboratory.simulation.contacts import ContactLog
-from optipromp.laboratory.simulation.kernels import contact_forces
+from optipromp.laboratory.simulation.contacts import ContactLog, contact_forces
 
 OWNERS = np.array([2, 0, 1, 1])
 

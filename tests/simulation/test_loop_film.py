@@ -10,8 +10,6 @@ from tests.simulation.loops import SWAY, swaying
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import npz, read_npz
 from optipromp.laboratory.simulation import SimulationParameters
-from optipromp.laboratory.simulation.camera import shot
-from optipromp.laboratory.simulation.dress import dressed
 from optipromp.laboratory.simulation.files import (
     POINTS,
     ellipsoids,
@@ -21,15 +19,19 @@ from optipromp.laboratory.simulation.files import (
     write_loop,
     write_run,
 )
-from optipromp.laboratory.simulation.loop_film import (
+from optipromp.laboratory.simulation.film import (
     INSET,
+    LINGER,
     PLANS,
+    View,
     _corner,
+    frames,
     loop_animation,
     loop_film,
     loop_frames,
+    shot,
 )
-from optipromp.laboratory.simulation.render import LINGER, View, frames
+from optipromp.laboratory.simulation.studio import dressed
 from optipromp.laboratory.simulation.world import build
 
 SMALL = View(width=240, height=160)

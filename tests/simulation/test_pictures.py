@@ -13,18 +13,19 @@ from optipromp.core.planning import plan
 from optipromp.core.scenes.scene import SceneObject
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import simulate
-from optipromp.laboratory.simulation.camera import axes, shot
-from optipromp.laboratory.simulation.dress import SHOWN, dressed
-from optipromp.laboratory.simulation.render import (
+from optipromp.laboratory.simulation.film import (
     LINGER,
     View,
     animation,
+    axes,
     film,
     frames,
     moments,
-    png,
+    shot,
 )
+from optipromp.laboratory.simulation.studio import SHOWN, dressed
 from optipromp.laboratory.simulation.world import build
+from optipromp.perception.pictures import png_file
 
 SMALL = View(width=160, height=120)
 
@@ -46,7 +47,7 @@ def test_a_picture_shows_the_ripe_fruit(run):
     assert picture.shape == (120, 160, 3)
     red, green, blue = (picture[..., i].astype(int) for i in range(3))
     assert ((red > 2 * green) & (red > 2 * blue)).sum() > 10
-    assert png(picture).startswith(b"\x89PNG")
+    assert png_file(picture).startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize(("kind", "codec"), [("webm", "vp9"), ("mp4", "h264")])

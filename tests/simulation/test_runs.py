@@ -15,8 +15,8 @@ from optipromp.core.planning.task import resolve
 from optipromp.core.scenes.scene import SceneObject
 from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.simulation import Cause, SimulationParameters, catalogue, simulate
+from optipromp.laboratory.simulation.execute import Moving
 from optipromp.laboratory.simulation.files import write_run
-from optipromp.laboratory.simulation.moving import Moving
 from optipromp.laboratory.simulation.outcome import judge
 from optipromp.laboratory.simulation.world import build
 

@@ -192,7 +192,7 @@ class _Scenes(gymnasium.Env[Any, Any]):
             return None
         simulation, state = self._now()
         if self._onlooker is None:
-            from optipromp.laboratory.simulation.render import Onlooker
+            from optipromp.laboratory.simulation.film import Onlooker
 
             self._onlooker = Onlooker(simulation.world, *SHOWN)
         return self._onlooker.picture(state)
@@ -329,8 +329,7 @@ def _told(outcome: Outcome) -> dict[str, Any]:
 
 
 def _camera(episode: Episode, size: tuple[int, int], seed: int) -> Any:
-    from optipromp.laboratory.simulation.live_camera import LiveCamera
-    from optipromp.laboratory.simulation.photograph import PhotoParameters
+    from optipromp.laboratory.simulation.photograph import LiveCamera, PhotoParameters
 
     width, height = size
     small = PhotoParameters(width=width, height=height, focal=0.75 * width)

@@ -16,8 +16,8 @@ from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.trajectory import State
 from optipromp.laboratory.experiments.situations import Situation
 from optipromp.laboratory.simulation import Detector, Eye, Outcome, Simulation
+from optipromp.laboratory.simulation.contacts import HarmSoFar
 from optipromp.laboratory.simulation.detector import Truth
-from optipromp.laboratory.simulation.progress import HarmSoFar
 from optipromp.laboratory.simulation.simulation import FruitStates
 
 if TYPE_CHECKING:

@@ -163,8 +163,8 @@ def view(
     import webbrowser
 
     from optipromp.core.planning import warm_up
-    from optipromp.looks.page.server import Page
-    from optipromp.looks.page.sources import open_source
+    from optipromp.looks.page.panel import Page
+    from optipromp.looks.page.replay import open_source
 
     source = open_source(item, beside)
     say_if_compiling()

@@ -355,8 +355,7 @@ def _leave(
 
     films = {}
     if kinds:
-        from optipromp.laboratory.simulation.loop_film import loop_animation, loop_film
-        from optipromp.laboratory.simulation.render import animation, film
+        from optipromp.laboratory.simulation.film import animation, film, loop_animation, loop_film
 
         with waiting("drawing"):
             for kind in kinds:
@@ -372,7 +371,7 @@ def _leave(
 
 
 def _shown(run: "Run", told: str) -> list[str]:
-    from optipromp.laboratory.simulation.words import run_rows
+    from optipromp.laboratory.simulation.execute import run_rows
 
     return [
         f"{run.scene.name}  {told}  {run.outcome.told}",

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter, maximum_filter, uniform_filter
@@ -15,6 +15,8 @@ from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.objects import STEEPEST, Role, SceneObject, Stem, cleared
 from optipromp.core.scenes.scene import Scene
 from optipromp.perception.finder import Finder, Found, Region
+from optipromp.perception.fusing import Detection as Detection
+from optipromp.perception.fusing import Sighting as Sighting
 from optipromp.perception.fusing import fused
 from optipromp.perception.geometry import ByGeometry, box_of
 from optipromp.perception.parameters import EyeParameters
@@ -30,39 +32,6 @@ BEYOND = 0.012  # [m] beyond the end of a stem, where the picture tells whether 
 BEFORE = 0.004  # [m] nearer than a stem, what hides it: a choice
 CUT = 1.25  # length of a stem over what shows of it, where it is cut off: a choice
 MOST_STEM_POINTS = 6000  # that are looked at: a choice
-
-
-@dataclass(frozen=True, eq=False)
-class Detection:
-    """One fruit of a picture.
-
-    Attributes:
-        item: in the frame of the camera, with the covariance of its position; without a stem where
-            none was seen.
-        region: its pixels and class.
-        spheroid: as fitted.
-        stem: as seen; None where none was.
-    """
-
-    item: SceneObject
-    region: Region
-    spheroid: Spheroid
-    stem: SeenStem | None
-
-
-@dataclass(frozen=True, eq=False)
-class Sighting:
-    """What a picture shows.
-
-    Attributes:
-        look: the detections as closed loops take them.
-        detections: with pixels, fits and stems.
-        found: the regions, also those in which no fruit fits.
-    """
-
-    look: Look
-    detections: tuple[Detection, ...]
-    found: Found
 
 
 def look_at(

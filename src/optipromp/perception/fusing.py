@@ -1,23 +1,58 @@
-"""Several pictures of one scene as one: which detections are of the same fruit, and their means."""
+"""What pictures show, and several pictures of one scene as one.
+
+Detections of the same fruit are paired, and their means taken.
+"""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from optipromp.control.look import Look
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Ellipsoid, Sphere
 from optipromp.core.scenes.objects import Role, SceneObject, Stem
-
-if TYPE_CHECKING:
-    from optipromp.perception.eyes import Sighting
+from optipromp.perception.finder import Found, Region
+from optipromp.perception.spheroids import SeenStem, Spheroid
 
 GATE = 16.0  # squared normalised distance of one fruit in two pictures; 0.1 % are farther: a choice
 NEAR = 0.7  # of the sum of two radii, the distance below which two detections are one: a choice
+
+
+@dataclass(frozen=True, eq=False)
+class Detection:
+    """One fruit of a picture.
+
+    Attributes:
+        item: in the frame of the camera, with the covariance of its position; without a stem where
+            none was seen.
+        region: its pixels and class.
+        spheroid: as fitted.
+        stem: as seen; None where none was.
+    """
+
+    item: SceneObject
+    region: Region
+    spheroid: Spheroid
+    stem: SeenStem | None
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """What a picture shows.
+
+    Attributes:
+        look: the detections as closed loops take them.
+        detections: with pixels, fits and stems.
+        found: the regions, also those in which no fruit fits.
+    """
+
+    look: Look
+    detections: tuple[Detection, ...]
+    found: Found
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +80,7 @@ class _View:
     deviation: float
 
 
-def fused(sights: "Sequence[Sighting]") -> tuple[FusedFruit, ...]:
+def fused(sights: Sequence[Sighting]) -> tuple[FusedFruit, ...]:
     """The fruits of several pictures of one scene, none of which has moved between them.
 
     The detections of each picture are paired with the fruits of those before at least total
@@ -80,7 +115,7 @@ def fused(sights: "Sequence[Sighting]") -> tuple[FusedFruit, ...]:
     return tuple(out)
 
 
-def _views(sight: "Sighting") -> list[_View]:
+def _views(sight: Sighting) -> list[_View]:
     turn = sight.look.camera.rotation
     return [
         _View(

@@ -16,9 +16,7 @@ class EyeParameters(Checked):
     ripe_width: float = parameter(30.0, "deg", "guess", "largest difference from it")
     green_hue: float = parameter(82.0, "deg", "guess", "middle hue of unripe fruits and stems")
     green_width: float = parameter(45.0, "deg", "guess", "largest difference from it")
-    least_dye: float = parameter(
-        0.18, "1", "guess", "least saturation of a fruit or stem; gutters and metal are grey"
-    )
+    least_dye: float = parameter(0.18, "1", "guess", "fruit or stem; gutters and metal are grey")
     least_bright: float = parameter(0.04, "1", "guess", "least value of a pixel whose hue counts")
     farthest: float = parameter(0.9, "m", "choice", "largest depth of a fruit")
     step: float = parameter(0.010, "m", "choice", "step of depth between two surfaces")
@@ -26,9 +24,7 @@ class EyeParameters(Checked):
         0.005, "m", "choice", "half width above which a surface is no stem; stems have 3 mm, "
         "small strawberries 12 mm"
     )  # fmt: skip
-    least_radius: float = parameter(
-        0.0105, "m", "choice", "of a fruit; bundles of stems are narrower"
-    )
+    least_radius: float = parameter(0.0105, "m", "choice", "of a fruit; stem bundles are less")
     most_radius: float = parameter(0.028, "m", "choice", "of a fruit, across its axis")
     least_pixels: int = parameter(60, "pixel", "choice", "of a fruit")
     least_odds: float = parameter(
@@ -45,35 +41,24 @@ class EyeParameters(Checked):
         0.0093, "1/m", "published", "deviation of depth over its square: subpixel 0.08, baseline "
         "18 mm, focal length 480 pixels; tell that of your camera"
     )  # fmt: skip
-    depth_scale: float = parameter(
-        0.005, "1", "guess", "deviation of a picture's error of depth over depth"
-    )
+    depth_scale: float = parameter(0.005, "1", "guess", "deviation of a picture's relative depth")
     patch: float = parameter(
         28.0, "pixel", "measured", "pixels of depth that err as one: 4 π σ² of a filter of 1.5"
     )
     outline: float = parameter(1.0, "pixel", "guess", "deviation of an outline")
     outline_run: float = parameter(4.0, "pixel", "guess", "length of outline that errs as one")
     model: float = parameter(
-        0.0015, "m", "measured", "deviation of each coordinate of a centre besides: fruits are no "
-        "spheroids"
-    )  # fmt: skip
+        0.0015, "m", "measured", "of each coordinate of a centre besides: fruits are no spheroids"
+    )
     tip: float = parameter(
         0.2, "1", "measured", "the same along the axis where that is along the view, over the "
         "radius: the front of a tip tells little of the length"
     )  # fmt: skip
-    tilt: float = parameter(
-        18.0, "deg", "measured", "tilt of stems; median of 1,704 strawberries (StrawDI)"
-    )
-    stem_reach: float = parameter(
-        0.06, "m", "choice", "length above a fruit in which a stem tells its direction"
-    )
+    tilt: float = parameter(18.0, "deg", "measured", "median of 1,704 strawberries (StrawDI)")
+    stem_reach: float = parameter(0.06, "m", "choice", "above a fruit; tells the direction")
     stem_least: float = parameter(0.020, "m", "choice", "least length that is a stem")
     stem_aside: float = parameter(0.0045, "m", "choice", "distance from its line, across the view")
-    stem_noise: float = parameter(
-        0.002, "m", "guess", "deviation of a stem's pixels from its line, across the view"
-    )
-    stem_depth: float = parameter(
-        0.004, "m", "guess", "the same along the view; edges blur thin things"
-    )
+    stem_noise: float = parameter(0.002, "m", "guess", "of a stem's pixels from its line, across")
+    stem_depth: float = parameter(0.004, "m", "guess", "the same along the view; edges blur")
     stem_length: float = parameter(0.15, "m", "guess", "of a stem that was not seen")
     stem_floor: float = parameter(2.0, "deg", "guess", "least deviation of a stem's tilt")

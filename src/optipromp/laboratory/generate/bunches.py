@@ -54,8 +54,8 @@ def way() -> FloatArray:
 
 
 def sample(
-    name: str, count: int, sides: bool, gutter: GutterSide | None, rng: np.random.Generator,
-    inclination: float = INCLINATION,
+    name: str, count: int, rng: np.random.Generator, *, sides: bool = False,
+    gutter: GutterSide | None = None, inclination: float = INCLINATION,
 ) -> Scene:  # fmt: skip
     """One sample of ``count`` pushables and a target, possible or not.
 
@@ -98,7 +98,7 @@ def sample(
 
 def tight(name: str, count: int, rng: np.random.Generator) -> Scene:
     """One sample of ``count`` pushables close to the target and to one another, at its height."""
-    scene = sample(name, 0, False, None, rng)
+    scene = sample(name, 0, rng)
     fruits = [scene.objects[0]]
     for i in range(count):
         radius, beside = float(rng.uniform(*FRUIT_RADII)), fruits[int(rng.integers(len(fruits)))]
@@ -113,8 +113,9 @@ def tight(name: str, count: int, rng: np.random.Generator) -> Scene:
     return replace(scene, objects=tuple(fruits))
 
 
-def elongated(scene: Scene, rng: np.random.Generator) -> Scene:
-    """The scene with each fruit made longer along its stem, which begins at the upper end."""
+def elongated(name: str, count: int, rng: np.random.Generator) -> Scene:
+    """One sample of fruits that are long along their stems, which begin at the upper ends."""
+    scene = sample(name, count, rng)
     return replace(
         scene,
         objects=tuple(item if item.stem is None else _longer(item, rng) for item in scene.objects),

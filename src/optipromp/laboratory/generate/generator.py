@@ -9,8 +9,9 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -18,10 +19,9 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.robots.library import NOTHING, Choice
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.scenes.values import suggest
-from optipromp.laboratory.generate import bunches, plants, shelves, wild
+from optipromp.laboratory.generate import bunches, plants, shelves
 from optipromp.laboratory.generate.checks import OverlapError, interpenetration, unsolvable
-from optipromp.laboratory.generate.fitting import UnfitError
-from optipromp.laboratory.generate.placing import at_robot
+from optipromp.laboratory.generate.placing import UnfitError, at_robot
 
 Preset = Literal[
     "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "truss",
@@ -33,7 +33,39 @@ PATIENCE = 1000  # samples before the side of the gutter is sampled again
 MOST_UNFIT = 30  # samples that the arm can work at from no place, before it is an error: a choice
 MOST_REDRAWS = 50_000  # samples before it is an error: far more than any preset needs
 
-Sampler = Callable[[np.random.Generator], Scene]
+Sampler = Callable[[str, int, np.random.Generator], Scene]
+"""A sample of a name and a number of pushables."""
+
+
+class Kind(NamedTuple):
+    """What distinguishes a preset."""
+
+    sample: Callable[..., Scene]
+    fewest: int = 1
+    most: int = 4
+    """Of pushables, with even odds."""
+    number: Callable[[np.random.Generator], int] | None = None
+    """Samples the number of pushables in place of ``fewest`` and ``most``."""
+    gutter: bool | None = None
+    """Whether a gutter stands on the side that is sampled; None: no side is sampled."""
+    plants: tuple[Sampler, ...] = ()
+    """One of these is sampled, and is the first argument of ``sample``."""
+    panda_only: bool = False
+
+
+KINDS: Mapping[Preset, Kind] = {
+    "cluster": Kind(bunches.sample, gutter=False),
+    "side-clusters": Kind(partial(bunches.sample, sides=True), gutter=False),
+    "table-top": Kind(bunches.sample, gutter=True),
+    "mixed": Kind(partial(bunches.sample, sides=True), gutter=True),
+    "tight": Kind(bunches.tight, 2),
+    "limp": Kind(partial(bunches.sample, inclination=bunches.PLUMB), gutter=False),
+    "elongated": Kind(bunches.elongated),
+    "truss": Kind(plants.truss, 2),
+    "field": Kind(plants.field, 2, plants=(bunches.sample, bunches.tight, plants.truss)),
+    "shelf": Kind(shelves.sample, 2, 6, panda_only=True),
+    "wild": Kind(plants.wild, number=plants.wild_count),
+}
 
 
 @dataclass(frozen=True)
@@ -81,7 +113,7 @@ def generate_with_report(
     - ``field``: as ``cluster``, ``tight`` or ``truss``, of all shapes, with sampled physical
       parameters (:mod:`optipromp.laboratory.generate.plants`) that a study hides from the planner.
     - ``wild``: as fruits in pictures of plantations: long, crooked, near one another, on stems that
-      lean by 18 degrees in the median (:mod:`optipromp.laboratory.generate.wild`).
+      lean by 18 degrees in the median (:mod:`optipromp.laboratory.generate.plants`).
     - ``shelf``: a can behind 2 to 6 upright cans and boxes on a shelf; horizontal approach with
       the Franka hand.
 
@@ -96,7 +128,7 @@ def generate_with_report(
             reaches the scene (:mod:`optipromp.laboratory.generate.placing`). The sampled world is
             the same, in the frame of that base. For an arm that no one place serves, the base is
             placed for each scene, and scenes at which the arm can work from no place are sampled
-            again (:mod:`optipromp.laboratory.generate.fitting`).
+            again (:mod:`optipromp.laboratory.generate.placing`).
         choice: of the arm in the robot's file.
 
     Raises:
@@ -110,19 +142,21 @@ def generate_with_report(
     if seed < 0:
         raise InvalidRequestError(f"seed is {seed}; it must not be negative")
     other = robot != PANDA
-    if other and preset == "shelf":
+    kind = KINDS[preset]
+    if other and kind.panda_only:
         raise InvalidRequestError(f"scenes of the preset {preset} are for the built-in panda only")
     rng = np.random.default_rng([zlib.crc32(preset.encode()), seed])
     reasons: Counter[str] = Counter()
-    drawn = _drawn(preset, rng)
-    sampler = _kind(preset, seed, *drawn, rng)
-    patience, unfits = PATIENCE, 0
-    while reasons.total() < MOST_REDRAWS:
-        if patience == 0:
-            sampler, patience = _kind(preset, seed, *drawn, rng), PATIENCE
-        patience -= 1
+    count = kind.number(rng) if kind.number else int(rng.integers(kind.fewest, kind.most + 1))
+    sample, unfits = kind.sample, 0
+    if kind.plants:
+        sample = partial(sample, kind.plants[int(rng.integers(len(kind.plants)))])
+    for tried in range(MOST_REDRAWS):
+        if kind.gutter is not None and tried % PATIENCE == 0:
+            side = bunches.GUTTER_SIDES[int(rng.integers(len(bunches.GUTTER_SIDES)))]
+            sample = partial(kind.sample, gutter=side) if kind.gutter else kind.sample
         try:
-            scene = sampler(rng)
+            scene = sample(f"{preset}-{seed}", count, rng)
         except OverlapError as overlap:
             reasons[str(overlap)] += 1
             continue
@@ -144,36 +178,3 @@ def generate_with_report(
     raise InvalidRequestError(  # cannot happen with the presets above
         f"no possible scene of {preset} within {MOST_REDRAWS} samples: {dict(reasons)}"
     )
-
-
-def _drawn(preset: Preset, rng: np.random.Generator) -> tuple[str, int]:
-    """Sample the number of pushables, and the kind of a field's plants."""
-    if preset == "wild":
-        return preset, wild.count(rng)
-    few, many = (2, 4), ("tight", "truss", "field")
-    low, most = (2, 6) if preset == "shelf" else few if preset in many else (1, 4)
-    count = int(rng.integers(low, most + 1))
-    kind = ("cluster", "tight", "truss")[int(rng.integers(3))] if preset == "field" else preset
-    return kind, count
-
-
-def _kind(preset: Preset, seed: int, kind: str, count: int, rng: np.random.Generator) -> Sampler:
-    """Sample the side of the gutter; returns the sampler of the rest."""
-    name = f"{preset}-{seed}"
-    if preset == "shelf":
-        return lambda rng: shelves.sample(name, count, rng)
-    if preset == "wild":
-        return lambda rng: wild.sample(name, count, rng)
-    if preset == "tight":
-        return lambda rng: bunches.tight(name, count, rng)
-    if preset == "truss":
-        return lambda rng: plants.truss(name, count, rng)
-    if preset == "field":
-        return lambda rng: plants.field(name, kind, count, rng)
-    if preset == "elongated":
-        return lambda rng: bunches.elongated(bunches.sample(name, count, False, None, rng), rng)
-    lean = bunches.PLUMB if preset == "limp" else bunches.INCLINATION
-    sides = preset in ("side-clusters", "mixed")
-    gutter = bunches.GUTTER_SIDES[int(rng.integers(len(bunches.GUTTER_SIDES)))]
-    chosen = gutter if preset in ("table-top", "mixed") else None
-    return lambda rng: bunches.sample(name, count, sides, chosen, rng, lean)

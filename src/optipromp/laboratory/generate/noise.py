@@ -1,62 +1,20 @@
 """A scene as detected: positions and stem directions have errors, some fruits are not seen."""
 
-import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, rotation
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry import distances, pack
-from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
 from optipromp.core.scenes.trusses import rooted
+from optipromp.laboratory.detection import NOISES as NOISES
+from optipromp.laboratory.detection import Noise as Noise
+from optipromp.laboratory.detection import displaced, tilt
 from optipromp.laboratory.generate.plants import untold
 
 LOOK = 0.30  # [m] of the eye before the target where a scene has no camera: a choice
 RAYS, STEPS = 48, 60  # rays from the eye to a fruit, points on each ray: choices
-
-
-@dataclass(frozen=True)
-class Noise:
-    """The errors of a detector.
-
-    ``position``: standard deviation of each coordinate of a position [m]. ``angle``: standard
-    deviation of a stem's tilt about each of two axes across it [degrees]. ``lower``: error of the
-    height at which hanging objects are seen [m]; positive: below the truth. The covariance of a
-    detected object does not include it. ``missed``: probability that a pushable in full view is not
-    seen. ``hidden``: probability that a pushable that others wholly hide is not seen. For a partly
-    hidden one the probability is interpolated by the hidden share.
-    """
-
-    position: float = 0.0
-    angle: float = 0.0
-    lower: float = 0.0
-    missed: float = 0.0
-    hidden: float = 0.0
-
-    def __post_init__(self) -> None:
-        for item in fields(self):
-            value, least = getattr(self, item.name), -math.inf if item.name == "lower" else 0.0
-            most = 1.0 if item.name in ("missed", "hidden") else math.inf
-            if not (math.isfinite(value) and least <= value <= most):
-                raise InvalidRequestError(
-                    f"noise_{item.name} is {value}; must be finite, and from {least:g} to {most:g}"
-                )
-
-
-NOISES: dict[str, Noise] = {
-    "zero-mean": Noise(0.005, 5.0),
-    "low": Noise(0.005, 5.0, lower=0.010),
-    "high": Noise(0.005, 5.0, lower=-0.010),
-    "missed": Noise(0.005, 5.0, missed=0.05, hidden=0.5),
-    "detector": Noise(0.005, 5.0, lower=0.010, missed=0.05, hidden=0.5),
-}
-"""Noise by name. Centres of strawberries from what one RGB-D view shows of them are 8.9 mm off,
-with the shape completed 5.7 mm (Ge, Xiong, From 2020, doi 10.1016/j.biosystemseng.2020.07.003):
-hence 10 mm, and 5 mm a coordinate. Recall is 95.4 % of strawberries (Yu et al. 2019, Mask R-CNN)
-and 90.5 % of greenhouse tomatoes (Gao et al. 2022, doi 10.18280/ts.390130): hence 5 %. The half of
-those that are wholly hidden is a guess."""
 
 
 def perceived(scene: Scene, rng: np.random.Generator, noise: Noise) -> Scene:
@@ -135,28 +93,14 @@ def hidden_share(scene: Scene, item: SceneObject, eye: FloatArray) -> float:
 def _seen(item: SceneObject, rng: np.random.Generator, noise: Noise, up: FloatArray) -> SceneObject:
     # every object takes as many numbers, so that its errors do not depend on the roles of others
     error = noise.position * rng.standard_normal(3)
-    turn = float(np.deg2rad(noise.angle)) * rng.standard_normal(2)
+    angles = float(np.deg2rad(noise.angle)) * rng.standard_normal(2)
     if item.role == "static":
         return item
-    spread = noise.position**2 * np.eye(3)
-    if item.stem is None and not isinstance(item.shape, Sphere):  # it stands
-        error -= (error @ up) * up
-        spread -= noise.position**2 * np.outer(up, up)
-    else:
-        error -= noise.lower * up
+    variance = noise.position**2
+    error, spread = displaced(item, error, variance * np.eye(3), variance, up, noise.lower)
     stem = None
     if item.stem is not None:
         away = item.stem.points - item.stem.points[0]
         begin = item.stem.points[0] + error
-        stem = replace(item.stem, points=begin + away @ _turn(away[1], turn).T)
+        stem = replace(item.stem, points=begin + away @ tilt(away[1], -angles).T)
     return replace(item, position=item.position + error, stem=stem, covariance=spread)
-
-
-def _turn(vector: FloatArray, angles: FloatArray) -> FloatArray:
-    """Rotation (3, 3) that tilts ``vector`` by two angles [rad] about two axes across it."""
-    along = vector / np.linalg.norm(vector)
-    first = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
-    first /= np.linalg.norm(first)
-    axis = angles[0] * first + angles[1] * np.cross(along, first)
-    angle = float(np.linalg.norm(axis))
-    return np.eye(3) if angle == 0.0 else rotation(axis / angle, angle)

@@ -1,16 +1,18 @@
 """Random plants: fruits on one truss, of several shapes, of sampled physical parameters."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from optipromp.core.arrays import rotation
+from optipromp.core.arrays import FloatArray, frame_along, rotation
 from optipromp.core.geometry.shapes import Capsule, Cone, Ellipsoid, Shape, Sphere
 from optipromp.core.parameters import GRAVITY
+from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene, SceneObject, Stem
 from optipromp.core.scenes.trusses import rooted
 from optipromp.laboratory.generate import bunches
+from optipromp.laboratory.generate.checks import OverlapError
 
 # choices; a number between two ends is sampled uniformly (the modulus: its logarithm)
 TRUSS_LENGTH = (0.12, 0.28)  # [m] of a truss from its root to the fruit at its end
@@ -37,7 +39,7 @@ def truss(name: str, count: int, rng: np.random.Generator) -> Scene:
     The truss ends in a fruit; the other fruits hang on branches from its axis. The ripe fruit is
     sampled too.
     """
-    scene = bunches.sample(name, 0, False, None, rng)
+    scene = bunches.sample(name, 0, rng)
     ripe = scene.objects[0]
     axis = bunches.upward(rng, bunches.INCLINATION)
     length = float(rng.uniform(*TRUSS_LENGTH))
@@ -59,18 +61,15 @@ def truss(name: str, count: int, rng: np.random.Generator) -> Scene:
     return replace(scene, objects=tuple(fruits))
 
 
-def field(name: str, kind: str, count: int, rng: np.random.Generator) -> Scene:
-    """One sample of a ``kind`` (cluster, tight or truss) with fruits of several shapes.
+def field(
+    sample: Callable[[str, int, np.random.Generator], Scene], name: str, count: int,
+    rng: np.random.Generator,
+) -> Scene:  # fmt: skip
+    """One sample of a cluster, tight cluster or truss with fruits of several shapes.
 
     Each fruit and each stem has its own physical parameters.
     """
-    match kind:
-        case "cluster":
-            scene = bunches.sample(name, count, False, None, rng)
-        case "tight":
-            scene = bunches.tight(name, count, rng)
-        case _:
-            scene = truss(name, count, rng)
+    scene = sample(name, count, rng)
     fruits = [_shaped(item, rng) for item in scene.objects]
     return replace(scene, objects=rooted(physical(fruits, rng)))
 
@@ -143,3 +142,98 @@ def _cone(wide: float, rng: np.random.Generator) -> tuple[Shape, float]:
     length = 2.0 * wide * float(rng.uniform(*CONE_LENGTH))
     # the shape's origin is midway between the centres of its balls, not between its ends
     return Cone(wide, tip, length - wide - tip), 0.5 * (length - wide - tip) + wide
+
+
+# The preset ``wild``: bunches as in pictures of plantations. The quantiles are counted from the
+# labels of 1,704 strawberries in 300 public pictures (StrawDI with key points; Tafuro et al., ICRA
+# 2022), as a standing camera sees them: across is y, up is z. Many of those fruits lie on beds,
+# whose stems may be level. A fruit that hangs pulls its stem down, so the tail of the inclinations
+# (73 degrees at 90 %) ends at STEEPEST; the quantiles up to 75 % hold. Leaves of rich pictures hide
+# ends of stems (laboratory/simulation/painting.py).
+STEEPEST = np.deg2rad(60.0)  # [rad] of a hanging stem off the vertical, as seen: a choice
+WILD_SHARES = (0.0, 0.10, 0.25, 0.50, 0.75, 0.90, 1.0)
+LONGER = (1.05, 1.12, 1.23, 1.37, 1.56, 1.89, 2.0)  # length over width; the ends: choices
+LEAN = np.minimum(np.deg2rad((0.0, 3.0, 8.0, 18.0, 40.0, 73.0, 90.0)), STEEPEST)  # [rad]
+WILD_CROOKED = np.deg2rad((0.0, 1.5, 4.0, 9.0, 15.0, 24.0, 30.0))  # [rad] of a fruit off its stem
+WILD_FRUITS = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 9.0)
+"""Besides the target: 3, 5 and 9 in all at 10, 50 and 90 %."""
+NEAR_SHARES = (0.0, 0.05, 0.10, 0.25, 0.50, 1.0)
+NEAR = (0.62, 0.70, 0.87, 1.21, 2.10, 5.2)
+"""So that the nearest neighbours are 0.67, 0.78, 1.03 and 1.6 widths away at 5, 10, 25 and 50 %."""
+APART = 0.001  # [m] between the bounding balls of two neighbours: a choice
+DEEPER = 0.012  # [m] standard deviation of a fruit's depth behind another: a choice
+PLACES_TRIED = 60  # tries to place a fruit before the scene is sampled again: a choice
+
+
+def of_quantiles(rng: np.random.Generator, values: FloatArray | tuple[float, ...]) -> float:
+    """A number whose quantiles at :data:`WILD_SHARES` are ``values``."""
+    return float(np.interp(rng.random(), WILD_SHARES, values))
+
+
+def wild_count(rng: np.random.Generator) -> int:
+    """Number of pushables."""
+    return round(of_quantiles(rng, WILD_FRUITS))
+
+
+def wild(name: str, pushables: int, rng: np.random.Generator) -> Scene:
+    """One sample of a target and ``pushables`` fruits."""
+    scene = bunches.sample(name, 0, rng)
+    ripe = scene.objects[0]
+    fruits = [_hung("ripe", "target", ripe.radius, ripe.position, rng)]
+    for k in range(pushables):
+        wide = float(rng.uniform(*bunches.FRUIT_RADII))
+        fruits.append(_beside(f"n{k + 1}", wide, fruits, rng))
+    return replace(scene, objects=tuple(physical(fruits, rng)))
+
+
+def _beside(
+    name: str, wide: float, fruits: list[SceneObject], rng: np.random.Generator
+) -> SceneObject:
+    """A fruit beside one of ``fruits``, as far from it in the picture as neighbours are."""
+    for _ in range(PLACES_TRIED):
+        near = fruits[int(rng.integers(len(fruits)))]
+        away = float(np.interp(rng.random(), NEAR_SHARES, NEAR)) * 2.0 * wide
+        turn = float(rng.uniform(0.0, 2.0 * np.pi))
+        flat = away * np.array([0.0, np.cos(turn), np.sin(turn)])
+        made = _hung(name, "pushable", wide, near.position + flat, rng)
+        room = near.shape.measure.bound + made.shape.measure.bound + APART
+        least = np.sqrt(max(room**2 - away**2, 0.0))  # behind or before, so that they do not touch
+        deep = (1.0 if rng.random() < 0.5 else -1.0) * (least + abs(DEEPER * rng.standard_normal()))
+        made = made.transformed(Pose(np.array([deep, 0.0, 0.0]), np.eye(3)))
+        if all(_free(made, other) for other in fruits):
+            return made
+    raise OverlapError("no place for a fruit")
+
+
+def _free(one: SceneObject, other: SceneObject) -> bool:
+    """Whether two fruits surely do not touch."""
+    away = float(np.linalg.norm(one.position - other.position))
+    return away > one.shape.measure.bound + other.shape.measure.bound + APART
+
+
+def _hung(
+    name: str, role: str, wide: float, position: FloatArray, rng: np.random.Generator
+) -> SceneObject:
+    """A fruit of radius ``wide`` [m] on a stem that leans across the picture, and into it."""
+    lean = [of_quantiles(rng, LEAN) * (1.0 if rng.random() < 0.5 else -1.0) for _ in range(2)]
+    line = np.array([np.tan(lean[1]), np.tan(lean[0]), 1.0])
+    line /= np.linalg.norm(line)
+    length = float(rng.uniform(*bunches.STEM_LENGTH))
+    stem = Stem(np.array([position, position + length * line]))
+    ball = SceneObject(name, role, Sphere(wide), position, stem=stem)  # type: ignore[arg-type]
+    shape, half = _long(wide, of_quantiles(rng, LONGER), rng)
+    turn = float(rng.uniform(0.0, 2.0 * np.pi))
+    across = frame_along(line)[:, :2] @ [np.cos(turn), np.sin(turn)]
+    made = bunches.hung(ball, shape, half, rotation(across, of_quantiles(rng, WILD_CROOKED)) @ line)
+    assert made.stem is not None
+    return replace(made, stem=Stem(made.stem.points[0] + np.outer([0.0, length], line)))
+
+
+def _long(wide: float, longer: float, rng: np.random.Generator) -> tuple[Shape, float]:
+    """An ellipsoid or a cone, ``longer`` times as long as wide, and the half of its length [m]."""
+    half = longer * wide
+    if rng.random() < 0.5:
+        return Ellipsoid((wide, wide, half)), half
+    tip = wide * float(rng.uniform(*TIP))
+    length = 2.0 * half - wide - tip
+    return Cone(wide, tip, length), 0.5 * length + wide

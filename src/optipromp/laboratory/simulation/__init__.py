@@ -10,7 +10,6 @@ from optipromp.laboratory.simulation.detector import Eye as Eye
 from optipromp.laboratory.simulation.execute import Run as Run
 from optipromp.laboratory.simulation.execute import simulate as simulate
 from optipromp.laboratory.simulation.export import stem_mjcf as stem_mjcf
-from optipromp.laboratory.simulation.live_camera import LiveCamera as LiveCamera
 from optipromp.laboratory.simulation.loop import Loop as Loop
 from optipromp.laboratory.simulation.loop import closed_loop as closed_loop
 from optipromp.laboratory.simulation.outcome import Cause as Cause
@@ -28,6 +27,7 @@ from optipromp.laboratory.simulation.parameters import StemParameters as StemPar
 from optipromp.laboratory.simulation.parameters import ThingParameters as ThingParameters
 from optipromp.laboratory.simulation.parameters import Thresholds as Thresholds
 from optipromp.laboratory.simulation.parameters import catalogue as catalogue
+from optipromp.laboratory.simulation.photograph import LiveCamera as LiveCamera
 from optipromp.laboratory.simulation.rollout import Rollout as Rollout
 from optipromp.laboratory.simulation.simulation import FruitStates as FruitStates
 from optipromp.laboratory.simulation.simulation import SimulatedArm as SimulatedArm

@@ -13,10 +13,8 @@ from optipromp.core.robots.mounted import Load, loads_of, without_loads
 from optipromp.core.robots.tool_geometry import Part, Solid, solids_inertia
 from optipromp.core.robots.tool_protocol import quaternion
 from optipromp.core.robots.tools import TOOL_LINK, WALL
-from optipromp.laboratory.simulation.engine import engine
-from optipromp.laboratory.simulation.entities import Entity, layers
+from optipromp.laboratory.simulation.engine import Entity, add_shape, engine, layers
 from optipromp.laboratory.simulation.parameters import SimulationParameters
-from optipromp.laboratory.simulation.solids import add_shape
 
 GUARD = "tool:guard"
 FLAT = 1e-6  # share of a moment by which files round it above the sum of the others

@@ -1,12 +1,107 @@
 """Contacts of a run: forces and times of each pair of entities."""
 
+import math
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
-from optipromp.laboratory.simulation.kernels import log_contacts
+from optipromp.core.compiled import kernel
 from optipromp.laboratory.simulation.world import World
+
+
+@kernel
+def is_sound(warnings, positions, velocities):
+    """Whether there is no warning, and every position and velocity is finite."""
+    for count in warnings:
+        if count > 0:
+            return False
+    for values in (positions, velocities):
+        for value in values:
+            if not math.isfinite(value):
+                return False
+    return True
+
+
+@kernel
+def note_pulls(pulls, limits, largest):
+    """Raise ``largest`` to ``pulls`` in place; whether one is above its limit. All are (W,)."""
+    beyond = False
+    for w in range(len(pulls)):
+        if pulls[w] > largest[w]:
+            largest[w] = pulls[w]
+        if pulls[w] > limits[w]:
+            beyond = True
+    return beyond
+
+
+@kernel
+def contact_forces(geoms, addresses, frames, forces, owners):
+    """Pairs of owners that touch (K, 2), the smaller first, and the force between them (K,) [N].
+
+    The force is the length of the sum of the pair's contact forces. Of C contacts, ``geoms`` (C, 2)
+    are the two geoms, ``addresses`` (C,) the first row in ``forces`` (-1: no force) and ``frames``
+    (C, 9) the frames. ``owners`` (G,) are the entities of the geoms; contacts of those below 0 are
+    not counted.
+    """
+    pairs = np.empty((len(addresses), 2), np.int64)
+    sums = np.zeros((len(addresses), 3))
+    count = 0
+    for c in range(len(addresses)):
+        at, a, b, sign = addresses[c], owners[geoms[c, 0]], owners[geoms[c, 1]], 1.0
+        if a > b:
+            a, b, sign = b, a, -1.0
+        if at < 0 or a < 0:
+            continue
+        k = 0
+        while k < count and (pairs[k, 0] != a or pairs[k, 1] != b):
+            k += 1
+        if k == count:
+            pairs[k, 0], pairs[k, 1] = a, b
+            count += 1
+        for j in range(3):
+            # elliptic cones: normal, then the tangential components
+            sums[k, j] += sign * (
+                frames[c, j] * forces[at]
+                + frames[c, 3 + j] * forces[at + 1]
+                + frames[c, 6 + j] * forces[at + 2]
+            )
+    strengths = np.empty(count)
+    for k in range(count):
+        x, y, z = sums[k]
+        strengths[k] = math.sqrt(x * x + y * y + z * z)
+    return pairs[:count], strengths
+
+
+@kernel
+def log_contacts(geoms, addresses, frames, forces, owners, log, step, now, timestep, threshold):
+    """Add the contacts at time ``now`` [s], after step number ``step``, to ``log`` in place.
+
+    The first five arguments are those of :func:`contact_forces`; ``log`` (E, E) is a ContactLog's.
+    """
+    pairs, strengths = contact_forces(geoms, addresses, frames, forces, owners)
+    for k in range(len(strengths)):
+        force = strengths[k]
+        if force <= 0.0:
+            continue
+        a, b = pairs[k]
+        pair = log[a, b]
+        if not pair.peak > force:
+            pair.peak = force
+        if force > pair.recent:
+            pair.recent = force
+        if math.isnan(pair.first):
+            pair.first = now
+        pair.time += timestep
+        if force > threshold:
+            spell = timestep
+            if pair.pressed == step - 1:
+                spell += pair.spell
+            pair.spell, pair.pressed = spell, step
+            pair.hard = max(pair.hard, spell)
+        log[b, a] = log[a, b]
+
 
 _PAIR = np.dtype(
     [
@@ -91,3 +186,65 @@ def pressing(data: Any, world: World, among: BoolArray | None = None) -> Pressin
     frames = np.asarray(found.frame).reshape(-1, 3, 3)[rows]
     forces = np.einsum("ci,cij->cj", own, frames)
     return Pressing(rows, owners[rows], np.asarray(found.pos)[rows], forces)
+
+
+BARE = 0.02  # [m] without a tool, an object this near the tool point counts as picked: a choice
+
+
+@dataclass(frozen=True)
+class HarmSoFar:
+    """What was harmed so far; each share is 1 where the thing bears no more."""
+
+    fruit: float = 0.0  # largest force on a fruit over what it bears
+    stem: float = 0.0  # longest time for which a stem was pressed over what it bears
+    static: float = 0.0  # largest force on a static object over what counts as a contact
+    torn: int = 0  # number of fruits that came off
+    swallowed: int = 0  # number of other fruits that the tool keeps; an episode counts them
+
+    @property
+    def worst(self) -> float:
+        """The largest share; at least 1 where a fruit came off or was swallowed."""
+        return max(self.fruit, self.stem, self.static, float(self.torn + self.swallowed))
+
+    @property
+    def done(self) -> bool:
+        """Whether the pick can no longer be clean."""
+        return max(self.fruit, self.stem, self.static) > 1.0 or self.torn + self.swallowed > 0
+
+
+def harm_so_far(world: World, log: ContactLog, torn: int) -> HarmSoFar:
+    """The harm of a run by its contacts, as the judgement at the end counts them."""
+    limits, entities = world.parameters.thresholds, world.entities
+    robot = [k for k, each in enumerate(entities) if each.kind in ("link", "tool")]
+    fruits = [fruit.entity for fruit in world.shown]
+    stems = [fruit.stem_entity for fruit in world.shown if fruit.stem_entity >= 0]
+    static = [k for k, each in enumerate(entities) if each.kind == "static"]
+    return HarmSoFar(
+        _most(log.peak[fruits]) / limits.fruit_force,
+        _most(log.hard[np.ix_(stems, robot)]) / limits.stem_time,
+        _most(log.peak[np.ix_(static, robot)]) / limits.static_force,
+        torn,
+    )
+
+
+def _most(values: FloatArray) -> float:
+    return float(values.max()) if values.size else 0.0
+
+
+def in_tool(world: World, q: FloatArray, centers: FloatArray) -> BoolArray:
+    """Whether the tool holds an object, or, without a tool, the object is near the tool point.
+
+    ``world``: with the robot and its tool. ``q``: (R, n) configurations of the joints. ``centers``:
+    (R, 3) positions of the object's centre at these [m].
+
+    Returns: (R,).
+    """
+    robot = world.robot
+    points, _ = robot.tool_pose(q)
+    away, tool = centers - points, robot.tool
+    if tool is None:
+        return np.asarray(np.linalg.norm(away, axis=1) < BARE)
+    _, turns = robot.segment_frames(q)
+    local = np.einsum("rij,ri->rj", turns[:, -1] @ robot.flange_rotation @ tool.rotation, away)
+    below = np.array([0.0, 0.0, world.parameters.thresholds.inside_margin])
+    return tool.holds(local) & tool.holds(local + below)

@@ -13,13 +13,14 @@ from typing import NamedTuple
 import numpy as np
 
 from optipromp.control.look import Look
-from optipromp.core.arrays import FloatArray, frame_along, rotation
+from optipromp.core.arrays import FloatArray, frame_along
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene, SceneObject, Stem
+from optipromp.laboratory.detection import displaced, tilt, turned
 from optipromp.laboratory.simulation.detector_parameters import DETECTORS as DETECTORS
 from optipromp.laboratory.simulation.detector_parameters import (
     DetectorParameters as DetectorParameters,
@@ -102,7 +103,7 @@ class Detector:
         self._leafy = self._rng.random((count, 3))
         shift = parameters.camera_offset * self._rng.standard_normal(3)
         turn = math.radians(parameters.camera_turn) * self._rng.standard_normal(3)
-        self.miscalibration = Pose(shift, _turned(turn))
+        self.miscalibration = Pose(shift, turned(turn))
         """The believed pose of the camera in its true frame."""
         self._slots = np.full(count, np.iinfo(np.int64).min)
         self._held = np.zeros((count, 3))
@@ -206,17 +207,14 @@ class Detector:
         sight = away.position / max(distance, SLACK)
         error += (p.along - 1.0) * (error @ sight) * sight + p.bias * far * sight
         spread = sigma**2 * (np.eye(3) + (p.along**2 - 1.0) * np.outer(sight, sight))
-        if item.stem is None and not isinstance(item.shape, Sphere):  # it stands
-            error -= (error @ up) * up
-            spread -= sigma**2 * np.outer(up, up)
-        else:
-            error -= p.lower * up
+        error, spread = displaced(item, error, spread, sigma**2, up, p.lower)
         place = away.position + error
         hanging = self._hanging(row, pose, stem, draws)
         if hanging is not None:
-            tilt = white * draws.tilt[row] + kept * self._tilt[row]
-            tilt *= math.radians(p.angle) * far
-            along = _tilted(camera.rotation.T @ hanging, tilt)
+            angles = white * draws.tilt[row] + kept * self._tilt[row]
+            angles *= math.radians(p.angle) * far
+            lower = camera.rotation.T @ hanging
+            along = tilt(lower, angles) @ lower
             assert item.stem is not None
             base = float(np.linalg.norm(item.stem.points[0] - item.position))
             own = Stem.along(place, along, base + item.stem.length, item.stem.radius)
@@ -357,15 +355,3 @@ def perceived_scene(look: Look, scene: Scene) -> Scene:
     objects = (*fruits, *scene.static)
     unseen = {item.id for item in scene.objects} - {item.id for item in objects}
     return replace(scene, objects=objects, may_touch=pairs_among(scene.may_touch, unseen))
-
-
-def _turned(vector: FloatArray) -> FloatArray:
-    """Rotation (3, 3) about ``vector`` (3,) by its length [rad]."""
-    angle = float(np.linalg.norm(vector))
-    return np.eye(3) if angle == 0.0 else rotation(vector / angle, angle)
-
-
-def _tilted(vector: FloatArray, angles: FloatArray) -> FloatArray:
-    """``vector`` (3,) tilted by two angles (2,) [rad] about two axes across it."""
-    across = frame_along(vector / np.linalg.norm(vector))[:, :2]
-    return np.asarray(_turned(across @ angles) @ vector)

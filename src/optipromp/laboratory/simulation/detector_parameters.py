@@ -6,6 +6,7 @@ from typing import Literal
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.parameters import Checked, parameter
+from optipromp.laboratory.detection import Noise
 
 MOUNTS = "palm", "hand", "beside"
 SIGNED = "bias", "lower"  # may be negative
@@ -17,7 +18,7 @@ ABOVE_ZERO = "view", "rate", "reference", "slot", "aim", "leaf_size", "false_rad
 
 
 @dataclass(frozen=True)
-class DetectorParameters(Checked):
+class DetectorParameters(Noise):
     """Where the camera is, how late it is and what the detector does wrong.
 
     Standard deviations, ``bias`` and ``angle`` hold at the distance ``reference`` and grow with the
@@ -34,89 +35,42 @@ class DetectorParameters(Checked):
         "palm: on the axis of the tool, looking out of its mouth; hand: on the flange beside the "
         "tool; beside: standing still",
     )
-    view: float = parameter(
-        1.4, "rad", "choice", "full angle of the cone of view; RGB-D cameras see 42-87 degrees"
-    )
+    view: float = parameter(1.4, "rad", "choice", "full angle of the view; RGB-D: 42-87 degrees")
     rate: float = parameter(20.0, "Hz", "reported", "pictures; detectors run at 10-30 Hz")
-    latency: float = parameter(
-        0.06, "s", "reported", "from the exposure to the detections; 0.03-0.1 s is reported"
-    )
-    position: float = parameter(
-        0.0, "m", "choice", "standard deviation of each coordinate; 0: exact"
-    )
-    angle: float = parameter(
-        0.0, "deg", "choice", "standard deviation of a stem's tilt about each of two axes across it"
-    )
+    latency: float = parameter(0.06, "s", "reported", "exposure to detections; 0.03-0.1 s reported")
     reference: float = parameter(0.45, "m", "choice", "distance at which the errors hold")
-    along: float = parameter(
-        1.0, "1", "choice", "deviation along the line of sight over that of each coordinate across"
-    )
+    along: float = parameter(1.0, "1", "choice", "deviation along the sight over that across")
     least_position: float = parameter(
-        0.001, "m", "guess", "least standard deviation of a coordinate where position is above 0"
+        0.001, "m", "guess", "least deviation, where position is above 0"
     )
     steady: float = parameter(
-        0.3, "1", "guess", "share of the variance that each fruit keeps for the whole run: the "
-        "part of its shape that is not seen"
-    )  # fmt: skip
-    bias: float = parameter(
-        0.0, "m", "choice", "along the line of sight; positive: seen farther than it is"
+        0.3, "1", "guess", "of the variance, for the whole run: of a fruit's unseen part"
     )
-    lower: float = parameter(0.0, "m", "choice", "positive: seen lower than it is")
-    missed: float = parameter(
-        0.0, "1", "choice", "probability that a fruit in full view is missed in a picture"
-    )
-    hidden: float = parameter(
-        0.0, "1", "choice", "the same of a wholly hidden one; in between by the hidden share"
-    )
+    bias: float = parameter(0.0, "m", "choice", "along the line of sight; positive: too far")
     hidden_from: float = parameter(
-        0.0, "1", "choice", "hidden share above which a fruit is missed more often than in full "
-        "view"
-    )  # fmt: skip
-    hidden_to: float = parameter(
-        1.0, "1", "choice", "hidden share from which a fruit is missed as if wholly hidden"
+        0.0, "1", "choice", "hidden share above which it is missed more often"
     )
-    missed_steadily: float = parameter(
-        0.5, "1", "guess", "share of misses that last until the fruit's slot ends"
-    )
+    hidden_to: float = parameter(1.0, "1", "choice", "share from which it is as if wholly hidden")
+    missed_steadily: float = parameter(0.5, "1", "guess", "of misses: until the slot ends")
     slot: float = parameter(0.5, "s", "guess", "how long a steady miss or a hidden stem lasts")
     false: float = parameter(0.0, "1", "choice", "mean count of false detections in a picture")
     false_radius: float = parameter(0.015, "m", "choice", "of a false fruit: a small strawberry")
-    swapped: float = parameter(
-        0.0, "1", "choice", "probability that two detections of a picture exchange ids"
-    )
-    stem_seen: float = parameter(
-        1.0, "1", "choice", "probability that the lower part of a stem is seen, held for a slot"
-    )
-    leaf: float = parameter(
-        0.0, "1", "choice", "share of fruits with a leaf on the side of the first picture"
-    )
+    swapped: float = parameter(0.0, "1", "choice", "probability that two detections swap ids")
+    stem_seen: float = parameter(1.0, "1", "choice", "probability, held for a slot")
+    leaf: float = parameter(0.0, "1", "choice", "share of fruits with a leaf to the first picture")
     leaf_size: float = parameter(
-        1.3, "1", "guess", "radius of a leaf over the radius of its fruit; it hangs two of these "
-        "before the fruit's centre"
-    )  # fmt: skip
+        1.3, "1", "guess", "radius over its fruit's; it hangs two of these before the centre"
+    )
     camera_offset: float = parameter(
-        0.0, "m", "choice", "standard deviation of each coordinate of the camera's believed "
-        "position in its true frame, drawn once a run"
-    )  # fmt: skip
-    camera_turn: float = parameter(
-        0.0, "deg", "choice", "the same of its believed turn about each of three axes"
+        0.0, "m", "choice", "deviation of the believed position, each axis, once a run"
     )
-    told: bool = parameter(
-        True, "", "choice", "whether covariances include the camera's offset and turn"
-    )
-    palm_below: float = parameter(
-        0.03, "m", "choice", "of a camera in the palm behind the rim, which bounds its view"
-    )
-    hand_aside: float = parameter(
-        0.03, "m", "choice", "of the hand camera, beyond the outer radius of the mouth"
-    )
+    camera_turn: float = parameter(0.0, "deg", "choice", "the same of its turn about each axis")
+    told: bool = parameter(True, "", "choice", "whether covariances include camera errors")
+    palm_below: float = parameter(0.03, "m", "choice", "camera in the palm, behind the rim")
+    hand_aside: float = parameter(0.03, "m", "choice", "hand camera, beyond the mouth's radius")
     hand_below: float = parameter(0.06, "m", "choice", "of the hand camera, behind the rim")
-    aim: float = parameter(
-        0.15, "m", "choice", "how far before the rim the tool axis is in the middle of the view"
-    )
-    stand_away: float = parameter(
-        0.40, "m", "choice", "of a standing camera from the target, see standing_pose"
-    )
+    aim: float = parameter(0.15, "m", "choice", "mid-view, on the tool axis before the rim")
+    stand_away: float = parameter(0.40, "m", "choice", "standing camera to the target")
     stand_below: float = parameter(0.15, "m", "choice", "the same, behind or above the target")
 
     def __post_init__(self) -> None:
@@ -127,7 +81,7 @@ class DetectorParameters(Checked):
                 raise InvalidRequestError(f"{name} is {getattr(self, name)}; must be finite [m]")
         signed = {name: getattr(self, name) for name in SIGNED}
         self._set(dict.fromkeys(SIGNED, 0.0))  # Checked refuses negative numbers
-        super().__post_init__()
+        Checked.__post_init__(self)
         self._set(signed)
         for name in SHARES:
             if getattr(self, name) > 1.0:

@@ -1,37 +1,73 @@
 """``simulate``: the entry point of the simulation."""
 
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
-from optipromp.core.errors import InvalidRequestError
-from optipromp.core.planning import Plan
-from optipromp.core.planning.legs import Picked
-from optipromp.core.planning.task import posed
-from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.scene import Scene
-from optipromp.core.shown import Shown
-from optipromp.core.trajectory import Trajectory
-from optipromp.laboratory.simulation.outcome import Outcome
-from optipromp.laboratory.simulation.parameters import SimulationParameters
-from optipromp.laboratory.simulation.rollout import Rollout
-from optipromp.laboratory.simulation.simulation import Simulation
-
-if TYPE_CHECKING:
-    from optipromp.looks.viewer.notebook import View3D
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from optipromp.control.controller import Controller
 from optipromp.control.driver import path_back, target_row, tracked_scene
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import Code, OptiPrompError
-from optipromp.core.planning.legs import AFTER, CARRY, after
-from optipromp.core.planning.task import resolve
-from optipromp.core.trajectory import State
-from optipromp.laboratory.simulation.outcome import Cause
+from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
+from optipromp.core.planning import Plan
+from optipromp.core.planning.legs import AFTER, CARRY, Picked, after
+from optipromp.core.planning.task import posed, resolve
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.core.shown import Shown
+from optipromp.core.trajectory import State, Trajectory
+from optipromp.laboratory.simulation.engine import engine
+from optipromp.laboratory.simulation.outcome import Cause, Outcome
+from optipromp.laboratory.simulation.parameters import SimulationParameters
+from optipromp.laboratory.simulation.rollout import Rollout
+from optipromp.laboratory.simulation.simulation import Simulation
+from optipromp.laboratory.simulation.world import World, build
+from optipromp.looks.viewer.embed import FRAME_RATE, FRAMES, REST, recording
+
+if TYPE_CHECKING:
+    from optipromp.looks.viewer.notebook import View3D
+
+
+class Displaced(NamedTuple):
+    """An object at its place of a moment."""
+
+    item: SceneObject
+    position: FloatArray  # (3,) [m]
+    rotation: FloatArray  # (3, 3)
+    stem: FloatArray | None  # (k, 3) points, root first [m]
+
+
+class Moving:
+    """The objects of a ``world`` that move."""
+
+    def __init__(self, world: World) -> None:
+        self.world, self._data = world, world.data(world.robot.home)
+        self._items = {item.id: item for item in world.scene.objects}
+
+    def at(self, state: FloatArray) -> Iterator[Displaced]:
+        """The objects where MuJoCo's generalised positions are ``state`` (nq,)."""
+        data = self._data
+        data.qpos[:] = state
+        engine().mj_kinematics(self.world.model, data)
+        for fruit in self.world.shown:
+            place, turn = np.array(data.xpos[fruit.body]), data.xmat[fruit.body].reshape(3, 3)
+            yield Displaced(self._items[fruit.id], place, turn, self._stem(fruit))
+
+    def _stem(self, fruit: Any) -> FloatArray | None:
+        """The present points (k, 3) of a fruit's stem, root first [m]; None without a stem."""
+        world, data = self.world, self._data
+        if fruit.stem_entity < 0:
+            return None
+        geoms = np.flatnonzero(world.geom_entity == fruit.stem_entity)
+        turns = data.geom_xmat[geoms].reshape(-1, 3, 3)
+        half = world.model.geom_size[geoms, 1:2] * turns[:, :, 2]
+        ends = np.stack([data.geom_xpos[geoms] - half, data.geom_xpos[geoms] + half], axis=1)
+        root = fruit.built.nodes[0]
+        flipped = np.linalg.norm(ends[0, 1] - root) < np.linalg.norm(ends[0, 0] - root)
+        ends = ends[:, ::-1] if flipped else ends
+        return np.asarray(np.concatenate([ends[:, 0], ends[-1:, 1]]))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -70,8 +106,6 @@ class Run(Shown):
         return f"in {self.scene.name}: {self.outcome.told}, {self.outcome.duration:.2f} s"
 
     def _table(self) -> Sequence[tuple[str, str]]:
-        from optipromp.laboratory.simulation.words import run_rows
-
         return [("message", self.outcome.message), *run_rows(self)]
 
     def show(self) -> "View3D":
@@ -82,7 +116,6 @@ class Run(Shown):
         Raises:
             InvalidRequestError: viser is not installed.
         """
-        from optipromp.laboratory.simulation.words import run_page
         from optipromp.looks.viewer.notebook import View3D
 
         return View3D(run_page(self))
@@ -248,3 +281,51 @@ def _off(simulation: Simulation, picked: Picked, rollout: Rollout) -> float | No
     wanted = tip + turns[-1] @ robot.tool_rotation @ held.position
     row = rollout.fruit_ids.index(target.id)
     return float(np.linalg.norm(rollout.fruit_positions[-1, row] - wanted))
+
+
+def run_rows(run: Run) -> list[tuple[str, str]]:
+    """Names and values of what happened in a run, for tables."""
+    rows, outcome = [], run.outcome
+    if outcome.picked is not None:
+        at = "" if outcome.swallowed_at is None else f" since {outcome.swallowed_at:.2f} s"
+        rows.append(("target taken in", ("yes" if outcome.picked else "no") + at))
+    if outcome.target_displacement is not None:
+        rows.append(("target moved before", f"{1e3 * outcome.target_displacement:.1f} mm"))
+    if outcome.placed is not None:
+        at = "" if outcome.placed_off is None else f", {1e3 * outcome.placed_off:.1f} mm off"
+        rows.append(("target placed", ("yes" if outcome.placed else "no") + at))
+    for id_, force in outcome.peak_force.items():
+        words = [f"at most {force:.2f} N"]
+        if id_ in outcome.stem_tension:
+            words.append(f"stem pulled {outcome.stem_tension[id_]:.2f} N")
+        if outcome.stem_force.get(id_, 0.0) > 0.0:
+            words.append(f"stem pressed {outcome.stem_force[id_]:.2f} N")
+        words.append(f"moved {1e3 * outcome.displacement[id_]:.0f} mm")
+        rows.append((id_, ", ".join(words)))
+    for what, contacts in (
+        ("static", outcome.static_contacts),
+        ("cluster", outcome.avoid_contacts + outcome.tool_avoid_contacts),
+    ):
+        for c in contacts:
+            spell = f"{c.peak_force:.2f} N for {c.duration:.2f} s from {c.first:.2f} s"
+            rows.append((f"{c.link} on {c.other}", f"{spell} ({what})"))
+    rows.append(("tracking error", f"{1e3 * outcome.tracking_error:.2f} mm"))
+    speed = f"{run.real_time_factor:.1f} times as fast as it was"
+    rows.append(("motion", f"{outcome.duration:.2f} s, simulated {speed}"))
+    return rows
+
+
+def run_page(run: Run) -> str:
+    """The HTML of a run: arm, fruits and stems as they moved."""
+    moving = Moving(build(run.scene, run.robot, run.parameters, run.seed))
+    times = run.rollout.times
+    count = min(max(round(FRAME_RATE * float(times[-1])), 1), FRAMES)
+    shown = np.unique(np.linspace(0, len(times) - 1, count + 1).round().astype(int))
+    with recording(run.scene, run.robot) as (nodes, record):
+        for row, after in zip(shown, [*shown[1:], shown[-1]], strict=True):
+            nodes.pose(run.rollout.q[row])
+            for moved in moving.at(run.rollout.states[row]):
+                nodes.put(*moved)
+            record.insert_sleep(float(times[after] - times[row]))
+        record.insert_sleep(REST)
+        return str(record.as_html())

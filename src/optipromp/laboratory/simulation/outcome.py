@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from optipromp.core.arrays import BoolArray
-from optipromp.laboratory.simulation.contacts import ContactLog
+from optipromp.laboratory.simulation.contacts import ContactLog, in_tool
 from optipromp.laboratory.simulation.grasps import on_lip, suction_of, wanted
-from optipromp.laboratory.simulation.progress import in_tool
 from optipromp.laboratory.simulation.rollout import Rollout, StemCut
 from optipromp.laboratory.simulation.world import World
 

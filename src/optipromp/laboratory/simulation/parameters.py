@@ -26,13 +26,9 @@ class FruitParameters(Checked):
         "strawberries float barely; density reported as 0.9-1.0 g/cm^3. A sphere of radius 15 mm "
         "weighs 13 g, one of 20 mm 32 g: the 10-30 g of commercial fruit",
     )
-    friction: float = parameter(
-        0.4, "1", "guess", "fruit skin on plastics is reported between 0.2 and 0.6"
-    )
+    friction: float = parameter(0.4, "1", "guess", "fruit skin on plastics; 0.2-0.6 reported")
     rolling_friction: float = parameter(1e-4, "m", "guess", "of objects without a stem")
-    contact_time: float = parameter(
-        0.006, "s", "guess", "time constant of the contact: flesh gives about a millimetre at 10 N"
-    )
+    contact_time: float = parameter(0.006, "s", "guess", "flesh gives about 1 mm at 10 N")
 
 
 @dataclass(frozen=True)
@@ -47,10 +43,7 @@ class StemParameters(Checked):
         "stem radius)",
     )
     truss_diameter: float = parameter(
-        PUSH.beam.truss_diameter,
-        "m",
-        "reported",
-        "the same of a stem that others grow from; strawberry inflorescence axes are 3-5 mm thick",
+        PUSH.beam.truss_diameter, "m", "reported", "the same where others grow from it: 3-5 mm"
     )
     youngs_modulus: float = parameter(
         PUSH.beam.youngs_modulus,
@@ -68,13 +61,10 @@ class StemParameters(Checked):
         "this to have grown in, the stem is taken to be as stiff as this turn implies",
     )
     damping_time: float = parameter(
-        0.06,
-        "s",
-        "guess",
-        "joint damping over joint stiffness (Kelvin-Voigt): swings die within about a second",
+        0.06, "s", "guess", "damping over stiffness (Kelvin-Voigt): swings die in a second"
     )
     swing_damping: float = parameter(
-        2e-4, "N m s/rad", "guess", "of the joint at the root: leaves and neighbours brake a swing"
+        2e-4, "N m s/rad", "guess", "at the root: leaves brake a swing"
     )
     bow_least: float = parameter(
         PUSH.beam.bow_least,
@@ -84,9 +74,7 @@ class StemParameters(Checked):
         "and the next",
     )
     bow_most: float = parameter(PUSH.beam.bow_most, "1", "guess", "largest bow of a straight stem")
-    segment_length: float = parameter(
-        0.025, "m", "choice", "wanted length of one capsule of the chain"
-    )
+    segment_length: float = parameter(0.025, "m", "choice", "of one capsule of the chain")
     least_segments: int = parameter(3, "1", "choice", "of the shortest stem")
     most_segments: int = parameter(10, "1", "choice", "of the longest stem")
     armature: float = parameter(
@@ -106,16 +94,10 @@ class StemParameters(Checked):
     )
 
     calyx: Literal["rigid", "free"] = parameter(
-        "rigid",
-        "",
-        "choice",
-        "whether the fruit turns with the end of its stem, or freely about it",
+        "rigid", "", "choice", "whether the fruit turns with the end of its stem"
     )
     truss_force: float = parameter(
-        15.0,
-        "N",
-        "guess",
-        "sum of the pulls of all fruits of a truss that tears it off: three times that of a fruit",
+        15.0, "N", "guess", "of all its fruits that tears a truss off: three fruits'"
     )
 
     def bending_stiffness(self, diameter: float) -> float:
@@ -133,9 +115,7 @@ class ThingParameters(Checked):
         "guess",
         "of pushables without a stem that state no mass: part-filled packs",
     )
-    friction: float = parameter(
-        PUSH.plane.friction, "1", "guess", "packs on a shelf, tool on packs and shelf"
-    )
+    friction: float = parameter(PUSH.plane.friction, "1", "guess", "packs, shelf and tool")
     contact_time: float = parameter(0.004, "s", "choice", "time constant of hard contacts")
     avoid_as: Literal["soft", "fruits"] = parameter(
         "soft",
@@ -145,7 +125,7 @@ class ThingParameters(Checked):
         "within the scene's shape (fruits)",
     )
     cluster_stiffness: float = parameter(
-        200.0, "1/s^2", "guess", "of a soft cluster, per mass of what presses it"
+        200.0, "1/s^2", "guess", "of a soft cluster, per pressing mass"
     )
     cluster_fruits: int = parameter(6, "1", "guess", "fruits of a real neighbouring cluster")
     cluster_stem: float = parameter(0.15, "m", "guess", "length of the stems of a real cluster")
@@ -155,37 +135,21 @@ class ThingParameters(Checked):
 class RobotParameters(Checked):
     """The arm. Its masses, inertias and torque limits are those that its URDF states."""
 
-    link_density: float = parameter(
-        800.0, "kg/m^3", "guess", "links without a stated mass: the volume of their body spheres"
-    )
-    tool_mass: float = parameter(
-        0.35, "kg", "guess", "of a tool without fingers: printed cup with its neck"
-    )
-    hand_mass: float = parameter(
-        0.73, "kg", "reported", "of a tool with fingers: the Franka hand's; not traced"
-    )
-    armature: float = parameter(
-        0.1, "kg m^2 or kg", "guess", "rotor inertia seen behind the gear, as in Panda models"
-    )
-    joint_friction: float = parameter(
-        0.2, "N m or N", "guess", "dry friction that the controller does not know of"
-    )
-    joint_damping: float = parameter(
-        0.5, "N m s/rad or N s/m", "guess", "viscous friction that the controller does not know of"
-    )
+    link_density: float = parameter(800.0, "kg/m^3", "guess", "of links without a stated mass")
+    tool_mass: float = parameter(0.35, "kg", "guess", "of a cup: printed, with its neck")
+    hand_mass: float = parameter(0.73, "kg", "reported", "of a Franka hand; not traced")
+    armature: float = parameter(0.1, "kg m^2 or kg", "guess", "rotor behind the gear, as in models")
+    joint_friction: float = parameter(0.2, "N m or N", "guess", "dry; unknown to the controller")
+    joint_damping: float = parameter(0.5, "N m s/rad or N s/m", "guess", "viscous; likewise")
     tool_friction: float = parameter(0.35, "1", "guess", "printed plastics")
-    guard_until: float = parameter(
-        0.0, "s", "choice", "until then a lid closes the mouth of the tool; 0: there is none"
-    )
+    guard_until: float = parameter(0.0, "s", "choice", "until then a lid closes the mouth; 0: none")
 
 
 @dataclass(frozen=True)
 class ControlParameters(Checked):
     """Speed of the execution and the joint controller (computed torque)."""
 
-    speed: float = parameter(
-        1.0, "1", "choice", "of the trajectory's own: at 0.5 it takes twice the time"
-    )
+    speed: float = parameter(1.0, "1", "choice", "of the trajectory's own; 0.5: twice the time")
     frequency: float = parameter(40.0, "rad/s", "guess", "of the closed joint loop")
     damping_ratio: float = parameter(1.0, "1", "choice", "critically damped")
     rate: float = parameter(1000.0, "Hz", "published", "of the Panda's control interface")
@@ -207,17 +171,10 @@ class DisturbanceParameters(Checked):
     """Disturbances that the planner is not told of; by default there are none."""
 
     sway: float = parameter(
-        0.0,
-        "m",
-        "choice",
-        "bound of the horizontal sway of the roots of stems; plants in wind sway by 10-30 mm",
+        0.0, "m", "choice", "bound of the horizontal sway of roots; wind: 10-30 mm"
     )
-    sway_frequency: float = parameter(
-        0.3, "Hz", "choice", "lowest of the sway: a gutter or a row of plants as a whole"
-    )
-    sway_fastest: float = parameter(
-        1.6, "Hz", "choice", "highest of the sway: a fruit on 10 cm of stem swings at that"
-    )
+    sway_frequency: float = parameter(0.3, "Hz", "choice", "lowest: gutter or row as a whole")
+    sway_fastest: float = parameter(1.6, "Hz", "choice", "highest: a fruit on 10 cm of stem")
     sway_modes: int = parameter(3, "1", "choice", "harmonic motions that the sway is the sum of")
     sway_of: Literal["gutter", "roots"] = parameter(
         "gutter",
@@ -225,23 +182,15 @@ class DisturbanceParameters(Checked):
         "choice",
         "whether all roots move alike (gutter), or each with phases of its own (roots)",
     )
-    gust: float = parameter(
-        0.0, "1", "choice", "share by which the sway's amplitude falls and rises slowly; at most 1"
-    )
-    shift: float = parameter(
-        0.0, "m", "choice", "horizontally from the scene's fruits on stems to the true ones"
-    )
-    lower: float = parameter(
-        0.0, "m", "choice", "down from the scene's fruits on stems to the true ones"
-    )
+    gust: float = parameter(0.0, "1", "choice", "share by which the amplitude falls and rises")
+    shift: float = parameter(0.0, "m", "choice", "horizontal, from the scene's fruits to the true")
+    lower: float = parameter(0.0, "m", "choice", "likewise, downwards")
     jump: float = parameter(0.0, "m", "choice", "horizontal step of all roots during the run")
     jump_at: float = parameter(0.0, "s", "choice", "time at which that step begins")
-    arm_offset: float = parameter(
-        0.0, "m", "choice", "from where the arm's base is believed to be to where it is"
-    )
+    arm_offset: float = parameter(0.0, "m", "choice", "believed place of the arm's base to true")
     arm_turn: float = parameter(0.0, "deg", "choice", "likewise, turn of the arm's base")
     command_delay: float = parameter(
-        0.0, "s", "choice", "by which references reach the joint controller late; cells: 0-20 ms"
+        0.0, "s", "choice", "of references to the joints; cells: 0-20 ms"
     )
 
     @property
@@ -254,31 +203,16 @@ class DisturbanceParameters(Checked):
 class Thresholds(Checked):
     """Limits of a success; a failure names the first limit that it exceeds."""
 
-    static_force: float = parameter(
-        0.5, "N", "choice", "any harder touch of a static object fails the run"
-    )
-    avoid_force: float = parameter(
-        0.5, "N", "choice", "harder touch of a neighbouring cluster by an arm link but the last"
-    )
-    stem_force: float = parameter(
-        PUSH.harm.stem_force, "N", "choice", "a stem pressed harder by arm or tool counts as caught"
-    )
+    static_force: float = parameter(0.5, "N", "choice", "a harder touch fails the run")
+    avoid_force: float = parameter(0.5, "N", "choice", "of a cluster by a link but the last")
+    stem_force: float = parameter(PUSH.harm.stem_force, "N", "choice", "pressed harder: caught")
     stem_time: float = parameter(0.05, "s", "choice", "and for longer than this")
     fruit_force: float = parameter(
-        10.0,
-        "N",
-        "reported",
-        "harvesting papers keep the grip below about 10 N so as not to bruise",
+        10.0, "N", "reported", "harvesting papers grip with less, so as not to bruise"
     )
-    inside_margin: float = parameter(
-        0.0, "m", "choice", "how far below the rim the target's centre must be"
-    )
-    tracking_error: float = parameter(
-        0.02, "m", "choice", "of the tool point; beyond it the arm was stopped by something"
-    )
-    placed: float = parameter(
-        0.02, "m", "choice", "how far from its planned place a fruit that is placed may end"
-    )
+    inside_margin: float = parameter(0.0, "m", "choice", "of the target's centre below the rim")
+    tracking_error: float = parameter(0.02, "m", "choice", "beyond it something stopped the arm")
+    placed: float = parameter(0.02, "m", "choice", "largest error of a fruit's place")
     rest_time: float = parameter(
         0.3,
         "s",

@@ -3,7 +3,8 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal, NamedTuple
+from types import TracebackType
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,22 +16,19 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.parameters import Checked, parameter
 from optipromp.core.planning.task import posed
+from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.laboratory.simulation.detector_parameters import MOUNTS, DetectorParameters
-from optipromp.laboratory.simulation.dress import dressed
-from optipromp.laboratory.simulation.engine import engine
-from optipromp.laboratory.simulation.leaves import LEAF, LeafParameters, leafy
+from optipromp.laboratory.simulation.painting import LEAF, LeafParameters, furnished, leafy
 from optipromp.laboratory.simulation.parameters import SimulationParameters
-from optipromp.laboratory.simulation.render import canvas
-from optipromp.laboratory.simulation.rich import furnished
 from optipromp.laboratory.simulation.sight import hand_pose, standing_pose, tool_frame
+from optipromp.laboratory.simulation.simulation import Simulation
 from optipromp.laboratory.simulation.stereo import StereoParameters, sensed
+from optipromp.laboratory.simulation.studio import EYE, Studio
 from optipromp.laboratory.simulation.world import CLUSTER_FRUIT_RADIUS, World, build
 from optipromp.perception.pictures import CameraModel, DepthPicture, Image8
 
-EYE = "eye"
 Kind = Literal["ripe", "unripe", "calyx", "stem", "leaf", "static", "other"]
 Looks = Literal["plain", "rich"]
 SHADOW = 1024  # [texel] side of the map of shadows
@@ -43,32 +41,24 @@ class PhotoParameters(Checked):
 
     width: int = parameter(640, "pixel", "choice", "of a picture")
     height: int = parameter(480, "pixel", "choice", "of a picture")
-    focal: float = parameter(
-        480.0, "pixel", "choice", "67 degrees across; RGB-D cameras see 42-87 degrees"
-    )
-    jitter: float = parameter(
-        0.03, "m", "choice", "standard deviation of a standing camera's place along each axis"
-    )
+    focal: float = parameter(480.0, "pixel", "choice", "67° across; RGB-D cameras see 42-87°")
+    jitter: float = parameter(0.03, "m", "choice", "deviation of a camera's place, each axis")
     ambient: tuple[float, float] = parameter((0.20, 0.50), "1", "choice", "light from everywhere")
     sun: tuple[float, float] = parameter((0.2, 0.8), "1", "choice", "light from one side")
     tint: float = parameter(0.06, "1", "choice", "standard deviation of the light's colour")
     hue: float = parameter(6.0, "deg", "choice", "standard deviation of the hue of each surface")
-    paint: float = parameter(
-        0.10, "1", "choice", "standard deviation of saturation and value of each surface"
-    )
-    metered: float = parameter(
-        0.32, "1", "choice", "rich looks: mean of the colours that exposure aims at"
-    )
-    exposure: float = parameter(
-        0.18, "1", "choice", "rich looks: standard deviation of the logarithm of brightness"
-    )
+    paint: float = parameter(0.10, "1", "choice", "deviation of a surface's saturation and value")
+    metered: float = parameter(0.32, "1", "choice", "rich looks: mean colour of the exposure")
+    exposure: float = parameter(0.18, "1", "choice", "rich looks: deviation of log brightness")
     corners: float = parameter(0.3, "1", "choice", "rich looks: most light that corners lack")
-    blur: float = parameter(
-        0.9, "pixel", "choice", "rich looks: largest deviation of a point's image at 640 pixels"
-    )
-    grain: float = parameter(
-        2.5, "1", "guess", "standard deviation of each pixel's colours, of 255"
-    )
+    blur: float = parameter(0.9, "pixel", "choice", "rich looks: of a point's image, at 640 pixels")
+    grain: float = parameter(2.5, "1", "guess", "deviation of each pixel's colours, of 255")
+
+    @property
+    def lens(self) -> CameraModel:
+        """The camera, whose pose is not known yet."""
+        middle = 0.5 * (self.width - 1), 0.5 * (self.height - 1)
+        return CameraModel(self.width, self.height, self.focal, self.focal, *middle)
 
 
 class Marked(NamedTuple):
@@ -144,48 +134,108 @@ def photograph(
     Raises:
         InvalidRequestError: an unknown mount; MuJoCo is not installed, or cannot draw.
     """
-    if mount not in MOUNTS:
-        raise InvalidRequestError(f"mount is {mount!r}; valid are {', '.join(MOUNTS)}")
     p, rng = parameters or PhotoParameters(), np.random.default_rng([seed, 35])
     robot, state = posed(scene)
     physics = SimulationParameters()
-    physics = replace(
-        physics,
-        thing=replace(physics.thing, avoid_as="fruits"),
-    )
+    physics = replace(physics, thing=replace(physics.thing, avoid_as="fruits"))
     if looks == "plain":
         physics = replace(physics, stem=replace(physics.stem, bow_least=0.0, bow_most=0.0))
+    pose = _mounted(mount, scene, robot)
     world = build(scene, robot, physics, seed)
-    detector = DetectorParameters(mount=mount)  # type: ignore[arg-type]
     if mount == "beside":
-        pose = upright(standing_pose(scene, detector), scene.up)
         pose = Pose(pose.position + p.jitter * rng.standard_normal(3), pose.orientation)
     else:
-        pose = tool_frame(robot, state.q) @ hand_pose(robot, detector)
-    middle = 0.5 * (p.width - 1), 0.5 * (p.height - 1)
-    camera = CameraModel(p.width, p.height, p.focal, p.focal, *middle, pose)
-    world.spec.worldbody.add_camera(
-        name=EYE, pos=pose.position, quat=to_quaternion(pose.rotation * [1.0, -1.0, -1.0]),
-        fovy=2.0 * math.degrees(math.atan(0.5 * p.height / p.focal)),
-    )  # fmt: skip
+        pose = tool_frame(robot, state.q) @ pose
+    camera = replace(p.lens, pose=pose)
     other = np.random.default_rng([seed, 36])
 
     def rich(spec: Any) -> None:
         leafy(spec, scene, pose, LeafParameters(), other)
         furnished(spec, scene, pose, other)
 
-    model = dressed(world, rich if looks == "rich" else None)
-    model.vis.quality.offsamples = 0
-    painted(model, p, rng, looks)
-    rgb, depth, seen = _drawn(model, world, state.q, camera)
+    with Studio(world, lens=camera, more=rich if looks == "rich" else None) as studio:
+        model = studio.model
+        painted(model, p, rng, looks)
+        studio.stand(world.drives.segments(state.q))
+        rgb, depth = _taken(studio, camera)
+        seen = studio.geoms(p.width, p.height)
     if looks == "rich":
         rgb = _lensed(rgb, p, other)
-    rgb = exposed(rgb, p, rng)
+    rgb = _exposed(rgb, p, rng)
     fruits = _fruits(world)
     masks, marked = _masks(model, seen, fruits, camera, scene)
     measured = sensed(depth, p.focal, stereo or StereoParameters(), rng)
     picture = DepthPicture(rgb, measured, camera)
     return Photograph(picture, depth, masks, marked, world.scene, fruits)
+
+
+class LiveCamera:
+    """Photographs a simulation as it runs; fruits hang where they hang now.
+
+    Args:
+        simulation: whose world is shown. Objects to avoid are as its parameters say.
+        mount: of the camera: ``beside``, ``palm`` or ``hand``, as for closed loops.
+        seed: of light, colours and background, which last, and of each picture's errors of depth.
+        parameters: of the camera and the looks; a standing camera has no ``jitter``.
+        stereo: of the errors of depth.
+
+    Raises:
+        InvalidRequestError: an unknown mount, or MuJoCo cannot draw.
+    """
+
+    def __init__(
+        self, simulation: Simulation, mount: str = "beside", seed: int = 0,
+        parameters: PhotoParameters | None = None, stereo: StereoParameters | None = None,
+    ) -> None:  # fmt: skip
+        p = self._parameters = parameters or PhotoParameters()
+        self._simulation, self._on_tool = simulation, mount != "beside"
+        self._stereo, self._rng = stereo or StereoParameters(), np.random.default_rng([seed, 35])
+        self._pose = _mounted(mount, simulation.scene, simulation.robot)
+        self._studio = Studio(simulation.world, lens=p.lens)
+        painted(self._studio.model, p, self._rng)
+        self._studio.renderer(p.width, p.height)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None,
+        where: TracebackType | None,
+    ) -> None:  # fmt: skip
+        self._studio.close()
+
+    @property
+    def camera(self) -> CameraModel:
+        """The camera where it is now."""
+        pose = self._pose
+        if self._on_tool:
+            pose = tool_frame(self._simulation.robot, self._simulation.state().q) @ pose
+        return replace(self._parameters.lens, pose=pose)
+
+    def take(self) -> DepthPicture:
+        """A picture of what is there now."""
+        camera, p = self.camera, self._parameters
+        self._studio.stand(self._simulation.data.qpos)
+        rgb, depth = _taken(self._studio, camera)
+        rgb = _exposed(rgb, p, self._rng)
+        return DepthPicture(rgb, sensed(depth, p.focal, self._stereo, self._rng), camera)
+
+
+def _mounted(mount: str, scene: Scene, robot: Robot) -> Pose:
+    """The pose of a camera by its mount: in the base frame, or in the tool axes on the hand."""
+    if mount not in MOUNTS:
+        raise InvalidRequestError(f"mount is {mount!r}; valid are {', '.join(MOUNTS)}")
+    detector = DetectorParameters(mount=mount)  # type: ignore[arg-type]
+    if mount == "beside":
+        return upright(standing_pose(scene, detector), scene.up)
+    return hand_pose(robot, detector)
+
+
+def _taken(studio: Studio, camera: CameraModel) -> tuple[Image8, FloatArray]:
+    """Colours and true depths [m] of what is in the studio, by a camera in the base frame."""
+    studio.aim(camera.pose)
+    rgb = studio.colours(EYE, camera.width, camera.height)
+    return rgb, studio.depths(camera.width, camera.height)
 
 
 def upright(pose: Pose, up: FloatArray) -> Pose:
@@ -196,27 +246,6 @@ def upright(pose: Pose, up: FloatArray) -> Pose:
         return pose
     x /= np.linalg.norm(x)
     return Pose(pose.position, np.column_stack([x, np.cross(z, x), z]))
-
-
-def _drawn(
-    model: Any, world: World, q: FloatArray, camera: CameraModel
-) -> tuple[Image8, FloatArray, NDArray[np.int32]]:
-    """Colours, depths [m] and geoms (-1: none) of all pixels."""
-    mujoco = engine()
-    data = mujoco.MjData(model)
-    data.qpos[: world.robot.n_segments] = world.drives.segments(q)
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_camlight(model, data)
-    with canvas(model, camera.width, camera.height) as renderer:
-        renderer.update_scene(data, EYE)
-        rgb = renderer.render().copy()
-        renderer.enable_depth_rendering()
-        depth = renderer.render().astype(np.float64)
-        renderer.disable_depth_rendering()
-        renderer.enable_segmentation_rendering()
-        segments = renderer.render().copy()
-    geom = segments[:, :, 1] == int(mujoco.mjtObj.mjOBJ_GEOM)
-    return rgb, depth, np.where(geom, segments[:, :, 0], -1)
 
 
 def painted(
@@ -277,7 +306,7 @@ def _lensed(rgb: Image8, p: PhotoParameters, rng: np.random.Generator) -> Image8
     return np.asarray(np.clip(soft * dark[:, :, None] * gain, 0.0, 255.0), dtype=np.uint8)
 
 
-def exposed(rgb: Image8, p: PhotoParameters, rng: np.random.Generator) -> Image8:
+def _exposed(rgb: Image8, p: PhotoParameters, rng: np.random.Generator) -> Image8:
     """The picture with the sensor's grain."""
     noisy = rgb + p.grain * rng.standard_normal(rgb.shape)
     return np.asarray(np.clip(np.rint(noisy), 0, 255), dtype=np.uint8)

@@ -16,11 +16,10 @@ from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
-from optipromp.laboratory.simulation.contacts import pressing
-from optipromp.laboratory.simulation.entities import Layer
+from optipromp.laboratory.simulation.contacts import HarmSoFar, harm_so_far, in_tool, pressing
+from optipromp.laboratory.simulation.engine import Layer
 from optipromp.laboratory.simulation.outcome import Outcome, judge
 from optipromp.laboratory.simulation.parameters import SimulationParameters
-from optipromp.laboratory.simulation.progress import HarmSoFar, harm_so_far, in_tool
 from optipromp.laboratory.simulation.rollout import Rollout
 from optipromp.laboratory.simulation.steps import Execution, quiet
 from optipromp.laboratory.simulation.world import GRIP, World, build

@@ -10,13 +10,12 @@ import numpy as np
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frozen
 from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.simulation.arm import GUARD
-from optipromp.laboratory.simulation.contacts import ContactLog, pressing
+from optipromp.laboratory.simulation.contacts import ContactLog, is_sound, note_pulls, pressing
 from optipromp.laboratory.simulation.disturbances import CARRIAGE_MASS
 from optipromp.laboratory.simulation.engine import engine
+from optipromp.laboratory.simulation.fruits import tops
 from optipromp.laboratory.simulation.grasps import between_blades, carried_by, scissor_of
-from optipromp.laboratory.simulation.kernels import is_sound, note_pulls
 from optipromp.laboratory.simulation.rollout import Rollout, StemCut, used
-from optipromp.laboratory.simulation.trusses import tops
 from optipromp.laboratory.simulation.world import Fruit, World
 
 

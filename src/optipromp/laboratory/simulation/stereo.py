@@ -13,9 +13,7 @@ from optipromp.core.parameters import Checked, parameter
 class StereoParameters(Checked):
     """Errors of a stereo camera of short range on a hand."""
 
-    baseline: float = parameter(
-        0.018, "m", "published", "between the imagers of a RealSense D405 (data sheet)"
-    )
+    baseline: float = parameter(0.018, "m", "published", "imagers of a RealSense D405 (sheet)")
     subpixel: float = parameter(
         0.08,
         "pixel",
@@ -23,9 +21,7 @@ class StereoParameters(Checked):
         "standard deviation of the disparity; of a tuned RealSense (Intel, Tuning depth cameras "
         "for best performance)",
     )
-    window: float = parameter(
-        1.5, "pixel", "guess", "standard deviation of the filter that correlates the noise"
-    )
+    window: float = parameter(1.5, "pixel", "guess", "deviation of the noise's filter")
     scale: float = parameter(
         0.005,
         "1",
@@ -33,16 +29,10 @@ class StereoParameters(Checked):
         "standard deviation of a picture's error of depth over depth; the D405's data sheet "
         "bounds it by 0.02 at 0.5 m",
     )
-    ragged: float = parameter(
-        1.0, "pixel", "guess", "standard deviation of the displacement of an edge, along each axis"
-    )
-    step: float = parameter(
-        0.015, "m", "choice", "least difference of neighbouring depths that is an edge"
-    )
+    ragged: float = parameter(1.0, "pixel", "guess", "deviation of an edge's place, each axis")
+    step: float = parameter(0.015, "m", "choice", "least step of depth that is an edge")
     edge_holes: float = parameter(0.3, "1", "guess", "share of pixels at edges without a depth")
-    holes: float = parameter(
-        0.01, "1", "guess", "share of all pixels in holes: gloss and no texture"
-    )
+    holes: float = parameter(0.01, "1", "guess", "of all pixels: gloss and no texture")
     hole_size: float = parameter(3.0, "pixel", "guess", "correlation length of these holes")
     nearest: float = parameter(0.07, "m", "published", "least depth of a D405 (data sheet)")
     farthest: float = parameter(1.5, "m", "choice", "largest depth that is kept")

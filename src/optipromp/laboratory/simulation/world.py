@@ -24,11 +24,9 @@ from optipromp.laboratory.simulation.disturbances import (
     root_motion,
     roots_of,
 )
-from optipromp.laboratory.simulation.engine import engine
-from optipromp.laboratory.simulation.entities import NOBODY, Entity, layers
+from optipromp.laboratory.simulation.engine import NOBODY, Entity, add_shape, engine, layers
 from optipromp.laboratory.simulation.fruits import BuiltFruit, add_fruit, bows, trusses_of
 from optipromp.laboratory.simulation.parameters import SimulationParameters
-from optipromp.laboratory.simulation.solids import add_shape
 
 STATIC_COLOUR = (0.62, 0.60, 0.57, 1.0)
 AVOID_COLOUR = (0.35, 0.60, 0.30, 0.35)

@@ -17,8 +17,7 @@ from optipromp.core.robots.description import LinkGeometry, LinkShape, mesh_file
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.mounted import Load, loads_of, without_loads
 from optipromp.core.robots.tools import FINGERS, Cup, FrankaHand
-from optipromp.looks.appearance.faces import coarser, shape_faces
-from optipromp.looks.appearance.part import Part, hex_colour
+from optipromp.looks.appearance.faces import Part, coarser, hex_colour, shape_faces
 
 LINK, BASE, DRUM = "#e3e6e9", "#8c9199", "#474d55"
 TOOL_COLOURS = {"mouth": "#a9d8ec", "neck": "#3b434c", "palm": "#dfe2e5", "finger": "#3b434c"}

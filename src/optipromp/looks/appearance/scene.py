@@ -10,8 +10,7 @@ from optipromp.core.arrays import FloatArray, frame_along
 from optipromp.core.geometry.faces import box, revolve, sphere, tube
 from optipromp.core.geometry.shapes import MeshShape, PointCloudShape, Sphere
 from optipromp.core.scenes.scene import Scene, SceneObject
-from optipromp.looks.appearance.faces import shape_faces
-from optipromp.looks.appearance.part import Part
+from optipromp.looks.appearance.faces import Part, shape_faces
 
 ROLES = {"target": "#d11a2a", "avoid": "#7f9a5c", "static": "#b39b7c"}
 UNRIPE = ("#a9c46a", "#c6cf86", "#8fb554", "#d3d7a0")  # pushables on stems, in turn

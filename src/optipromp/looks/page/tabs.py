@@ -18,7 +18,7 @@ from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
 from optipromp.laboratory.simulation.files import LoopRecord
-from optipromp.looks.appearance.part import hex_colour
+from optipromp.looks.appearance.faces import hex_colour
 from optipromp.looks.appearance.scene import SEE_THROUGH, colour_of
 from optipromp.looks.page.content import GREEN_AT, Chart
 from optipromp.looks.page.stage import AHEAD, BACK, SIDE, SPREAD, SURE, UNSURE

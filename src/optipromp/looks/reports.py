@@ -1,0 +1,475 @@
+"""Reports: one self-contained HTML file about a plan, a run or a study, for screens and paper."""
+
+import json
+import math
+import platform
+import re
+import shlex
+from base64 import b64encode
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from html import escape
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optipromp.core.documents import read_document
+from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError, OptiPrompError
+from optipromp.core.files import is_file, is_folder, reading
+from optipromp.core.output import load_plan
+from optipromp.core.planning import Plan, PlanOptions
+from optipromp.core.scenes.io import scene_from_dict
+from optipromp.laboratory.experiments.rows import ERROR, NO_PLAN, ROWS, Row, rows_of
+from optipromp.laboratory.experiments.scenarios import CASES, ScenarioRow
+from optipromp.laboratory.experiments.statistics import (
+    Cell,
+    Reliability,
+    calibration,
+    percent,
+    summary,
+)
+from optipromp.laboratory.experiments.study import file_of, settings_of, study_figure
+from optipromp.laboratory.experiments.trials import FOLDER, again
+from optipromp.laboratory.generate import PANDA
+from optipromp.laboratory.simulation import Run
+from optipromp.looks.viewer import notebook
+from optipromp.looks.viewer.embed import plan_page, scene_page
+from optipromp.looks.viewer.figures import changed_terms, cost_figure, joint_figure, png
+from optipromp.looks.viewer.notebook import DPI, HEIGHT, frame
+from optipromp.looks.viewer.reach import reach_figure
+from optipromp.looks.viewer.words import author, plan_rows, seconds
+from optipromp.perception.pictures import png_file
+
+LARGEST_FILE = 5_000_000  # bytes of a report
+PACKAGES = "optipromp", "numpy", "scipy", "numba", "mujoco", "viser"
+STYLE = """
+:root { color-scheme: light; }
+body { font: 15px/1.5 system-ui, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif;
+  color: #20262c; background: #fff; margin: 0 auto; max-width: 1080px; padding: 0 20px 40px; }
+h1 { font-size: 26px; margin: 28px 0 4px; } h2 { font-size: 18px; margin: 34px 0 8px;
+  border-bottom: 1px solid #d9dde1; padding-bottom: 4px; }
+p { max-width: 75ch; } .faint { color: #66707a; font-size: 13px; }
+.good { color: #1c7a35; } .bad { color: #b3261e; } .status { font-weight: 600; }
+.wide { overflow-x: auto; }
+table { border-collapse: collapse; margin: 8px 0 14px; font-size: 14px; }
+th, td { text-align: left; vertical-align: top; padding: 4px 14px 4px 0;
+  border-bottom: 1px solid #eceff1; } th[scope=row] { font-weight: 500; color: #47515a; }
+tr.head th { color: #66707a; font-weight: 600; font-size: 13px; }
+td { font-variant-numeric: tabular-nums; }
+img, video { max-width: 100%; height: auto; display: block; }
+code { background: #f3f5f7; padding: 2px 6px; border-radius: 4px; overflow-wrap: anywhere; }
+figure { margin: 10px 0 18px; break-inside: avoid; } figcaption { font-size: 13px; color: #47515a; }
+.cases { display: grid; grid-template-columns: repeat(auto-fill, minmax(320px, 1fr)); gap: 18px; }
+@media (max-width: 600px) { iframe { height: 360px !important; } body { padding: 0 12px 24px; } }
+@media print { body { max-width: none; font-size: 10.5pt; padding: 0; } .screen { display: none; }
+  h2 { break-after: avoid; } table, tr { break-inside: avoid; } a { color: inherit; }
+  .cases { grid-template-columns: 1fr 1fr; } @page { margin: 15mm; } }
+"""
+
+
+def page(title: str, sections: Iterable[str]) -> bytes:
+    """The HTML file, which fetches nothing."""
+    head = (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{escape(title)}</title><style>{STYLE}</style></head><body>"
+    )
+    return "".join([head, *sections, "</body></html>\n"]).encode("utf-8")
+
+
+def section(title: str, *content: str, screen: bool = False) -> str:
+    """A heading and its content; with ``screen``, left out on paper."""
+    kind = ' class="screen"' if screen else ""
+    return f"<section{kind}><h2>{escape(title)}</h2>{''.join(content)}</section>"
+
+
+def paragraph(text: str, kind: str = "") -> str:
+    """A paragraph of text."""
+    return f'<p class="{kind}">{escape(text)}</p>'
+
+
+def table(rows: Iterable[Sequence[str]], head: Sequence[str] = ()) -> str:
+    """A table of texts, which scrolls on a narrow screen; the first of each row is its name."""
+    return f'<div class="wide">{notebook.table(rows, head)}</div>'
+
+
+def picture(content: bytes, caption: str) -> str:
+    """A PNG, embedded in the file."""
+    return (
+        f'<figure><img alt="{escape(caption)}" src="{_data("image/png", content)}">'
+        f"<figcaption>{escape(caption)}</figcaption></figure>"
+    )
+
+
+def film(content: bytes, kind: str, caption: str) -> str:
+    """A film of a ``kind`` (webm, mp4), embedded in the file; left out on paper."""
+    source = _data(f"video/{kind}", content)
+    return (
+        f'<figure class="screen"><video controls loop muted src="{source}">'
+        f"</video><figcaption>{escape(caption)}</figcaption></figure>"
+    )
+
+
+def made_with(command: str, recorded: Mapping[str, str]) -> str:
+    """The section of the command and of versions."""
+    versions = [(name, _version(name)) for name in PACKAGES]
+    rows = [*recorded.items(), *((name, found) for name, found in versions if found)]
+    rows += [("Python", platform.python_version()), ("system", platform.platform(terse=True))]
+    return section("Made with", f"<p><code>{escape(command)}</code></p>", table(rows))
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return ""
+
+
+def _data(kind: str, content: bytes) -> str:
+    return f"data:{kind};base64,{b64encode(content).decode('ascii')}"
+
+
+OURS = "—"
+
+
+def plan_report(folder: Path | str) -> bytes:
+    """One HTML file, at most 5 MB, about the plan in a folder that ``optipromp plan`` left.
+
+    The report includes the outcome and film that ``optipromp simulate`` left in the folder. Without
+    viser the 3-D view is left out.
+    """
+    folder = Path(folder)
+    plan = load_plan(folder)
+    folder = folder if is_folder(folder) else folder.parent
+    written = json.loads((folder / "plan.json").read_text(encoding="utf-8")).get("version", "")
+    title = f"{plan.scene.name}: {plan.planner}"
+    kind = "good" if plan.success else "bad"
+    total = seconds(plan.time.get("total", math.nan))
+    head = (
+        f"<h1>{escape(title)}</h1>"
+        + paragraph(f"{plan.status} in {total}", f"status {kind}")
+        + paragraph(plan.message)
+    )
+    figures = [
+        ("The arm, and the cluster along two axes", reach_figure(plan)),
+        ("Joints over time", joint_figure(plan)),
+    ]
+    if changed_terms(plan):
+        figures.append(("Costs over the iterations", cost_figure(plan)))
+    parts = [
+        head,
+        _shown(lambda: plan_page(plan), "Turn it with the mouse; pushed fruits move as predicted."),
+        section("Pictures", *(picture(png(figure, DPI), name) for name, figure in figures)),
+        section("Metrics", table(plan_rows(plan))),
+        *_beside_paper(plan),
+        *_contacts(plan),
+        *_run(folder),
+        section("Settings", table(_settings(plan))),
+        made_with(_command(plan), {"plan written by": f"optipromp {written}"}),
+    ]
+    return _fitted(title, parts, folder)
+
+
+def run_report(folder: Path | str) -> bytes:
+    """One HTML file, at most 5 MB, about the rollout in a folder that ``simulate --out`` left."""
+    folder = Path(folder)
+    document = read_document(folder / "outcome.json", InvalidRequestError, "an outcome")
+    with reading(folder, "no rollout of this version", passes=(InvalidSceneError,)):
+        scene = scene_from_dict(document["scene_file"], base_dir=folder, source=str(folder))
+        words = ["optipromp", "simulate", f"{scene.name}.yaml", "--seed", str(document["seed"])]
+    title = f"{scene.name}: executed in the physics simulation"
+    view = _shown(lambda: scene_page(scene), "Turn it with the mouse; the arm is at its start.")
+    made = made_with(shlex.join(words), {"written by": f"optipromp {document.get('version')}"})
+    return _fitted(title, [f"<h1>{escape(title)}</h1>", view, *_run(folder), made], folder)
+
+
+def _fitted(title: str, parts: list[str], folder: Path) -> bytes:
+    """The page, with the folder's film where there is room, without 3-D where there is none."""
+    films = [path for kind in ("webm", "mp4") if is_file(path := folder / f"run.{kind}")]
+    if films:
+        newest = max(films, key=lambda path: path.stat().st_mtime)
+        words = "The run in the physics simulation"
+        shown = film(newest.read_bytes(), newest.suffix[1:], words)
+        if sum(map(len, parts)) + len(shown) < LARGEST_FILE:
+            parts.insert(2, section("Film", shown, screen=True))
+    if sum(map(len, parts)) > LARGEST_FILE:
+        parts[1] = section("3-D", paragraph("Left out: it is too large.", "faint"), screen=True)
+    return page(title, parts)
+
+
+def _shown(view: Callable[[], str], words: str) -> str:
+    try:
+        content = frame(view(), HEIGHT)
+    except InvalidRequestError as error:
+        content = paragraph(f"Left out: {error.message}.", "faint")
+    return section("3-D", content, paragraph(words, "faint"), screen=True)
+
+
+def _beside_paper(plan: Plan) -> list[str]:
+    """The section of the paper's figures of the same scene beside the plan's."""
+    cases = [case for case in CASES if case.scene == plan.scene.name and case.published]
+    alike = [case for case in cases if case.strategy == plan.strategy]
+    case = next(iter(alike or cases), None)
+    if case is None or case.published is None:
+        return []
+    row, published, metrics = ScenarioRow(case, plan), case.published, plan.metrics
+    holds = {None: OURS, True: "holds", False: "fails"}
+    rows = [("M_c", _mm(published.M_c), _mm(metrics.M_c), holds[row.thresholds.get("M_c")])]
+    rows += [
+        (f"M_p {name}", _mm(value), _mm(metrics.M_p.get(name)),
+         holds[row.thresholds.get(f"M_p {name}")])
+        for name, value in published.M_p.items()
+    ]  # fmt: skip
+    rows += [
+        (f"cost {item.term}, before ÷ after", f"{item.paper:g} in {item.paper_iterations}",
+         f"{item.final:.3g} in {item.iterations}" if math.isfinite(item.final) else OURS, OURS)
+        for item in row.reductions
+    ]  # fmt: skip
+    head = "figure", "the paper's", "this plan's", "the paper's test"
+    return [section("Beside the paper", table(rows, head))]
+
+
+def _contacts(plan: Plan) -> list[str]:
+    if not plan.contacts:
+        return []
+    rows = [tuple(str(value) for value in vars(contact).values()) for contact in plan.contacts]
+    return [section("Touches that must not be", table(rows, tuple(vars(plan.contacts[0]))))]
+
+
+def _run(folder: Path) -> list[str]:
+    """The outcome of the simulated run beside the plan."""
+    path = folder / "outcome.json"
+    if not is_file(path):
+        return []
+    try:
+        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        good = "picked, nothing harmed" if found["picked"] else "nothing harmed"
+        rows = [
+            ("outcome", good if found["success"] else f"{found['cause']}"),
+            ("in words", found["message"]),
+            ("largest force on what is not to be picked", f"{found['unripe_peak_force']:.2f} N"),
+            *(
+                (f"force on {name}", f"{force:.2f} N")
+                for name, force in found["peak_force"].items()
+            ),
+            ("tracking error", f"{1e3 * found['tracking_error']:.2f} mm"),
+            ("duration", f"{found['duration']:.2f} s"),
+        ]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InvalidRequestError(
+            f"{path}: not an outcome that 'simulate' left ({error})"
+        ) from None
+    return [section("In the physics simulation", table(rows))]
+
+
+def _settings(plan: Plan) -> list[tuple[str, str]]:
+    scene, tool = plan.scene, plan.robot.tool
+    rows = [
+        ("planner", author(plan)),
+        ("seed", str(plan.seed)),
+        ("robot", repr(plan.robot)[7:-1]),
+        ("tool", "none" if tool is None else repr(tool)),
+        ("scene", repr(scene)[7:-1]),
+        ("start", ", ".join(f"{value:.4g}" for value in plan.trajectory.positions[0])),
+        ("approach", f"along {scene.frame[2].round(4).tolist()}"),
+        *((f"option {name}", str(value)) for name, value in scene.options.items()),
+        *((f"time, {name}", seconds(value)) for name, value in plan.time.items()),
+        *((f"stage {stage.name}", f"{stage.solver}: {stage.message}") for stage in plan.stages),
+    ]
+    return [(name, value) for name, value in rows if value]
+
+
+def _command(plan: Plan) -> str:
+    from optipromp.core.scenes.io import scene_names
+
+    name = plan.scene.name
+    words = ["optipromp", "plan", name if name in scene_names() else f"{name}.yaml"]
+    words += ["--planner", plan.planner]
+    if plan.strategy:
+        words += ["--strategy", plan.strategy]
+    return shlex.join([*words, "--seed", str(plan.seed), "--out", "DIR"])
+
+
+def _mm(value: float | None) -> str:
+    return OURS if value is None or not math.isfinite(value) else f"{1e3 * value:+.1f} mm"
+
+
+SIZE = 640, 360  # [pixel] of a worst case's picture
+WORST = 6  # failed runs that are shown
+_UNSAID = re.compile(r"(?:, )?\b\w+=(?:None|\{\}|\(\))")  # a choice of a robot's arm not made
+SLIGHT = 0.2  # [N] largest force of a run whose end is shown instead of the moment of that force
+
+
+def study_report(
+    folder: Path | str, *, worst: int = WORST, progress: Callable[[str], None] | None = None
+) -> bytes:
+    """One HTML file about the study in a folder that ``optipromp study`` left.
+
+    The worst runs are made again for their pictures; there are no pictures where nothing can be
+    drawn off screen.
+
+    ``folder``: of the rows. ``worst``: number of failed runs that are shown. ``progress``: called
+    with a line about the run that is drawn.
+    """
+    folder = Path(folder)
+    rows = rows_of(folder)
+    if not rows:
+        raise InvalidRequestError(f"{folder} holds no rows of a study ({ROWS})")
+    settings, robot = settings_of(folder)
+    settings["risk"] = risk = PlanOptions(risk=settings.get("risk", PlanOptions.risk)).risk
+    cells = summary(rows)
+    kept, plans = sum(cell.kept for cell in cells), sum(cell.plans for cell in cells)
+    title = f"Study of {len(rows)} runs"
+    head = f"<h1>{title}</h1>" + paragraph(
+        f"{kept} of {len(rows)} were promised, picked the target and harmed nothing, in the "
+        f"physics simulation; {plans - kept} of {plans} promises were broken."
+    )
+    found = calibration(rows)
+    parts = [
+        head,
+        section(
+            "Success", picture(png(study_figure(cells), DPI), "Success rates and causes"),
+            table(_rates(cells), ("preset", "planner", "runs", "promised and picked",
+                                  "95 % (Wilson)", "broken promises", "95 %",
+                                  "picked if executed although refused",
+                                  "median force on unripe", "90 %", "time to plan")),
+        ),
+        section(
+            "Causes of failure",
+            table([(cell.preset, cell.planner, cell.failed_by) for cell in cells],
+                  ("preset", "planner", "failed by (a run may have several)")),
+        ),
+        *_prediction(found),
+        *_worst(rows, worst, progress, robot, settings),
+        section("Settings", table([(k, _told(v)) for k, v in settings.items() if k != FOLDER])),
+        made_with(_study_command(rows, robot, risk), {}),
+    ]  # fmt: skip
+    return page(title, parts)
+
+
+def _rates(cells: Sequence[Cell]) -> list[tuple[str, ...]]:
+    return [
+        (c.preset, c.planner, str(c.runs), f"{c.kept} ({100 * c.rate:.1f} %)",
+         f"{c.interval} %", f"{c.broken} of {c.plans}",
+         f"{percent(c.broken_low, c.broken_high)} %", str(c.successes),
+         _newton(c.unripe_force), _newton(c.unripe_force_90), f"{1e3 * c.plan_time:.0f} ms")
+        for c in cells
+    ]  # fmt: skip
+
+
+def _prediction(found: Reliability | None) -> list[str]:
+    if found is None:
+        return []
+    words = (
+        f"Of {found.successes} plans that promise success {found.failed} failed. A failed run had "
+        "a larger predicted probability than a successful one with probability "
+        f"{found.auc:.2f} (AUC)."
+    )
+    rows = [
+        (f"{100 * b.low:g} to {100 * b.high:g} %", str(b.runs), f"{100 * b.predicted:.1f} %",
+         str(b.failures), f"{100 * b.rate:.1f} %", f"{percent(b.rate_low, b.rate_high)} %")
+        for b in found.bins
+    ]  # fmt: skip
+    head = "not clean, predicted", "runs", "mean", "failed", "rate", "95 %"
+    return [section("Predicted probability and what happened", paragraph(words), table(rows, head))]
+
+
+def worst_of(rows: Sequence[Row], count: int) -> list[Row]:
+    """The worst failed runs: broken promises first, then by force; the causes take turns."""
+    failed = [row for row in rows if not row.success and row.cause != NO_PLAN]
+    failed.sort(key=lambda r: (r.plan_status != Code.SUCCESS, -(r.unripe_force or 0.0)))
+    seen: dict[str, int] = {}
+    rank = {}
+    for row in failed:
+        rank[row.key] = seen[row.cause] = seen.get(row.cause, -1) + 1
+    return sorted(failed, key=lambda row: rank[row.key])[:count]
+
+
+def _worst(
+    rows: Sequence[Row],
+    count: int,
+    progress: Callable[[str], None] | None,
+    robot: str | None,
+    settings: Mapping[str, Any],
+) -> list[str]:
+    shown = []
+    for row in worst_of(rows, count):
+        name = f"{row.preset}, seed {row.seed}, {row.planner}"
+        if row.loop:
+            name = f"{row.preset}, seed {row.seed}, {row.condition}, {row.loop} loop"
+        if progress is not None:
+            progress(f"drawing {name} ...")
+        cause = row.cause.replace("_", " ")
+        caption = f"{name}: {cause}. {row.message} (plan: {row.plan_status})"
+        try:
+            file = file_of(settings, row.preset)
+            run = None
+            if row.cause != ERROR and robot is not None and (file or "scenes" not in settings):
+                run = again(row, robot, settings["risk"], file)
+            shown.append(paragraph(caption) if run is None else picture(_picture(run), caption))
+        except OptiPrompError:  # nothing can be drawn off screen, or the robot's file is not there
+            shown.append(paragraph(caption))
+    if not shown:
+        return []
+    return [section("Worst cases", f'<div class="cases">{"".join(shown)}</div>')]
+
+
+def _picture(run: Run) -> bytes:
+    from optipromp.laboratory.simulation.film import View, frames
+
+    view = View(width=SIZE[0], height=SIZE[1])
+    (shown,) = frames(run, np.array([worst_moment(run)]), view, caption=True)
+    return png_file(shown)
+
+
+def worst_moment(run: Run) -> float:
+    """The moment of a failed run to show [s]: the first tear, else the largest force.
+
+    The force is that on a fruit or stem. Where it is below :data:`SLIGHT`, the moment is the end.
+    """
+    rollout = run.rollout
+    if rollout.torn_at:
+        return min(rollout.torn_at.values())
+    others = [k for k, name in enumerate(rollout.fruit_ids) if name != run.outcome.target]
+    force = np.concatenate([rollout.fruit_force[:, others], rollout.stem_force], axis=1)
+    if not force.size or force.max() < SLIGHT:
+        return float(rollout.times[-1])
+    return float(rollout.times[int(force.max(axis=1).argmax())])
+
+
+def _study_command(rows: Sequence[Row], robot: str | None, risk: float) -> str:
+    presets, planners = (
+        ",".join(dict.fromkeys(getattr(row, name) for row in rows))
+        for name in ("preset", "planner")
+    )
+    seeds = [row.seed for row in rows]
+    files = any(Path(row.preset).suffix for row in rows)
+    words = ["optipromp", "study", *(("--scenes", "DIR") if files else ("--preset", presets))]
+    if rows[0].loop:
+        for option, name in (("loop", "loop"), ("conditions", "condition")):
+            words += [f"--{option}", ",".join(dict.fromkeys(getattr(row, name) for row in rows))]
+    else:
+        words += ["--planners", planners]
+    words += ["--seeds", f"{min(seeds)}:{max(seeds) + 1}"]
+    if robot != PANDA and not files:
+        words += ["--robot", robot or "ROBOT"]
+    for name in ("noise",) if rows[0].noise else ("noise_position", "noise_angle"):
+        if value := getattr(rows[0], name):
+            words += ["--" + name.replace("_", "-"), value if name == "noise" else f"{value:g}"]
+    if risk != PlanOptions.risk:
+        words += ["--risk", f"{risk:g}"]
+    return shlex.join([*words, "--out", "DIR"])
+
+
+def _told(value: object) -> str:
+    """A setting in words; the robot's without the choices that were not made."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, Mapping):
+        return ", ".join(value)
+    return _UNSAID.sub("", str(value)).replace("Choice(", "(").removesuffix(" ()") or "its own"
+
+
+def _newton(value: float | None) -> str:
+    return "–" if value is None else f"{value:.2f} N"
