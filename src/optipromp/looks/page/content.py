@@ -143,16 +143,12 @@ def between(value: FloatArray, worst: float, best: float) -> IntArray:
 
 @dataclass(frozen=True, eq=False)
 class Clearances:
-    """Distances of the body spheres along a motion.
+    """Distances of the body spheres along a motion."""
 
-    Attributes:
-        nearest: (T, S) distance of each sphere to the objects it must not touch [m]; infinite
-            where there are none.
-        series: smallest distance (T,) [m], by a name such as "arm to avoid".
-    """
-
+    # (T, S) distance of each sphere to the objects it must not touch [m]; infinite where there are
+    # none
     nearest: FloatArray
-    series: dict[str, FloatArray]
+    series: dict[str, FloatArray]  # smallest distance (T,) [m], by a name such as "arm to avoid"
 
 
 def clearances(scene: Scene, robot: Robot, q: FloatArray) -> Clearances:

@@ -34,19 +34,12 @@ class Tone(StrEnum):
 
 @dataclass(frozen=True)
 class Told:
-    """A message of the page.
+    """A message of the page."""
 
-    Attributes:
-        head: the first words, in bold type.
-        lines: further sentences, each on a line of its own.
-        tone: good, bad, or under way.
-        code: for programs and bug reports, shown while the mouse is over the message.
-    """
-
-    head: str
-    lines: tuple[str, ...] = ()
-    tone: Tone = Tone.GOOD
-    code: str = ""
+    head: str  # the first words, in bold type
+    lines: tuple[str, ...] = ()  # further sentences, each on a line of its own
+    tone: Tone = Tone.GOOD  # good, bad, or under way
+    code: str = ""  # for programs and bug reports, shown while the mouse is over the message
 
     def html(self) -> str:
         """The message as one block."""
