@@ -25,10 +25,10 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 LONG = {
-    "bench": "apart benchmark entries env episodes learnt rounds serve",
+    "bench": "apart benchmark entries env episodes learnt rounds",
     "benchmarks": "suite",
     "control": "controller driver many_detections servo tracker tracks",
-    "cli": "folder generate_study markup plan process ros_node simulate_closed_loop",
+    "cli": "commands folder generate_study markup plan process refused ros_node scenarios simulate simulate_closed_loop",
     "execution": "executor franka streaming streaming_trouble trouble",
     "experiments": "baselines cluster eyes loops own_scenes paper_falls study variations",
     "fuzzing": "doors",
@@ -44,16 +44,16 @@ LONG = {
     ),
     "promp": "tasks",
     "pushing": "cup hanging long_fruits quasi_static",
-    "reports": "browser reports",
+    "reports": "reports",
     "robots": (
         "arm arm_named fit kinematics_against_pinocchio mjcf pairs panda_cover "
         "refusals spheres untrusted xacro"
     ),
-    "ros": "bags loop pictures recordings watching",
+    "ros": "bags loop pictures recordings",
     "scenes": "generate placing trusses wild",
     "simulation": (
         "coco covers disturbances export grasps hand live_camera loop loop_film physics pictures "
-        "rich runs second_engine shown tools trusses"
+        "rich runs second_engine tools trusses"
     ),
     ".": "kernel_cache new_user plan_folders",
     "viewer": "figures",
