@@ -28,7 +28,10 @@ LONG = {
     "bench": "apart benchmark entries env episodes learnt rounds",
     "benchmarks": "suite",
     "control": "controller driver many_detections servo tracker tracks",
-    "cli": "commands folder generate_study markup plan process refused ros_node scenarios simulate simulate_closed_loop",
+    "cli": (
+        "commands folder generate_study markup plan process refused ros_node scenarios simulate "
+        "simulate_closed_loop"
+    ),
     "execution": "executor franka streaming streaming_trouble trouble",
     "experiments": "baselines cluster eyes loops own_scenes paper_falls study variations",
     "fuzzing": "doors",
