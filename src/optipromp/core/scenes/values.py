@@ -37,8 +37,8 @@ def limited(
     """Refuse a number that is below 0, too large, or (unless ``zero``) 0; None is accepted."""
     if value is None or (0.0 < value <= most and value < math.inf) or (zero and value == 0.0):
         return
-    least = "at least 0" if zero else "above 0"
-    wanted = least if math.isinf(most) else f"{least} and at most {most:g}"
+    above = "" if math.isinf(most) else f" and at most {most:g}"
+    wanted = f"0 to {most:g}" if zero and above else f"{'at least' if zero else 'above'} 0{above}"
     raise InvalidSceneError(f"{name} is {value:g}: must be {wanted}{unit and f' [{unit}]'}")
 
 
