@@ -76,4 +76,4 @@ def main(before: str, after: str) -> int:
 if __name__ == "__main__":
     if len(sys.argv) != 3:
         sys.exit(__doc__)
-    sys.exit(main(*sys.argv[1:]))
+    sys.exit(main(*(str(Path(python).absolute()) for python in sys.argv[1:])))
