@@ -283,7 +283,7 @@ def test_python_says_what_the_file_says() -> None:
         Pose(at, [2.0, 0.0, 0.0, 0.0])
     with pytest.raises(InvalidSceneError, match="covariance and sigma"):
         SceneObject("a", "avoid", Sphere(0.1), at, covariance=np.eye(3), sigma=0.1)
-    with pytest.raises(InvalidSceneError, match="sigma is -1: must be at least 0"):
+    with pytest.raises(InvalidSceneError, match="sigma is -1: must be 0 to 10"):
         SceneObject("a", "avoid", Sphere(0.1), at, sigma=-1.0)
 
 
