@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
+import optipromp
 from optipromp.cli.command import Report, command
 from optipromp.core.errors import InvalidRequestError
 
@@ -13,16 +14,14 @@ from optipromp.core.errors import InvalidRequestError
 @command()
 def catalogue() -> Report:
     """List the built-in robots and scenes, the kinds of tool, the planners, and their settings."""
-    from optipromp.core.planning.options import PlanOptions
     from optipromp.core.planning.planners import PLANNERS, planners
     from optipromp.core.robots.library import robot_names
     from optipromp.core.robots.tools import TOOLS
     from optipromp.core.scenes.io import scene_names
-    from optipromp.laboratory.planners.paper import PaperOptions
 
     robots, scenes = robot_names(), scene_names()
-    known = documented(PlanOptions)
-    known |= {f"paper.{name}": item for name, item in documented(PaperOptions).items()}
+    known = documented(optipromp.PlanOptions)
+    known |= {f"paper.{name}": item for name, item in documented(optipromp.PaperOptions).items()}
     kinds = planners()
     own = {name: documented(kind) for name, kind in kinds.items()}
     lines = [
@@ -73,7 +72,6 @@ def asked(
     settings, and time, effort and risk of the plan. ``stated`` are settings that have their own
     command-line option.
     """
-    from optipromp.core.planning import PlanOptions
     from optipromp.core.planning.planners import (
         JOINT,
         OF_A_PLAN,
@@ -86,11 +84,11 @@ def asked(
     if planner in PLANNERS:
         return {"planner": planner, "strategy": strategy, "options": settings(pairs, **stated)}
     kind = factory(planner)
-    usual = {"strategy": JOINT, "constraints": PlanOptions.constraints}
+    usual = {"strategy": JOINT, "constraints": optipromp.PlanOptions.constraints}
     found = {k: v for k, v in {"strategy": strategy, **stated}.items() if v != usual.get(k)}
     names = [*documented(kind), *OF_A_PLAN]
     found |= _values(pairs, names, nested="paper" in settings_of(kind))
-    options = PlanOptions(**{k: v for k, v in found.items() if k in OF_A_PLAN})
+    options = optipromp.PlanOptions(**{k: v for k, v in found.items() if k in OF_A_PLAN})
     own = {k: v for k, v in found.items() if k not in OF_A_PLAN}
     return {"planner": make(planner, **own), "strategy": JOINT, "options": options}
 
@@ -101,10 +99,10 @@ def settings(pairs: Sequence[str], **given: Any) -> Any:
     A setting of the paper's planners is ``paper.key``. ``given`` are settings that have their own
     command-line option; None: not stated.
     """
-    from optipromp.core.planning import PlanOptions
 
     known = {name: value for name, value in given.items() if value is not None}
-    return PlanOptions(**known | _values(pairs, list(documented(PlanOptions)), nested=True))
+    names = list(documented(optipromp.PlanOptions))
+    return optipromp.PlanOptions(**known | _values(pairs, names, nested=True))
 
 
 def _values(pairs: Sequence[str], names: list[str], nested: bool) -> dict[str, Any]:
@@ -113,9 +111,8 @@ def _values(pairs: Sequence[str], names: list[str], nested: bool) -> dict[str, A
 
     from optipromp.core.documents import read_yaml
     from optipromp.core.scenes.values import suggest
-    from optipromp.laboratory.planners.paper import PaperOptions
 
-    names += [f"paper.{name}" for name in documented(PaperOptions)] if nested else []
+    names += [f"paper.{name}" for name in documented(optipromp.PaperOptions)] if nested else []
     known: dict[str, Any] = {}
     paper: dict[str, Any] = {}
     for pair in pairs:
@@ -131,7 +128,7 @@ def _values(pairs: Sequence[str], names: list[str], nested: bool) -> dict[str, A
         value = tuple(value) if isinstance(value, list) else value
         wanted = paper if key.startswith("paper.") else known
         wanted[key.removeprefix("paper.")] = value
-    return known | ({"paper": PaperOptions(**paper)} if paper else {})
+    return known | ({"paper": optipromp.PaperOptions(**paper)} if paper else {})
 
 
 def documented(options: Any) -> dict[str, tuple[Any, str]]:

@@ -8,6 +8,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import optipromp
 from optipromp.cli.command import OK, Report, Shown, command, exit_code
 from optipromp.cli.console import grid, headline, say_if_compiling, waiting
 from optipromp.cli.robot import ArmOptions
@@ -75,14 +76,12 @@ def kind_of(item: str) -> Kind:
 
 def scene_or_plan(item: str, taker: str) -> "Scene | Plan":
     """The scene or plan of an item; ``taker`` is the name of the command."""
-    from optipromp.core.output import load_plan
-    from optipromp.core.scenes.io import load_scene
 
     kind = kind_of(item)
     if kind is Kind.PLAN:
-        return load_plan(item)
+        return optipromp.load_plan(item)
     if kind is Kind.SCENE:
-        return load_scene(item)
+        return optipromp.load_scene(item)
     raise InvalidRequestError(f"{item} is a {kind.value}; {taker} takes a scene or a plan")
 
 
@@ -147,12 +146,11 @@ def check(
     else:
         summary = _SUMMARIES[kind](item)
         if out is not None:
-            from optipromp.core.scenes.io import load_scene
             from optipromp.looks.viewer.figures import scene_pictures
 
             say_if_compiling()
             with waiting("drawing"):
-                _write(scene_pictures(load_scene(item)), out)
+                _write(scene_pictures(optipromp.load_scene(item)), out)
     status = Code(summary.pop("status", Code.SUCCESS))
     told = {key: vars(value) if is_dataclass(value) else value for key, value in summary.items()}
     document = {"status": status, "message": "", "kind": kind, "item": item, **told}
@@ -187,11 +185,10 @@ def _words(value: object) -> str:
 def _scene(item: str) -> dict[str, Any]:
     from optipromp.core.planning.task import resolve
     from optipromp.core.robots.model import warn_of_gravity
-    from optipromp.core.scenes.io import load_scene
     from optipromp.looks.appearance.scene import ground_of
     from optipromp.looks.viewer.reach import tool_faces
 
-    scene = load_scene(item)
+    scene = optipromp.load_scene(item)
     bound = resolve(scene)
     warn_of_gravity(bound.robot, bound.start[None], scene.up, "at the start")
     floor, tool = ground_of(scene), tool_faces(bound.robot, bound.start)
@@ -285,9 +282,8 @@ def _warn_if_nameless(item: str, names: tuple[str, ...]) -> None:
 
 
 def _primitive(item: str) -> dict[str, Any]:
-    from optipromp.core.promp import ProMP
 
-    promp = ProMP.load(Path(item))
+    promp = optipromp.ProMP.load(Path(item))
     _warn_if_nameless(item, promp.joint_names)
     return {
         "joints": list(promp.joint_names),
@@ -299,9 +295,8 @@ def _primitive(item: str) -> dict[str, Any]:
 
 
 def _plan(item: str) -> dict[str, Any]:
-    from optipromp.core.output import load_plan
 
-    plan = load_plan(Path(item))
+    plan = optipromp.load_plan(Path(item))
     return {
         "status": plan.status,
         "reason": plan.message,
@@ -358,25 +353,23 @@ def validate(
     """
     from optipromp.core.errors import InvalidRequestError
     from optipromp.core.files import is_file
-    from optipromp.core.output import load_plan
-    from optipromp.core.planning import PlanOptions, judge, verdict_of
+    from optipromp.core.planning import verdict_of
     from optipromp.core.planning.task import posed
-    from optipromp.core.scenes.io import load_scene
 
     if scene is None and not is_file(trajectory / "plan.json"):
         raise InvalidRequestError(f"{trajectory} states no scene: add --scene SCENE")
     with waiting("judging"):
         if scene is None:
-            plan = load_plan(trajectory)
-            risk = plan.risk if risk is None else PlanOptions(risk=risk).risk
+            plan = optipromp.load_plan(trajectory)
+            risk = plan.risk if risk is None else optipromp.PlanOptions(risk=risk).risk
             plan = replace(plan, task=replace(plan.task, risk=risk))
             loaded, robot, curve, found = plan.scene, plan.robot, plan.trajectory, verdict_of(plan)
         else:
-            loaded = load_scene(scene)
+            loaded = optipromp.load_scene(scene)
             robot = posed(loaded)[0]
             curve = read(trajectory, robot)
-            risk = PlanOptions.risk if risk is None else risk
-            found = judge(loaded, curve, risk=risk)
+            risk = optipromp.PlanOptions.risk if risk is None else risk
+            found = optipromp.judge(loaded, curve, risk=risk)
     slow = max(found.judgement.metrics.velocity_ratio, 1e-12)
     if curve.duration > _LONG and slow < _SLOW:
         told = f"{curve.duration:.0f} s with {100 * slow:.2g} % of the velocity limits"

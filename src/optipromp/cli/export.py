@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import optipromp
 from optipromp.cli.check import Kind, kind_of, scene_or_plan
 from optipromp.cli.command import Report, command
 from optipromp.cli.console import say_if_compiling, stdout, waiting
@@ -86,14 +87,12 @@ class _Content(NamedTuple):
 def _read(item: str, robots: bool) -> _Content:
     """The content of a scene or plan; of a robot only where ``robots`` is true."""
     from optipromp.core.planning.task import posed
-    from optipromp.core.robots.library import load_robot
-    from optipromp.core.scenes.scene import Scene
 
     if robots and kind_of(item) is Kind.ROBOT:
-        bare = load_robot(item)
+        bare = optipromp.load_robot(item)
         return _Content(bare, bare.home)
     found = scene_or_plan(item, "export")
-    if not isinstance(found, Scene):
+    if not isinstance(found, optipromp.Scene):
         return _Content(found.robot, found.trajectory.positions[0], found.scene, found.trajectory)
     robot, state = posed(found)
     return _Content(robot, state.q, found)

@@ -8,6 +8,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import optipromp
 from optipromp.cli.command import Report, Shown, command
 from optipromp.cli.console import Cluster, Preset, Workers, progress_bar, say_if_compiling
 from optipromp.cli.robot import ArmOptions, Named, Whose
@@ -71,7 +72,6 @@ def generate(
         noise (NAME): Write the scenes as a detector sees them, too, into DIR/seen: zero-mean, low,
             high, missed or detector, as of 'study'.
     """
-    from optipromp.core.scenes.io import save_scene
     from optipromp.core.scenes.values import suggest
     from optipromp.laboratory.generate import NOISES, PANDA, generate_with_report
 
@@ -85,7 +85,7 @@ def generate(
         scene, report = generate_with_report(preset, number, named.name or PANDA, named.choice)
         if named.name is not None:
             _judge_start(scene)
-        save_scene(scene, path := out / f"{scene.name}.yaml")
+        optipromp.save_scene(scene, path := out / f"{scene.name}.yaml")
         reasons.update(report.reasons)
         documents.append({
             "file": str(path), "seed": number, "pushables": len(scene.pushables),
@@ -155,11 +155,10 @@ def _unread(named: Named, out: Path) -> list[str]:
 
 def _seen(scene: "Scene", seed: int, noise: str, out: Path) -> dict[str, Any]:
     """Write the scene as detected; returns its path and the ids of the fruits not seen."""
-    from optipromp.core.scenes.io import save_scene
     from optipromp.laboratory.generate import NOISES, noisy
 
     seen, file = noisy(scene, seed, NOISES[noise]), out / SEEN / f"{scene.name}.yaml"
-    save_scene(seen, file)
+    optipromp.save_scene(seen, file)
     ids = {item.id for item in seen.objects}
     return {"seen": str(file), "missed": [i.id for i in scene.objects if i.id not in ids]}
 
@@ -231,10 +230,9 @@ def seeds_of(text: str) -> range:
 
 
 def _scene(scene: str | None, preset: Any, number: int) -> "Scene":
-    from optipromp.core.scenes.io import load_scene
     from optipromp.laboratory.generate import generate
 
-    return generate(preset, number) if scene is None else load_scene(scene)
+    return generate(preset, number) if scene is None else optipromp.load_scene(scene)
 
 
 def _taken(
@@ -250,7 +248,6 @@ def _taken(
 
 def write_shot(shot: "Shot", name: str, true: "Scene | None", out: Path) -> dict[str, Any]:
     """Write the files of a picture; returns what is said of it."""
-    from optipromp.core.scenes.io import save_scene
     from optipromp.perception.pictures import picture_files, png_file
 
     masks = [
@@ -265,7 +262,7 @@ def write_shot(shot: "Shot", name: str, true: "Scene | None", out: Path) -> dict
     fruits = [each.id for each in shot.marked if each.kind in ("ripe", "unripe")]
     told = {"name": name, "scene": None, "fruits": fruits}
     if true is not None:
-        save_scene(true, out / f"{name}.yaml")
+        optipromp.save_scene(true, out / f"{name}.yaml")
         told["scene"] = str(out / f"{name}.yaml")
     return told
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import optipromp
 from optipromp.cli.command import Report, Shown, command
 from optipromp.cli.console import grid, waiting
 from optipromp.cli.robot import ArmOptions, Named
@@ -63,7 +64,7 @@ def learn(
             are taken to be in it.
     """
     from optipromp.core.files import check_folder, write_atomically
-    from optipromp.core.promp import fit, fit_em, residuals
+    from optipromp.core.promp import residuals
 
     if out.suffix != ".npz":
         raise InvalidRequestError(f"--out {out}: the file of a primitive ends in .npz")
@@ -71,7 +72,7 @@ def learn(
     with waiting("learning") as say:
         recorded, recording = _read(demonstrations, arm.of(robot), topic)
         basis, held_out = _basis(recorded, bases, width, say)
-        promp = (fit_em if em else fit)(recorded, basis)
+        promp = (optipromp.fit_em if em else optipromp.fit)(recorded, basis)
         rest = residuals(recorded, basis)
         promp.save(out)
         picture = out.with_suffix(".png") if figure else None
@@ -104,12 +105,11 @@ def read_any(
 ) -> tuple["Demonstrations", "Recording | None"]:
     """Demonstrations of a file or folder; of a bag also its cuts."""
     from optipromp.core.files import is_bag
-    from optipromp.core.promp import load_demonstrations
 
     if not is_bag(path):
         if topic is not None:
             raise InvalidRequestError(f"--topic {topic}: {path} is no bag")
-        return load_demonstrations(path), None
+        return optipromp.load_demonstrations(path), None
     from optipromp.ros.recordings import load_recording
 
     found = load_recording(path, joints, topic=topic)
@@ -151,21 +151,21 @@ def _basis(
     recorded: "Demonstrations", bases: int | None, width: float, say: Any
 ) -> tuple["Basis", dict[int, float]]:
     """The basis of ``bases``, or the cross-validated one with the residual of each count tried."""
-    from optipromp.core.promp import Basis, held_out_residuals
+    from optipromp.core.promp import held_out_residuals
 
     if bases is not None:
-        return Basis(bases, width), {}
+        return optipromp.Basis(bases, width), {}
     if len(recorded) == 1:
         warnings.warn(
-            f"one demonstration cannot be cross-validated; it gets {Basis.count} bases a joint "
-            "(--bases N asks for others)",
+            "one demonstration cannot be cross-validated; it gets "
+            f"{optipromp.Basis.count} bases a joint (--bases N asks for others)",
             stacklevel=1,
         )
-        return Basis(width=width), {}
+        return optipromp.Basis(width=width), {}
     held_out = held_out_residuals(
         recorded, width=width, progress=lambda count: say(f"cross-validating {count} bases ...")
     )
-    return Basis(min(held_out, key=lambda count: held_out[count]), width), held_out
+    return optipromp.Basis(min(held_out, key=lambda count: held_out[count]), width), held_out
 
 
 def _summary(joints: tuple[str, ...], rest: list[Any]) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import optipromp
 from optipromp.cli.command import FAILED, OK, Report, Shown, command, exit_code
 from optipromp.cli.console import (
     ChosenStrategy,
@@ -138,13 +139,11 @@ class Output:
 
         ``figures``: whether figures are drawn where the user does not say.
         """
-        from optipromp.core.output import write_pick, write_plan
-        from optipromp.core.planning import Plan
 
-        if isinstance(result, Plan):
-            reach, written = result, write_plan(result, folder, rate=self.rate)
+        if isinstance(result, optipromp.Plan):
+            reach, written = result, optipromp.write_plan(result, folder, rate=self.rate)
         else:
-            reach, written = result.reach, write_pick(result, folder, rate=self.rate)
+            reach, written = result.reach, optipromp.write_pick(result, folder, rate=self.rate)
         if not (figures if self.figures is None else self.figures):
             return written
         from optipromp.looks.viewer.figures import plan_figures
@@ -208,7 +207,7 @@ def plan(
     Args:
         scene (SCENE|DIR): A scene file, a built-in scene's name, or a folder of scene files.
     """
-    from optipromp.core.scenes.io import load_scene, scene_names
+    from optipromp.core.scenes.io import scene_names
 
     output.check()
     request, named = wanted.request(), arm.of(robot)
@@ -217,7 +216,7 @@ def plan(
             name = "--previous" if variant.targets is None else "--targets"
             raise InvalidRequestError(f"{name} goes with one scene, not with a folder of them")
         return plan_folder(Path(scene), request, output, named, workers, progress)
-    loaded = named.of(load_scene(scene))
+    loaded = named.of(optipromp.load_scene(scene))
     say_if_compiling(progress)
     if variant.targets is None:
         report = plan_one(loaded, request, output, variant, progress)
@@ -245,20 +244,17 @@ def plan_one(
     scene: "Scene", request: Request, output: Output, variant: Variant, progress: bool | None = None
 ) -> Report:
     """Plan one motion to the target of ``scene``, or a pick with all its legs, and write it."""
-    from optipromp.core.output import load_plan
-    from optipromp.core.planning import plan as make_plan
-    from optipromp.core.planning import plan_pick
 
     if scene.place is not None and variant.previous is not None:
         raise InvalidRequestError("--previous goes with a scene without a place")
-    running = None if variant.previous is None else load_plan(variant.previous)
+    running = None if variant.previous is None else optipromp.load_plan(variant.previous)
     result: Plan | Picked
     with waiting(f"planning {scene.name}", progress) as say:
         if scene.place is not None:
-            result = plan_pick(scene, progress=say, **vars(request))
+            result = optipromp.plan_pick(scene, progress=say, **vars(request))
         else:
             at = variant.at
-            result = make_plan(scene, progress=say, previous=running, at=at, **vars(request))
+            result = optipromp.plan(scene, progress=say, previous=running, at=at, **vars(request))
     written: tuple[str, ...] = ()
     if output.out is not None:
         with waiting("drawing", progress):
@@ -270,10 +266,9 @@ def shown(result: "Plan | Picked", written: tuple[str, ...], out: Path | None) -
     """Name, status and message of a plan; the figures of a success; a line for each leg."""
     from rich.table import Table
 
-    from optipromp.core.planning import Plan
     from optipromp.looks.viewer.words import author, plan_rows, seconds
 
-    plan = result if isinstance(result, Plan) else result.reach
+    plan = result if isinstance(result, optipromp.Plan) else result.reach
     yield headline(
         (plan.scene.name, "bold"),
         f"  {author(plan)}  ",
@@ -287,7 +282,7 @@ def shown(result: "Plan | Picked", written: tuple[str, ...], out: Path | None) -
         for row in plan_rows(plan):
             table.add_row(*row)
         yield table
-    if not isinstance(result, Plan):
+    if not isinstance(result, optipromp.Plan):
         yield headline(("all legs  ", "bold"), (result.status, "bold"), f"  {result.message}")
         for name, leg in result.legs.items():
             harm = "" if leg.prediction is None else f", harm {leg.harm:.2f}"
@@ -300,9 +295,9 @@ def read_primitive(path: Path | None) -> "ProMP | Path | None":
     """A learnt ProMP where ``path`` is one that was saved; else the path, to be learnt from."""
     if path is None:
         return None
-    from optipromp.core.promp.model import ProMP, is_primitive
+    from optipromp.core.promp.model import is_primitive
 
-    return ProMP.load(path) if is_primitive(path) else path
+    return optipromp.ProMP.load(path) if is_primitive(path) else path
 
 
 @dataclass(frozen=True)
@@ -361,8 +356,6 @@ def plan_folder(
     progress: bool | None = None,
 ) -> Report:
     """Plan every scene in ``folder``, with the robot that is named, and write each plan."""
-    from optipromp.core.planning import plan_many
-    from optipromp.core.scenes.io import load_scene
 
     files, out = scene_files(folder), output.out
     homes: Sequence[Path | None] = [None] * len(files) if out is None else outputs(files, out)
@@ -380,8 +373,9 @@ def plan_folder(
             words = f"{done_so_far} of {len(files)} planned, {good} succeeded"
             shown(done_so_far, len(files), words)
 
-        stated = [named.of(load_scene(file)) for file in files] if named else files
-        results = plan_many(stated, workers=workers, legs=True, progress=done, **vars(request))
+        stated = [named.of(optipromp.load_scene(file)) for file in files] if named else files
+        asked = {"workers": workers, "progress": done, **vars(request)}
+        results = optipromp.plan_many(stated, legs=True, **asked)
     seconds = time.perf_counter() - began
     entries = [Entry(*item) for item in zip(files, homes, results, strict=True)]
     document = {
@@ -400,7 +394,6 @@ def plan_folder(
 
 def table(entries: Sequence[Entry]) -> "Table":
     """The status and the main figures of each scene; the motion is that of all its legs."""
-    from optipromp.core.planning import Plan
     from optipromp.looks.viewer.words import nearest
 
     out = grid(("scene", "status"), ("time, ms", "room, mm", "off, mm", "motion, s"))
@@ -408,7 +401,7 @@ def table(entries: Sequence[Entry]) -> "Table":
         cells = ["", "", "", ""]
         if not isinstance(entry.result, OptiPrompError):
             made = entry.result
-            reach = made if isinstance(made, Plan) else made.reach
+            reach = made if isinstance(made, optipromp.Plan) else made.reach
             room = nearest(reach)
             cells = [
                 f"{1e3 * reach.time['total']:.0f}",
@@ -424,11 +417,10 @@ def plan_targets(
     scene: "Scene", targets: str, request: Request, output: Output, progress: bool | None = None
 ) -> Report:
     """Plan the picks of ``targets`` (ids, separated by commas), and write each plan."""
-    from optipromp.core.planning.sequence import plan_sequence
 
     ids = [part.strip() for part in targets.split(",") if part.strip()]
     with waiting(f"planning {scene.name}", progress) as say:
-        found = plan_sequence(scene, ids, progress=say, **vars(request))
+        found = optipromp.plan_sequence(scene, ids, progress=say, **vars(request))
     document, out = found.to_dict(), output.out
     written = []
     if out is not None:

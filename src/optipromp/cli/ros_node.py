@@ -7,6 +7,7 @@ from importlib import import_module
 from multiprocessing import get_context
 from typing import TYPE_CHECKING, Any
 
+import optipromp
 from optipromp.cli.command import command
 from optipromp.cli.console import Recorded, say_if_compiling
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
@@ -70,7 +71,6 @@ def ros_node(
             "ros-node needs ROS 2 and finds no rclpy: source the setup.bash of a ROS 2 "
             "installation, and start it with the Python of that installation"
         ) from None
-    from optipromp.core.scenes.io import load_scene
     from optipromp.ros import LiveScene, PickLoop
     from optipromp.ros.live import DETECTIONS
 
@@ -78,13 +78,13 @@ def ros_node(
     if loop:
         meaning = None if role is None else _meaning(role)
         seen = {detections: DETECTIONS} if pictures is None else _types(pictures)
-        place = load_scene(scene)
+        place = optipromp.load_scene(scene)
         with _eyes(place, pictures is not None) as eyes:
             pick = PickLoop(place, parameters=meaning, rate=rate, prefix=prefix, watcher=eyes)
             _pick(pick, seen, execute or "~/joint_trajectory")
         return
     settings = {"prefix": prefix, "rate": rate, "demonstrations": demonstrations}
-    _serve(LiveScene.of(load_scene(scene), prefix), settings, execute)
+    _serve(LiveScene.of(optipromp.load_scene(scene), prefix), settings, execute)
 
 
 def _serve(world: "LiveScene", settings: dict[str, Any], execute: str | None) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
+import optipromp
 from optipromp.cli.command import FAILED, OK, Report, command, show_warning
 from optipromp.cli.console import grid, waiting
 from optipromp.core.errors import Code, InvalidRequestError
@@ -84,7 +85,6 @@ def see(
         topics (A,B): Of the bag: colour and depth, or the cloud, to take.
         every (SECONDS 0..): Of the bag: between pictures.
     """
-    from optipromp.core.scenes.io import save_scene
     from optipromp.perception.detector import finder_named
     from optipromp.perception.overlay import overlay
     from optipromp.perception.pictures import OVERLAY, png_file
@@ -113,7 +113,7 @@ def see(
         if seen is None:
             code = FAILED
         else:
-            save_scene(seen, each.out)
+            optipromp.save_scene(seen, each.out)
         drawn = each.out.with_suffix(OVERLAY)
         write_atomically(drawn, png_file(overlay(picture, sight)))
         records.append({**record, "overlay": str(drawn)})
@@ -129,7 +129,6 @@ def _together(
     sights: "list[Sighting]", known: "Scene", out: Path
 ) -> tuple[dict[str, Any], list[str], int]:
     """What is said of all pictures as one, whose scene is written beside ``out``."""
-    from optipromp.core.scenes.io import save_scene
     from optipromp.perception.eyes import seen_scene
     from optipromp.perception.fusing import fused
 
@@ -149,7 +148,7 @@ def _together(
         record.update(status=error.code, message=error.message)
         return record, [f"{line}; no scene: {error.message}"], FAILED
     file = out.with_name("together.yaml")
-    save_scene(scene, file)
+    optipromp.save_scene(scene, file)
     record.update(scene=str(file), assumed=list(assumed))
     return record, [f"{line}; wrote {file}", *(f"  {words}" for words in assumed)], OK
 
@@ -200,14 +199,13 @@ def _of_bag(
     out: Path | None,
 ) -> Iterator[_Asked]:  # fmt: skip
     """The pictures of a bag, one after another."""
-    from optipromp.core.scenes.io import load_scene
     from optipromp.perception.pictures import load_camera
     from optipromp.ros.pictures import bag_pictures
 
     model = None if camera is None else load_camera(camera)[0]
     chosen = None if topics is None else [name.strip() for name in topics.split(",")]
-    scene, target = load_scene(known or "scenario-3"), out or bag.with_name(f"{bag.stem}-seen")
-    check_folder(target)
+    scene = optipromp.load_scene(known or "scenario-3")
+    check_folder(target := out or bag.with_name(f"{bag.stem}-seen"))
     found = bag_pictures(bag, scene, topics=chosen, every=every, camera=model)
     for k, (picture, at) in enumerate(found):
         name, none = f"{bag.stem}-{k:03d}", Path()
@@ -216,9 +214,8 @@ def _of_bag(
 
 
 def _known(asked: _Asked) -> "Scene":
-    from optipromp.core.scenes.io import load_scene
 
-    return load_scene(asked.known or "scenario-3")
+    return optipromp.load_scene(asked.known or "scenario-3")
 
 
 def _load(asked: _Asked, known: "Scene") -> "DepthPicture":
@@ -371,9 +368,8 @@ def calibrate(
 
 def _robot(known: str | None) -> "Robot | None":
     from optipromp.core.planning.task import posed
-    from optipromp.core.scenes.io import load_scene
 
-    return None if known is None else posed(load_scene(known))[0]
+    return None if known is None else posed(optipromp.load_scene(known))[0]
 
 
 def _document(found: "HandEye", out: Path, without: tuple[str, ...]) -> dict[str, Any]:

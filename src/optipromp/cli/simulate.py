@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import optipromp
 from optipromp.cli.check import scene_or_plan
 from optipromp.cli.command import FAILED, OK, Report, command
 from optipromp.cli.console import ChosenStrategy, Seed, Strategy, say_if_compiling, waiting
@@ -247,11 +248,8 @@ def simulate(
         failed_leg: Of a pick whose retreat or carry failed: execute that leg, too.
     """
     from optipromp.core.files import check_folder
-    from optipromp.core.planning import Picked
     from optipromp.core.robots.model import warn_of_gravity
-    from optipromp.core.scenes.io import load_scene
     from optipromp.laboratory.simulation import SimulationParameters
-    from optipromp.laboratory.simulation import simulate as execute
     from optipromp.laboratory.simulation.engine import engine
 
     engine()  # where MuJoCo is missing, refuse before planning
@@ -270,7 +268,7 @@ def simulate(
     parameters = disturbed.of(SimulationParameters())
     if speed is not None:
         parameters = replace(parameters, control=replace(parameters.control, speed=speed))
-    truth = None if true_scene is None else load_scene(true_scene)
+    truth = None if true_scene is None else optipromp.load_scene(true_scene)
     kinds = [kind for kind, on in (("webm", video), ("mp4", mp4), ("gif", gif)) if on]
     leave = partial(_leave, folder=folder, kinds=kinds, slow=slow)
     if eyes:
@@ -280,12 +278,13 @@ def simulate(
             loop = pick(seen, truth, parameters, eyes, seed)
         return _picked(loop, leave(loop.run, loop=loop), folder)
     plan = _plan(scene_or_plan, planner, strategy, seed, arm.of(robot))
-    legs = plan.legs if isinstance(plan, Picked) else {"": plan}
+    legs = plan.legs if isinstance(plan, optipromp.Picked) else {"": plan}
     for leg in legs.values():
         warn_of_gravity(leg.robot, leg.trajectory.positions, leg.scene.up, "on the way")
     (first, *_) = legs.values()
     with waiting(f"executing in {(truth or first.scene).name} ..."):
-        run = execute(plan, truth, parameters=parameters, seed=seed, failed_leg=failed_leg)
+        settings: Any = {"parameters": parameters, "seed": seed, "failed_leg": failed_leg}
+        run = optipromp.simulate(plan, truth, **settings)
     return _executed(run, (first.planner, plan.status), leave(run), folder)
 
 
@@ -322,27 +321,23 @@ def _folder(item: str) -> Path:
 
 
 def _plan(item: str, planner: str, strategy: Strategy, seed: int, named: Named) -> "Plan | Picked":
-    from optipromp.core.output import load_pick
-    from optipromp.core.planning import Plan, plan_pick
-    from optipromp.core.planning import plan as make_plan
 
     found = scene_or_plan(item, "simulate")
-    if isinstance(found, Plan):
+    if isinstance(found, optipromp.Plan):
         if named:
             raise InvalidRequestError(f"{item} is a plan, which has its robot; name none")
-        return load_pick(item)
+        return optipromp.load_pick(item)
     scene = named.of(found)
     say_if_compiling()
-    verb = make_plan if scene.place is None else plan_pick
+    verb = optipromp.plan if scene.place is None else optipromp.plan_pick
     with waiting(f"planning {scene.name} ...") as say:
         return verb(scene, planner=planner, strategy=strategy, seed=seed, progress=say)
 
 
 def _scene(item: str, named: Named) -> "Scene":
-    from optipromp.core.planning import Plan
 
     found = scene_or_plan(item, "simulate")
-    if isinstance(found, Plan):
+    if isinstance(found, optipromp.Plan):
         raise InvalidRequestError(f"{item} is a plan; --closed-loop makes its own: give the scene")
     return named.of(found)
 
