@@ -2,12 +2,11 @@
 
 import dataclasses
 import inspect
-import re
 from collections.abc import Sequence
 from typing import Any
 
 import optipromp
-from optipromp.cli.command import Report, command
+from optipromp.cli.command import Report, command, entries
 from optipromp.core.errors import InvalidRequestError
 
 
@@ -99,7 +98,6 @@ def settings(pairs: Sequence[str], **given: Any) -> Any:
     A setting of the paper's planners is ``paper.key``. ``given`` are settings that have their own
     command-line option; None: not stated.
     """
-
     known = {name: value for name, value in given.items() if value is not None}
     names = list(documented(optipromp.PlanOptions))
     return optipromp.PlanOptions(**known | _values(pairs, names, nested=True))
@@ -137,9 +135,7 @@ def documented(options: Any) -> dict[str, tuple[Any, str]]:
         return {}
     said: dict[str, str] = {}
     for kind in inspect.getmro(options)[::-1]:  # type: ignore[arg-type]
-        text = inspect.cleandoc(kind.__doc__ or "").partition("Attributes:")[2]
-        parts = (line.partition(": ") for line in re.split(r"\n    (?=\w+: )", text))
-        said |= {name.strip(): " ".join(rest.split()) for name, _, rest in parts}
+        said |= {name: text for name, (_, text) in entries(kind, "Attributes").items()}
     return {
         item.name: (item.default, said.get(item.name, ""))
         for item in dataclasses.fields(options)

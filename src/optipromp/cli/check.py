@@ -76,7 +76,6 @@ def kind_of(item: str) -> Kind:
 
 def scene_or_plan(item: str, taker: str) -> "Scene | Plan":
     """The scene or plan of an item; ``taker`` is the name of the command."""
-
     kind = kind_of(item)
     if kind is Kind.PLAN:
         return optipromp.load_plan(item)
@@ -155,7 +154,8 @@ def check(
     told = {key: vars(value) if is_dataclass(value) else value for key, value in summary.items()}
     document = {"status": status, "message": "", "kind": kind, "item": item, **told}
     code = OK if kind is not Kind.PLAN else exit_code(status)
-    return Report(document, _shown(kind, item, summary), code)
+    lines = [f"  {key.replace('_', ' '):<15} {_words(value)}" for key, value in summary.items()]
+    return Report(document, [headline((kind, "bold"), f" {item}: right"), *lines], code)
 
 
 def _write(pictures: Mapping[str, bytes], folder: Path) -> None:
@@ -163,12 +163,6 @@ def _write(pictures: Mapping[str, bytes], folder: Path) -> None:
 
     for name, content in pictures.items():
         write_atomically(folder / name, content)
-
-
-def _shown(kind: Kind, item: str, summary: dict[str, Any]) -> Shown:
-    yield headline((kind, "bold"), f" {item}: right")
-    for key, value in summary.items():
-        yield f"  {key.replace('_', ' '):<15} {_words(value)}"
 
 
 def _words(value: object) -> str:
@@ -282,7 +276,6 @@ def _warn_if_nameless(item: str, names: tuple[str, ...]) -> None:
 
 
 def _primitive(item: str) -> dict[str, Any]:
-
     promp = optipromp.ProMP.load(Path(item))
     _warn_if_nameless(item, promp.joint_names)
     return {
@@ -295,7 +288,6 @@ def _primitive(item: str) -> dict[str, Any]:
 
 
 def _plan(item: str) -> dict[str, Any]:
-
     plan = optipromp.load_plan(Path(item))
     return {
         "status": plan.status,

@@ -200,7 +200,9 @@ def render(
         looks: plain: smooth fruits before two colours; rich: leaves, bowed stems, painted surfaces,
             shadows. Default: rich for the preset wild, else plain.
     """
+    from optipromp.laboratory.generate import generate as sampled
     from optipromp.laboratory.simulation import coco
+    from optipromp.laboratory.simulation.photograph import photograph
 
     if (scene is None) == (preset is None):
         raise InvalidRequestError("give a scene or --preset, one of them")
@@ -211,9 +213,11 @@ def render(
     annotated: list[coco.Labels] = []
     with progress_bar(10) as told:
         for number in numbers:
-            shot, name, true = _taken(scene, preset, number, mount, looks)
+            shown = sampled(preset, number) if preset else optipromp.load_scene(str(scene))
+            shot = photograph(shown, mount, number, looks=looks)
+            name = f"{Path(scene).stem}-{number}" if scene is not None else shot.scene.name
             told(len(records), len(numbers), name)
-            records.append(write_shot(shot, name, true, out))
+            records.append(write_shot(shot, name, shot.scene, out))
             annotated.append(coco.record(name, shot))
     content = json.dumps(coco.document(annotated), separators=(",", ":"))
     write_together(out, {coco.FILE: content.encode()})
@@ -227,23 +231,6 @@ def seeds_of(text: str) -> range:
     if not (begin.isdigit() and end.isdigit() and colon and int(begin) < int(end)):
         raise InvalidRequestError(f"seeds are {text!r}; write them as 0:10")
     return range(int(begin), int(end))
-
-
-def _scene(scene: str | None, preset: Any, number: int) -> "Scene":
-    from optipromp.laboratory.generate import generate
-
-    return generate(preset, number) if scene is None else optipromp.load_scene(scene)
-
-
-def _taken(
-    scene: str | None, preset: Any, number: int, mount: str, looks: str
-) -> "tuple[Shot, str, Scene | None]":
-    """A picture, its name, and the true scene."""
-    from optipromp.laboratory.simulation.photograph import photograph
-
-    shot = photograph(_scene(scene, preset, number), mount, number, looks=looks)  # type: ignore[arg-type]
-    name = f"{Path(scene).stem}-{number}" if scene is not None else shot.scene.name
-    return shot, name, shot.scene
 
 
 def write_shot(shot: "Shot", name: str, true: "Scene | None", out: Path) -> dict[str, Any]:

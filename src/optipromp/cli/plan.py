@@ -139,7 +139,6 @@ class Output:
 
         ``figures``: whether figures are drawn where the user does not say.
         """
-
         if isinstance(result, optipromp.Plan):
             reach, written = result, optipromp.write_plan(result, folder, rate=self.rate)
         else:
@@ -244,7 +243,6 @@ def plan_one(
     scene: "Scene", request: Request, output: Output, variant: Variant, progress: bool | None = None
 ) -> Report:
     """Plan one motion to the target of ``scene``, or a pick with all its legs, and write it."""
-
     if scene.place is not None and variant.previous is not None:
         raise InvalidRequestError("--previous goes with a scene without a place")
     running = None if variant.previous is None else optipromp.load_plan(variant.previous)
@@ -356,7 +354,6 @@ def plan_folder(
     progress: bool | None = None,
 ) -> Report:
     """Plan every scene in ``folder``, with the robot that is named, and write each plan."""
-
     files, out = scene_files(folder), output.out
     homes: Sequence[Path | None] = [None] * len(files) if out is None else outputs(files, out)
     say_if_compiling(progress)
@@ -417,7 +414,6 @@ def plan_targets(
     scene: "Scene", targets: str, request: Request, output: Output, progress: bool | None = None
 ) -> Report:
     """Plan the picks of ``targets`` (ids, separated by commas), and write each plan."""
-
     ids = [part.strip() for part in targets.split(",") if part.strip()]
     with waiting(f"planning {scene.name}", progress) as say:
         found = optipromp.plan_sequence(scene, ids, progress=say, **vars(request))

@@ -147,16 +147,12 @@ def factors(rows: Sequence["ScenarioRow"]) -> tuple[tuple[str, ...], list[tuple[
 def markdown(rows: Sequence["ScenarioRow"]) -> str:
     """Both tables for the documentation, with a description of each case."""
     header, lines = figures(rows)
-    told = [
-        (*line, row.case.title if row.case.published is None else f"{row.case.title}: {_end(row)}")
-        for row, line in zip(rows, lines, strict=True)
+    ends = ["" if row.case.published is None else f": {row.plan.reason}" for row in rows]
+    told = [  # without the notes of a plan
+        (*line, row.case.title + end.partition(" (")[0])
+        for row, line, end in zip(rows, lines, ends, strict=True)
     ]
     return "\n".join([*_table((*header, "what it is"), told), "", *_table(*factors(rows)), ""])
-
-
-def _end(row: "ScenarioRow") -> str:
-    """The end of a run in words, without notes."""
-    return row.plan.reason.partition(" (")[0]
 
 
 def _table(header: Sequence[str], lines: Sequence[Sequence[str]]) -> list[str]:

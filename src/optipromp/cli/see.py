@@ -1,7 +1,7 @@
 """``optipromp see``: from pictures to scenes; ``optipromp calibrate``: where a camera is."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -13,7 +13,6 @@ from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.files import check_folder, is_file, is_folder, json_text, write_atomically
 
 if TYPE_CHECKING:
-    from optipromp.core.robots.model import Robot
     from optipromp.core.scenes.scene import Scene
     from optipromp.perception.boards import Board
     from optipromp.perception.calibration import HandEye
@@ -25,9 +24,7 @@ class _Asked(NamedTuple):
     """One picture, by files or of a bag, what tells what is known, and where the answer goes."""
 
     name: str
-    rgb: Path
-    depth: Path
-    camera: Path
+    files: Sequence[Path]  # colours, depth and camera
     known: str | None
     out: Path
     picture: "DepthPicture | None" = None
@@ -99,37 +96,34 @@ def see(
         raise InvalidRequestError("--topics goes with --bag")
     else:
         asked = _asked(folder, rgb, depth, camera, known, out)
-    records, lines, code = [], [], OK
+    records, lines = list[dict[str, Any]](), list[str]()
     sights: list[tuple[Sighting, Scene, Path]] = []
     for each in asked:
-        scene = _known(each)
+        scene = optipromp.load_scene(each.known or "scenario-3")
         picture = _load(each, scene)
         began = time.perf_counter()
         from optipromp.perception.eyes import look_at
 
         sight = look_at(picture, up=scene.up, finder=eye)
         took = time.perf_counter() - began
-        record, told, seen = _answer(sight, scene, each, took)
-        if seen is None:
-            code = FAILED
-        else:
-            optipromp.save_scene(seen, each.out)
+        record, told = _answer(sight, scene, each, took)
         drawn = each.out.with_suffix(OVERLAY)
         write_atomically(drawn, png_file(overlay(picture, sight)))
         records.append({**record, "overlay": str(drawn)})
         lines += told
         sights.append((sight, scene, each.out))
-    if not together or not sights:
-        return Report({"pictures": records}, lines, code)
-    record, told, code = _together([sight for sight, _, _ in sights], *sights[0][1:])
-    return Report({"pictures": records, "together": record}, [*lines, *told], code)
+    document: dict[str, Any] = {"pictures": records}
+    if together and sights:
+        record, told = _together([sight for sight, _, _ in sights], *sights[0][1:])
+        document, records, lines = {**document, "together": record}, [record], [*lines, *told]
+    seen = all(record["scene"] is not None for record in records)
+    return Report(document, lines, OK if seen else FAILED)
 
 
 def _together(
     sights: "list[Sighting]", known: "Scene", out: Path
-) -> tuple[dict[str, Any], list[str], int]:
+) -> tuple[dict[str, Any], list[str]]:
     """What is said of all pictures as one, whose scene is written beside ``out``."""
-    from optipromp.perception.eyes import seen_scene
     from optipromp.perception.fusing import fused
 
     fruits = fused(sights)
@@ -142,15 +136,28 @@ def _together(
     }  # fmt: skip
     several = sum(fruit.views > 1 for fruit in fruits)
     line = f"together: {len(fruits)} fruits, {several} of them in several pictures"
+    told = _written(sights, known, out.with_name("together.yaml"), record, line)
+    return record, told
+
+
+def _written(
+    sights: "Sighting | list[Sighting]",
+    known: "Scene",
+    file: Path,
+    record: dict[str, Any],
+    line: str,
+) -> list[str]:
+    """What is said of the scene that is written to a file, here and in the ``record``."""
+    from optipromp.perception.eyes import seen_scene
+
     try:
         scene, assumed = seen_scene(sights, known)
     except InvalidRequestError as error:
         record.update(status=error.code, message=error.message)
-        return record, [f"{line}; no scene: {error.message}"], FAILED
-    file = out.with_name("together.yaml")
+        return [f"{line}; no scene: {error.message}"]
     optipromp.save_scene(scene, file)
     record.update(scene=str(file), assumed=list(assumed))
-    return record, [f"{line}; wrote {file}", *(f"  {words}" for words in assumed)], OK
+    return [f"{line}; wrote {file}", *(f"  {words}" for words in assumed)]
 
 
 def _asked(
@@ -159,21 +166,18 @@ def _asked(
 ) -> list[_Asked]:  # fmt: skip
     from optipromp.perception.pictures import ENDS
 
-    single = rgb, depth, camera
+    single = {"--rgb": rgb, "--depth": depth, "--camera": camera}
     if (folder is None) == (rgb is None):
         raise InvalidRequestError("give a folder of pictures, or --rgb, --depth and --camera")
     if folder is None:
-        lacking = [n for n, v in zip(("--depth", "--camera"), single[1:], strict=True) if v is None]
-        if lacking:
+        if lacking := [name for name, file in single.items() if file is None]:
             raise InvalidRequestError(f"--rgb without {' and '.join(lacking)}: give all three")
-        assert rgb is not None
-        assert depth is not None
-        assert camera is not None
-        path = out or rgb.with_suffix(".yaml")
+        files = [file for file in single.values() if file is not None]
+        path = out or files[0].with_suffix(".yaml")
         if path.suffix not in (".yaml", ".yml", ".json"):
             raise InvalidRequestError(f"--out is {str(path)!r}: its name must end in .yaml")
-        return [_Asked(rgb.stem, rgb, depth, camera, known, path)]
-    if any(each is not None for each in single[1:]):
+        return [_Asked(files[0].stem, files, known, path)]
+    if depth is not None or camera is not None:
         raise InvalidRequestError("--depth and --camera go with --rgb, not with a folder")
     if not is_folder(folder):
         raise InvalidRequestError(f"{folder}: no such folder")
@@ -188,7 +192,7 @@ def _asked(
                 raise InvalidRequestError(f"{file} is missing beside {path.name}")
         beside = folder / f"{name}.yaml"
         told = known or (str(beside) if is_file(beside) else None)
-        found.append(_Asked(name, files[0], files[1], files[2], told, target / f"{name}.yaml"))
+        found.append(_Asked(name, files, told, target / f"{name}.yaml"))
     if not found:
         raise InvalidRequestError(f"{folder}: no pictures; their names end in {', '.join(ENDS)}")
     return found
@@ -208,14 +212,8 @@ def _of_bag(
     check_folder(target := out or bag.with_name(f"{bag.stem}-seen"))
     found = bag_pictures(bag, scene, topics=chosen, every=every, camera=model)
     for k, (picture, at) in enumerate(found):
-        name, none = f"{bag.stem}-{k:03d}", Path()
-        file = target / f"{name}.yaml"
-        yield _Asked(f"{name}, {at:.2f} s", none, none, none, known, file, picture)
-
-
-def _known(asked: _Asked) -> "Scene":
-
-    return optipromp.load_scene(asked.known or "scenario-3")
+        name = f"{bag.stem}-{k:03d}"
+        yield _Asked(f"{name}, {at:.2f} s", (), known, target / f"{name}.yaml", picture)
 
 
 def _load(asked: _Asked, known: "Scene") -> "DepthPicture":
@@ -225,22 +223,23 @@ def _load(asked: _Asked, known: "Scene") -> "DepthPicture":
     from optipromp.core.planning.task import posed
     from optipromp.perception.pictures import flange_of, load_camera, load_picture
 
-    hand, model = None, load_camera(asked.camera)[0]
+    rgb, depth, camera = asked.files
+    hand, model = None, load_camera(camera)[0]
     if model.mount == "base" and model.pose.is_identity:
         raise InvalidRequestError(
-            f"{asked.camera}: must have position and orientation, of the camera in the robot's base"
+            f"{camera}: must have position and orientation, of the camera in the robot's base"
         )
     if model.mount == "hand":
         robot, state = posed(known)
         hand = flange_of(robot, state.q)
-    return load_picture(asked.rgb, asked.depth, asked.camera, hand)
+    return load_picture(rgb, depth, camera, hand)
 
 
 def _answer(
     sight: "Sighting", known: "Scene", asked: _Asked, took: float
-) -> tuple[dict[str, Any], list[str], "Scene | None"]:
-    """What is said of a picture under --json and to people, and its scene."""
-    from optipromp.perception.eyes import seen_scene, summary
+) -> tuple[dict[str, Any], list[str]]:
+    """What is said of a picture under --json and to people."""
+    from optipromp.perception.eyes import summary
 
     base = {item.id: item for item in sight.look.in_base()}
     fruits = [
@@ -256,13 +255,7 @@ def _answer(
     line = f"{asked.name}: {ripe} ripe, {len(fruits) - ripe} unripe, {stems} stems"
     if sight.found.left_out:
         line += f" ({sight.found.left_out} smaller places of their colours were left out)"
-    try:
-        scene, assumed = seen_scene(sight, known)
-    except InvalidRequestError as error:
-        record.update(status=error.code, message=error.message)
-        return record, [f"{line}; no scene: {error.message}"], None
-    record.update(scene=str(asked.out), assumed=list(assumed))
-    return record, [f"{line}; wrote {asked.out}", *(f"  {words}" for words in assumed)], scene
+    return record, _written(sight, known, asked.out, record, line)
 
 
 @dataclass(frozen=True)
@@ -338,6 +331,7 @@ def calibrate(
         mount: hand: the camera is on it, the board stands; base: the other way.
         known (SCENE): Whose robot has these joints, and tool.
     """
+    from optipromp.core.planning.task import posed
     from optipromp.perception.calibration import by_tool, hand_eye, read_seen_tool, read_views
     from optipromp.perception.pictures import load_camera
 
@@ -345,7 +339,8 @@ def calibrate(
         raise InvalidRequestError("give a folder of pictures or --tool, one of them")
     if tool is not None and mount == "hand":
         raise InvalidRequestError("a camera on the hand sees the tool stand still: show it a board")
-    model, robot, without = load_camera(camera)[0], _robot(known), tuple[str, ...]()
+    robot = None if known is None else posed(optipromp.load_scene(known))[0]
+    model, without = load_camera(camera)[0], tuple[str, ...]()
     if tool is not None:
         found = by_tool(read_seen_tool(tool, robot), model)
     else:
@@ -364,12 +359,6 @@ def calibrate(
         show_warning(f"{name}: the board was not found")
     write_atomically(out, json_text(found.camera.document()).encode())
     return Report(_document(found, out, without), _shown(found, out))
-
-
-def _robot(known: str | None) -> "Robot | None":
-    from optipromp.core.planning.task import posed
-
-    return None if known is None else posed(optipromp.load_scene(known))[0]
 
 
 def _document(found: "HandEye", out: Path, without: tuple[str, ...]) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import optipromp
-from optipromp.cli.check import scene_or_plan
+from optipromp.cli.check import scene_or_plan as loaded
 from optipromp.cli.command import FAILED, OK, Report, command
 from optipromp.cli.console import ChosenStrategy, Seed, Strategy, say_if_compiling, waiting
 from optipromp.cli.robot import ArmOptions, InPlace, Named
@@ -272,11 +272,17 @@ def simulate(
     kinds = [kind for kind, on in (("webm", video), ("mp4", mp4), ("gif", gif)) if on]
     leave = partial(_leave, folder=folder, kinds=kinds, slow=slow)
     if eyes:
-        seen = _scene(scene_or_plan, arm.of(robot))
+        found = loaded(scene_or_plan, "simulate")
+        if isinstance(found, optipromp.Plan):
+            told = f"{scene_or_plan} is a plan; --closed-loop makes its own: give the scene"
+            raise InvalidRequestError(told)
+        seen = arm.of(robot).of(found)
         say_if_compiling()
         with waiting(f"picking in {(truth or seen).name} ..."):
             loop = pick(seen, truth, parameters, eyes, seed)
-        return _picked(loop, leave(loop.run, loop=loop), folder)
+        further = loop_document(loop)
+        told = f"{further['loop']} loop: {loop.result}"
+        return _report(loop.run, told, further, (folder, leave(loop.run, loop=loop)))
     plan = _plan(scene_or_plan, planner, strategy, seed, arm.of(robot))
     legs = plan.legs if isinstance(plan, optipromp.Picked) else {"": plan}
     for leg in legs.values():
@@ -285,32 +291,26 @@ def simulate(
     with waiting(f"executing in {(truth or first.scene).name} ..."):
         settings: Any = {"parameters": parameters, "seed": seed, "failed_leg": failed_leg}
         run = optipromp.simulate(plan, truth, **settings)
-    return _executed(run, (first.planner, plan.status), leave(run), folder)
+    told = f"{first.planner} (plan: {plan.status})"
+    further = {"planner": first.planner, "plan_status": plan.status}
+    return _report(run, told, further, (folder, leave(run)))
 
 
-def _picked(loop: "Loop", written: Sequence[str], folder: Path) -> Report:
-    """The report of a pick in closed loop."""
+def _report(
+    run: "Run", told: str, further: dict[str, Any], files: tuple[Path, Sequence[str]]
+) -> Report:
+    """The report of a run, of which ``further`` figures are known; ``files``: folder and names."""
+    from optipromp.laboratory.simulation.execute import run_rows
     from optipromp.laboratory.simulation.files import run_document
 
-    document = {**run_document(loop.run), **loop_document(loop)}
-    told = f"{document['loop']} loop: {loop.result}"
-    lines = [*_shown(loop.run, told), *loop_lines(document), _wrote(written, folder)]
-    return Report(document, lines, OK if loop.run.success else FAILED)
-
-
-def _executed(run: "Run", plan: tuple[str, str], written: Sequence[str], folder: Path) -> Report:
-    """The report of the execution of a plan, of which planner and status are given."""
-    from optipromp.laboratory.simulation.files import run_document
-
-    planner, status = plan
-    document = {**run_document(run), "planner": planner, "plan_status": status}
-    told = f"{planner} (plan: {status})"
-    lines = [*_shown(run, told), _wrote(written, folder)]
-    return Report(document, lines, OK if run.success else FAILED)
-
-
-def _wrote(written: Sequence[str], folder: Path) -> str:
-    return f"wrote {', '.join(written)} to {folder}"
+    lines = [
+        f"{run.scene.name}  {told}  {run.outcome.told}",
+        run.outcome.message,
+        *(f"  {name:<26}{words}" for name, words in run_rows(run)),
+        *(loop_lines(further) if "decisions" in further else ()),
+        f"wrote {', '.join(files[1])} to {files[0]}",
+    ]
+    return Report({**run_document(run), **further}, lines, OK if run.success else FAILED)
 
 
 def _folder(item: str) -> Path:
@@ -321,8 +321,7 @@ def _folder(item: str) -> Path:
 
 
 def _plan(item: str, planner: str, strategy: Strategy, seed: int, named: Named) -> "Plan | Picked":
-
-    found = scene_or_plan(item, "simulate")
+    found = loaded(item, "simulate")
     if isinstance(found, optipromp.Plan):
         if named:
             raise InvalidRequestError(f"{item} is a plan, which has its robot; name none")
@@ -332,14 +331,6 @@ def _plan(item: str, planner: str, strategy: Strategy, seed: int, named: Named) 
     verb = optipromp.plan if scene.place is None else optipromp.plan_pick
     with waiting(f"planning {scene.name} ...") as say:
         return verb(scene, planner=planner, strategy=strategy, seed=seed, progress=say)
-
-
-def _scene(item: str, named: Named) -> "Scene":
-
-    found = scene_or_plan(item, "simulate")
-    if isinstance(found, optipromp.Plan):
-        raise InvalidRequestError(f"{item} is a plan; --closed-loop makes its own: give the scene")
-    return named.of(found)
 
 
 def _leave(
@@ -352,24 +343,11 @@ def _leave(
     if kinds:
         from optipromp.laboratory.simulation.film import animation, film, loop_animation, loop_film
 
+        draw: Any = partial(loop_film, loop) if loop else partial(film, run)
+        moving: Any = partial(loop_animation, loop) if loop else partial(animation, run)
         with waiting("drawing"):
             for kind in kinds:
-                if kind == "gif":
-                    made = loop_animation(loop, slow=slow) if loop else animation(run, slow=slow)
-                elif loop:
-                    made = loop_film(loop, slow=slow, kind=kind)
-                else:
-                    made = film(run, slow=slow, kind=kind)
+                made = moving(slow=slow) if kind == "gif" else draw(slow=slow, kind=kind)
                 films[f"run.{kind}"] = made
     further = (write_loop(loop, folder),) if loop else ()
     return *write_run(run, folder, films), *further
-
-
-def _shown(run: "Run", told: str) -> list[str]:
-    from optipromp.laboratory.simulation.execute import run_rows
-
-    return [
-        f"{run.scene.name}  {told}  {run.outcome.told}",
-        run.outcome.message,
-        *(f"  {name:<26}{words}" for name, words in run_rows(run)),
-    ]
