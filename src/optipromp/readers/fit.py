@@ -30,32 +30,6 @@ from optipromp.core.processes import in_threads
 
 
 @inner
-def _costs(points, centers, depth, out):
-    """The excess ``out`` (n, m) [m] of covering points (n, 3) from ``centers`` (3, m) at ``depth``
-    (m,), in place."""
-    for i in range(points.shape[0]):
-        a, b, c = points[i, 0], points[i, 1], points[i, 2]
-        for j in range(depth.shape[0]):
-            x, y, z = a - centers[0, j], b - centers[1, j], c - centers[2, j]
-            out[i, j] = math.sqrt(x * x + y * y + z * z) - depth[j]
-
-
-@inner
-def farthest(points, centers, out):
-    """Distance ``out`` (m,) [m] of each centre (3, m) from its farthest point of ``points`` (n, 3),
-    in place."""
-    out[:] = 0.0
-    for i in range(points.shape[0]):
-        a, b, c = points[i, 0], points[i, 1], points[i, 2]
-        for j in range(out.shape[0]):
-            x, y, z = a - centers[0, j], b - centers[1, j], c - centers[2, j]
-            square = x * x + y * y + z * z
-            out[j] = square if square > out[j] else out[j]
-    for j in range(out.shape[0]):
-        out[j] = math.sqrt(out[j])
-
-
-@inner
 def _largest(cost, rows, out):
     """The maximum ``out`` (m,) over ``rows`` (k,) of ``cost`` (n, m), in place."""
     out[:] = -np.inf
@@ -79,22 +53,6 @@ def owners(pieces, centers, radius, owner, beyond):
                 out = max(out, math.sqrt(x * x + y * y + z * z) - radius[k])
             if out < beyond[i]:
                 beyond[i], owner[i] = out, k
-
-
-@kernel
-def first_of_cells(points, edge, shape, out):
-    """Indices ``out`` of the first point of points (n, 3) in each cell of a grid of ``shape`` (3,),
-    in place. Returns the number of cells that hold points."""
-    seen, count = np.zeros(shape[0] * shape[1] * shape[2], np.bool_), 0
-    for i in range(points.shape[0]):
-        code = 0
-        for j in range(3):
-            code = code * shape[j] + max(math.floor(points[i, j] / edge), 0)
-        if not seen[code]:
-            seen[code] = True
-            out[count] = i
-            count += 1
-    return count
 
 
 VOXEL = 0.003  # [m] chosen: edge of the voxels, for meshes of 0.12 to 0.48 m
@@ -196,8 +154,8 @@ class _Fit:
         inside = inside[_thinned(inside, sparse, _CENTERS)]
         self.centers = self._middle(inside)
         self.few = self.points[_thinned(self.points - self.low, 2.0 * self.voxel, _POINTS)]
-        self.cost = np.empty((len(self.few), len(inside)), np.float32)
-        _costs(self.few, _columns(self.centers), self.depth[tuple(inside.T)], self.cost)
+        cost = cdist(self.few, self.centers) - self.depth[tuple(inside.T)]
+        self.cost = cost.astype(np.float32)  # excess of covering each point from each candidate
         self.known = dict[bytes, int]()
         self.chosen = [self._center(np.arange(len(self.few)))]
         self.excess = float(self.cost[:, self.chosen].max())
@@ -381,14 +339,8 @@ def _owners(
 
 def _farthest(points: FloatArray, centers: FloatArray) -> FloatArray:
     """Distance (m,) of each centre from its farthest point [m]."""
-    out = np.empty(len(centers))
-    farthest(points, _columns(centers), out)
+    out: FloatArray = np.sqrt(cdist(points, centers, "sqeuclidean").max(axis=0))
     return out
-
-
-def _columns(points: FloatArray) -> FloatArray:
-    """Points (n, 3) as (3, n), each coordinate whole in memory."""
-    return np.ascontiguousarray(points.T)
 
 
 def cut(
@@ -461,8 +413,10 @@ def _thinned(points: FloatArray | IntArray, edge: float, most: float = np.inf) -
     end = points.max(axis=0)
     while True:
         shape = np.maximum(np.floor(end / edge), 0.0).astype(np.int64) + 1
-        first = np.empty(len(points), np.int64)
-        first = first[: first_of_cells(points, edge, shape, first)]
+        cells = np.maximum(np.floor(points / edge), 0.0).astype(np.int64)
+        first = np.full(shape.prod(), -1)  # of the points in a cell, the one written last stays
+        first[np.ravel_multi_index(cells.T, shape)[::-1]] = np.arange(len(points))[::-1]
+        first = np.sort(first[first >= 0])
         if len(first) <= most:
             return first
         edge *= max(1.05, (len(first) / most) ** (1.0 / 3.0))
