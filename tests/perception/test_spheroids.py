@@ -8,7 +8,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry.shapes import Ellipsoid, Sphere
 from optipromp.perception import ByGeometry, CameraModel, DepthPicture, EyeParameters, look_at
 from optipromp.perception.finder import Region
-from optipromp.perception.spheroids import INSIDE, fitted_spheroids, start_of
+from optipromp.perception.spheroids import INSIDE, all_fitted, start_of
 
 CAMERA = CameraModel(320, 240, 480.0, 480.0, 159.5, 119.5)
 UP = np.array([0.0, -1.0, 0.0])  # in the frame of the camera
@@ -92,7 +92,9 @@ def test_the_less_is_seen_the_wider_the_covariance() -> None:
     spreads = []
     for picture in (whole, part.picture()):
         region = next(r for r in ByGeometry().find(picture).fruits if r.kind == "ripe")
-        fit = fitted_spheroids(picture, region.pixels, UP, P)
+        kind, colours = np.ones(1, dtype=np.int64), region.pixels.astype(np.int64)
+        (fit,) = all_fitted(picture, [region], kind, colours, UP, P)
+        assert fit is not None
         spreads.append(float(np.trace(fit.covariance)))
     assert spreads[1] > 1.05 * spreads[0]
 

@@ -34,19 +34,14 @@ OTHER = {"hand": "base", "base": "hand"}  # where the board is, by where the cam
 class CalibrationParameters(Checked):
     """How exact views are, and what is refused, as it cannot tell a pose."""
 
-    pixel: float = parameter(
-        0.2, "pixel", "measured", "deviation of a corner: 0.1 on drawn boards, 0.25 on drawn tags"
-    )
+    # 0.1 on drawn boards, 0.25 on drawn tags
+    pixel: float = parameter(0.2, "pixel", "measured", "deviation of a corner")
     place: float = parameter(0.0005, "m", "guess", "deviation of each coordinate of the hand")
     angle: float = parameter(0.1, "deg", "guess", "deviation of the hand's turn about each axis")
-
     views: int = parameter(4, "1", "choice", "fewest; three tell it, one more tells of errors")
-    turn: float = parameter(
-        4.0, "deg", "choice", "least deviation of the hand's turns about the second of two axes"
-    )
-    spread: float = parameter(
-        0.03, "m", "choice", "least deviation of the tool's places along the second of two axes"
-    )
+    # least deviations of the hand's turns about, and of the tool's places along
+    turn: float = parameter(4.0, "deg", "choice", "the second of two axes, at least")
+    spread: float = parameter(0.03, "m", "choice", "the second of two axes, at least")
 
 
 class BoardView(NamedTuple):

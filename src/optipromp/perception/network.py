@@ -164,7 +164,9 @@ class ByNetwork:
         rows = np.clip(np.arange(shape[0]) / steps[0], 0, SIZE[0] - 1).astype(int)
         columns = np.clip(np.arange(shape[1]) / steps[1], 0, SIZE[1] - 1).astype(int)
         owner = grouped(sure, offsets)
-        full = np.where(fruit, _spread(owner)[np.ix_(rows, columns)], 0)
+        # the smooth edge of a fruit may lie next to it
+        spread = np.where(owner > 0, owner, maximum_filter(owner, size=3))
+        full = np.where(fruit, spread[np.ix_(rows, columns)], 0)
         regions = []
         boxes, sizes = find_objects(full), np.bincount(full.ravel())[1:]
         chosen = largest(sizes, full.size)
@@ -196,11 +198,6 @@ def _wide(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
         below, above = values.take(low, axis), values.take(low + 1, axis)
         values = below + share * (above - below)
     return values
-
-
-def _spread(owner: IntArray) -> IntArray:
-    """Numbers (h, w) of fruits, those next to a fruit its own: its smooth edge may lie there."""
-    return np.where(owner > 0, owner, maximum_filter(owner, size=3))
 
 
 def grouped(sure: FloatArray, offsets: FloatArray) -> IntArray:

@@ -20,40 +20,25 @@ class EyeParameters(Checked):
     least_bright: float = parameter(0.04, "1", "guess", "least value of a pixel whose hue counts")
     farthest: float = parameter(0.9, "m", "choice", "largest depth of a fruit")
     step: float = parameter(0.010, "m", "choice", "step of depth between two surfaces")
-    thin: float = parameter(
-        0.005, "m", "choice", "half width above which a surface is no stem; stems have 3 mm, "
-        "small strawberries 12 mm"
-    )  # fmt: skip
+    thin: float = parameter(0.005, "m", "choice", "half width between stems, 3 mm, and fruits, 12")
     least_radius: float = parameter(0.0105, "m", "choice", "of a fruit; stem bundles are less")
     most_radius: float = parameter(0.028, "m", "choice", "of a fruit, across its axis")
     least_pixels: int = parameter(60, "pixel", "choice", "of a fruit")
-    least_odds: float = parameter(
-        1.5,
-        "1",
-        "measured",
-        "logarithm of the odds above which a fit is a fruit: of 0.5, 4 % of `mixed` were false",
-    )
+    # logarithm of the odds; at 0.5, 4 % of the fits in `mixed` were false
+    least_odds: float = parameter(1.5, "1", "measured", "above which a fit is a fruit")
     radius: float = parameter(0.0165, "m", "reported", "prior median of a fruit's radius")
     radius_spread: float = parameter(0.25, "1", "guess", "prior deviation of its logarithm")
     longer: float = parameter(0.10, "1", "guess", "prior of the logarithm of length over width")
     longer_spread: float = parameter(0.12, "1", "guess", "its deviation")
-    depth_noise: float = parameter(
-        0.0093, "1/m", "published", "deviation of depth over its square: subpixel 0.08, baseline "
-        "18 mm, focal length 480 pixels; tell that of your camera"
-    )  # fmt: skip
+    # of subpixels of 0.08, a baseline of 18 mm, a focal length of 480 pixels: state your camera's
+    depth_noise: float = parameter(0.0093, "1/m", "published", "deviation of depth over its square")
     depth_scale: float = parameter(0.005, "1", "guess", "deviation of a picture's relative depth")
-    patch: float = parameter(
-        28.0, "pixel", "measured", "pixels of depth that err as one: 4 π σ² of a filter of 1.5"
-    )
+    patch: float = parameter(28.0, "pixel", "measured", "that err as one: 4 π σ², a filter of 1.5")
     outline: float = parameter(1.0, "pixel", "guess", "deviation of an outline")
     outline_run: float = parameter(4.0, "pixel", "guess", "length of outline that errs as one")
-    model: float = parameter(
-        0.0015, "m", "measured", "of each coordinate of a centre besides: fruits are no spheroids"
-    )
-    tip: float = parameter(
-        0.2, "1", "measured", "the same along the axis where that is along the view, over the "
-        "radius: the front of a tip tells little of the length"
-    )  # fmt: skip
+    model: float = parameter(0.0015, "m", "measured", "of a centre besides: fruits no spheroids")
+    # a tip's front tells little of the length
+    tip: float = parameter(0.2, "1", "measured", "over the radius, along an axis that is in view")
     tilt: float = parameter(18.0, "deg", "measured", "median of 1,704 strawberries (StrawDI)")
     stem_reach: float = parameter(0.06, "m", "choice", "above a fruit; tells the direction")
     stem_least: float = parameter(0.020, "m", "choice", "least length that is a stem")

@@ -12,7 +12,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from optipromp.core.arrays import FloatArray, read_only
+from optipromp.core.arrays import FloatArray, IntArray, read_only
 from optipromp.core.documents import read_document
 from optipromp.core.errors import InvalidRequestError, OptiPrompError, installed_by
 from optipromp.core.files import read_bytes, read_npz
@@ -93,8 +93,12 @@ class CameraModel:
     def rays(self) -> FloatArray:
         """(height, width, 3) directions through the pixels, of depth 1."""
         columns, rows = np.meshgrid(np.arange(self.width), np.arange(self.height))
-        x, y = (columns - self.cx) / self.fx, (rows - self.cy) / self.fy
-        return read_only(np.dstack([x, y, np.ones_like(x)]))
+        return read_only(self.through(np.dstack([columns, rows])))
+
+    def through(self, pixels: FloatArray | IntArray) -> FloatArray:
+        """Directions (..., 3), of depth 1, through columns and rows (..., 2)."""
+        flat = (pixels - np.array([self.cx, self.cy])) / [self.fx, self.fy]
+        return np.concatenate([flat, np.ones((*flat.shape[:-1], 1))], axis=-1)
 
     def pixels(self, points: FloatArray) -> FloatArray:
         """Columns and rows (..., 2) of points (..., 3) in the frame of the camera."""

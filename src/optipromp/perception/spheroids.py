@@ -57,13 +57,10 @@ def _at(
     """Rays (..., 3), depths (nan outside the picture) and colours at pixels (..., 2)."""
     camera = picture.camera
     cells = np.rint(where).astype(np.int64)
-    column = np.clip(cells[..., 0], 0, camera.width - 1)
-    row = np.clip(cells[..., 1], 0, camera.height - 1)
-    depth = np.where(
-        (column == cells[..., 0]) & (row == cells[..., 1]), picture.depth[row, column], np.nan
-    )
-    x, y = (column - camera.cx) / camera.fx, (row - camera.cy) / camera.fy
-    return np.stack([x, y, np.ones_like(x)], axis=-1), depth, colours[row, column]
+    inside = np.clip(cells, 0, [camera.width - 1, camera.height - 1])
+    column, row = inside[..., 0], inside[..., 1]
+    depth = np.where((inside == cells).all(axis=-1), picture.depth[row, column], np.nan)
+    return camera.through(inside), depth, colours[row, column]
 
 
 def slack_of(depth: Any, p: EyeParameters) -> Any:
@@ -130,24 +127,14 @@ def _outlines(
     order = np.arange(TICKS)
     deep = np.where(dyed & near, order, -1).max(axis=2)  # the last that is surely of the fruit
     ends = np.where(~dyed & (order > deep[:, :, None]), order, TICKS).min(axis=2)
-    last = np.where(
-        (ends - deep) * pixel < 3.5, ends - 1, deep
-    )  # [pixel] edges of depth are ragged
-    reach = (
-        0.5 * (tick[np.clip(last, 0, TICKS - 1)] + tick[np.clip(last + 1, 0, TICKS - 1)])
-    ) * size[:, None]
-    edge = middle[:, None] + reach[..., None] * turn
-    camera = picture.camera
-    ways = np.concatenate(
-        [(edge - [camera.cx, camera.cy]) / [camera.fx, camera.fy], np.ones((count, TURNS, 1))],
-        axis=2,
-    )
+    ragged = (ends - deep) * pixel < 3.5  # [pixel] as edges of depth are
+    last = np.where(ragged, ends - 1, deep)
+    about_it = tick[np.clip(last, 0, TICKS - 1)] + tick[np.clip(last + 1, 0, TICKS - 1)]
+    edge = middle[:, None] + ((0.5 * about_it) * size[:, None])[..., None] * turn
+    ways = picture.camera.through(edge)
     aside, front = surface(ways, balls)
-    free = (
-        (deep >= 0)
-        & (last < TICKS - 1)
-        & (np.abs(aside - 1.0) * size[:, None] < np.maximum(0.25 * size, 4.0)[:, None])
-    )
+    near_it = np.abs(aside - 1.0) * size[:, None] < np.maximum(0.25 * size, 4.0)[:, None]
+    free = (deep >= 0) & (last < TICKS - 1) & near_it
     for ahead in BEYOND:
         _, beyond, _ = _at(picture, colours, edge + ahead * turn)
         free &= ~((beyond > 0.0) & (beyond < front + BEFORE)) & ~np.isnan(beyond)
@@ -188,26 +175,18 @@ def start_of(picture: DepthPicture, seed: Region, p: EyeParameters) -> SeedStart
     if not near.any():  # as many pixels far before the middle as behind it: the nearer half
         middle = float(far[far < middle].max())
         near = np.abs(far - middle) < p.most_radius
-    points = rays_of(picture, rows[near] + begin) * far[near][:, None]
+    points = camera.through((rows[near] + begin)[:, ::-1]) * far[near][:, None]
     points = points[:: max(len(points) // MOST_POINTS, 1)]
     per = max(p.patch * len(points) / area, 1.0)
     weights = 1.0 / (p.depth_noise * points[:, 2] ** 2 * math.sqrt(per))
     edge = _free(picture, pixels, begin, middle)
-    radius = float(
-        np.clip(math.sqrt(area / math.pi) / focal * middle, p.least_radius, p.most_radius)
-    )
+    radius = math.sqrt(area / math.pi) / focal * middle
+    radius = float(np.clip(radius, p.least_radius, p.most_radius))
     around = 2.0 * math.pi * radius * focal / middle
     per = max(p.outline_run * len(edge) / max(around, 1.0), 1.0)
     pulls = np.full(len(edge), focal / (p.outline * middle * math.sqrt(per)))
-    data = FitData(points, weights, rays_of(picture, edge), pulls)
+    data = FitData(points, weights, camera.through(edge[:, ::-1]), pulls)
     return SeedStart(np.median(points, axis=0), radius, data)
-
-
-def rays_of(picture: DepthPicture, rows: FloatArray) -> FloatArray:
-    """Directions (N, 3), of depth 1, through rows and columns (N, 2)."""
-    camera = picture.camera
-    x, y = (rows[:, 1] - camera.cx) / camera.fx, (rows[:, 0] - camera.cy) / camera.fy
-    return np.column_stack([x, y, np.ones(len(rows))])
 
 
 def _free(picture: DepthPicture, pixels: BoolArray, begin: IntArray, middle: float) -> FloatArray:
@@ -249,8 +228,6 @@ class Spheroid:
     radius: float  # across the axis [m]
     half: float  # half the length along the axis [m]
     covariance: FloatArray  # (3, 3) of the centre [m²]
-    # (7, 7) of centre, logarithms of radius and of length over width, tilts
-    state_covariance: FloatArray
     round: float  # deviation of the depths from a plane over that from the spheroid; a wall has 1
     share: float  # part of its outline's area where its surface is seen
     through: float  # part of its outline's area where something farther is seen
@@ -262,20 +239,6 @@ class Spheroid:
         """Logarithm of the odds that this is a fruit."""
         told = self.share, math.log(max(self.round, 0.05)), self.through, self.spill, self.off, 1.0
         return float(np.dot(ODDS, told))
-
-
-def fitted_spheroids(
-    picture: DepthPicture, pixels: BoolArray, up: FloatArray, p: EyeParameters
-) -> Spheroid | None:
-    """The likeliest spheroid of a fruit's pixels (:func:`all_fitted`); None if they show none."""
-    return all_fitted(
-        picture,
-        [Region("ripe", pixels, 1.0)],
-        np.ones(1, dtype=np.int64),
-        pixels.astype(np.int64),
-        up,
-        p,
-    )[0]
 
 
 def all_fitted(
@@ -342,7 +305,9 @@ def _spheroid(
     look: SpheroidViews, k: int, p: EyeParameters,
 ) -> Spheroid:  # fmt: skip
     center, radius = x[:3], math.exp(x[3])
-    whole = np.linalg.inv(hessian)
+    whole = np.linalg.inv(
+        hessian
+    )  # of centre, logarithms of radius and of length over width, tilts
     whole[:3, :3] += p.depth_scale**2 * np.outer(center, center) + p.model**2 * np.eye(3)
     axis = axis_of(x[None], axes)[0][0]
     along = float(axis @ center) / float(np.linalg.norm(center))
@@ -355,7 +320,7 @@ def _spheroid(
     left = float(np.sqrt(np.mean(first**2)))
     pull = float(look.data.pulls[k].max(initial=1.0))
     return Spheroid(
-        center, axis_of(x[None], axes)[0][0], radius, radius * math.exp(x[4]), whole[:3, :3], whole,
+        center, axis, radius, radius * math.exp(x[4]), whole[:3, :3],
         planar(look.data.points[k][used], weights) / max(left, 1e-9),
         float(look.share[k]), float(look.through[k]), float(look.spill[k]),
         float(np.abs(second).mean() / pull / radius) if len(second) else 0.0,
@@ -376,7 +341,7 @@ def claimed(picture: DepthPicture, colour: BoolArray, fit: Spheroid, p: EyeParam
     balls = SpheroidRows(
         fit.center[None], fit.axis[None], np.array([fit.radius]), np.array([fit.half])
     )
-    aside, front = surface(rays_of(picture, rows)[None], balls)
+    aside, front = surface(camera.through(rows[:, ::-1])[None], balls)
     depth = picture.depth[rows[:, 0], rows[:, 1]]
     inner = (aside[0] < 1.1) & (
         (depth == 0.0) | (np.abs(depth - front[0]) < 2.0 * slack_of(fit.center[2], p))

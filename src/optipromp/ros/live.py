@@ -305,19 +305,14 @@ class DetectionParameters(Checked):
         InvalidRequestError: a role that is no fruit's, or a class of ``stems`` without a role.
     """
 
+    # by class: target, pushable or avoid; detections of other classes are left out
     roles: Mapping[str, str] = parameter(
-        {"ripe": "target", "unripe": "pushable"},
-        "",
-        "choice",
-        "target, pushable or avoid, by class; detections of other classes are left out",
+        {"ripe": "target", "unripe": "pushable"}, "", "choice", "of the objects of each class"
     )
-    stems: tuple[str, ...] = parameter(
-        (), "", "choice", "classes whose box has its z axis along the stem, fruit to root"
-    )
+    # whose box has its z axis along the stem, fruit to root
+    stems: tuple[str, ...] = parameter((), "", "choice", "classes that have stems")
     stem_length: float = parameter(0.15, "m", "guess", "of these stems")
-    sigma: float = parameter(
-        0.005, "m", "choice", "standard deviation of a coordinate where the covariance is zero"
-    )
+    sigma: float = parameter(0.005, "m", "choice", "of a coordinate where the covariance is zero")
     least_score: float = parameter(0.0, "1", "choice", "detections with a lower score are left out")
     view: float = parameter(1.2, "rad", "choice", "full opening angle of the camera's cone of view")
 

@@ -26,32 +26,14 @@ USUAL_TOPIC = "/joint_states"
 class CutParameters(Checked):
     """The definitions of a still phase and of a demonstration."""
 
-    speed: float = parameter(
-        0.03,
-        "rad/s or m/s",
-        "choice",
-        "below it, in every joint, the arm is still; noise of 1e-3 rad at 100 Hz gives the slope "
-        "over ``window`` a standard deviation of 0.004 rad/s",
-    )
-    window: float = parameter(
-        0.2, "s", "choice", "over which the slope of the positions is fitted (least squares)"
-    )
-    still: float = parameter(
-        0.4, "s", "choice", "least duration of a still phase; a reversal is shorter"
-    )
-    motion: float = parameter(
-        0.05,
-        "rad or m",
-        "choice",
-        "least range of a joint in a demonstration; it moves the tool of an arm that reaches 1 m "
-        "by 50 mm",
-    )
-    margin: float = parameter(
-        0.1, "s", "choice", "of the still phases that a demonstration keeps at each end"
-    )
-    gap: float = parameter(
-        0.5, "s", "choice", "longest time without a message within a demonstration"
-    )
+    # noise of 1e-3 rad at 100 Hz gives the slope over ``window`` a deviation of 0.004 rad/s
+    speed: float = parameter(0.03, "rad/s or m/s", "choice", "below it, every joint is still")
+    window: float = parameter(0.2, "s", "choice", "of the slope of positions, by least squares")
+    still: float = parameter(0.4, "s", "choice", "shortest still phase; a reversal is shorter")
+    # moves the tool of an arm that reaches 1 m by 50 mm
+    motion: float = parameter(0.05, "rad or m", "choice", "least range of a demonstration's joint")
+    margin: float = parameter(0.1, "s", "choice", "of still phases at a demonstration's ends")
+    gap: float = parameter(0.5, "s", "choice", "longest time without a message within it")
     rate: float = parameter(100.0, "Hz", "choice", "of the samples of a demonstration, at most")
 
 
