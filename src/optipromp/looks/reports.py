@@ -157,13 +157,16 @@ def plan_report(folder: Path | str) -> bytes:
     ]
     if changed_terms(plan):
         figures.append(("Costs over the iterations", cost_figure(plan)))
+    contacts = [vars(contact) for contact in plan.contacts]
+    rows = [tuple(map(str, contact.values())) for contact in contacts]
+    touches = [table(rows, tuple(contacts[0]))] if rows else []
     parts = [
         head,
         _shown(lambda: plan_page(plan), "Turn it with the mouse; pushed fruits move as predicted."),
         section("Pictures", *(picture(png(figure, DPI), name) for name, figure in figures)),
         section("Metrics", table(plan_rows(plan))),
         *_beside_paper(plan),
-        *_contacts(plan),
+        *(section("Touches that must not be", each) for each in touches),
         *_run(folder),
         section("Settings", table(_settings(plan))),
         made_with(_command(plan), {"plan written by": f"optipromp {written}"}),
@@ -228,13 +231,6 @@ def _beside_paper(plan: Plan) -> list[str]:
     ]  # fmt: skip
     head = "figure", "the paper's", "this plan's", "the paper's test"
     return [section("Beside the paper", table(rows, head))]
-
-
-def _contacts(plan: Plan) -> list[str]:
-    if not plan.contacts:
-        return []
-    rows = [tuple(str(value) for value in vars(contact).values()) for contact in plan.contacts]
-    return [section("Touches that must not be", table(rows, tuple(vars(plan.contacts[0]))))]
 
 
 def _run(folder: Path) -> list[str]:

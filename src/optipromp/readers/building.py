@@ -4,7 +4,7 @@ Covers are spheres that enclose the geometry of links, and reach little beyond i
 """
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +15,6 @@ from optipromp.core.arrays import FloatArray, IntArray, frozen
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.processes import in_threads
 from optipromp.core.robots.description import (
-    Arm,
     LeftOut,
     LinkGeometry,
     LinkShape,
@@ -79,10 +78,15 @@ def cover_links(
     Covers of ``fixed`` links are coarser.
     """
     shapes = {link: model.links[link].collisions or model.links[link].visuals for link in links}
-    over = _cover_shapes(model, [(link, one) for link in links for one in shapes[link]], fixed)
+    first, key_of = dict[Covered, tuple[str, LinkShape]](), {}
+    for link, shape in ((name, each) for name in links for each in shapes[name]):
+        mesh = mesh_file(model.path, link, shape) if shape.kind == "mesh" else None
+        key_of[link, shape] = key = Covered(shape.kind, shape.size, mesh, link in fixed)
+        first.setdefault(key, (link, shape))  # alike shapes are covered once
+    of_key = dict(zip(first, _made(model, first), strict=True))
     covers = {}
     for link, own in shapes.items():
-        shown = [(over[link, one], one) for one in own]
+        shown = [(of_key[key_of[link, one]], one) for one in own]
         placed = [_placed(cover.spheres, shape) for cover, shape in shown]
         before = np.cumsum([0, *[len(spheres) for spheres in placed]])
         surfaces = [
@@ -97,24 +101,11 @@ def cover_links(
     return covers
 
 
-def _cover_shapes(
-    model: UrdfModel, shapes: Sequence[tuple[str, LinkShape]], fixed: Collection[str]
-) -> dict[tuple[str, LinkShape], Cover]:
-    """The cover of each shape of a link, in the shape's frame; alike shapes are covered once.
+def _made(model: UrdfModel, shapes: Mapping[Covered, tuple[str, LinkShape]]) -> list[Cover]:
+    """The cover of each shape, in its frame and in the order of ``shapes``.
 
     The number of spheres is shared among all meshes, so that their covers have about equal excess.
     """
-    first, key_of = dict[Covered, tuple[str, LinkShape]](), {}
-    for link, shape in shapes:
-        mesh = mesh_file(model.path, link, shape) if shape.kind == "mesh" else None
-        key_of[link, shape] = key = Covered(shape.kind, shape.size, mesh, link in fixed)
-        first.setdefault(key, (link, shape))
-    of_key = dict(zip(first, _made(model, first), strict=True))
-    return {told: of_key[key] for told, key in key_of.items()}
-
-
-def _made(model: UrdfModel, shapes: Mapping[Covered, tuple[str, LinkShape]]) -> list[Cover]:
-    """The cover of each shape, in the order of ``shapes``."""
     solids, count = list[FloatArray](), 0
     for link, shape in shapes.values():
         solids.append(_surface(model, link, shape))
@@ -252,36 +243,8 @@ def build(
             shown = ", ".join(list(model.links)[:20])
             raise InvalidRobotError(f"{path}: unknown link '{link}'; links: {shown}")
     covers = _covers(entry, model, chain, arm.base)
-    robot = _without_pairs(entry, model, path, arm, chain, home, covers)
-    return _with_pairs(robot, entry, model, chain, covers, srdf)
-
-
-def _home(entry: RobotFile, chain: Chain, path: Path) -> FloatArray:
-    """The home (n,) of the robot file, else the configuration within the limits nearest to zero."""
-    names, lower, upper = chain.joint_names, chain.lower, chain.upper
-    home = _per_joint(path, "home", entry.home, names, np.clip(np.zeros(len(names)), lower, upper))
-    outside = np.flatnonzero((home < lower) | (home > upper))
-    if len(outside):
-        i = int(outside[0])
-        raise InvalidRobotError(
-            f"{path}: home of joint '{names[i]}' is {home[i]:g}, outside its limits "
-            f"[{lower[i]:g}, {upper[i]:g}]"
-        )
-    return home
-
-
-def _without_pairs(
-    entry: RobotFile,
-    model: UrdfModel,
-    path: Path,
-    arm: Arm,
-    chain: Chain,
-    home: FloatArray,
-    covers: dict[str, Cover],
-) -> Robot:
-    """The robot with a bare flange and no self-collision pairs."""
     names, unlimited = chain.joint_names, np.full(len(chain.joint_names), np.inf)
-    return Robot(
+    robot = Robot(  # with a bare flange and no self-collision pairs
         name=entry.name,
         joint_names=names,
         lower=chain.lower,
@@ -318,6 +281,21 @@ def _without_pairs(
         dynamics=dynamics(model, chain),
         arm=arm,
     )
+    return _with_pairs(robot, entry, model, chain, covers, srdf)
+
+
+def _home(entry: RobotFile, chain: Chain, path: Path) -> FloatArray:
+    """The home (n,) of the robot file, else the configuration within the limits nearest to zero."""
+    names, lower, upper = chain.joint_names, chain.lower, chain.upper
+    home = _per_joint(path, "home", entry.home, names, np.clip(np.zeros(len(names)), lower, upper))
+    outside = np.flatnonzero((home < lower) | (home > upper))
+    if len(outside):
+        i = int(outside[0])
+        raise InvalidRobotError(
+            f"{path}: home of joint '{names[i]}' is {home[i]:g}, outside its limits "
+            f"[{lower[i]:g}, {upper[i]:g}]"
+        )
+    return home
 
 
 def _with_pairs(

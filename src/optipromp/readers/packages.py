@@ -146,7 +146,10 @@ def expanded(
     given = {
         "package_dirs": [str(folder) for folder in package_dirs],
         "folders": {name: str(some[0]) for name, some in folders.items() if some},
-        "args": {name: _text(value) for name, value in arguments.items()},
+        "args": {  # as xacro writes them: true and false
+            name: str(value).lower() if isinstance(value, bool) else str(value)
+            for name, value in arguments.items()
+        },
     }
     try:
         out = run_limited("expand_xacro", path, given, replace(LIMITS, output=LARGEST_TEXT))
@@ -162,7 +165,3 @@ def expanded(
             declared = suggest(name, told["args"]) if told["args"] else "the file declares none"
             raise InvalidRobotError(f"{path}: unknown argument {name!r}: {declared}")
     return Expanded(told["urdf"].encode(), tuple(map(Path, told["files"])))
-
-
-def _text(value: Argument) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)

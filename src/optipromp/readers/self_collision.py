@@ -426,7 +426,8 @@ class _Sample:
         full = radius[pairs].sum(axis=1)
         times, least = np.zeros(len(pairs), np.int64), np.inf
         step, overlaps = max(1, CHUNK // len(pairs)), []
-        near = self._near(first, second)
+        (ball, reached), (further, out_to) = self._ball(first), self._ball(second)
+        near = np.flatnonzero(lengths(ball - further) < FAR + reached + out_to)
         for start in range(0, max(len(near), 1), step):
             rows = near[start : start + step]
             one = self.placed(first, centers[first], rows)
@@ -461,11 +462,6 @@ class _Sample:
         short = np.unique(row[short])
         slack -= full - self.robot.spheres.radius[pairs].sum(axis=1)
         return slack, len(short) / len(self.frames[0]), least
-
-    def _near(self, first: IntArray, second: IntArray) -> IntArray:
-        """The configurations at which balls about spheres of two links are within FAR."""
-        (one, reach), (other, further) = self._ball(first), self._ball(second)
-        return np.flatnonzero(lengths(one - other) < FAR + reach + further)
 
     def _ball(self, spheres: IntArray) -> tuple[FloatArray, float]:
         """World centres (m, 3) and radius [m] of a ball that encloses ``spheres`` of one link."""

@@ -148,7 +148,8 @@ def _series(
     used, refusal = [], None
     for item in items:
         try:
-            used.append((_stamp(item), joint_positions(item.message, joints, what)))
+            stamp = nanoseconds(item.message.header.stamp) or item.stamp
+            used.append((stamp, joint_positions(item.message, joints, what)))
         except InvalidRequestError as error:
             refusal = refusal or error
     if not used:
@@ -164,11 +165,6 @@ def _series(
     first = np.concatenate([[True], np.diff(stamps) > 0])
     times = (stamps[first] - stamps[0]) * 1e-9
     return tuple(joints), times, np.array([q for _, q in used])[first]
-
-
-def _stamp(item: Recorded) -> int:
-    """The time of the joint state [ns]."""
-    return nanoseconds(item.message.header.stamp) or item.stamp
 
 
 def _pieces(

@@ -417,18 +417,11 @@ def planning_scene(scene: Scene, prefix: str = "") -> Message:
         collision_object(item, frame, scene.approach if item.role == "target" else None)
         for item in scene.objects
     ]
-    colors = [
-        message(
-            "moveit_msgs/msg/ObjectColor",
-            id=object_id(item),
-            color=message(
-                "std_msgs/msg/ColorRGBA",
-                **dict(zip("rgb", COLORS[item.role], strict=True)),
-                a=1.0,
-            ),
-        )
-        for item in scene.objects
-    ]
+    colors = []
+    for item in scene.objects:
+        r, g, b = COLORS[item.role]
+        colour = message("std_msgs/msg/ColorRGBA", r=r, g=g, b=b, a=1.0)
+        colors.append(message("moveit_msgs/msg/ObjectColor", id=object_id(item), color=colour))
     return message(
         "moveit_msgs/msg/PlanningScene",
         name=scene.name,

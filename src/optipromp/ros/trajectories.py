@@ -49,7 +49,7 @@ def joint_trajectory(
             positions=q,
             velocities=velocity,
             accelerations=acceleration,
-            time_from_start=_duration(time),
+            time_from_start=time_message(round(time * NANO), "Duration"),
         )
         for time, q, velocity, acceleration in zip(
             rows.times, rows.positions, rows.velocities, rows.accelerations, strict=True
@@ -81,10 +81,10 @@ def stretch_trajectory(
     return item
 
 
-def time_message(stamp: int) -> Message:
-    """A ``builtin_interfaces/Time`` of nanoseconds."""
+def time_message(stamp: int, kind: str = "Time") -> Message:
+    """A ``builtin_interfaces/Time`` or ``Duration`` of nanoseconds."""
     whole, part = divmod(stamp, NANO)
-    return message("builtin_interfaces/msg/Time", sec=whole, nanosec=part)
+    return message(f"builtin_interfaces/msg/{kind}", sec=whole, nanosec=part)
 
 
 def nanoseconds(stamp: Message) -> int:
@@ -218,11 +218,6 @@ def _read(item: Message, joints: Sequence[str] | None) -> Trajectory:
     if rows[1] is None and rows[2] is not None:
         raise InvalidRequestError(f"{what} has accelerations and no velocities: must have both")
     return curve(times, rows, item.joint_names, names)
-
-
-def _duration(time: float) -> Message:
-    whole, part = divmod(round(time * NANO), NANO)
-    return message("builtin_interfaces/msg/Duration", sec=whole, nanosec=part)
 
 
 AT_REST = 0.01

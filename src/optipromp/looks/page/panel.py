@@ -18,22 +18,13 @@ from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.files import check_folder, file_name
 from optipromp.core.planning import STRATEGIES, planner_names
 from optipromp.core.planning.task import posed
+from optipromp.core.scenes.scene import Scene
 from optipromp.core.shown import is_name
-from optipromp.looks.page import arrange
+from optipromp.looks.page import arrange, tabs
 from optipromp.looks.page.content import bundle, charts
 from optipromp.looks.page.replay import Source
 from optipromp.looks.page.stage import LAYERS, NARROW, PLANNED, SHEET
-from optipromp.looks.page.tabs import (
-    Plots,
-    Recorder,
-    legend,
-    planned,
-    replayed,
-    seen,
-    sight,
-    things,
-)
-from optipromp.looks.page.telling import Told, table
+from optipromp.looks.page.telling import table
 from optipromp.looks.page.window import Window
 from optipromp.looks.viewer.serving import listening
 
@@ -83,22 +74,24 @@ class Panel:
         self.buttons: list[Any] = []
         self.gui.add_html(STYLE)
         self.status = self.gui.add_html("")
-        window.say, window.occupy = self._say, self._occupy
+        window.say = lambda told: setattr(self.status, "content", told.html())
+        window.occupy = self._occupy
         self._clock()
         self.legend = self.gui.add_html("")
         if window.source.seen is not None:
             with self.gui.add_folder("as the camera saw it"):
                 self.gui.add_image(window.source.seen, format="jpeg")
-                self.gui.add_html(legend(seen()))
+                self.gui.add_html(tabs.legend(tabs.seen()))
         self.tabs = self.gui.add_tab_group()
         for label, build in (
             ("Plan", self._planning),
             ("Move", self._moving),
             ("Show", self._layers),
-            ("Plots", self._charts),
         ):
             with self.tabs.add_tab(label):
                 build()
+        with self.tabs.add_tab("Plots"):
+            self.plots = tabs.Plots(self.gui)
         with self.tabs.add_tab("Record"):
             self.recording = RecordTab(self)
         with self.tabs.add_tab("Replay"):
@@ -106,9 +99,6 @@ class Panel:
         window.told.append(self._refresh)
         window.clocked.append(self._mark)
         window.staged.append(self._explain)
-
-    def _say(self, told: Told) -> None:
-        self.status.content = told.html()
 
     def _occupy(self, on: bool) -> None:
         for button in self.buttons:
@@ -125,14 +115,14 @@ class Panel:
     def _explain(self) -> None:
         """Update the legend."""
         window = self.window
-        entries = things(window.scene)
+        entries = tabs.things(window.scene)
         if window.replayed:
             runs = [replay for replay, _ in window.replayed]
-            entries = things(runs[0].scene)
-            entries += replayed(looks=any(run.record is not None for run in runs))
+            entries = tabs.things(runs[0].scene)
+            entries += tabs.replayed(looks=any(run.record is not None for run in runs))
         elif window.plan is not None and window.plan.scene is window.scene:
-            entries += planned(window.plan, list(filter(window.stage.visible, LAYERS)))
-        self.legend.content = legend(entries)
+            entries += tabs.planned(window.plan, list(filter(window.stage.visible, LAYERS)))
+        self.legend.content = tabs.legend(entries)
         for name in PLANNED:
             self.layers[name].disabled = bool(window.replayed)
 
@@ -184,15 +174,9 @@ class Panel:
         strategy = gui.add_dropdown("strategy", STRATEGIES, initial_value=now["strategy"])
         self.on(strategy, "strategy", lambda v: self._set(strategy=v))
         self.radius = gui.add_slider("gripper radius [mm]", 20.0, 80.0, 1.0, 50.0)
-        self.on(
-            self.radius,
-            "radius",
-            lambda v: window.change(arrange.with_radius(window.scene, 1e-3 * v)),
-        )
+        self.on(self.radius, "radius", functools.partial(self._change, arrange.with_radius))
         self.sigma = gui.add_slider("detection σ [mm]", 0.0, 15.0, 0.5, 0.0)
-        self.on(
-            self.sigma, "sigma", lambda v: window.change(arrange.with_sigma(window.scene, 1e-3 * v))
-        )
+        self.on(self.sigma, "sigma", functools.partial(self._change, arrange.with_sigma))
         with gui.add_folder("options", expand_by_default=False):
             predict = gui.add_checkbox("search in the push model", True)
             self.on(predict, "prediction", lambda v: self._option(prediction=v))
@@ -207,6 +191,9 @@ class Panel:
 
     def _scaled(self, name: str, factor: float) -> Callable[[float], None]:
         return lambda value: self._option(**{name: value / factor})
+
+    def _change(self, changed: Callable[[Scene, float], Scene], value: float) -> None:
+        self.window.change(changed(self.window.scene, 1e-3 * value))
 
     def _set(self, **values: Any) -> None:
         self.window.settings |= values
@@ -249,7 +236,7 @@ class Panel:
         check_folder(self.window.out)
         path = self.window.out / f"{name}.yaml"
         save_scene(replace(self.window.scene, name=name), path)
-        self.tell(f"wrote {path}")
+        self.saved.content = f"wrote {path}"
 
     def _save_plan(self) -> None:
         from optipromp.core.output import write_plan
@@ -258,11 +245,7 @@ class Panel:
             raise InvalidRequestError("there is no plan of this scene")
         folder = self.window.out / self.named()
         write_plan(self.window.plan, folder)
-        self.tell(f"wrote {folder}")
-
-    def tell(self, text: str) -> None:
-        """Show a line below the buttons that save."""
-        self.saved.content = text
+        self.saved.content = f"wrote {folder}"
 
     # -- layers and charts ----------------------------------------------------------------------
 
@@ -280,9 +263,6 @@ class Panel:
             window.stage.show(window.plan.scene, window.plan.robot)
         self._explain()
         window.go(window.now)
-
-    def _charts(self) -> None:
-        self.plots = Plots(self.gui)
 
     def _refresh(self) -> None:
         """Update table, charts, and the controls of the scene after a plan."""
@@ -334,7 +314,7 @@ class RecordTab:
 
     def __init__(self, panel: Panel) -> None:
         self.panel, self.window, gui = panel, panel.window, panel.gui
-        self.recorder: Recorder | None = None
+        self.recorder: tabs.Recorder | None = None
         self.told = gui.add_markdown(_TELL)
         panel.button("start recording", self.start)
         self.further = [
@@ -363,7 +343,7 @@ class RecordTab:
         window.play(False)
         known = self.recorder
         if known is None or known.robot.joint_names != robot.joint_names:
-            self.recorder = known = Recorder(robot, state.q)
+            self.recorder = known = tabs.Recorder(robot, state.q)
         known.begin(state.q)
         window.stage.show(window.scene, robot)
         window.stage.pose(state.q)
@@ -378,7 +358,7 @@ class RecordTab:
         words = f"{len(recorder.times)} samples" + ("" if reached else ", **out of reach**")
         self._tell(f"recording: {words}")
 
-    def _recorder(self) -> "Recorder":
+    def _recorder(self) -> tabs.Recorder:
         if self.recorder is None:
             raise InvalidRequestError("nothing is recorded yet: start recording")
         return self.recorder
@@ -460,7 +440,7 @@ class ReplayTab:
         if self.forces.content != text:
             self.forces.content = text
         records = [run.record for run, _ in self.window.replayed if run.record is not None]
-        drawn = "".join(sight(record, self.window.now) for record in records)
+        drawn = "".join(tabs.sight(record, self.window.now) for record in records)
         if self.sight.content != drawn:
             self.sight.content = drawn
 

@@ -210,16 +210,13 @@ class Window:
             told = [f"**{r.name}**  \n{r.show(stage, self.now)}" for r, stage in self.replayed]
             self.forces = without_codes("\n\n".join(told))
         elif self.plan is not None:
-            self._place(self.plan)
+            self.stage.pose(self.plan.trajectory.sample(np.array([self.now]))[0][0])
+            if self._pushed is not None and self.stage.visible("pushed objects"):
+                self.stage.place(self._pushed.at(self.now))
+            if self.near is not None:
+                self.stage.colour(int(np.abs(self.chart_times - self.now).argmin()))
         for clocked in self.clocked:
             clocked()
-
-    def _place(self, plan: Plan) -> None:
-        self.stage.pose(plan.trajectory.sample(np.array([self.now]))[0][0])
-        if self._pushed is not None and self.stage.visible("pushed objects"):
-            self.stage.place(self._pushed.at(self.now))
-        if self.near is not None:
-            self.stage.colour(int(np.abs(self.chart_times - self.now).argmin()))
 
     def play(self, running: bool) -> None:
         """Start the clock, at the end again from the beginning; or stop it."""
@@ -294,13 +291,9 @@ class Window:
     def hold(self, at: FloatArray, dragged: Callable[[FloatArray, str], None]) -> None:
         """Show a handle at a point (3,); ``dragged`` gets its place, and ``update`` or ``end``."""
         self.dragging = dragged
-        self._gizmo = self.client.scene.add_transform_controls(
-            f"{self.stage.root}/handle",
-            scale=0.12,
-            disable_rotations=True,
-            depth_test=False,
-            position=at,
-        )
+        name, still = f"{self.stage.root}/handle", {"disable_rotations": True, "depth_test": False}
+        gizmo = self.client.scene.add_transform_controls(name, scale=0.12, position=at, **still)
+        self._gizmo = gizmo
 
         async def moved(event: Any) -> None:  # in order: viser awaits it
             since, at = time.perf_counter(), np.array(event.target.position)

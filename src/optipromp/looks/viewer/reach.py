@@ -73,8 +73,10 @@ def reach_figure(plan: Plan) -> Figure:
         _outlines(axes, camera, objects)
         _labels(axes, camera, objects, _PANEL[tall])
         axes.set_title(name, fontsize=_TEXT, color="#555555")
-    side = panels["1"]
-    _scale_bar(side)
+    (_, right), (low, high) = panels["1"].get_xlim(), panels["1"].get_ylim()
+    x, y = right - 0.055, low + 0.015 * (high - low)  # of a bar of 5 cm
+    panels["1"].plot([x, x + 0.05], [y, y], color="#222222", lw=2)
+    panels["1"].text(x + 0.025, y + 0.008 * (high - low), "5 cm", ha="center", fontsize=8)
     figure.suptitle(title(plan, now), fontsize=11)
     _legend(figure, plan, objects, now)
     return figure
@@ -305,13 +307,6 @@ def _labels(axes: Axes, camera: Camera, objects: Sequence[Placed], inches: float
             )  # fmt: skip
 
 
-def _scale_bar(axes: Axes) -> None:
-    (_, right), (low, high) = axes.get_xlim(), axes.get_ylim()
-    x, y = right - 0.055, low + 0.015 * (high - low)
-    axes.plot([x, x + 0.05], [y, y], color="#222222", lw=2)
-    axes.text(x + 0.025, y + 0.008 * (high - low), "5 cm", ha="center", fontsize=8)
-
-
 def _legend(figure: Figure, plan: Plan, objects: Sequence[Placed], now: Moment) -> None:
     from matplotlib.lines import Line2D
 
@@ -377,13 +372,8 @@ class Camera:
     @staticmethod
     def orbit(target: FloatArray, azimuth: float, elevation: float, distance: float) -> Camera:
         """A camera at ``azimuth`` and ``elevation`` [rad] about ``target``, z upwards."""
-        away = np.array(
-            [
-                np.cos(azimuth) * np.cos(elevation),
-                np.sin(azimuth) * np.cos(elevation),
-                np.sin(elevation),
-            ]
-        )
+        flat = np.cos(elevation)
+        away = np.array([np.cos(azimuth) * flat, np.sin(azimuth) * flat, np.sin(elevation)])
         return Camera(np.asarray(target), -away, np.array([0.0, 0.0, 1.0]), distance)
 
     @property
@@ -413,16 +403,12 @@ class Picture:
     camera: Camera
     _corners: list[FloatArray] = field(default_factory=list)
     _colours: list[FloatArray] = field(default_factory=list)
-    _framed: list[bool] = field(default_factory=list)
 
-    def add(
-        self, faces: FloatArray, colour: str, alpha: float = 1.0, *, framed: bool = True
-    ) -> None:
+    def add(self, faces: FloatArray, colour: str, alpha: float = 1.0) -> None:
         """Add faces (F, 4, 3); those that face away from the camera are left out.
 
         Faces of glass (``alpha`` below 1) are one flat shape: where they cover each other, and
         along their seams, it is as dark as elsewhere.
-        The picture's frame holds all faces but those added with ``framed=False``.
         """
         from matplotlib.colors import to_rgba
 
@@ -445,7 +431,6 @@ class Picture:
             shades = shades.mean(axis=0, keepdims=True)
         self._corners.append(self.camera.project(faces))
         self._colours.append(shades)
-        self._framed.append(framed and len(faces) > 0)
 
     def draw(self, axes: Axes) -> None:
         """Paint everything onto ``axes``, one metre to the unit, without ticks."""
@@ -475,10 +460,8 @@ class Picture:
             ),
             autolim=False,
         )
-        seen = np.concatenate(
-            [c for c, frame in zip(self._corners, self._framed, strict=True) if frame]
-        )
-        low, high = seen[..., :2].min(axis=(0, 1)), seen[..., :2].max(axis=(0, 1))
+        seen = np.concatenate(self._corners)[..., :2]
+        low, high = seen.min(axis=(0, 1)), seen.max(axis=(0, 1))
         margin = 0.03 * float(np.max(high - low))
         axes.set_xlim(low[0] - margin, high[0] + margin)
         axes.set_ylim(low[1] - margin, high[1] + margin)
