@@ -92,11 +92,7 @@ def run(
 @bench.command("verify")
 @command()
 def verify(
-    submission: Path,
-    /,
-    entry: str | None = None,
-    workers: Workers = None,
-    ray: Cluster = None,
+    submission: Path, /, entry: str | None = None, workers: Workers = None, ray: Cluster = None
 ) -> Report:
     """Execute a submission once more, and compare every row.
 
@@ -147,10 +143,7 @@ def verify(
 
 @bench.command("draw")
 @command()
-def draw_(
-    entry: list[str],
-    out: Path,
-) -> Report:
+def draw_(entry: list[str], out: Path) -> Report:
     """Draw a test set for entries that are handed in: their digests first, then the word.
 
     'bench run --round FILE' refuses an entry whose source has changed since. A
@@ -180,11 +173,7 @@ def draw_(
 
 @bench.command("table")
 @command()
-def table(
-    results: list[Path],
-    /,
-    out: Path | None = None,
-) -> Report:
+def table(results: list[Path], /, out: Path | None = None) -> Report:
     """Make the leaderboard of submissions on one set.
 
     The column verified says what 'bench verify' confirmed: entry, motions or no.
@@ -209,12 +198,7 @@ def table(
 
 @bench.command("publish")
 @command()
-def publish(
-    results: list[Path],
-    /,
-    out: Path,
-    unverified: bool = False,
-) -> Report:
+def publish(results: list[Path], /, out: Path, unverified: bool = False) -> Report:
     """Gather submissions, what verified them, the table and the digests of all.
 
     DIR/results.json is small and names version, commit, set and the SHA-256 of
@@ -262,9 +246,7 @@ def entries() -> Report:
     return Report(document, [f"tracks: {words}", shown])
 
 
-def _told(
-    say: Callable[[int, int, str], None],
-) -> Callable[[int, int, "Row | None"], None]:
+def _told(say: Callable[[int, int, str], None]) -> Callable[[int, int, "Row | None"], None]:
     def tell(done: int, total: int, row: "Row | None") -> None:
         newest = "" if row is None else f": {row.preset} {row.seed} {row.result}"
         say(done, total, f"{done} of {total} scenes{newest}")

@@ -99,13 +99,7 @@ def _inside(path: Path) -> Kind:
 
 
 @command()
-def check(
-    item: str,
-    /,
-    out: Path | None = None,
-    *,
-    arm: ArmOptions,
-) -> Report:
+def check(item: str, /, out: Path | None = None, *, arm: ArmOptions) -> Report:
     """Check a scene, robot, demonstrations or plan, and say what it holds.
 
     The file tells the kind; a primitive that learn wrote is a kind too.

@@ -182,11 +182,7 @@ def view(
 
 
 @command()
-def report(
-    item: Path,
-    /,
-    out: Path | None = None,
-) -> Report:
+def report(item: Path, /, out: Path | None = None) -> Report:
     """Write one HTML file about a plan, a run or a study: no network, at most 5 MB.
 
     Of a plan: 3-D, pictures, metrics beside the paper's, settings, versions,

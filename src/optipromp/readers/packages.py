@@ -11,13 +11,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from optipromp.core.errors import InvalidRobotError, installed_by
-from optipromp.core.files import (
-    ALLOW_XACRO,
-    LARGEST_TEXT,
-    is_file,
-    is_folder,
-    read_bytes,
-)
+from optipromp.core.files import ALLOW_XACRO, LARGEST_TEXT, is_file, is_folder, read_bytes
 from optipromp.core.robots.description import LinkShape
 from optipromp.core.robots.library import Argument, folders_of
 from optipromp.core.scenes.values import suggest

@@ -371,12 +371,7 @@ class _Reader:
         return (x, y, z)
 
     def numbers(
-        self,
-        node: Node,
-        key: str,
-        count: int,
-        owner: str,
-        default: tuple[float, ...] | None = None,
+        self, node: Node, key: str, count: int, owner: str, default: tuple[float, ...] | None = None
     ) -> tuple[float, ...]:
         text = node.attributes.get(key)
         if text is None:

@@ -121,11 +121,7 @@ class Nodes:
             node.position, node.wxyz = origin, turn
 
     def put(
-        self,
-        item: SceneObject,
-        position: FloatArray,
-        rotation: FloatArray,
-        stem: FloatArray | None,
+        self, item: SceneObject, position: FloatArray, rotation: FloatArray, stem: FloatArray | None
     ) -> None:
         """Move an object to ``position`` (3,) and ``rotation`` (3, 3), its stem along (k, 3)."""
         self._stands.pop(item.id, None)
