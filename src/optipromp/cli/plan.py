@@ -12,20 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import optipromp
+from optipromp.cli import console
 from optipromp.cli.command import FAILED, OK, Report, Shown, command, exit_code
-from optipromp.cli.console import (
-    ChosenStrategy,
-    Progress,
-    Recorded,
-    Seed,
-    Strategy,
-    Workers,
-    grid,
-    headline,
-    progress_bar,
-    say_if_compiling,
-    waiting,
-)
 from optipromp.cli.robot import ArmOptions, InPlace
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
 from optipromp.core.files import file_name, is_folder, is_there, json_text, write_atomically
@@ -49,7 +37,7 @@ class Request:
     """The arguments of :func:`optipromp.plan` that all its variants take."""
 
     planner: Any  # a name, or a planner
-    strategy: Strategy
+    strategy: console.Strategy
     demonstrations: "ProMP | Path | None"
     seed: int
     options: "PlanOptions"
@@ -70,9 +58,9 @@ class Wanted:
     """
 
     planner: str = "opti-promp"
-    strategy: ChosenStrategy = "joint"
-    demonstrations: Recorded = None
-    seed: Seed = 0
+    strategy: console.ChosenStrategy = "joint"
+    demonstrations: console.Recorded = None
+    seed: console.Seed = 0
     duration: float | None = None
     constraints: Literal["push-model", "paper"] = "push-model"
     setting: list[str] | None = None
@@ -175,8 +163,8 @@ def plan(
     wanted: Wanted,
     variant: Variant,
     output: Output,
-    workers: Workers = None,
-    progress: Progress = None,
+    workers: console.Workers = None,
+    progress: console.Progress = None,
     *,
     robot: InPlace = None,
     arm: ArmOptions,
@@ -216,7 +204,7 @@ def plan(
             raise InvalidRequestError(f"{name} goes with one scene, not with a folder of them")
         return plan_folder(Path(scene), request, output, named, workers, progress)
     loaded = named.of(optipromp.load_scene(scene))
-    say_if_compiling(progress)
+    console.say_if_compiling(progress)
     if variant.targets is None:
         report = plan_one(loaded, request, output, variant, progress)
         if output.out is not None:
@@ -247,7 +235,7 @@ def plan_one(
         raise InvalidRequestError("--previous goes with a scene without a place")
     running = None if variant.previous is None else optipromp.load_plan(variant.previous)
     result: Plan | Picked
-    with waiting(f"planning {scene.name}", progress) as say:
+    with console.waiting(f"planning {scene.name}", progress) as say:
         if scene.place is not None:
             result = optipromp.plan_pick(scene, progress=say, **vars(request))
         else:
@@ -255,7 +243,7 @@ def plan_one(
             result = optipromp.plan(scene, progress=say, previous=running, at=at, **vars(request))
     written: tuple[str, ...] = ()
     if output.out is not None:
-        with waiting("drawing", progress):
+        with console.waiting("drawing", progress):
             written = output.write(result, output.out, figures=True)
     return Report(result.to_dict(), shown(result, written, output.out), exit_code(result.status))
 
@@ -267,7 +255,7 @@ def shown(result: "Plan | Picked", written: tuple[str, ...], out: Path | None) -
     from optipromp.looks.viewer.words import author, plan_rows, seconds
 
     plan = result if isinstance(result, optipromp.Plan) else result.reach
-    yield headline(
+    yield console.headline(
         (plan.scene.name, "bold"),
         f"  {author(plan)}  ",
         (plan.status, f"bold {'green' if plan.success else 'red'}"),
@@ -281,7 +269,9 @@ def shown(result: "Plan | Picked", written: tuple[str, ...], out: Path | None) -
             table.add_row(*row)
         yield table
     if not isinstance(result, optipromp.Plan):
-        yield headline(("all legs  ", "bold"), (result.status, "bold"), f"  {result.message}")
+        yield console.headline(
+            ("all legs  ", "bold"), (result.status, "bold"), f"  {result.message}"
+        )
         for name, leg in result.legs.items():
             harm = "" if leg.prediction is None else f", harm {leg.harm:.2f}"
             yield f"  {name:<10}{leg.status}, {leg.duration:.2f} s{harm}"
@@ -356,10 +346,10 @@ def plan_folder(
     """Plan every scene in ``folder``, with the robot that is named, and write each plan."""
     files, out = scene_files(folder), output.out
     homes: Sequence[Path | None] = [None] * len(files) if out is None else outputs(files, out)
-    say_if_compiling(progress)
+    console.say_if_compiling(progress)
     began = time.perf_counter()
     done_so_far, good = 0, 0
-    with progress_bar(10, progress) as shown:
+    with console.progress_bar(10, progress) as shown:
 
         def done(index: int, result: "Plan | Picked | OptiPrompError") -> None:
             nonlocal done_so_far, good
@@ -393,7 +383,7 @@ def table(entries: Sequence[Entry]) -> "Table":
     """The status and the main figures of each scene; the motion is that of all its legs."""
     from optipromp.looks.viewer.words import nearest
 
-    out = grid(("scene", "status"), ("time, ms", "room, mm", "off, mm", "motion, s"))
+    out = console.grid(("scene", "status"), ("time, ms", "room, mm", "off, mm", "motion, s"))
     for entry in entries:
         cells = ["", "", "", ""]
         if not isinstance(entry.result, OptiPrompError):
@@ -415,7 +405,7 @@ def plan_targets(
 ) -> Report:
     """Plan the picks of ``targets`` (ids, separated by commas), and write each plan."""
     ids = [part.strip() for part in targets.split(",") if part.strip()]
-    with waiting(f"planning {scene.name}", progress) as say:
+    with console.waiting(f"planning {scene.name}", progress) as say:
         found = optipromp.plan_sequence(scene, ids, progress=say, **vars(request))
     document, out = found.to_dict(), output.out
     written = []
@@ -438,7 +428,7 @@ def plan_targets(
 
 
 def _order(found: "PickSequence", lines: Sequence[str]) -> Shown:
-    table = grid(("pick", "status"), ("not clean", "motion, s"))
+    table = console.grid(("pick", "status"), ("not clean", "motion, s"))
     for id_, pick, made in zip(found.order, found.picks, found.whole, strict=True):
         share = math.nan if pick.prediction is None else pick.prediction.probability
         failure = "–" if math.isnan(share) else f"{100.0 * share:.0f} %"

@@ -20,15 +20,9 @@ from optipromp.core.files import is_file, is_folder, reading
 from optipromp.core.output import load_plan
 from optipromp.core.planning import Plan, PlanOptions
 from optipromp.core.scenes.io import scene_from_dict
+from optipromp.laboratory.experiments import statistics
 from optipromp.laboratory.experiments.rows import ERROR, NO_PLAN, ROWS, Row, rows_of
 from optipromp.laboratory.experiments.scenarios import CASES, ScenarioRow
-from optipromp.laboratory.experiments.statistics import (
-    Cell,
-    Reliability,
-    calibration,
-    percent,
-    summary,
-)
 from optipromp.laboratory.experiments.study import file_of, settings_of, study_figure
 from optipromp.laboratory.experiments.trials import FOLDER, again
 from optipromp.laboratory.generate import PANDA
@@ -314,14 +308,14 @@ def study_report(
         raise InvalidRequestError(f"{folder} holds no rows of a study ({ROWS})")
     settings, robot = settings_of(folder)
     settings["risk"] = risk = PlanOptions(risk=settings.get("risk", PlanOptions.risk)).risk
-    cells = summary(rows)
+    cells = statistics.summary(rows)
     kept, plans = sum(cell.kept for cell in cells), sum(cell.plans for cell in cells)
     title = f"Study of {len(rows)} runs"
     head = f"<h1>{title}</h1>" + paragraph(
         f"{kept} of {len(rows)} were promised, picked the target and harmed nothing, in the "
         f"physics simulation; {plans - kept} of {plans} promises were broken."
     )
-    found = calibration(rows)
+    found = statistics.calibration(rows)
     parts = [
         head,
         section(
@@ -344,17 +338,17 @@ def study_report(
     return page(title, parts)
 
 
-def _rates(cells: Sequence[Cell]) -> list[tuple[str, ...]]:
+def _rates(cells: Sequence[statistics.Cell]) -> list[tuple[str, ...]]:
     return [
         (c.preset, c.planner, str(c.runs), f"{c.kept} ({100 * c.rate:.1f} %)",
          f"{c.interval} %", f"{c.broken} of {c.plans}",
-         f"{percent(c.broken_low, c.broken_high)} %", str(c.successes),
+         f"{statistics.percent(c.broken_low, c.broken_high)} %", str(c.successes),
          _newton(c.unripe_force), _newton(c.unripe_force_90), f"{1e3 * c.plan_time:.0f} ms")
         for c in cells
     ]  # fmt: skip
 
 
-def _prediction(found: Reliability | None) -> list[str]:
+def _prediction(found: statistics.Reliability | None) -> list[str]:
     if found is None:
         return []
     words = (
@@ -364,7 +358,8 @@ def _prediction(found: Reliability | None) -> list[str]:
     )
     rows = [
         (f"{100 * b.low:g} to {100 * b.high:g} %", str(b.runs), f"{100 * b.predicted:.1f} %",
-         str(b.failures), f"{100 * b.rate:.1f} %", f"{percent(b.rate_low, b.rate_high)} %")
+         str(b.failures), f"{100 * b.rate:.1f} %",
+         f"{statistics.percent(b.rate_low, b.rate_high)} %")
         for b in found.bins
     ]  # fmt: skip
     head = "not clean, predicted", "runs", "mean", "failed", "rate", "95 %"

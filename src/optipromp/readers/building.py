@@ -27,18 +27,12 @@ from optipromp.core.robots.model import BodySpheres, Dynamics, Robot
 from optipromp.core.robots.resolved import MOST_JOINTS, MOST_SPHERES
 from optipromp.core.robots.tool_geometry import cover_box, cover_capsule, cover_cylinder
 from optipromp.core.shown import printable
+from optipromp.readers import self_collision
 from optipromp.readers.arm import choose_arm
 from optipromp.readers.chain import Chain, Placement, serial_chain
 from optipromp.readers.fit import MOST_SAMPLES, count_samples, finer, fit_covers
 from optipromp.readers.meshes import MOST_TRIANGLES, triangles
 from optipromp.readers.robot_file import RobotFile
-from optipromp.readers.self_collision import (
-    of_box,
-    of_rod,
-    parts_of_cover,
-    telescopes,
-    with_self_pairs,
-)
 from optipromp.readers.srdf import disabled_pairs, read_srdf, srdf_beside
 from optipromp.readers.urdf import UrdfModel
 
@@ -119,7 +113,7 @@ def _made(model: UrdfModel, shapes: Mapping[Covered, tuple[str, LinkShape]]) -> 
         of_mesh[i] if i in of_mesh else _cover(shape, LOOSE if key.fixed else 0.0)
         for i, (key, (_, shape)) in enumerate(shapes.items())
     ]
-    own = in_threads(parts_of_cover, [centers for centers, _ in spheres], solids)
+    own = in_threads(self_collision.parts_of_cover, [centers for centers, _ in spheres], solids)
     return [Cover(*cover, part) for cover, part in zip(spheres, own, strict=True)]
 
 
@@ -146,7 +140,7 @@ def finer_cover(model: UrdfModel, link: str, cover: Cover, split: Collection[int
         ]
     )
     spheres, excess = finer(surface, cover.spheres, split)
-    return Cover(spheres, excess, parts_of_cover(spheres, surface))
+    return Cover(spheres, excess, self_collision.parts_of_cover(spheres, surface))
 
 
 def _surface(model: UrdfModel, link: str, shape: LinkShape) -> FloatArray:
@@ -154,11 +148,11 @@ def _surface(model: UrdfModel, link: str, shape: LinkShape) -> FloatArray:
     if shape.kind == "mesh":
         return triangles(model.path, link, shape)
     if shape.kind == "box":
-        return of_box(np.array(shape.size))
+        return self_collision.of_box(np.array(shape.size))
     if shape.kind == "sphere":
-        return of_rod(shape.size[0], 0.0, shape.size[0])
+        return self_collision.of_rod(shape.size[0], 0.0, shape.size[0])
     radius, length = shape.size
-    return of_rod(radius, length, radius if shape.kind == "capsule" else 0.0)
+    return self_collision.of_rod(radius, length, radius if shape.kind == "capsule" else 0.0)
 
 
 def stands_on_its_plane(covers: Mapping[str, Cover], places: Mapping[str, Placement]) -> bool:
@@ -312,7 +306,7 @@ def _with_pairs(
     known = {pair for _, pair in disabled}
     left_out += [
         ("slide along one direction", pair)
-        for pair in telescopes(robot)
+        for pair in self_collision.telescopes(robot)
         if not {pair, pair[::-1]} & known
     ]
 
@@ -326,7 +320,7 @@ def _with_pairs(
         return replace(robot, spheres=spheres, excess=_excess(covers)), _parts(covers, chain)
 
     allowed = [pair for _, pair in left_out]
-    robot = with_self_pairs(robot, allowed, _parts(covers, chain), finer)
+    robot = self_collision.with_self_pairs(robot, allowed, _parts(covers, chain), finer)
     by_choice = [LeftOut(*pair, why) for why, pair in left_out]
     return replace(robot, left_out=(*by_choice, *robot.left_out))
 

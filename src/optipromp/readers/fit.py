@@ -414,10 +414,9 @@ def _thinned(points: FloatArray | IntArray, edge: float, most: float = np.inf) -
     while True:
         shape = np.maximum(np.floor(end / edge), 0.0).astype(np.int64) + 1
         cells = np.maximum(np.floor(points / edge), 0.0).astype(np.int64)
-        first = np.full(
-            int(shape.prod()), -1
-        )  # of the points in a cell, the one written last stays
-        first[np.ravel_multi_index(cells.T, shape)[::-1]] = np.arange(len(points))[::-1]
+        codes = np.ravel_multi_index(tuple(cells.T), tuple(shape))
+        first = np.full(int(shape.prod()), -1)  # of a cell, the point that is written last stays
+        first[codes[::-1]] = np.arange(len(points))[::-1]
         first = np.sort(first[first >= 0])
         if len(first) <= most:
             return first

@@ -31,15 +31,8 @@ from optipromp.core.files import (
 )
 from optipromp.core.robots.description import LinkShape, Vector
 from optipromp.core.scenes.rotations import from_quaternion
+from optipromp.readers import urdf
 from optipromp.readers.limited import LIMITS, run_limited
-from optipromp.readers.urdf import (
-    LENGTH_LIMIT,
-    UrdfInertial,
-    UrdfJoint,
-    UrdfLink,
-    UrdfMimic,
-    UrdfModel,
-)
 from optipromp.readers.xml_tree import Node, read_xml
 
 SUFFIXES = (".xml", ".mjcf")
@@ -125,7 +118,7 @@ def is_mjcf(path: Path) -> bool:
     return False
 
 
-def read_mjcf(path: Path) -> UrdfModel:
+def read_mjcf(path: Path) -> urdf.UrdfModel:
     """Read the MJCF file at ``path``; its meshes are written to the cache folder."""
     try:
         import mujoco
@@ -157,12 +150,12 @@ class _Reader:
 
     def __init__(self, path: Path, model: Any) -> None:
         self.path, self.model = path, model
-        self.links: dict[str, UrdfLink] = {}
-        self.joints: dict[str, UrdfJoint] = {}
+        self.links: dict[str, urdf.UrdfLink] = {}
+        self.joints: dict[str, urdf.UrdfJoint] = {}
         self.names = [model.body(b).name or f"body{b}" for b in range(model.nbody)]
         self.joint_names = [model.joint(j).name or f"joint{j}" for j in range(model.njnt)]
 
-    def read(self) -> UrdfModel:
+    def read(self) -> urdf.UrdfModel:
         model, left_out = self.model, set()
         for body in range(model.nbody):
             parent = int(model.body_parentid[body])
@@ -175,11 +168,11 @@ class _Reader:
         for site in range(model.nsite):
             body, name = int(model.site_bodyid[site]), model.site(site).name
             if name and body not in left_out and name not in self.links:
-                self.links[name] = UrdfLink(name, (), ())
+                self.links[name] = urdf.UrdfLink(name, (), ())
                 self._fix(
                     name, self.names[body], model.site_pos[site], _matrix(model.site_quat[site])
                 )
-        return UrdfModel(
+        return urdf.UrdfModel(
             self.model.names[: self.model.names.index(b"\0")].decode() or self.path.stem,
             self.path,
             self.names[0],
@@ -188,10 +181,10 @@ class _Reader:
         )
 
     def _check_length(self, what: str, values: FloatArray) -> None:
-        if not np.abs(values).max() <= LENGTH_LIMIT:
+        if not np.abs(values).max() <= urdf.LENGTH_LIMIT:
             told = " ".join(f"{value:g}" for value in values)
             raise InvalidRobotError(
-                f"{self.path}: {what} is {told}, beyond {LENGTH_LIMIT:g} m: millimetres?"
+                f"{self.path}: {what} is {told}, beyond {urdf.LENGTH_LIMIT:g} m: millimetres?"
             )
 
     def _joints_of(self, body: int) -> range:
@@ -227,7 +220,7 @@ class _Reader:
             last = k == len(moving) - 1 and not anchor.any()
             child = name if last else f"{name}:{self.joint_names[j]}"
             if not last:
-                self.links[child] = UrdfLink(child, (), ())
+                self.links[child] = urdf.UrdfLink(child, (), ())
             self._join(j, parent, child, at, turn, axis)
             parent, at, turn = child, np.zeros(3), np.eye(3)
         if parent != name and (not moving or origin.any()):
@@ -244,7 +237,7 @@ class _Reader:
             fault = f"{self.path}: joint '{name}' is a ball joint; an arm has hinges and slides"
         elif kind == SLIDE and not limited:
             fault = f"{self.path}: joint '{name}' slides and has no range [m]"
-        self.joints[name] = UrdfJoint(
+        self.joints[name] = urdf.UrdfJoint(
             name, "prismatic" if kind == SLIDE else "revolute" if limited else "continuous",
             parent, child, _vector(at), _rpy(turn), _vector(axis), low, high, math.inf,
             self._mimic(j), self._effort(j), fault,
@@ -252,12 +245,12 @@ class _Reader:
 
     def _fix(self, child: str, parent: str, at: FloatArray, turn: FloatArray) -> None:
         name = f"{parent} to {child}"
-        self.joints[name] = UrdfJoint(
+        self.joints[name] = urdf.UrdfJoint(
             name, "fixed", parent, child, _vector(at), _rpy(turn), (1.0, 0.0, 0.0), 0.0, 0.0,
             math.inf, None,
         )  # fmt: skip
 
-    def _mimic(self, j: int) -> UrdfMimic | None:
+    def _mimic(self, j: int) -> urdf.UrdfMimic | None:
         """The joint that joint ``j`` follows by a linear equality, if any."""
         model = self.model
         for e in range(model.neq):
@@ -267,7 +260,7 @@ class _Reader:
                 refs = model.qpos0[model.jnt_qposadr[[first, second]]]
                 offset, share = (float(v) for v in model.eq_data[e, :2])
                 offset += float(refs[0] - share * refs[1])
-                return UrdfMimic(self.joint_names[second], share, offset)
+                return urdf.UrdfMimic(self.joint_names[second], share, offset)
         return None
 
     def _effort(self, j: int) -> float:
@@ -292,7 +285,7 @@ class _Reader:
             least = min(least, abs(float(model.actuator_gainprm[a, 0])) * most)
         return least
 
-    def _link(self, body: int) -> UrdfLink:
+    def _link(self, body: int) -> urdf.UrdfLink:
         model = self.model
         first = int(model.body_geomadr[body])
         solid: dict[bool, list[LinkShape]] = {True: [], False: []}
@@ -303,13 +296,13 @@ class _Reader:
                 solid[collides].append(self._geometry(g, kind))
         mass = float(model.body_mass[body])
         xx, yy, zz = (float(v) for v in model.body_inertia[body])
-        inertial = UrdfInertial(
+        inertial = urdf.UrdfInertial(
             mass,
             _vector(model.body_ipos[body]),
             _rpy(_matrix(model.body_iquat[body])),
             (xx, 0.0, 0.0, yy, 0.0, zz),
         )
-        return UrdfLink(
+        return urdf.UrdfLink(
             self.names[body], tuple(solid[True]), tuple(solid[False]), inertial if mass else None
         )
 

@@ -28,28 +28,9 @@ from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
 from optipromp.perception.pictures import flange_of
 from optipromp.perception.watcher import Watcher
+from optipromp.ros import live, trajectories
 from optipromp.ros.images import PICTURES, Pictures
-from optipromp.ros.live import (
-    DETECTIONS,
-    TOOL,
-    DetectionParameters,
-    LiveScene,
-    frames_of,
-    in_base,
-    read_detections,
-    read_goal,
-)
 from optipromp.ros.scenes import read_quaternion, vector
-from optipromp.ros.trajectories import (
-    NANO,
-    display_trajectory,
-    joint_motion,
-    joint_trajectory,
-    nanoseconds,
-    robot_state,
-    robot_trajectory,
-    stretch_trajectory,
-)
 from optipromp.ros.types import Message, constants, message
 
 HELD = 200_000_000  # [ns] before its first and after its last time, a frame is as then: a choice
@@ -82,7 +63,7 @@ class Frames:
             if still:
                 self.still[name] = (up, pose)
                 continue
-            stamp = nanoseconds(one.header.stamp)
+            stamp = trajectories.nanoseconds(one.header.stamp)
             _, times, poses = self._moving.setdefault(name, (up, [], []))
             k = bisect.bisect_right(times, stamp)
             times.insert(k, stamp)
@@ -160,7 +141,7 @@ class PickLoop:
         self,
         scene: Scene,
         *,
-        parameters: DetectionParameters | None = None,
+        parameters: live.DetectionParameters | None = None,
         controller: Controller | None = None,
         rate: float | None = None,
         prefix: str = "",
@@ -168,10 +149,10 @@ class PickLoop:
     ) -> None:
         self.watcher, self._pictures = watcher, Pictures()
         self.controller = controller or Controller(without_fruits(scene), real_time=True)
-        self.parameters = parameters or DetectionParameters()
+        self.parameters = parameters or live.DetectionParameters()
         robot = self.controller.robot
-        self.frames = frames_of(robot, prefix, scene.base)
-        self._flange = prefix + [name for name in robot.link_names if name != TOOL][-1]
+        self.frames = live.frames_of(robot, prefix, scene.base)
+        self._flange = prefix + [name for name in robot.link_names if name != live.TOOL][-1]
         self._rate, self._prefix = rate, prefix
         self._mounts = Frames()
         self._states = deque[tuple[float, State]]()
@@ -204,25 +185,27 @@ class PickLoop:
         """
         match item.__msgtype__:
             case "sensor_msgs/msg/JointState":
-                state = joint_motion(item, self.controller.robot.joint_names, "joint_states")
-                time = self._time(nanoseconds(item.header.stamp))
+                state = trajectories.joint_motion(
+                    item, self.controller.robot.joint_names, "joint_states"
+                )
+                time = self._time(trajectories.nanoseconds(item.header.stamp))
                 if not self._states or time > self._states[-1][0]:
                     self._states.append((time, state))
                 while self._states[0][0] < time - KEPT:
                     self._states.popleft()
             case "tf2_msgs/msg/TFMessage":
                 self._mounts.heard(item, still=True)
-            case _ if item.__msgtype__ == DETECTIONS:
-                time = self._time(nanoseconds(item.header.stamp))
+            case _ if item.__msgtype__ == live.DETECTIONS:
+                time = self._time(trajectories.nanoseconds(item.header.stamp))
                 frames = self._frames(self._at(time))
-                look = read_detections(item, frames, self.parameters, time=time)
+                look = live.read_detections(item, frames, self.parameters, time=time)
                 self.controller.see(look)
             case kind if kind in PICTURES and self.watcher is not None:
                 taken = self._pictures.heard(topic or kind, item)
                 if taken is not None:
                     time = self._time(taken.stamp)
                     frames = self._frames(self._at(time))
-                    self.watcher.watch(taken.picture(in_base(taken.header, frames)), time)
+                    self.watcher.watch(taken.picture(live.in_base(taken.header, frames)), time)
             case _:
                 raise InvalidRequestError(
                     f"a {item.__msgtype__} is of no use here: must be a JointState, a "
@@ -257,7 +240,7 @@ class PickLoop:
         else:
             self._line = self._line.until(stretch.begins, time).then(stretch, stretch.begins)
         assert self._origin is not None
-        return stretch_trajectory(stretch, self._origin, self._rate, self._prefix)
+        return trajectories.stretch_trajectory(stretch, self._origin, self._rate, self._prefix)
 
     def status(self) -> Message:
         """A ``diagnostic_msgs/DiagnosticStatus``: the last decision, the stage and the fruits."""
@@ -286,7 +269,7 @@ class PickLoop:
         """Seconds since the first stamp: few, so that they are exact to the nanosecond."""
         if self._origin is None:
             self._origin = stamp
-        return (stamp - self._origin) / NANO
+        return (stamp - self._origin) / trajectories.NANO
 
     def _at(self, time: float) -> FloatArray:
         """(n,) where the arm was, linear between joint states."""
@@ -305,7 +288,7 @@ class PickLoop:
     def _frames(self, q: FloatArray) -> dict[str, Pose]:
         """The known frames with the arm at ``q`` (n,)."""
         flange, tool = moving(self.controller.robot, q)
-        known = {**self.frames, self._flange: flange, TOOL: tool}
+        known = {**self.frames, self._flange: flange, live.TOOL: tool}
         found = {name: self._mounts.find(name, known) for name in self._mounts.names}
         return {**{name: pose for name, pose in found.items() if pose is not None}, **known}
 
@@ -359,7 +342,7 @@ class PlanAnswer:
 
 
 def answer(
-    world: LiveScene,
+    world: live.LiveScene,
     request: Message,
     options: PlanOptions | None = None,
     *,
@@ -392,7 +375,7 @@ def answer(
         _refuse_another_arm(request.group_name, world)
         joints, state = request.start_state.joint_state, None
         if joints.name:
-            state = joint_motion(joints, world.joints, "start_state.joint_state")
+            state = trajectories.joint_motion(joints, world.joints, "start_state.joint_state")
         slowing = _slowing(request)
         options = options or PlanOptions()
         if request.allowed_planning_time > 0.0:
@@ -404,7 +387,7 @@ def answer(
                     "start_state moves and a scaling factor is below 1: one of them must go; a "
                     "motion that runs cannot be slowed at once"
                 )
-        scene = world.scene(read_goal(request.goal_constraints, world, prefix))
+        scene = world.scene(live.read_goal(request.goal_constraints, world, prefix))
         planner = request.planner_id or "opti-promp"
         factory(planner, "planner_id")  # refuses an unknown name
         made = plan(
@@ -417,19 +400,19 @@ def answer(
     except OptiPrompError as error:
         return PlanAnswer(_response(request, error.code, error.message))
     motion = made.trajectory.slowed(slowing)
-    start = robot_state(motion.at(0.0), motion.joint_names, prefix)
+    start = trajectories.robot_state(motion.at(0.0), motion.joint_names, prefix)
     done = {"trajectory_start": start, "planning_time": made.time["total"]}
     if made.success:
-        done["trajectory"] = robot_trajectory(motion, rate, prefix)
+        done["trajectory"] = trajectories.robot_trajectory(motion, rate, prefix)
     return PlanAnswer(
         response=_response(request, made.status, made.message, **done),
-        trajectory=joint_trajectory(motion, rate, prefix) if made.success else None,
-        display=display_trajectory([motion], made.robot.name, rate, prefix),
+        trajectory=trajectories.joint_trajectory(motion, rate, prefix) if made.success else None,
+        display=trajectories.display_trajectory([motion], made.robot.name, rate, prefix),
         plan=made,
     )
 
 
-def _refuse_another_arm(group: str, world: LiveScene) -> None:
+def _refuse_another_arm(group: str, world: live.LiveScene) -> None:
     """Refuse a group whose joints are not the arm's, or that the arm's SRDF does not have."""
     scene = world.scene()
     _, arm = load_arm(scene.robot, scene.base_dir, scene.choice)

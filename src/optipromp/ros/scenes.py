@@ -17,17 +17,8 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidSceneError
+from optipromp.core.geometry import shapes
 from optipromp.core.geometry.grids import check_closed
-from optipromp.core.geometry.shapes import (
-    Box,
-    Capsule,
-    Cylinder,
-    HalfSpace,
-    MeshShape,
-    PointCloudShape,
-    Shape,
-    Sphere,
-)
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import IDENTITY
@@ -35,7 +26,7 @@ from optipromp.core.scenes.scene import ROLES, STEM_RADIUS, Approach, Role, Scen
 from optipromp.ros.trajectories import robot_state
 from optipromp.ros.types import Message, constants, message
 
-Placed = tuple[Shape, Pose]
+Placed = tuple[shapes.Shape, Pose]
 """A shape and its pose in the frame of its object."""
 
 _BOX, _SPHERE, _CYLINDER = 1, 2, 3  # types of shape_msgs/SolidPrimitive
@@ -75,7 +66,7 @@ def read_pose(item: Message) -> Pose:
     return Pose(vector(item.position), read_quaternion(item.orientation))
 
 
-def geometry(shape: Shape) -> dict[str, Any]:
+def geometry(shape: shapes.Shape) -> dict[str, Any]:
     """The fields of a ``CollisionObject`` that state a shape in the object's frame.
 
     A capsule becomes a cylinder and two spheres, a point cloud one sphere for each point. A shape
@@ -84,20 +75,20 @@ def geometry(shape: Shape) -> dict[str, Any]:
     here = np.zeros(3)
     solids: list[tuple[int, Sequence[float], FloatArray]]
     match shape:
-        case HalfSpace():
+        case shapes.HalfSpace():
             plane = message("shape_msgs/msg/Plane", coef=(0.0, 0.0, 1.0, 0.0))
             return {"planes": [plane], "plane_poses": [pose_message(Pose())]}
-        case Sphere(radius):
+        case shapes.Sphere(radius):
             solids = [(_SPHERE, (radius,), here)]
-        case Box(size):
+        case shapes.Box(size):
             solids = [(_BOX, size, here)]
-        case Cylinder(radius, length):
+        case shapes.Cylinder(radius, length):
             solids = [(_CYLINDER, (length, radius), here)]
-        case Capsule(radius, length):
+        case shapes.Capsule(radius, length):
             end = np.array([0.0, 0.0, 0.5 * length])
             solids = [(_CYLINDER, (length, radius), here)]
             solids += [(_SPHERE, (radius,), end), (_SPHERE, (radius,), -end)]
-        case PointCloudShape():
+        case shapes.PointCloudShape():
             solids = [(_SPHERE, (shape.radius,), point) for point in shape.points]
         case _:
             return {"meshes": [_mesh(shape.mesh())], "mesh_poses": [pose_message(Pose())]}
@@ -119,7 +110,7 @@ def read_geometry(item: Message) -> list[Placed]:
     for mesh, where in _placed(item.meshes, item.mesh_poses, "mesh"):
         parts.append((_read_mesh(mesh), where))
     for plane, where in _placed(item.planes, item.plane_poses, "plane"):
-        parts.append((HalfSpace(), where @ _half_space(plane)))
+        parts.append((shapes.HalfSpace(), where @ _half_space(plane)))
     if not parts:
         raise InvalidSceneError("it has no shape: must have a primitive, a mesh or a plane")
     return parts
@@ -138,7 +129,7 @@ def _placed(
     return list(zip(shapes, given, strict=True))
 
 
-def _solid(item: Message, index: int) -> Shape:
+def _solid(item: Message, index: int) -> shapes.Shape:
     where = f"primitives[{index}]"
     if item.type not in _SIZES:
         kind = _REFUSED.get(item.type, f"of type {item.type}")
@@ -150,35 +141,35 @@ def _solid(item: Message, index: int) -> Shape:
         )
     match item.type:
         case 1:
-            return Box((sizes[0], sizes[1], sizes[2]))
+            return shapes.Box((sizes[0], sizes[1], sizes[2]))
         case 2:
-            return Sphere(sizes[0])
-    return Cylinder(sizes[1], sizes[0])
+            return shapes.Sphere(sizes[0])
+    return shapes.Cylinder(sizes[1], sizes[0])
 
 
 def _capsule(parts: Sequence[Placed]) -> Placed | None:
     """The capsule of a cylinder and two spheres; None where the parts are not a capsule."""
-    if [type(shape) for shape, _ in parts] != [Cylinder, Sphere, Sphere]:
+    if [type(shape) for shape, _ in parts] != [shapes.Cylinder, shapes.Sphere, shapes.Sphere]:
         return None
     (rod, where), *balls = parts
-    assert isinstance(rod, Cylinder)
+    assert isinstance(rod, shapes.Cylinder)
     ends = [where.inverse() @ ball.position for _, ball in balls]
     height = 0.5 * rod.length * (1.0 if ends[0][2] > 0.0 else -1.0)
     off = [np.abs(end - (0.0, 0.0, s * height)).max() for s, end in zip((1, -1), ends, strict=True)]
-    off += [abs(ball.radius - rod.radius) for ball, _ in balls if isinstance(ball, Sphere)]
-    return None if max(off) > _SAME else (Capsule(rod.radius, rod.length), where)
+    off += [abs(ball.radius - rod.radius) for ball, _ in balls if isinstance(ball, shapes.Sphere)]
+    return None if max(off) > _SAME else (shapes.Capsule(rod.radius, rod.length), where)
 
 
 def _cloud(parts: Sequence[Placed]) -> Placed | None:
     """The point cloud of several spheres of one radius; None where the parts are not such."""
-    radii = {shape.radius for shape, _ in parts if isinstance(shape, Sphere)}
-    if len(parts) < 2 or len(radii) != 1 or not all(isinstance(p[0], Sphere) for p in parts):
+    radii = {shape.radius for shape, _ in parts if isinstance(shape, shapes.Sphere)}
+    if len(parts) < 2 or len(radii) != 1 or not all(isinstance(p[0], shapes.Sphere) for p in parts):
         return None
     points = np.array([where.position for _, where in parts])
-    return PointCloudShape(points, radii.pop()), Pose()
+    return shapes.PointCloudShape(points, radii.pop()), Pose()
 
 
-def _mesh(shape: MeshShape) -> Message:
+def _mesh(shape: shapes.MeshShape) -> Message:
     return message(
         "shape_msgs/msg/Mesh",
         triangles=[
@@ -188,10 +179,10 @@ def _mesh(shape: MeshShape) -> Message:
     )
 
 
-def _read_mesh(item: Message) -> MeshShape:
+def _read_mesh(item: Message) -> shapes.MeshShape:
     vertices = np.array([vector(vertex) for vertex in item.vertices]).reshape(-1, 3)
     faces = np.array([face.vertex_indices for face in item.triangles], dtype=np.int64)
-    mesh = MeshShape(vertices, faces.reshape(-1, 3))
+    mesh = shapes.MeshShape(vertices, faces.reshape(-1, 3))
     check_closed(mesh)
     return mesh
 
