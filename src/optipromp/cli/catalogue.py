@@ -30,7 +30,9 @@ def catalogue() -> Report:
     ]
     for index, (name, kind) in enumerate(kinds.items()):
         usual = " (default)" if name == "opti-promp" else ""
-        lines.append(f"{'planners' if index == 0 else '':<9} {name}: {_summary(kind)}{usual}")
+        first = inspect.cleandoc(kind.__doc__ or "").partition("\n\n")[0]  # paragraph
+        told = " ".join(first.split()).rstrip(".")
+        lines.append(f"{'planners' if index == 0 else '':<9} {name}: {told}{usual}")
     lines += _lines("settings, for plan --set KEY=VALUE:", known)
     for planner, found in own.items():
         if planner not in PLANNERS:
@@ -56,12 +58,6 @@ def _told(found: dict[str, tuple[Any, str]]) -> dict[str, dict[str, Any]]:
     return {name: {"default": value, "meaning": text} for name, (value, text) in found.items()}
 
 
-def _summary(kind: Any) -> str:
-    """The first paragraph of a planner's docstring, on one line."""
-    first = inspect.cleandoc(kind.__doc__ or "").partition("\n\n")[0]
-    return " ".join(first.split()).rstrip(".")
-
-
 def asked(
     planner: str, strategy: str, pairs: Sequence[str], stated: dict[str, Any]
 ) -> dict[str, Any]:
@@ -71,25 +67,19 @@ def asked(
     settings, and time, effort and risk of the plan. ``stated`` are settings that have their own
     command-line option.
     """
-    from optipromp.core.planning.planners import (
-        JOINT,
-        OF_A_PLAN,
-        PLANNERS,
-        factory,
-        make,
-        settings_of,
-    )
+    from optipromp.core.planning import planners
+    from optipromp.core.planning.planners import JOINT, OF_A_PLAN
 
-    if planner in PLANNERS:
+    if planner in planners.PLANNERS:
         return {"planner": planner, "strategy": strategy, "options": settings(pairs, **stated)}
-    kind = factory(planner)
+    kind = planners.factory(planner)
     usual = {"strategy": JOINT, "constraints": optipromp.PlanOptions.constraints}
     found = {k: v for k, v in {"strategy": strategy, **stated}.items() if v != usual.get(k)}
     names = [*documented(kind), *OF_A_PLAN]
-    found |= _values(pairs, names, nested="paper" in settings_of(kind))
+    found |= _values(pairs, names, nested="paper" in planners.settings_of(kind))
     options = optipromp.PlanOptions(**{k: v for k, v in found.items() if k in OF_A_PLAN})
     own = {k: v for k, v in found.items() if k not in OF_A_PLAN}
-    return {"planner": make(planner, **own), "strategy": JOINT, "options": options}
+    return {"planner": planners.make(planner, **own), "strategy": JOINT, "options": options}
 
 
 def settings(pairs: Sequence[str], **given: Any) -> Any:

@@ -253,7 +253,9 @@ def simulate(
     from optipromp.laboratory.simulation.engine import engine
 
     engine()  # where MuJoCo is missing, refuse before planning
-    folder = _folder(scene_or_plan) if out is None else out
+    item = Path(scene_or_plan)
+    beside = item if is_folder(item) else item.parent if item.name == "plan.json" else Path("out")
+    folder = out or beside
     if not 0.05 <= slow <= 50.0:
         raise InvalidRequestError(f"--slow is {slow:g}; it must be between 0.05 and 50")
     check_folder(folder)
@@ -311,13 +313,6 @@ def _report(
         f"wrote {', '.join(files[1])} to {files[0]}",
     ]
     return Report({**run_document(run), **further}, lines, OK if run.success else FAILED)
-
-
-def _folder(item: str) -> Path:
-    path = Path(item)
-    if is_folder(path):
-        return path
-    return path.parent if path.name == "plan.json" else Path("out")
 
 
 def _plan(item: str, planner: str, strategy: Strategy, seed: int, named: Named) -> "Plan | Picked":

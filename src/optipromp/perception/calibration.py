@@ -363,7 +363,8 @@ def read_seen_tool(path: Path, robot: Robot | None = None) -> tuple[SeenTool, ..
     for name, entry in _entries(path).items():
         what = f"{path}: {name}"
         if "joints" in entry:
-            point = _robot(robot, what).tool_pose(_joints(entry, robot, what))[0]
+            arm, q = _joints(entry, robot, what)
+            point = arm.tool_pose(q)[0]
         else:
             point = _numbers(entry, "position", 3, what)
         found.append(SeenTool(name, _numbers(entry, "camera", 3, what), point))
@@ -385,7 +386,7 @@ def _entries(path: Path) -> dict[str, dict[str, Any]]:
 
 def _hand(entry: Mapping[str, Any], robot: Robot | None, what: str) -> Pose:
     if "joints" in entry:
-        return flange_of(_robot(robot, what), _joints(entry, robot, what))
+        return flange_of(*_joints(entry, robot, what))
     place, turn = _numbers(entry, "position", 3, what), _numbers(entry, "orientation", 4, what)
     try:
         return Pose(place, turn)
@@ -393,14 +394,11 @@ def _hand(entry: Mapping[str, Any], robot: Robot | None, what: str) -> Pose:
         raise InvalidRequestError(f"{what}: {error.message}") from None
 
 
-def _robot(robot: Robot | None, what: str) -> Robot:
+def _joints(entry: Mapping[str, Any], robot: Robot | None, what: str) -> tuple[Robot, FloatArray]:
+    """The robot, and the joints (n,) of an entry."""
     if robot is None:
         raise InvalidRequestError(f"{what}: joints tell nothing without the robot: give --known")
-    return robot
-
-
-def _joints(entry: Mapping[str, Any], robot: Robot | None, what: str) -> FloatArray:
-    return _numbers(entry, "joints", _robot(robot, what).n_joints, what)
+    return robot, _numbers(entry, "joints", robot.n_joints, what)
 
 
 def _numbers(entry: Mapping[str, Any], key: str, count: int, what: str) -> FloatArray:

@@ -14,11 +14,11 @@ from optipromp.core.geometry.shapes import Ellipsoid, Shape, Sphere
 from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.objects import STEEPEST, Role, SceneObject, Stem, cleared
 from optipromp.core.scenes.scene import Scene
-from optipromp.perception.finder import Finder, Found, Region
+from optipromp.perception.finder import Finder, Found, Region, box_of
 from optipromp.perception.fusing import Detection as Detection
 from optipromp.perception.fusing import Sighting as Sighting
 from optipromp.perception.fusing import fused
-from optipromp.perception.geometry import ByGeometry, box_of
+from optipromp.perception.geometry import ByGeometry
 from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.pictures import DepthPicture
 from optipromp.perception.spheroids import NEAREST, SeenStem, Spheroid, all_fitted, claimed, stem_of

@@ -31,11 +31,17 @@ class Region:
     @cached_property
     def box(self) -> tuple[slice, slice]:
         """The rows and columns of its pixels."""
-        rows = np.flatnonzero(self.pixels.any(axis=1))
-        if not len(rows):
-            return slice(0, 1), slice(0, 1)
-        columns = np.flatnonzero(self.pixels[rows[0] : rows[-1] + 1].any(axis=0))
-        return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+        return box_of(self.pixels, 0)
+
+
+def box_of(mask: BoolArray, margin: int) -> tuple[slice, slice]:
+    """The rows and columns of a mask, with a margin [pixel]."""
+    out = []
+    for axis, size in enumerate(mask.shape):
+        there = np.flatnonzero(mask.any(axis=1 - axis))
+        low, high = (there[0], there[-1] + 1) if len(there) else (0, 1)
+        out.append(slice(max(int(low) - margin, 0), min(int(high) + margin, size)))
+    return out[0], out[1]
 
 
 @dataclass(frozen=True, eq=False)

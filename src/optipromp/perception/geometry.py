@@ -17,7 +17,7 @@ from scipy.ndimage import (
 )
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
-from optipromp.perception.finder import Class, Found, Region, largest
+from optipromp.perception.finder import Class, Found, Region, box_of, largest
 from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.pictures import DepthPicture
 
@@ -186,16 +186,6 @@ def _filled(depth: FloatArray, where: BoolArray) -> FloatArray:
 def _apart(hue: FloatArray, middle: float) -> FloatArray:
     """Difference of hues on their circle [deg]."""
     return np.asarray(np.abs((hue - middle + 180.0) % 360.0 - 180.0))
-
-
-def box_of(mask: BoolArray, margin: int) -> tuple[slice, slice]:
-    """The rows and columns of a mask, with a margin [pixel]."""
-    out = []
-    for axis, size in enumerate(mask.shape):
-        there = np.flatnonzero(mask.any(axis=1 - axis))
-        low, high = (there[0], there[-1] + 1) if len(there) else (0, 1)
-        out.append(slice(max(int(low) - margin, 0), min(int(high) + margin, size)))
-    return out[0], out[1]
 
 
 def _roundness(pixels: BoolArray) -> float:

@@ -3,7 +3,6 @@
 from concurrent.futures import Executor, Future
 from contextlib import suppress
 from threading import Lock
-from typing import NamedTuple
 
 from optipromp.control.look import Look
 from optipromp.core.arrays import FloatArray
@@ -13,11 +12,6 @@ from optipromp.perception.eyes import Sighting, look_at
 from optipromp.perception.finder import Finder
 from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.pictures import CameraModel, DepthPicture, Image8
-
-
-class _Due(NamedTuple):
-    picture: DepthPicture
-    time: float
 
 
 class Watcher:
@@ -60,7 +54,7 @@ class Watcher:
         self._settings = {"up": up, "finder": finder, "parameters": parameters}
         self._lock = Lock()
         self._running: Future[Sighting] | None = None
-        self._next: _Due | None = None
+        self._next: tuple[DepthPicture, float] | None = None  # and the time of its exposure
         self._done: list[Sighting | BaseException] = []
 
     def __call__(
@@ -88,7 +82,7 @@ class Watcher:
             return
         with self._lock:
             self.skipped += self._next is not None
-            self._next = _Due(picture, time)
+            self._next = picture, time
         self._go_on()
 
     def looks(self) -> tuple[Look, ...]:

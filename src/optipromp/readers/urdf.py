@@ -7,7 +7,7 @@ axis.
 import math
 import re
 import warnings
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -442,22 +442,16 @@ def check_mimics(joints: Mapping[str, UrdfJoint], refuse: Refuse) -> None:
 def bases(joints: Mapping[str, UrdfJoint], names: Collection[str]) -> set[str]:
     """The fixed joints among ``names`` with moving joints after them, and none before them."""
     above = {joint.child: joint for joint in joints.values()}
-    before, after = set[str](), set[str]()
-    for moving in joints.values():
-        if moving.kind == "fixed":
-            continue
-        link = moving.parent
+
+    def path(link: str) -> Iterator[UrdfJoint]:
         while link in above:
-            link, name = above[link].parent, above[link].name
-            if name in names:
-                before.add(name)
-    for name in before:
-        link = joints[name].parent
-        while link in above:
-            if above[link].kind != "fixed":
-                after.add(name)
+            yield above[link]
             link = above[link].parent
-    return before - after
+
+    moving = [joint for joint in joints.values() if joint.kind != "fixed"]
+    before = {each.name for joint in moving for each in path(joint.parent)}
+    still = {name: path(joints[name].parent) for name in before & set(names)}
+    return {name for name, up in still.items() if all(joint.kind == "fixed" for joint in up)}
 
 
 def _quoted(names: list[str]) -> str:

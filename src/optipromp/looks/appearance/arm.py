@@ -15,7 +15,7 @@ from optipromp.core.geometry.shapes import PRIMITIVES, hull_faces
 from optipromp.core.robots.cup_cover import NECK_RADIUS
 from optipromp.core.robots.description import LinkGeometry, LinkShape, mesh_file, rotation_of
 from optipromp.core.robots.model import Robot
-from optipromp.core.robots.mounted import Load, loads_of, without_loads
+from optipromp.core.robots.mounted import loads_of, without_loads
 from optipromp.core.robots.tools import FINGERS, Cup, FrankaHand
 from optipromp.looks.appearance.faces import Part, coarser, hex_colour, shape_faces
 
@@ -52,7 +52,12 @@ def arm_parts(robot: Robot) -> tuple[Part, ...]:
         if name not in shown and index < robot.n_own_links:
             rows = robot.spheres.link == index
             segment = int(robot.spheres.segment[rows][0])
-            body = _hull(robot.spheres.center[rows], robot.spheres.radius[rows])
+            centers, radii = (
+                robot.spheres.center[rows, None],
+                robot.spheres.radius[rows, None, None],
+            )
+            points = (centers + radii * _UNIT_BALL).reshape(-1, 3)
+            body = np.asarray(points[hull_faces(points)])
             parts += _parts(name, segment, {LINK if segment >= 0 else BASE: [body]})
             hulls.add(segment)
     for s in range(robot.n_segments):
@@ -152,12 +157,6 @@ def _parts(name: str, segment: int, solids: Solids) -> list[Part]:
     ]
 
 
-def _hull(centers: FloatArray, radii: FloatArray) -> FloatArray:
-    """The triangles (m, 3, 3) of the convex hull of spheres."""
-    points = (centers[:, None] + radii[:, None, None] * _UNIT_BALL).reshape(-1, 3)
-    return np.asarray(points[hull_faces(points)])
-
-
 def _drum(robot: Robot, s: int) -> list[Part]:
     """A dark cylinder about joint ``s`` where the bodies on its two sides overlap.
 
@@ -203,7 +202,10 @@ def _tool(robot: Robot) -> list[Part]:
     tool, last, folder = robot.tool, robot.n_segments - 1, _models()
     if tool is None:
         return []
-    held = [_held(load, last) for load in loads_of(tool)]
+    held = []
+    for load in loads_of(tool):
+        faces = [shape_faces(one.shape, one.position, one.rotation, np.inf) for one in load.solids]
+        held.append(Part.of(f"tool/{load.id}", np.concatenate(faces), HELD, segment=last))
     tool = without_loads(tool)
     solids: dict[str, list[FloatArray]] = {}
     if isinstance(tool, FrankaHand) and folder is not None:
@@ -222,8 +224,8 @@ def _tool(robot: Robot) -> list[Part]:
             solids = _cup(tool)
         else:
             for solid in tool.solids():
-                faces = shape_faces(solid.shape, solid.position, solid.rotation, np.inf)
-                solids.setdefault(solid.part, []).append(faces)
+                own = shape_faces(solid.shape, solid.position, solid.rotation, np.inf)
+                solids.setdefault(solid.part, []).append(own)
         parts = [
             Part.of(
                 f"tool/{name}",
@@ -236,12 +238,6 @@ def _tool(robot: Robot) -> list[Part]:
         ]
     parts += held
     return [part.placed(robot.flange_translation, robot.flange_rotation) for part in parts]
-
-
-def _held(load: Load, segment: int) -> Part:
-    """What a tool holds."""
-    faces = [shape_faces(one.shape, one.position, one.rotation, np.inf) for one in load.solids]
-    return Part.of(f"tool/{load.id}", np.concatenate(faces), HELD, segment=segment)
 
 
 def _cup(cup: Cup) -> dict[str, list[FloatArray]]:

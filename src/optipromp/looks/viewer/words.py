@@ -14,8 +14,10 @@ if TYPE_CHECKING:
 def plan_rows(plan: "Plan") -> list[tuple[str, str]]:
     """The figures by which a plan is judged: name and value."""
     m = plan.metrics
+    off = m.goal_axis_error
+    axis = "–" if off is None or not math.isfinite(off) else f"{math.degrees(off):.2f}°"
     rows = [
-        ("target", f"{_mm(m.goal_error)} off, {_degrees(m.goal_axis_error)} off axis"),
+        ("target", f"{_mm(m.goal_error)} off, {axis} off axis"),
         ("M_c", f"{_mm(m.M_c)} from a body point to the core of the nearest obstacle"),
     ]
     rows += [(f"M_p {name}", _passing(m.passage[name], m.stem_projection[name])) for name in m.M_p]
@@ -55,10 +57,6 @@ def _mm(value: float | None) -> str:
     if value is None or not math.isfinite(value):
         return "–"
     return f"{1e3 * value:.1f} mm" if abs(value) < 1.0 else f"{value:.3f} m"
-
-
-def _degrees(value: float | None) -> str:
-    return "–" if value is None or not math.isfinite(value) else f"{math.degrees(value):.2f}°"
 
 
 def nearest(plan: "Plan") -> float | None:
