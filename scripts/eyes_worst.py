@@ -22,8 +22,8 @@ from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.photograph import FRUITS, Photograph, photograph
 from optipromp.perception import look_at
 from optipromp.perception.detector import finder_named
+from optipromp.perception.eyes import overlay
 from optipromp.perception.finder import Finder
-from optipromp.perception.overlay import overlay
 
 WIDE, CAPTION, COLUMNS = 480, 22, 2  # [pixel] of a picture and its caption; pictures in a row
 SURE_TILT = 3.0  # deviations of a stem that 1 % of true errors exceed (Rayleigh)

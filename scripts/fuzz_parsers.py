@@ -39,7 +39,7 @@ READERS = [
     "optipromp.core.scenes.schema", "optipromp.core.scenes.objects", "optipromp.core.scenes.values",
     "optipromp.core.scenes.pose", "optipromp.core.scenes.io", "optipromp.readers.urdf",
     "optipromp.readers.xml_tree", "optipromp.readers.robot_file",
-    "optipromp.readers.srdf", "optipromp.core.robots.resolved",
+    "optipromp.readers.arm", "optipromp.core.robots.resolved",
 ]  # fmt: skip
 CUT = b"\n--\xff--\n"  # between the members of an archive
 SRDF = b"""<robot name="r"><group name="arm"><chain base_link="l0" tip_link="l7"/><joint name="j"/>
@@ -107,8 +107,8 @@ def parser(target: str, folder: Path) -> Callable[[Path], Any]:
     from optipromp import ProMP, load_demonstrations, load_plan, load_robot, load_scene
     from optipromp.core.geometry.loading import load_cloud, load_mesh
     from optipromp.core.trajectory import read_trajectory
+    from optipromp.readers.arm import read_srdf
     from optipromp.readers.robot_file import read_robot_file
-    from optipromp.readers.srdf import read_srdf
     from optipromp.readers.urdf import read_urdf
 
     if target == "plan.json":

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 from scripts.robots_tried import EXPECTED, OUT, Expected, verdict
 
-from optipromp.readers.arm import choose_arm
-from optipromp.readers.srdf import read_srdf, srdf_beside
+from optipromp.readers.arm import choose_arm, read_srdf, srdf_beside
 from optipromp.readers.urdf import read_urdf
 
 

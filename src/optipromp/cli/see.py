@@ -83,7 +83,7 @@ def see(
         every (SECONDS 0..): Of the bag: between pictures.
     """
     from optipromp.perception.detector import finder_named
-    from optipromp.perception.overlay import overlay
+    from optipromp.perception.eyes import overlay
     from optipromp.perception.pictures import OVERLAY, png_file
 
     eye = finder_named(finder, model)

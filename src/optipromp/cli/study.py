@@ -237,21 +237,6 @@ def table(
     A line parts the presets.
     """
     out = grid(names, list(columns), title=title, padding=(0, 0))
-    _add(out, cells, names, columns)
-    return out
-
-
-def causes(cells: Sequence["Cell"], names: Sequence[str]) -> "Table":
-    """Why runs failed, most frequent first."""
-    out = grid(names, title="causes of failure, a run may have several", padding=(0, 0))
-    out.add_column("failed by")
-    _add(out, cells, names, {"": lambda cell: cell.failed_by})
-    return out
-
-
-def _add(
-    out: "Table", cells: Sequence["Cell"], names: Sequence[str], columns: Mapping[str, Column]
-) -> None:
     before: list[str] = []
     for cell in cells:
         own = [getattr(cell, name) for name in names]
@@ -261,6 +246,15 @@ def _add(
         words = ["" if alike else name for alike, name in zip([*same, False], own, strict=True)]
         out.add_row(*words, *(column(cell) for column in columns.values()))
         before = own
+    return out
+
+
+def causes(cells: Sequence["Cell"], names: Sequence[str]) -> "Table":
+    """Why runs failed, most frequent first."""
+    title = "causes of failure, a run may have several"
+    out = table(cells, names, {"failed by": lambda cell: cell.failed_by}, title)
+    out.columns[-1].justify, out.columns[-1].no_wrap = "left", False
+    return out
 
 
 def reliability(found: "Reliability") -> "Table":

@@ -28,12 +28,11 @@ from optipromp.core.robots.resolved import MOST_JOINTS, MOST_SPHERES
 from optipromp.core.robots.tool_geometry import cover_box, cover_capsule, cover_cylinder
 from optipromp.core.shown import printable
 from optipromp.readers import self_collision
-from optipromp.readers.arm import choose_arm
+from optipromp.readers.arm import choose_arm, disabled_pairs, read_srdf, srdf_beside
 from optipromp.readers.chain import Chain, Placement, serial_chain
 from optipromp.readers.fit import MOST_SAMPLES, count_samples, finer, fit_covers
 from optipromp.readers.meshes import MOST_TRIANGLES, triangles
 from optipromp.readers.robot_file import RobotFile
-from optipromp.readers.srdf import disabled_pairs, read_srdf, srdf_beside
 from optipromp.readers.urdf import UrdfModel
 
 LOOSE = 0.030  # [m] chosen: excess above which the cover of a mesh gets further spheres

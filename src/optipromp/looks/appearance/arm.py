@@ -17,7 +17,7 @@ from optipromp.core.robots.description import LinkGeometry, LinkShape, mesh_file
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.mounted import loads_of, without_loads
 from optipromp.core.robots.tools import FINGERS, Cup, FrankaHand
-from optipromp.looks.appearance.faces import Part, coarser, hex_colour, shape_faces
+from optipromp.looks.appearance.scene import Part, coarser, hex_colour, shape_faces
 
 LINK, BASE, DRUM = "#e3e6e9", "#8c9199", "#474d55"
 TOOL_COLOURS = {"mouth": "#a9d8ec", "neck": "#3b434c", "palm": "#dfe2e5", "finger": "#3b434c"}
@@ -52,11 +52,8 @@ def arm_parts(robot: Robot) -> tuple[Part, ...]:
         if name not in shown and index < robot.n_own_links:
             rows = robot.spheres.link == index
             segment = int(robot.spheres.segment[rows][0])
-            centers, radii = (
-                robot.spheres.center[rows, None],
-                robot.spheres.radius[rows, None, None],
-            )
-            points = (centers + radii * _UNIT_BALL).reshape(-1, 3)
+            balls = robot.spheres.radius[rows, None, None] * _UNIT_BALL
+            points = (robot.spheres.center[rows, None] + balls).reshape(-1, 3)
             body = np.asarray(points[hull_faces(points)])
             parts += _parts(name, segment, {LINK if segment >= 0 else BASE: [body]})
             hulls.add(segment)

@@ -21,7 +21,7 @@ from optipromp.core.pushing.model import Combined, PushModel
 from optipromp.core.pushing.searching import search
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import PoseGoal, Role, Scene
-from optipromp.looks.appearance.faces import rgb
+from optipromp.looks.appearance.scene import rgb
 from optipromp.looks.viewer.drawn import FOLLOWED, GREEN, OPTIMISED, RED, Moment, Placed, placed
 
 # choices for the eye

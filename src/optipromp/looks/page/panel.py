@@ -24,7 +24,6 @@ from optipromp.looks.page import arrange, tabs
 from optipromp.looks.page.content import bundle, charts
 from optipromp.looks.page.replay import Source
 from optipromp.looks.page.stage import LAYERS, NARROW, PLANNED, SHEET
-from optipromp.looks.page.telling import table
 from optipromp.looks.page.window import Window
 from optipromp.looks.viewer.serving import listening
 
@@ -268,7 +267,7 @@ class Panel:
         """Update table, charts, and the controls of the scene after a plan."""
         window, plan = self.window, self.window.plan
         assert plan is not None and window.near is not None  # noqa: PT018
-        self.table.content = table(plan)
+        self.table.content = tabs.table(plan)
         self.gui.set_panel_label(f"OptI-ProMP: {plan.scene.name}")
         self.planner.value = window.settings["planner"]
         names = (NOTHING, *arrange.grips(window.scene))

@@ -12,7 +12,7 @@ from optipromp.core.planning import Plan
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
 from optipromp.laboratory.simulation.files import ellipsoids
-from optipromp.looks.appearance.faces import rgb
+from optipromp.looks.appearance.scene import rgb
 from optipromp.looks.page.content import GREEN_AT, RED_AT, Bundle, Clearances, between
 from optipromp.looks.viewer.drawn import PRIMITIVE, RED, STILL, Placed, motions
 from optipromp.looks.viewer.nodes import FLAT, Nodes, tube

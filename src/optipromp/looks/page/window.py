@@ -21,7 +21,7 @@ from optipromp.core.scenes.scene import Scene
 from optipromp.looks.page import arrange, content
 from optipromp.looks.page.replay import ROLLOUTS_APART, Replay, Source, execute
 from optipromp.looks.page.stage import PlanNodes, look
-from optipromp.looks.page.telling import Told, Tone, busy, of_error, of_plan, of_runs
+from optipromp.looks.page.tabs import Told, Tone, busy, of_error, of_plan, of_runs
 from optipromp.looks.viewer.drawn import conditioned_on, moment
 from optipromp.looks.viewer.words import complaint, seconds, without_codes
 

@@ -11,8 +11,7 @@ from optipromp.core.arrays import FloatArray, IntArray, lengths
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.looks.appearance import Part, arm_parts, object_parts, scenery
-from optipromp.looks.appearance.faces import rgb
-from optipromp.looks.appearance.scene import STEM
+from optipromp.looks.appearance.scene import STEM, rgb
 
 FLAT = {"cast_shadow": False, "receive_shadow": False}  # slow without a graphics card
 

@@ -13,8 +13,7 @@ from scipy.spatial import ConvexHull
 from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry.faces import sphere, tube
 from optipromp.core.pushing.path import evenly, length
-from optipromp.looks.appearance.faces import shape_faces
-from optipromp.looks.appearance.scene import PUSHABLES
+from optipromp.looks.appearance.scene import PUSHABLES, shape_faces
 from optipromp.looks.viewer import drawn
 from optipromp.looks.viewer.drawn import COLOURS, OPTIMISED, STILL, Moment, Motion, Placed
 from optipromp.looks.viewer.words import author
