@@ -38,7 +38,7 @@ READERS = [
     "optipromp.core.promp.checks", "optipromp.core.promp.model", "optipromp.core.scenes.reading",
     "optipromp.core.scenes.schema", "optipromp.core.scenes.objects", "optipromp.core.scenes.values",
     "optipromp.core.scenes.pose", "optipromp.core.scenes.io", "optipromp.readers.urdf",
-    "optipromp.readers.xml_tree", "optipromp.readers.robot_file",
+    "optipromp.readers.urdf", "optipromp.readers.robot_file",
     "optipromp.readers.arm", "optipromp.core.robots.resolved",
 ]  # fmt: skip
 CUT = b"\n--\xff--\n"  # between the members of an archive

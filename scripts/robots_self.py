@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from optipromp.core.robots import Robot, load_robot
 from optipromp.core.robots.description import LinkGeometry, LinkShape, rotation_of
 from optipromp.readers.fit import spread_points
-from optipromp.readers.meshes import triangles
+from optipromp.readers.packages import triangles
 
 
 def link_meshes(robot: Robot) -> dict[str, np.ndarray]:

@@ -19,7 +19,7 @@ from optipromp.cli.main import app
 from optipromp.core.errors import Code, InvalidPlanError, InvalidRequestError
 from optipromp.core.files import COMMITTED, write_atomically, write_together
 from optipromp.core.planning import Plan, plan
-from optipromp.looks.page.replay import open_source
+from optipromp.looks.page.stage import open_source
 from optipromp.looks.reports import plan_report
 
 FILES = ("trajectory.csv", "trajectory.npz", "waypoints.npz")

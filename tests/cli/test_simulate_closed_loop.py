@@ -16,7 +16,7 @@ from optipromp.core.scenes.io import save_scene
 from optipromp.core.scenes.scene import JointGoal, ToolSpec
 from optipromp.laboratory.experiments.situations import SETTLE
 from optipromp.laboratory.generate import generate
-from optipromp.looks.page.replay import load_replay
+from optipromp.looks.page.stage import load_replay
 
 pytest.importorskip("mujoco")
 

@@ -12,7 +12,7 @@ from tests.page.conftest import PATIENCE, Opened
 
 from optipromp.core.scenes.io import load_scene
 from optipromp.looks.page import stage, window
-from optipromp.looks.page.replay import Source
+from optipromp.looks.page.stage import Source
 
 SLOW = pytest.mark.slow  # the processor draws pictures for minutes
 DESK = {"viewport": {"width": 1280, "height": 800}}

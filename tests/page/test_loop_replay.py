@@ -13,7 +13,7 @@ from tests.simulation.loops import swaying
 
 from optipromp.laboratory.simulation import simulate
 from optipromp.laboratory.simulation.files import record_of, write_loop, write_run
-from optipromp.looks.page.replay import load_replay, open_source
+from optipromp.looks.page.stage import load_replay, open_source
 
 
 @pytest.fixture(scope="module")

@@ -19,8 +19,7 @@ from optipromp.core.planning import plan
 from optipromp.core.promp import ProMP, load_demonstrations
 from optipromp.core.scenes.io import load_scene
 from optipromp.looks.page import arrange, content
-from optipromp.looks.page.replay import Source, open_source
-from optipromp.looks.page.stage import look
+from optipromp.looks.page.stage import Source, look, open_source
 from optipromp.looks.viewer.words import head
 
 

@@ -17,7 +17,7 @@ from optipromp.core.errors import InvalidRequestError, InvalidSceneError
 from optipromp.core.planning import plan
 from optipromp.core.scenes.io import load_scene, save_scene
 from optipromp.looks.page import arrange, content
-from optipromp.looks.page.replay import open_source
+from optipromp.looks.page.stage import open_source
 from optipromp.looks.page.tabs import Recorder
 from optipromp.looks.viewer.nodes import tube
 from optipromp.perception.pictures import png_file

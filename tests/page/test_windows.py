@@ -16,7 +16,7 @@ import viser
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.looks.page.panel import Page, plain_name
-from optipromp.looks.page.replay import open_source
+from optipromp.looks.page.stage import open_source
 
 CAMERA = {
     "type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [1.0, 1.0, 1.0],

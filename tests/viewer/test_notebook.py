@@ -12,7 +12,7 @@ from optipromp.core.planning.task import resolve
 from optipromp.core.promp import Basis, ProMP
 from optipromp.core.robots import load_robot
 from optipromp.core.scenes import load_scene
-from optipromp.looks.viewer.embed import plan_page, scene_page
+from optipromp.looks.viewer.serving import plan_page, scene_page
 
 
 @pytest.fixture(scope="module")

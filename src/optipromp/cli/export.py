@@ -163,7 +163,7 @@ def view(
 
     from optipromp.core.planning import warm_up
     from optipromp.looks.page.panel import Page
-    from optipromp.looks.page.replay import open_source
+    from optipromp.looks.page.stage import open_source
 
     source = open_source(item, beside)
     say_if_compiling()

@@ -28,10 +28,10 @@ from optipromp.laboratory.experiments.trials import FOLDER, again
 from optipromp.laboratory.generate import PANDA
 from optipromp.laboratory.simulation import Run
 from optipromp.looks.viewer import notebook
-from optipromp.looks.viewer.embed import plan_page, scene_page
 from optipromp.looks.viewer.figures import changed_terms, cost_figure, joint_figure, png
 from optipromp.looks.viewer.notebook import DPI, HEIGHT, frame
 from optipromp.looks.viewer.reach import reach_figure
+from optipromp.looks.viewer.serving import plan_page, scene_page
 from optipromp.looks.viewer.words import author, plan_rows, seconds
 from optipromp.perception.pictures import png_file
 

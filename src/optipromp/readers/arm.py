@@ -25,8 +25,7 @@ from optipromp.readers.chain import (
     Tree,
     words_of,
 )
-from optipromp.readers.urdf import UrdfJoint, UrdfModel
-from optipromp.readers.xml_tree import Node, read_xml
+from optipromp.readers.urdf import Node, UrdfJoint, UrdfModel, read_xml
 
 _FOLDERS = (".", "srdf", "config", "../srdf", "../config")  # relative to the URDF's folder
 

@@ -31,7 +31,7 @@ from optipromp.readers import self_collision
 from optipromp.readers.arm import choose_arm, disabled_pairs, read_srdf, srdf_beside
 from optipromp.readers.chain import Chain, Placement, serial_chain
 from optipromp.readers.fit import MOST_SAMPLES, count_samples, finer, fit_covers
-from optipromp.readers.meshes import MOST_TRIANGLES, triangles
+from optipromp.readers.packages import MOST_TRIANGLES, triangles
 from optipromp.readers.robot_file import RobotFile
 from optipromp.readers.urdf import UrdfModel
 

@@ -33,7 +33,7 @@ from optipromp.core.robots.description import LinkShape, Vector
 from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.readers import urdf
 from optipromp.readers.limited import LIMITS, run_limited
-from optipromp.readers.xml_tree import Node, read_xml
+from optipromp.readers.urdf import Node, read_xml
 
 SUFFIXES = (".xml", ".mjcf")
 _FOLDERS = ("meshdir", "texturedir", "assetdir")  # attributes of <compiler>: folders of assets

@@ -21,9 +21,8 @@ from optipromp.core.robots.library import Check, Choice
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.resolved import SUFFIX, read_resolved, resolved
 from optipromp.readers.arm import srdf_files
-from optipromp.readers.meshes import mesh_files
 from optipromp.readers.mjcf import is_mjcf, mjcf_files, read_mjcf
-from optipromp.readers.packages import expanded, is_xacro, with_meshes_found
+from optipromp.readers.packages import expanded, is_xacro, mesh_files, with_meshes_found
 from optipromp.readers.robot_file import RobotFile, read_robot_file
 from optipromp.readers.urdf import UrdfModel, read_urdf
 

@@ -24,7 +24,7 @@ from optipromp.laboratory.simulation.parameters import SimulationParameters
 from optipromp.laboratory.simulation.rollout import Rollout
 from optipromp.laboratory.simulation.simulation import Simulation
 from optipromp.laboratory.simulation.world import World, build
-from optipromp.looks.viewer.embed import FRAME_RATE, FRAMES, REST, recording
+from optipromp.looks.viewer.serving import FRAME_RATE, FRAMES, REST, recording
 
 if TYPE_CHECKING:
     from optipromp.looks.viewer.notebook import View3D

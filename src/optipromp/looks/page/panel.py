@@ -22,8 +22,7 @@ from optipromp.core.scenes.scene import Scene
 from optipromp.core.shown import is_name
 from optipromp.looks.page import arrange, tabs
 from optipromp.looks.page.content import bundle, charts
-from optipromp.looks.page.replay import Source
-from optipromp.looks.page.stage import LAYERS, NARROW, PLANNED, SHEET
+from optipromp.looks.page.stage import LAYERS, NARROW, PLANNED, SHEET, Source
 from optipromp.looks.page.window import Window
 from optipromp.looks.viewer.serving import listening
 

@@ -21,8 +21,7 @@ from optipromp.core.scenes.scene import Scene
 from optipromp.laboratory.simulation.files import LoopRecord
 from optipromp.looks.appearance.scene import SEE_THROUGH, colour_of, hex_colour
 from optipromp.looks.page.content import GREEN_AT, Chart
-from optipromp.looks.page.replay import Replay
-from optipromp.looks.page.stage import AHEAD, BACK, SIDE, SPREAD, SURE, UNSURE
+from optipromp.looks.page.stage import AHEAD, BACK, SIDE, SPREAD, SURE, UNSURE, Replay
 from optipromp.looks.viewer.drawn import GREEN, OPTIMISED, PRIMITIVE, RED, motions
 from optipromp.looks.viewer.words import head, plan_rows, sentence, sentences, without_codes
 from optipromp.perception.eyes import RIPE, STEM, UNRIPE

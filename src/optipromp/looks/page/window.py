@@ -19,8 +19,7 @@ from optipromp.core.planning import plan as make_plan
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.scene import Scene
 from optipromp.looks.page import arrange, content
-from optipromp.looks.page.replay import ROLLOUTS_APART, Replay, Source, execute
-from optipromp.looks.page.stage import PlanNodes, look
+from optipromp.looks.page.stage import ROLLOUTS_APART, PlanNodes, Replay, Source, execute, look
 from optipromp.looks.page.tabs import Told, Tone, busy, of_error, of_plan, of_runs
 from optipromp.looks.viewer.drawn import conditioned_on, moment
 from optipromp.looks.viewer.words import complaint, seconds, without_codes

@@ -23,7 +23,7 @@ from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
 from optipromp.looks.viewer.drawn import FOLLOWED, OPTIMISED, PRIMITIVE, RED, motions
 from optipromp.looks.viewer.reach import reach_figure, title
-from optipromp.readers.meshes import triangles
+from optipromp.readers.packages import triangles
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -375,7 +375,7 @@ def scene_pictures(scene: Scene) -> dict[str, bytes]:
     """``scene.png``, and ``scene.html`` (3-D, without a network) where viser is installed."""
     out = {"scene.png": png(scene_figure(scene))}
     if find_spec("viser") is not None:
-        from optipromp.looks.viewer.embed import scene_page
+        from optipromp.looks.viewer.serving import scene_page
 
         out["scene.html"] = scene_page(scene).encode("utf-8")
     return out

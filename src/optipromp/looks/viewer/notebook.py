@@ -69,7 +69,7 @@ class View3D:
 
 def show(thing: Any) -> View3D:
     """The 3-D view of a plan, a scene or a robot."""
-    from optipromp.looks.viewer.embed import plan_page, scene_page
+    from optipromp.looks.viewer.serving import plan_page, scene_page
 
     if isinstance(thing, Plan):
         return View3D(plan_page(thing))
