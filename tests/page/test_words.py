@@ -14,7 +14,7 @@ from optipromp.core.scenes.io import load_scene
 from optipromp.laboratory.generate import generate
 from optipromp.looks.appearance import object_parts
 from optipromp.looks.appearance.scene import hex_colour
-from optipromp.looks.page import content, stage, telling
+from optipromp.looks.page import content, stage, tabs
 from optipromp.looks.page.tabs import legend, planned, replayed, things
 from optipromp.looks.viewer.words import WORDS, complaint, head, sentences, without_codes
 
@@ -61,9 +61,9 @@ def test_the_table_does_not_judge_again(made: Plan, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(judging, "judge", never)
     wrong = Violation("goal", "the goal is missed")
     judgement = replace(made.judgement, violations=(wrong,))
-    shown = telling.table(replace(made, judgement=judgement))
+    shown = tabs.table(replace(made, judgement=judgement))
     assert "<li>the goal is missed</li>" in shown
-    assert "<li>" not in telling.table(made)
+    assert "<li>" not in tabs.table(made)
 
 
 def test_every_code_has_words_and_none_is_shown(made: Plan) -> None:
@@ -71,7 +71,7 @@ def test_every_code_has_words_and_none_is_shown(made: Plan) -> None:
     for code in Code:
         assert not re.search("[A-Z_]{2,}", head(code)), code
         failed = replace(made, status=code, reason=f"after {code}: the arm <stops>")
-        told = telling.of_plan(failed, "planned in 3 ms", {})
+        told = tabs.of_plan(failed, "planned in 3 ms", {})
         shown = re.sub("<[^>]*>", " ", told.html())
         assert not re.search("[A-Z]{2,}", shown), shown
         assert f'title="{code}"' in told.html()  # for a bug report
@@ -79,7 +79,7 @@ def test_every_code_has_words_and_none_is_shown(made: Plan) -> None:
         if code is not Code.SUCCESS:
             assert head(code) in shown
             assert "the arm &lt;stops&gt;" in shown
-            assert told.tone is telling.Tone.BAD
+            assert told.tone is tabs.Tone.BAD
     assert without_codes("GOAL_UNREACHABLE, 2.0 of it") == "the goal is out of reach, 2.0 of it"
     assert complaint(InvalidSceneError("no\n target")) == "The scene cannot be used: no target"
     assert complaint(made) == ""

@@ -104,8 +104,7 @@ def waiting(message: str, progress: bool | None = None) -> Iterator[Callable[[st
     A terminal shows a spinner; elsewhere each step that has begun is a line, and so are ten seconds
     more of the same step. Yields a function that changes the message.
 
-    ``message``: of the first step. ``progress``: whether anything is told; None: on a terminal
-    only.
+    ``progress``: whether anything is told; None: on a terminal only.
     """
     if not (sys.stderr.isatty() if progress is None else progress):
         yield lambda _: None

@@ -110,9 +110,7 @@ def pick(
 ) -> "Loop":
     """A pick in closed loop. Where plants sway, the first look comes 4 s after the beginning.
 
-    ``seen``: the scene; without ``truth`` it is the true one, and is first seen with the errors of
-    the noise. ``truth``: the true scene; None: see above. ``parameters``: of the physics. ``eyes``:
-    the options of the loop. ``seed``: of everything random.
+    Without ``truth``, ``seen`` is the true scene, and is first seen with the errors of the noise.
     """
     from optipromp.laboratory.experiments.loops import picked
     from optipromp.laboratory.experiments.situations import SETTLE, Situation, seen_at_once

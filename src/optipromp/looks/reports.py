@@ -296,11 +296,8 @@ def study_report(
 ) -> bytes:
     """One HTML file about the study in a folder that ``optipromp study`` left.
 
-    The worst runs are made again for their pictures; there are no pictures where nothing can be
-    drawn off screen.
-
-    ``folder``: of the rows. ``worst``: number of failed runs that are shown. ``progress``: called
-    with a line about the run that is drawn.
+    The ``worst`` failed runs are made again for their pictures, if anything can be drawn off
+    screen. ``progress``: called with a line about the run that is drawn.
     """
     folder = Path(folder)
     rows = rows_of(folder)

@@ -328,10 +328,9 @@ def read_views(
 ) -> tuple[tuple[BoardView, ...], tuple[str, ...]]:
     """The views of a board, and the pictures in which it was not found.
 
-    ``folder``: of the pictures. ``poses``: YAML or JSON, a mapping from each picture's name to
-    where the hand was: ``joints`` (n,), or ``position`` (3,) and ``orientation`` (quaternion ``w,
-    x, y, z``) of the flange in the base. ``board``: that they show. ``camera``: that took them.
-    ``robot``: whose joints are told.
+    ``poses``: YAML or JSON, a mapping from each picture's name to where the hand was: ``joints``
+    (n,) of the robot, or ``position`` (3,) and ``orientation`` (quaternion ``w, x, y, z``) of the
+    flange in the base.
     """
     views, without = [], []
     for name, entry in _entries(poses).items():
@@ -356,8 +355,7 @@ def read_seen_tool(path: Path, robot: Robot | None = None) -> tuple[SeenTool, ..
     """Where a camera saw the centre of the tool.
 
     ``path``: YAML or JSON, a mapping from names to ``camera``, the tool's centre in the frame of
-    the camera (3,) [m], and its ``position`` in the base (3,) or the arm's ``joints`` (n,).
-    ``robot``: whose joints are told, with its tool.
+    the camera (3,) [m], and its ``position`` in the base (3,) or the robot's ``joints`` (n,).
     """
     found = []
     for name, entry in _entries(path).items():

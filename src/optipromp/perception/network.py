@@ -206,8 +206,7 @@ def grouped(sure: FloatArray, offsets: FloatArray) -> IntArray:
     Each pixel of a fruit votes for the middle that its offset points to. The peaks of the smoothed
     votes are the fruits; a vote counts for the nearest peak, if that is near.
 
-    ``sure``: (7, H, W) probabilities of :data:`CLASSES`. ``offsets``: (2, H, W) from each pixel to
-    the middle of its fruit: across, down [pixel].
+    ``sure``: (7, H, W) of :data:`CLASSES`. ``offsets``: (2, H, W) across and down [pixel].
     """
     height, width = sure.shape[1:]
     out = np.zeros((height, width), dtype=np.int64)

@@ -363,9 +363,8 @@ def all_fitted(
     of the seed is repeated with those pixels of its colour that agree with it, wherever the
     seed ends: a stem before a fruit cuts its pixels in two, and a stem behind it adds some.
 
-    ``picture``: that shows them. ``seeds``: R regions, each of one fruit, a part of one, or none.
-    ``kinds``: (R,) colour of each seed, above 0. ``colours``: (height, width) colour of each pixel.
-    ``up``: (3,) unit, upwards in the frame of the camera. ``p``: numbers of the fit.
+    A seed is a fruit, a part of one, or none. ``kinds``: (R,) its colour, above 0. ``colours``:
+    (height, width) colour of each pixel. ``up``: (3,) unit, upwards in the frame of the camera.
     """
     if len(seeds) > BATCH:
         parts = [slice(k, k + BATCH) for k in range(0, len(seeds), BATCH)]
@@ -485,8 +484,7 @@ def stem_of(
     wins. Its line is then fitted to the points beside it: precise across the view, coarse along it,
     with upright stems as a prior.
 
-    ``fruit``: whose stem is looked for. ``points``: (N, 3) of all stems [m]. ``up``: (3,) unit,
-    upwards. ``p``: numbers of the search. ``per``: how many points err as one.
+    ``points``: (N, 3) of all stems [m], of which ``per`` err as one. ``up``: (3,) unit, upwards.
     """
     off = points - fruit.center
     away = np.linalg.norm(off, axis=1)

@@ -168,11 +168,10 @@ def choose_arm(
 ) -> Arm:
     """The arm of ``model``.
 
-    ``model``: the URDF. ``tip``: the flange link; None: the choice of the SRDF or the rule.
-    ``base``: the link that the arm begins at; joints before it are held. None: beyond the links
-    that carry more than the arm, such as a torso. ``srdf``: groups of joints, some of which are
-    arms. ``name``: of the arm: a group of the SRDF, or a part of the name of its group, its tip or
-    all its joints.
+    ``tip``: the flange link; None: the choice of the SRDF or the rule. ``base``: the link that the
+    arm begins at; joints before it are held. None: beyond the links that carry more than the arm.
+    ``name``: a group of the SRDF, or a part of the name of the arm's group, its tip or all its
+    joints.
     """
     tree = Tree(model)
     for key, link in (("tip", tip), ("base", base)):

@@ -210,10 +210,8 @@ def build(
 ) -> Robot:
     """The robot of a model, with what a robot file and an SRDF add.
 
-    ``entry``: content of the robot file; of a bare description its name and path only. ``model``:
-    links and joints of the description. ``path``: the file that messages name: the robot file, or
-    the bare description. ``choice``: the caller's choice of the arm; it precedes that of ``entry``.
-    ``srdf``: the SRDF; None: the SRDF beside the description, if there is one.
+    ``entry``: of a bare description its name and path only. ``path``: the file that messages name.
+    ``choice``: precedes that of ``entry``. ``srdf``: None: the SRDF beside the description, if any.
     """
     if (name := printable(entry.name)) != entry.name:
         raise InvalidRobotError(f"{path}: the robot's name '{name[:60]}' holds control characters")

@@ -39,9 +39,6 @@ def run_limited(
     The process reads JSON from standard input: ``given``, and the keys ``program``, ``path``
     (absolute), ``out`` (the file to write), ``memory`` and ``output`` [bytes]. If it refuses the
     file, it prints why to standard error and exits with 3.
-
-    ``program``: name of the function. ``path``: of the robot description. ``given``: further
-    arguments of the function. ``limits``: of the process.
     """
     with tempfile.TemporaryDirectory(prefix="optipromp-") as folder:
         out = Path(folder) / "out"

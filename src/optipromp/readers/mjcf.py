@@ -46,9 +46,7 @@ def mjcf_files(path: Path, check: Callable[[Path], Path] = Path) -> list[Path] |
 
     A name stands for every file of that name in the folders of assets.
 
-    ``path``: of the MJCF. ``check``: called with each other file before it is read.
-
-    Returns: The files; None if one is not found or an MJCF is no XML.
+    ``check``: called with each other file before it is read. None: a file is not there, or no XML.
     """
     trees = dict[Path, Node]()
     new = {path}

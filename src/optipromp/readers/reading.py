@@ -59,7 +59,6 @@ def read_description(path: Path, choice: Choice, check: Check) -> Robot:
 
     Files that have not changed since this process read them are not read again.
 
-    ``path``: of the file. ``choice``: of the caller; its paths start at the working directory.
     ``check``: called with each file that the description names before it is read.
     """
     key = path.absolute(), repr(choice), check

@@ -359,8 +359,7 @@ def sorted_out(
     Pairs of other links are left out if they overlap at every one of SAMPLED_POSTURES random
     configurations. Of more than :data:`MOST_LINKS` pairs of links none is examined.
 
-    ``robot``: with its spheres. ``pairs``: (P, 2) of spheres. ``fitted``: names of links.
-    ``given``: (c, 4) the parts; see :class:`Parts`. ``count``: of configurations.
+    ``pairs``: (P, 2) of spheres. ``given``: (c, 4) the parts; see :class:`Parts`.
     """
     link, names = robot.spheres.link, robot.link_names
     pairs = pairs[np.lexsort((link[pairs[:, 1]], link[pairs[:, 0]]))] if fitted else pairs

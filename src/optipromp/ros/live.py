@@ -229,8 +229,7 @@ def read_goal(
     and the orientation of the tool of that pose. With an ``absolute_z_axis_tolerance`` of π or more
     about the tool axis, the turn about the axis is free. The other tolerances are ignored.
 
-    ``constraints``: ``moveit_msgs/Constraints``, one at most. ``world``: with the robot and its
-    frames. ``prefix``: of joint and link names in ROS.
+    ``constraints``: ``moveit_msgs/Constraints``, one at most.
     """
     robot = world.robot
     if not constraints:

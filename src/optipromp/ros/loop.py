@@ -72,10 +72,8 @@ class Frames:
     def find(self, name: str, known: Mapping[str, Pose], stamp: int = 0) -> Pose | None:
         """The pose of a frame in the base at a ``stamp`` [ns].
 
-        ``name``: of the frame. ``known``: poses of frames in the base, the surest first. ``stamp``:
-        of what was seen.
-
-        Returns: None: no known frame is in the same tree, or its pose at that time was not told.
+        ``known``: poses of frames in the base, the surest first. None: no known frame is in the
+        same tree, or its pose at that time was not told.
         """
         mine = dict(self._chain(name, stamp))
         for other, pose in known.items():

@@ -446,8 +446,7 @@ class ReplayTab:
 class Page:
     """A running server. :meth:`stop` ends it and its threads.
 
-    ``source``: that each window opens with. ``host``: address of the server. ``port``: of the
-    server; 0: any free one. ``out``: folder into which windows save.
+    Each window opens with ``source`` and saves into ``out``. ``port``: 0: any free one.
     """
 
     def __init__(

@@ -277,9 +277,8 @@ def look(
 ) -> None:
     """Frame target, pushables, tool: from beyond the target, or from the robot's side of a shelf.
 
-    ``camera``: of a client of viser. ``scene``: of the target and the pushables; without any, all
-    its objects are framed. ``tool``: (3,) tool point in the base frame [m]; None: only the objects
-    are framed. ``beside``: (3,) offset of the same scene, where it is shown a second time [m].
+    A scene without target and pushables is framed whole. ``tool``: (3,) tool point in the base
+    frame [m]. ``beside``: (3,) offset of the same scene, where it is shown a second time [m].
     """
     centres, radii = balls(scene, tool)
     if beside is not None:
@@ -344,9 +343,8 @@ def framed(
     camera and the edges. These conditions are linear in the camera's position, so the nearest
     position along ``away`` is exact.
 
-    ``centres``, ``radii``: (k, 3) and (k,) of the balls [m]. ``away``: (3,) unit vector from the
-    balls to the camera. ``up``: (3,) unit vector that is upright in the picture. ``edges``: (2, 2)
-    of :func:`free`.
+    ``away``, ``up``: (3,) unit vectors from the balls (k) to the camera, and upright in the
+    picture. ``edges``: (2, 2) of :func:`free`.
     """
     forward = -away
     right = np.cross(forward, up)

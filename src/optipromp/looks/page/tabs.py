@@ -370,8 +370,7 @@ def of_runs(runs: Sequence[Replay]) -> Told:
 def of_plan(plan: Plan, how: str, shifts: dict[str, float]) -> Told:
     """A plan: how it was made, what it does, or why it failed.
 
-    ``plan``: that is shown. ``how``: where it comes from, or how long it took. ``shifts``:
-    predicted pushes by object [m].
+    ``how``: where it comes from, or how long it took. ``shifts``: predicted pushes by object [m].
     """
     lines = sentences(plan, shifts) if plan.success else (_why(plan),)
     tone = Tone.GOOD if plan.success else Tone.BAD

@@ -33,8 +33,7 @@ class Window:
 
     Every action is a job of the window's thread (:attr:`worker`), posted by the controls.
 
-    ``client``: of viser; no other client sees its nodes. ``source``: shown first; where it has no
-    plan, one is made. ``out``: folder into which the page saves.
+    No other ``client`` of viser sees its nodes. Where ``source`` has no plan, one is made.
     """
 
     def __init__(self, client: Any, source: Source, out: Path) -> None:

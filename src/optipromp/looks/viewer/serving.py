@@ -106,8 +106,7 @@ def _tolerant(handler: Handler) -> Handler:
 def is_own(origin: str | None, asked: str, host: str) -> bool:
     """Whether a request comes from the page that listens at ``host``, or from no browser.
 
-    ``origin``: header of the request, of the page that makes it; None where there is none.
-    ``asked``: the header ``Host``. ``host``: that the server listens at.
+    ``origin``, ``asked``: the request's headers ``Origin`` and ``Host``.
     """
     try:
         name = urlsplit(f"//{asked}").hostname

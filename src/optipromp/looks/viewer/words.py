@@ -123,8 +123,7 @@ def complaint(found: "Plan | OptiPrompError") -> str:
 def sentences(plan: "Plan", shifts: Mapping[str, float]) -> tuple[str, ...]:
     """What the motion of a success does, one fact a sentence: its end, passings, clearances.
 
-    ``plan``: a success. ``shifts``: distances by which objects are predicted to be pushed, by id
-    [m].
+    ``shifts``: predicted pushes of objects by id [m].
     """
     m = plan.metrics
     end = "the target" if plan.scene.target is not None else "its goal"
