@@ -89,12 +89,6 @@ class SpheroidRows(NamedTuple):
     half: FloatArray
 
 
-def balls_through(x: FloatArray, axes: FloatArray) -> SpheroidRows:
-    """The spheroids of states (R, 7)."""
-    radius = np.exp(x[:, 3])
-    return SpheroidRows(x[:, :3], axis_of(x, axes)[0], radius, radius * np.exp(x[:, 4]))
-
-
 def surface(rays: FloatArray, balls: SpheroidRows) -> tuple[FloatArray, FloatArray]:
     """Of rays (R, N, 3): distance from the centre in radii, and depth of the front, beyond the
     outline that of the nearest point."""
@@ -186,7 +180,8 @@ def shown_of(
     size = np.exp(x[:, 3] + np.maximum(x[:, 4], 0.0)) * focal / x[:, 2]  # [pixel]
     noise = p.depth_noise * x[:, 2] ** 2
     slack = slack_of(x[:, 2], p)[:, None]
-    balls = balls_through(x, axes)
+    radius = np.exp(x[:, 3])
+    balls = SpheroidRows(x[:, :3], axis_of(x, axes)[0], radius, radius * np.exp(x[:, 4]))
     ticks = np.linspace(-WIDE, WIDE, GRID)
     grid = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
     rays, depth, colour = _at(picture, colours, middle[:, None] + size[:, None, None] * grid)

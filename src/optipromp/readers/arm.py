@@ -293,7 +293,8 @@ def _flange_of(tree: Tree, last: str, plain: bool = False) -> str:
             if name in words_of(part):
                 return part
     for _, part in tree.rigid(last, sensors)[1:]:
-        if "hand" in words_of(part) and not words_of(part) & CENTRE and tree.is_bare(part):
+        bare = tree.is_hollow(part) and not tree.onward(part)  # and carries no moving joint
+        if "hand" in words_of(part) and not words_of(part) & CENTRE and bare:
             return part
     is_hand = words_of(last) & PALM or any(joint.name in tree.hands for joint in tree.below[last])
     parts = tree.rigid(last, sensors if is_hand else sensors | palms)

@@ -89,11 +89,7 @@ class Tree:
             ]
         return out
 
-    def is_bare(self, link: str) -> bool:
-        """Whether ``link`` and the links fixed to it have no geometry and carry no moving joint."""
-        return not self.onward(link) and self._is_hollow(link)
-
-    def _is_hollow(self, link: str) -> bool:
+    def is_hollow(self, link: str) -> bool:
         """Whether neither ``link`` nor a link fixed to it has geometry."""
         parts = [self.model.links[part] for _, part in self.rigid(link)]
         return not any(part.collisions or part.visuals for part in parts)
@@ -103,7 +99,7 @@ class Tree:
         base: two perpendicular slides of links without geometry, and a revolute joint, if any."""
         slides = path[:2]
         if len(path) < 2 or not all(
-            joint.kind == "prismatic" and self._is_hollow(joint.child) for joint in slides
+            joint.kind == "prismatic" and self.is_hollow(joint.child) for joint in slides
         ):
             return 0
         first, second = slides

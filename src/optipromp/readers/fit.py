@@ -136,8 +136,10 @@ class _Fit:
         shape = np.ceil(size / self.voxel).astype(np.int64) + 6
         touched = np.zeros(shape, dtype=bool)
         found = []  # the first point in each voxel; the surface of a fine mesh has many more
-        for some in _in_turn(triangles, _STEP * self.voxel):
-            surface = spread_points(some, _STEP * self.voxel)
+        step = _STEP * self.voxel
+        part = np.cumsum(samples(triangles, step)) // _AT_ONCE
+        for some in np.split(triangles, np.flatnonzero(np.diff(part)) + 1):
+            surface = spread_points(some, step)
             touched[self._index(surface)] = True
             found.append(surface[_thinned(surface - self.low, self.voxel)])
         surface = np.concatenate(found)
@@ -280,12 +282,6 @@ def samples(triangles: FloatArray, step: float) -> IntArray:
     height = np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(length, 1e-12)
     rows, along = (np.ceil(side / step).astype(np.int64) + 1 for side in (height, length))
     return np.asarray(rows * along)
-
-
-def _in_turn(triangles: FloatArray, step: float) -> list[FloatArray]:
-    """The triangles in parts of about _AT_ONCE points each."""
-    part = np.cumsum(samples(triangles, step)) // _AT_ONCE
-    return np.split(triangles, np.flatnonzero(np.diff(part)) + 1)
 
 
 def spread_points(triangles: FloatArray, step: float) -> FloatArray:

@@ -123,18 +123,14 @@ class Pictures:
         if near is None or away(near) > APART * NANO:
             return None
         colour, depth = (item, near) if part == "colour" else (near, item)
-        info = self._info(colour, depth)
+        only = next(iter(self._infos.values())) if len(self._infos) == 1 else None
+        other_info = self._infos.get(depth.header.frame_id, only)
+        info = self._infos.get(colour.header.frame_id, other_info)  # of the colours' frame first
         if info is None:
             return None
         for waiting in self._waiting.values():
             waiting.clear()
         return Taken(colour.header, colour, depth, info, "rect" in self._of["colour"])
-
-    def _info(self, colour: Message, depth: Message) -> Message | None:
-        """The camera of the colours: by its frame, else the only one."""
-        only = next(iter(self._infos.values())) if len(self._infos) == 1 else None
-        other = self._infos.get(depth.header.frame_id, only)
-        return self._infos.get(colour.header.frame_id, other)
 
 
 def part_of(item: Message) -> Part | None:

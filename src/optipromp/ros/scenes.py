@@ -217,14 +217,6 @@ def object_id(item: SceneObject) -> str:
     return item.id if plain else f"{item.role}/{item.id}"
 
 
-def role_and_id(name: str) -> tuple[Role, str]:
-    """Role and id of an object by its id in messages."""
-    for role in ROLES:
-        if name.startswith(f"{role}/"):
-            return role, name.removeprefix(f"{role}/")
-    return "static", name
-
-
 def collision_object(
     item: SceneObject, frame: str = "", approach: Approach | None = None
 ) -> Message:
@@ -305,7 +297,8 @@ def read_held(item: Message) -> Held:
 
 
 def _read_held(item: Message) -> Held:
-    role, name = role_and_id(item.id)
+    role: Role = next((each for each in ROLES if item.id.startswith(f"{each}/")), "static")
+    name = item.id.removeprefix(f"{role}/")
     here = read_pose(item.pose)
     parts = read_geometry(item)
     if len(parts) == 1 and here.is_identity:

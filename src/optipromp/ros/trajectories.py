@@ -64,16 +64,9 @@ def stretch_trajectory(
 ) -> Message:
     """A ``trajectory_msgs/JointTrajectory`` that takes over while another runs.
 
-    Its time stamp is the time at which the stretch begins, from which its points count.
-
-    Args:
-        stretch: any.
-        origin: time 0 of the stretch's clock by the clock of ROS [ns].
-        rate: as for :func:`joint_trajectory`.
-        prefix: as for :func:`joint_trajectory`.
-
-    Raises:
-        InvalidRequestError: a rate that is not positive.
+    Its time stamp is the time at which the stretch begins, from which its points count. ``origin``:
+    time 0 of the stretch's clock by the clock of ROS [ns]. ``rate`` and ``prefix`` are as for
+    :func:`joint_trajectory`.
     """
     item = joint_trajectory(stretch.curve, rate, prefix)
     begins = origin + round(stretch.begins * NANO)
@@ -105,14 +98,11 @@ def display_trajectory(
 ) -> Message:
     """A ``moveit_msgs/DisplayTrajectory``, as RViz draws it.
 
+    ``rate`` and ``prefix`` are as for :func:`joint_trajectory`.
+
     Args:
         trajectories: one after another, at least one.
         model: name of the robot's model.
-        rate: as for :func:`joint_trajectory`.
-        prefix: as for :func:`joint_trajectory`.
-
-    Raises:
-        InvalidRequestError: no trajectory; a rate that is not positive.
     """
     if not trajectories:
         raise InvalidRequestError("no trajectories to display: must be one at least")

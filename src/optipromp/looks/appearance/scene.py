@@ -162,7 +162,8 @@ def scene_parts(scene: Scene) -> tuple[Part, ...]:
     for item in scene.objects:
         parts += [part.placed(item.position, item.rotation) for part in object_parts(scene, item)]
         if item.stem is not None:
-            parts.append(stem_part(item))
+            faces = tube(np.asarray(item.stem.points), item.stem.radius, 12)
+            parts.append(Part.of(f"stem:{item.id}", faces, STEM, owner=item.id))
     return (*parts, *scenery(scene))
 
 
@@ -181,13 +182,6 @@ def object_parts(scene: Scene, item: SceneObject) -> tuple[Part, ...]:
     top = item.radius if isinstance(item.shape, Sphere) else float(np.max(body.vertices @ up))
     faces = calyx(item.radius if isinstance(item.shape, Sphere) else 0.5 * top, top)
     return body, Part.of(f"calyx:{item.id}", faces @ frame_along(up).T, LEAF, owner=item.id)
-
-
-def stem_part(item: SceneObject) -> Part:
-    """The stem of an object, in the base frame."""
-    assert item.stem is not None
-    faces = tube(np.asarray(item.stem.points), item.stem.radius, 12)
-    return Part.of(f"stem:{item.id}", faces, STEM, owner=item.id)
 
 
 def colour_of(scene: Scene, item: SceneObject) -> str:

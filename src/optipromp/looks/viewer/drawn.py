@@ -2,20 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import isotonic_regression
 from scipy.spatial.transform import Rotation
 
 from optipromp.core.arrays import FloatArray
+from optipromp.core.planning import Plan
 from optipromp.core.planning.task import tool_motion
 from optipromp.core.scenes.scene import SceneObject
 from optipromp.core.trajectory import Trajectory
 from optipromp.looks.appearance.scene import PUSHABLES, ROLES
-
-if TYPE_CHECKING:
-    from optipromp.core.planning import Plan
 
 PRIMITIVE, FOLLOWED, OPTIMISED = "#f0a33a", "#a0449c", "#1f5fb4"
 RED, GREEN = "#c8322b", "#2f8f4e"  # wrong, right
@@ -75,7 +72,7 @@ class Placed:
         return self.item.id + (f", {1e3 * self.shift:.0f} mm" if self.shift > STILL else "")
 
 
-def motions(plan: "Plan") -> tuple[Motion, ...]:
+def motions(plan: Plan) -> tuple[Motion, ...]:
     """The plan's trajectories in the order of planning; of those that coincide, the first."""
     found: list[Motion] = []
     for name, trajectory, colour, width in (
@@ -91,7 +88,7 @@ def motions(plan: "Plan") -> tuple[Motion, ...]:
     return tuple(found) if len(found) > 1 else (replace(found[0], width=2.0),)
 
 
-def moment(plan: "Plan") -> Moment:
+def moment(plan: Plan) -> Moment:
     """The moment at which the tool passes the last hanging neighbour; without any, the end."""
     q, hanging = plan.trajectory.positions, [t for t in plan.task.neighbours if t.stem]
     if still(plan):
@@ -104,7 +101,7 @@ def moment(plan: "Plan") -> Moment:
     return Moment(at, float(plan.trajectory.times[at]), f"as the tool passes {hanging[-1].id}")
 
 
-def placed(plan: "Plan", now: Moment) -> tuple[Placed, ...]:
+def placed(plan: Plan, now: Moment) -> tuple[Placed, ...]:
     """The scene's objects at a moment, pushed ones at their predicted places."""
     moved = {} if still(plan) else _moved(plan, now)
     out, pushables = [], 0
@@ -120,14 +117,14 @@ def placed(plan: "Plan", now: Moment) -> tuple[Placed, ...]:
     return tuple(out)
 
 
-def tool_path(plan: "Plan") -> FloatArray:
+def tool_path(plan: Plan) -> FloatArray:
     """The tool path (P, 3) that was chosen and followed [m]; empty where none was."""
     if np.array_equal(plan.initial.positions, plan.followed.positions):
         return np.zeros((0, 3))
     return np.asarray(plan.robot.tool_pose(plan.followed.positions[plan.first :])[0])
 
 
-def conditioned_on(plan: "Plan") -> tuple[tuple[str, FloatArray, str], ...]:
+def conditioned_on(plan: Plan) -> tuple[tuple[str, FloatArray, str], ...]:
     """Name, tool point (3,) and colour of each point that the primitive was conditioned on.
 
     The colours are those of the paper's figure 3: the start yellow, the camera cyan, fruits green,
@@ -166,13 +163,13 @@ def bent(points: FloatArray, shift: FloatArray) -> FloatArray:
     return np.asarray(shape + 0.5 * (3.0 * s**2 - s**3)[:, None] * shift)
 
 
-def still(plan: "Plan") -> bool:
+def still(plan: Plan) -> bool:
     """Whether the arm does not move."""
     q = plan.trajectory.positions
     return bool((q == q[0]).all())
 
 
-def _moved(plan: "Plan", now: Moment) -> dict[str, tuple[FloatArray, float]]:
+def _moved(plan: Plan, now: Moment) -> dict[str, tuple[FloatArray, float]]:
     q, model = plan.trajectory.positions, plan.push_model
     if model is None or now.waypoint <= plan.first:
         return {}

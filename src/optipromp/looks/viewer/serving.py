@@ -9,7 +9,7 @@ import sys
 import warnings
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, installed_by
+from optipromp.core.planning import Plan
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
@@ -24,9 +25,6 @@ from optipromp.core.shown import printable
 from optipromp.looks.appearance.scene import box_distance
 from optipromp.looks.viewer.drawn import Moment, motions, placed
 from optipromp.looks.viewer.nodes import Nodes
-
-if TYPE_CHECKING:
-    from optipromp.core.planning import Plan
 
 NEEDED = f"a 3-D view needs viser: {installed_by('view')}"
 HERE = frozenset({"localhost", "127.0.0.1", "::1"})
@@ -133,7 +131,7 @@ def scene_page(scene: Scene, robot: Robot | None = None, q: FloatArray | None = 
         return str(record.as_html())
 
 
-def plan_page(plan: "Plan") -> str:
+def plan_page(plan: Plan) -> str:
     """The HTML of a plan: the moving arm, fruits as predicted, lines of the tool point."""
     curve = plan.trajectory
     places = {item.id: item.position for item in plan.scene.objects}
