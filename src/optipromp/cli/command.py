@@ -71,7 +71,7 @@ def print_json(document: object) -> None:
 
 
 def command(
-    failure: Callable[[OptiPrompError, Mapping[str, Any]], object] | None = None,
+    failure: Callable[[Mapping[str, Any]], dict[str, Any]] = lambda _: {},
     *,
     reports: bool = True,
 ) -> Callable[[Callable[..., Report | None]], Callable[..., None]]:
@@ -85,8 +85,8 @@ def command(
     A typed error becomes one line on standard error and its exit code; under ``--json`` standard
     output still gets one document.
 
-    ``failure``: makes the document of an error from the error and the arguments. ``reports``: False
-    for a command that serves until it is stopped, without ``--json``.
+    ``failure``: what the document of an error says besides its status and message, by the
+    arguments. ``reports``: False for a command that serves until it is stopped, without ``--json``.
     """
 
     def decorate(function: Callable[..., Report | None]) -> Callable[..., None]:
@@ -123,8 +123,7 @@ def command(
                         code = report.code
             except OptiPrompError as error:
                 if as_json:
-                    bare = {"status": error.code, "message": error.message}
-                    print_json(failure(error, given) if failure else bare)
+                    print_json({**failure(given), "status": error.code, "message": error.message})
                 sys.stderr.write(f"error {error.code}: {_one_line(error.message)}\n")
                 raise typer.Exit(exit_code(error.code)) from None
             raise typer.Exit(code)

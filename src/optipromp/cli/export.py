@@ -1,15 +1,14 @@
 """``optipromp export``, ``view`` and ``report``: scenes and plans for other programs and eyes."""
 
 import threading
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import optipromp
 from optipromp.cli.check import Kind, kind_of, scene_or_plan
 from optipromp.cli.command import Report, command
 from optipromp.cli.console import say_if_compiling, stdout, waiting
-from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
+from optipromp.core.errors import Code, InvalidRequestError
 
 if TYPE_CHECKING:
     from optipromp.core.arrays import FloatArray
@@ -18,12 +17,7 @@ if TYPE_CHECKING:
     from optipromp.core.trajectory import Trajectory
 
 
-def _failed(error: OptiPrompError, arguments: Mapping[str, Any]) -> dict[str, Any]:
-    item = arguments["scene_or_plan"]
-    return {"status": error.code, "message": error.message, "item": item, "files": {}}
-
-
-@command(failure=_failed)
+@command(failure=lambda asked: {"item": asked["scene_or_plan"], "files": {}})
 def export(
     scene_or_plan: str,
     /,

@@ -141,8 +141,8 @@ class Output:
         return *written, *pictures
 
 
-def failed_plan(error: OptiPrompError, request: Mapping[str, Any]) -> dict[str, Any]:
-    """The document of a plan that raised an error: a plan's keys, with the error's code."""
+def failed_plan(request: Mapping[str, Any]) -> dict[str, Any]:
+    """The document of a plan that raised an error: a plan's keys, without the error's."""
     from optipromp.core.planning.planners import label
 
     planner = label(request["planner"])
@@ -150,8 +150,6 @@ def failed_plan(error: OptiPrompError, request: Mapping[str, Any]) -> dict[str, 
         "scene": request["scene"],
         "planner": planner,
         "strategy": request["strategy"] if planner == "opti-promp" else None,
-        "status": error.code,
-        "message": error.message,
         **dict.fromkeys(("metrics", "terms", "time")),
     }
 
@@ -304,7 +302,8 @@ class Entry:
     def to_dict(self, request: Request) -> dict[str, Any]:
         """The plan's document with the paths of its files; an error's has the same keys."""
         if isinstance(self.result, OptiPrompError):
-            told = failed_plan(self.result, {"scene": self.file.stem, **vars(request)})
+            told = failed_plan({"scene": self.file.stem, **vars(request)})
+            told |= {"status": self.result.code, "message": self.result.message}
         else:
             told = self.result.to_dict()
         return {"file": str(self.file), "out": self.out and str(self.out), **told}

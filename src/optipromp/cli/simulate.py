@@ -1,6 +1,6 @@
 """``optipromp simulate``: execute a plan in the physics simulation and tell what happened."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -11,7 +11,7 @@ from optipromp.cli.check import scene_or_plan as loaded
 from optipromp.cli.command import FAILED, OK, Report, command
 from optipromp.cli.console import ChosenStrategy, Seed, Strategy, say_if_compiling, waiting
 from optipromp.cli.robot import ArmOptions, InPlace, Named
-from optipromp.core.errors import InvalidRequestError, OptiPrompError
+from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import is_folder
 
 if TYPE_CHECKING:
@@ -186,18 +186,7 @@ def _frequencies(text: str) -> dict[str, float]:
     return {"sway_frequency": low, "sway_fastest": high}
 
 
-def failed_run(error: OptiPrompError, arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """The document of a run that raised an error."""
-    return {
-        "scene": arguments["scene_or_plan"],
-        "success": False,
-        "cause": None,
-        "status": error.code,
-        "message": error.message,
-    }
-
-
-@command(failure=failed_run)
+@command(failure=lambda asked: {"scene": asked["scene_or_plan"], "success": False, "cause": None})
 def simulate(
     scene_or_plan: str,
     /,
