@@ -9,6 +9,8 @@ import typer
 from optipromp.cli.command import FAILED, OK, Report, Shown, command
 from optipromp.cli.console import Cluster, Workers, grid, progress_bar, say_if_compiling
 from optipromp.core.errors import InvalidRequestError
+from optipromp.core.files import is_there, json_text, write_atomically
+from optipromp.core.shown import suggest
 
 if TYPE_CHECKING:
     from optipromp.bench.table import Leaderboard
@@ -68,7 +70,6 @@ def run(
     from optipromp.bench.results import BenchRun, run_bench
     from optipromp.bench.sets import SceneSet, draw_round, read_round
     from optipromp.bench.tracks import TRACKS
-    from optipromp.core.scenes.values import suggest
 
     asked = track or (ENTRIES[entry].track if entry in ENTRIES else "plan")
     if asked not in TRACKS:
@@ -161,7 +162,6 @@ def draw_(entry: list[str], out: Path) -> Report:
     from dataclasses import asdict
 
     from optipromp.bench.sets import draw_round
-    from optipromp.core.files import is_there, json_text, write_atomically
 
     if is_there(out):
         raise InvalidRequestError(f"{out} is there: a round is drawn once; name another file")
@@ -188,7 +188,6 @@ def table(results: list[Path], /, out: Path | None = None) -> Report:
         out (--markdown FILE): Leave the page here.
     """
     from optipromp.bench.table import leaderboard, markdown
-    from optipromp.core.files import write_atomically
 
     board = leaderboard(results)
     if out is not None:

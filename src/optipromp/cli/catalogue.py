@@ -8,6 +8,7 @@ from typing import Any
 import optipromp
 from optipromp.cli.command import Report, command, entries
 from optipromp.core.errors import InvalidRequestError
+from optipromp.core.shown import suggest
 
 
 @command()
@@ -98,7 +99,6 @@ def _values(pairs: Sequence[str], names: list[str], nested: bool) -> dict[str, A
     import yaml
 
     from optipromp.core.documents import read_yaml
-    from optipromp.core.scenes.values import suggest
 
     names += [f"paper.{name}" for name in documented(optipromp.PaperOptions)] if nested else []
     known: dict[str, Any] = {}

@@ -9,6 +9,7 @@ from optipromp.cli.check import Kind, kind_of, scene_or_plan
 from optipromp.cli.command import Report, command
 from optipromp.cli.console import say_if_compiling, stdout, waiting
 from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.files import is_file, is_folder, write_atomically
 
 if TYPE_CHECKING:
     from optipromp.core.arrays import FloatArray
@@ -93,7 +94,6 @@ def _read(item: str, robots: bool) -> _Content:
 
 
 def _mjcf(content: _Content, path: Path) -> None:
-    from optipromp.core.files import write_atomically
     from optipromp.laboratory.simulation.export import mjcf
 
     assert content.scene is not None
@@ -196,7 +196,6 @@ def report(item: Path, /, out: Path | None = None) -> Report:
         item (PLAN_DIR|ROLLOUT_DIR|STUDY_DIR): What 'plan', 'simulate' or 'study' left at --out.
         out (FILE.html): Where the report goes; else beside what it tells.
     """
-    from optipromp.core.files import is_file, is_folder, write_atomically
     from optipromp.laboratory.experiments.rows import ROWS
     from optipromp.looks.reports import plan_report, run_report, study_report
 

@@ -22,6 +22,7 @@ from optipromp.core.files import (
     json_text,
     write_together,
 )
+from optipromp.core.shown import suggest
 
 if TYPE_CHECKING:
     from optipromp.core.scenes.scene import Scene
@@ -72,7 +73,6 @@ def generate(
         noise (NAME): Write the scenes as a detector sees them, too, into DIR/seen: zero-mean, low,
             high, missed or detector, as of 'study'.
     """
-    from optipromp.core.scenes.values import suggest
     from optipromp.laboratory.generate import NOISES, PANDA, generate_with_report
 
     if noise and noise not in NOISES:
@@ -290,7 +290,6 @@ def episodes(
         name (ID): Of a Minari dataset.
     """
     from optipromp.bench import episodes as bench
-    from optipromp.core.scenes.values import suggest
     from optipromp.laboratory.experiments.situations import CONDITIONS
     from optipromp.laboratory.generate import PRESETS
 

@@ -10,6 +10,7 @@ from optipromp.cli.command import Report, Shown, command
 from optipromp.cli.console import grid, waiting
 from optipromp.cli.robot import ArmOptions, Named
 from optipromp.core.errors import InvalidRequestError
+from optipromp.core.files import check_folder, is_bag, write_atomically
 
 if TYPE_CHECKING:
     from optipromp.core.promp import Basis, Demonstrations
@@ -63,7 +64,6 @@ def learn(
         robot (ROBOT): Put the columns, told by name, into this robot's order; columns without names
             are taken to be in it.
     """
-    from optipromp.core.files import check_folder, write_atomically
     from optipromp.core.promp import residuals
 
     if out.suffix != ".npz":
@@ -104,8 +104,6 @@ def read_any(
     path: Path, joints: Sequence[str] | None = None, topic: str | None = None
 ) -> tuple["Demonstrations", "Recording | None"]:
     """Demonstrations of a file or folder; of a bag also its cuts."""
-    from optipromp.core.files import is_bag
-
     if not is_bag(path):
         if topic is not None:
             raise InvalidRequestError(f"--topic {topic}: {path} is no bag")

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 from optipromp.cli.command import FAILED, OK, Report, Shown, command
 from optipromp.cli.console import Recorded, Seed, grid, say_if_compiling, waiting
 from optipromp.cli.plan import Output, read_primitive
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.files import check_folder, is_there, read_bytes, write_atomically
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -43,8 +45,6 @@ def scenarios(
     from optipromp.laboratory.experiments.scenarios import run_scenarios
 
     if out is not None:
-        from optipromp.core.files import check_folder
-
         check_folder(out)
     primitive = read_primitive(demonstrations)
     say_if_compiling()
@@ -162,9 +162,6 @@ def _table(header: Sequence[str], lines: Sequence[Sequence[str]]) -> list[str]:
 
 def renew(page: Path, text: str) -> None:
     """Write the tables to ``page``; where the page has both marks, only between them."""
-    from optipromp.core.errors import InvalidRequestError
-    from optipromp.core.files import is_there, read_bytes, write_atomically
-
     if is_there(page):
         old = read_bytes(page, InvalidRequestError).decode("utf-8")
         if BEGIN in old and END in old:

@@ -12,7 +12,8 @@ from optipromp.cli.command import FAILED, OK, Report, command
 from optipromp.cli.console import ChosenStrategy, Seed, Strategy, say_if_compiling, waiting
 from optipromp.cli.robot import ArmOptions, InPlace, Named
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.files import is_folder
+from optipromp.core.files import check_folder, is_folder
+from optipromp.core.shown import suggest
 
 if TYPE_CHECKING:
     from optipromp.core.planning import Picked, Plan
@@ -90,7 +91,6 @@ class LoopOptions:
 
     def detector(self) -> "DetectorParameters":
         """The camera and its detector."""
-        from optipromp.core.scenes.values import suggest
         from optipromp.laboratory.simulation import DETECTORS
 
         noise = self.noise or "perfect"
@@ -234,7 +234,6 @@ def simulate(
         slow (FACTOR): How many times slower a film runs.
         failed_leg: Of a pick whose retreat or carry failed: execute that leg, too.
     """
-    from optipromp.core.files import check_folder
     from optipromp.core.robots.model import warn_of_gravity
     from optipromp.laboratory.simulation import SimulationParameters
     from optipromp.laboratory.simulation.engine import engine
