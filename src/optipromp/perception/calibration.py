@@ -134,14 +134,11 @@ def hand_eye(
     seen = [_board_in(view, camera) for view in views]
     x, z = _linear(moved, seen)
     for _ in range(2):  # weights, and of two poses of a board the right one, come from the first
-        seen = [
-            _board_in(view, camera, x.inverse() @ g @ z)
-            for view, g in zip(views, moved, strict=True)
-        ]
-        weights = [
-            _weight(view, b, (x.inverse() @ (Pose() if mount == "hand" else g)).position, camera, p)
-            for view, b, g in zip(views, seen, moved, strict=True)
-        ]
+        seen, weights = [], []
+        for view, g in zip(views, moved, strict=True):
+            seen.append(_board_in(view, camera, x.inverse() @ g @ z))
+            hand = (x.inverse() @ (Pose() if mount == "hand" else g)).position
+            weights.append(_weight(view, seen[-1], hand, camera, p))
         x, z = _refined(x, z, moved, seen, weights)
     each = []
     for k in range(len(views)):
@@ -186,10 +183,8 @@ def by_tool(
         )
     pose = _rigid(there, here)
     misses = np.linalg.norm(pose @ there - here, axis=1)
-    residuals = [
-        Residual(one.name, math.nan, float(miss), math.nan)
-        for one, miss in zip(seen, misses, strict=True)
-    ]
+    pairs = zip(seen, misses.tolist(), strict=True)
+    residuals = [Residual(one.name, math.nan, miss, math.nan) for one, miss in pairs]
     rows = np.arange(len(seen))
     each = [_rigid(there[rows != k], here[rows != k]) for k in rows]
     return _told(replace(camera, pose=pose, mount="base"), residuals, each, None)

@@ -210,17 +210,12 @@ def seen_scene(
             f"stem not seen of {', '.join(unseen)}: upright, {long:.2f} m long, or any other whose "
             f"tilts have a deviation of {p.tilt:g} degrees"
         )
-    objects = cleared(
-        (
-            replace(
-                item,
-                role="target" if item is target else "pushable",
-                stem=item.stem or Stem.hidden(item.position, known.up, long, p.tilt),
-            )
-            for item in found
-        ),
-        known.up,
-    )
+    fruits = []
+    for item in found:
+        role: Role = "target" if item is target else "pushable"
+        stem = item.stem or Stem.hidden(item.position, known.up, long, p.tilt)
+        fruits.append(replace(item, role=role, stem=stem))
+    objects = cleared(fruits, known.up)
     gone = {item.id for item in known.objects if item.role != "static"}
     scene = replace(
         known, name=f"{known.name}-seen", objects=(*objects, *known.static),

@@ -116,16 +116,14 @@ def fused(sights: Sequence[Sighting]) -> tuple[FusedFruit, ...]:
 
 
 def _views(sight: Sighting) -> list[_View]:
-    turn = sight.look.camera.rotation
-    return [
-        _View(
-            item,
-            each.region.score,
-            None if each.stem is None else turn @ each.stem.direction,
-            math.nan if each.stem is None else each.stem.deviation,
-        )
-        for item, each in zip(sight.look.in_base(), sight.detections, strict=True)
-    ]
+    out = []
+    for item, each in zip(sight.look.in_base(), sight.detections, strict=True):
+        way, deviation = None, math.nan
+        if each.stem is not None:
+            way = sight.look.camera.rotation @ each.stem.direction
+            deviation = each.stem.deviation
+        out.append(_View(item, each.region.score, way, deviation))
+    return out
 
 
 def _covariance(item: SceneObject) -> FloatArray:

@@ -82,14 +82,8 @@ def read_srdf(path: Path) -> Srdf:
                 )
             groups[group.name] = group
         elif node.tag == "end_effector":
-            hands.append(
-                EndEffector(
-                    _given(path, node, "name"),
-                    _given(path, node, "parent_link"),
-                    _given(path, node, "group"),
-                    node.attributes.get("parent_group", ""),
-                )
-            )
+            name, link, of = (_given(path, node, key) for key in ("name", "parent_link", "group"))
+            hands.append(EndEffector(name, link, of, node.attributes.get("parent_group", "")))
     return Srdf(path, root.attributes.get("name", ""), groups, tuple(hands))
 
 
@@ -329,15 +323,10 @@ def _by_rule(tree: Tree, base: str | None) -> list[Arm]:
     if not ends:
         root = tree.model.root if base is None else base
         return [_made(tree, max(tree.rigid(root))[1], base, why)]
-    arms = [
-        _made(
-            tree,
-            _flange_of(tree, end.child, alone),
-            _beginning(tree, end, usable | heads) if base is None else base,
-            why,
-        )
-        for end in ends
-    ]
+    arms = []
+    for end in ends:
+        begin = _beginning(tree, end, usable | heads) if base is None else base
+        arms.append(_made(tree, _flange_of(tree, end.child, alone), begin, why))
     without_legs = [
         arm
         for arm in arms

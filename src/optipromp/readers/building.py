@@ -235,6 +235,11 @@ def build(
             raise InvalidRobotError(f"{path}: unknown link '{link}'; links: {shown}")
     covers = _covers(entry, model, chain, arm.base)
     names, unlimited = chain.joint_names, np.full(len(chain.joint_names), np.inf)
+    geometry = []
+    for link, place in chain.placements.items():
+        looks, at = model.links[link].visuals, (place.segment, place.rotation, place.translation)
+        if shapes := model.links[link].collisions or looks:
+            geometry.append(LinkGeometry(link, *at, shapes, model.path, looks))
     robot = Robot(  # with a bare flange and no self-collision pairs
         name=entry.name,
         joint_names=names,
@@ -256,19 +261,7 @@ def build(
         home=home,
         held_joints=chain.held_joints,
         excess=_excess(covers),
-        geometry=tuple(
-            LinkGeometry(
-                link,
-                place.segment,
-                place.rotation,
-                place.translation,
-                shapes,
-                model.path,
-                model.links[link].visuals,
-            )
-            for link, place in chain.placements.items()
-            if (shapes := model.links[link].collisions or model.links[link].visuals)
-        ),
+        geometry=tuple(geometry),
         dynamics=dynamics(model, chain),
         arm=arm,
     )

@@ -124,15 +124,13 @@ def _find(path: Path, choice: Choice, check: Check) -> _Found:
 
 def _stamps(path: Path, found: _Found) -> Stamps:
     """Time and size of each file; None for one that is not there."""
-    out: list[tuple[Path, tuple[int, int] | None]] = []
+    out = dict[Path, tuple[int, int] | None]()
     for file in (path, found.urdf, *found.sources, *(found.files or ()), *found.beside()):
-        try:
+        out[file] = None
+        with suppress(OSError):
             status = file.stat()
-        except OSError:
-            out.append((file, None))
-        else:
-            out.append((file, (status.st_mtime_ns, status.st_size)))
-    return tuple(out)
+            out[file] = status.st_mtime_ns, status.st_size
+    return tuple(out.items())
 
 
 def _resolved(found: _Found, path: Path, choice: Choice) -> Robot:

@@ -239,17 +239,13 @@ def read_goal(
             f"goal_constraints has {len(constraints)} entries: must have one at most"
         )
     (goal,) = constraints
-    joints, places, turns = (
-        goal.joint_constraints,
-        goal.position_constraints,
-        goal.orientation_constraints,
-    )
+    kinds = "joint", "position", "orientation"
+    joints, places, turns = (getattr(goal, f"{kind}_constraints") for kind in kinds)
     if goal.visibility_constraints:
         raise InvalidRequestError("goal_constraints[0].visibility_constraints: must be empty")
     if joints and not places and not turns:
-        order = joint_columns(
-            [one.joint_name for one in joints], robot.joint_names, "joint_constraints"
-        )
+        names = [one.joint_name for one in joints]
+        order = joint_columns(names, robot.joint_names, "joint_constraints")
         return JointGoal(np.array([one.position for one in joints])[order])
     if joints or len(places) != 1 or len(turns) != 1:
         raise InvalidRequestError(

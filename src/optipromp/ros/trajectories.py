@@ -43,18 +43,12 @@ def joint_trajectory(
         InvalidRequestError: a rate that is not positive.
     """
     rows = trajectory if rate is None else trajectory.resample(rate)
-    points = [
-        message(
-            "trajectory_msgs/msg/JointTrajectoryPoint",
-            positions=q,
-            velocities=velocity,
-            accelerations=acceleration,
-            time_from_start=time_message(round(time * NANO), "Duration"),
-        )
-        for time, q, velocity, acceleration in zip(
-            rows.times, rows.positions, rows.velocities, rows.accelerations, strict=True
-        )
-    ]
+    points = []
+    for k, time in enumerate(rows.times):
+        fields = {what: getattr(rows, what)[k] for what in CURVE[1:]}
+        after = time_message(round(time * NANO), "Duration")
+        name = "trajectory_msgs/msg/JointTrajectoryPoint"
+        points.append(message(name, time_from_start=after, **fields))
     names = [prefix + name for name in rows.joint_names]
     return message(JOINT_TRAJECTORY, joint_names=names, points=points)
 

@@ -223,16 +223,10 @@ def _tool(robot: Robot) -> list[Part]:
             for solid in tool.solids():
                 own = shape_faces(solid.shape, solid.position, solid.rotation, np.inf)
                 solids.setdefault(solid.part, []).append(own)
-        parts = [
-            Part.of(
-                f"tool/{name}",
-                np.concatenate(faces),
-                TOOL_COLOURS[name],
-                segment=last,
-                opacity=GLASS if name == "mouth" else 1.0,
-            )
-            for name, faces in solids.items()
-        ]
+        parts = []
+        for name, each in solids.items():
+            seen: Any = {"segment": last, "opacity": GLASS if name == "mouth" else 1.0}
+            parts.append(Part.of(f"tool/{name}", np.concatenate(each), TOOL_COLOURS[name], **seen))
     parts += held
     return [part.placed(robot.flange_translation, robot.flange_rotation) for part in parts]
 

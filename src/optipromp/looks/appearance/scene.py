@@ -51,11 +51,10 @@ def triangles(faces: FloatArray) -> tuple[FloatArray, IntArray]:
     unit = np.repeat(normal / np.linalg.norm(normal, axis=1)[:, None], 3, axis=0)
     count = np.bincount(at)
     order = np.argsort(at, kind="stable")  # corners by place; each meets all others of its place
-    one = np.repeat(order, count[at[order]])
-    start = np.repeat((np.cumsum(count) - count)[at[order]], count[at[order]])
-    step = np.arange(len(one)) - np.repeat(
-        np.cumsum(count[at[order]]) - count[at[order]], count[at[order]]
-    )
+    met = count[at[order]]
+    one = np.repeat(order, met)
+    start = np.repeat((np.cumsum(count) - count)[at[order]], met)
+    step = np.arange(len(one)) - np.repeat(np.cumsum(met) - met, met)
     other = order[start + step]
     alike = np.einsum("ci,ci->c", unit[one], unit[other]) > _CREASE
     mean = np.zeros_like(unit)
@@ -289,14 +288,11 @@ def _gutter(row: FloatArray, roots: FloatArray, ground: float) -> list[Part]:
         ((half, height - wall), (half + 0.012, height)),
         ((wall - half, 0.5 * height), (half - wall, 0.75 * height)),
     ]
-    solids = [
-        _solid(
-            row,
-            np.array([middle + a[0], ends[0], under + a[1]]),
-            np.array([middle + b[0], ends[1], under + b[1]]),
-        )
-        for a, b in plates
-    ]
+    solids = []
+    for a, b in plates:
+        first = np.array([middle + a[0], ends[0], under + a[1]])
+        last = np.array([middle + b[0], ends[1], under + b[1]])
+        solids.append(_solid(row, first, last))
     parts = [
         Part.of("gutter", np.concatenate(solids[:-1]), GUTTER),
         Part.of("soil", solids[-1], "#5b4636"),

@@ -306,9 +306,8 @@ def cover_figure(robot: Robot) -> Figure:
     colours = [_COLOURS[link % len(_COLOURS)] for link in robot.spheres.link]
     figure = Figure(figsize=(len(_VIEWS) * _SIZE, _SIZE), layout="constrained", facecolor="white")
     for axes, view in zip(figure.subplots(1, len(_VIEWS)), _VIEWS, strict=True):
-        axes.add_collection(
-            PolyCollection(list(surface[:, :, view]), facecolors=SOLID, linewidths=0.0)
-        )
+        solid = PolyCollection(list(surface[:, :, view]), facecolors=SOLID, linewidths=0.0)
+        axes.add_collection(solid)
         axes.add_collection(
             EllipseCollection(
                 2.0 * radius, 2.0 * radius, np.zeros(len(radius)), units="xy",
@@ -318,13 +317,8 @@ def cover_figure(robot: Robot) -> Figure:
         )  # fmt: skip
         low = (centers[:, view] - radius[:, None]).min(axis=0)
         high = (centers[:, view] + radius[:, None]).max(axis=0)
-        axes.set(
-            aspect="equal",
-            xlim=(low[0], high[0]),
-            ylim=(low[1], high[1]),
-            xlabel=f"{'xyz'[view[0]]} [m]",
-            ylabel=f"{'xyz'[view[1]]} [m]",
-        )
+        axes.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+        axes.set(xlabel=f"{'xyz'[view[0]]} [m]", ylabel=f"{'xyz'[view[1]]} [m]")
         axes.locator_params("x", nbins=int(np.clip(_TICKS * np.divide(*(high - low)), 1, _TICKS)))
     count, most = len(radius), max(robot.excess.values(), default=0.0)
     reach = f", at most {1000.0 * most:.0f} mm beyond the links" if robot.excess else ""

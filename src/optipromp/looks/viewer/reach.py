@@ -53,11 +53,8 @@ def reach_figure(plan: Plan) -> Figure:
     across, up = np.max([np.ptp(frame, axis=0) for frame in frames], axis=0)
     tall = up > across
     aspect = _TALL if tall else _WIDE
-    figure = Figure(
-        figsize=(13.4, 6.9),
-        facecolor="white",
-        layout=ConstrainedLayoutEngine(rect=(0.0, 0.08, 1.0, 0.92)),  # the legend is below
-    )
+    above = ConstrainedLayoutEngine(rect=(0.0, 0.08, 1.0, 0.92))  # the legend
+    figure = Figure(figsize=(13.4, 6.9), facecolor="white", layout=above)
     panels = figure.subplot_mosaic(
         [["arm", "0", "1"]] if tall else [["arm", "0"], ["arm", "1"]],
         width_ratios=[1.45, 1.0, 1.0] if tall else [1.0, 1.0],
@@ -159,12 +156,11 @@ def tool_faces(robot: Robot, q: FloatArray) -> FloatArray:
     origins, rotations = robot.segment_frames(q)
     flange = origins[-1] + rotations[-1] @ robot.flange_translation
     turned = rotations[-1] @ robot.flange_rotation
-    return np.concatenate(
-        [
-            shape_faces(solid.shape, flange + turned @ solid.position, turned @ solid.rotation)
-            for solid in robot.tool.solids()
-        ]
-    )
+    faces = []
+    for solid in robot.tool.solids():
+        place, turn = flange + turned @ solid.position, turned @ solid.rotation
+        faces.append(shape_faces(solid.shape, place, turn))
+    return np.concatenate(faces)
 
 
 def _add_object(picture: Picture, placed: Placed, alpha: float) -> None:
