@@ -20,6 +20,7 @@ from scipy.ndimage import center_of_mass, find_objects, gaussian_filter, label, 
 from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.errors import InvalidRequestError, installed_by
 from optipromp.core.files import read_bytes
+from optipromp.perception.boards import opencv
 from optipromp.perception.finder import Class, Found, Region, largest
 from optipromp.perception.pictures import DepthPicture
 
@@ -191,13 +192,7 @@ def _lead(sure: FloatArray, kinds: list[int]) -> FloatArray:
 
 def _wide(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     """Values (h, w) at the pixels of a larger picture, linear between the middles of the small."""
-    for axis, (small, large) in enumerate(zip(values.shape, shape, strict=True)):
-        at = np.clip((np.arange(large) + 0.5) * small / large - 0.5, 0.0, small - 1.0)
-        low = np.minimum(at.astype(int), small - 2)
-        share = np.expand_dims(at - low, 1 - axis)
-        below, above = values.take(low, axis), values.take(low + 1, axis)
-        values = below + share * (above - below)
-    return values
+    return np.asarray(opencv().resize(values, shape[::-1]))
 
 
 def grouped(sure: FloatArray, offsets: FloatArray) -> IntArray:

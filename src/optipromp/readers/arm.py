@@ -241,17 +241,13 @@ def _made(tree: Tree, tip: str, base: str | None, why: str) -> Arm:
 def _carried(tree: Tree, tip: str) -> tuple[str, ...]:
     """Links of the tool: beyond the flange, and fingers on the body that has the flange."""
     body = tree.body(tip)
-    beyond = [
-        part
-        for _, part in tree.rigid(body)
-        if part not in (tip, body)
-        and not words_of(part) & SENSOR
-        and (
-            words_of(part) & PALM
-            or tip in {joint.parent for joint in tree.path(part)}
-            or any(joint.name in tree.hands for joint in tree.below[part])
-        )
-    ]
+    beyond = []
+    for _, part in tree.rigid(body):
+        carries = any(joint.name in tree.hands for joint in tree.below[part])
+        after = tip in {joint.parent for joint in tree.path(part)}
+        of_tool = not words_of(part) & SENSOR and (words_of(part) & PALM or after or carries)
+        if of_tool and part not in (tip, body):
+            beyond.append(part)
     moving = [each.child for joint in tree.onward(body) for each in tree.subtree(joint)]
     parts = [part for link in moving for _, part in tree.rigid(link)]
     return tuple(dict.fromkeys([*beyond, *parts]))

@@ -245,22 +245,21 @@ class PickLoop:
         loop = self.controller
         tracked = None if self._origin is None else loop.tracker.at(max(loop.tracker.time, 0.0))
         count = 0 if tracked is None else int(tracked.confirmed.sum())
-        values = {
+        told = {
             "stage": str(loop.stage),
             "fruits": str(count),
             "tries left": str(loop.tries),
             "last cycle [ms]": f"{1e3 * loop.cycles[-1]:.1f}" if loop.cycles else "",
         }
+        kind = "diagnostic_msgs/msg/KeyValue"
+        values = [message(kind, key=key, value=value) for key, value in told.items()]
         return message(
             "diagnostic_msgs/msg/DiagnosticStatus",
             level=WARN if self._trouble else OK,
             name="optipromp/loop",
             message=self._trouble or (loop.events[-1].why if loop.events else "looking"),
             hardware_id=loop.robot.name,
-            values=[
-                message("diagnostic_msgs/msg/KeyValue", key=key, value=value)
-                for key, value in values.items()
-            ],
+            values=values,
         )
 
     def _time(self, stamp: int) -> float:

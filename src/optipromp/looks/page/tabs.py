@@ -393,14 +393,10 @@ def table(plan: Plan) -> str:
         about = label.startswith("M_p ") and label.removeprefix("M_p ") in subjects
         return about or bool(_WRONG.get(label, set()) & kinds) or _TOUCHED.get(label) in touched
 
-    rows = "".join(
-        _ROW.format(
-            f"color:{RED};font-weight:600" if wrong(label) else "",
-            html.escape(label),
-            html.escape(words),
-        )
-        for label, words in plan_rows(plan)
-    )
+    rows = ""
+    for name, words in plan_rows(plan):
+        style = f"color:{RED};font-weight:600" if wrong(name) else ""
+        rows += _ROW.format(style, html.escape(name), html.escape(words))
     items = "".join(f"<li>{html.escape(violation.message)}</li>" for violation in found)
     return (
         f'<div style="padding:0 1em;font-size:0.85em"><table style="vertical-align:top">{rows}'

@@ -13,10 +13,12 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import Budget
-from optipromp.core.judging import RATES
+from optipromp.core.judging import RATES, Violation
+from optipromp.core.planning import Plan, Term
 from optipromp.core.planning.plan import plan as make_plan
 from optipromp.core.planning.result import Planned
 from optipromp.core.planning.task import Task
+from optipromp.core.promp import Demonstrations, ProMP
 from optipromp.core.robots.description import rotation_of
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
@@ -29,10 +31,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
-
-    from optipromp.core.judging import Violation
-    from optipromp.core.planning import Plan, Term
-    from optipromp.core.promp import Demonstrations, ProMP
 
 LIMIT, RECORDED = "#7a7f87", "#3d434b"
 SHOWN = ("limit", *RATES)  # kinds of violation that have a panel

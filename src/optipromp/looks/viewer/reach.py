@@ -12,7 +12,9 @@ from scipy.spatial import ConvexHull
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry.faces import sphere, tube
+from optipromp.core.planning import Plan
 from optipromp.core.pushing.path import evenly, length
+from optipromp.core.robots.model import Robot
 from optipromp.looks.appearance.scene import PUSHABLES, shape_faces
 from optipromp.looks.viewer import drawn
 from optipromp.looks.viewer.drawn import COLOURS, OPTIMISED, STILL, Moment, Motion, Placed
@@ -21,9 +23,6 @@ from optipromp.looks.viewer.words import author
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from optipromp.core.planning import Plan
-    from optipromp.core.robots.model import Robot
 
 ARM = "#86a5d4"
 _LINK_RADIUS = 0.042  # [m] of a drawn link: slender, so that objects behind it show

@@ -123,11 +123,11 @@ SHARES = np.linspace(0.05, 0.95, 40)  # of the line to an object: points checked
 UNMOVED = 1e-4  # [m] an object that moves by less is not sent again
 
 
-def scene_page(scene: Scene, robot: Robot | None = None, q: FloatArray | None = None) -> str:
-    """The HTML of a scene with its robot at ``q`` (n,), by default at its start."""
+def scene_page(scene: Scene, robot: Robot | None = None) -> str:
+    """The HTML of a scene with its robot at its start."""
     robot, state = posed(scene, robot)
     with recording(scene, robot) as (nodes, record):
-        nodes.pose(state.q if q is None else q)
+        nodes.pose(state.q)
         return str(record.as_html())
 
 
