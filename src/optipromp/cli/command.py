@@ -71,9 +71,7 @@ def print_json(document: object) -> None:
 
 
 def command(
-    failure: Callable[[Mapping[str, Any]], dict[str, Any]] = lambda _: {},
-    *,
-    reports: bool = True,
+    failure: Callable[[Mapping[str, Any]], dict[str, Any]] = lambda _: {}, *, reports: bool = True
 ) -> Callable[[Callable[..., Report | None]], Callable[..., None]]:
     """Turn a function that returns a :class:`Report` into a command for Typer.
 

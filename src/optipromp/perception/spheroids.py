@@ -146,12 +146,6 @@ class SpheroidViews(NamedTuple):
     through: FloatArray
     spill: FloatArray
 
-    def of(self, rows: BoolArray) -> "SpheroidViews":
-        """Those of some spheroids."""
-        data = FitData(*(each[rows] for each in self.data))
-        rest = self.share[rows], self.through[rows], self.spill[rows]
-        return SpheroidViews(data, self.support[rows], *rest)
-
 
 def _at(
     picture: DepthPicture, colours: IntArray, where: FloatArray
@@ -387,8 +381,8 @@ def all_fitted(
         rows, x = rows[good], x[good]
         if not len(rows):
             return out
-        look = look.of(good)
-        x, hessian = descended(x, axes, look.data, p, AGAIN)
+        data = FitData(*(each[good] for each in look.data))
+        x, hessian = descended(x, axes, data, p, AGAIN)
     look = shown_of(picture, colours, kinds[rows], x, axes, p)
     residuals, _ = system(x, axes, look.data)
     good = _sound(x, p) & (look.support >= 8)
