@@ -18,7 +18,7 @@ from optipromp.core.output import load_plan, write_plan
 from optipromp.core.planning import plan
 from optipromp.core.promp import ProMP, load_demonstrations
 from optipromp.core.scenes.io import load_scene
-from optipromp.looks.page import arrange, content
+from optipromp.looks.page import content
 from optipromp.looks.page.stage import Source, look, open_source
 from optipromp.looks.viewer.words import head
 
@@ -116,7 +116,7 @@ def test_a_fruit_is_clicked_and_dragged_with_the_mouse(opened: Opened) -> None:
 def test_while_dragging_the_plan_follows_and_release_plans_in_full(opened: Opened) -> None:
     window = opened.window
     opened.do(lambda: window.select("n1"))
-    to = arrange.place(window.scene, window.selected) + [0.0, 0.01, 0.0]
+    to = content.place(window.scene, window.selected) + [0.0, 0.01, 0.0]
     window.dragged(to, "update", time.perf_counter())
     opened.settle()
     live = window.plan
@@ -158,10 +158,10 @@ def test_a_plan_that_fails_is_red_at_what_it_touches(opened: Opened) -> None:
 
 def test_controls_change_the_plan(opened: Opened) -> None:
     window, panel = opened.window, opened.panel
-    opened.do(lambda: window.change(arrange.with_radius(window.scene, 0.04)))
+    opened.do(lambda: window.change(content.with_radius(window.scene, 0.04)))
     assert window.plan.robot.tool.radius == 0.04
     assert panel.radius.value == 40.0
-    opened.do(lambda: window.change(arrange.with_sigma(window.scene, 0.005)))
+    opened.do(lambda: window.change(content.with_sigma(window.scene, 0.005)))
     assert np.allclose(window.plan.scene.target.covariance, 25e-6 * np.eye(3))
     opened.do(lambda: panel._set(planner="i-promp"))
     assert window.plan.planner == "i-promp"
@@ -195,7 +195,7 @@ def test_play_runs_to_the_end_and_a_step_is_a_step(opened: Opened) -> None:
 def test_saved_files_hold_what_the_page_shows(opened: Opened) -> None:
     window, out = opened.window, opened.page.out
     opened.do(lambda: window.select("n2"))
-    to = arrange.place(window.scene, window.selected) + [0.0, -0.01, 0.004]
+    to = content.place(window.scene, window.selected) + [0.0, -0.01, 0.004]
     window.dragged(to, "end", time.perf_counter())
     opened.settle()
     opened.show("Move")
@@ -298,7 +298,7 @@ def test_use_does_not_grow_memory(opened: Opened, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(content, "SEARCHING", 0.05)  # candidate paths are looked for less long
     window = opened.window
     opened.do(lambda: window.select("n1"))
-    at = arrange.place(window.scene, window.selected)
+    at = content.place(window.scene, window.selected)
 
     def use(times: int) -> float:
         for k in range(times):

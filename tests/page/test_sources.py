@@ -16,10 +16,10 @@ from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError
 from optipromp.core.planning import plan
 from optipromp.core.scenes.io import load_scene, save_scene
-from optipromp.looks.page import arrange, content
+from optipromp.looks.page import content
 from optipromp.looks.page.stage import open_source
 from optipromp.looks.page.tabs import Recorder
-from optipromp.looks.viewer.nodes import tube
+from optipromp.looks.viewer.serving import tube
 from optipromp.perception.pictures import png_file
 
 
@@ -30,23 +30,23 @@ def made():
 
 def test_moving_a_fruit_keeps_its_root_and_moving_the_root_keeps_the_fruit() -> None:
     scene = load_scene("scenario-3")
-    grips, fruit = arrange.grips(scene), scene.pushables[0]
-    after = arrange.moved(scene, grips["n1"], fruit.position + [0.01, 0.0, 0.0])
+    grips, fruit = content.grips(scene), scene.pushables[0]
+    after = content.moved(scene, grips["n1"], fruit.position + [0.01, 0.0, 0.0])
     assert np.allclose(after.pushables[0].position - fruit.position, [0.01, 0.0, 0.0])
     assert np.array_equal(after.pushables[0].stem.root, fruit.stem.root)
     assert np.array_equal(after.pushables[0].stem.points[0], after.pushables[0].position)
     assert after.pushables[1] is scene.pushables[1]
-    after = arrange.moved(scene, grips["n1: stem root"], fruit.stem.root + [0.0, 0.02, 0.0])
+    after = content.moved(scene, grips["n1: stem root"], fruit.stem.root + [0.0, 0.02, 0.0])
     assert np.array_equal(after.pushables[0].position, fruit.position)
     assert np.allclose(after.pushables[0].stem.root - fruit.stem.root, [0.0, 0.02, 0.0])
-    whole = grips[arrange.FRUITS]
-    after = arrange.moved(scene, whole, arrange.place(scene, whole) + [0.0, 0.0, 0.03])
+    whole = grips[content.FRUITS]
+    after = content.moved(scene, whole, content.place(scene, whole) + [0.0, 0.0, 0.03])
     for old, new in zip(scene.objects, after.objects, strict=True):
         shift = [0.0, 0.0, 0.03] if old.stem is not None else np.zeros(3)
         assert np.allclose(new.position - old.position, shift)
         assert old.stem is None or np.allclose(new.stem.points - old.stem.points, shift)
     with pytest.raises(InvalidSceneError, match="no length"):
-        arrange.moved(scene, grips["n1: stem root"], fruit.position)
+        content.moved(scene, grips["n1: stem root"], fruit.position)
 
 
 def test_a_scene_that_was_seen_brings_its_picture_and_so_does_its_plan(tmp_path: Path) -> None:
@@ -73,7 +73,7 @@ def test_the_cause_of_a_failure_is_placed() -> None:
     scene = load_scene("scenario-1")
     failed = plan(scene)
     (table,) = scene.static
-    assert np.array_equal(arrange.culprit(scene, failed, None), table.position)
+    assert np.array_equal(content.culprit(scene, failed, None), table.position)
     assert {violation.kind for violation in failed.judgement.violations} >= {"goal", "contact"}
 
 

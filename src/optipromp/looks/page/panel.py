@@ -20,8 +20,7 @@ from optipromp.core.planning import STRATEGIES, planner_names
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.shown import is_name
-from optipromp.looks.page import arrange, tabs
-from optipromp.looks.page.content import bundle, charts
+from optipromp.looks.page import content, tabs
 from optipromp.looks.page.stage import LAYERS, NARROW, PLANNED, SHEET, Source
 from optipromp.looks.page.window import Window
 from optipromp.looks.viewer.serving import listening
@@ -172,9 +171,9 @@ class Panel:
         strategy = gui.add_dropdown("strategy", STRATEGIES, initial_value=now["strategy"])
         self.on(strategy, "strategy", lambda v: self._set(strategy=v))
         self.radius = gui.add_slider("gripper radius [mm]", 20.0, 80.0, 1.0, 50.0)
-        self.on(self.radius, "radius", functools.partial(self._change, arrange.with_radius))
+        self.on(self.radius, "radius", functools.partial(self._change, content.with_radius))
         self.sigma = gui.add_slider("detection σ [mm]", 0.0, 15.0, 0.5, 0.0)
-        self.on(self.sigma, "sigma", functools.partial(self._change, arrange.with_sigma))
+        self.on(self.sigma, "sigma", functools.partial(self._change, content.with_sigma))
         with gui.add_folder("options", expand_by_default=False):
             predict = gui.add_checkbox("search in the push model", True)
             self.on(predict, "prediction", lambda v: self._option(prediction=v))
@@ -206,7 +205,7 @@ class Panel:
     def _moving(self) -> None:
         window, gui = self.window, self.gui
         gui.add_markdown("Click a thing in the scene, or choose it here; then drag its handle.")
-        names = (NOTHING, *arrange.grips(window.scene))
+        names = (NOTHING, *content.grips(window.scene))
         self.choice = gui.add_dropdown("handle at", names, initial_value=NOTHING)
         self.on(self.choice, "select", lambda v: window.select("" if v == NOTHING else v))
         self.place = gui.add_vector3("place [m]", (0.0, 0.0, 0.0), step=0.001)
@@ -220,7 +219,7 @@ class Panel:
     def _placed(self, value: tuple[float, float, float]) -> None:
         window = self.window
         if window.selected is not None:
-            window.change(arrange.moved(window.scene, window.selected, np.array(value)))
+            window.change(content.moved(window.scene, window.selected, np.array(value)))
             window.select(window.selected.name)
 
     def named(self) -> str:
@@ -269,15 +268,15 @@ class Panel:
         self.table.content = tabs.table(plan)
         self.gui.set_panel_label(f"OptI-ProMP: {plan.scene.name}")
         self.planner.value = window.settings["planner"]
-        names = (NOTHING, *arrange.grips(window.scene))
+        names = (NOTHING, *content.grips(window.scene))
         if tuple(self.choice.options) != names:
             self.choice.options = names
-        radius = arrange.tool_radius(window.scene)
+        radius = content.tool_radius(window.scene)
         self.radius.disabled = radius is None
         if radius is not None:
             self.radius.value = 1e3 * radius
-        self.sigma.value = 1e3 * arrange.sigma(window.scene)
-        self.plots.show(charts(plan, window.near, window.chart_times), window.now)
+        self.sigma.value = 1e3 * content.sigma(window.scene)
+        self.plots.show(content.charts(plan, window.near, window.chart_times), window.now)
 
     def _mark(self) -> None:
         """Update slider and charts after a change of the time."""
@@ -291,7 +290,7 @@ class Panel:
             self.choice.value = NOTHING
         else:
             self.choice.value = window.selected.name
-            self.place.value = tuple(arrange.place(window.scene, window.selected).tolist())
+            self.place.value = tuple(content.place(window.scene, window.selected).tolist())
         self.plots.mark(window.now, CHART_EVERY * window.speed if window.worker.running else 0.0)
 
 
@@ -388,7 +387,7 @@ class RecordTab:
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
             promp = recorder.learn()
-        window.stage.bundle(bundle(promp, recorder.robot), LEARNT)
+        window.stage.bundle(content.bundle(promp, recorder.robot), LEARNT)
         notes = "".join(f"  \n{one.message}" for one in said)
         self._tell(f"learnt from {len(recorder.kept)} demonstrations; plans begin from it{notes}")
         window.settings["demonstrations"] = promp

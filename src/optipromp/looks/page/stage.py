@@ -33,7 +33,7 @@ from optipromp.laboratory.simulation.parameters import SimulationParameters
 from optipromp.looks.appearance.scene import rgb
 from optipromp.looks.page.content import GREEN_AT, RED_AT, Bundle, Clearances, between
 from optipromp.looks.viewer.drawn import PRIMITIVE, RED, STILL, Placed, motions
-from optipromp.looks.viewer.nodes import FLAT, Nodes, tube
+from optipromp.looks.viewer.serving import FLAT, Nodes, tube
 from optipromp.perception.pictures import OVERLAY, Image8, read_pixels
 
 _WIDTH = {"conditioned ProMP": 4.0, "followed path": 3.0, "optimised": 5.0}  # [pixel]

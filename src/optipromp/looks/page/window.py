@@ -18,7 +18,7 @@ from optipromp.core.planning import Plan, PlanOptions, planner_names
 from optipromp.core.planning import plan as make_plan
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.scene import Scene
-from optipromp.looks.page import arrange, content
+from optipromp.looks.page import content
 from optipromp.looks.page.stage import ROLLOUTS_APART, PlanNodes, Replay, Source, execute, look
 from optipromp.looks.page.tabs import Told, Tone, busy, of_error, of_plan, of_runs
 from optipromp.looks.viewer.drawn import conditioned_on, moment
@@ -43,7 +43,7 @@ class Window:
         self.options = PlanOptions()
         self.plan: Plan | None = None
         self.now, self.speed = 0.0, 1.0
-        self.selected: arrange.Grip | None = None
+        self.selected: content.Grip | None = None
         self.stage = PlanNodes(client.scene)
         self.stage.on_click = lambda name: self.post("select", lambda: self.select(name))
         self.worker = Worker(self._tick, self._failed)
@@ -145,7 +145,7 @@ class Window:
     def refuse(self, error: OptiPrompError) -> None:
         """Show an error of the scene or the request, at its cause in the scene."""
         with self.client.atomic():
-            at = arrange.culprit(self.scene, error, self.selected)
+            at = content.culprit(self.scene, error, self.selected)
             self.stage.say(complaint(error), at)
             self.say(of_error(error))
 
@@ -156,7 +156,7 @@ class Window:
             self.stage.show(plan.scene, plan.robot, haste=haste)
             self.stage.trajectories(plan)
             self.stage.say(
-                wrong, arrange.culprit(plan.scene, plan, self.selected) if wrong else None
+                wrong, content.culprit(plan.scene, plan, self.selected) if wrong else None
             )
             if not haste:
                 self.stage.sides(content.passing(plan))
@@ -277,12 +277,12 @@ class Window:
     # -- moving things --------------------------------------------------------------------------
 
     def select(self, name: str) -> None:
-        """Show the handle of one of :func:`optipromp.looks.page.arrange.grips`; empty: of none."""
-        found = arrange.grips(self.scene)
+        """Show the handle of one of :func:`optipromp.looks.page.content.grips`; empty: of none."""
+        found = content.grips(self.scene)
         self.selected = found.get(name)
         self.release()
         if self.selected is not None:
-            self.hold(arrange.place(self.scene, self.selected), self._dragged)
+            self.hold(content.place(self.scene, self.selected), self._dragged)
         for clocked in self.clocked:
             clocked()
 
@@ -321,7 +321,7 @@ class Window:
         assert self.selected is not None
         self.worker.drop("details")
         try:
-            self.scene = arrange.moved(self.scene, self.selected, at)
+            self.scene = content.moved(self.scene, self.selected, at)
         except OptiPrompError as error:
             self.refuse(error)
             return
