@@ -12,16 +12,8 @@ import optipromp
 from optipromp.cli.command import Report, Shown, command
 from optipromp.cli.console import Cluster, Preset, Workers, progress_bar, say_if_compiling
 from optipromp.cli.robot import ArmOptions, Named, Whose
+from optipromp.core import files
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.files import (
-    ALLOW_XACRO,
-    FOLDERS,
-    check_folder,
-    check_inside,
-    is_folder,
-    json_text,
-    write_together,
-)
 from optipromp.core.shown import suggest
 
 if TYPE_CHECKING:
@@ -77,7 +69,7 @@ def generate(
 
     if noise and noise not in NOISES:
         raise InvalidRequestError(f"noise is {noise!r}: {suggest(noise, NOISES)}")
-    check_folder(out / SEEN if noise else out)
+    files.check_folder(out / SEEN if noise else out)
     named = arm.of(robot)
     documents: list[dict[str, Any]] = []
     reasons: Counter[str] = Counter()
@@ -109,13 +101,12 @@ def _to_allow(folders: list[str], robot: str | None) -> Shown:
 
     from optipromp.readers.packages import is_xacro
 
-    because = {
-        FOLDERS: "the robot lies elsewhere, where scenes may read nothing unless you allow it",
-        ALLOW_XACRO: "the robot is a xacro, which scenes may not run unless you allow it",
-    }
-    allowed = {FOLDERS: os.pathsep.join(folders)} if folders else {}
+    elsewhere = "the robot lies elsewhere, where scenes may read nothing unless you allow it"
+    runs = "the robot is a xacro, which scenes may not run unless you allow it"
+    because = {files.FOLDERS: elsewhere, files.ALLOW_XACRO: runs}
+    allowed = {files.FOLDERS: os.pathsep.join(folders)} if folders else {}
     if robot is not None and Path(robot).suffix and is_xacro(Path(robot)):
-        allowed[ALLOW_XACRO] = "1"
+        allowed[files.ALLOW_XACRO] = "1"
     for name, value in allowed.items():
         line = f"{because[name]}: export {name}={shlex.quote(value)}"
         yield Text(line, no_wrap=True)
@@ -147,9 +138,9 @@ def _unread(named: Named, out: Path) -> list[str]:
     lacking = set[Path]()
     for file in files_of(named.name, named.choice):
         try:
-            check_inside(file, out, InvalidRequestError)
+            files.check_inside(file, out, InvalidRequestError)
         except InvalidRequestError:
-            lacking.add(file.resolve() if is_folder(file) else file.resolve().parent)
+            lacking.add(file.resolve() if files.is_folder(file) else file.resolve().parent)
     return [str(each) for each in sorted(lacking) if not lacking & set(each.parents)]
 
 
@@ -207,7 +198,7 @@ def render(
     if (scene is None) == (preset is None):
         raise InvalidRequestError("give a scene or --preset, one of them")
     numbers = seeds_of(seeds)
-    check_folder(out)
+    files.check_folder(out)
     looks = looks or ("rich" if preset == "wild" else "plain")
     records: list[dict[str, Any]] = []
     annotated: list[coco.Labels] = []
@@ -220,7 +211,7 @@ def render(
             records.append(write_shot(shot, name, shot.scene, out))
             annotated.append(coco.record(name, shot))
     content = json.dumps(coco.document(annotated), separators=(",", ":"))
-    write_together(out, {coco.FILE: content.encode()})
+    files.write_together(out, {coco.FILE: content.encode()})
     lines = [f"wrote {len(records)} picture{'s' * (len(records) != 1)} to {out}"]
     return Report({"mount": mount, "looks": looks, "pictures": records}, lines)
 
@@ -242,10 +233,10 @@ def write_shot(shot: "Shot", name: str, true: "Scene | None", out: Path) -> dict
         | ({} if each.share != each.share else {"visible": round(each.share, 3)})
         for k, each in enumerate(shot.marked)
     ]
-    files = picture_files(name, shot.picture)
-    files[f"{name}.masks.png"] = png_file(shot.masks)
-    files[f"{name}.masks.json"] = json_text(masks).encode()
-    write_together(out, files)
+    parts = picture_files(name, shot.picture)
+    parts[f"{name}.masks.png"] = png_file(shot.masks)
+    parts[f"{name}.masks.json"] = files.json_text(masks).encode()
+    files.write_together(out, parts)
     fruits = [each.id for each in shot.marked if each.kind in ("ripe", "unripe")]
     told = {"name": name, "scene": None, "fruits": fruits}
     if true is not None:

@@ -18,17 +18,10 @@ from typing import Any
 
 import numpy as np
 
+from optipromp.core import files
 from optipromp.core.arrays import FloatArray
 from optipromp.core.arrays import rotation as turned
 from optipromp.core.errors import InvalidRequestError, InvalidRobotError, installed_by
-from optipromp.core.files import (
-    cache_folder,
-    is_file,
-    is_folder,
-    is_there,
-    read_bytes,
-    write_atomically,
-)
 from optipromp.core.robots.description import LinkShape, Vector
 from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.readers import urdf
@@ -71,13 +64,13 @@ def mjcf_files(path: Path, check: Callable[[Path], Path] = Path) -> list[Path] |
         found = set(trees)
         for name in named:
             places = {folder / part for folder in folders for part in (name, Path(name).name)}
-            files = {place for place in places if is_file(place)}
-            for place in places - files:
-                if is_there(place) and not is_folder(place):
+            there = {place for place in places if files.is_file(place)}
+            for place in places - there:
+                if files.is_there(place) and not files.is_folder(place):
                     raise InvalidRobotError(f"{path}: {place} is a device or pipe; must be a file")
-            if not files:
+            if not there:
                 return None
-            found |= {check(file) for file in files}
+            found |= {check(file) for file in there}
         new = {file for file in found if file.suffix.lower() in SUFFIXES} - set(trees)
     return sorted(found)
 
@@ -112,7 +105,7 @@ def is_mjcf(path: Path) -> bool:
     if path.suffix.lower() not in SUFFIXES:
         return False
     with suppress(InvalidRobotError):
-        return b"<mujoco" in read_bytes(path, InvalidRobotError)
+        return b"<mujoco" in files.read_bytes(path, InvalidRobotError)
     return False
 
 
@@ -329,11 +322,11 @@ def _stl(model: Any, mesh: int) -> Path:
     rows = np.zeros(len(faces), dtype=[("normal", "<3f4"), ("corners", "<9f4"), ("more", "<u2")])
     rows["corners"] = vertices[faces].reshape(-1, 9)
     content = bytes(80) + struct.pack("<I", len(faces)) + rows.tobytes()
-    folder = cache_folder() or Path(tempfile.gettempdir()) / "optipromp"
+    folder = files.cache_folder() or Path(tempfile.gettempdir()) / "optipromp"
     file = folder / "meshes" / f"{hashlib.sha256(content).hexdigest()}.stl"
-    if not is_file(file):
+    if not files.is_file(file):
         try:
-            write_atomically(file, content)
+            files.write_atomically(file, content)
         except InvalidRequestError as error:
             raise InvalidRobotError(f"a mesh cannot be left in the cache: {error}") from error
     return file
