@@ -25,7 +25,7 @@ from optipromp.core.errors import InvalidRequestError, InvalidRobotError, instal
 from optipromp.core.robots.description import LinkShape, Vector
 from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.readers import urdf
-from optipromp.readers.limited import LIMITS, run_limited
+from optipromp.readers.packages import LIMITS, run_limited
 from optipromp.readers.urdf import Node, read_xml
 
 SUFFIXES = (".xml", ".mjcf")

@@ -1,4 +1,4 @@
-"""The functions that :mod:`optipromp.readers.limited` runs in a process of their own."""
+"""The functions that :mod:`optipromp.readers.packages` runs in a process of their own."""
 
 import json
 import os
