@@ -272,14 +272,14 @@ def test_a_process_that_ends_early_or_goes_on_is_told_of(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Limits so low that MuJoCo itself cannot start, or not end."""
-    from optipromp.readers import limited, mjcf
+    from optipromp.readers import mjcf, packages
 
     monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path / "cache"))
 
     def run(**limits: float) -> str:
-        few = limited.Limits(**limits)
+        few = packages.Limits(**limits)
         monkeypatch.setattr(
-            mjcf, "run_limited", lambda *args: limited.run_limited(*args, limits=few)
+            mjcf, "run_limited", lambda *args: packages.run_limited(*args, limits=few)
         )
         with pytest.raises(InvalidRobotError) as caught:
             read_mjcf(tmp_path / "arm.xml")
