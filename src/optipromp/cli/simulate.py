@@ -80,14 +80,12 @@ class LoopOptions:
             "--latency": self.latency,
             "--camera": self.camera,
         }
-        wrong = [name for name, given in (further if self else ours).items() if given is not None]
-        if wrong and self:
+        asked = further if self.closed_loop else ours
+        wrong = [name for name, given in asked.items() if given is not None]
+        if wrong and self.closed_loop:
             raise InvalidRequestError(f"{', '.join(wrong)}: not with --closed-loop, which plans")
         if wrong:
             raise InvalidRequestError(f"{', '.join(wrong)}: only with --closed-loop")
-
-    def __bool__(self) -> bool:
-        return self.closed_loop
 
     def detector(self) -> "DetectorParameters":
         """The camera and its detector."""
@@ -259,7 +257,7 @@ def simulate(
     truth = None if true_scene is None else optipromp.load_scene(true_scene)
     kinds = [kind for kind, on in (("webm", video), ("mp4", mp4), ("gif", gif)) if on]
     leave = partial(_leave, folder=folder, kinds=kinds, slow=slow)
-    if eyes:
+    if eyes.closed_loop:
         found = loaded(scene_or_plan, "simulate")
         if isinstance(found, optipromp.Plan):
             told = f"{scene_or_plan} is a plan; --closed-loop makes its own: give the scene"

@@ -159,13 +159,10 @@ def stands_on_its_plane(covers: Mapping[str, Cover], places: Mapping[str, Placem
 
     Their covers are then raised: a table that the robot stands on does not count as touched.
     """
-    fixed = [
-        (covers[name].parts[:, :3], place) for name, place in places.items() if place.segment < 0
-    ]
     lowest = [
         float((surface @ place.rotation[2]).min() + place.translation[2])
-        for surface, place in fixed
-        if len(surface)
+        for name, place in places.items()
+        if place.segment < 0 and len(surface := covers[name].parts[:, :3])
     ]
     return abs(min(lowest, default=np.inf)) <= MOUNTED
 

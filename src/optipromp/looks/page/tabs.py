@@ -176,14 +176,15 @@ def legend(entries: Collection[Entry]) -> str:
 
 
 def disc(colour: str, opacity: float = 1.0) -> str:
-    """A thing's colour."""
-    return _sign("0.8em", "0.8em", f"border-radius:50%;background:{_seen(colour, opacity)};"
-                 f"border:1px solid {colour}")  # fmt: skip
+    """A thing's colour, with its opacity in two more digits."""
+    seen = f"{colour}{round(255 * opacity):02x}"
+    style = f"border-radius:50%;background:{seen};border:1px solid {colour}"
+    return _sign("0.8em", "0.8em", style)
 
 
-def line(colour: str, opacity: float = 1.0) -> str:
+def line(colour: str) -> str:
     """A line's colour."""
-    return _sign("1.4em", "0.28em", f"background:{_seen(colour, opacity)}")
+    return _sign("1.4em", "0.28em", f"background:{colour}ff")
 
 
 def scale(first: str, last: str) -> str:
@@ -206,11 +207,6 @@ def _sign(width: str, height: str, style: str) -> str:
         f'<span style="display:inline-block;flex:none;box-sizing:border-box;width:{width};'
         f'height:{height};{style}"></span>'
     )
-
-
-def _seen(colour: str, opacity: float) -> str:
-    """A colour with its opacity in two more digits."""
-    return f"{colour}{round(255 * opacity):02x}"
 
 
 def sight(record: LoopRecord, now: float) -> str:
