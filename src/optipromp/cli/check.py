@@ -2,7 +2,6 @@
 
 import warnings
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import is_dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -13,7 +12,7 @@ from optipromp.cli.command import OK, Report, Shown, command, exit_code
 from optipromp.cli.console import grid, headline, say_if_compiling, waiting
 from optipromp.cli.robot import ArmOptions
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
-from optipromp.core.files import is_folder, is_there
+from optipromp.core.files import is_folder, is_there, write_together
 
 if TYPE_CHECKING:
     from optipromp.core.planning import Plan, Verdict
@@ -128,7 +127,7 @@ def check(item: str, /, out: Path | None = None, *, arm: ArmOptions) -> Report:
         if out is not None:
             from optipromp.looks.viewer.figures import cover_figure, png
 
-            _write({"cover.png": png(cover_figure(robot))}, out)
+            write_together(out, {"cover.png": png(cover_figure(robot))})
     elif named:
         raise InvalidRequestError(
             f"{item} is no robot but a {kind}: no --arm, --tip, --base, --srdf, --package-dir or "
@@ -143,20 +142,13 @@ def check(item: str, /, out: Path | None = None, *, arm: ArmOptions) -> Report:
 
             say_if_compiling()
             with waiting("drawing"):
-                _write(scene_pictures(optipromp.load_scene(item)), out)
+                write_together(out, scene_pictures(optipromp.load_scene(item)))
     status = Code(summary.pop("status", Code.SUCCESS))
     told = {key: vars(value) if is_dataclass(value) else value for key, value in summary.items()}
     document = {"status": status, "message": "", "kind": kind, "item": item, **told}
     code = OK if kind is not Kind.PLAN else exit_code(status)
     lines = [f"  {key.replace('_', ' '):<15} {_words(value)}" for key, value in summary.items()]
     return Report(document, [headline((kind, "bold"), f" {item}: right"), *lines], code)
-
-
-def _write(pictures: Mapping[str, bytes], folder: Path) -> None:
-    from optipromp.core.files import write_atomically
-
-    for name, content in pictures.items():
-        write_atomically(folder / name, content)
 
 
 def _words(value: object) -> str:
@@ -362,12 +354,12 @@ def validate(
         warnings.warn(f"{trajectory} takes {told}: are its times milliseconds?", stacklevel=1)
     document = describe(found, curve, loaded, risk)
     if out is not None:
-        from optipromp.core.files import json_text, write_atomically
+        from optipromp.core.files import json_text
         from optipromp.looks.viewer.figures import limits_figure, png
 
         figure = limits_figure(curve, robot, found.judgement.violations, loaded.name)
-        write_atomically(out / "limits.png", png(figure))
-        write_atomically(out / "verdict.json", json_text(document).encode("utf-8"))
+        told_of = json_text(document).encode("utf-8")
+        write_together(out, {"limits.png": png(figure), "verdict.json": told_of})
     return Report(document, _judged(found, loaded, curve), exit_code(found.status))
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import find_objects, label
 from scipy.signal import savgol_filter
 
 from optipromp.core.arrays import BoolArray, FloatArray
@@ -201,7 +202,4 @@ def _motions(
 
 def _runs(flags: BoolArray) -> Iterable[tuple[int, int]]:
     """First row and last row + 1 of each run of true flags."""
-    edges = np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8))
-    return zip(
-        np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True
-    )
+    return [(run.start, run.stop) for (run,) in find_objects(label(flags)[0])]
