@@ -161,7 +161,7 @@ def test_scenes_of_a_xacro_keep_its_arguments(
 
 def test_xacro_in_a_comment_is_no_xacro(tmp_path: Path, runs: list[str]) -> None:
     """As in every file that xacro has written."""
-    text = packages.expanded(_both(tmp_path), [], {}, named_by_user=True).urdf.decode()
+    text = packages.expanded(_both(tmp_path), [], {}, named_by_user=True)[0].decode()
     done = tmp_path / "done.urdf"
     text = text.replace("<robot", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"', 1)
     done.write_text(text.replace("<link", "<!-- <xacro:hinge/> --><link", 1))

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -165,13 +165,6 @@ def _in_metres(shape: LinkShape, file: Path) -> LinkShape:
     return replace(shape, size=tuple(metres * scale for scale in shape.size))
 
 
-class Expanded(NamedTuple):
-    """The URDF of a xacro, and the files that xacro read for it."""
-
-    urdf: bytes
-    files: tuple[Path, ...]
-
-
 def is_xacro(path: Path) -> bool:
     """Whether a file is a xacro: by its suffix, or as a URDF with elements of xacro."""
     suffix = path.suffix.lower()
@@ -187,8 +180,10 @@ def expanded(
     arguments: Mapping[str, Argument],
     *,
     named_by_user: bool,
-) -> Expanded:
-    """The xacro file at ``path`` with ``arguments`` by name, or else their defaults.
+) -> tuple[bytes, tuple[Path, ...]]:
+    """The URDF of the xacro file at ``path``, and the files that xacro read for it.
+
+    ``arguments``: by name, in place of their defaults.
 
     xacro runs in a process of its own, within :data:`LIMITS`.
     """
@@ -227,7 +222,7 @@ def expanded(
         if name not in told["args"]:
             declared = suggest(name, told["args"]) if told["args"] else "the file declares none"
             raise InvalidRobotError(f"{path}: unknown argument {name!r}: {declared}")
-    return Expanded(told["urdf"].encode(), tuple(map(Path, told["files"])))
+    return told["urdf"].encode(), tuple(map(Path, told["files"]))
 
 
 LARGEST_MESH = 64_000_000  # [bytes] of a mesh file, chosen: an STL of MOST_TRIANGLES has 50 million

@@ -113,9 +113,7 @@ def trajectory_figure(trajectory: Trajectory) -> Figure:
     q = trajectory.sample(times)[0]
     for joint, (panel, name) in enumerate(zip(panels, trajectory.joint_names, strict=True)):
         panel.plot(times, q[:, joint], color=OPTIMISED, lw=1.6)
-        panel.set_title(f"{name} [rad or m]".replace("$", r"\$"), fontsize=9, loc="left")
-        panel.margins(x=0.0)
-        _plain(panel)
+        _plain(panel, f"{name} [rad or m]".replace("$", r"\$"))
     figure.suptitle("joints over time [s]", fontsize=11)
     return figure
 
@@ -179,9 +177,7 @@ def _over_limits(
                     color=RED, va="top", ha="left" if found.time < t[-1] / 2 else "right",
                 )  # fmt: skip
         panel.set_ylim(low, high)
-        panel.set_title(words, fontsize=9, loc="left")
-        panel.margins(x=0.0)
-        _plain(panel)
+        _plain(panel, words)
     panels[-1].set_xlabel("time [s]")
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=7, frameon=False)
@@ -206,10 +202,9 @@ def primitive_figure(promp: ProMP, demonstrations: Demonstrations | tuple[()] = 
             lw=0, label="learnt mean ± 2 standard deviations",
         )  # fmt: skip
         panel.plot(phases, mean[:, j], color=OPTIMISED, lw=1.8)
-        panel.set_title(promp.joint_names[j].replace("$", r"\$"), fontsize=9, loc="left")
+        _plain(panel, promp.joint_names[j].replace("$", r"\$"))
         panel.set_ylabel("rad or m", fontsize=8)
-        panel.margins(x=0.0, y=0.06)
-        _plain(panel)
+        panel.margins(y=0.06)
     handles, labels = panels[0].get_legend_handles_labels()
     legend = figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False)
     for handle in legend.legend_handles:
@@ -269,7 +264,6 @@ def _draw_cost(panel: Axes, name: str, term: Term, drawn: set[str]) -> None:
     else:
         panel.set_ylim(min(0.0, float(values.min())), 1.12 * float(values.max()))
     told = " → ".join(f"{value:#.3g}" if value else "0" for _, value, *_ in points)
-    panel.set_title(f"{name}: {told}", fontsize=9.5, loc="left")
     ticks = {x: tick for x, *_, tick in points}
     ticks |= {0.0: "0"} if begin < 0.0 else {}
     ticks |= {last: f"{last}"} if end > last else {}
@@ -277,11 +271,12 @@ def _draw_cost(panel: Axes, name: str, term: Term, drawn: set[str]) -> None:
     panel.set_xlabel(f"iteration of the stage {term.stage}")
     panel.set_xticks([*ticks], [*ticks.values()])
     panel.set_ylabel("cost")
-    panel.margins(x=0.08)
-    _plain(panel)
+    _plain(panel, f"{name}: {told}", size=9.5, room=0.08)
 
 
-def _plain(panel: Axes) -> None:
+def _plain(panel: Axes, title: str, size: float = 9.0, room: float = 0.0) -> None:
+    panel.set_title(title, fontsize=size, loc="left")
+    panel.margins(x=room)
     panel.spines[["top", "right"]].set_visible(False)
     panel.grid(color="#e6e8eb", lw=0.7)
     panel.set_axisbelow(True)
