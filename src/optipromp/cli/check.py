@@ -358,8 +358,8 @@ def validate(
         from optipromp.looks.viewer.figures import limits_figure, png
 
         figure = limits_figure(curve, robot, found.judgement.violations, loaded.name)
-        told_of = json_text(document).encode("utf-8")
-        write_together(out, {"limits.png": png(figure), "verdict.json": told_of})
+        verdict = json_text(document).encode("utf-8")
+        write_together(out, {"limits.png": png(figure), "verdict.json": verdict})
     return Report(document, _judged(found, loaded, curve), exit_code(found.status))
 
 

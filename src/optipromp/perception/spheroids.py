@@ -226,12 +226,12 @@ def _outlines(
     ends = np.where(~dyed & (order > deep[:, :, None]), order, TICKS).min(axis=2)
     ragged = (ends - deep) * pixel < 3.5  # [pixel] as edges of depth are
     last = np.where(ragged, ends - 1, deep)
-    about_it = tick[np.clip(last, 0, TICKS - 1)] + tick[np.clip(last + 1, 0, TICKS - 1)]
-    edge = middle[:, None] + ((0.5 * about_it) * size[:, None])[..., None] * turn
+    rim = tick[np.clip(last, 0, TICKS - 1)] + tick[np.clip(last + 1, 0, TICKS - 1)]
+    edge = middle[:, None] + ((0.5 * rim) * size[:, None])[..., None] * turn
     ways = picture.camera.through(edge)
     aside, front = surface(ways, balls)
-    near_it = np.abs(aside - 1.0) * size[:, None] < np.maximum(0.25 * size, 4.0)[:, None]
-    free = (deep >= 0) & (last < TICKS - 1) & near_it
+    close = np.abs(aside - 1.0) * size[:, None] < np.maximum(0.25 * size, 4.0)[:, None]
+    free = (deep >= 0) & (last < TICKS - 1) & close
     for ahead in BEYOND:
         _, beyond, _ = _at(picture, colours, edge + ahead * turn)
         free &= ~((beyond > 0.0) & (beyond < front + BEFORE)) & ~np.isnan(beyond)

@@ -124,8 +124,8 @@ class Pictures:
             return None
         colour, depth = (item, near) if part == "colour" else (near, item)
         only = next(iter(self._infos.values())) if len(self._infos) == 1 else None
-        other_info = self._infos.get(depth.header.frame_id, only)
-        info = self._infos.get(colour.header.frame_id, other_info)  # of the colours' frame first
+        beside = self._infos.get(depth.header.frame_id, only)
+        info = self._infos.get(colour.header.frame_id, beside)  # of the colours' frame first
         if info is None:
             return None
         for waiting in self._waiting.values():
