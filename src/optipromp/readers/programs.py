@@ -45,15 +45,11 @@ def expand_xacro(given: dict[str, Any]) -> None:
 
 
 class _Arguments(dict[str, str]):
-    """Arguments of a xacro, which looks for each one that it declares.
-
-    Attributes:
-        asked: the names that were looked for, in order.
-    """
+    """Arguments of a xacro, which looks for each one that it declares."""
 
     def __init__(self, values: dict[str, str]) -> None:
         super().__init__(values)
-        self.asked: dict[str, None] = {}
+        self.asked: dict[str, None] = {}  # the names that were looked for, in order
 
     def __contains__(self, name: object) -> bool:
         self.asked[str(name)] = None

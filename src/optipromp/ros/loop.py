@@ -37,14 +37,10 @@ HELD = 200_000_000  # [ns] before its first and after its last time, a frame is 
 
 
 class Frames:
-    """Frames by name: each one's parent, and its pose there over time.
-
-    Attributes:
-        still: parent and pose of each frame that does not move.
-    """
+    """Frames by name: each one's parent, and its pose there over time."""
 
     def __init__(self) -> None:
-        self.still: dict[str, tuple[str, Pose]] = {}
+        self.still: dict[str, tuple[str, Pose]] = {}  # of frames that do not move
         self._moving: dict[str, tuple[str, list[int], list[Pose]]] = {}
 
     @property

@@ -367,27 +367,17 @@ LEAST_FORCE = 0.02  # [N] a contact with less force is not drawn
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """An executed plan.
+    """An executed plan."""
 
-    Attributes:
-        name: shown to the user.
-        scene, robot, seed: of the world.
-        arrays: of :meth:`optipromp.laboratory.simulation.rollout.Rollout.arrays`.
-        success: whether the target alone was picked and nothing was harmed.
-        message: of the outcome.
-        parameters: of the physics.
-        record: of the controller; None for a plan that was executed without looking.
-    """
-
-    name: str
+    name: str  # shown to the user
     scene: Scene
     robot: Robot
-    seed: int
-    arrays: dict[str, Any]
-    success: bool
-    message: str
-    parameters: SimulationParameters
-    record: LoopRecord | None = None
+    seed: int  # of the world
+    arrays: dict[str, Any]  # of :meth:`optipromp.laboratory.simulation.rollout.Rollout.arrays`
+    success: bool  # whether the target alone was picked and nothing was harmed
+    message: str  # of the outcome
+    parameters: SimulationParameters  # of the physics
+    record: LoopRecord | None = None  # of the controller; None: executed without looking
 
     @property
     def duration(self) -> float:

@@ -241,22 +241,14 @@ FEWEST_SAMPLES = 5  # of a demonstration
 
 @dataclass
 class Recorder:
-    """Demonstrations of one robot, and the one that is being recorded.
-
-    Attributes:
-        robot: whose joints are recorded.
-        q: (n,) present configuration.
-        times, rows: of the demonstration under way: [s] and (n,) each.
-        kept: accepted demonstrations.
-        last: time of the last sample [s].
-    """
+    """Demonstrations of one robot, and the one that is being recorded."""
 
     robot: Robot
-    q: FloatArray
-    times: list[float] = field(default_factory=list)
-    rows: list[FloatArray] = field(default_factory=list)
-    kept: list[Demonstration] = field(default_factory=list)
-    last: float = 0.0
+    q: FloatArray  # (n,) present configuration
+    times: list[float] = field(default_factory=list)  # [s] of the demonstration under way
+    rows: list[FloatArray] = field(default_factory=list)  # (n,) each
+    kept: list[Demonstration] = field(default_factory=list)  # accepted
+    last: float = 0.0  # [s] time of the last sample
 
     def begin(self, q: FloatArray) -> None:
         """Start anew from ``q`` (n,)."""

@@ -46,20 +46,13 @@ class Moment:
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """An object of the scene at its place of a moment.
+    """An object of the scene at its place of a moment."""
 
-    Attributes:
-        item: as perceived.
-        position, rotation: (3,) [m] and (3, 3) at the moment.
-        stem: (k, 3) points, fruit first [m]; None without a stem.
-        colour: of its label; pushables have different ones.
-    """
-
-    item: SceneObject
-    position: FloatArray
-    rotation: FloatArray
-    stem: FloatArray | None
-    colour: str
+    item: SceneObject  # as perceived
+    position: FloatArray  # (3,) at the moment [m]
+    rotation: FloatArray  # (3, 3) at the moment
+    stem: FloatArray | None  # (k, 3) points, fruit first [m]; None without a stem
+    colour: str  # of its label; pushables have different ones
 
     @property
     def shift(self) -> float:
