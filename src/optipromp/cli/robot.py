@@ -62,7 +62,6 @@ class ArmOptions:
     base: str | None = None
     srdf: Path | None = None
     package_dir: list[Path] | None = None
-
     robot_arg: list[str] | None = None
 
     def of(self, robot: str | None) -> Named:

@@ -47,7 +47,14 @@ class Disturbed:
         if self.sway_frequency is not None:
             if self.sway == 0.0:
                 raise InvalidRequestError("--sway-frequency is of a sway: state --sway, too")
-            values |= _frequencies(self.sway_frequency)
+            try:
+                low, high = (float(part) for part in self.sway_frequency.split(":"))
+            except ValueError:
+                low = high = float("nan")
+            if not 0.0 < low <= high < float("inf"):
+                told = f"--sway-frequency is {self.sway_frequency!r}; write it as 0.5:1.6 [Hz]"
+                raise InvalidRequestError(told)
+            values |= {"sway_frequency": low, "sway_fastest": high}
         return replace(parameters, disturbance=replace(parameters.disturbance, **values))
 
 
@@ -172,16 +179,6 @@ def loop_lines(document: dict[str, Any]) -> list[str]:
         ("largest share of a limit", f"{100 * document['worst_limit']:.0f} %"),
     )
     return [*words, *(f"  {name:<26}{text}" for name, text in figures)]
-
-
-def _frequencies(text: str) -> dict[str, float]:
-    try:
-        low, high = (float(part) for part in text.split(":"))
-    except ValueError:
-        low = high = float("nan")
-    if not 0.0 < low <= high < float("inf"):
-        raise InvalidRequestError(f"--sway-frequency is {text!r}; write it as 0.5:1.6 [Hz]")
-    return {"sway_frequency": low, "sway_fastest": high}
 
 
 @command(failure=lambda asked: {"scene": asked["scene_or_plan"], "success": False, "cause": None})
