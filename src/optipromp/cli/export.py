@@ -18,7 +18,10 @@ if TYPE_CHECKING:
     from optipromp.core.trajectory import Trajectory
 
 
-@command(failure=lambda asked: {"item": asked["scene_or_plan"], "files": {}})
+_UNWRITTEN: dict[str, Any] = {"status": None, "message": None, "item": None, "files": {}}
+
+
+@command(failure=lambda asked: _UNWRITTEN | {"item": asked["scene_or_plan"]})
 def export(
     scene_or_plan: str,
     /,

@@ -150,7 +150,7 @@ def failed_plan(request: Mapping[str, Any]) -> dict[str, Any]:
         "scene": request["scene"],
         "planner": planner,
         "strategy": request["strategy"] if planner == "opti-promp" else None,
-        **dict.fromkeys(("metrics", "terms", "time")),
+        **dict.fromkeys(("status", "message", "metrics", "terms", "time")),
     }
 
 
