@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from optipromp.core.trajectory import Trajectory
 
 
-_UNWRITTEN: dict[str, Any] = {"status": None, "message": None, "item": None, "files": {}}
+_UNWRITTEN: dict[str, object] = {"status": None, "message": None, "item": None, "files": {}}
 
 
 @command(failure=lambda asked: _UNWRITTEN | {"item": asked["scene_or_plan"]})
