@@ -154,14 +154,12 @@ def passing_windows(
     heights = np.array([obj.position for obj in objects]) @ up
     capture = float(scene.target.position @ up) - depth - scene.target.radius
     under = np.full(len(radii), RULE_UNDER)
-    return rim_windows(heights, radii, np.array(directions), depth, capture, under)
+    windows = rim_windows(heights, radii, np.array(directions), depth, capture, under)
+    return np.asarray(windows)
 
 
 @kernel
-def rim_windows(
-    heights: FloatArray, radii: FloatArray, directions: FloatArray, depth: float, capture: float,
-    under: FloatArray,
-) -> FloatArray:  # fmt: skip
+def rim_windows(heights, radii, directions, depth, capture, under):
     """The ``rim`` windows (N, 2) of pushables at ``heights`` (N,) along z_g, first met first [m].
 
     At the height ``capture`` of the tool point the rim takes in the target. The rim must be aside
@@ -253,10 +251,7 @@ def rule_paths(
 
 
 @kernel
-def path_past(
-    centers: FloatArray, directions: FloatArray, windows: FloatArray, offsets: FloatArray,
-    goal: FloatArray, frame: FloatArray, camera: FloatArray, capture: float,
-) -> FloatArray:  # fmt: skip
+def path_past(centers, directions, windows, offsets, goal, frame, camera, capture):
     """Corners (k, 3) of the path from the camera point to the goal [m].
 
     ``centers``: (N, 3) of the neighbours; ``directions`` and ``windows`` as in :class:`Drift`.

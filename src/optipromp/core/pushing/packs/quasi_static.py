@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, IntArray
+from optipromp.core.arrays import FloatArray
 from optipromp.core.compiled import inlined, inner, kernel
 from optipromp.core.pushing.packs.flat import (
     CORNERS,
@@ -86,10 +86,7 @@ class _Step(NamedTuple):
 
 
 @inlined
-def _resolve(
-    bench: Bench, step: _Step, i: int, j: int, hit: FloatArray, depth: float,
-    away: tuple[float, float],
-) -> None:  # fmt: skip
+def _resolve(bench, step, i, j, hit, depth, away):
     """Move bodies i and j apart by ``depth``, and apply friction.
 
     i = −1 is a body that does not yield, with the motion ``away`` [m] at the contact.
@@ -132,13 +129,13 @@ def _resolve(
 
 
 @inlined
-def _follow(bench: Bench, state: FloatArray, b: int, bodies: Bodies) -> None:
+def _follow(bench, state, b, bodies):
     """Place the outline of object b at its state."""
     place(bench.objects, b, state[b, 0], state[b, 1], state[b, 2], bodies, b)
 
 
 @inner
-def _near(bodies: Bodies, parts: int, pairs: IntArray) -> int:
+def _near(bodies, parts, pairs):
     """List ``pairs`` (P, 3) of a body and an object less than AHEAD apart; returns their number.
 
     Bodies are the objects, the ``parts`` of the hand and the walls, in this order. Each object is
@@ -157,7 +154,7 @@ def _near(bodies: Bodies, parts: int, pairs: IntArray) -> int:
 
 
 @inner
-def _outlines(bench: Bench, state: FloatArray, bodies: Bodies) -> None:
+def _outlines(bench, state, bodies):
     """Fill ``bodies`` with objects and walls; the hand is placed by :func:`_lead`."""
     objects, hand, walls = bench.objects, bench.hand, bench.walls
     b = 0
@@ -174,7 +171,7 @@ def _outlines(bench: Bench, state: FloatArray, bodies: Bodies) -> None:
 
 
 @inlined
-def _lead(hand: Shapes, bodies: Bodies, step: _Step, turn: float, anew: bool) -> None:
+def _lead(hand, bodies, step, turn, anew):
     """Move the hand's parts: to the pose of the step where ``anew``, else by ``du`` and ``dv``."""
     corners, boxes = bodies.corners, bodies.boxes
     for h in range(len(hand.size)):
@@ -191,9 +188,7 @@ def _lead(hand: Shapes, bodies: Bodies, step: _Step, turn: float, anew: bool) ->
 
 
 @inlined
-def _sweep(
-    bench: Bench, bodies: Bodies, step: _Step, pairs: IntArray, n: int, hit: FloatArray
-) -> float:
+def _sweep(bench, bodies, step, pairs, n, hit):
     """Resolve the contacts of n near pairs in turn; returns their largest overlap [m]."""
     count, worst = bodies.objects, 0.0
     for p in range(n):
@@ -216,10 +211,7 @@ def _sweep(
 
 
 @kernel
-def pushed(
-    bench: Bench, path: FloatArray, state: FloatArray, slip: float, most: float, hardest: float,
-    report: FloatArray,
-) -> None:  # fmt: skip
+def pushed(bench, path, state, slip, most, hardest, report):
     """Move the hand along a path, and the objects with it.
 
     ``bench``: objects, walls and hand. ``path``: (T, 3) of the tool point: u, v [m] and turn [rad],

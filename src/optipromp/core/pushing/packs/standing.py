@@ -36,7 +36,7 @@ BEYOND, JAM, TAKEN = PUSH.pack.beyond, PUSH.pack.jam, PUSH.pack.taken
 
 
 @kernel
-def stepped(corners: FloatArray) -> FloatArray:
+def stepped(corners):
     """Poses (T, 3) along a path (k, 2), in equal steps of the model, without a turn."""
     total = 0.0
     for k in range(1, len(corners)):
@@ -58,60 +58,57 @@ def stepped(corners: FloatArray) -> FloatArray:
 
 
 @inner
-def _excess(value: float, free: float, unit: float) -> float:
+def _excess(value, free, unit):
     """Cost of a value above ``free``: ((value - free) / unit)², 0 below."""
     return (max(0.0, value - free) / unit) ** 2
 
 
 @inner
-def motion_cost(start: FloatArray, end: FloatArray) -> float:
+def motion_cost(start, end):
     """Cost of the target's motion from one state (B, 3) to another."""
     u, v = end[0, 0] - start[0, 0], end[0, 1] - start[0, 1]
     return float((u * u + v * v) / (MOVED * MOVED))
 
 
 @inner
-def depth_cost(bench: Bench, end: FloatArray) -> float:
+def depth_cost(bench, end):
     """Cost of a target that ends too deep between the fingers."""
     return _excess(end[0, 0], 0.4 * bench.mouth[1], BEYOND)
 
 
 @inner
-def edge_cost(bench: Bench, u: float) -> float:
+def edge_cost(bench, u):
     """Cost of an object that ends near the front of the board."""
     return _excess(bench.edge + BEHIND, u, BACK)
 
 
 @inner
-def force_cost(force: float) -> float:
+def force_cost(force):
     """Cost of the largest force [N]."""
     return _excess(force, LIGHT, HEAVY)
 
 
 @inner
-def wall_cost(room: float) -> float:
+def wall_cost(room):
     """Cost of a distance to the walls [m]."""
     return _excess(WIDE, room, TIGHT)
 
 
 @kernel
-def room_of(bench: Bench, path: FloatArray) -> float:
+def room_of(bench, path):
     """Least distance of the hand from the walls along a path (T, 3) [m], at most :data:`WIDE`."""
     return clear_ahead(path, 5, bench.hand, bench.walls, WIDE)
 
 
 @inner
-def _taken(bench: Bench, u: float, v: float) -> bool:
+def _taken(bench, u, v):
     """Whether an object ends between the fingers."""
     palm, tip, half = bench.mouth
     return bool(palm < u < tip and abs(v) < half)
 
 
 @kernel
-def cost_of(
-    bench: Bench, corners: FloatArray, states: FloatArray, slips: FloatArray, so_far: FloatArray,
-    limit: float,
-) -> float:  # fmt: skip
+def cost_of(bench, corners, states, slips, so_far, limit):
     """Mean cost of a path over trials, or infinity where it is sure to exceed ``limit``.
 
     A trial costs where the target moves, an object jams, an object ends between the fingers, the

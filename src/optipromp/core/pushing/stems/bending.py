@@ -422,9 +422,7 @@ SWEEPS, GAP = PUSH.beam.parting_sweeps, PUSH.beam.parting_gap
 
 
 @kernel
-def part(
-    fruit: FloatArray, root: FloatArray, radius: FloatArray, above: FloatArray, apart: FloatArray
-) -> None:
+def part(fruit, root, radius, above, apart):
     """Move each fruit of an overlapping pair by half of the overlap, in place.
 
     ``fruit``: (M, N, 3) centres of the lower balls of N fruits in M states, in and out [m].

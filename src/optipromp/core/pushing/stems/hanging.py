@@ -202,10 +202,7 @@ def passed_towards(
 
 
 @kernel
-def rooms_beside(
-    points: FloatArray, heights: FloatArray, up: FloatArray, obstacles: Obstacles, radius: float,
-    most: float,
-) -> tuple[float, float]:  # fmt: skip
+def rooms_beside(points, heights, up, obstacles, radius, most):
     """Least clearance of an upright tool along its path, and the clearance at the end [m].
 
     ``points``: (P, 3) of the tool point. ``heights``: (m,) over the tool point, along ``up`` (3,),
@@ -299,11 +296,11 @@ class Hanging(PushModel):
                 total,
             )  # fmt: skip
             if not told and first == 0 and total >= hopeless:
-                return total
+                return float(total)
             if total > worst:
                 break
             step(WEIGHT)
-        return total / states
+        return float(total / states)
 
     def led(self, state: int, points: FloatArray, axes: FloatArray) -> Led:
         """Effect of a motion of the tool on the fruits in one state."""
@@ -355,7 +352,7 @@ class Hanging(PushModel):
         )
 
         def alone(item: tuple[str, int, str]) -> float:
-            return score_of(*NOTHING._replace(**{item[0]: getattr(found, item[0])}))
+            return float(score_of(*NOTHING._replace(**{item[0]: getattr(found, item[0])})))
 
         part, k, what = max(parts, key=alone)
         return names[k], what.format(getattr(found, part))

@@ -32,9 +32,7 @@ class Harm(NamedTuple):
 
 
 @inner
-def score_of(
-    stem: float, fruit: float, target: float, inside: float, pinched: float, missed: bool
-) -> float:
+def score_of(stem, fruit, target, inside, pinched, missed):
     """The score of a :class:`Harm`: the sum of its parts.
 
     A part is 1 where a force reaches what a fruit bears, or a fruit is pinched for :data:`PINCHED`.

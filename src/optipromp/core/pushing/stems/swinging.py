@@ -85,9 +85,7 @@ class CupStep(NamedTuple):
 
 
 @inlined
-def relax(
-    s: Stems, f: Fruits, c: Contacts, d: Descent, step: CupStep, solid: Obstacles, look: bool
-) -> tuple[float, bool]:
+def relax(s, f, c, d, step, solid, look):
     """One Gauss-Newton step of every fruit that is touched.
 
     ``s``: the N stems. ``f``: the fruits, in and out. ``c``: the contacts, in and out. ``d``: the
@@ -163,9 +161,7 @@ def relax(
 
 
 @inner
-def _slip(
-    s: Stems, f: Fruits, step: CupStep, i: int, kind: int, o: int, share: float
-) -> tuple[float, float, float]:
+def _slip(s, f, step, i, kind, o, share):
     """Slip (x, y, z) of this step between fruit or stem i and its partner [m]."""
     at, shift, chord = step.at, step.shift, s.length[i] - f.up[i]
     d0 = d1 = d2 = 0.0  # drift of the root of i, and of that of its partner backwards
@@ -207,10 +203,7 @@ def _slip(
 
 
 @inlined
-def _rub(
-    s: Stems, f: Fruits, i: int, share: float, slip: tuple[float, float, float],
-    way: tuple[float, float, float], most: float, d: Descent,
-) -> None:  # fmt: skip
+def _rub(s, f, i, share, slip, way, most, d):
     """Friction of at most ``most`` [N] on a share of stem i, against the slip across ``way``."""
     (x, y, z), (n0, n1, n2) = slip, way
     along = x * n0 + y * n1 + z * n2
@@ -222,7 +215,7 @@ def _rub(
 
 
 @inlined
-def _step(s: Stems, f: Fruits, i: int, d: Descent) -> float:
+def _step(s, f, i, d):
     """Step stem i to the minimum of the quadratic model; returns the largest deflection change [m].
 
     No loaded point moves farther than :data:`FARTHEST`. A step back by more than the share
@@ -250,11 +243,7 @@ def _step(s: Stems, f: Fruits, i: int, d: Descent) -> float:
 
 
 @kernel
-def push(
-    s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Mouth, solid: Obstacles,
-    worst: float, positions: FloatArray, forces: FloatArray, stem_forces: FloatArray,
-    so_far: FloatArray,
-) -> int:  # fmt: skip
+def push(s, points, axes, dt, cup, solid, worst, positions, forces, stem_forces, so_far):
     """Lead the cup along a path.
 
     ``s``: the N stems. ``points``: (P, 3) of the tool point; ``axes`` (P, 3) out of the mouth.
@@ -318,7 +307,7 @@ def push(
 
 
 @inner
-def _drift(s: Stems, f: Fruits, fixed: FloatArray, held: FloatArray, p: int) -> None:
+def _drift(s, f, fixed, held, p):
     """Move the roots from where they are ``fixed`` (N, 3) to where they are ``held`` at point p.
 
     A fruit whose root has moved no longer rests.
@@ -332,7 +321,7 @@ def _drift(s: Stems, f: Fruits, fixed: FloatArray, held: FloatArray, p: int) -> 
 
 
 @inner
-def _follow_truss(s: Stems, f: Fruits, held: FloatArray, load: FloatArray) -> None:
+def _follow_truss(s, f, held, load):
     """Move the stems of a truss by the forces on the other fruits after the last step.
 
     ``held`` (N, 3) are the roots before any contact [m], ``load`` (N, 3) is scratch for the forces;
@@ -358,7 +347,7 @@ def _follow_truss(s: Stems, f: Fruits, held: FloatArray, load: FloatArray) -> No
 
 
 @inner
-def _untouched(s: Stems, f: Fruits, at: MouthPose, cup: Mouth) -> bool:
+def _untouched(s, f, at, cup):
     """Whether all fruits rest, and the rim is below all fruits and roots."""
     for i in range(len(s.root)):
         h, _, _, _, _ = in_cup(f.center[i, 0], f.center[i, 1], f.center[i, 2], at)
@@ -369,7 +358,7 @@ def _untouched(s: Stems, f: Fruits, at: MouthPose, cup: Mouth) -> bool:
 
 
 @kernel
-def clear(s: Stems, points: FloatArray, axes: FloatArray, cup: Mouth) -> bool:
+def clear(s, points, axes, cup):
     """Whether the cup, led through points (P, 3), stays away from all fruits and stems at rest.
 
     Roots that drift do so without a swing.
@@ -400,7 +389,7 @@ def clear(s: Stems, points: FloatArray, axes: FloatArray, cup: Mouth) -> bool:
 
 
 @inner
-def _advance(s: Stems, f: Fruits, c: Contacts, d: Descent, step: CupStep, solid: Obstacles) -> None:
+def _advance(s, f, c, d, step, solid):
     """Let the fruits swing on, then bring them to their equilibrium with the cup of this step."""
     for i in range(len(f.up)):
         for k in range(3):
@@ -424,10 +413,7 @@ def _advance(s: Stems, f: Fruits, c: Contacts, d: Descent, step: CupStep, solid:
 
 
 @inner
-def _take(
-    f: Fruits, at: MouthPose, cup: Mouth, dt: float, p: int, forces: FloatArray,
-    stem_forces: FloatArray, spell: IntArray, pinched: IntArray, so_far: FloatArray,
-) -> None:  # fmt: skip
+def _take(f, at, cup, dt, p, forces, stem_forces, spell, pinched, so_far):
     """Update the harm ``so_far`` (5,) by step p.
 
     ``spell`` (N,) counts the steps since which each fruit has been inside, ``pinched`` (N,) the
@@ -496,10 +482,7 @@ def steps_inside(
 
 
 @kernel
-def summed_score(
-    s: Stems, count: int, states: tuple[int, int], points: FloatArray, axes: FloatArray, dt: float,
-    cup: Mouth, solid: Obstacles, hopeless: float, worst: float, seen: bool, total: float,
-) -> float:  # fmt: skip
+def summed_score(s, count, states, points, axes, dt, cup, solid, hopeless, worst, seen, total):
     """Sum of the scores of a path over sampled states of the same fruits.
 
     ``s``: the stems, one state after the other. ``count``: number of fruits in a state. ``states``:
