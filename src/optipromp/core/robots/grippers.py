@@ -116,9 +116,6 @@ class FingerGripper(TwoFingers):
         palm_thickness: of the body, across the opening.
         depth: distance of the finger tips beyond the tool point.
         turn: of the gripper about flange z; at 0 it opens along flange y [rad].
-
-    Raises:
-        InvalidRequestError: a parameter out of its range, named with its value.
     """
 
     names = "finger_gripper", "finger", "palm"
@@ -154,9 +151,6 @@ class Scissor(TwoFingers):
         turn: of the scissor about flange z; at 0 it opens along flange y [rad].
         cut: distance of the place of the cut from the fruit. Above ``depth`` and half of the
             body's thickness, so that the closing blades and the body miss the fruit.
-
-    Raises:
-        InvalidRequestError: a parameter out of its range, named with its value.
     """
 
     names = "scissor", "blade", "body"
@@ -190,9 +184,6 @@ class Suction(Tool):
         angle: largest angle between the tool axis and the touched surface's normal [degrees].
         fruit: distance from the lip to the tool point, where the centre of a touched fruit is. In a
             scene file without ``fruit``: the target's radius less :data:`PRESS`.
-
-    Raises:
-        InvalidRequestError: a parameter out of its range, named with its value.
     """
 
     radius: float

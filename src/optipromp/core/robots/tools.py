@@ -62,9 +62,6 @@ class Cup(Tool):
     ``radius`` and ``height`` joins the base and the rim. ``opening`` is the inner diameter, by
     default 2 ``radius``: a thin wall. The tool point, where the centre of a swallowed fruit rests,
     is ``depth`` below the rim. The tool axis points out of the mouth.
-
-    Raises:
-        InvalidRequestError: a parameter out of its range, named with its value.
     """
 
     radius: float
