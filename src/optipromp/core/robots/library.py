@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import TypedDict, Unpack
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
@@ -114,16 +114,9 @@ def load_robot(
     """
     if unknown := choice.keys() - ChoiceKeys.__optional_keys__:
         raise TypeError(f"load_robot has no argument {', '.join(sorted(unknown))}")
-    given = Choice(
-        choice.get("tip"),
-        choice.get("base"),
-        choice.get("srdf"),
-        choice.get("hold") or {},
-        tuple(choice.get("package_dirs", ())),
-        choice.get("arm"),
-        choice.get("args") or {},
-    )
-    return load_arm(name_or_path, base_dir, given)[0]
+    stated: dict[str, Any] = {name: value for name, value in choice.items() if value is not None}
+    stated["package_dirs"] = tuple(stated.get("package_dirs", ()))
+    return load_arm(name_or_path, base_dir, Choice(**stated))[0]
 
 
 def load_arm(

@@ -44,6 +44,7 @@ from optipromp.core.pushing.stems.harm import BRIEFLY, Harm, score_of
 from optipromp.core.pushing.stems.swinging import Led, clear, led, steps_inside, summed_score
 from optipromp.core.robots.cup_cover import NECK_RADIUS
 from optipromp.core.robots.grippers import Scissor
+from optipromp.core.robots.ik import uniform
 from optipromp.core.robots.mounted import unmounted
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.robots.tools import WALL
@@ -446,7 +447,7 @@ def sampled(
     places = np.concatenate([place[None], place + shift])
     roots = np.concatenate([seen.root[None], seen.root + shift + swing])
     part(places, roots, seen.radius, seen.above, (1.0 - seen.upper) * seen.length)
-    size, turn = _uniform((2, (samples + 1) * count))
+    size, turn = uniform(1, (2, (samples + 1) * count))
     beam = PUSH.beam
     size = beam.bow_least + size * (beam.bow_most - beam.bow_least)
     return bowed(stems_moved(cases, roots, places), size, 2.0 * np.pi * turn)
@@ -474,12 +475,6 @@ def _spread(fruit: SceneObject) -> float:
     """Standard deviation of a stem's stiffness as a factor; 1 for a known stiffness."""
     assumed = 1.0 if "stem_stiffness" in fruit.physical else STIFFNESS_SPREAD
     return fruit.physical.get("stem_stiffness_spread", assumed)
-
-
-@lru_cache(maxsize=16)
-def _uniform(shape: tuple[int, ...]) -> FloatArray:
-    """Uniform numbers between 0 and 1 of a fixed seed."""
-    return frozen(np.random.default_rng(1).random(shape))
 
 
 @lru_cache(maxsize=16)
