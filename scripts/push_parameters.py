@@ -3,7 +3,6 @@
 import inspect
 import re
 from collections.abc import Iterator
-from dataclasses import fields
 from pathlib import Path
 from typing import NamedTuple
 
@@ -36,8 +35,7 @@ class Number(NamedTuple):
 
 def numbers() -> Iterator[Number]:
     """The numbers of all groups, by their dotted names."""
-    for group in fields(PUSH):
-        branch = getattr(PUSH, group.name)
+    for group, branch in PUSH._asdict().items():
         above: list[str] = []
         comments = {}
         for line in inspect.getsource(type(branch)).splitlines():
@@ -46,14 +44,13 @@ def numbers() -> Iterator[Number]:
             if name is not None:
                 comments[name[1]] = comment or " ".join(above)
             above = [*above, comment] if comment and not code else []
-        for item in fields(branch):
+        for item, value in branch._asdict().items():
             text = re.fullmatch(
                 r"(?:\[(.+?)\] )?(?:(guess|reported|measured|published): )?(.+)",
-                comments[item.name],
+                comments[item],
             )
             unit, kind, source = text.groups() if text else ("", "", "")
-            name = f"{group.name}.{item.name}"
-            yield Number(name, getattr(branch, item.name), unit or "1", kind or "choice", source)
+            yield Number(f"{group}.{item}", value, unit or "1", kind or "choice", source)
 
 
 def table() -> str:

@@ -10,15 +10,14 @@ meaning; ``docs/push-parameters.md`` lists them.
 harm of a promise.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from optipromp.core.parameters import GRAVITY
 
 
-@dataclass(frozen=True)
-class Calibration:
+class Calibration(NamedTuple):
     """Tables of predicted harm against simulated runs; interpolated, constant beyond the ends."""
 
     harm: tuple[float, ...] = ()  # ascending abscissae of ``failed``
@@ -57,8 +56,7 @@ PACKS = Calibration(
 """Packs, whose harm is the cost of :mod:`optipromp.core.pushing.packs.standing`."""
 
 
-@dataclass(frozen=True)
-class BeamParameters:
+class BeamParameters(NamedTuple):
     """Stems as beams with a fruit at the end (:mod:`optipromp.core.pushing.stems.bending`)."""
 
     # [Pa] guess: of green stems and peduncles, reported between 10 and 100 MPa
@@ -87,8 +85,7 @@ class BeamParameters:
     finer: int = 2  # factor on the elements to solve the beam: fruits turn it sharply
 
 
-@dataclass(frozen=True)
-class SwingParameters:
+class SwingParameters(NamedTuple):
     """Contacts of fruits and their equilibrium (``stems/swinging.py``)."""
 
     stiffness: float = 3000.0  # [N/m] of a contact: 10 N press 3 mm
@@ -114,8 +111,7 @@ class SwingParameters:
     barely: float = 0.003  # [m] least depth below the rim of a fruit inside
 
 
-@dataclass(frozen=True)
-class HarmParameters:
+class HarmParameters(NamedTuple):
     """Forces and times that fruits on stems bear (:mod:`optipromp.core.pushing.stems.harm`)."""
 
     stem_force: float = 2.0  # [N] lasting, that a stem bears; as in the simulation
@@ -136,8 +132,7 @@ class HarmParameters:
     good: float = 0.2  # measured: harm of a good path; 231 of 240 runs succeed, 226 with 0.5
 
 
-@dataclass(frozen=True)
-class HangingParameters:
+class HangingParameters(NamedTuple):
     """States and candidate paths among fruits on stems (``stems/hanging.py``)."""
 
     every: int = 3  # points of a path in a step of the model
@@ -176,8 +171,7 @@ class HangingParameters:
     slack: float = 0.003  # [m] cup to static objects, free of penalty
 
 
-@dataclass(frozen=True)
-class PlaneParameters:
+class PlaneParameters(NamedTuple):
     """Packs pushed on a plane (:mod:`optipromp.core.pushing.packs.quasi_static`)."""
 
     friction: float = 0.4  # guess: of packs on the board; as in the simulation
@@ -189,8 +183,7 @@ class PlaneParameters:
     flat: float = 1e-3  # [m] height within which corners of a polygon touch together
 
 
-@dataclass(frozen=True)
-class PackParameters:
+class PackParameters(NamedTuple):
     """Costs of a hand's path through packs (:mod:`optipromp.core.pushing.packs.standing`)."""
 
     # [m] measured: of the model; steps of 2 mm place packs better by 0.3 mm only
@@ -209,8 +202,7 @@ class PackParameters:
     taken: float = 10.0  # cost of another object between the fingers
 
 
-@dataclass(frozen=True)
-class StandingParameters:
+class StandingParameters(NamedTuple):
     """States and candidate paths among packs (:mod:`optipromp.core.pushing.packs.standing`)."""
 
     # [m/s] measured: slow, so as not to knock packs; 18 mm/s press a tenth harder
@@ -240,8 +232,7 @@ class StandingParameters:
     most: int = 100  # largest number of packs: every pair is tested
 
 
-@dataclass(frozen=True)
-class RuleParameters:
+class RuleParameters(NamedTuple):
     """Neighbours, and the side and height at which the tool passes them."""
 
     search_radius: float = 0.2  # [m] published: around the target; method, section 4
@@ -265,8 +256,7 @@ class RuleParameters:
     point_step: float = 0.001  # [m] of a path's points; an arm keeps to a path within 2 mm
 
 
-@dataclass(frozen=True)
-class PushParameters:
+class PushParameters(NamedTuple):
     """All numbers of the push models and rules."""
 
     beam: BeamParameters = BeamParameters()

@@ -15,7 +15,7 @@ from optipromp.core.compiled import inlined, inner, kernel
 from optipromp.core.pushing.parameters import PUSH
 
 CORNERS = 8  # largest number of corners of a polygon; a turned box has six
-FLAT = PUSH.plane.flat
+PLANE = PUSH.plane
 
 
 class Shapes(NamedTuple):
@@ -159,7 +159,7 @@ def pressed(bodies, a, k, b, least, hit):
     low, high = math.inf, -math.inf
     for j in range(bodies.size[b]):
         du, dv = corners[b, j, 0] - x, corners[b, j, 1] - y
-        if du * nx + dv * ny < least + FLAT:
+        if du * nx + dv * ny < least + PLANE.flat:
             along = du * ex + dv * ey
             low, high = min(low, along), max(high, along)
     middle = 0.5 * (min(length, max(0.0, low)) + min(length, max(0.0, high)))

@@ -33,8 +33,7 @@ from optipromp.core.pushing.packs.flat import (
 )
 from optipromp.core.pushing.parameters import PUSH
 
-NO_OVERLAP, SWEEPS = PUSH.plane.settled, PUSH.plane.sweeps
-JAMMED, AHEAD = PUSH.plane.jammed, PUSH.plane.ahead
+PLANE = PUSH.plane
 
 
 class Bench(NamedTuple):
@@ -136,7 +135,7 @@ def _follow(bench, state, b, bodies):
 
 @inner
 def _near(bodies, parts, pairs):
-    """List ``pairs`` (P, 3) of a body and an object less than AHEAD apart; returns their number.
+    """List ``pairs`` (P, 3) of a body and an object closer than ``PLANE.ahead``; returns P.
 
     Bodies are the objects, the ``parts`` of the hand and the walls, in this order. Each object is
     paired with the hand first, then with the objects before it, then with walls. The third column
@@ -146,7 +145,7 @@ def _near(bodies, parts, pairs):
     for j in range(count):
         for turn in range(len(bodies.at)):
             i = turn + count if turn < parts else turn - parts if turn < parts + count else turn
-            if (i < count and i >= j) or apart(bodies, i, j, AHEAD):
+            if (i < count and i >= j) or apart(bodies, i, j, PLANE.ahead):
                 continue
             pairs[n, 0], pairs[n, 1], pairs[n, 2] = i, j, 0
             n += 1
@@ -242,16 +241,16 @@ def pushed(bench, path, state, slip, most, hardest, report):
         moved = math.sqrt(step.du * step.du + step.dv * step.dv)
         _lead(bench.hand, bodies, step, path[t, 2], t == 0 or step.turn != 0.0)
         gone += moved
-        if n < 0 or step.turn != 0.0 or max(gone, shifted) > 0.35 * AHEAD:
+        if n < 0 or step.turn != 0.0 or max(gone, shifted) > 0.35 * PLANE.ahead:
             n = _near(bodies, parts, pairs)
             gone = shifted = 0.0
             seen[:] = state
         before[:] = state
         press[:] = 0.0
         worst = 0.0
-        for _ in range(SWEEPS):
+        for _ in range(PLANE.sweeps):
             worst = _sweep(bench, bodies, step, pairs, n, hit)
-            if worst < NO_OVERLAP:
+            if worst < PLANE.settled:
                 break
         report[1] = max(report[1], worst)
         if moved > 1e-6:
@@ -259,7 +258,7 @@ def pushed(bench, path, state, slip, most, hardest, report):
                 report[0] = max(report[0], press[b] / moved)
         report[2] = (t + 1.0) / len(path)
         off = math.sqrt((state[0, 0] - first_u) ** 2 + (state[0, 1] - first_v) ** 2)
-        if worst > JAMMED or off > most or report[0] > hardest:
+        if worst > PLANE.jammed or off > most or report[0] > hardest:
             return
         for b in range(count):
             far = max(abs(state[b, 0] - seen[b, 0]), abs(state[b, 1] - seen[b, 1]))

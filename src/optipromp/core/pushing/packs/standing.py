@@ -20,19 +20,14 @@ from optipromp.core.geometry.shapes import Box, Cylinder
 from optipromp.core.pushing.candidates import Candidates, Round, Schedule
 from optipromp.core.pushing.model import Moved, PushModel
 from optipromp.core.pushing.packs.flat import clear_ahead, shapes
-from optipromp.core.pushing.packs.quasi_static import JAMMED, Bench, Pushed, push_once, pushed
+from optipromp.core.pushing.packs.quasi_static import Bench, Pushed, push_once, pushed
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP, ToolPath, through
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.scenes.scene import Scene, SceneObject
 
-MODEL_STEP = PUSH.pack.step
-FAR, WORST, MOVED = PUSH.pack.far, PUSH.pack.worst, PUSH.pack.moved
-LIGHT, HEAVY = PUSH.pack.light, PUSH.pack.heavy
-WIDE, TIGHT = PUSH.pack.wide, PUSH.pack.tight
-BEHIND, BACK = PUSH.pack.behind, PUSH.pack.back
-BEYOND, JAM, TAKEN = PUSH.pack.beyond, PUSH.pack.jam, PUSH.pack.taken
+PACK = PUSH.pack
 
 
 @kernel
@@ -41,7 +36,7 @@ def stepped(corners):
     total = 0.0
     for k in range(1, len(corners)):
         total += math.hypot(corners[k, 0] - corners[k - 1, 0], corners[k, 1] - corners[k - 1, 1])
-    count = max(2, math.ceil(total / MODEL_STEP) + 1)
+    count = max(2, math.ceil(total / PACK.step) + 1)
     out = np.zeros((count, 3))
     out[0, :2], out[-1, :2] = corners[0], corners[-1]
     gone, t = 0.0, 1
@@ -67,37 +62,37 @@ def _excess(value, free, unit):
 def motion_cost(start, end):
     """Cost of the target's motion from one state (B, 3) to another."""
     u, v = end[0, 0] - start[0, 0], end[0, 1] - start[0, 1]
-    return float((u * u + v * v) / (MOVED * MOVED))
+    return float((u * u + v * v) / (PACK.moved * PACK.moved))
 
 
 @inner
 def depth_cost(bench, end):
     """Cost of a target that ends too deep between the fingers."""
-    return _excess(end[0, 0], 0.4 * bench.mouth[1], BEYOND)
+    return _excess(end[0, 0], 0.4 * bench.mouth[1], PACK.beyond)
 
 
 @inner
 def edge_cost(bench, u):
     """Cost of an object that ends near the front of the board."""
-    return _excess(bench.edge + BEHIND, u, BACK)
+    return _excess(bench.edge + PACK.behind, u, PACK.back)
 
 
 @inner
 def force_cost(force):
     """Cost of the largest force [N]."""
-    return _excess(force, LIGHT, HEAVY)
+    return _excess(force, PACK.light, PACK.heavy)
 
 
 @inner
 def wall_cost(room):
     """Cost of a distance to the walls [m]."""
-    return _excess(WIDE, room, TIGHT)
+    return _excess(PACK.wide, room, PACK.tight)
 
 
 @kernel
 def room_of(bench, path):
-    """Least distance of the hand from the walls along a path (T, 3) [m], at most :data:`WIDE`."""
-    return clear_ahead(path, 5, bench.hand, bench.walls, WIDE)
+    """Least distance of the hand from the walls along a path (T, 3) [m], at most ``PACK.wide``."""
+    return clear_ahead(path, 5, bench.hand, bench.walls, PACK.wide)
 
 
 @inner
@@ -124,7 +119,7 @@ def cost_of(bench, corners, states, slips, so_far, limit):
     always = 0.001 * len(path) + wall_cost(room_of(bench, path))
     total, trials = 0.0, len(slips)
     costs = np.full(trials, -1.0)  # of the trials so far; -1: not made yet
-    hardest = LIGHT + HEAVY * math.sqrt(WORST)
+    hardest = PACK.light + PACK.heavy * math.sqrt(PACK.worst)
     report = np.zeros(3)
     for _ in range(trials):
         left = (limit - always) * trials - total
@@ -135,19 +130,19 @@ def cost_of(bench, corners, states, slips, so_far, limit):
             if costs[k] < 0.0 and (n < 0 or so_far[k] > so_far[n]):
                 n = k
         end = states[n].copy()
-        enough = min(hardest, LIGHT + HEAVY * math.sqrt(left))
-        pushed(bench, path, end, slips[n], FAR, enough, report)
+        enough = min(hardest, PACK.light + PACK.heavy * math.sqrt(left))
+        pushed(bench, path, end, slips[n], PACK.far, enough, report)
         force, jam, done = report
         if done < 1.0:
-            one = float(WORST * (2.0 - done))
+            one = float(PACK.worst * (2.0 - done))
         else:
             one = motion_cost(states[n], end) + depth_cost(bench, end)
-            one += (jam / JAM) ** 2 + force_cost(force)
+            one += (jam / PACK.jam) ** 2 + force_cost(force)
             for b in range(1, len(end)):
                 if _taken(bench, end[b, 0], end[b, 1]):
-                    one += TAKEN
+                    one += PACK.taken
                 one += edge_cost(bench, end[b, 0])
-            one = min(one, 2.0 * WORST)
+            one = min(one, 2.0 * PACK.worst)
         costs[n] = one
         so_far[n] += one
         total += one
@@ -404,7 +399,7 @@ class Standing(PushModel):
                 return name, "ends between the fingers"
         moved = np.linalg.norm(end.state[:, :2] - before[:, :2], axis=1)
         target, farthest = self.names[0], self.names[int(np.argmax(moved))]
-        if end.jam > JAMMED:
+        if end.jam > PUSH.plane.jammed:
             return farthest, "is jammed"
         over = int(np.argmin(end.state[:, 0]))
         behind = float(end.state[over, 0]) - bench.edge

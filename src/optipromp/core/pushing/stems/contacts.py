@@ -18,10 +18,9 @@ from optipromp.core.arrays import BoolArray, FloatArray, IntArray
 from optipromp.core.compiled import inlined, inner
 from optipromp.core.geometry.distances import distance_and_gradient
 from optipromp.core.pushing.parameters import PUSH
-from optipromp.core.pushing.stems.bending import LOADED
-from optipromp.core.pushing.stems.cup import NECK_LOOKED_AT, fruit_gap
+from optipromp.core.pushing.stems.cup import fruit_gap
 
-LOADS = len(LOADED)
+LOADS = len(PUSH.beam.loaded)
 
 
 class Descent(NamedTuple):
@@ -146,7 +145,7 @@ def press(s, u, i, share, way, depth, spring, d):
             inverse[a, b] -= total * v[b]
 
 
-LISTED, WANDERED = PUSH.swing.listed, PUSH.swing.wandered
+SWING = PUSH.swing
 ON_CUP = 0  # the fruit and the cup
 ON_FRUIT = 1  # the fruit and another fruit
 ON_STEM = 2  # the fruit and the stem of another fruit
@@ -240,16 +239,16 @@ def list_fruits(c):
 
 @inner
 def list_walls(s, center, c, solid):
-    """List the obstacles within :data:`LISTED` of each fruit that has moved by :data:`WANDERED`."""
+    """List the obstacles near each fruit that has moved by ``SWING.wandered``."""
     for i in range(len(center)):
         x, y, z = center[i, 0], center[i, 1], center[i, 2]
         at = c.listed_at
         moved, _, _, _ = _apart(x, y, z, at[i, 0], at[i, 1], at[i, 2])
-        if moved <= WANDERED:
+        if moved <= SWING.wandered:
             continue
         at[i, 0], at[i, 1], at[i, 2] = x, y, z
         n = first = 1 + 3 * (len(center) - 1)
-        reach = max(s.radius[i], (1.0 - s.upper[i]) * s.length[i] + s.above[i]) + LISTED
+        reach = max(s.radius[i], (1.0 - s.upper[i]) * s.length[i] + s.above[i]) + SWING.listed
         for k in range(len(solid.kind)):
             gap, _, _, _ = distance_and_gradient(solid, k, x, y, z)
             if gap < reach:
@@ -265,7 +264,7 @@ def list_pieces(s, c, at, cup):
     for i in range(len(s.root)):
         c.top[i] = _level_with(s, i, at, cup.rim)
         c.bottom[i] = _level_with(s, i, at, cup.base)
-        low = _level_with(s, i, at, cup.base - NECK_LOOKED_AT)
+        low = _level_with(s, i, at, cup.base - SWING.neck)
         c.first[i] = int(c.top[i] * n) + 1
         end = int(low * n) if low > 0.0 else int(under_fruit(s, i) * n)
         before = 1 + 3 * (len(s.root) - 1) + c.walls[i]

@@ -14,7 +14,7 @@ from optipromp.core.compiled import inner
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.robots.model import Robot
 
-NECK_LOOKED_AT, BARELY = PUSH.swing.neck, PUSH.swing.barely
+SWING = PUSH.swing
 ABOVE = 1.0  # [m] added to the gap of a piece of stem over the rim, which touches nothing
 
 
@@ -151,7 +151,7 @@ def stem_gap(x, y, z, radius, within, at, cup):
 def inside_cup(x, y, z, at, cup):
     """Whether a fruit with this centre counts as inside the cup."""
     h, rho, _, _, _ = in_cup(x, y, z, at)
-    return rho < cup.inner and cup.base < h < cup.rim - BARELY
+    return rho < cup.inner and cup.base < h < cup.rim - SWING.barely
 
 
 @inner
@@ -167,4 +167,4 @@ def taken(x, y, z, rx, ry, rz, at, cup):
     share = cup.cut / math.sqrt(rx * rx + ry * ry + rz * rz)
     h, rho, x, y, z = in_cup(x + share * rx, y + share * ry, z + share * rz, at)
     across = abs(x * cup.ax + y * cup.ay + z * cup.az)
-    return rho < cup.inner and across < cup.within and abs(h) < cup.rim - BARELY
+    return rho < cup.inner and across < cup.within and abs(h) < cup.rim - SWING.barely

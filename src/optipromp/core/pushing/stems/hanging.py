@@ -40,7 +40,7 @@ from optipromp.core.pushing.stems.bending import (
     stems_moved,
 )
 from optipromp.core.pushing.stems.cup import Mouth
-from optipromp.core.pushing.stems.harm import BRIEFLY, Harm, score_of
+from optipromp.core.pushing.stems.harm import Harm, score_of
 from optipromp.core.pushing.stems.swinging import Led, clear, led, steps_inside, summed_score
 from optipromp.core.robots.cup_cover import NECK_RADIUS
 from optipromp.core.robots.grippers import Scissor
@@ -52,7 +52,7 @@ from optipromp.core.scenes.objects import UNSEEN_SPREAD
 from optipromp.core.scenes.scene import Scene, SceneObject
 
 HANGING = PUSH.hanging
-STIFFNESS_SPREAD = PUSH.beam.stiffness_spread
+BEAM = PUSH.beam
 TOGETHER = 4  # states whose harm is computed between two steps of a plan that works in slices
 WEIGHT = 4  # of these states, in steps, measured: a step takes 1 ms in the median, 4 states 2 to 5
 NOTHING = Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
@@ -329,14 +329,14 @@ class Hanging(PushModel):
         )
         found = worst.harm
         names = [fruit.id for fruit in self.fruits]
-        if found.inside > BRIEFLY:
+        if found.inside > PUSH.harm.inside_time:
             _, (points, axes, dt) = self._steps(0, 1, points, axes)
             within = steps_inside(worst.positions, points, axes, self.cup)[1:]
             most = max(int(within.max()), 1)
             first, *others = (
                 name
                 for name, steps in zip(names[1:], within.tolist(), strict=True)
-                if steps * dt > BRIEFLY or steps == most
+                if steps * dt > PUSH.harm.inside_time or steps == most
             )
             return first, f"and {' and '.join(others)} are swallowed" if others else "is swallowed"
         if found.missed:
@@ -473,7 +473,7 @@ def _cases(fruits: Sequence[SceneObject], up: FloatArray) -> list[Stems]:
 
 def _spread(fruit: SceneObject) -> float:
     """Standard deviation of a stem's stiffness as a factor; 1 for a known stiffness."""
-    assumed = 1.0 if "stem_stiffness" in fruit.physical else STIFFNESS_SPREAD
+    assumed = 1.0 if "stem_stiffness" in fruit.physical else BEAM.stiffness_spread
     return fruit.physical.get("stem_stiffness_spread", assumed)
 
 

@@ -66,13 +66,7 @@ from optipromp.core.pushing.stems.cup import (
 )
 from optipromp.core.pushing.stems.harm import Harm, score_of
 
-CONTACT, CLOSE = PUSH.swing.stiffness, PUSH.swing.close
-RUBBING, STUCK = PUSH.swing.friction, PUSH.swing.stuck
-SKIN_FRICTION, STEM_FRICTION = PUSH.swing.skin_friction, PUSH.swing.stem_friction
-FARTHEST, REVERSAL = PUSH.swing.farthest, PUSH.swing.reversal
-ITERATIONS, SETTLED = PUSH.swing.iterations, PUSH.swing.settled
-KEPT_SPEED, STIRRED = PUSH.swing.kept_speed, PUSH.swing.stirred
-LASTING = PUSH.harm.lasting
+SWING, HARM = PUSH.swing, PUSH.harm
 
 
 class CupStep(NamedTuple):
@@ -120,14 +114,14 @@ def relax(s, f, c, d, step, solid, look):
                 gap, n0, n1, n2 = stem_gap(x, y, z, s.thickness[i], within, at, cup)
                 if look and other > AT_BASE:
                     away = gap - cup.outer + cup.neck if gap < ABOVE else gap - ABOVE
-                    clear = other + int((away - CLOSE) * n / s.length[i])
+                    clear = other + int((away - SWING.close) * n / s.length[i])
             elif kind == ON_WALL:
                 if f.resting[i] and step.point > 0:
                     continue
                 gap, n0, n1, n2, share = on_wall(s, f, i, solid, other)
             else:
                 gap, n0, n1, n2, share = between(s, f, c.overlap, i, kind, other)
-            if look and gap < CLOSE:
+            if look and gap < SWING.close:
                 c.close[i, close] = number
                 close += 1
             if gap >= 0.0:
@@ -135,8 +129,8 @@ def relax(s, f, c, d, step, solid, look):
             if not begun:
                 begun, woken, f.resting[i] = True, True, False
                 begin(s, f.u, f.ahead, i, d)
-            hard = -gap * CONTACT
-            press(s, f.u, i, share, (n0, n1, n2), -gap, CONTACT, d)
+            hard = -gap * SWING.stiffness
+            press(s, f.u, i, share, (n0, n1, n2), -gap, SWING.stiffness, d)
             if kind == STEM_ON_CUP:
                 t0, t1, t2 = t0 + hard * n0, t1 + hard * n1, t2 + hard * n2
             elif kind != STEM_ON_FRUIT:
@@ -144,11 +138,11 @@ def relax(s, f, c, d, step, solid, look):
             if kind == ON_WALL:  # without friction
                 f.firmly[i] = True
                 continue
-            most = SKIN_FRICTION * hard
+            most = SWING.skin_friction * hard
             if kind == ON_CUP:
-                most, f.pressed[i] = RUBBING * f.earlier[i], hard
+                most, f.pressed[i] = SWING.friction * f.earlier[i], hard
             elif kind == STEM_ON_CUP:
-                most = STEM_FRICTION * hard
+                most = SWING.stem_friction * hard
             if most > 0.0:
                 slip = _slip(s, f, step, i, kind, other, share)
                 _rub(s, f, i, share, slip, (n0, n1, n2), most, d)
@@ -211,15 +205,15 @@ def _rub(s, f, i, share, slip, way, most, d):
     far = math.sqrt(x * x + y * y + z * z)
     if far > 1e-7:
         back = -x / far, -y / far, -z / far
-        press(s, f.u, i, share, back, far, most / max(far, STUCK), d)
+        press(s, f.u, i, share, back, far, most / max(far, SWING.stuck), d)
 
 
 @inlined
 def _step(s, f, i, d):
     """Step stem i to the minimum of the quadratic model; returns the largest deflection change [m].
 
-    No loaded point moves farther than :data:`FARTHEST`. A step back by more than the share
-    :data:`REVERSAL` of the last step would go on for ever: it and all later steps are halved.
+    No loaded point moves farther than ``SWING.farthest``. A step back by more than the share
+    ``SWING.reversal`` of the last step would go on for ever: it and all later steps are halved.
     """
     change, last = d.v, d.last
     far = back = before = 0.0
@@ -231,9 +225,9 @@ def _step(s, f, i, d):
         before += last[i, a] ** 2
     for a in range(LOADS):
         far = max(far, math.hypot(change[a], change[LOADS + a]))
-    if back > REVERSAL * before:
+    if back > SWING.reversal * before:
         d.eased[i] *= 0.5
-    scale: float = min(d.eased[i], FARTHEST / max(far, 1e-12))
+    scale: float = min(d.eased[i], SWING.farthest / max(far, 1e-12))
     for a in range(2 * LOADS):
         last[i, a] = scale * change[a]
         f.u[i, a] -= last[i, a]
@@ -352,7 +346,7 @@ def _untouched(s, f, at, cup):
     for i in range(len(s.root)):
         h, _, _, _, _ = in_cup(f.center[i, 0], f.center[i, 1], f.center[i, 2], at)
         above, _, _, _, _ = in_cup(s.root[i, 0], s.root[i, 1], s.root[i, 2], at)
-        if not (f.resting[i] and min(h - s.radius[i], above) > cup.rim + CLOSE):
+        if not (f.resting[i] and min(h - s.radius[i], above) > cup.rim + SWING.close):
             return False
     return True
 
@@ -365,7 +359,7 @@ def clear(s, points, axes, cup):
 
     Fruit and stem are clear before the rim, behind the end of the last link, or aside of both.
     """
-    e, wide = s.axes, max(cup.outer, cup.neck, cup.flange) + CLOSE
+    e, wide = s.axes, max(cup.outer, cup.neck, cup.flange) + SWING.close
     for p in range(len(points)):
         at = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
         for i in range(len(s.root)):
@@ -376,7 +370,8 @@ def clear(s, points, axes, cup):
             x, y, z = x + far * e[i, 2, 0], y + far * e[i, 2, 1], z + far * e[i, 2, 2]
             h, _, u, v, w = in_cup(x, y, z, at)
             thick = max(s.radius[i], s.above[i])
-            if min(h, above) - thick > cup.rim + CLOSE or max(h, above) + thick < cup.end - CLOSE:
+            low, high = min(h, above) - thick, max(h, above) + thick
+            if low > cup.rim + SWING.close or high < cup.end - SWING.close:
                 continue
             a, b, c = a - u, b - v, c - w  # across the cup's axis, from the fruit to the root
             along = a * a + b * b + c * c
@@ -395,20 +390,20 @@ def _advance(s, f, c, d, step, solid):
         for k in range(3):
             f.began[i, k] = f.center[i, k]
         for a in range(2 * LOADS):
-            f.ahead[i, a] = f.u[i, a] + KEPT_SPEED * (f.u[i, a] - f.before[i, a])
+            f.ahead[i, a] = f.u[i, a] + SWING.kept_speed * (f.u[i, a] - f.before[i, a])
             f.before[i, a] = f.u[i, a]
             d.last[i, a] = 0.0
         f.earlier[i], d.eased[i] = f.pressed[i], 1.0
     list_walls(s, f.center, c, solid)
     list_pieces(s, c, step.at, step.cup)
     stirred = np.inf
-    for _ in range(ITERATIONS):
-        look = stirred > STIRRED
+    for _ in range(SWING.iterations):
+        look = stirred > SWING.stirred
         if look:
             stirred = 0.0
         moved, woken = relax(s, f, c, d, step, solid, look)
         stirred += np.inf if woken else moved
-        if moved < SETTLED:
+        if moved < SWING.settled:
             break
 
 
@@ -419,7 +414,7 @@ def _take(f, at, cup, dt, p, forces, stem_forces, spell, pinched, so_far):
     ``spell`` (N,) counts the steps since which each fruit has been inside, ``pinched`` (N,) the
     steps in which the cup pressed it against a static object.
     """
-    held = math.ceil(LASTING / dt)  # steps
+    held = math.ceil(HARM.lasting / dt)  # steps
     for i in range(len(f.up)):
         forces[p, i], stem_forces[p, i] = f.force[i], f.on_stem[i]
         lasting = lasting_on_fruit = np.inf if p >= held - 1 else 0.0
@@ -445,7 +440,7 @@ class Led(NamedTuple):
     harm: Harm
     positions: FloatArray  # (P, N, 3) of the fruits after each step [m]
     on_fruits: FloatArray  # (N,) largest force on each fruit [N]
-    on_stems: FloatArray  # (N,) largest lasting force (the least within LASTING) on each stem [N]
+    on_stems: FloatArray  # (N,) largest lasting force (least within HARM.lasting) on each stem [N]
 
 
 def led(
@@ -461,7 +456,7 @@ def led(
     rx, ry, rz = s.root[0]
     missed = cup.inner > 0.0 and not taken(x, y, z, rx, ry, rz, end, cup)
     stem, fruit, target, within, pinched = so_far.tolist()
-    held = sliding_window_view(stem_forces, min(math.ceil(LASTING / dt), steps), axis=0)
+    held = sliding_window_view(stem_forces, min(math.ceil(HARM.lasting / dt), steps), axis=0)
     return Led(
         Harm(stem, fruit, target, within, pinched, missed),
         positions,
