@@ -515,8 +515,7 @@ def box_axes(points: FloatArray) -> FloatArray:
         principal = np.eye(3)
     best = min((np.eye(3), principal), key=lambda axes: float(np.prod(_extent(points, axes))))
     order = np.argsort(-_extent(points, best), kind="stable")
-    frame: FloatArray = best[order]
-    return frame
+    return np.asarray(best[order])
 
 
 def _extent(points: FloatArray, axes: FloatArray) -> FloatArray:

@@ -43,8 +43,7 @@ def square_root(covariance: FloatArray) -> FloatArray:
         return np.asarray(np.linalg.cholesky(covariance))
     except np.linalg.LinAlgError:
         eigenvalues, vectors = np.linalg.eigh(covariance)
-    factor: FloatArray = vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
-    return factor
+    return np.asarray(vectors * np.sqrt(np.maximum(eigenvalues, 0.0)))
 
 
 def add_noise(matrix: FloatArray, noise: ArrayLike) -> None:
@@ -81,8 +80,7 @@ class Inverse:
         """The part of b (p,) outside the range of S, or None if S has full rank."""
         if self.null is None:
             return None
-        part: FloatArray = self.null @ (self.null.T @ (self.scale * right)) / self.scale
-        return part
+        return np.asarray(self.null @ (self.null.T @ (self.scale * right)) / self.scale)
 
 
 def factorise(matrix: FloatArray, reference: FloatArray) -> Inverse:
