@@ -141,12 +141,6 @@ class Scissor(TwoFingers):
 
     Args:
         opening: between the open blades.
-        blade_length: of a blade.
-        blade_width: of a blade, across the opening.
-        blade_thickness: of a blade, along the opening.
-        body_length: of the body, from the flange.
-        body_width: of the body, along the opening.
-        body_thickness: of the body, across the opening.
         depth: distance of the blade tips beyond the tool point.
         turn: of the scissor about flange z; at 0 it opens along flange y [rad].
         cut: distance of the place of the cut from the fruit. Above ``depth`` and half of the
