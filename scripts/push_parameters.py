@@ -1,8 +1,11 @@
 """Write the table of the push models' numbers: ``python scripts/push_parameters.py``."""
 
+import inspect
+import re
+from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
-from optipromp.core.parameters import catalogue
 from optipromp.core.pushing.parameters import PUSH
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "push-parameters.md"
@@ -20,10 +23,40 @@ takes from there the numbers that it shares with the models.
 """
 
 
+class Number(NamedTuple):
+    """A number of the push models, as the comment beside or above it describes it."""
+
+    name: str
+    value: float | tuple[float, ...]
+    unit: str
+    kind: str
+    source: str
+
+
+def numbers() -> Iterator[Number]:
+    """The numbers of all groups, by their dotted names."""
+    for group, branch in PUSH._asdict().items():
+        above: list[str] = []
+        comments = {}
+        for line in inspect.getsource(type(branch)).splitlines():
+            code, _, comment = line.strip().partition("# ")
+            name = re.match(r"(\w+): .* = ", code)
+            if name is not None:
+                comments[name[1]] = comment or " ".join(above)
+            above = [*above, comment] if comment and not code else []
+        for item, value in branch._asdict().items():
+            text = re.fullmatch(
+                r"(?:\[(.+?)\] )?(?:(guess|reported|measured|published): )?(.+)",
+                comments[item],
+            )
+            unit, kind, source = text.groups() if text else ("", "", "")
+            yield Number(f"{group}.{item}", value, unit or "1", kind or "choice", source)
+
+
 def table() -> str:
     """The page."""
     rows = []
-    for item in catalogue(PUSH):
+    for item in numbers():
         values = item.value if isinstance(item.value, tuple) else (item.value,)
         shown = ", ".join(f"{value:g}" for value in values)
         rows.append(f"| `{item.name}` | {shown} | {item.unit} | {item.kind} | {item.source} |\n")

@@ -22,7 +22,7 @@ from tests.execution.test_trouble import (
 from optipromp.core.errors import Code, ExecutionError
 from optipromp.core.execution import Executed
 from optipromp.core.execution.executor import Source, Stretch
-from optipromp.core.execution.streaming import AskingApart, Question
+from optipromp.core.execution.streaming import AskingApart
 from optipromp.core.trajectory import State
 
 
@@ -205,17 +205,17 @@ def test_a_source_apart_is_asked_the_newest_question() -> None:
         go.acquire()
 
     asking = AskingApart(source, lambda _: "")
-    asking.ask(Question(0.0, at_rest, at_rest))
+    asking.ask((0.0, at_rest, at_rest))
     while not seen:
         time.sleep(1e-3)
     for now in (0.1, 0.2, 0.3):
-        asking.ask(Question(now, at_rest, at_rest))
+        asking.ask((now, at_rest, at_rest))
     assert list(asking.answers()) == []
     go.release()
     while len(seen) < 2:
         time.sleep(1e-3)
     assert [one.asked for one in asking.answers()] == [0.0]
-    asking.ask(Question(0.4, at_rest, at_rest))
+    asking.ask((0.4, at_rest, at_rest))
     threading.Timer(0.2, go.release, [2]).start()
     asking.close()  # 0.4 waits, and is never asked
     assert seen == [0.0, 0.3]

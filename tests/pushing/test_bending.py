@@ -8,21 +8,14 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from optipromp.core.geometry import Sphere
+from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems import bending
-from optipromp.core.pushing.stems.bending import (
-    ELEMENTS,
-    FRUIT_DENSITY,
-    GRAVITY,
-    LOADED,
-    Stems,
-    bent_stems,
-    stems,
-    stems_moved,
-)
+from optipromp.core.pushing.stems.bending import Stems, bent_stems, stems, stems_moved
 from optipromp.core.scenes import SceneObject, Stem
 
-THIN = bending.MODULUS * np.pi / 64.0 * bending.DIAMETER**4  # EI of a stem that hangs plumb [N m²]
-AT = np.round(np.array(LOADED) * ELEMENTS).astype(int)  # the loaded points of the grid
+BEAM = PUSH.beam
+THIN = BEAM.youngs_modulus * np.pi / 64.0 * BEAM.diameter**4  # EI of a stem that hangs plumb [N m²]
+AT = np.round(np.array(BEAM.loaded) * BEAM.elements).astype(int)  # the loaded points of the grid
 
 
 class Beam(NamedTuple):
@@ -57,16 +50,16 @@ def hanging(length: float, radius: float, lean: float, azimuth: float = 0.0) -> 
     way = np.array([np.sin(lean) * np.cos(azimuth), np.sin(lean) * np.sin(azimuth), -np.cos(lean)])
     root = np.array([[0.3, -0.2, 1.1]])
     one = bent_stems(root, root + length * way, np.array([radius]), np.array([0.0015]))
-    weight = FRUIT_DENSITY * 4.0 / 3.0 * np.pi * radius**3 * GRAVITY
+    weight = BEAM.fruit_density * 4.0 / 3.0 * np.pi * radius**3 * BEAM.gravity
     # what carries the moment m g sinθ (L - s) with no more than the turn it may have grown by
-    grown = weight * np.sin(lean) * length**2 / (2.0 * bending.GROWN_TURN)
+    grown = weight * np.sin(lean) * length**2 / (2.0 * BEAM.grown_turn)
     return one, Beam(length, max(THIN, grown), weight * np.cos(lean))
 
 
 def even(length: float, radius: float, lean: float, azimuth: float = 0.0) -> tuple[Stems, Beam]:
     """The same, the fruit no stiffer than its stem."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bending, "STIFF_END", 1.0)
+        patch.setattr(bending, "BEAM", BEAM._replace(stiff_end=1.0))
         return hanging(length, radius, lean, azimuth)
 
 
@@ -82,7 +75,7 @@ def test_a_cantilever(length: float) -> None:
     one, beam = even(length, 1e-4, 0.0)
     tip = np.linalg.inv(one.stiffness[0])[-1, -1]
     assert tip == pytest.approx(length**3 / (3.0 * THIN), rel=2e-3)
-    s = length * np.arange(ELEMENTS + 1) / ELEMENTS
+    s = length * np.arange(BEAM.elements + 1) / BEAM.elements
     line = s**2 * (3.0 * length - s) / (6.0 * THIN)
     found = one.shape[0] @ np.linalg.inv(one.stiffness[0])[:, -1]
     np.testing.assert_allclose(found, line, atol=2e-3 * line[-1])
@@ -97,7 +90,7 @@ def test_loads_at_the_loaded_points_bend_it_as_a_beam_under_tension(
 ) -> None:
     one, beam = even(length, radius, lean, azimuth)
     compliance = np.linalg.inv(one.stiffness[0])
-    s = length * np.arange(ELEMENTS + 1) / ELEMENTS
+    s = length * np.arange(BEAM.elements + 1) / BEAM.elements
     for k, at in enumerate(AT):
         exact = beam.deflection(s[at], s)
         found = one.shape[0] @ compliance[:, k]
@@ -116,7 +109,7 @@ def test_the_stiffness_is_symmetric_and_positive_definite(
     for matrix in (one.stiffness[0], one.shortening[0]):
         np.testing.assert_allclose(matrix, matrix.T, rtol=1e-9, atol=1e-9 * np.abs(matrix).max())
         assert np.linalg.eigvalsh(matrix).min() > 0.0
-    np.testing.assert_allclose(one.shape[0, AT], np.eye(len(LOADED)), atol=1e-8)
+    np.testing.assert_allclose(one.shape[0, AT], np.eye(len(BEAM.loaded)), atol=1e-8)
     np.testing.assert_array_equal(one.shape[0, 0], 0.0)
 
 
@@ -126,7 +119,7 @@ def test_the_shortening_is_half_the_integral_of_the_squared_slope(
     length: float, radius: float, lean: float, u: list[float]
 ) -> None:
     one, _ = hanging(length, radius, lean)
-    s = length * np.arange(ELEMENTS + 1) / ELEMENTS
+    s = length * np.arange(BEAM.elements + 1) / BEAM.elements
     slope = np.diff(one.shape[0] @ u) / np.diff(s)
     assert 0.5 * np.array(u) @ one.shortening[0] @ u == pytest.approx(
         0.5 * (slope**2) @ np.diff(s), rel=1e-9, abs=1e-15
@@ -151,7 +144,7 @@ def test_the_fruit_itself_does_not_bend() -> None:
     length = 0.04
     light = 1e-9  # [kg/m³]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bending, "FRUIT_DENSITY", light)
+        patch.setattr(bending, "BEAM", BEAM._replace(fruit_density=light))
         one = bent_stems(
             np.zeros((1, 3)), np.array([[0.0, 0.0, -length]]), np.array([0.02]), np.array([0.001])
         )
@@ -159,7 +152,7 @@ def test_the_fruit_itself_does_not_bend() -> None:
     assert tip == pytest.approx((length**3 - 0.02**3) / (3.0 * THIN), rel=0.03)
     w = one.shape[0] @ np.linalg.inv(one.stiffness[0])[:, -1]
     turns = np.abs(np.diff(w, 2))
-    assert turns[ELEMENTS // 2 + 1 :].max() < 0.02 * turns.max()
+    assert turns[BEAM.elements // 2 + 1 :].max() < 0.02 * turns.max()
 
 
 @settings(max_examples=60, deadline=None)
@@ -195,7 +188,7 @@ def test_stems_of_a_scene() -> None:
     np.testing.assert_array_equal(both.radius, [0.015, 0.018])
     np.testing.assert_array_equal(both.thickness, [0.002, 0.003])
     np.testing.assert_allclose(both.length, [np.hypot(0.05, 0.2), 0.2 * np.sqrt(3.0)])
-    np.testing.assert_allclose(both.mass, FRUIT_DENSITY * 4.0 / 3.0 * np.pi * both.radius**3)
+    np.testing.assert_allclose(both.mass, BEAM.fruit_density * 4.0 / 3.0 * np.pi * both.radius**3)
     fruits = both.root + both.length[:, None] * both.axes[:, 2]
     np.testing.assert_allclose(fruits, [obj.position for obj in objects], atol=1e-12)
     assert len(stems([]).root) == 0

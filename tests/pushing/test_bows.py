@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 from tests.pushing.fruits import CUP, DT, TARGET, UP, along, hung
 
 from optipromp.core.geometry import pack
-from optipromp.core.pushing.stems.bending import LOADED, bowed, part
+from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.pushing.stems.bending import bowed, part
 from optipromp.core.pushing.stems.contacts import place
 from optipromp.core.pushing.stems.swinging import led
 
@@ -15,7 +16,7 @@ def test_a_bowed_stem_lies_on_its_arc_and_holds_its_fruit_in_place() -> None:
     s = bowed(hung(((0, 0, 0), (0.0, 0.0, 0.2))), np.array([0.04]), np.array([0.7]))
     length = s.length[0]
     free = 1.0 - s.above[0] / length
-    for share in LOADED:
+    for share in PUSH.beam.loaded:
         point = np.array(place(s, s.rest, 0, length, share))
         line = s.root[0] + share * length * s.axes[0, 2]
         off = 0.04 * length * np.sin(np.pi * min(share / free, 1.0))

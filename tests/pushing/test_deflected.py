@@ -7,10 +7,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from tests.pushing.fruits import CUP, DT, TARGET, UP, hung
 
+from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems.bending import Stems, bowed
 from optipromp.core.pushing.stems.contacts import Descent, begin, freely, place, press, shortened
 from optipromp.core.pushing.stems.cup import MouthPose, fruit_gap, stem_gap
-from optipromp.core.pushing.stems.swinging import CONTACT
 
 
 def energy(s: Stems, u: np.ndarray, ahead: np.ndarray, inertia: float, share: float, point: Any,
@@ -27,7 +27,7 @@ def energy(s: Stems, u: np.ndarray, ahead: np.ndarray, inertia: float, share: fl
     w = [np.interp(share * n, np.arange(n + 1), s.shape[0] @ part) for part in both]
     x = s.root[0] + w @ s.axes[0, :2] + (s.length[0] - up) * share * s.axes[0, 2]
     gap, _ = gap_of(s, x, point, within)
-    return total + 0.5 * CONTACT * max(0.0, -gap) ** 2, gap
+    return total + 0.5 * PUSH.swing.stiffness * max(0.0, -gap) ** 2, gap
 
 
 def gap_of(s: Stems, x: Any, point: Any, within: bool | None) -> tuple[float, tuple[float, ...]]:
@@ -47,7 +47,7 @@ def stepped(s: Stems, u: np.ndarray, ahead: np.ndarray, inertia: float, share: f
     begin(s, u[None], ahead[None], 0, d)
     gap, normal = gap_of(s, at_share(s, u, share), point, within)
     if gap < 0.0:
-        press(s, u[None], 0, share, normal, -gap, CONTACT, d)
+        press(s, u[None], 0, share, normal, -gap, PUSH.swing.stiffness, d)
     return d.gradient, d.inverse
 
 
@@ -128,6 +128,6 @@ def test_the_inverse_is_that_of_the_hessian(seed: int, contacts: int) -> None:
     for _ in range(contacts):
         normal = rng.standard_normal(3)
         x, y, z = (normal / np.linalg.norm(normal)).tolist()
-        press(s, u, 0, rng.uniform(0.3, 1.0), (x, y, z), 1e-3, CONTACT, d)
-        hessian += CONTACT * np.outer(d.j, d.j)
+        press(s, u, 0, rng.uniform(0.3, 1.0), (x, y, z), 1e-3, PUSH.swing.stiffness, d)
+        hessian += PUSH.swing.stiffness * np.outer(d.j, d.j)
     np.testing.assert_allclose(d.inverse @ hessian, np.eye(6), atol=1e-7)

@@ -19,10 +19,11 @@ from optipromp.core.geometry import (
 )
 from optipromp.core.geometry.obstacles import Obstacles, pack
 from optipromp.core.planning import plan
+from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems import swinging
 from optipromp.core.pushing.stems.bending import Stems, hanging_balls
 from optipromp.core.pushing.stems.cup import cup_distance
-from optipromp.core.pushing.stems.swinging import CONTACT, push
+from optipromp.core.pushing.stems.swinging import push
 from optipromp.core.scenes import SceneObject, Stem
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import simulate
@@ -59,7 +60,7 @@ def test_the_upper_ball_is_pressed_where_the_lower_one_is_below_the_cup() -> Non
     upper = positions[-1, 0] + apart * UP  # nearly: the stem has turned a little
     off = upper - points[-1]
     gap = cup_distance(float(np.hypot(off[0], off[1])), float(off[2]), CUP)[0] - 0.015
-    assert gap > -1.5 * forces.max() / CONTACT - 2e-3
+    assert gap > -1.5 * forces.max() / PUSH.swing.stiffness - 2e-3
 
 
 @pytest.mark.parametrize("height", [0.0, LONG])
@@ -68,7 +69,7 @@ def test_two_long_fruits_keep_apart_at_either_end(height: float) -> None:
     positions, forces, _ = led(stems, along((0.06, 0, 0), (0.0, 0, 0)))
     cores = [positions[-1, i] + np.linspace(0.0, LONG, 20)[:, None] * UP for i in (0, 1)]
     least = np.linalg.norm(cores[0][:, None] - cores[1][None], axis=2).min()
-    assert least > 0.03 - 2.0 * forces.max() / CONTACT - 2e-3
+    assert least > 0.03 - 2.0 * forces.max() / PUSH.swing.stiffness - 2e-3
     assert positions[-1, 1, 0] < TARGET[0] - 0.05  # pushed on by the first
 
 

@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optipromp.core.pushing.packs.flat import FLAT, shapes
-from optipromp.core.pushing.packs.quasi_static import AHEAD, NO_OVERLAP, Bench, push_once
+from optipromp.core.pushing.packs.flat import shapes
+from optipromp.core.pushing.packs.quasi_static import Bench, push_once
+from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.robots.tools import FrankaHand
 
 SQUARE = np.array([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]])
@@ -45,7 +46,7 @@ def test_what_is_not_touched_stays():
 @pytest.mark.parametrize("obj", [0.02, SQUARE])
 def test_a_push_through_the_centre_goes_straight(obj):
     result = pushed(line((-0.1, 0.0), (0.05, 0.0)), [obj], [(0.0, 0.0)])
-    np.testing.assert_allclose(result.state, [[0.07, 0.0, 0.0]], atol=2 * NO_OVERLAP)
+    np.testing.assert_allclose(result.state, [[0.07, 0.0, 0.0]], atol=2 * PUSH.plane.settled)
 
 
 def test_a_push_beside_the_centre_turns_a_box_away():
@@ -54,7 +55,7 @@ def test_a_push_beside_the_centre_turns_a_box_away():
     result = pushed(path, [SQUARE], [(0.0, 0.0)], tool=finger)
     u, v, turn = result.state[0]
     assert turn < -0.2  # pushed above its centre along +u it turns clockwise
-    assert 0.0 < u < 0.02 + NO_OVERLAP
+    assert 0.0 < u < 0.02 + PUSH.plane.settled
     assert v < 0.01
     mirrored = pushed(path * [1, -1, 1], [SQUARE], [(0.0, 0.0)], tool=finger)
     np.testing.assert_allclose(mirrored.state[0], [u, -v, -turn], atol=2e-3)
@@ -85,7 +86,7 @@ def test_friction_at_the_contact_drags_along():
 def test_a_row_moves_together_and_its_friction_adds_up():
     row = [(0.0, 0.0), (0.04, 0.0), (0.08, 0.0)]
     result = pushed(line((-0.1, 0.0), (0.02, 0.0)), [0.02] * 3, row, friction=[1.0, 2.0, 3.0])
-    np.testing.assert_allclose(result.state[:, 0], [0.04, 0.08, 0.12], atol=6 * NO_OVERLAP)
+    np.testing.assert_allclose(result.state[:, 0], [0.04, 0.08, 0.12], atol=6 * PUSH.plane.settled)
     assert result.force >= 0.8 * 6.0
 
 
@@ -127,7 +128,7 @@ def test_nothing_ends_inside_anything(seed):
         for j in range(i):
             gap = np.linalg.norm(at[i] - at[j]) - radii[i] - radii[j]
             if np.linalg.norm(np.array(centers[i]) - centers[j]) > radii[i] + radii[j]:
-                assert gap > -max(result.jam, NO_OVERLAP) - FLAT
+                assert gap > -max(result.jam, PUSH.plane.settled) - PUSH.plane.flat
 
 
 def test_a_disc_goes_round_the_corner_of_a_pad():
@@ -140,7 +141,7 @@ def test_a_disc_goes_round_the_corner_of_a_pad():
         among = bench(shapes([radius]), hand, np.ones(1), np.full(1, radius))
         result = push_once(among, path[:count], np.array([[*disc, 0.0]]), 0.4)
         off = result.state[0, :2] - (path[count - 1, :2] + corner)
-        assert np.linalg.norm(off) == pytest.approx(radius, abs=2.0 * NO_OVERLAP), count
+        assert np.linalg.norm(off) == pytest.approx(radius, abs=2.0 * PUSH.plane.settled), count
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
@@ -156,8 +157,8 @@ def test_nothing_goes_through_a_pad(sign):
 
 def test_what_comes_near_later_is_met_too():
     """Pairs are looked up anew as objects move: a far disc is met by one that is pushed to it."""
-    gap = 3.0 * AHEAD
+    gap = 3.0 * PUSH.plane.ahead
     row = [(0.02, 0.0), (0.06 + gap, 0.0)]
     result = pushed(line((-0.05, 0.0), (0.02 + gap, 0.0)), [0.02, 0.02], row)
     at = 0.02 + gap + 0.02
-    np.testing.assert_allclose(result.state[:, 0], [at, at + 0.04], atol=4 * NO_OVERLAP)
+    np.testing.assert_allclose(result.state[:, 0], [at, at + 0.04], atol=4 * PUSH.plane.settled)

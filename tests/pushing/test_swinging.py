@@ -10,11 +10,12 @@ from tests.pushing.fruits import CUP, DT, TARGET, UP, along, hung
 
 from optipromp.core.geometry.obstacles import Obstacles, pack
 from optipromp.core.geometry.shapes import Box
+from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems import swinging
 from optipromp.core.pushing.stems.bending import Stems
 from optipromp.core.pushing.stems.cup import Mouth, cup_distance
 from optipromp.core.pushing.stems.harm import Harm
-from optipromp.core.pushing.stems.swinging import CONTACT, push
+from optipromp.core.pushing.stems.swinging import push
 
 NOTHING = pack([])
 
@@ -169,7 +170,7 @@ def nothing_in_the_wall(seed: int) -> np.ndarray:
     # a wall yields by what presses it, F = k · depth, once the fruit hangs still
     still = np.linalg.norm(np.diff(positions[-6:], axis=0), axis=2).max(axis=0) < 5e-5
     depth = -gaps(positions, points)[-1]
-    assert (depth <= forces[-1] / CONTACT + 5e-5)[still].all()
+    assert (depth <= forces[-1] / PUSH.swing.stiffness + 5e-5)[still].all()
     return still
 
 
@@ -230,7 +231,7 @@ def test_a_short_blow_is_no_lasting_force() -> None:
     points = np.tile(far, (steps, 1))
     points[4] = near  # one step only
     _, forces, _ = led(s, points)
-    assert (forces[:, 0] > 0.0).sum() * DT < swinging.LASTING
+    assert (forces[:, 0] > 0.0).sum() * DT < PUSH.harm.lasting
     assert predicted(s, points).target == 0.0
     points[4:] = near
     assert predicted(s, points).target > 0.0
@@ -302,7 +303,7 @@ def test_a_fruit_between_cup_and_wall_shares_what_is_left() -> None:
     assert free[-1, 0, 0] < TARGET[0] - 0.009
     # 3 mm of room: what is left of 10 mm is shared by the two contacts
     assert positions[-1, 0, 0] == pytest.approx(TARGET[0] - 0.0065, abs=5e-4)
-    assert forces[-1, 0] == pytest.approx(0.0035 * CONTACT, rel=0.1)
+    assert forces[-1, 0] == pytest.approx(0.0035 * PUSH.swing.stiffness, rel=0.1)
     assert forces[-1, 0] > 10.0 * loose[-1, 0]
 
 

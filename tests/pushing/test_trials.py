@@ -5,6 +5,7 @@ import pytest
 
 from optipromp.core.pushing.packs import standing
 from optipromp.core.pushing.packs.standing import plane
+from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.robots.tools import FrankaHand
 from optipromp.laboratory.generate import generate
 
@@ -56,5 +57,5 @@ def test_a_jam_costs_more_the_earlier_it_comes(tried):
         standing.cost_of(bench, way, states[:1], slips[:1], np.zeros(1), np.inf)
         for way in (early, np.array([[board.entry, 0.0], [0.0, 0.0]]))
     ]
-    assert costs[0] > standing.WORST
+    assert costs[0] > PUSH.pack.worst
     assert costs[0] > costs[1]

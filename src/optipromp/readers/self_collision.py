@@ -19,7 +19,6 @@ from optipromp.core.robots.description import LeftOut
 from optipromp.core.robots.kernels import PRISMATIC, distances_between
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.self_collision import (
-    CHUNK,
     candidate_pairs,
     drop_always_touching,
     random_postures,
@@ -35,6 +34,7 @@ MEETING = 1e-5  # [m] chosen: parts nearer than this count as touching
 _RIDGE = 1e-12  # [m²] chosen: keeps the matrix of coplanar corners invertible
 _POINTS_AT_ONCE = 500  # points, chosen: their products stay in the processor's cache
 _FAR_AT_ONCE = 20_000  # points, chosen: their products take 50 MB
+CHUNK = 1_000_000  # distances in one array, chosen: 8 MB
 
 
 def of_box(size: FloatArray) -> FloatArray:

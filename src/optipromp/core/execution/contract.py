@@ -111,26 +111,28 @@ class ExecutorContract(ABC):
         away = [np.abs(state.q - curve.at(now).q).max() for now, state in seen]
         assert max(away) < self.tolerance
 
-    def _aborted(self, arm: Executor, done: Executed) -> None:
+    def _ended(self, arm: Executor, done: Executed, begins: float = 0.0) -> None:
+        """The arm came to rest on the way along a curve, and its reference did not jump."""
         assert not done.finished
         assert done.reason
         assert np.abs(arm.state().velocity).max() < self.tolerance
-        assert done.times[-1] < 0.5 * self.duration + self.late
+        assert done.times[-1] < begins + 0.5 * self.duration + self.late
+        progress = (done.reference[-1] - done.reference[0]) / MOVED
+        assert progress.min() > 0.05
+        assert progress.max() < 0.95
+        speed = np.diff(done.reference, axis=0) / np.diff(done.times)[:, None]
+        assert np.abs(speed).max() < 1.5 * MOVED * 1.875 / self.duration
         before = arm.state().q
+        assert np.abs(before - done.reference[-1]).max() < self.tolerance
         time.sleep(0.05)
         assert np.abs(arm.state().q - before).max() < self.tolerance
 
     def test_what_watches_can_end_it_midway(self) -> None:
         """The arm comes to rest on the way; its reference does not jump."""
         arm = self.executor()
-        curve = self.curve(arm)
-        done = arm.execute(curve, lambda now, _: now > 0.5 * self.duration)
-        self._aborted(arm, done)
-        progress = (done.reference - done.reference[0]) / MOVED
-        assert progress[-1].min() > 0.2
-        assert progress[-1].max() < 0.95
-        speed = np.diff(done.reference, axis=0) / np.diff(done.times)[:, None]
-        assert np.abs(speed).max() < 1.5 * MOVED * 1.875 / self.duration
+        done = arm.execute(self.curve(arm), lambda now, _: now > 0.5 * self.duration)
+        self._ended(arm, done)
+        assert ((done.reference[-1] - done.reference[0]) / MOVED).min() > 0.2
 
     def test_what_watches_may_fail(self) -> None:
         """The arm comes to rest on the way, then the error is raised."""
@@ -147,7 +149,7 @@ class ExecutorContract(ABC):
         except ExecutionError as error:
             done = error.executed
         assert isinstance(done, Executed)
-        self._aborted(arm, done)
+        self._ended(arm, done)
 
     def test_another_thread_can_abort(self) -> None:
         """``abort`` ends ``execute``; then the next curve can be executed."""
@@ -166,7 +168,7 @@ class ExecutorContract(ABC):
                 begun.set()
                 thread.join()
 
-        self._aborted(arm, arm.execute(curve, watch))
+        self._ended(arm, arm.execute(curve, watch))
         assert arm.execute(self.curve(arm, -0.5 * MOVED)).finished
 
     def test_to_abort_at_rest_does_nothing(self) -> None:
@@ -302,7 +304,7 @@ class ExecutorContract(ABC):
         except ExecutionError as error:
             done = error.executed
         assert isinstance(done, Executed)
-        self._ended(arm, done, given[0])
+        self._ended(arm, done, given[0].begins)
 
     def test_another_thread_can_abort_what_a_source_leads(self) -> None:
         """``abort`` ends ``follow`` on the way; then the next curve can be executed."""
@@ -314,18 +316,5 @@ class ExecutorContract(ABC):
             thread.join()
 
         done = arm.follow(self._source(given, self.curve(arm), aborts))
-        self._ended(arm, done, given[0])
+        self._ended(arm, done, given[0].begins)
         assert arm.execute(self.curve(arm, -0.5 * MOVED)).finished
-
-    def _ended(self, arm: Executor, done: Executed, first: Stretch) -> None:
-        """The arm came to rest on the way along the first stretch."""
-        assert not done.finished
-        assert done.reason
-        assert done.times[-1] < first.begins + 0.5 * self.duration + self.late
-        progress = (done.reference[-1] - first.curve.positions[0]) / MOVED
-        assert progress.min() > 0.05
-        assert progress.max() < 0.95
-        speed = np.diff(done.reference, axis=0) / np.diff(done.times)[:, None]
-        assert np.abs(speed).max() < 1.5 * MOVED * 1.875 / self.duration
-        assert np.abs(arm.state().q - done.reference[-1]).max() < self.tolerance
-        assert np.abs(arm.state().velocity).max() < self.tolerance

@@ -13,7 +13,7 @@ import numpy as np
 from optipromp.core import judging
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import ExecutionError, InvalidRequestError
-from optipromp.core.execution.streaming import PERIOD, Asking, AskingApart, Line, Question, Reply
+from optipromp.core.execution.streaming import PERIOD, Asking, AskingApart, Line, Reply
 from optipromp.core.execution.streaming import Source as Source
 from optipromp.core.execution.streaming import Stretch as Stretch
 from optipromp.core.parameters import Checked, parameter
@@ -29,37 +29,22 @@ Watch = Callable[[float, State], bool | None]
 
 @dataclass(frozen=True)
 class Guard(Checked):
-    """Limits beyond which an executor refuses a curve or ends a motion."""
+    """Limits beyond which an executor refuses a curve or ends a motion.
 
-    start: float = parameter(
-        0.01, "rad or m", "choice", "largest distance of a joint from where the curve begins"
-    )
-    start_velocity: float = parameter(
-        0.02, "rad/s or m/s", "choice", "largest difference of a joint's velocity at the begin"
-    )
-    tracking: float = parameter(
-        0.1, "rad or m", "choice", "largest distance of a joint from the curve while it moves"
-    )
+    Distances are from the curve, or from the curve that runs.
+    """
+
+    start: float = parameter(0.01, "rad or m", "choice", "largest distance of a joint at the begin")
+    start_velocity: float = parameter(0.02, "rad/s or m/s", "choice", "the same of a velocity")
+    tracking: float = parameter(0.1, "rad or m", "choice", "the same of a joint while it moves")
     record: float = parameter(100.0, "Hz", "choice", "rate of the records and of ``watch``")
-    advance: float = parameter(
-        0.02, "s", "choice", "that the reference goes on by at a tick, at most: a late one slows it"
-    )
-    late: float = parameter(
-        0.1, "s", "choice", "longest time between two ticks; after a longer one the motion ends"
-    )
-
-    join: float = parameter(
-        1e-4, "rad or m", "choice", "largest distance of a joint where one curve replaces another"
-    )
-    join_velocity: float = parameter(
-        1e-3, "rad/s or m/s", "choice", "largest difference of a joint's velocity at that instant"
-    )
-    join_acceleration: float = parameter(
-        1e-2, "rad/s^2 or m/s^2", "choice", "largest difference of a joint's acceleration there"
-    )
-    wait: float = parameter(
-        10.0, "s", "choice", "longest time that an arm stands still for the first curve of a source"
-    )
+    # a late tick slows the reference
+    advance: float = parameter(0.02, "s", "choice", "largest advance of the reference at a tick")
+    late: float = parameter(0.1, "s", "choice", "between two ticks; after longer the motion ends")
+    join: float = parameter(1e-4, "rad or m", "choice", "largest step where a curve takes over")
+    join_velocity: float = parameter(1e-3, "rad/s or m/s", "choice", "the same of a velocity")
+    join_acceleration: float = parameter(1e-2, "rad/s^2 or m/s^2", "choice", "of an acceleration")
+    wait: float = parameter(10.0, "s", "choice", "longest wait for the first curve of a source")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -246,7 +231,7 @@ class Following(Streamed):
         if self.time >= self.due - TIE:
             missed = math.floor((self.time - self.due + TIE) / self.period)
             self.due += self.period * (1 + missed)
-            self.asking.ask(Question(self.time, measured, self.asked))
+            self.asking.ask((self.time, measured, self.asked))
         for answer in self.asking.answers():
             self._answered(answer)
         if not self.taken and self.time >= self.arm.guard.wait:
@@ -281,35 +266,28 @@ class Following(Streamed):
             "velocity": guard.join_velocity,
             "acceleration": guard.join_acceleration,
         }
-        if (found := gap_beyond(one, running, most)) is None:
+        if (gap := gap_beyond(one, running, most)) is None:
             return ""
-        what = "" if found.what == "q" else f"{'an' if found.what[0] == 'a' else 'a'} {found.what} "
+        what, joint, away = gap
+        told = "" if what == "q" else f"{'an' if what[0] == 'a' else 'a'} {what} "
         return (
-            f"the curve begins with {what}{found.away:.4g} from the running one at "
-            f"{self.arm.robot.joint_names[found.joint]} (at most {found.most:g})"
+            f"the curve begins with {told}{away:.4g} from the running one at "
+            f"{self.arm.robot.joint_names[joint]} (at most {most[what]:g})"
         )
 
     def _done(self) -> Executed:
         return replace(super()._done(), refused=tuple(self.refused), missed=self.missed)
 
 
-@dataclass(frozen=True)
-class Gap:
-    """The joint that is farthest from another state in ``what``, and the limit of that."""
-
-    what: str
-    joint: int
-    away: float
-    most: float
-
-
-def gap_beyond(one: State, other: State, limits: Mapping[str, float]) -> Gap | None:
-    """The first of the fields of a state whose largest difference is beyond its limit."""
+def gap_beyond(
+    one: State, other: State, limits: Mapping[str, float]
+) -> tuple[str, int, float] | None:
+    """The first field whose largest difference exceeds its limit, the joint, the difference."""
     for what, most in limits.items():
         away = np.abs(getattr(one, what) - getattr(other, what))
         joint = int(np.argmax(away))
         if away[joint] > most:
-            return Gap(what, joint, float(away[joint]), most)
+            return what, joint, float(away[joint])
     return None
 
 
@@ -442,12 +420,13 @@ class Follower(ABC):
     def _elsewhere(self, curve: Trajectory, now: State) -> str:
         """A reason if the curve does not begin as the arm is."""
         most = {"q": self.guard.start, "velocity": self.guard.start_velocity}
-        if (found := gap_beyond(curve.at(0.0), now, most)) is None:
+        if (gap := gap_beyond(curve.at(0.0), now, most)) is None:
             return ""
+        what, joint, away = gap
         return (
-            f"the curve begins{'' if found.what == 'q' else ' with a velocity'} {found.away:.4g} "
-            f"from where {self.robot.joint_names[found.joint]} is (at most {found.most:g}): "
-            "plan from the arm's state, or move to the start first"
+            f"the curve begins{'' if what == 'q' else ' with a velocity'} {away:.4g} from where "
+            f"{self.robot.joint_names[joint]} is (at most {most[what]:g}): plan from the arm's "
+            "state, or move to the start first"
         )
 
     def _beyond(self, curve: Trajectory) -> str:

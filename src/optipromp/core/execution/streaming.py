@@ -86,13 +86,8 @@ class Line:
         return Line((*self.taken, (takes, stretch)))
 
 
-@dataclass(frozen=True)
-class Question:
-    """What a source is asked with."""
-
-    time: float
-    measured: State
-    reference: State
+Question = tuple[float, State, State]
+"""The arguments of a :data:`Source`."""
 
 
 @dataclass(frozen=True)
@@ -132,9 +127,9 @@ class Asking:
         """Ask nothing more."""
 
     def _answered(self, question: Question) -> Reply:
-        asked = question.time
+        asked = question[0]
         try:
-            found = self._source(asked, question.measured, question.reference)
+            found = self._source(*question)
             if found is None:
                 return Reply(asked)
             if not isinstance(found, Stretch):

@@ -46,13 +46,11 @@ def signed_distance(
     distance, gradient[0], gradient[1], gradient[2] = distance_and_gradient(
         obstacles, k, x0, x1, x2
     )
-    return distance
+    return float(distance)
 
 
 @inlined
-def distance_and_gradient(
-    obstacles: Obstacles, k: int, x0: float, x1: float, x2: float
-) -> tuple[float, float, float, float]:
+def distance_and_gradient(obstacles, k, x0, x1, x2):
     """:func:`signed_distance` that returns the gradient, which then stays in registers."""
     kind = obstacles.kind[k]
     position = obstacles.position
@@ -95,9 +93,7 @@ def distance_and_gradient(
 
 
 @inlined
-def _box(
-    l0: float, l1: float, l2: float, h0: float, h1: float, h2: float
-) -> tuple[float, float, float, float]:
+def _box(l0, l1, l2, h0, h1, h2):
     s0, s1, s2 = math.copysign(1.0, l0), math.copysign(1.0, l1), math.copysign(1.0, l2)
     e0, e1, e2 = abs(l0) - h0, abs(l1) - h1, abs(l2) - h2
     o0, o1, o2 = max(e0, 0.0), max(e1, 0.0), max(e2, 0.0)
@@ -114,9 +110,7 @@ def _box(
 
 
 @inlined
-def _capsule(
-    l0: float, l1: float, l2: float, radius: float, half: float
-) -> tuple[float, float, float, float]:
+def _capsule(l0, l1, l2, radius, half):
     z = l2 - min(max(l2, -half), half)
     squared = l0 * l0 + l1 * l1 + z * z
     if squared > _TINY:
@@ -127,9 +121,7 @@ def _capsule(
 
 
 @inlined
-def _cylinder(
-    l0: float, l1: float, l2: float, radius: float, half: float
-) -> tuple[float, float, float, float]:
+def _cylinder(l0, l1, l2, radius, half):
     squared = l0 * l0 + l1 * l1
     if squared > _TINY:
         rho = math.sqrt(squared)
@@ -150,9 +142,7 @@ def _cylinder(
 
 
 @inner
-def _ellipsoid(
-    l0: float, l1: float, l2: float, e0: float, e1: float, e2: float
-) -> tuple[float, float, float, float]:
+def _ellipsoid(l0, l1, l2, e0, e1, e2):
     """The nearest point is q_i = e_i² l_i / (t + e_i²), where t is the root of Σ (q_i / e_i)² = 1.
 
     Newton's steps on 1 / sqrt(Σ) - 1, which is concave, approach the root from below. The unknown
@@ -181,9 +171,7 @@ def _ellipsoid(
 
 
 @inner
-def _cone(
-    l0: float, l1: float, l2: float, radius: float, half: float, tip: float
-) -> tuple[float, float, float, float]:
+def _cone(l0, l1, l2, radius, half, tip):
     """A cone's section with a half-plane through its axis is two discs joined by a tangent."""
     squared = l0 * l0 + l1 * l1
     rho, u0, u1 = 0.0, 1.0, 0.0
@@ -205,9 +193,7 @@ def _cone(
 
 
 @inner
-def _grid(
-    obstacles: Obstacles, g: int, l0: float, l1: float, l2: float
-) -> tuple[float, float, float, float]:
+def _grid(obstacles, g, l0, l1, l2):
     """Trilinear interpolation in the grid; outside, the larger of two lower bounds of the distance.
 
     Let c be the point of the grid's box nearest to l, and v(c) the value there. Every surface point
@@ -267,9 +253,7 @@ def _grid(
 
 
 @inner
-def _distances(
-    obstacles: Obstacles, points: FloatArray, distance: FloatArray, gradient: FloatArray
-) -> None:
+def _distances(obstacles, points, distance, gradient):
     for n in range(points.shape[0]):
         for k in range(obstacles.kind.shape[0]):
             distance[n, k] = signed_distance(

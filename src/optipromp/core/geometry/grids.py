@@ -176,8 +176,7 @@ def _surface_samples(triangles: FloatArray) -> FloatArray:
     each = max(1, _SAMPLES // len(triangles))
     weights = np.random.default_rng(0).dirichlet((1.0, 1.0, 1.0), size=each)
     weights = 0.5 * weights + 0.5 / 3.0
-    samples: FloatArray = np.einsum("sj,fji->fsi", weights, triangles).reshape(-1, 3)
-    return samples
+    return np.asarray(np.einsum("sj,fji->fsi", weights, triangles).reshape(-1, 3))
 
 
 def _layout(
@@ -195,8 +194,7 @@ def _interpolate(
 ) -> FloatArray:
     from scipy.ndimage import map_coordinates
 
-    found: FloatArray = map_coordinates(values, ((points - origin) / spacing).T, order=1)
-    return found
+    return np.asarray(map_coordinates(values, ((points - origin) / spacing).T, order=1))
 
 
 def _key(shape: MeshShape | PointCloudShape) -> str:

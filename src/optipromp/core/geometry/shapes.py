@@ -487,26 +487,20 @@ def is_convex(mesh: MeshShape) -> bool:
     return mesh_volume(mesh) > (1.0 - CONVEX) * float(ConvexHull(mesh.vertices).volume)
 
 
-def _pieces(vertices: FloatArray, faces: IntArray) -> list[IntArray]:
-    """The faces (f, 3) of each connected piece; vertices within 1e-9 m are merged."""
+def parted(mesh: MeshShape) -> list[MeshShape]:
+    """The connected pieces of a mesh, each with its own vertices; those within 1e-9 m are one."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    _, merged = np.unique(vertices.round(9), axis=0, return_inverse=True)
-    joined = merged.reshape(-1)[faces]
+    _, merged = np.unique(mesh.vertices.round(9), axis=0, return_inverse=True)
+    joined = merged.reshape(-1)[mesh.faces]
     rows, columns = joined[:, [0, 1]].ravel(), joined[:, [1, 2]].ravel()
     size = int(joined.max()) + 1
     graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(size, size))
     _, label = connected_components(graph, directed=False)
-    of_face = label[joined[:, 0]]
-    return [faces[of_face == value] for value in np.unique(of_face)]
-
-
-def parted(mesh: MeshShape) -> list[MeshShape]:
-    """The connected pieces of a mesh, each with its own vertices."""
-    out = []
-    for piece in _pieces(mesh.vertices, mesh.faces):
-        used, own = np.unique(piece, return_inverse=True)
+    of_face, out = label[joined[:, 0]], []
+    for value in np.unique(of_face):
+        used, own = np.unique(mesh.faces[of_face == value], return_inverse=True)
         out.append(MeshShape(mesh.vertices[used], own.reshape(-1, 3)))
     return out
 
@@ -521,8 +515,7 @@ def box_axes(points: FloatArray) -> FloatArray:
         principal = np.eye(3)
     best = min((np.eye(3), principal), key=lambda axes: float(np.prod(_extent(points, axes))))
     order = np.argsort(-_extent(points, best), kind="stable")
-    frame: FloatArray = best[order]
-    return frame
+    return np.asarray(best[order])
 
 
 def _extent(points: FloatArray, axes: FloatArray) -> FloatArray:

@@ -33,8 +33,8 @@ from optipromp.core.judging.distances import (
     to_surface,
 )
 from optipromp.core.judging.kinematics import body_of, carried, centers, segments
-from optipromp.core.judging.parts import parts_of, radii
-from optipromp.core.robots.model import BodySpheres, Robot
+from optipromp.core.judging.parts import of_spheres, parts_of, radii
+from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject
 
 
@@ -497,7 +497,4 @@ def nearest_static(
 @functools.lru_cache(maxsize=16)
 def _moving(robot: Robot) -> Robot:
     """The robot without the spheres of its fixed base, and without pairs of spheres."""
-    moving = np.asarray(robot.spheres.segment) >= 0
-    spheres = BodySpheres._make(part[moving] for part in robot.spheres)
-    pairs = np.zeros((0, 2), dtype=np.int64)
-    return replace(robot, spheres=spheres, self_pairs=pairs, self_slack=np.zeros(0))
+    return of_spheres(robot, np.asarray(robot.spheres.segment) >= 0)

@@ -8,7 +8,7 @@ import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.compiled import kernel
-from optipromp.core.judging.kinematics import Body, body_of, segments
+from optipromp.core.judging.kinematics import body_of, segments
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.goals import Goal, JointGoal, PoseGoal, RegionGoal
 from optipromp.core.scenes.scene import Scene
@@ -165,7 +165,7 @@ def poses_of_tool(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 @kernel
-def last_poses(body: Body, q: FloatArray, out: FloatArray, at: FloatArray) -> None:
+def last_poses(body, q, out, at):
     """Rotations (M, 3, 3) and origins (M, 3) of the last segment at ``q`` (M, n), in place."""
     count = body.driver.shape[0]
     turns, origins = np.empty((count, 3, 3)), np.empty((count, 3))

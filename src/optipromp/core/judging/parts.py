@@ -71,7 +71,11 @@ def _of(robot: Robot, links: Collection[str]) -> BoolArray:
 
 @functools.lru_cache(maxsize=32)
 def _without(robot: Robot, links: frozenset[str], padding: float) -> Robot:
-    kept = ~_of(robot, links)
+    return of_spheres(robot, ~_of(robot, links), padding)
+
+
+def of_spheres(robot: Robot, kept: BoolArray, padding: float = 0.0) -> Robot:
+    """The robot of the spheres ``kept`` (B,), larger by ``padding`` [m], without pairs of them."""
     spheres = BodySpheres._make(part[kept] for part in robot.spheres)
     spheres = spheres._replace(radius=spheres.radius + padding)
     pairs = np.zeros((0, 2), dtype=np.int64)

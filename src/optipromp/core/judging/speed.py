@@ -22,7 +22,7 @@ from optipromp.core.judging.distances import (
     objects_of,
     to_surface,
 )
-from optipromp.core.judging.kinematics import Body, body_of, carried, centers, segments
+from optipromp.core.judging.kinematics import body_of, carried, centers, segments
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
@@ -417,7 +417,7 @@ def mark(points, axes, places, reach, radius, behind, ahead, near):
 
 
 @kernel
-def speeds(body: Body, times: FloatArray, q: FloatArray, asked: BoolArray) -> FloatArray:
+def speeds(body, times, q, asked):
     """Mean speeds (M-1,) of the tool point between configurations ``q`` (M, n) [m/s].
 
     Intervals that are not ``asked`` (M-1,) get 0.

@@ -45,7 +45,6 @@ from optipromp.core.judging.speed import (
     stands,
     too_fast,
 )
-from optipromp.core.parameters import Checked, parameter
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.trajectory import State, Trajectory
@@ -158,16 +157,12 @@ RATES = ("velocity", "acceleration", "jerk")
 
 
 @dataclass(frozen=True)
-class JudgeParameters(Checked):
+class JudgeParameters:
     """Thresholds of the judge's notes, which make no trajectory invalid."""
 
-    static_margin: float = parameter(
-        5e-3,
-        "m",
-        "measured",
-        "clearance from static objects that a controller needs: in the simulation the tool is up "
-        "to 1 mm off its path in free motion; the rest is for an arm that is known to some mm",
-    )
+    # [m] measured: clearance from static objects that a controller needs: in the simulation the
+    # tool is up to 1 mm off its path in free motion; the rest is for an arm known to some mm
+    static_margin: float = 5e-3
 
 
 JUDGE = JudgeParameters()

@@ -43,8 +43,7 @@ def square_root(covariance: FloatArray) -> FloatArray:
         return np.asarray(np.linalg.cholesky(covariance))
     except np.linalg.LinAlgError:
         eigenvalues, vectors = np.linalg.eigh(covariance)
-    factor: FloatArray = vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
-    return factor
+    return np.asarray(vectors * np.sqrt(np.maximum(eigenvalues, 0.0)))
 
 
 def add_noise(matrix: FloatArray, noise: ArrayLike) -> None:
@@ -75,14 +74,13 @@ class Inverse:
         else:
             scale = self.scale[:, None]
             solved = scale * (self.pseudo @ (scale * columns))
-        return solved.reshape(right.shape)
+        return np.asarray(solved.reshape(right.shape))
 
     def out_of_reach(self, right: FloatArray) -> FloatArray | None:
         """The part of b (p,) outside the range of S, or None if S has full rank."""
         if self.null is None:
             return None
-        part: FloatArray = self.null @ (self.null.T @ (self.scale * right)) / self.scale
-        return part
+        return np.asarray(self.null @ (self.null.T @ (self.scale * right)) / self.scale)
 
 
 def factorise(matrix: FloatArray, reference: FloatArray) -> Inverse:
@@ -133,22 +131,22 @@ class Update:
         """The posterior mean μ⁺ (d,), for the prior's μ (d,) and observed values y (r,)."""
         inverse = self.inverse
         if inverse.pseudo is None:
-            return _mean(
-                self.rows, self.cross, self.total, inverse.lower, inverse.scale, mean, values
-            )
+            solved = inverse.lower, inverse.scale
+            return np.asarray(_mean(self.rows, self.cross, self.total, *solved, mean, values))
         return mean + self.force(values - self.rows @ mean) @ self.cross
 
     def force(self, gap: FloatArray) -> FloatArray:
         """λ = S⁺ (y - H μ) (r,) for a gap y - H μ, refined once: μ⁺ = μ + Σ Hᵀ λ."""
         if self.inverse.pseudo is None:
-            return _force(self.total, self.inverse.lower, self.inverse.scale, gap)
+            lower, scale = self.inverse.lower, self.inverse.scale
+            return np.asarray(_force(self.total, lower, scale, gap))
         force = self.inverse.solve(gap)
         return force + self.inverse.solve(gap - self.total @ force)
 
     def covariance(self) -> FloatArray:
         """The posterior covariance Σ⁺ (d, d)."""
         gain = self.inverse.solve(self.cross)
-        return _joseph(self.prior, self.rows, self.noise, self.cross, gain)
+        return np.asarray(_joseph(self.prior, self.rows, self.noise, self.cross, gain))
 
 
 def observed(prior: FloatArray, rows: FloatArray, noise: FloatArray) -> Update:
@@ -163,9 +161,7 @@ def observed(prior: FloatArray, rows: FloatArray, noise: FloatArray) -> Update:
 
 
 @kernel
-def _spread(
-    prior: FloatArray, rows: FloatArray, noise: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _spread(prior, rows, noise):
     """H Σ (r, d), S (r, r), and upper bounds (r,) of the variances of S before cancellation."""
     count, size = rows.shape
     cross, reference = np.zeros((count, size)), np.empty(count)
@@ -186,7 +182,7 @@ def _spread(
 
 
 @kernel
-def _along_rows(matrix: FloatArray, rows: FloatArray) -> FloatArray:
+def _along_rows(matrix, rows):
     """M Hᵀ (m, r) for M (m, d) and H (r, d)."""
     count, size = rows.shape
     out = np.empty((matrix.shape[0], count))
@@ -205,7 +201,7 @@ def _along_rows(matrix: FloatArray, rows: FloatArray) -> FloatArray:
 
 
 @kernel
-def _cholesky(matrix: FloatArray, reference: FloatArray) -> tuple[bool, FloatArray, FloatArray]:
+def _cholesky(matrix, reference):
     """Whether S is safely definite; if so, the scale (p,) and L (p, p) of :class:`Inverse`.
 
     Given the earlier rows, each row must keep a share of RANK_TOLERANCE of its variance.
@@ -231,7 +227,7 @@ def _cholesky(matrix: FloatArray, reference: FloatArray) -> tuple[bool, FloatArr
 
 
 @kernel
-def _substituted(lower: FloatArray, scale: FloatArray, right: FloatArray) -> FloatArray:
+def _substituted(lower, scale, right):
     """S⁻¹ b for b (p, m)."""
     rows, columns = right.shape
     out = np.empty((rows, columns))
@@ -258,7 +254,7 @@ def _substituted(lower: FloatArray, scale: FloatArray, right: FloatArray) -> Flo
 
 
 @kernel
-def _force(total: FloatArray, lower: FloatArray, scale: FloatArray, gap: FloatArray) -> FloatArray:
+def _force(total, lower, scale, gap):
     """S⁻¹ b for one b (p,), refined once."""
     rows = len(gap)
     force, rest = np.zeros(rows), gap.copy()
@@ -282,15 +278,7 @@ def _force(total: FloatArray, lower: FloatArray, scale: FloatArray, gap: FloatAr
 
 
 @kernel
-def _mean(
-    rows: FloatArray,
-    cross: FloatArray,
-    total: FloatArray,
-    lower: FloatArray,
-    scale: FloatArray,
-    mean: FloatArray,
-    values: FloatArray,
-) -> FloatArray:
+def _mean(rows, cross, total, lower, scale, mean, values):
     """μ + Σ Hᵀ S⁻¹ (y - H μ) (d,)."""
     gap = values.copy()
     for r in range(len(gap)):
@@ -306,9 +294,7 @@ def _mean(
 
 
 @kernel
-def _joseph(
-    prior: FloatArray, rows: FloatArray, noise: FloatArray, cross: FloatArray, gain: FloatArray
-) -> FloatArray:
+def _joseph(prior, rows, noise, cross, gain):
     r"""Σ⁺ (d, d), for the gain Kᵀ (r, d), without a product of two (d, d) matrices.
 
     .. math:: A = \Sigma - K (H \Sigma), \qquad \Sigma^+ = A + (K R - A H^T) K^T.

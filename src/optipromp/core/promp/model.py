@@ -115,8 +115,7 @@ class ProMP(Shown):
             raise InvalidRequestError(
                 f"weights: expected (..., {self.n_joints}, {self.basis.count}), got {array.shape}"
             )
-        result: FloatArray = self.basis.evaluate(phases) @ np.swapaxes(array, -1, -2)
-        return result
+        return np.asarray(self.basis.evaluate(phases) @ np.swapaxes(array, -1, -2))
 
     def marginals(
         self,
@@ -158,8 +157,7 @@ class ProMP(Shown):
     ) -> FloatArray:
         """Standard deviation (T, n) of each joint, or of a derivative, at each phase."""
         _, covariance = self.marginals(phases, derivative, duration)
-        result: FloatArray = np.sqrt(np.einsum("tjj->tj", covariance))
-        return result
+        return np.asarray(np.sqrt(np.einsum("tjj->tj", covariance)))
 
     def sample_weights(self, rng: np.random.Generator, count: int) -> FloatArray:
         """Samples (count, n, K) of the weights."""

@@ -119,8 +119,7 @@ def _rotation(axis: FloatArray, target: FloatArray, across: FloatArray) -> Float
     sine = np.sqrt((towards**2).sum(axis=1))
     towards[sine < 1e-12] = (1.0, 0.0)  # opposite: any direction serves; equal: the angle is 0
     angle = np.arctan2(sine, (axis * target).sum(axis=1))
-    turn: FloatArray = towards * (angle / np.where(sine < 1e-12, 1.0, sine))[:, None]
-    return turn
+    return np.asarray(towards * (angle / np.where(sine < 1e-12, 1.0, sine))[:, None])
 
 
 def _blocks(jacobian: FloatArray) -> FloatArray:
@@ -203,8 +202,7 @@ class Search:
         """The diagonal of J Σ_q Jᵀ (m, r)."""
         m, _, n = jacobian.shape
         each = np.einsum("iaib->iab", self.covariance.reshape(m, n, m, n))
-        own: FloatArray = ((jacobian @ each) * jacobian).sum(axis=2)
-        return own
+        return np.asarray(((jacobian @ each) * jacobian).sum(axis=2))
 
     def between(self, state: Iterate, goal: Iterate, share: float) -> Iterate:
         """The state at a ``share`` of the way from ``state`` to ``goal``."""

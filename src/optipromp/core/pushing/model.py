@@ -247,8 +247,8 @@ class Continued(_Guided):
     def pushing(self, points: FloatArray, axes: FloatArray) -> BoolArray:
         """See :class:`PushModel`; in the whole motion."""
         whole, turned = self._whole(points, axes)
-        left = length(points) - np.append(0.0, np.cumsum(lengths(np.diff(points, axis=0))))
-        rows = np.rint((len(whole) - 1) * (1.0 - left / max(length(whole), 1e-9)))
+        left = float(length(points)) - np.append(0.0, np.cumsum(lengths(np.diff(points, axis=0))))
+        rows = np.rint((len(whole) - 1) * (1.0 - left / max(float(length(whole)), 1e-9)))
         return self.lead.pushing(whole, turned)[np.maximum(rows, 0).astype(np.int64)]
 
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:

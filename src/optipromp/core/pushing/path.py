@@ -35,7 +35,7 @@ class ToolPath:
     @cached_property
     def length(self) -> float:
         """Length from entry to goal [m]."""
-        return length(self.points)
+        return float(length(self.points))
 
     def at(self, share: FloatArray) -> FloatArray:
         """Points (m, 3) at shares (m,) of the length."""
@@ -59,7 +59,7 @@ def through(
 
 
 @kernel
-def rounded(corners: FloatArray, step: float, width: float) -> FloatArray:
+def rounded(corners, step, width):
     """Points (P, 3) about ``step`` apart on the polyline ``corners`` (k, 3), averaged twice.
 
     Each average is over ``width`` of the arc [m], and over less near the ends, which stay in place.
@@ -91,7 +91,7 @@ def rounded(corners: FloatArray, step: float, width: float) -> FloatArray:
 
 
 @inner
-def length(corners: FloatArray) -> float:
+def length(corners):
     """Length of a path through ``corners`` (k, 3) [m]."""
     far = 0.0
     for k in range(1, len(corners)):
@@ -101,11 +101,11 @@ def length(corners: FloatArray) -> float:
 
 def evenly(corners: FloatArray, count: int) -> FloatArray:
     """Points (count, 3), evenly spaced along the path."""
-    return along(corners, corners, count)
+    return np.asarray(along(corners, corners, count))
 
 
 @kernel
-def along(corners: FloatArray, values: FloatArray, count: int) -> FloatArray:
+def along(corners, values, count):
     """Values (count, m), evenly along the path: interpolated from those of the corners (k, m)."""
     at, kept, last = np.zeros(len(corners)), np.zeros(len(corners), dtype=np.int64), 0
     far = 0.0
@@ -133,7 +133,7 @@ def along(corners: FloatArray, values: FloatArray, count: int) -> FloatArray:
 
 
 @inner
-def _step(corners: FloatArray, k: int) -> float:
+def _step(corners, k):
     x = corners[k, 0] - corners[k - 1, 0]
     y = corners[k, 1] - corners[k - 1, 1]
     z = corners[k, 2] - corners[k - 1, 2]

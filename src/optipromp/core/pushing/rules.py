@@ -29,8 +29,6 @@ from optipromp.core.scenes.scene import Scene, SceneObject
 DriftRule = Literal["shortest", "lateral-plane", "paper"]
 Window = Literal["rim", "paper"]
 RULE = PUSH.rule
-RULE_SWEEPS, RULE_LEVEL, RULE_ALIKE = RULE.sweeps, RULE.level, RULE.alike
-RULE_UNDER, RULE_ROOM, RULE_RELEASE = RULE.under, RULE.room_to_turn, RULE.release
 
 
 def neighbours(
@@ -153,15 +151,13 @@ def passing_windows(
     radii = np.array([obj.radius for obj in objects])
     heights = np.array([obj.position for obj in objects]) @ up
     capture = float(scene.target.position @ up) - depth - scene.target.radius
-    under = np.full(len(radii), RULE_UNDER)
-    return rim_windows(heights, radii, np.array(directions), depth, capture, under)
+    under = np.full(len(radii), RULE.under)
+    windows = rim_windows(heights, radii, np.array(directions), depth, capture, under)
+    return np.asarray(windows)
 
 
 @kernel
-def rim_windows(
-    heights: FloatArray, radii: FloatArray, directions: FloatArray, depth: float, capture: float,
-    under: FloatArray,
-) -> FloatArray:  # fmt: skip
+def rim_windows(heights, radii, directions, depth, capture, under):
     """The ``rim`` windows (N, 2) of pushables at ``heights`` (N,) along z_g, first met first [m].
 
     At the height ``capture`` of the tool point the rim takes in the target. The rim must be aside
@@ -175,11 +171,11 @@ def rim_windows(
             alike = 0.0
             for m in range(3):
                 alike += directions[i, m] * directions[k, m]
-            if alike < RULE_ALIKE:
+            if alike < RULE.alike:
                 turn = min(turn, lowest[k])
-        released = -depth + RULE_RELEASE * radii[i]
+        released = -depth + RULE.release * radii[i]
         windows[i, 0] = lowest[i] - heights[i]
-        windows[i, 1] = min(radii[i], max(turn - RULE_ROOM - heights[i], released))
+        windows[i, 1] = min(radii[i], max(turn - RULE.room_to_turn - heights[i], released))
     return windows
 
 
@@ -253,10 +249,7 @@ def rule_paths(
 
 
 @kernel
-def path_past(
-    centers: FloatArray, directions: FloatArray, windows: FloatArray, offsets: FloatArray,
-    goal: FloatArray, frame: FloatArray, camera: FloatArray, capture: float,
-) -> FloatArray:  # fmt: skip
+def path_past(centers, directions, windows, offsets, goal, frame, camera, capture):
     """Corners (k, 3) of the path from the camera point to the goal [m].
 
     ``centers``: (N, 3) of the neighbours; ``directions`` and ``windows`` as in :class:`Drift`.
@@ -278,8 +271,8 @@ def path_past(
     for k in range(n):
         x, y = flat[k, 0] + offsets[k] * towards[k, 0], flat[k, 1] + offsets[k] * towards[k, 1]
         farthest = max(farthest, math.sqrt(x * x + y * y))
-    above = np.arange(max(0, math.ceil((-capture - start[2]) / RULE_LEVEL)))
-    levels = start[2] + above * RULE_LEVEL
+    above = np.arange(max(0, math.ceil((-capture - start[2]) / RULE.level)))
+    levels = start[2] + above * RULE.level
     local = np.zeros((2 * len(levels) + 3, 3))
     local[0] = start
     count = _corners(levels, windows, heights, flat, towards, offsets, farthest, local)
@@ -335,7 +328,7 @@ def _aside(flat, directions, offsets, active, farthest, p):
     from the line: half-planes of opposite sides meet far away, and give way to a compromise.
     """
     p[0] = p[1] = 0.0
-    for _ in range(RULE_SWEEPS):
+    for _ in range(RULE.sweeps):
         x, y = p[0], p[1]
         for k in range(flat.shape[0]):
             if not active[k]:

@@ -116,9 +116,6 @@ class FingerGripper(TwoFingers):
         palm_thickness: of the body, across the opening.
         depth: distance of the finger tips beyond the tool point.
         turn: of the gripper about flange z; at 0 it opens along flange y [rad].
-
-    Raises:
-        InvalidRequestError: a parameter out of its range, named with its value.
     """
 
     names = "finger_gripper", "finger", "palm"
@@ -144,19 +141,10 @@ class Scissor(TwoFingers):
 
     Args:
         opening: between the open blades.
-        blade_length: of a blade.
-        blade_width: of a blade, across the opening.
-        blade_thickness: of a blade, along the opening.
-        body_length: of the body, from the flange.
-        body_width: of the body, along the opening.
-        body_thickness: of the body, across the opening.
         depth: distance of the blade tips beyond the tool point.
         turn: of the scissor about flange z; at 0 it opens along flange y [rad].
         cut: distance of the place of the cut from the fruit. Above ``depth`` and half of the
             body's thickness, so that the closing blades and the body miss the fruit.
-
-    Raises:
-        InvalidRequestError: a parameter out of its range, named with its value.
     """
 
     names = "scissor", "blade", "body"
@@ -190,9 +178,6 @@ class Suction(Tool):
         angle: largest angle between the tool axis and the touched surface's normal [degrees].
         fruit: distance from the lip to the tool point, where the centre of a touched fruit is. In a
             scene file without ``fruit``: the target's radius less :data:`PRESS`.
-
-    Raises:
-        InvalidRequestError: a parameter out of its range, named with its value.
     """
 
     radius: float
@@ -328,10 +313,7 @@ class MeshTool(Tool):
                 f"tool mesh: height is {self.height}; it is of a round mouth, and this tool has "
                 "fingers"
             )
-        middles = [
-            _sides(mesh, self.tool_point, self.rotation).mean() for mesh in self.finger_meshes
-        ]
-        free = self._between
+        middles, free = [side.mean() for side in self._sides], self._between
         if not (min(middles) < 0.0 < max(middles) and free > 0.0):
             raise InvalidRequestError(
                 "tool mesh: fingers are at "
@@ -347,10 +329,15 @@ class MeshTool(Tool):
         return bool(self.finger_meshes)
 
     @property
+    def _sides(self) -> list[FloatArray]:
+        """Distances (N,) of each finger's corners from the tool point, along the opening [m]."""
+        across = self.rotation[:, 1]
+        return [(mesh.vertices - self.tool_point) @ across for mesh in self.finger_meshes]
+
+    @property
     def _between(self) -> float:
         """Twice the least distance of a finger from the plane midway between the fingers [m]."""
-        sides = [_sides(mesh, self.tool_point, self.rotation) for mesh in self.finger_meshes]
-        inner = [side.min() if side.mean() > 0.0 else -side.max() for side in sides]
+        inner = [side.min() if side.mean() > 0.0 else -side.max() for side in self._sides]
         return 2.0 * float(min(inner))
 
     @property
@@ -386,29 +373,24 @@ class MeshTool(Tool):
     def mouth(self) -> tuple[float, float]:
         """Half the opening, or 0, and the greatest radius of the pieces beyond ``front`` [m]."""
         if self.fingers:
-            sides = [_sides(mesh, self.tool_point, self.rotation) for mesh in self.finger_meshes]
             half = 0.5 * (self._between if self.opening is None else self.opening)
-            return half, float(max(np.abs(side).max() for side in sides))
+            return half, float(max(np.abs(side).max() for side in self._sides))
         _, high, _, outer = self._profile.T
         before = high > self.front - self.reach + MESH_PLAY
         return (self.opening or 0.0) / 2.0, float(outer[before].max())
 
     def solids(self) -> tuple[Solid, ...]:
         """The pieces."""
-        if self.fingers:
-            groups: tuple[tuple[Part, tuple[MeshShape, ...]], ...] = (
-                ("palm", self.meshes), ("finger", self.finger_meshes),
-            )  # fmt: skip
-            return tuple(
-                Solid(f"{part}:{k}", piece, np.zeros(3), part=part)
-                for part, meshes in groups
-                if meshes
-                for k, piece in enumerate(_pieces(meshes))
-            )
-        part: Part = "palm" if self.opening is None else "mouth"
+        body: Part = "palm" if self.fingers or self.opening is None else "mouth"
+        groups: list[tuple[str, Part, tuple[MeshShape, ...]]] = [
+            ("palm" if self.fingers else "piece", body, self.meshes),
+            ("finger", "finger", self.finger_meshes),
+        ]
         return tuple(
-            Solid(f"piece:{k}", piece, np.zeros(3), part=part)
-            for k, piece in enumerate(_pieces(self.meshes))
+            Solid(f"{name}:{k}", piece, np.zeros(3), part=part)
+            for name, part, meshes in groups
+            if meshes
+            for k, piece in enumerate(_pieces(meshes))
         )
 
     @property
@@ -426,11 +408,6 @@ class MeshTool(Tool):
         if self.meshes:
             return float(max(each.max() for each in heights))
         return float(min(each.min() for each in heights))
-
-
-def _sides(mesh: MeshShape, point: Vector, axes: FloatArray) -> FloatArray:
-    """Distances (N,) of a mesh's corners from the tool point, along the opening [m]."""
-    return np.asarray((mesh.vertices - point) @ axes[:, 1])
 
 
 def _axes(axis: Vector, fingers: tuple[MeshShape, ...] = ()) -> FloatArray:

@@ -268,7 +268,7 @@ def solve(
     lower, upper = robot.lower + limit_margin, robot.upper - limit_margin
     finite = np.isfinite(lower) & np.isfinite(upper)
     low, high = np.where(finite, lower, -np.pi), np.where(finite, upper, np.pi)
-    q = np.vstack([robot.home[None], low + (high - low) * _uniform(seed, (starts, n))])
+    q = np.vstack([robot.home[None], low + (high - low) * uniform(seed, (starts, n))])
     center = np.tile(0.5 * (low + high), (len(q), 1))
     center[1::2] = q[1::2]
     weight = np.full(len(q), 0.3)
@@ -297,8 +297,8 @@ def solve(
 
 
 @functools.lru_cache(maxsize=32)
-def _uniform(seed: int, shape: tuple[int, int]) -> FloatArray:
-    """Samples of the uniform distribution from 0 to 1."""
+def uniform(seed: int, shape: tuple[int, ...]) -> FloatArray:
+    """Samples of the uniform distribution from 0 to 1, the same for a seed."""
     return frozen(np.random.default_rng(seed).random(shape))
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import TypedDict, Unpack
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
@@ -45,12 +45,15 @@ class Choice:
 
     Args:
         tip: the flange link.
-        base: the link that the arm begins at.
-        srdf: a file of groups of joints.
-        hold: values [rad or m] of joints that are not of the arm, such as fingers.
+        base: the link that the arm begins at; joints before it are held.
+        srdf: an SRDF whose groups determine the arm; None: the SRDF beside the URDF, if any.
+        hold: values [rad or m] of joints that are not of the arm, such as fingers; other such
+            joints stand at zero, or at the limit nearest to zero.
         arm: name of the arm, in place of ``tip`` and ``base``: a group of the SRDF, or a part
             of the name of the arm's group, its tip or all its joints, such as ``left``.
-        package_dirs: folders that hold packages. Relative paths start where the robot's does.
+        package_dirs: folders that hold the packages of ``package://`` names, or are packages;
+            searched before the folders above the URDF, AMENT_PREFIX_PATH and ROS_PACKAGE_PATH.
+            Relative paths start where the robot's does.
         args: of a xacro, by name, in place of the defaults in its file.
         untrusted: whether a file or a message named the robot, not the user. The robot's files must
             then lie where that file's may, and no xacro is expanded. Ignored by comparisons.
@@ -97,14 +100,8 @@ def load_robot(
     Args:
         name_or_path: of the robot; a relative path starts at ``base_dir``.
         base_dir: default: the working directory.
-        **choice: ``tip``: the flange link. ``base``: the link that the arm begins at; joints before
-            it are held. ``srdf``: an SRDF whose groups determine the arm; None: the SRDF beside the
-            URDF, if any. ``hold``: values [rad or m] of joints that are not of the arm, such as the
-            fingers of a gripper; other such joints stand at zero, or at the limit nearest to zero.
-            ``package_dirs``: folders that hold the packages of ``package://`` names, or are
-            packages; searched before the folders above the URDF, AMENT_PREFIX_PATH and
-            ROS_PACKAGE_PATH. ``arm``: name of the arm, in place of ``tip`` and ``base``; see
-            :class:`Choice`. ``args``: arguments of a xacro by name.
+        **choice: ``tip``, ``base``, ``srdf``, ``hold``, ``package_dirs``, ``arm`` and ``args`` of
+            :class:`Choice`.
 
     Raises:
         InvalidRobotError: no such robot (the message lists the built-in names), a description that
@@ -114,16 +111,9 @@ def load_robot(
     """
     if unknown := choice.keys() - ChoiceKeys.__optional_keys__:
         raise TypeError(f"load_robot has no argument {', '.join(sorted(unknown))}")
-    given = Choice(
-        choice.get("tip"),
-        choice.get("base"),
-        choice.get("srdf"),
-        choice.get("hold") or {},
-        tuple(choice.get("package_dirs", ())),
-        choice.get("arm"),
-        choice.get("args") or {},
-    )
-    return load_arm(name_or_path, base_dir, given)[0]
+    stated: dict[str, Any] = {name: value for name, value in choice.items() if value is not None}
+    stated["package_dirs"] = tuple(stated.get("package_dirs", ()))
+    return load_arm(name_or_path, base_dir, Choice(**stated))[0]
 
 
 def load_arm(

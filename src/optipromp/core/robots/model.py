@@ -1,7 +1,7 @@
 """The robot as arrays: kinematics, limits, body spheres, tool, masses, torque of gravity."""
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -136,14 +136,9 @@ class Robot(Shown):
 
     def tool_pose(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tool point (..., 3) [m] and tool axis (..., 3) at ``q`` (..., n)."""
-        array = self.check_configuration(q)
-        flat = array.reshape(-1, self.n_joints)
-        points, directions = np.empty((len(flat), 3)), np.empty((len(flat), 3))
-        kernels.tool_poses(
-            self.kinematics, flat, self.tool_point, self.tool_axis, points, directions
-        )
-        shape = (*array.shape[:-1], 3)
-        return points.reshape(shape), directions.reshape(shape)
+        tool = self.tool_point, self.tool_axis
+        points, directions = self._at(q, kernels.tool_poses, tool, (3,), (3,))
+        return points, directions
 
     def tool_jacobian(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Jacobians (..., 3, n) of the tool point and of the tool axis at ``q`` (..., n)."""
@@ -152,21 +147,11 @@ class Robot(Shown):
 
     def tool_map(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Tool point and axis (..., 3) and their Jacobians (..., 3, n): a ``task_map``."""
-        array = self.check_configuration(q)
-        flat = array.reshape(-1, self.n_joints)
-        m, n = flat.shape
-        points, directions = np.empty((m, 3)), np.empty((m, 3))
-        jp, ja = np.empty((m, 3, n)), np.empty((m, 3, n))
-        kernels.tool_jacobians(
-            self.kinematics, flat, self.tool_point, self.tool_axis, points, directions, jp, ja
+        tool, slopes = (self.tool_point, self.tool_axis), (3, self.n_joints)
+        points, directions, jp, ja = self._at(
+            q, kernels.tool_jacobians, tool, (3,), (3,), slopes, slopes
         )
-        lead = array.shape[:-1]
-        return (
-            points.reshape(*lead, 3),
-            directions.reshape(*lead, 3),
-            jp.reshape(*lead, 3, n),
-            ja.reshape(*lead, 3, n),
-        )
+        return points, directions, jp, ja
 
     def sphere_centers(self, q: FloatArray) -> FloatArray:
         """World centres (..., B, 3) [m] of the body spheres at ``q`` (..., n)."""
@@ -193,17 +178,21 @@ class Robot(Shown):
         return apart.reshape(*centers.shape[:-2], len(i))
 
     def _frames(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        s = self.n_segments
+        origins, rotations, axes = self._at(q, kernels.frames, (), (s, 3), (s, 3, 3), (s, 3))
+        return origins, rotations, axes
+
+    def _at(
+        self, q: FloatArray, kernel: Callable[..., None], settings: tuple[FloatArray, ...],
+        *shapes: tuple[int, ...],
+    ) -> list[FloatArray]:  # fmt: skip
+        """What a kernel writes at ``q`` (..., n): arrays (..., *shape) for each of ``shapes``."""
         array = self.check_configuration(q)
         flat = array.reshape(-1, self.n_joints)
-        m, s = len(flat), self.n_segments
-        origins, rotations, axes = np.empty((m, s, 3)), np.empty((m, s, 3, 3)), np.empty((m, s, 3))
-        kernels.frames(self.kinematics, flat, origins, rotations, axes)
+        out = [np.empty((len(flat), *shape)) for shape in shapes]
+        kernel(self.kinematics, flat, *settings, *out)
         lead = array.shape[:-1]
-        return (
-            origins.reshape(*lead, s, 3),
-            rotations.reshape(*lead, s, 3, 3),
-            axes.reshape(*lead, s, 3),
-        )
+        return [each.reshape(*lead, *shape) for each, shape in zip(out, shapes, strict=True)]
 
 
 def gravity_load(robot: Robot, q: FloatArray, up: FloatArray) -> FloatArray:

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, IntArray, frozen
+from optipromp.core.robots.kernels import distances_between
 from optipromp.core.robots.model import Robot
 
 SAMPLED_POSTURES = 200  # configurations, chosen: links that overlap at all of them always do
-CHUNK = 1_000_000  # distances in one array, chosen: 8 MB
 
 
 def random_postures(robot: Robot, count: int) -> FloatArray:
@@ -41,15 +41,10 @@ def letting_touch(robot: Robot, pairs: Iterable[tuple[str, str]]) -> Robot:
         if one in index and other in index:
             low, high = sorted((index[one], index[other]))
             free &= (both[:, 0] != low) | (both[:, 1] != high)
-    return (
-        robot
-        if free.all()
-        else replace(
-            robot,
-            self_pairs=frozen(robot.self_pairs[free], np.int64),
-            self_slack=frozen(robot.self_slack[free]),
-        )
-    )
+    if free.all():
+        return robot
+    pairs, slack = frozen(robot.self_pairs[free], np.int64), frozen(robot.self_slack[free])
+    return replace(robot, self_pairs=pairs, self_slack=slack)
 
 
 def drop_always_touching(robot: Robot, pairs: IntArray) -> IntArray:
@@ -70,10 +65,7 @@ def drop_always_touching(robot: Robot, pairs: IntArray) -> IntArray:
 
 def _gaps(robot: Robot, q: FloatArray, pairs: IntArray) -> FloatArray:
     """Surface distance (P,) [m] of each pair at ``q`` (n,)."""
-    centers, radius = robot.sphere_centers(q), robot.spheres.radius
-    out = np.empty(len(pairs))
-    for start in range(0, len(pairs), CHUNK):
-        i, j = pairs[start : start + CHUNK].T
-        reach = radius[i] + radius[j]
-        out[start : start + CHUNK] = np.linalg.norm(centers[i] - centers[j], axis=1) - reach
-    return out
+    centers, radius = robot.sphere_centers(q[None]), robot.spheres.radius
+    apart, (i, j) = np.empty((1, len(pairs))), np.ascontiguousarray(pairs.T)
+    distances_between(centers, centers, i, j, apart)
+    return np.asarray(apart[0] - (radius[i] + radius[j]))

@@ -26,7 +26,7 @@ class Tool(Protocol):
 
     An object of any class with these members can be mounted
     (:func:`optipromp.core.robots.tools.with_tool`); it must not change from then on. Lengths are
-    metres.
+    metres. The classes of the library refuse a parameter out of its range by InvalidRequestError.
 
     A subclass defines ``solids``, ``point``, ``front``, ``tip`` and ``mouth``; the other members
     follow from them. By default the tool is round about the flange's z and swallows a fruit. With

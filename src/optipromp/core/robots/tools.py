@@ -62,9 +62,6 @@ class Cup(Tool):
     ``radius`` and ``height`` joins the base and the rim. ``opening`` is the inner diameter, by
     default 2 ``radius``: a thin wall. The tool point, where the centre of a swallowed fruit rests,
     is ``depth`` below the rim. The tool axis points out of the mouth.
-
-    Raises:
-        InvalidRequestError: a parameter out of its range, named with its value.
     """
 
     radius: float
@@ -159,10 +156,8 @@ class FrankaHand(Tool):
     gripper_radius: float = 0.04  # half of the 0.08 m between the open fingers
 
     def __post_init__(self) -> None:
-        check_length("franka_hand", "reach", self.reach, 0.0, LARGEST, open_below=True)
-        check_length(
-            "franka_hand", "gripper_radius", self.gripper_radius, 0.0, LARGEST, open_below=True
-        )
+        for name in ("reach", "gripper_radius"):
+            check_length("franka_hand", name, getattr(self, name), 0.0, LARGEST, open_below=True)
 
     def spheres(self) -> FloatArray:
         """Spheres (k, 4) over palm and fingers, in the flange frame [m]."""

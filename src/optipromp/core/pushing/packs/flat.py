@@ -15,7 +15,7 @@ from optipromp.core.compiled import inlined, inner, kernel
 from optipromp.core.pushing.parameters import PUSH
 
 CORNERS = 8  # largest number of corners of a polygon; a turned box has six
-FLAT = PUSH.plane.flat
+PLANE = PUSH.plane
 
 
 class Shapes(NamedTuple):
@@ -64,7 +64,7 @@ class Bodies(NamedTuple):
 
 
 @inlined
-def place(shape: Shapes, i: int, u: float, v: float, turn: float, bodies: Bodies, b: int) -> None:
+def place(shape, i, u, v, turn, bodies, b):
     """Place shape ``i`` at a pose, as body ``b``, without its box."""
     bodies.at[b, 0], bodies.at[b, 1] = u, v
     if shape.size[i] == 0:
@@ -79,7 +79,7 @@ def place(shape: Shapes, i: int, u: float, v: float, turn: float, bodies: Bodies
 
 
 @inner
-def enclose(bodies: Bodies, b: int) -> None:
+def enclose(bodies, b):
     """Set the box of polygon ``b``."""
     low_u = high_u = bodies.corners[b, 0, 0]
     low_v = high_v = bodies.corners[b, 0, 1]
@@ -92,7 +92,7 @@ def enclose(bodies: Bodies, b: int) -> None:
 
 
 @inlined
-def apart(bodies: Bodies, i: int, j: int, gap: float) -> bool:
+def apart(bodies, i, j, gap):
     """Whether body i and object j are surely farther apart than ``gap``: by circles, or i's box."""
     u, v, reach = bodies.at[j, 0], bodies.at[j, 1], bodies.radius[j] + gap
     if i < bodies.objects:
@@ -106,7 +106,7 @@ def apart(bodies: Bodies, i: int, j: int, gap: float) -> bool:
 
 
 @inlined
-def beyond(bodies: Bodies, a: int, k: int, b: int) -> float:
+def beyond(bodies, a, k, b):
     """Distance of polygon b from the line of side k of polygon a; negative inside [m]."""
     corners, normals = bodies.corners, bodies.normals
     x, y, nx, ny = corners[a, k, 0], corners[a, k, 1], normals[a, k, 0], normals[a, k, 1]
@@ -117,7 +117,7 @@ def beyond(bodies: Bodies, a: int, k: int, b: int) -> float:
 
 
 @inner
-def disc_in_polygon(bodies: Bodies, disc: int, b: int, hit: FloatArray) -> float:
+def disc_in_polygon(bodies, disc, b, hit):
     """Depth of a disc in polygon b [m]; ``hit`` is from the polygon to the disc."""
     u, v, radius = bodies.at[disc, 0], bodies.at[disc, 1], bodies.radius[disc]
     corners, normals, count = bodies.corners, bodies.normals, bodies.size[b]
@@ -149,7 +149,7 @@ def disc_in_polygon(bodies: Bodies, disc: int, b: int, hit: FloatArray) -> float
 
 
 @inner
-def pressed(bodies: Bodies, a: int, k: int, b: int, least: float, hit: FloatArray) -> None:
+def pressed(bodies, a, k, b, least, hit):
     """``hit`` of polygon b on side k of polygon a; ``least`` is their :func:`beyond`."""
     corners, normals = bodies.corners, bodies.normals
     x, y, nx, ny = corners[a, k, 0], corners[a, k, 1], normals[a, k, 0], normals[a, k, 1]
@@ -159,7 +159,7 @@ def pressed(bodies: Bodies, a: int, k: int, b: int, least: float, hit: FloatArra
     low, high = math.inf, -math.inf
     for j in range(bodies.size[b]):
         du, dv = corners[b, j, 0] - x, corners[b, j, 1] - y
-        if du * nx + dv * ny < least + FLAT:
+        if du * nx + dv * ny < least + PLANE.flat:
             along = du * ex + dv * ey
             low, high = min(low, along), max(high, along)
     middle = 0.5 * (min(length, max(0.0, low)) + min(length, max(0.0, high)))
@@ -167,7 +167,7 @@ def pressed(bodies: Bodies, a: int, k: int, b: int, least: float, hit: FloatArra
 
 
 @inlined
-def polygons(bodies: Bodies, a: int, b: int, pairs: IntArray, p: int, hit: FloatArray) -> float:
+def polygons(bodies, a, b, pairs, p, hit):
     """Depth of polygons a and b (negative: apart) [m], and ``hit``; by separating axes.
 
     ``pairs[p, 2]`` is the side that separated the polygons last, which is tried first: sides of a
@@ -201,7 +201,7 @@ def polygons(bodies: Bodies, a: int, b: int, pairs: IntArray, p: int, hit: Float
 
 
 @inlined
-def contact(bodies: Bodies, i: int, j: int, pairs: IntArray, p: int, hit: FloatArray) -> float:
+def contact(bodies, i, j, pairs, p, hit):
     """Depth of bodies i and j (negative: apart) [m], and ``hit``; see :func:`polygons`."""
     at, radius = bodies.at, bodies.radius
     if bodies.size[i] > 0 and bodies.size[j] > 0:
@@ -220,7 +220,7 @@ def contact(bodies: Bodies, i: int, j: int, pairs: IntArray, p: int, hit: FloatA
 
 
 @kernel
-def clear_ahead(path: FloatArray, stride: int, tool: Shapes, walls: Shapes, enough: float) -> float:
+def clear_ahead(path, stride, tool, walls, enough):
     """Least distance of the tool from the walls at every ``stride``-th pose of a path (T, 3) [m].
 
     The distance is negative inside a wall, and at most ``enough``. By separating axes: past a

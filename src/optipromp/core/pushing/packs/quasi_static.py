@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, IntArray
+from optipromp.core.arrays import FloatArray
 from optipromp.core.compiled import inlined, inner, kernel
 from optipromp.core.pushing.packs.flat import (
     CORNERS,
@@ -33,8 +33,7 @@ from optipromp.core.pushing.packs.flat import (
 )
 from optipromp.core.pushing.parameters import PUSH
 
-NO_OVERLAP, SWEEPS = PUSH.plane.settled, PUSH.plane.sweeps
-JAMMED, AHEAD = PUSH.plane.jammed, PUSH.plane.ahead
+PLANE = PUSH.plane
 
 
 class Bench(NamedTuple):
@@ -86,10 +85,7 @@ class _Step(NamedTuple):
 
 
 @inlined
-def _resolve(
-    bench: Bench, step: _Step, i: int, j: int, hit: FloatArray, depth: float,
-    away: tuple[float, float],
-) -> None:  # fmt: skip
+def _resolve(bench, step, i, j, hit, depth, away):
     """Move bodies i and j apart by ``depth``, and apply friction.
 
     i = −1 is a body that does not yield, with the motion ``away`` [m] at the contact.
@@ -132,14 +128,14 @@ def _resolve(
 
 
 @inlined
-def _follow(bench: Bench, state: FloatArray, b: int, bodies: Bodies) -> None:
+def _follow(bench, state, b, bodies):
     """Place the outline of object b at its state."""
     place(bench.objects, b, state[b, 0], state[b, 1], state[b, 2], bodies, b)
 
 
 @inner
-def _near(bodies: Bodies, parts: int, pairs: IntArray) -> int:
-    """List ``pairs`` (P, 3) of a body and an object less than AHEAD apart; returns their number.
+def _near(bodies, parts, pairs):
+    """List ``pairs`` (P, 3) of a body and an object closer than ``PLANE.ahead``; returns P.
 
     Bodies are the objects, the ``parts`` of the hand and the walls, in this order. Each object is
     paired with the hand first, then with the objects before it, then with walls. The third column
@@ -149,7 +145,7 @@ def _near(bodies: Bodies, parts: int, pairs: IntArray) -> int:
     for j in range(count):
         for turn in range(len(bodies.at)):
             i = turn + count if turn < parts else turn - parts if turn < parts + count else turn
-            if (i < count and i >= j) or apart(bodies, i, j, AHEAD):
+            if (i < count and i >= j) or apart(bodies, i, j, PLANE.ahead):
                 continue
             pairs[n, 0], pairs[n, 1], pairs[n, 2] = i, j, 0
             n += 1
@@ -157,7 +153,7 @@ def _near(bodies: Bodies, parts: int, pairs: IntArray) -> int:
 
 
 @inner
-def _outlines(bench: Bench, state: FloatArray, bodies: Bodies) -> None:
+def _outlines(bench, state, bodies):
     """Fill ``bodies`` with objects and walls; the hand is placed by :func:`_lead`."""
     objects, hand, walls = bench.objects, bench.hand, bench.walls
     b = 0
@@ -174,7 +170,7 @@ def _outlines(bench: Bench, state: FloatArray, bodies: Bodies) -> None:
 
 
 @inlined
-def _lead(hand: Shapes, bodies: Bodies, step: _Step, turn: float, anew: bool) -> None:
+def _lead(hand, bodies, step, turn, anew):
     """Move the hand's parts: to the pose of the step where ``anew``, else by ``du`` and ``dv``."""
     corners, boxes = bodies.corners, bodies.boxes
     for h in range(len(hand.size)):
@@ -191,9 +187,7 @@ def _lead(hand: Shapes, bodies: Bodies, step: _Step, turn: float, anew: bool) ->
 
 
 @inlined
-def _sweep(
-    bench: Bench, bodies: Bodies, step: _Step, pairs: IntArray, n: int, hit: FloatArray
-) -> float:
+def _sweep(bench, bodies, step, pairs, n, hit):
     """Resolve the contacts of n near pairs in turn; returns their largest overlap [m]."""
     count, worst = bodies.objects, 0.0
     for p in range(n):
@@ -216,10 +210,7 @@ def _sweep(
 
 
 @kernel
-def pushed(
-    bench: Bench, path: FloatArray, state: FloatArray, slip: float, most: float, hardest: float,
-    report: FloatArray,
-) -> None:  # fmt: skip
+def pushed(bench, path, state, slip, most, hardest, report):
     """Move the hand along a path, and the objects with it.
 
     ``bench``: objects, walls and hand. ``path``: (T, 3) of the tool point: u, v [m] and turn [rad],
@@ -250,16 +241,16 @@ def pushed(
         moved = math.sqrt(step.du * step.du + step.dv * step.dv)
         _lead(bench.hand, bodies, step, path[t, 2], t == 0 or step.turn != 0.0)
         gone += moved
-        if n < 0 or step.turn != 0.0 or max(gone, shifted) > 0.35 * AHEAD:
+        if n < 0 or step.turn != 0.0 or max(gone, shifted) > 0.35 * PLANE.ahead:
             n = _near(bodies, parts, pairs)
             gone = shifted = 0.0
             seen[:] = state
         before[:] = state
         press[:] = 0.0
         worst = 0.0
-        for _ in range(SWEEPS):
+        for _ in range(PLANE.sweeps):
             worst = _sweep(bench, bodies, step, pairs, n, hit)
-            if worst < NO_OVERLAP:
+            if worst < PLANE.settled:
                 break
         report[1] = max(report[1], worst)
         if moved > 1e-6:
@@ -267,7 +258,7 @@ def pushed(
                 report[0] = max(report[0], press[b] / moved)
         report[2] = (t + 1.0) / len(path)
         off = math.sqrt((state[0, 0] - first_u) ** 2 + (state[0, 1] - first_v) ** 2)
-        if worst > JAMMED or off > most or report[0] > hardest:
+        if worst > PLANE.jammed or off > most or report[0] > hardest:
             return
         for b in range(count):
             far = max(abs(state[b, 0] - seen[b, 0]), abs(state[b, 1] - seen[b, 1]))

@@ -20,28 +20,24 @@ from optipromp.core.geometry.shapes import Box, Cylinder
 from optipromp.core.pushing.candidates import Candidates, Round, Schedule
 from optipromp.core.pushing.model import Moved, PushModel
 from optipromp.core.pushing.packs.flat import clear_ahead, shapes
-from optipromp.core.pushing.packs.quasi_static import JAMMED, Bench, Pushed, push_once, pushed
+from optipromp.core.pushing.packs.quasi_static import Bench, Pushed, push_once, pushed
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP, ToolPath, through
 from optipromp.core.robots.model import Robot
+from optipromp.core.robots.tool_geometry import hull
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.scenes.scene import Scene, SceneObject
 
-MODEL_STEP = PUSH.pack.step
-FAR, WORST, MOVED = PUSH.pack.far, PUSH.pack.worst, PUSH.pack.moved
-LIGHT, HEAVY = PUSH.pack.light, PUSH.pack.heavy
-WIDE, TIGHT = PUSH.pack.wide, PUSH.pack.tight
-BEHIND, BACK = PUSH.pack.behind, PUSH.pack.back
-BEYOND, JAM, TAKEN = PUSH.pack.beyond, PUSH.pack.jam, PUSH.pack.taken
+PACK = PUSH.pack
 
 
 @kernel
-def stepped(corners: FloatArray) -> FloatArray:
+def stepped(corners):
     """Poses (T, 3) along a path (k, 2), in equal steps of the model, without a turn."""
     total = 0.0
     for k in range(1, len(corners)):
         total += math.hypot(corners[k, 0] - corners[k - 1, 0], corners[k, 1] - corners[k - 1, 1])
-    count = max(2, math.ceil(total / MODEL_STEP) + 1)
+    count = max(2, math.ceil(total / PACK.step) + 1)
     out = np.zeros((count, 3))
     out[0, :2], out[-1, :2] = corners[0], corners[-1]
     gone, t = 0.0, 1
@@ -58,60 +54,57 @@ def stepped(corners: FloatArray) -> FloatArray:
 
 
 @inner
-def _excess(value: float, free: float, unit: float) -> float:
+def _excess(value, free, unit):
     """Cost of a value above ``free``: ((value - free) / unit)², 0 below."""
     return (max(0.0, value - free) / unit) ** 2
 
 
 @inner
-def motion_cost(start: FloatArray, end: FloatArray) -> float:
+def motion_cost(start, end):
     """Cost of the target's motion from one state (B, 3) to another."""
     u, v = end[0, 0] - start[0, 0], end[0, 1] - start[0, 1]
-    return float((u * u + v * v) / (MOVED * MOVED))
+    return float((u * u + v * v) / (PACK.moved * PACK.moved))
 
 
 @inner
-def depth_cost(bench: Bench, end: FloatArray) -> float:
+def depth_cost(bench, end):
     """Cost of a target that ends too deep between the fingers."""
-    return _excess(end[0, 0], 0.4 * bench.mouth[1], BEYOND)
+    return _excess(end[0, 0], 0.4 * bench.mouth[1], PACK.beyond)
 
 
 @inner
-def edge_cost(bench: Bench, u: float) -> float:
+def edge_cost(bench, u):
     """Cost of an object that ends near the front of the board."""
-    return _excess(bench.edge + BEHIND, u, BACK)
+    return _excess(bench.edge + PACK.behind, u, PACK.back)
 
 
 @inner
-def force_cost(force: float) -> float:
+def force_cost(force):
     """Cost of the largest force [N]."""
-    return _excess(force, LIGHT, HEAVY)
+    return _excess(force, PACK.light, PACK.heavy)
 
 
 @inner
-def wall_cost(room: float) -> float:
+def wall_cost(room):
     """Cost of a distance to the walls [m]."""
-    return _excess(WIDE, room, TIGHT)
+    return _excess(PACK.wide, room, PACK.tight)
 
 
 @kernel
-def room_of(bench: Bench, path: FloatArray) -> float:
-    """Least distance of the hand from the walls along a path (T, 3) [m], at most :data:`WIDE`."""
-    return clear_ahead(path, 5, bench.hand, bench.walls, WIDE)
+def room_of(bench, path):
+    """Least distance of the hand from the walls along a path (T, 3) [m], at most ``PACK.wide``."""
+    return clear_ahead(path, 5, bench.hand, bench.walls, PACK.wide)
 
 
 @inner
-def _taken(bench: Bench, u: float, v: float) -> bool:
+def _taken(bench, u, v):
     """Whether an object ends between the fingers."""
     palm, tip, half = bench.mouth
     return bool(palm < u < tip and abs(v) < half)
 
 
 @kernel
-def cost_of(
-    bench: Bench, corners: FloatArray, states: FloatArray, slips: FloatArray, so_far: FloatArray,
-    limit: float,
-) -> float:  # fmt: skip
+def cost_of(bench, corners, states, slips, so_far, limit):
     """Mean cost of a path over trials, or infinity where it is sure to exceed ``limit``.
 
     A trial costs where the target moves, an object jams, an object ends between the fingers, the
@@ -127,7 +120,7 @@ def cost_of(
     always = 0.001 * len(path) + wall_cost(room_of(bench, path))
     total, trials = 0.0, len(slips)
     costs = np.full(trials, -1.0)  # of the trials so far; -1: not made yet
-    hardest = LIGHT + HEAVY * math.sqrt(WORST)
+    hardest = PACK.light + PACK.heavy * math.sqrt(PACK.worst)
     report = np.zeros(3)
     for _ in range(trials):
         left = (limit - always) * trials - total
@@ -138,19 +131,19 @@ def cost_of(
             if costs[k] < 0.0 and (n < 0 or so_far[k] > so_far[n]):
                 n = k
         end = states[n].copy()
-        enough = min(hardest, LIGHT + HEAVY * math.sqrt(left))
-        pushed(bench, path, end, slips[n], FAR, enough, report)
+        enough = min(hardest, PACK.light + PACK.heavy * math.sqrt(left))
+        pushed(bench, path, end, slips[n], PACK.far, enough, report)
         force, jam, done = report
         if done < 1.0:
-            one = float(WORST * (2.0 - done))
+            one = float(PACK.worst * (2.0 - done))
         else:
             one = motion_cost(states[n], end) + depth_cost(bench, end)
-            one += (jam / JAM) ** 2 + force_cost(force)
+            one += (jam / PACK.jam) ** 2 + force_cost(force)
             for b in range(1, len(end)):
                 if _taken(bench, end[b, 0], end[b, 1]):
-                    one += TAKEN
+                    one += PACK.taken
                 one += edge_cost(bench, end[b, 0])
-            one = min(one, 2.0 * WORST)
+            one = min(one, 2.0 * PACK.worst)
         costs[n] = one
         so_far[n] += one
         total += one
@@ -251,21 +244,18 @@ def _footprint(obj: SceneObject, frame: FloatArray) -> tuple[FloatArray | float,
     if isinstance(shape, Box):
         signs = np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)])
         corners = (0.5 * signs * np.array(shape.size)) @ obj.rotation.T @ frame[[2, 1]].T
-        hull = _hull(corners)
-        a, b = hull, np.roll(hull, -1, axis=0)
+        outline = _hull(corners)
+        a, b = outline, np.roll(outline, -1, axis=0)
         area = 0.5 * abs(float(np.sum(a[:, 0] * b[:, 1] - b[:, 0] * a[:, 1])))
-        return hull, area, 0.81 * float(np.linalg.norm(hull, axis=1).mean())
+        return outline, area, 0.81 * float(np.linalg.norm(outline, axis=1).mean())
     radius = obj.radius
     return radius, np.pi * radius**2, radius
 
 
 def _hull(points: FloatArray) -> FloatArray:
-    """Convex hull (k, 2), counter-clockwise, of points (m, 2)."""
-    from scipy.spatial import ConvexHull  # slow to import, and seldom needed
-
-    ordered = np.unique(np.round(points, 9), axis=0)  # points within 1 nm are one
-    corners = ConvexHull(ordered).vertices
-    return np.asarray(ordered[np.roll(corners, -int(np.argmin(corners)))])
+    """Convex hull (k, 2), counter-clockwise, of points (m, 2); points within 1 nm are one."""
+    corners = hull(np.unique(np.round(points, 9), axis=0))
+    return np.roll(corners, -int(np.lexsort(corners.T[::-1])[0]), axis=0)
 
 
 def _covers(corners: FloatArray) -> bool:
@@ -407,7 +397,7 @@ class Standing(PushModel):
                 return name, "ends between the fingers"
         moved = np.linalg.norm(end.state[:, :2] - before[:, :2], axis=1)
         target, farthest = self.names[0], self.names[int(np.argmax(moved))]
-        if end.jam > JAMMED:
+        if end.jam > PUSH.plane.jammed:
             return farthest, "is jammed"
         over = int(np.argmin(end.state[:, 0]))
         behind = float(end.state[over, 0]) - bench.edge

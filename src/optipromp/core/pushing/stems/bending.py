@@ -6,7 +6,7 @@ follows from the energy
 .. math:: \tfrac12\int EI\,{w''}^2\,ds + \tfrac12\int T\,{w'}^2\,ds - \sum_k f_k w(s_k)
 
 with the tension T of the fruit's weight. The energy is minimised once, on a fine grid, for loads at
-the points :data:`LOADED`. For such loads the deflections u of the loaded points describe the whole
+the points ``BEAM.loaded``. For such loads the deflections u of the loaded points describe the whole
 stem exactly (static condensation, Guyan 1965): w = W u with energy ½ uᵀ K u, in each of two
 directions across the stem. A deflected stem lifts its fruit by ½∫w'² ds = ½ uᵀ S u.
 
@@ -33,15 +33,12 @@ from optipromp.core.compiled import kernel
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.scenes.scene import SceneObject
 
-LOADED, ELEMENTS, FINER = PUSH.beam.loaded, PUSH.beam.elements, PUSH.beam.finer
-MODULUS, DIAMETER = PUSH.beam.youngs_modulus, PUSH.beam.diameter
-TRUSS_DIAMETER = PUSH.beam.truss_diameter
-GROWN_TURN, STIFF_END = PUSH.beam.grown_turn, PUSH.beam.stiff_end
-FRUIT_DENSITY, GRAVITY = PUSH.beam.fruit_density, PUSH.beam.gravity
+BEAM = PUSH.beam
 UP = frozen([0.0, 0.0, 1.0])
 
-_AT = np.round(np.array(LOADED) * FINER * ELEMENTS).astype(int) - 1  # rows of the loaded points
-_UNIT = frozen(np.eye(FINER * ELEMENTS)[:, _AT])  # 1 N at each loaded point
+_GRID = BEAM.finer * BEAM.elements  # points of the grid on which a beam is solved
+_AT = np.round(np.array(BEAM.loaded) * _GRID).astype(int) - 1  # rows of the loaded points
+_UNIT = frozen(np.eye(_GRID)[:, _AT])  # 1 N at each loaded point
 
 
 class Stems(NamedTuple):
@@ -55,7 +52,7 @@ class Stems(NamedTuple):
     thickness: FloatArray  # (N,) radius of the stems [m]
     upper: FloatArray  # (N,) share of the stem at a long fruit's upper ball; 1 for a single ball
     above: FloatArray  # (N,) radius of the upper ball [m]
-    shape: FloatArray  # (N, ELEMENTS + 1, L) W: deflections of the grid by those of loaded points
+    shape: FloatArray  # (N, elements + 1, L) W: deflections of the grid by those of loaded points
     stiffness: FloatArray  # (N, L, L) K [N/m]
     compliance: FloatArray  # (N, L, L) inverse of K [m/N]
     shortening: FloatArray  # (N, L, L) S [1/m]
@@ -129,30 +126,31 @@ def bent_stems(
     EI (N,) [N m²] stands for the assumed value. ``factor`` (N,) multiplies all stiffnesses.
     ``parent``: see :func:`parents`.
     """
-    count, n, loaded = len(root), FINER * ELEMENTS, len(LOADED)
+    count, n, loaded = len(root), BEAM.finer * BEAM.elements, len(BEAM.loaded)
     length, axes = _frames(root, fruit)
     along = axes[:, 2]
     above = radius if above is None else above
-    ball = FRUIT_DENSITY * 4.0 / 3.0 * np.pi * (0.5 * (radius**3 + above**3))
-    between_balls = FRUIT_DENSITY * np.pi * apart * (radius**2 + radius * above + above**2) / 3.0
+    dense = BEAM.fruit_density
+    ball = dense * 4.0 / 3.0 * np.pi * (0.5 * (radius**3 + above**3))
+    between_balls = dense * np.pi * apart * (radius**2 + radius * above + above**2) / 3.0
     mass = np.where(np.isnan(mass), ball + between_balls, mass)
     down = along @ up
     x, y, z = (along - down[:, None] * up).T
     lean = np.hypot(np.hypot(x, y), z)
-    weight: FloatArray = mass * GRAVITY  # (N,), or (N, n) beyond each element
+    weight: FloatArray = mass * BEAM.gravity  # (N,), or (N, n) beyond each element
     # the moment m g sinθ (L - s) turns the stem by m g sinθ L² / 2EI
-    grown, thick = weight * lean * length**2 / 2.0, np.full(count, DIAMETER)
+    grown, thick = weight * lean * length**2 / 2.0, np.full(count, BEAM.diameter)
     whole = None
     if parent is not None and (parent >= 0).any():
         whole = truss_of(parent, root, axes, length)
         weight, grown = _carried(whole, weight, up, n)
-        thick[np.unique(parent[parent >= 0])] = TRUSS_DIAMETER
-    assumed = np.maximum(MODULUS * np.pi / 64.0 * thick**4, grown / GROWN_TURN)
+        thick[np.unique(parent[parent >= 0])] = BEAM.truss_diameter
+    assumed = np.maximum(BEAM.youngs_modulus * np.pi / 64.0 * thick**4, grown / BEAM.grown_turn)
     bending = factor * np.where(np.isnan(stiffness), assumed, stiffness)
     tension = weight * (np.abs(down) if whole is None else np.abs(down)[:, None])
     h = length / n
     stiffer = np.where(
-        (np.arange(n) + 0.5) / n > (1.0 - (above + apart) / length)[:, None], STIFF_END, 1.0
+        (np.arange(n) + 0.5) / n > (1.0 - (above + apart) / length)[:, None], BEAM.stiff_end, 1.0
     )
     stiffer[:, 0] *= 0.5  # clamped: the beam is mirrored at its root
     ei = np.zeros((count, n + 2))  # by h³, at the grid's points from the root; none beyond the end
@@ -169,10 +167,10 @@ def bent_stems(
             first[k], compliance[k] = added[0, 1:], solved.influence[k][:, _AT] + added[1:, 1:]
     between = np.ascontiguousarray(compliance[:, _AT])
     condensed = np.linalg.inv(between)
-    grid = np.concatenate([first, compliance[:, FINER - 1 :: FINER]], axis=1)
+    grid = np.concatenate([first, compliance[:, BEAM.finer - 1 :: BEAM.finer]], axis=1)
     shape = grid @ condensed
     steps = np.diff(shape, axis=1)
-    shortening = np.einsum("nki,nkj->nij", steps, steps) / (FINER * h)[:, None, None]
+    shortening = np.einsum("nki,nkj->nij", steps, steps) / (BEAM.finer * h)[:, None, None]
     return Stems(
         root, axes, length, mass, radius, thickness, 1.0 - apart / length, above, shape, condensed,
         between, shortening, joint, np.zeros((count, 2 * loaded)), np.zeros(count),
@@ -187,7 +185,7 @@ def bowed(straight: Stems, size: FloatArray, turn: FloatArray) -> Stems:
     stem [rad].
     """
     free = straight.upper - straight.above / straight.length  # share without the fruit
-    share = np.minimum(np.array(LOADED) / free[:, None], 1.0)
+    share = np.minimum(np.array(BEAM.loaded) / free[:, None], 1.0)
     off = (size * straight.length)[:, None] * np.sin(np.pi * share)
     rest = np.concatenate([np.cos(turn)[:, None] * off, np.sin(turn)[:, None] * off], axis=1)
     lifted = 0.5 * np.einsum("na,nab,nb->n", off, straight.shortening, off)
@@ -249,7 +247,7 @@ def _frames(root: FloatArray, fruit: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 class StemTree(NamedTuple):
-    """N stems of one or more"""
+    """N stems of one or more trusses."""
 
     parent: IntArray  # (N,) index of the stem that each stem grows from; -1 for a held root
     share: FloatArray  # (N,) of the parent's length at which the stem grows
@@ -418,13 +416,8 @@ def sideways(base: FloatArray, axes: FloatArray, turned: FloatArray) -> FloatArr
     return out
 
 
-SWEEPS, GAP = PUSH.beam.parting_sweeps, PUSH.beam.parting_gap
-
-
 @kernel
-def part(
-    fruit: FloatArray, root: FloatArray, radius: FloatArray, above: FloatArray, apart: FloatArray
-) -> None:
+def part(fruit, root, radius, above, apart):
     """Move each fruit of an overlapping pair by half of the overlap, in place.
 
     ``fruit``: (M, N, 3) centres of the lower balls of N fruits in M states, in and out [m].
@@ -441,7 +434,7 @@ def part(
                 far += up[k] * up[k]
             for k in range(3):
                 off[i, k] = apart[i] * up[k] / math.sqrt(far)
-        for _ in range(SWEEPS):
+        for _ in range(BEAM.parting_sweeps):
             moved = False
             for i in range(count):
                 for o in range(i):
@@ -464,8 +457,8 @@ def part(
                     if deep > 0.0:
                         moved = True
                         for k in range(3):
-                            fruit[m, i, k] += 0.5 * (deep + GAP) * way[k]
-                            fruit[m, o, k] -= 0.5 * (deep + GAP) * way[k]
+                            fruit[m, i, k] += 0.5 * (deep + BEAM.parting_gap) * way[k]
+                            fruit[m, o, k] -= 0.5 * (deep + BEAM.parting_gap) * way[k]
             if not moved:
                 break
 

@@ -17,12 +17,10 @@ import numpy as np
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
 from optipromp.core.compiled import inlined, inner
 from optipromp.core.geometry.distances import distance_and_gradient
-from optipromp.core.geometry.obstacles import Obstacles
 from optipromp.core.pushing.parameters import PUSH
-from optipromp.core.pushing.stems.bending import LOADED, Stems
-from optipromp.core.pushing.stems.cup import NECK_LOOKED_AT, Mouth, MouthPose, fruit_gap
+from optipromp.core.pushing.stems.cup import fruit_gap
 
-LOADS = len(LOADED)
+LOADS = len(PUSH.beam.loaded)
 
 
 class Descent(NamedTuple):
@@ -39,7 +37,7 @@ class Descent(NamedTuple):
 
 
 @inlined
-def shortened(s: Stems, u: FloatArray, i: int) -> float:
+def shortened(s, u, i):
     """Height by which the deflections of a stem lift its fruit: ½ uᵀ S u [m]."""
     up = 0.0
     for a in range(LOADS):
@@ -50,9 +48,7 @@ def shortened(s: Stems, u: FloatArray, i: int) -> float:
 
 
 @inlined
-def place(
-    s: Stems, u: FloatArray, i: int, chord: float, share: float
-) -> tuple[float, float, float]:
+def place(s, u, i, chord, share):
     """Position of the point at a share of a stem; ``chord`` is the distance root to fruit [m]."""
     root, axes, shape = s.root, s.axes, s.shape
     n = shape.shape[1] - 1
@@ -72,7 +68,7 @@ def place(
 
 
 @inlined
-def level_place(s: Stems, i: int, x: float, y: float, z: float) -> float:
+def level_place(s, i, x, y, z):
     """Share of a straight stem that is level with a point; 0 beyond the ends of the stem."""
     root, axes = s.root, s.axes
     d = (
@@ -85,7 +81,7 @@ def level_place(s: Stems, i: int, x: float, y: float, z: float) -> float:
 
 
 @inner
-def freely(s: Stems, i: int, d: Descent) -> None:
+def freely(s, i, d):
     """``d.free[i]`` (L, L): inverse of the stiffness plus the fruit's inertia [m/N]."""
     last = LOADS - 1
     shared = 1.0 / d.inertia[i] + s.compliance[i, last, last]
@@ -96,7 +92,7 @@ def freely(s: Stems, i: int, d: Descent) -> None:
 
 
 @inlined
-def begin(s: Stems, u: FloatArray, ahead: FloatArray, i: int, d: Descent) -> None:
+def begin(s, u, ahead, i, d):
     """``d.gradient`` and ``d.inverse`` of the energy of stem and inertia, without contacts."""
     gradient, inverse = d.gradient, d.inverse
     for a in range(LOADS):
@@ -113,10 +109,7 @@ def begin(s: Stems, u: FloatArray, ahead: FloatArray, i: int, d: Descent) -> Non
 
 
 @inlined
-def press(
-    s: Stems, u: FloatArray, i: int, share: float, way: tuple[float, float, float], depth: float,
-    spring: float, d: Descent,
-) -> None:  # fmt: skip
+def press(s, u, i, share, way, depth, spring, d):
     """Add a spring [N/m], compressed by ``depth`` [m], that pushes a share of a stem along ``way``.
 
     With ``d.j`` the derivative of the spring's length by the deflections, the Hessian grows by
@@ -152,7 +145,7 @@ def press(
             inverse[a, b] -= total * v[b]
 
 
-LISTED, WANDERED = PUSH.swing.listed, PUSH.swing.wandered
+SWING = PUSH.swing
 ON_CUP = 0  # the fruit and the cup
 ON_FRUIT = 1  # the fruit and another fruit
 ON_STEM = 2  # the fruit and the stem of another fruit
@@ -196,16 +189,14 @@ class Contacts(NamedTuple):
 
 
 @inlined
-def hang(s: Stems, f: Fruits, i: int) -> None:
+def hang(s, f, i):
     """Bring fruit i to the end of its deflected stem."""
     chord = s.length[i] - f.up[i]
     f.center[i, 0], f.center[i, 1], f.center[i, 2] = place(s, f.u, i, chord, 1.0)
 
 
 @inner
-def _apart(
-    x: float, y: float, z: float, a: float, b: float, c: float
-) -> tuple[float, float, float, float]:
+def _apart(x, y, z, a, b, c):
     """Distance of two points, and the unit vector from the second to the first."""
     x, y, z = x - a, y - b, z - c
     d = math.sqrt(x * x + y * y + z * z)
@@ -214,7 +205,7 @@ def _apart(
 
 
 @inner
-def overlapping(s: Stems, u: FloatArray, overlap: BoolArray) -> None:
+def overlapping(s, u, overlap):
     """Find the pairs that overlap at the deflections ``u``: between them is no contact.
 
     ``overlap`` (N, N, 2) out: [i, o, 0] fruit i in fruit o; [i, o, 1] fruit i in stem o.
@@ -235,7 +226,7 @@ def overlapping(s: Stems, u: FloatArray, overlap: BoolArray) -> None:
 
 
 @inner
-def list_fruits(c: Contacts) -> None:
+def list_fruits(c):
     """List the contacts of each fruit with the cup and with the other fruits."""
     for i in range(len(c.kind)):
         n = 1
@@ -247,17 +238,17 @@ def list_fruits(c: Contacts) -> None:
 
 
 @inner
-def list_walls(s: Stems, center: FloatArray, c: Contacts, solid: Obstacles) -> None:
-    """List the obstacles within :data:`LISTED` of each fruit that has moved by :data:`WANDERED`."""
+def list_walls(s, center, c, solid):
+    """List the obstacles near each fruit that has moved by ``SWING.wandered``."""
     for i in range(len(center)):
         x, y, z = center[i, 0], center[i, 1], center[i, 2]
         at = c.listed_at
         moved, _, _, _ = _apart(x, y, z, at[i, 0], at[i, 1], at[i, 2])
-        if moved <= WANDERED:
+        if moved <= SWING.wandered:
             continue
         at[i, 0], at[i, 1], at[i, 2] = x, y, z
         n = first = 1 + 3 * (len(center) - 1)
-        reach = max(s.radius[i], (1.0 - s.upper[i]) * s.length[i] + s.above[i]) + LISTED
+        reach = max(s.radius[i], (1.0 - s.upper[i]) * s.length[i] + s.above[i]) + SWING.listed
         for k in range(len(solid.kind)):
             gap, _, _, _ = distance_and_gradient(solid, k, x, y, z)
             if gap < reach:
@@ -267,13 +258,13 @@ def list_walls(s: Stems, center: FloatArray, c: Contacts, solid: Obstacles) -> N
 
 
 @inner
-def list_pieces(s: Stems, c: Contacts, at: MouthPose, cup: Mouth) -> None:
+def list_pieces(s, c, at, cup):
     """List the pieces of each stem at rim and base, and at the grid's points below the rim."""
     n = s.shape.shape[1] - 1
     for i in range(len(s.root)):
         c.top[i] = _level_with(s, i, at, cup.rim)
         c.bottom[i] = _level_with(s, i, at, cup.base)
-        low = _level_with(s, i, at, cup.base - NECK_LOOKED_AT)
+        low = _level_with(s, i, at, cup.base - SWING.neck)
         c.first[i] = int(c.top[i] * n) + 1
         end = int(low * n) if low > 0.0 else int(under_fruit(s, i) * n)
         before = 1 + 3 * (len(s.root) - 1) + c.walls[i]
@@ -284,7 +275,7 @@ def list_pieces(s: Stems, c: Contacts, at: MouthPose, cup: Mouth) -> None:
 
 
 @inlined
-def piece(s: Stems, c: Contacts, i: int, k: int) -> float:
+def piece(s, c, i, k):
     """Share of stem i at its piece k; 0 where there is no such piece."""
     if k == AT_RIM:
         return float(c.top[i])
@@ -294,21 +285,19 @@ def piece(s: Stems, c: Contacts, i: int, k: int) -> float:
 
 
 @inlined
-def under_fruit(s: Stems, i: int) -> float:
+def under_fruit(s, i):
     """Share of stem i at which its fruit begins."""
     return float(s.upper[i] - s.above[i] / s.length[i])
 
 
 @inlined
-def _level_with(s: Stems, i: int, at: MouthPose, h: float) -> float:
+def _level_with(s, i, at, h):
     """Share of stem i that is level with the cup's axis at height h."""
     return level_place(s, i, at.x + h * at.u, at.y + h * at.v, at.z + h * at.w)
 
 
 @inlined
-def on_cup(
-    s: Stems, f: Fruits, i: int, at: MouthPose, cup: Mouth
-) -> tuple[float, float, float, float, float]:
+def on_cup(s, f, i, at, cup):
     """Contact of fruit i with the cup: gap, direction and share of the stem."""
     center = f.center
     gap, n0, n1, n2 = fruit_gap(center[i, 0], center[i, 1], center[i, 2], s.radius[i], at, cup)
@@ -321,9 +310,7 @@ def on_cup(
 
 
 @inlined
-def on_wall(
-    s: Stems, f: Fruits, i: int, solid: Obstacles, wall: int
-) -> tuple[float, float, float, float, float]:
+def on_wall(s, f, i, solid, wall):
     """Contact of fruit i with a static object: gap, direction and share of the stem."""
     center = f.center
     gap, n0, n1, n2 = distance_and_gradient(solid, wall, center[i, 0], center[i, 1], center[i, 2])
@@ -336,9 +323,7 @@ def on_wall(
 
 
 @inlined
-def between(
-    s: Stems, f: Fruits, overlap: BoolArray, i: int, kind: int, o: int
-) -> tuple[float, float, float, float, float]:
+def between(s, f, overlap, i, kind, o):
     """Contact of fruit i or its stem with fruit o or its stem; an infinite gap for none."""
     u, up, center, upper, above = f.u, f.up, f.center, s.upper, s.above
     if f.resting[i] and f.resting[o]:

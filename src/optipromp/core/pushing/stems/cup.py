@@ -14,7 +14,7 @@ from optipromp.core.compiled import inner
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.robots.model import Robot
 
-NECK_LOOKED_AT, BARELY = PUSH.swing.neck, PUSH.swing.barely
+SWING = PUSH.swing
 ABOVE = 1.0  # [m] added to the gap of a piece of stem over the rim, which touches nothing
 
 
@@ -78,9 +78,7 @@ def flange_of(robot: Robot) -> tuple[float, float, float]:
 
 
 @inner
-def _box(
-    rho: float, h: float, low: float, high: float, bottom: float, top: float
-) -> tuple[float, float, float]:
+def _box(rho, h, low, high, bottom, top):
     """Signed distance of (rho, h) to a rectangle, and its gradient."""
     x, y = rho - 0.5 * (low + high), h - 0.5 * (bottom + top)
     qx, qy = abs(x) - 0.5 * (high - low), abs(y) - 0.5 * (top - bottom)
@@ -94,7 +92,7 @@ def _box(
 
 
 @inner
-def cup_distance(rho: float, h: float, cup: Mouth) -> tuple[float, float, float]:
+def cup_distance(rho, h, cup):
     """Signed distance to wall, floor, neck and flange in the half-plane, with d/drho and d/dh."""
     best, g0, g1 = _box(rho, h, cup.inner, cup.outer, cup.base, cup.rim)
     d, e0, e1 = _box(rho, h, -cup.outer, cup.outer, cup.base, cup.base + cup.floor)
@@ -111,7 +109,7 @@ def cup_distance(rho: float, h: float, cup: Mouth) -> tuple[float, float, float]
 
 
 @inner
-def in_cup(x: float, y: float, z: float, at: MouthPose) -> tuple[float, float, float, float, float]:
+def in_cup(x, y, z, at):
     """Height of a point over the tool point, its distance and its vector from the axis [m]."""
     x, y, z = x - at.x, y - at.y, z - at.z
     h = x * at.u + y * at.v + z * at.w
@@ -120,9 +118,7 @@ def in_cup(x: float, y: float, z: float, at: MouthPose) -> tuple[float, float, f
 
 
 @inner
-def fruit_gap(
-    x: float, y: float, z: float, radius: float, at: MouthPose, cup: Mouth
-) -> tuple[float, float, float, float]:
+def fruit_gap(x, y, z, radius, at, cup):
     """Gap of a fruit to the cup, and the direction in which the cup pushes the fruit."""
     h, rho, x, y, z = in_cup(x, y, z, at)
     d, g0, g1 = cup_distance(rho, h, cup)
@@ -131,9 +127,7 @@ def fruit_gap(
 
 
 @inner
-def stem_gap(
-    x: float, y: float, z: float, radius: float, within: bool, at: MouthPose, cup: Mouth
-) -> tuple[float, float, float, float]:
+def stem_gap(x, y, z, radius, within, at, cup):
     """Gap of a piece of stem to wall or neck, and the direction in which the cup pushes the piece.
 
     ``within``: whether the fruit is inside the wall, which decides the side: a stem may move
@@ -154,16 +148,14 @@ def stem_gap(
 
 
 @inner
-def inside_cup(x: float, y: float, z: float, at: MouthPose, cup: Mouth) -> bool:
+def inside_cup(x, y, z, at, cup):
     """Whether a fruit with this centre counts as inside the cup."""
     h, rho, _, _, _ = in_cup(x, y, z, at)
-    return rho < cup.inner and cup.base < h < cup.rim - BARELY
+    return rho < cup.inner and cup.base < h < cup.rim - SWING.barely
 
 
 @inner
-def taken(
-    x: float, y: float, z: float, rx: float, ry: float, rz: float, at: MouthPose, cup: Mouth
-) -> bool:
+def taken(x, y, z, rx, ry, rz, at, cup):
     """Whether the target with this centre is inside the cup.
 
     Of blades: whether the place of the cut, on the line to the stem's root (rx, ry, rz), is between
@@ -175,4 +167,4 @@ def taken(
     share = cup.cut / math.sqrt(rx * rx + ry * ry + rz * rz)
     h, rho, x, y, z = in_cup(x + share * rx, y + share * ry, z + share * rz, at)
     across = abs(x * cup.ax + y * cup.ay + z * cup.az)
-    return rho < cup.inner and across < cup.within and abs(h) < cup.rim - BARELY
+    return rho < cup.inner and across < cup.within and abs(h) < cup.rim - SWING.barely

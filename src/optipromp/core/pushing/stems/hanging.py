@@ -40,10 +40,11 @@ from optipromp.core.pushing.stems.bending import (
     stems_moved,
 )
 from optipromp.core.pushing.stems.cup import Mouth
-from optipromp.core.pushing.stems.harm import BRIEFLY, Harm, score_of
+from optipromp.core.pushing.stems.harm import Harm, score_of
 from optipromp.core.pushing.stems.swinging import Led, clear, led, steps_inside, summed_score
 from optipromp.core.robots.cup_cover import NECK_RADIUS
 from optipromp.core.robots.grippers import Scissor
+from optipromp.core.robots.ik import uniform
 from optipromp.core.robots.mounted import unmounted
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.robots.tools import WALL
@@ -51,7 +52,7 @@ from optipromp.core.scenes.objects import UNSEEN_SPREAD
 from optipromp.core.scenes.scene import Scene, SceneObject
 
 HANGING = PUSH.hanging
-STIFFNESS_SPREAD = PUSH.beam.stiffness_spread
+BEAM = PUSH.beam
 TOGETHER = 4  # states whose harm is computed between two steps of a plan that works in slices
 WEIGHT = 4  # of these states, in steps, measured: a step takes 1 ms in the median, 4 states 2 to 5
 NOTHING = Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
@@ -202,10 +203,7 @@ def passed_towards(
 
 
 @kernel
-def rooms_beside(
-    points: FloatArray, heights: FloatArray, up: FloatArray, obstacles: Obstacles, radius: float,
-    most: float,
-) -> tuple[float, float]:  # fmt: skip
+def rooms_beside(points, heights, up, obstacles, radius, most):
     """Least clearance of an upright tool along its path, and the clearance at the end [m].
 
     ``points``: (P, 3) of the tool point. ``heights``: (m,) over the tool point, along ``up`` (3,),
@@ -299,11 +297,11 @@ class Hanging(PushModel):
                 total,
             )  # fmt: skip
             if not told and first == 0 and total >= hopeless:
-                return total
+                return float(total)
             if total > worst:
                 break
             step(WEIGHT)
-        return total / states
+        return float(total / states)
 
     def led(self, state: int, points: FloatArray, axes: FloatArray) -> Led:
         """Effect of a motion of the tool on the fruits in one state."""
@@ -331,14 +329,14 @@ class Hanging(PushModel):
         )
         found = worst.harm
         names = [fruit.id for fruit in self.fruits]
-        if found.inside > BRIEFLY:
+        if found.inside > PUSH.harm.inside_time:
             _, (points, axes, dt) = self._steps(0, 1, points, axes)
             within = steps_inside(worst.positions, points, axes, self.cup)[1:]
             most = max(int(within.max()), 1)
             first, *others = (
                 name
                 for name, steps in zip(names[1:], within.tolist(), strict=True)
-                if steps * dt > BRIEFLY or steps == most
+                if steps * dt > PUSH.harm.inside_time or steps == most
             )
             return first, f"and {' and '.join(others)} are swallowed" if others else "is swallowed"
         if found.missed:
@@ -355,7 +353,7 @@ class Hanging(PushModel):
         )
 
         def alone(item: tuple[str, int, str]) -> float:
-            return score_of(*NOTHING._replace(**{item[0]: getattr(found, item[0])}))
+            return float(score_of(*NOTHING._replace(**{item[0]: getattr(found, item[0])})))
 
         part, k, what = max(parts, key=alone)
         return names[k], what.format(getattr(found, part))
@@ -449,7 +447,7 @@ def sampled(
     places = np.concatenate([place[None], place + shift])
     roots = np.concatenate([seen.root[None], seen.root + shift + swing])
     part(places, roots, seen.radius, seen.above, (1.0 - seen.upper) * seen.length)
-    size, turn = _uniform((2, (samples + 1) * count))
+    size, turn = uniform(1, (2, (samples + 1) * count))
     beam = PUSH.beam
     size = beam.bow_least + size * (beam.bow_most - beam.bow_least)
     return bowed(stems_moved(cases, roots, places), size, 2.0 * np.pi * turn)
@@ -475,14 +473,8 @@ def _cases(fruits: Sequence[SceneObject], up: FloatArray) -> list[Stems]:
 
 def _spread(fruit: SceneObject) -> float:
     """Standard deviation of a stem's stiffness as a factor; 1 for a known stiffness."""
-    assumed = 1.0 if "stem_stiffness" in fruit.physical else STIFFNESS_SPREAD
+    assumed = 1.0 if "stem_stiffness" in fruit.physical else BEAM.stiffness_spread
     return fruit.physical.get("stem_stiffness_spread", assumed)
-
-
-@lru_cache(maxsize=16)
-def _uniform(shape: tuple[int, ...]) -> FloatArray:
-    """Uniform numbers between 0 and 1 of a fixed seed."""
-    return frozen(np.random.default_rng(1).random(shape))
 
 
 @lru_cache(maxsize=16)

@@ -5,10 +5,7 @@ from typing import NamedTuple
 from optipromp.core.compiled import inner
 from optipromp.core.pushing.parameters import PUSH
 
-STEM_BEARS, TARGET_BEARS = PUSH.harm.stem_force, PUSH.harm.target_force
-FRUIT_BEARS, SUDDEN = PUSH.harm.fruit_force, PUSH.harm.sudden_force
-BRIEFLY, PINCHED = PUSH.harm.inside_time, PUSH.harm.pinched_time
-LOST = PUSH.harm.swallowed
+HARM = PUSH.harm
 
 
 class Harm(NamedTuple):
@@ -32,16 +29,14 @@ class Harm(NamedTuple):
 
 
 @inner
-def score_of(
-    stem: float, fruit: float, target: float, inside: float, pinched: float, missed: bool
-) -> float:
+def score_of(stem, fruit, target, inside, pinched, missed):
     """The score of a :class:`Harm`: the sum of its parts.
 
-    A part is 1 where a force reaches what a fruit bears, or a fruit is pinched for :data:`PINCHED`.
-    A momentary force up to :data:`SUDDEN` counts nothing. A swallowed neighbour and a missed target
-    add :data:`LOST` each.
+    A part is 1 where a force reaches what a fruit bears, or a fruit is pinched for
+    ``pinched_time``. A momentary force up to ``sudden_force`` counts nothing. A swallowed neighbour
+    and a missed target add ``HARM.swallowed`` each.
     """
-    lost = LOST * (inside > BRIEFLY) + LOST * missed
-    crushed = max(fruit - SUDDEN, 0.0) / (FRUIT_BEARS - SUDDEN)
-    pressed = stem / STEM_BEARS + crushed + target / TARGET_BEARS
-    return pressed + pinched / PINCHED + lost
+    lost = HARM.swallowed * (inside > HARM.inside_time) + HARM.swallowed * missed
+    crushed = max(fruit - HARM.sudden_force, 0.0) / (HARM.fruit_force - HARM.sudden_force)
+    pressed = stem / HARM.stem_force + crushed + target / HARM.target_force
+    return pressed + pinched / HARM.pinched_time + lost

@@ -66,13 +66,7 @@ from optipromp.core.pushing.stems.cup import (
 )
 from optipromp.core.pushing.stems.harm import Harm, score_of
 
-CONTACT, CLOSE = PUSH.swing.stiffness, PUSH.swing.close
-RUBBING, STUCK = PUSH.swing.friction, PUSH.swing.stuck
-SKIN_FRICTION, STEM_FRICTION = PUSH.swing.skin_friction, PUSH.swing.stem_friction
-FARTHEST, REVERSAL = PUSH.swing.farthest, PUSH.swing.reversal
-ITERATIONS, SETTLED = PUSH.swing.iterations, PUSH.swing.settled
-KEPT_SPEED, STIRRED = PUSH.swing.kept_speed, PUSH.swing.stirred
-LASTING = PUSH.harm.lasting
+SWING, HARM = PUSH.swing, PUSH.harm
 
 
 class CupStep(NamedTuple):
@@ -85,9 +79,7 @@ class CupStep(NamedTuple):
 
 
 @inlined
-def relax(
-    s: Stems, f: Fruits, c: Contacts, d: Descent, step: CupStep, solid: Obstacles, look: bool
-) -> tuple[float, bool]:
+def relax(s, f, c, d, step, solid, look):
     """One Gauss-Newton step of every fruit that is touched.
 
     ``s``: the N stems. ``f``: the fruits, in and out. ``c``: the contacts, in and out. ``d``: the
@@ -122,14 +114,14 @@ def relax(
                 gap, n0, n1, n2 = stem_gap(x, y, z, s.thickness[i], within, at, cup)
                 if look and other > AT_BASE:
                     away = gap - cup.outer + cup.neck if gap < ABOVE else gap - ABOVE
-                    clear = other + int((away - CLOSE) * n / s.length[i])
+                    clear = other + int((away - SWING.close) * n / s.length[i])
             elif kind == ON_WALL:
                 if f.resting[i] and step.point > 0:
                     continue
                 gap, n0, n1, n2, share = on_wall(s, f, i, solid, other)
             else:
                 gap, n0, n1, n2, share = between(s, f, c.overlap, i, kind, other)
-            if look and gap < CLOSE:
+            if look and gap < SWING.close:
                 c.close[i, close] = number
                 close += 1
             if gap >= 0.0:
@@ -137,8 +129,8 @@ def relax(
             if not begun:
                 begun, woken, f.resting[i] = True, True, False
                 begin(s, f.u, f.ahead, i, d)
-            hard = -gap * CONTACT
-            press(s, f.u, i, share, (n0, n1, n2), -gap, CONTACT, d)
+            hard = -gap * SWING.stiffness
+            press(s, f.u, i, share, (n0, n1, n2), -gap, SWING.stiffness, d)
             if kind == STEM_ON_CUP:
                 t0, t1, t2 = t0 + hard * n0, t1 + hard * n1, t2 + hard * n2
             elif kind != STEM_ON_FRUIT:
@@ -146,11 +138,11 @@ def relax(
             if kind == ON_WALL:  # without friction
                 f.firmly[i] = True
                 continue
-            most = SKIN_FRICTION * hard
+            most = SWING.skin_friction * hard
             if kind == ON_CUP:
-                most, f.pressed[i] = RUBBING * f.earlier[i], hard
+                most, f.pressed[i] = SWING.friction * f.earlier[i], hard
             elif kind == STEM_ON_CUP:
-                most = STEM_FRICTION * hard
+                most = SWING.stem_friction * hard
             if most > 0.0:
                 slip = _slip(s, f, step, i, kind, other, share)
                 _rub(s, f, i, share, slip, (n0, n1, n2), most, d)
@@ -163,9 +155,7 @@ def relax(
 
 
 @inner
-def _slip(
-    s: Stems, f: Fruits, step: CupStep, i: int, kind: int, o: int, share: float
-) -> tuple[float, float, float]:
+def _slip(s, f, step, i, kind, o, share):
     """Slip (x, y, z) of this step between fruit or stem i and its partner [m]."""
     at, shift, chord = step.at, step.shift, s.length[i] - f.up[i]
     d0 = d1 = d2 = 0.0  # drift of the root of i, and of that of its partner backwards
@@ -207,10 +197,7 @@ def _slip(
 
 
 @inlined
-def _rub(
-    s: Stems, f: Fruits, i: int, share: float, slip: tuple[float, float, float],
-    way: tuple[float, float, float], most: float, d: Descent,
-) -> None:  # fmt: skip
+def _rub(s, f, i, share, slip, way, most, d):
     """Friction of at most ``most`` [N] on a share of stem i, against the slip across ``way``."""
     (x, y, z), (n0, n1, n2) = slip, way
     along = x * n0 + y * n1 + z * n2
@@ -218,15 +205,15 @@ def _rub(
     far = math.sqrt(x * x + y * y + z * z)
     if far > 1e-7:
         back = -x / far, -y / far, -z / far
-        press(s, f.u, i, share, back, far, most / max(far, STUCK), d)
+        press(s, f.u, i, share, back, far, most / max(far, SWING.stuck), d)
 
 
 @inlined
-def _step(s: Stems, f: Fruits, i: int, d: Descent) -> float:
+def _step(s, f, i, d):
     """Step stem i to the minimum of the quadratic model; returns the largest deflection change [m].
 
-    No loaded point moves farther than :data:`FARTHEST`. A step back by more than the share
-    :data:`REVERSAL` of the last step would go on for ever: it and all later steps are halved.
+    No loaded point moves farther than ``SWING.farthest``. A step back by more than the share
+    ``SWING.reversal`` of the last step would go on for ever: it and all later steps are halved.
     """
     change, last = d.v, d.last
     far = back = before = 0.0
@@ -238,9 +225,9 @@ def _step(s: Stems, f: Fruits, i: int, d: Descent) -> float:
         before += last[i, a] ** 2
     for a in range(LOADS):
         far = max(far, math.hypot(change[a], change[LOADS + a]))
-    if back > REVERSAL * before:
+    if back > SWING.reversal * before:
         d.eased[i] *= 0.5
-    scale: float = min(d.eased[i], FARTHEST / max(far, 1e-12))
+    scale: float = min(d.eased[i], SWING.farthest / max(far, 1e-12))
     for a in range(2 * LOADS):
         last[i, a] = scale * change[a]
         f.u[i, a] -= last[i, a]
@@ -250,11 +237,7 @@ def _step(s: Stems, f: Fruits, i: int, d: Descent) -> float:
 
 
 @kernel
-def push(
-    s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Mouth, solid: Obstacles,
-    worst: float, positions: FloatArray, forces: FloatArray, stem_forces: FloatArray,
-    so_far: FloatArray,
-) -> int:  # fmt: skip
+def push(s, points, axes, dt, cup, solid, worst, positions, forces, stem_forces, so_far):
     """Lead the cup along a path.
 
     ``s``: the N stems. ``points``: (P, 3) of the tool point; ``axes`` (P, 3) out of the mouth.
@@ -318,7 +301,7 @@ def push(
 
 
 @inner
-def _drift(s: Stems, f: Fruits, fixed: FloatArray, held: FloatArray, p: int) -> None:
+def _drift(s, f, fixed, held, p):
     """Move the roots from where they are ``fixed`` (N, 3) to where they are ``held`` at point p.
 
     A fruit whose root has moved no longer rests.
@@ -332,7 +315,7 @@ def _drift(s: Stems, f: Fruits, fixed: FloatArray, held: FloatArray, p: int) -> 
 
 
 @inner
-def _follow_truss(s: Stems, f: Fruits, held: FloatArray, load: FloatArray) -> None:
+def _follow_truss(s, f, held, load):
     """Move the stems of a truss by the forces on the other fruits after the last step.
 
     ``held`` (N, 3) are the roots before any contact [m], ``load`` (N, 3) is scratch for the forces;
@@ -358,25 +341,25 @@ def _follow_truss(s: Stems, f: Fruits, held: FloatArray, load: FloatArray) -> No
 
 
 @inner
-def _untouched(s: Stems, f: Fruits, at: MouthPose, cup: Mouth) -> bool:
+def _untouched(s, f, at, cup):
     """Whether all fruits rest, and the rim is below all fruits and roots."""
     for i in range(len(s.root)):
         h, _, _, _, _ = in_cup(f.center[i, 0], f.center[i, 1], f.center[i, 2], at)
         above, _, _, _, _ = in_cup(s.root[i, 0], s.root[i, 1], s.root[i, 2], at)
-        if not (f.resting[i] and min(h - s.radius[i], above) > cup.rim + CLOSE):
+        if not (f.resting[i] and min(h - s.radius[i], above) > cup.rim + SWING.close):
             return False
     return True
 
 
 @kernel
-def clear(s: Stems, points: FloatArray, axes: FloatArray, cup: Mouth) -> bool:
+def clear(s, points, axes, cup):
     """Whether the cup, led through points (P, 3), stays away from all fruits and stems at rest.
 
     Roots that drift do so without a swing.
 
     Fruit and stem are clear before the rim, behind the end of the last link, or aside of both.
     """
-    e, wide = s.axes, max(cup.outer, cup.neck, cup.flange) + CLOSE
+    e, wide = s.axes, max(cup.outer, cup.neck, cup.flange) + SWING.close
     for p in range(len(points)):
         at = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
         for i in range(len(s.root)):
@@ -387,7 +370,8 @@ def clear(s: Stems, points: FloatArray, axes: FloatArray, cup: Mouth) -> bool:
             x, y, z = x + far * e[i, 2, 0], y + far * e[i, 2, 1], z + far * e[i, 2, 2]
             h, _, u, v, w = in_cup(x, y, z, at)
             thick = max(s.radius[i], s.above[i])
-            if min(h, above) - thick > cup.rim + CLOSE or max(h, above) + thick < cup.end - CLOSE:
+            low, high = min(h, above) - thick, max(h, above) + thick
+            if low > cup.rim + SWING.close or high < cup.end - SWING.close:
                 continue
             a, b, c = a - u, b - v, c - w  # across the cup's axis, from the fruit to the root
             along = a * a + b * b + c * c
@@ -400,40 +384,37 @@ def clear(s: Stems, points: FloatArray, axes: FloatArray, cup: Mouth) -> bool:
 
 
 @inner
-def _advance(s: Stems, f: Fruits, c: Contacts, d: Descent, step: CupStep, solid: Obstacles) -> None:
+def _advance(s, f, c, d, step, solid):
     """Let the fruits swing on, then bring them to their equilibrium with the cup of this step."""
     for i in range(len(f.up)):
         for k in range(3):
             f.began[i, k] = f.center[i, k]
         for a in range(2 * LOADS):
-            f.ahead[i, a] = f.u[i, a] + KEPT_SPEED * (f.u[i, a] - f.before[i, a])
+            f.ahead[i, a] = f.u[i, a] + SWING.kept_speed * (f.u[i, a] - f.before[i, a])
             f.before[i, a] = f.u[i, a]
             d.last[i, a] = 0.0
         f.earlier[i], d.eased[i] = f.pressed[i], 1.0
     list_walls(s, f.center, c, solid)
     list_pieces(s, c, step.at, step.cup)
     stirred = np.inf
-    for _ in range(ITERATIONS):
-        look = stirred > STIRRED
+    for _ in range(SWING.iterations):
+        look = stirred > SWING.stirred
         if look:
             stirred = 0.0
         moved, woken = relax(s, f, c, d, step, solid, look)
         stirred += np.inf if woken else moved
-        if moved < SETTLED:
+        if moved < SWING.settled:
             break
 
 
 @inner
-def _take(
-    f: Fruits, at: MouthPose, cup: Mouth, dt: float, p: int, forces: FloatArray,
-    stem_forces: FloatArray, spell: IntArray, pinched: IntArray, so_far: FloatArray,
-) -> None:  # fmt: skip
+def _take(f, at, cup, dt, p, forces, stem_forces, spell, pinched, so_far):
     """Update the harm ``so_far`` (5,) by step p.
 
     ``spell`` (N,) counts the steps since which each fruit has been inside, ``pinched`` (N,) the
     steps in which the cup pressed it against a static object.
     """
-    held = math.ceil(LASTING / dt)  # steps
+    held = math.ceil(HARM.lasting / dt)  # steps
     for i in range(len(f.up)):
         forces[p, i], stem_forces[p, i] = f.force[i], f.on_stem[i]
         lasting = lasting_on_fruit = np.inf if p >= held - 1 else 0.0
@@ -459,7 +440,7 @@ class Led(NamedTuple):
     harm: Harm
     positions: FloatArray  # (P, N, 3) of the fruits after each step [m]
     on_fruits: FloatArray  # (N,) largest force on each fruit [N]
-    on_stems: FloatArray  # (N,) largest lasting force (the least within LASTING) on each stem [N]
+    on_stems: FloatArray  # (N,) largest lasting force (least within HARM.lasting) on each stem [N]
 
 
 def led(
@@ -475,7 +456,7 @@ def led(
     rx, ry, rz = s.root[0]
     missed = cup.inner > 0.0 and not taken(x, y, z, rx, ry, rz, end, cup)
     stem, fruit, target, within, pinched = so_far.tolist()
-    held = sliding_window_view(stem_forces, min(math.ceil(LASTING / dt), steps), axis=0)
+    held = sliding_window_view(stem_forces, min(math.ceil(HARM.lasting / dt), steps), axis=0)
     return Led(
         Harm(stem, fruit, target, within, pinched, missed),
         positions,
@@ -496,10 +477,7 @@ def steps_inside(
 
 
 @kernel
-def summed_score(
-    s: Stems, count: int, states: tuple[int, int], points: FloatArray, axes: FloatArray, dt: float,
-    cup: Mouth, solid: Obstacles, hopeless: float, worst: float, seen: bool, total: float,
-) -> float:  # fmt: skip
+def summed_score(s, count, states, points, axes, dt, cup, solid, hopeless, worst, seen, total):
     """Sum of the scores of a path over sampled states of the same fruits.
 
     ``s``: the stems, one state after the other. ``count``: number of fruits in a state. ``states``:
