@@ -355,16 +355,13 @@ def _leave(
 
     films = {}
     if kinds:
-        from optipromp.laboratory.simulation.film import animation, film, loop_animation, loop_film
+        from optipromp.laboratory.simulation.film import animation, film
 
+        shown = loop or run
         with waiting("drawing"):
             for kind in kinds:
-                if kind == "gif":
-                    made = loop_animation(loop, slow=slow) if loop else animation(run, slow=slow)
-                elif loop:
-                    made = loop_film(loop, slow=slow, kind=kind)
-                else:
-                    made = film(run, slow=slow, kind=kind)
+                gif = kind == "gif"
+                made = animation(shown, slow=slow) if gif else film(shown, slow=slow, kind=kind)
                 films[f"run.{kind}"] = made
     further = (write_loop(loop, folder),) if loop else ()
     return *write_run(run, folder, films), *further
