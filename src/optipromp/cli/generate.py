@@ -25,6 +25,7 @@ from optipromp.core.files import (
 if TYPE_CHECKING:
     from optipromp.core.scenes.scene import Scene
     from optipromp.laboratory.simulation.coco import Shot
+    from optipromp.laboratory.simulation.photograph import Photograph
 
 
 SEEN = "seen"
@@ -239,7 +240,7 @@ def _scene(scene: str | None, preset: Any, number: int) -> "Scene":
 
 def _taken(
     scene: str | None, preset: Any, number: int, mount: str, looks: str
-) -> "tuple[Shot, str, Scene | None]":
+) -> "tuple[Photograph, str, Scene | None]":
     """A picture, its name, and the true scene."""
     from optipromp.laboratory.simulation.photograph import photograph
 
@@ -248,7 +249,9 @@ def _taken(
     return shot, name, shot.scene
 
 
-def write_shot(shot: "Shot", name: str, true: "Scene | None", out: Path) -> dict[str, Any]:
+def write_shot(
+    shot: "Shot | Photograph", name: str, true: "Scene | None", out: Path
+) -> dict[str, Any]:
     """Write the files of a picture; returns what is said of it."""
     from optipromp.core.scenes.io import save_scene
     from optipromp.perception.pictures import picture_files, png_file
