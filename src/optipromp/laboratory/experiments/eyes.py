@@ -1,19 +1,9 @@
 """The circle from picture to pick (``optipromp study --eyes``): see, plan, execute in the truth.
 
-============  =====================================================================================
-``rendered``  the scene is photographed from beside and seen by the eyes; in the closed loop every
-              look is such a picture, from the palm. A second takes five: for a handful of scenes
-``fitted``    looks are of the camera model with the numbers of these eyes,
-              :data:`optipromp.laboratory.simulation.detector_parameters.EYES`
-============  =====================================================================================
-
-Where the first picture shows no ripe fruit, or the open loop finds no plan in it, a second one is
-taken from the side, as a picker would look again, and both are fused. Where that shows no ripe
-fruit either, the open loop gives up (cause ``not_seen``), and the closed one looks on its own. With
-two ``views`` both pictures are always taken.
-
-The target is the lowest ripe fruit that is seen. Of several fruits that truly are ripe, the one
-nearest to it becomes the true scene's target, so the pick of any ripe fruit counts.
+``rendered``: the scene is photographed from beside and seen by the eyes; in the closed loop every
+look is such a picture, from the palm. ``fitted``: looks are of the camera model with the numbers of
+these eyes, :data:`optipromp.laboratory.simulation.detector_parameters.EYES`. When a second picture
+is taken, and which fruit is the target, docs/eyes.md says.
 
 What is executed is the scene as photographed: objects to avoid are the fruits of a real
 neighbouring cluster. Its stems are bowed as in every simulation; those of the first picture are
