@@ -192,10 +192,9 @@ def run_bench(
             file.append(*fresh)
             return fresh
 
-        gathered(
-            rows_and_arrays, [(task,) for task in tasks], hear, len(done.intersection(keys)),
-            len(keys), progress=progress, **_hands(run.entry, workers, ray),
-        )  # fmt: skip
+        jobs, there = [(task,) for task in tasks], len(done.intersection(keys))
+        hands = _hands(run.entry, workers, ray)
+        gathered(rows_and_arrays, jobs, hear, there, len(keys), progress=progress, **hands)
         held = {row.key: row for row in file.rows}
         ordered = [held[key] for key in keys]
         _zipped(run, folder, ordered)
@@ -317,18 +316,18 @@ def verify(
     tasks = [replace(task, entry=entry or "") for task in run.tasks()]
     fresh: dict[Key, Row] = {}
 
-    def hear(_: int, made: list[Row]) -> list[Row]:
+    submitted = {row.key: row for row in rows}
+
+    def hear(index: int, made: list[Row]) -> list[Row]:
         fresh.update({row.key: row for row in made})
-        return made
+        return [submitted[key] for key in tasks[index].keys]  # also of what was refused
 
     files = [(_file(task), f"{path}: {MOTIONS}/{_file(task)}") for task in tasks]
     jobs = [(t, motions[name], where) for t, (name, where) in zip(tasks, files, strict=True)]
     call = again if entry is None else asked_again
     with nullcontext() if entry is None else staffed(entry, run.track, workers):
-        gathered(
-            call, jobs, hear, 0, len(rows), progress=progress,
-            **_hands(entry or "", workers, ray),
-        )  # fmt: skip
+        hands = _hands(entry or "", workers, ray)
+        gathered(call, jobs, hear, 0, len(rows), progress=progress, **hands)
     changed, unconfirmed = [], []
     for row in rows:
         now = fresh.get(row.key)

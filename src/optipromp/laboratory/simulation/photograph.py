@@ -162,7 +162,7 @@ def photograph(
         rgb = _lensed(rgb, p, other)
     rgb = _exposed(rgb, p, rng)
     fruits = _fruits(world)
-    masks, marked = _masks(model, seen, fruits, camera, scene)
+    masks, marked = _masks(model, seen, fruits, camera)
     measured = sensed(depth, p.focal, stereo or StereoParameters(), rng)
     picture = DepthPicture(rgb, measured, camera)
     return Photograph(picture, depth, masks, marked, world.scene, fruits)
@@ -317,9 +317,8 @@ def _fruits(world: World) -> dict[str, SceneObject]:
 
 
 def _masks(
-    model: Any, seen: NDArray[np.int32], fruits: Mapping[str, SceneObject], camera: CameraModel,
-    scene: Scene,
-) -> tuple[NDArray[np.uint8], tuple[Marked, ...]]:  # fmt: skip
+    model: Any, seen: NDArray[np.int32], fruits: Mapping[str, SceneObject], camera: CameraModel
+) -> tuple[NDArray[np.uint8], tuple[Marked, ...]]:
     masks = np.zeros(seen.shape, dtype=np.uint8)
     rows: dict[tuple[str, Kind], int] = {}
     for geom in np.unique(seen[seen >= 0]).tolist():
