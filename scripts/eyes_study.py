@@ -9,12 +9,138 @@ weights.
 import argparse
 import itertools
 import json
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from optipromp.laboratory.experiments.eyes import compared, figures
+import numpy as np
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.scenes.scene import SceneObject
+from optipromp.laboratory.experiments.eyes import Paired, paired
 from optipromp.laboratory.generate import generate
-from optipromp.laboratory.simulation.photograph import photograph
+from optipromp.laboratory.simulation.photograph import Photograph, photograph
 from optipromp.perception.detector import finder_named
+from optipromp.perception.eyes import Detection, Sighting, look_at
+from optipromp.perception.finder import Finder
+
+LEAST_STEM = 60  # pixels of a visible stem: a choice
+SURE = 11.34  # squared normalised error that 1 % of true Gaussian errors exceed (χ², 3 degrees)
+
+
+@dataclass(frozen=True, eq=False)
+class SeenFruit:
+    """A fruit of a photograph, and what was seen of it."""
+
+    share: float  # part of its outline that shows
+    visible: bool  # whether enough shows that it must be found
+    error: float  # of its centre, where it was found; else nan [m]
+    # squared error of the centre over its covariance; 3 in the mean if that is true
+    normalised: float
+    kind_right: bool  # whether ripe was taken for ripe
+    stem_visible: bool  # whether enough of its stem shows
+    angle: float  # between the true stem and the one found; nan where none was [deg]
+    # this angle over the deviation of each tilt; √2 in the root mean square if that is true
+    tilts: float
+    item: SceneObject  # the true fruit, in the base frame
+    center: FloatArray  # (3,) true middle of its extent in the frame of the camera [m]
+    detection: Detection | None  # that matches it; None: it was not found
+
+    @property
+    def found(self) -> bool:
+        """Whether a detection matches it."""
+        return self.detection is not None
+
+
+@dataclass(frozen=True, eq=False)
+class SeenPicture:
+    """The fruits of one photograph, the detections that match none, and the time [s]."""
+
+    fruits: tuple[SeenFruit, ...]
+    wrong: tuple[Detection, ...]
+    seconds: float
+
+    @property
+    def false(self) -> int:
+        """Number of detections that match no fruit."""
+        return len(self.wrong)
+
+
+def compared(shot: Photograph, finder: Finder | None = None) -> SeenPicture:
+    """What is seen in a photograph against its truth; see :func:`matched`."""
+    began = time.process_time()
+    sight = look_at(shot.picture, up=shot.scene.up, finder=finder)
+    return matched(shot, sight, time.process_time() - began)
+
+
+def matched(shot: Photograph, sight: Sighting, seconds: float) -> SeenPicture:
+    """A sight of a photograph, made in ``seconds``, against the truth; see :func:`paired`."""
+    fruits, wrong = paired(shot, sight)
+    return SeenPicture(tuple(_fruit(shot, each) for each in fruits), tuple(wrong), seconds)
+
+
+def _fruit(shot: Photograph, each: Paired) -> SeenFruit:
+    item, center, match, share, visible = each
+    shows = item.stem is not None and int(shot.mask(item.id, "stem").sum()) >= LEAST_STEM
+    error = normalised = angle = tilts = math.nan
+    right = False
+    if match is not None:
+        off = match.item.position - center
+        assert match.item.covariance is not None
+        error = float(np.linalg.norm(off))
+        normalised = float(off @ np.linalg.solve(match.item.covariance, off))
+        right = (match.region.kind == "ripe") == (item.role == "target")
+        if item.stem is not None and match.stem is not None:
+            way = shot.picture.camera.pose.rotation.T @ item.stem.vector
+            cosine = float(way @ match.stem.direction) / float(np.linalg.norm(way))
+            turned = math.acos(min(max(cosine, -1.0), 1.0))
+            angle, tilts = math.degrees(turned), turned / match.stem.deviation
+    return SeenFruit(
+        share, visible, error, normalised, right, shows, angle, tilts, item, center, match
+    )
+
+
+def figures(pictures: Sequence[SeenPicture]) -> dict[str, float]:
+    """Counts, rates and errors of pictures; nan where nothing tells one."""
+    fruits = [fruit for picture in pictures for fruit in picture.fruits]
+    visible = [fruit for fruit in fruits if fruit.visible]
+    found = [fruit for fruit in fruits if fruit.found]
+    false = sum(picture.false for picture in pictures)
+    errors = np.array([fruit.error for fruit in found]) * 1e3
+    stems = [f for f in found if f.stem_visible]
+    seen = [f for f in stems if not math.isnan(f.angle)]
+    angles = np.array([fruit.angle for fruit in seen])
+    squares = np.array([fruit.normalised for fruit in found])
+    return {
+        "pictures": len(pictures),
+        "visible": len(visible),
+        "recall": _mean([fruit.found for fruit in visible]),
+        "false": false,
+        "false_share": false / max(false + len(found), 1),
+        "kind_right": _mean([fruit.kind_right for fruit in found]),
+        "ripe_right": _mean([f.kind_right for f in found if f.item.role == "target"]),
+        "found": len(found),
+        "center_median_mm": _quantile(errors, 0.5),
+        "center_90_mm": _quantile(errors, 0.9),
+        "normalised_mean": _mean(squares),
+        "normalised_beyond_99": _mean(squares > SURE),
+        "stems_visible": len(stems),
+        "stems_found": len(seen),
+        "angle_mean_deg": _mean(angles),
+        "angle_90_deg": _quantile(angles, 0.9),
+        "angle_over_deviation": math.sqrt(_mean([f.tilts**2 for f in seen])) if seen else math.nan,
+        "ms": 1e3 * float(np.median([picture.seconds for picture in pictures] or [math.nan])),
+    }
+
+
+def _mean(values: Sequence[float] | Sequence[bool] | FloatArray | np.ndarray) -> float:
+    return float(np.mean(values)) if len(values) else math.nan
+
+
+def _quantile(values: FloatArray, share: float) -> float:
+    return float(np.quantile(values, share)) if len(values) else math.nan
 
 
 def main() -> None:

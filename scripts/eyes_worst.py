@@ -10,6 +10,7 @@ marks the true fruit, or the false detection.
 import argparse
 import json
 import math
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -17,7 +18,10 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image, ImageDraw
 
-from optipromp.laboratory.experiments.eyes import SURE, SeenPicture, matched
+sys.path.insert(0, str(Path(__file__).parent))  # as a module, too
+
+from eyes_study import SURE, SeenPicture, matched
+
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.photograph import FRUITS, Photograph, photograph
 from optipromp.perception import look_at

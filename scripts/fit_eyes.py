@@ -21,16 +21,22 @@ both, as JSON, a mount a line.
 import argparse
 import json
 import math
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parent))  # as a module, too
+
+from eyes_study import SeenFruit, compared
+
 from optipromp.core.planning import plan
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.scene import Scene
-from optipromp.laboratory.experiments.eyes import STILL, SeenFruit, cameras, compared
+from optipromp.laboratory.experiments.eyes import STILL, cameras
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.detector import Detector, DetectorParameters
 from optipromp.laboratory.simulation.photograph import photograph

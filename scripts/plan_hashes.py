@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # for the benchmarks
 from benchmarks import furniture
 from optipromp import plan
 from optipromp.core.scenes import load_scene
-from optipromp.laboratory.experiments.baselines import STUDY_PLANNERS, attempt
+from optipromp.laboratory.experiments.trials import STUDY_PLANNERS, attempt
 from optipromp.laboratory.generate import NOISES, generate, noisy
 
 HANGING = "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "truss"

@@ -16,7 +16,7 @@ from optipromp.bench.flight import execute
 def main() -> None:
     """Plan, execute in both engines, and print how often they agree."""
     from optipromp.core.scenes.io import scene_to_dict
-    from optipromp.laboratory.experiments.baselines import attempt
+    from optipromp.laboratory.experiments.trials import attempt
     from optipromp.laboratory.generate import generate
     from optipromp.laboratory.generate.plants import untold
     from optipromp.laboratory.simulation import simulate

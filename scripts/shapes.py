@@ -11,12 +11,10 @@ writes such pictures with their truth, as ``optipromp render`` does those of sce
 import argparse
 import json
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optipromp.cli.generate import seeds_of, write_shot
 from optipromp.core.arrays import BoolArray, FloatArray
@@ -40,22 +38,6 @@ FOCAL = 0.75  # focal length over the width of a picture
 RED, GREEN, STEM, LEAF = (0.75, 0.1, 0.1), (0.65, 0.75, 0.45), (0.35, 0.55, 0.25), (0.2, 0.4, 0.15)
 
 
-class Drawn(NamedTuple):
-    """A picture of shapes with its truth, as of a photograph.
-
-    Attributes:
-        picture: colours and depth.
-        masks: (height, width) rows of ``marked`` plus one; 0 is background.
-        marked: what each value is.
-        keys: of each fruit, pixels (3, 2) of its tip, its upper end and its stem's root.
-    """
-
-    picture: DepthPicture
-    masks: NDArray[np.uint8]
-    marked: tuple[Marked, ...]
-    keys: Mapping[str, FloatArray]
-
-
 class _Shape(NamedTuple):
     name: str
     kind: Kind
@@ -64,7 +46,7 @@ class _Shape(NamedTuple):
     colour: FloatArray
 
 
-def shapes(seed: int, width: int = 320, height: int = 240) -> Drawn:
+def shapes(seed: int, width: int = 320, height: int = 240) -> coco.Shot:
     """A picture of abstract shapes; the same seed gives the same picture."""
     rng = np.random.default_rng([seed, 37])
     focal = FOCAL * width
@@ -104,7 +86,7 @@ def shapes(seed: int, width: int = 320, height: int = 240) -> Drawn:
             Pose(np.zeros(3), np.eye(3)),
         ),
     )  # fmt: skip
-    return Drawn(picture, masks, marked, keys)
+    return coco.Shot(picture, masks, marked, keys)
 
 
 def _stencil(points: FloatArray, width: int, height: int) -> tuple[tuple[slice, slice], BoolArray]:

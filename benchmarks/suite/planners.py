@@ -25,7 +25,7 @@ from benchmarks.timing import median, paired_ratio
 from optipromp.core.errors import Code, OptiPrompError
 from optipromp.core.planning import judge, plan, warm_up
 from optipromp.core.scenes.scene import Scene
-from optipromp.laboratory.experiments.baselines import attempt
+from optipromp.laboratory.experiments.trials import attempt
 
 GROUPS = ("scenario-3", "scenario-4", "generated")
 SEEDS = 7  # a single scene is planned as often, each time with another seed

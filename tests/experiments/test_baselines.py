@@ -8,7 +8,7 @@ from optipromp.core.planning.task import resolve
 from optipromp.core.pushing import rule_paths
 from optipromp.core.pushing.parameters import KNOWN
 from optipromp.core.scenes import JointGoal, load_scene
-from optipromp.laboratory.experiments.baselines import STUDY_PLANNERS, attempt
+from optipromp.laboratory.experiments.trials import STUDY_PLANNERS, attempt
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.planners.obstacles import Chomp, as_obstacles
 from optipromp.laboratory.planners.paper import PaperOptions

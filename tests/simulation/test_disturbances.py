@@ -46,15 +46,15 @@ def run(simulation: Simulation, seconds: float) -> FloatArray:
 
 
 @pytest.mark.parametrize("sway_of", ["gutter", "roots"])
-def test_derivatives_of_the_motion_of_roots(sway_of: str) -> None:
+def test_roots_move_smoothly_alike_or_each_by_itself(sway_of: str) -> None:
     given = DisturbanceParameters(sway=0.02, sway_of=sway_of, gust=0.6, jump=0.01, jump_at=1.0)
     ball = [(np.zeros(3), 0.01)], [(np.array([0.03, 0, 0]), 0.02)], [(np.array([0, 1, 0]), 0.02)]
     motion, h = root_motion(given, 4, UP, ball), 1e-5
     for t in (0.0, 0.7, 1.01, 1.07, 1.14, 3.3):
-        rate = (motion.position(t + h) - motion.position(t - h)) / (2.0 * h)
-        np.testing.assert_allclose(motion.velocity(t), rate, atol=1e-8)
-        gain = (motion.velocity(t + h) - motion.velocity(t - h)) / (2.0 * h)
-        np.testing.assert_allclose(motion.acceleration(t), gain, atol=1e-6)
+        now, after, before = (motion.position(t + by) for by in (0.0, h, -h))
+        rate, gain = (after - before) / (2.0 * h), (after - 2.0 * now + before) / h**2
+        assert np.abs(rate).max() < 0.5  # [m/s] of a jump by 10 mm in 0.15 s, and of the sway
+        assert np.abs(gain).max() < 10.0  # [m/s²]
     assert np.ptp(motion.position(0.3), axis=0).any() == (sway_of == "roots")
     begin = np.array([fruits[0][0] for fruits in ball]) + motion.position(0.0)
     assert np.linalg.norm(begin[1] - begin[0]) > 0.03 - 1e-9
@@ -142,7 +142,8 @@ def test_roots_follow_their_motion_and_fruits_begin_with_it(bench: Bench) -> Non
         item = next(o for o in scene.objects if o.id == name)
         wanted = motion.position(0.0)[by[name]]
         np.testing.assert_allclose(now.positions[k] - item.position, wanted, atol=1e-12)
-        np.testing.assert_allclose(now.velocities[k], motion.velocity(0.0)[by[name]], atol=2e-3)
+        rate = (motion.position(1e-5) - motion.position(-1e-5))[by[name]] / 2e-5
+        np.testing.assert_allclose(now.velocities[k], rate, atol=2e-3)
     first = now.stem_ends
     for _ in range(500):
         simulation.step(simulation.reference)

@@ -6,7 +6,7 @@ import pytest
 from optipromp.core.planning import plan
 from optipromp.core.planning.task import resolve
 from optipromp.core.robots.tools import FrankaHand
-from optipromp.laboratory.experiments.baselines import attempt
+from optipromp.laboratory.experiments.trials import attempt
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import Cause, simulate
 from optipromp.laboratory.simulation.engine import engine

@@ -25,9 +25,9 @@ from optipromp.laboratory.simulation.film import (
     PLANS,
     View,
     _corner,
+    animation,
+    film,
     frames,
-    loop_animation,
-    loop_film,
     loop_frames,
     shot,
 )
@@ -185,11 +185,11 @@ def test_a_film_and_an_animation_can_be_played(drawn):
     from PIL import Image
 
     end = drawn.run.rollout.times[-1]
-    with av.open(io.BytesIO(loop_film(drawn, SMALL, fps=2))) as container:
+    with av.open(io.BytesIO(film(drawn, SMALL, fps=2))) as container:
         assert "vp9" in container.streams.video[0].codec_context.name
         shown = sum(1 for _ in container.decode(container.streams.video[0]))
     assert shown == pytest.approx(2 * (end + LINGER), abs=2)
-    with Image.open(io.BytesIO(loop_animation(drawn, SMALL, fps=1))) as image:
+    with Image.open(io.BytesIO(animation(drawn, SMALL, fps=1))) as image:
         assert image.format == "GIF"
         assert image.n_frames == int(end) + 1
 

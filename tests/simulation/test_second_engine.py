@@ -11,7 +11,7 @@ from optipromp.core.output import write_plan
 from optipromp.core.planning import plan
 from optipromp.core.planning.task import resolve
 from optipromp.core.scenes.io import scene_to_dict
-from optipromp.laboratory.experiments.baselines import attempt
+from optipromp.laboratory.experiments.trials import attempt
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import simulate
 

@@ -296,7 +296,7 @@ class PickEnv(_Scenes):
         """Give the renderers back."""
         super().close()
         if self._camera is not None:
-            self._camera.__exit__(None, None, None)
+            self._camera.close()
             self._camera = None
 
     def _worth(self) -> float:

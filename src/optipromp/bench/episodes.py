@@ -134,8 +134,8 @@ def collected(
 
     ``asks``: more than ``count``: some scenes have no plan, and some episodes are not clean.
     ``count``: of episodes. ``keep``: ``clean`` leaves out episodes that picked nothing or harmed
-    something. ``workers``: processes; None: one a core. ``ray``: address of a Ray cluster in place
-    of them. ``progress``: called with the number of episodes kept, of all, and words.
+    something. ``workers``, ``ray``: see :func:`optipromp.laboratory.experiments.cluster.over`.
+    ``progress``: called with the number of episodes kept, of all, and words.
     """
     kept: dict[int, EpisodeData] = {}
     low = 0

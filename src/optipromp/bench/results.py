@@ -16,7 +16,7 @@ import hashlib
 import io
 import platform
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -53,7 +53,7 @@ from optipromp.core.files import (
 )
 from optipromp.core.processes import cores
 from optipromp.core.shown import is_name, suggest
-from optipromp.laboratory.experiments.cluster import over
+from optipromp.laboratory.experiments.cluster import Progress, gathered
 from optipromp.laboratory.experiments.rows import (
     BENCH,
     LOCK,
@@ -155,9 +155,6 @@ def staffed(
         dismissed()
 
 
-Progress = Callable[[int, int, Row | None], None]
-
-
 def run_bench(
     run: BenchRun,
     folder: Path,
@@ -169,10 +166,9 @@ def run_bench(
 ) -> list[Row]:
     """Run the scenes that a folder does not hold yet; see :mod:`optipromp.bench.results`.
 
-    ``run``: what to run. ``folder``: of the results, made if need be. ``workers``: processes; None:
-    one a core. tcp: has one caller at a time, so one. ``ray``: address of a Ray cluster in place of
-    them. ``progress``: called with the number of scenes done, of all scenes, and the newest row.
-    ``patience``: the time that the entry has for an answer.
+    ``folder``: of the results, made if need be. ``patience``: the time that the entry has for an
+    answer. Others: see :func:`optipromp.laboratory.experiments.cluster.gathered`; an entry tcp: has
+    one worker.
 
     Returns: All rows, in the order of the set.
     """
@@ -186,43 +182,28 @@ def run_bench(
         write_atomically(folder / RUN, json_text(asdict(run)).encode())
         done = {row.key for row in file.rows}
         all_ = list(run.tasks(patience))
+        keys = [key for task in all_ for key in task.keys]
         tasks = [task for task in all_ if not done.issuperset(task.keys)]
 
-        def hear(task: Exercise, result: Any) -> None:
-            fresh, arrays = result
-            write_atomically(folder / MOTIONS / _file(task), npz(arrays, compressed=True))
-            file.append(*(row for row in fresh if row.key not in done))
+        def hear(index: int, result: Any) -> list[Row]:
+            arrays = npz(result[1], compressed=True)
+            write_atomically(folder / MOTIONS / _file(tasks[index]), arrays)
+            fresh = [row for row in result[0] if row.key not in done]
+            file.append(*fresh)
+            return fresh
 
-        _over(rows_and_arrays, tasks, [()] * len(tasks), hear, len(all_), workers, ray, progress)
+        jobs, there = [(task,) for task in tasks], len(done.intersection(keys))
+        hands = _hands(run.entry, workers, ray)
+        gathered(rows_and_arrays, jobs, hear, there, len(keys), progress=progress, **hands)
         held = {row.key: row for row in file.rows}
-        ordered = [held[key] for task in all_ for key in task.keys]
+        ordered = [held[key] for key in keys]
         _zipped(run, folder, ordered)
     return ordered
 
 
-def _over(
-    function: Callable[..., Any], tasks: Sequence[Exercise], more: Sequence[tuple[Any, ...]],
-    hear: Callable[[Exercise, Any], None], total: int, workers: int | None, ray: str | None,
-    progress: Progress | None,
-) -> None:  # fmt: skip
-    """Call a function of each task and ``more``."""
-    count = total - len(tasks)
-    tell = progress or (lambda *_: None)
-    tell(count, total, None)
-
-    def heard(index: int, result: Any) -> None:
-        nonlocal count
-        if isinstance(result, Exception):
-            raise InvalidRequestError(f"{result}; begin again to go on")
-        hear(tasks[index], result)
-        count += 1
-        rows = result[0] if isinstance(result, tuple) else result
-        tell(count, total, rows[0] if rows else None)
-
-    if tasks and tasks[0].entry.startswith(SERVED):
-        workers, ray = 1, None
-    jobs = [(task, *each) for task, each in zip(tasks, more, strict=True)]
-    over(function, jobs, heard, workers=workers, ray=ray)
+def _hands(entry: str, workers: int | None, ray: str | None) -> dict[str, Any]:
+    """Workers, or a cluster, for an entry; tcp: has one caller at a time."""
+    return {"workers": 1} if entry.startswith(SERVED) else {"workers": workers, "ray": ray}
 
 
 def _check_run(run: BenchRun, path: Path) -> None:
@@ -335,13 +316,18 @@ def verify(
     tasks = [replace(task, entry=entry or "") for task in run.tasks()]
     fresh: dict[Key, Row] = {}
 
-    def hear(task: Exercise, result: list[Row]) -> None:
-        fresh.update({row.key: row for row in result})
+    submitted = {row.key: row for row in rows}
 
-    more = [(motions[_file(task)], f"{path}: {MOTIONS}/{_file(task)}") for task in tasks]
+    def hear(index: int, made: list[Row]) -> list[Row]:
+        fresh.update({row.key: row for row in made})
+        return [submitted[key] for key in tasks[index].keys]  # also of what was refused
+
+    files = [(_file(task), f"{path}: {MOTIONS}/{_file(task)}") for task in tasks]
+    jobs = [(t, motions[name], where) for t, (name, where) in zip(tasks, files, strict=True)]
     call = again if entry is None else asked_again
     with nullcontext() if entry is None else staffed(entry, run.track, workers):
-        _over(call, tasks, more, hear, len(tasks), workers, ray, progress)
+        hands = _hands(entry or "", workers, ray)
+        gathered(call, jobs, hear, 0, len(rows), progress=progress, **hands)
     changed, unconfirmed = [], []
     for row in rows:
         now = fresh.get(row.key)

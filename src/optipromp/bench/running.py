@@ -35,7 +35,7 @@ from optipromp.core.files import read_npz
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.io import scene_to_dict
 from optipromp.core.scenes.scene import Scene
-from optipromp.core.trajectory import Trajectory
+from optipromp.core.trajectory import CURVE, Trajectory
 from optipromp.laboratory.experiments.eyes import aimed_at, without_fruits
 from optipromp.laboratory.experiments.rows import Key, Row
 from optipromp.laboratory.experiments.situations import CONDITIONS, Situation, varied
@@ -47,7 +47,6 @@ ENGINES: tuple[Engine, ...] = ("arm", "flight")
 """``arm``: the whole arm with its controller; ``flight``: a cup in flight, a model of its own."""
 NEUTRAL = "scene"
 """Name of every scene that an entry gets."""
-MOTION_ARRAYS = "times", "positions", "velocities", "accelerations"
 STEADY = "none", "zero-mean", "detector", "missed", "calibration"
 """Conditions in which plants stand still, so that the engine ``flight`` has them, too."""
 
@@ -215,7 +214,7 @@ def rows_and_arrays(task: Exercise) -> tuple[list[Row], dict[str, FloatArray]]:
 def again(task: Exercise, content: bytes, where: str) -> list[Row]:
     """The rows of a motion from a file's content, executed once more."""
     arrays = read_npz(where, content=content, most=MOTION_FILE)
-    wanted = set(task.engines if task.track == "policy" else MOTION_ARRAYS)
+    wanted = set(task.engines if task.track == "policy" else CURVE)
     for name, array in arrays.items():
         if name not in wanted or array.dtype != np.float64 or not np.isfinite(array).all():
             raise InvalidRequestError(
@@ -235,7 +234,7 @@ def again(task: Exercise, content: bytes, where: str) -> list[Row]:
     if not arrays:
         return []
     if set(arrays) != wanted:
-        raise InvalidRequestError(f"{where} has {', '.join(arrays)}; must have {MOTION_ARRAYS}")
+        raise InvalidRequestError(f"{where} has {', '.join(arrays)}; must have {CURVE}")
     given = Trajectory(**arrays, joint_names=posed(setting.seen)[0].joint_names)
     wrong = too_long(given.times) or against(given, setting.seen)
     if wrong:

@@ -1,7 +1,7 @@
 """Frozen sets of scenes: the same bunches for everybody, told by their digests.
 
 The seeds of the *development* set are public, and its digests stand in ``data/development.json``
-(written by ``python -m optipromp.bench.sets``). A *test* set is drawn by a word, the secret of the
+(written by ``scripts/frozen_sets.py``). A *test* set is drawn by a word, the secret of the
 runner until the results are out: digests of it give the seed of each scene, that of its physics and
 looks, and the one that the entry gets, so none of them tells another. A result names its word, and
 anybody draws the same scenes again.
@@ -225,15 +225,3 @@ def _sources(module: str, entry: str) -> Iterator[tuple[str, Path]]:
         "an entry is MODULE:CLASS, of a class without arguments, and benchmarks.entries is in the "
         "clone alone: run its entries there"
     )
-
-
-def main() -> None:
-    """Write the digests of the development set to standard output."""
-    told: dict[str, dict[str, str]] = {}
-    for preset, seed in SceneSet().scenes():
-        told.setdefault(preset, {})[str(seed)] = digest(generate(cast(Preset, preset), seed))
-    sys.stdout.write(json.dumps(told, indent=0))
-
-
-if __name__ == "__main__":
-    main()

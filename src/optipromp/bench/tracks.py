@@ -28,7 +28,7 @@ from optipromp.core.planning import Plan
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.shown import printable
-from optipromp.core.trajectory import Trajectory
+from optipromp.core.trajectory import CURVE, Trajectory
 from optipromp.laboratory.experiments.situations import Situation
 from optipromp.perception.pictures import DepthPicture
 
@@ -126,14 +126,8 @@ class Deed:
 
     def arrays(self) -> dict[str, FloatArray]:
         """The trajectory as arrays by name, for a file; empty without one."""
-        if self.trajectory is None:
-            return {}
         own = self.trajectory
-        q, velocities, accelerations = own.rows()
-        return {
-            "times": own.times, "positions": q, "velocities": velocities,
-            "accelerations": accelerations,
-        }  # fmt: skip
+        return {} if own is None else dict(zip(CURVE, (own.times, *own.rows()), strict=True))
 
 
 def asked(call: Callable[[], Any], scene: Scene) -> Deed:

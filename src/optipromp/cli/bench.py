@@ -248,7 +248,7 @@ def entries() -> Report:
 def _told(say: Callable[[int, int, str], None]) -> Callable[[int, int, "Row | None"], None]:
     def tell(done: int, total: int, row: "Row | None") -> None:
         newest = "" if row is None else f": {row.preset} {row.seed} {row.result}"
-        say(done, total, f"{done} of {total} scenes{newest}")
+        say(done, total, f"{done} of {total} rows{newest}")
 
     return tell
 

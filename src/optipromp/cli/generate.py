@@ -19,6 +19,7 @@ from optipromp.core.shown import suggest
 if TYPE_CHECKING:
     from optipromp.core.scenes.scene import Scene
     from optipromp.laboratory.simulation.coco import Shot
+    from optipromp.laboratory.simulation.photograph import Photograph
 
 
 SEEN = "seen"
@@ -224,7 +225,9 @@ def seeds_of(text: str) -> range:
     return range(int(begin), int(end))
 
 
-def write_shot(shot: "Shot", name: str, true: "Scene | None", out: Path) -> dict[str, Any]:
+def write_shot(
+    shot: "Shot | Photograph", name: str, true: "Scene | None", out: Path
+) -> dict[str, Any]:
     """Write the files of a picture; returns what is said of it."""
     from optipromp.perception.pictures import picture_files, png_file
 

@@ -317,13 +317,13 @@ def _leave(
 
     films = {}
     if kinds:
-        from optipromp.laboratory.simulation.film import animation, film, loop_animation, loop_film
+        from optipromp.laboratory.simulation.film import animation, film
 
-        draw: Any = partial(loop_film, loop) if loop else partial(film, run)
-        moving: Any = partial(loop_animation, loop) if loop else partial(animation, run)
+        shown = loop or run
         with waiting("drawing"):
             for kind in kinds:
-                made = moving(slow=slow) if kind == "gif" else draw(slow=slow, kind=kind)
+                gif = kind == "gif"
+                made = animation(shown, slow=slow) if gif else film(shown, slow=slow, kind=kind)
                 films[f"run.{kind}"] = made
     further = (write_loop(loop, folder),) if loop else ()
     return *write_run(run, folder, films), *further

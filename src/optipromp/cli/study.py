@@ -97,11 +97,11 @@ def study(
             friction, mass, size, damping, a tool off its place, fruits lower than seen.
         risk: Share of promised successes that may be broken; less refuses more.
     """
-    from optipromp.laboratory.experiments.baselines import study_planners
     from optipromp.laboratory.experiments.eyes import WAYS
     from optipromp.laboratory.experiments.loops import LOOP_PLANNER, LOOPS
     from optipromp.laboratory.experiments.situations import CONDITIONS
     from optipromp.laboratory.experiments.study import Study, run_study
+    from optipromp.laboratory.experiments.trials import study_planners
     from optipromp.laboratory.generate import PRESETS
 
     compared: Any = _names(",".join(planners), study_planners())

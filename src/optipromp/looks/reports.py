@@ -406,7 +406,7 @@ def _worst(
 def _picture(run: Run) -> bytes:
     from optipromp.laboratory.simulation.film import View, frames
 
-    view = View(width=SIZE[0], height=SIZE[1])
+    view = View(*SIZE)
     (shown,) = frames(run, np.array([worst_moment(run)]), view, caption=True)
     return png_file(shown)
 

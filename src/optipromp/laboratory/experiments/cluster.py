@@ -8,13 +8,16 @@ import os
 import pickle
 import socket
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 from optipromp.core.errors import InvalidRequestError, installed_by
 from optipromp.core.processes import THREADS, cores, pickled, run_each
+from optipromp.laboratory.experiments.rows import Row
 
+Progress = Callable[[int, int, Row | None], None]
+"""Number of rows that are there, of all, and the newest; None at the beginning."""
 RETRIES = 3  # of a task whose worker died: a choice
 PATIENCE = 5.0  # [s] for which an address may not answer: a choice
 AHEAD = 2  # tasks that wait at every core of the cluster: a choice
@@ -43,6 +46,31 @@ def over(
         run_each(function, tasks, done, workers=workers or cores(), prepare=prepare)
     elif tasks:
         _on_ray(function, tasks, done, ray, prepare)
+
+
+def gathered(
+    function: Callable[..., Any], tasks: Sequence[tuple[Any, ...]],
+    hear: Callable[[int, Any], Iterable[Row]], done: int, total: int, *,
+    progress: Progress | None = None, workers: int | None = None, ray: str | None = None,
+    prepare: Callable[[], object] | None = None,
+) -> None:  # fmt: skip
+    """Call ``function(*task)`` for every task as :func:`over` does, and say how far it is.
+
+    ``hear``: makes new rows of the index and the result of a task. ``done``, ``total``: numbers of
+    rows that are there before, and of all. ``progress``: called with both and the newest row.
+    """
+    tell = progress or (lambda *_: None)
+    tell(done, total, None)
+
+    def heard(index: int, result: Any) -> None:
+        nonlocal done
+        if isinstance(result, BrokenProcessPool):
+            raise InvalidRequestError(f"{result}; begin again to go on")
+        for row in hear(index, result):
+            done += 1
+            tell(done, total, row)
+
+    over(function, tasks, heard, workers=workers, ray=ray, prepare=prepare)
 
 
 def _on_ray(

@@ -1,12 +1,12 @@
 """Loops: what a pick is when it looks, and how smooth the executed curve was."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from optipromp.control.controller import Controller
+from optipromp.core.arrays import FloatArray
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.judging import extremes
 from optipromp.core.planning.task import posed
@@ -37,8 +37,8 @@ def loop_figures(done: Loop) -> dict[str, Any]:
         "cycle_median": float(np.median(cycles)),
         "cycle_p99": float(np.quantile(cycles, 0.99)),
         "nis": nis if np.isfinite(nis) else None,
-        "worst_jump": curve.worst_jump,
-        "worst_limit": curve.worst_limit,
+        "worst_jump": float(curve.jumps.max()),
+        "worst_limit": float(curve.shares.max()),
     }
 
 
@@ -50,26 +50,11 @@ def picked(setting: Situation, seed: int, servo: bool = True) -> Loop:
     return closed_loop(simulation, controller, eye)
 
 
-@dataclass(frozen=True)
-class Smoothness:
+class Smoothness(NamedTuple):
     """How smooth an executed curve is."""
 
-    takeovers: int  # number of stretches that took over
-    # largest jump of a joint's position [rad or m], velocity [rad/s or m/s] and acceleration
-    # [rad/s² or m/s²] at a takeover
-    jumps: tuple[float, float, float]
-    # largest share of the robot's limits of velocity, acceleration and jerk
-    shares: tuple[float, float, float]
-
-    @property
-    def worst_jump(self) -> float:
-        """Largest of ``jumps`` in its own unit."""
-        return max(self.jumps)
-
-    @property
-    def worst_limit(self) -> float:
-        """Largest of ``shares``."""
-        return max(self.shares)
+    jumps: FloatArray  # (3,) largest of a joint's position, velocity, acceleration at a takeover
+    shares: FloatArray  # (3,) largest, of the robot's limits of velocity, acceleration and jerk
 
 
 def executed(
@@ -92,7 +77,7 @@ def executed(
         part = cut(stretch.curve, end - stretch.begins)
         if part is not None:
             shares = np.maximum(shares, (extremes(part).largest / limits).max(axis=1))
-    return Smoothness(len(taken), _three(jumps), _three(shares))
+    return Smoothness(jumps, shares)
 
 
 def cut(curve: Trajectory, length: float) -> Trajectory | None:
@@ -110,15 +95,9 @@ def cut(curve: Trajectory, length: float) -> Trajectory | None:
     return Trajectory(np.append(times, length), q, v, a, curve.joint_names)
 
 
-def _jumps(before: State, after: State) -> np.ndarray:
-    pairs = (
-        (before.q, after.q),
-        (before.velocity, after.velocity),
-        (before.acceleration, after.acceleration),
-    )
-    return np.array([np.abs(b - a).max() for a, b in pairs])
+def _jumps(before: State, after: State) -> FloatArray:
+    return np.array([np.abs(b - a).max() for a, b in zip(_rows(before), _rows(after), strict=True)])
 
 
-def _three(values: np.ndarray) -> tuple[float, float, float]:
-    a, b, c = (float(value) for value in values)
-    return a, b, c
+def _rows(state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
+    return state.q, state.velocity, state.acceleration

@@ -91,38 +91,24 @@ class Row:
     """One trial: which one, how it ended, and what was measured.
 
     Figures are read as attributes, too; one that was not measured is None.
-
-    Attributes:
-        preset, seed: of the scene; a scene file's name stands for a preset.
-        planner: see :func:`optipromp.laboratory.experiments.baselines.study_planners`; empty in the
-            benchmark, whose rows are of one entry.
-        variation, condition: see :mod:`optipromp.laboratory.experiments.situations`; a condition
-            may be one of :data:`optipromp.laboratory.experiments.eyes.WAYS`.
-        loop: one of :data:`optipromp.laboratory.experiments.loops.LOOPS`; empty without a loop.
-        engine: of the benchmark, that executed the motion.
-        result: ``clean``, ``harmed``, ``missed`` (nothing was harmed, nothing picked), ``gave_up``,
-            ``refused`` (not executed) or ``error``; empty where planners are compared.
-        success: whether the target alone was picked and nothing was harmed.
-        picked: whether the target was in the tool at the end; None: not executed.
-        cause, causes: the first cause of a failure, and all, separated by spaces.
-        message: the outcome in words.
-        figures: by name; see :data:`STUDY` and :data:`BENCH`.
     """
 
-    preset: str
+    preset: str  # of the scene, as the seed; a scene file's name stands for a preset
     seed: int
-    planner: str = ""
-    variation: str = ""
-    loop: str = ""
-    condition: str = ""
-    engine: str = ""
+    planner: str = ""  # see trials.study_planners; empty in the benchmark: rows are of one entry
+    variation: str = ""  # see situations
+    loop: str = ""  # one of loops.LOOPS; empty without a loop
+    condition: str = ""  # see situations; may be one of eyes.WAYS
+    engine: str = ""  # of the benchmark, that executed the motion
+    # clean, harmed, missed (nothing was harmed, nothing picked), gave_up, refused (not executed)
+    # or error; empty where planners are compared
     result: str = ""
-    success: bool = False
-    picked: bool | None = None
-    cause: str = ""
-    causes: str = ""
-    message: str = ""
-    figures: Mapping[str, Any] = field(default_factory=dict)
+    success: bool = False  # whether the target alone was picked and nothing was harmed
+    picked: bool | None = None  # whether the target was in the tool at the end; None: not executed
+    cause: str = ""  # the first cause of a failure
+    causes: str = ""  # all causes, separated by spaces
+    message: str = ""  # the outcome in words
+    figures: Mapping[str, Any] = field(default_factory=dict)  # by name; see STUDY and BENCH
 
     @classmethod
     def of(cls, preset: str, seed: int, **values: Any) -> Self:

@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,14 +31,7 @@ class Published:
     M_c_above: float
     # offset at each pushable, by its id [m]; its sign must be opposite to the stem's
     M_p: Mapping[str, float]
-    reductions: Mapping[str, "PaperReduction"]  # of the cost, by term
-
-
-class PaperReduction(NamedTuple):
-    """The ``factor`` by which the paper's cost falls in ``iterations``."""
-
-    factor: float
-    iterations: int
+    reductions: Mapping[str, tuple[float, int]]  # factor of a term's cost, after iterations
 
 
 @dataclass(frozen=True)
@@ -134,7 +127,8 @@ class ScenarioRow:
         """The plan's document with the paper's figures beside it."""
         paper = None
         if (published := self.case.published) is not None:
-            factors = {name: item._asdict() for name, item in published.reductions.items()}
+            falls = published.reductions.items()
+            factors = {name: {"factor": by, "iterations": count} for name, (by, count) in falls}
             paper = vars(published) | {"reductions": factors}
         return {
             "case": self.case.key,
@@ -153,13 +147,13 @@ _III = Published(
     M_c=0.157,
     M_c_above=0.1,
     M_p={"n1": -0.01, "n2": 0.001968},
-    reductions={"push": PaperReduction(15.5, 10), "avoid": PaperReduction(9.5, 15)},
+    reductions={"push": (15.5, 10), "avoid": (9.5, 15)},
 )
 _IV = Published(
     M_c=0.0352,
     M_c_above=0.03,
     M_p={"n1": -0.0084, "n2": 0.03379},
-    reductions={"static": PaperReduction(4.2, 3), "push": PaperReduction(2.2, 15)},
+    reductions={"static": (4.2, 3), "push": (2.2, 15)},
 )
 _PLAIN = {"paper": PaperOptions(camera_point=False)}
 _CAMERA = {"paper": PaperOptions(camera_point=True)}

@@ -1,30 +1,12 @@
 """Situations of a trial: what differs from what is planned for, by name.
 
-Conditions (``optipromp study --conditions``) say what moves, and what is seen wrongly:
+Conditions (``optipromp study --conditions``, a table of them is in docs/closed-loop.md) say what
+moves, and what is seen wrongly. Variations (``optipromp study --vary``) execute one plan in other
+worlds; their ranges are those in which the guesses of the push models may be wrong.
 
-==============  ===================================================================================
-``none``        the scene is as first seen, every look is exact (and 60 ms late)
-``zero-mean``   first seen and looked at with zero-mean errors of 5 mm and 5°
-``detector``    the same with a bias of 10 mm, misses, hidden stems, false and swapped detections
-``missed``      one of the three pushables nearest to the target was not seen at first
-``lower``       all fruits hang 10 mm lower than first seen
-``aside``       all fruits hang 15 mm aside, and jump by 10 mm at 3 s
-``sway``        the roots sway within ± 10 mm at 0.5–1.6 Hz, since 4 s before the first look
-``calibration`` the camera is 5 mm and 1° (root mean square) off its believed place in the hand
-``limp``        stems are three times softer than the planner assumes
-``all``         detector, missed, lower, aside, sway, calibration and limp at once; commands 10 ms
-                late
-==============  ===================================================================================
-
-Variations (``optipromp study --vary``) execute one plan in other worlds: stems, friction, mass,
-size, damping, places. Their ranges are those in which the guesses of the push models may be wrong.
-
-Stems of 10–25 cm have their resonance at 1–2 Hz: roots that sway within ± 10 mm make fruits swing
-by about ± 20 mm. Plants that sway are first seen at once, where the fruits are at that moment. The
-arm stands still until then (``engine.settle``).
-
-A miscalibrated camera has seen the fruits at first, too. Looks have zero-mean errors where the
-table does not say otherwise. Errors and rates are sourced in
+Plants that sway are first seen at once, where the fruits are at that moment; the arm stands still
+until then (``engine.settle``). A miscalibrated camera has seen the fruits at first, too. Looks have
+zero-mean errors unless a condition has others. Errors and rates are sourced in
 :data:`optipromp.laboratory.simulation.detector_parameters.DETECTORS` and
 :data:`optipromp.laboratory.generate.NOISES`, displacements beside the constants below and in
 :class:`optipromp.laboratory.simulation.DisturbanceParameters`.
@@ -292,7 +274,7 @@ CONDITIONS: Mapping[str, Change] = {
         disturbance=_ALL_MOVES, settled=True, world={"stiffness": LIMP},
     ),
 }  # fmt: skip
-"""By name; see the module's table."""
+"""By name; docs/closed-loop.md describes them."""
 
 VARIATIONS: Mapping[str, Change] = {
     "as assumed": Change(),

@@ -9,6 +9,7 @@ from statistics import median
 from typing import Any
 
 import numpy as np
+import scipy.stats
 
 from optipromp.core.errors import Code
 from optipromp.laboratory.experiments.eyes import NOT_SEEN
@@ -21,16 +22,10 @@ ALL = "all presets"
 
 def wilson(successes: int, runs: int) -> tuple[float, float]:
     """Wilson's score interval of a rate, 95 % (Wilson 1927); (0, 1) where there are no runs."""
-    z = 1.959963984540054  # 97.5 % quantile of the standard normal distribution
     if runs == 0:
         return 0.0, 1.0
-    rate = successes / runs
-    middle = rate + z * z / (2 * runs)
-    half = z * math.sqrt(rate * (1.0 - rate) / runs + z * z / (4 * runs * runs))
-    scale = 1.0 + z * z / runs
-    low = 0.0 if successes == 0 else (middle - half) / scale
-    high = 1.0 if successes == runs else (middle + half) / scale
-    return low, high
+    low, high = scipy.stats.binomtest(successes, runs).proportion_ci(method="wilson")
+    return float(low), float(high)
 
 
 def percent(low: float, high: float) -> str:
@@ -247,7 +242,5 @@ def calibration(rows: Iterable[Row]) -> Reliability | None:
 
 def auc(above: Sequence[float] | np.ndarray, below: Sequence[float] | np.ndarray) -> float:
     """Share of pairs in which a value of ``above`` is larger than one of ``below``; ties half."""
-    if not len(above) or not len(below):
-        return float("nan")
-    one, other = np.asarray(above)[:, None], np.asarray(below)[None]
-    return float(np.mean((one > other) + 0.5 * (one == other)))
+    pairs = len(above) * len(below)
+    return float(scipy.stats.mannwhitneyu(above, below).statistic) / pairs if pairs else math.nan

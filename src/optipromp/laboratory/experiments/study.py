@@ -9,8 +9,7 @@ import functools
 import itertools
 import json
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from optipromp.core.errors import InvalidRequestError, installed_by
 from optipromp.core.files import check_folder, is_file, json_text, write_atomically
 from optipromp.core.robots.library import NOTHING
-from optipromp.laboratory.experiments.cluster import over
+from optipromp.laboratory.experiments.cluster import Progress, gathered
 from optipromp.laboratory.experiments.rows import (
     LOCK,
     ROWS,
@@ -47,16 +46,14 @@ def run_study(
     *,
     workers: int | None = None,
     ray: str | None = None,
-    progress: Callable[[int, int, Row | None], None] | None = None,
+    progress: Progress | None = None,
 ) -> list[Row]:
     """Run the trials of a study that its folder does not hold yet.
 
     Ctrl-C lets the scenes under way finish, keeps their rows and raises ``KeyboardInterrupt``.
 
-    ``study``: what to run. ``folder``: holds the rows of earlier calls, and gets the new ones.
-    ``workers``: number of processes; None: one a core. ``ray``: address of a Ray cluster in place
-    of them; see :func:`optipromp.laboratory.experiments.cluster.over`. ``progress``: called with
-    the number of runs done, of all runs, and the newest row (None at the beginning).
+    ``folder``: holds the rows of earlier calls, and gets the new ones. ``workers``, ``ray``,
+    ``progress``: see :func:`optipromp.laboratory.experiments.cluster.gathered`.
 
     Returns: The study's rows, those of earlier calls too, in the study's order.
     """
@@ -71,22 +68,18 @@ def run_study(
         done = {row.key for row in file.rows}
         keys = study.keys()
         missing = [key for key in keys if key not in done]
-        before = len(keys) - len(missing) - len(file.rows)
-        tell = progress or (lambda *_: None)
-        tell(before + len(file.rows), len(keys), None)
 
-        def hear(index: int, result: Sequence[Row] | BrokenProcessPool) -> None:
-            if isinstance(result, BrokenProcessPool):
-                raise InvalidRequestError(f"{result}; begin the study again to go on")
-            for row in result:
+        def hear(_: int, made: Sequence[Row]) -> Iterator[Row]:
+            for row in made:
                 if row.key not in done:
                     file.append(row)
-                    done.add(row.key)
-                    tell(before + len(file.rows), len(keys), row)
+                    yield row
 
-        prepare = functools.partial(warm_up, study.source(study.presets[0]), study)
-        jobs = _jobs(study, missing)
-        over(run_trials, jobs, hear, workers=workers, ray=ray, prepare=prepare)
+        gathered(
+            run_trials, _jobs(study, missing), hear, len(keys) - len(missing), len(keys),
+            progress=progress, workers=workers, ray=ray,
+            prepare=functools.partial(warm_up, study.source(study.presets[0]), study),
+        )  # fmt: skip
         held = {row.key: row for row in file.rows}
         return [held[key] for key in keys]
 

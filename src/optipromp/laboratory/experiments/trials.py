@@ -6,6 +6,7 @@ variations. Loops run in one situation each: a condition, or what eyes have seen
 
 import functools
 import hashlib
+import math
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -15,14 +16,15 @@ from typing import Any, cast
 
 import numpy as np
 
+from optipromp.core.arrays import lengths
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
-from optipromp.core.planning import PlanOptions
-from optipromp.core.planning.planners import factory
+from optipromp.core.planning import Plan, PlanOptions, plan, planner_names
+from optipromp.core.planning.planners import factory, make
 from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.shown import suggest
-from optipromp.laboratory.experiments.baselines import STUDY_PLANNERS, Answer, attempt
+from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.experiments.eyes import NOT_SEEN, check_eyes, situation
 from optipromp.laboratory.experiments.loops import LOOP_PLANNER, LOOPS, loop_figures, picked
 from optipromp.laboratory.experiments.rows import ERROR, NO_PLAN, Key, Row, source_version
@@ -38,6 +40,62 @@ from optipromp.laboratory.generate import (
 )
 from optipromp.laboratory.generate.noise import perceived
 from optipromp.laboratory.simulation import Outcome, Run, simulate
+
+STUDY_PLANNERS = (
+    "straight", "promp", "i-promp", "i-promp-guard", "drift", "paper", "obstacles", "chomp",
+    "opti-promp",
+)  # fmt: skip
+
+
+def study_planners() -> tuple[str, ...]:
+    """All registered names: those of :data:`STUDY_PLANNERS` in that order, then all others."""
+    known = planner_names()
+    ours = tuple(name for name in STUDY_PLANNERS if name in known)
+    return ours + tuple(name for name in known if name not in ours)
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """A planner's answer to a scene."""
+
+    planner: str  # its name
+    status: Code  # ``success`` only where the judge found no violation
+    message: str  # the status in words
+    trajectory: Trajectory | None  # to execute; None where the planner has none
+    seconds: float  # wall time of planning [s]
+    harm: float | None = None  # predicted harm of the push; None where no push model applies
+    guard: float = 0.0  # time until which the tool's mouth is closed [s]; 0: it is open
+    # predicted probability that the pick is not clean; None where it is not predicted
+    failure: float | None = None
+    tilt: float = 0.0  # angle between the planner's approach and the scene's [degrees]
+
+
+def attempt(scene: Scene, planner: str, *, seed: int = 0, risk: float = PlanOptions.risk) -> Answer:
+    """Plan a scene with a registered planner.
+
+    ``scene``: as detected. ``planner``: one of :func:`study_planners`. ``seed``: of everything
+    random. ``risk``: share of promised successes that may be broken, see :class:`PlanOptions`.
+    """
+    solver = make(planner)
+    made = plan(scene, planner=solver, seed=seed, options=PlanOptions(risk=risk))
+    moves = bool(np.ptp(made.trajectory.positions, axis=0).max() > 0.0)
+    told = made.prediction
+    return Answer(
+        planner, made.status, made.message, made.trajectory if moves else None, made.time["total"],
+        None if told is None else told.harm,
+        pushed(made) if getattr(solver, "guard", False) else 0.0,
+        None if told is None or math.isnan(told.probability) else told.probability,
+        float(np.rad2deg(np.arccos(min(made.scene.frame[2] @ scene.frame[2], 1.0)))),
+    )  # fmt: skip
+
+
+def pushed(made: Plan) -> float:
+    """The time at which the last push of an i-promp plan is done [s]; 0 without a push."""
+    if len(made.via) < 3:  # camera, pushes, goal
+        return 0.0
+    points, _ = made.robot.tool_pose(made.trajectory.positions)
+    return float(made.trajectory.times[np.argmin(lengths(points - made.via[-2].position))])
+
 
 Source = Preset | Path
 """A preset, which draws scenes, or the path of a scene file."""
@@ -319,16 +377,14 @@ def _planned(
     """
     if study.loops and setting.seen.target is None:
         return None, setting
-    plan = functools.partial(
-        attempt, planner=planner, seed=0 if study.loops else seed, risk=study.risk
-    )
-    made = plan(setting.seen)
+    seed = 0 if study.loops else seed
+    made = attempt(setting.seen, planner, seed=seed, risk=study.risk)
     while made.status != Code.SUCCESS and setting.further is not None:
         further = setting.further()
         if further.seen.target is None:
             break
         setting = further
-        made = plan(setting.seen)
+        made = attempt(setting.seen, planner, seed=seed, risk=study.risk)
     return made, setting
 
 

@@ -87,11 +87,7 @@ LENGTHENED = 3  # times that a neck is made longer, chosen
 
 
 class UnfitError(Exception):
-    """A scene that the arm can work at from no place.
-
-    Attributes:
-        requirement: that failed, in a word or two.
-    """
+    """A scene that the arm can work at from no place; ``requirement`` is what failed, in words."""
 
     def __init__(self, requirement: str, message: str) -> None:
         super().__init__(message)
@@ -112,13 +108,6 @@ class Work:
     def down(self) -> float:
         """From the target to the start [m]."""
         return float(np.linalg.norm(self.way[self.start] - self.way[0]))
-
-
-class Fitted(NamedTuple):
-    """The pose of the preset's base in the robot's, and the configuration (n,) at the start."""
-
-    pose: Pose
-    start: FloatArray
 
 
 NECK = "links below the fruits"
@@ -221,22 +210,23 @@ def fitted(
         neck = round(float(np.ceil(neck / NECKS - 1e-9)) * NECKS, 3)
         parameters = {**own, "length": neck}
         found = _best(scene, with_tool(arm, make_tool(scene.tool.kind, parameters)), work, rounds)
-        if isinstance(found, Fitted):
+        if not isinstance(found, Unfit):
             break
         if found.requirement != NECK or lengthened == LENGTHENED:
             told = f"{arm.name} can work there from no place of its base: {found.told}"
             raise UnfitError(found.requirement, told)
         neck, lengthened = neck + found.lack, lengthened + 1
-    moved = scene.transformed(found.pose)
+    pose, start = found
+    moved = scene.transformed(pose)
     return replace(
-        moved, robot=named, choice=choice, start=frozen(found.start),
+        moved, robot=named, choice=choice, start=frozen(start),
         tool=ToolSpec(scene.tool.kind, parameters),
         approach=replace(moved.approach, camera_distance=work.camera),
     )  # fmt: skip
 
 
-def _best(scene: Scene, robot: Robot, work: Work, rounds: int) -> Fitted | Unfit:
-    """The best place for a scene.
+def _best(scene: Scene, robot: Robot, work: Work, rounds: int) -> tuple[Pose, FloatArray] | Unfit:
+    """The best pose of the preset's base, and the configuration (n,) at the start there.
 
     Where no candidate fits, those nearest to a fit are varied at random for some ``rounds``; a neck
     that is too short is left to :func:`fitted`.
@@ -246,15 +236,15 @@ def _best(scene: Scene, robot: Robot, work: Work, rounds: int) -> Fitted | Unfit
     if isinstance(upright, Unfit):
         return upright
     points, begins = upright
-    fits: list[_Fit] = []
-    failed: list[_Failed] = []
+    best, fit = -np.inf, None
+    failed: list[tuple[Unfit, FloatArray]] = []  # why, and the configuration (n,) at the target
     axes = np.tile(up, (len(work.way), 1))
     rng, wide = np.random.default_rng(0), VARIED * np.subtract(*_ranges(robot)[::-1])
     lower, upper = robot.limits(Optimised.limit_margin)  # as plans keep
     inner = replace(robot, lower=lower, upper=upper)
     for turn in range(1 + rounds):
         if turn:
-            begins = np.repeat([each.begin for each in failed[:PARENTS]], CHILDREN, axis=0)
+            begins = np.repeat([near for _, near in failed[:PARENTS]], CHILDREN, axis=0)
             begins = begins + wide * rng.standard_normal(begins.shape)
             points = robot.tool_pose(begins)[0]
             begins, errors = ik.each(robot, points, np.tile(up, (len(begins), 1)), begins)
@@ -264,31 +254,16 @@ def _best(scene: Scene, robot: Robot, work: Work, rounds: int) -> Fitted | Unfit
             near = np.clip(begin, inner.lower, inner.upper)
             q, errors = ik.track(inner, work.way + shift, axes, near)
             why = _failure(scene, robot, work, shift, q, errors)
-            if why is None:
-                score = float(spare(robot, q, low).min())
-                fits.append(_Fit(score, Fitted(Pose(shift), q[work.start])))
-            else:
-                failed.append(_Failed(why, begin))
-        if fits:
-            return max(fits, key=lambda fit: fit.score).found
-        failed.sort(key=lambda each: (-each.why.order, each.why.lack))
-        if failed[0].why.requirement == NECK:
+            if why is not None:
+                failed.append((why, begin))
+            elif (score := float(spare(robot, q, low).min())) > best:
+                best, fit = score, (Pose(shift), q[work.start])
+        if fit is not None:
+            return fit
+        failed.sort(key=lambda each: (-each[0].order, each[0].lack))
+        if failed[0][0].requirement == NECK:
             break
-    return failed[0].why
-
-
-class _Fit(NamedTuple):
-    """A place that fits, and what the arm has to spare there."""
-
-    score: float
-    found: Fitted
-
-
-class _Failed(NamedTuple):
-    """Why a place does not fit, and the configuration (n,) at the target there."""
-
-    why: Unfit
-    begin: FloatArray
+    return failed[0][0]
 
 
 def _failure(

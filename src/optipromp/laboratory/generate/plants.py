@@ -129,17 +129,16 @@ def _shaped(item: SceneObject, rng: np.random.Generator) -> SceneObject:
             half = wide * float(rng.uniform(*ELLIPSOID_LENGTH))
             shape = Ellipsoid((wide, wide, half))
         case 3:
-            shape, half = _cone(wide, rng)
+            tip = wide * float(rng.uniform(*TIP))
+            shape, half = _cone(wide, tip, 2.0 * wide * float(rng.uniform(*CONE_LENGTH)))
     line = item.stem.vector / float(np.linalg.norm(item.stem.vector))
     axis = np.cross(line, bunches.upward(rng, np.pi))
     axis = rotation(axis / np.linalg.norm(axis), float(rng.uniform(0.0, CROOKED))) @ line
     return bunches.hung(item, shape, half, axis)
 
 
-def _cone(wide: float, rng: np.random.Generator) -> tuple[Shape, float]:
-    """A cone of radius ``wide`` [m] at its shoulder, and half of its length [m]."""
-    tip = wide * float(rng.uniform(*TIP))
-    length = 2.0 * wide * float(rng.uniform(*CONE_LENGTH))
+def _cone(wide: float, tip: float, length: float) -> tuple[Shape, float]:
+    """A cone of radii ``wide`` at its shoulder and ``tip``, and half of its ``length`` [m]."""
     # the shape's origin is midway between the centres of its balls, not between its ends
     return Cone(wide, tip, length - wide - tip), 0.5 * (length - wide - tip) + wide
 
@@ -234,6 +233,4 @@ def _long(wide: float, longer: float, rng: np.random.Generator) -> tuple[Shape, 
     half = longer * wide
     if rng.random() < 0.5:
         return Ellipsoid((wide, wide, half)), half
-    tip = wide * float(rng.uniform(*TIP))
-    length = 2.0 * half - wide - tip
-    return Cone(wide, tip, length), 0.5 * length + wide
+    return _cone(wide, wide * float(rng.uniform(*TIP)), 2.0 * half)

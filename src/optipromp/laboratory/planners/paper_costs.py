@@ -1,6 +1,5 @@
 """The paper's functionals F_s, F_d, F_p and F_v, which every plan reports, and their settings."""
 
-import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -82,30 +81,24 @@ class PaperOptions(Settings):
     trust_radii: tuple[float, ...] = (0.005, 0.01, 0.02, 0.05, 0.1)
 
     def __post_init__(self) -> None:
-        need = functools.partial(require, self, "paper.")
         check_types(self, "paper.")
-        need(
-            len(self.alphas) == 4 and min(self.alphas) >= 0, "alphas", "four weights, none negative"
-        )
-        need(self.epsilon > 0, "epsilon", "positive [m]")
-        need(
-            len(self.push_weights) == 3 and min(self.push_weights) >= 0,
-            "push_weights",
-            "three weights, none negative",
-        )
-        offsets = () if self.drift_offset is None else numbers(self.drift_offset)
-        need(all(offset >= 0 for offset in offsets), "drift_offset", "not negative [m]")
-        need(self.corridor >= 0, "corridor", "not negative [m]")
-        phase = self.camera_phase
-        need(phase is None or 0.0 < phase < 1.0, "camera_phase", "between 0 and 1")
-        need(self.via_deviation >= 0, "via_deviation", "not negative [m]")
-        need(self.direction_deviation >= 0, "direction_deviation", "not negative [rad]")
-        radii = self.trust_radii
-        need(
-            len(radii) > 0 and min(radii) > 0 and list(radii) == sorted(radii),
-            "trust_radii",
-            "positive, from small to large [rad]",
-        )
+        phase, offset, radii = self.camera_phase, self.drift_offset, list(self.trust_radii)
+        offsets = () if offset is None else numbers(offset)
+        four = len(self.alphas) == 4 and min(self.alphas) >= 0
+        three = len(self.push_weights) == 3 and min(self.push_weights) >= 0
+        rising = len(radii) > 0 and min(radii) > 0 and radii == sorted(radii)
+        for name, ok, wanted in (
+            ("alphas", four, "four weights, none negative"),
+            ("epsilon", self.epsilon > 0, "positive [m]"),
+            ("push_weights", three, "three weights, none negative"),
+            ("drift_offset", all(offset >= 0 for offset in offsets), "not negative [m]"),
+            ("corridor", self.corridor >= 0, "not negative [m]"),
+            ("camera_phase", phase is None or 0.0 < phase < 1.0, "between 0 and 1"),
+            ("via_deviation", self.via_deviation >= 0, "not negative [m]"),
+            ("direction_deviation", self.direction_deviation >= 0, "not negative [rad]"),
+            ("trust_radii", rising, "positive, from small to large [rad]"),
+        ):
+            require(self, "paper.", ok, name, wanted)
 
 
 def weighted(task: Task, options: PaperOptions, first: int, authors: bool) -> list[Cost]:

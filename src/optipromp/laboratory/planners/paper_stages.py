@@ -92,12 +92,8 @@ PAPER = PaperParameters()
 class ConstraintRows(Cost):
     """Constraints 1 to 3 as rows ``lower ≤ axis·fk(ξ_t) ≤ upper``, each at one waypoint.
 
-    The cost is the quadratic penalty ½ Σ weight·v², where v is the violation of a row [m].
-
-    Attributes:
-        at: (m,) waypoint t of each row.
-        axes: (m, 3) unit vectors.
-        lower, upper: (m,) bounds [m].
+    The cost is the quadratic penalty ½ Σ weight·v², where v is the violation of a row [m]. ``at``
+    (m,) are waypoints, ``axes`` (m, 3) unit vectors, ``lower`` and ``upper`` (m,) bounds [m].
     """
 
     def __init__(

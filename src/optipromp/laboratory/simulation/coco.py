@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optipromp.core.arrays import BoolArray, FloatArray
-from optipromp.laboratory.simulation.photograph import FRUITS, Kind, Marked
+from optipromp.laboratory.simulation.photograph import FRUITS, Kind, Marked, Photograph
 from optipromp.perception.pictures import ENDS, DepthPicture
 
 FILE = "annotations.json"
@@ -21,24 +21,13 @@ CATEGORIES: dict[Kind, str] = {
 """Kinds of surfaces that are annotated, each with its larger category."""
 
 
-class Shot(Protocol):
-    """A picture with its truth, such as a photograph."""
+class Shot(NamedTuple):
+    """A picture with its truth, as a photograph has it."""
 
-    @property
-    def picture(self) -> DepthPicture:
-        """Colours and depth."""
-
-    @property
-    def masks(self) -> NDArray[np.uint8]:
-        """(height, width) rows of ``marked`` plus one; 0 is background."""
-
-    @property
-    def marked(self) -> tuple[Marked, ...]:
-        """What each value is."""
-
-    @property
-    def keys(self) -> Mapping[str, FloatArray]:
-        """Of each fruit, pixels (3, 2) of its tip, its upper end and its stem's root."""
+    picture: DepthPicture  # colours and depth
+    masks: NDArray[np.uint8]  # (height, width) rows of ``marked`` plus one; 0 is background
+    marked: tuple[Marked, ...]  # what each value is
+    keys: Mapping[str, FloatArray]  # pixels (3, 2) of a fruit's tip, upper end, stem's root
 
 
 class Labels(NamedTuple):
@@ -48,7 +37,7 @@ class Labels(NamedTuple):
     annotations: list[dict[str, Any]]
 
 
-def record(name: str, shot: Shot) -> Labels:
+def record(name: str, shot: Shot | Photograph) -> Labels:
     """The record of a picture whose files are called ``name``; see
     :func:`optipromp.perception.pictures.picture_files`."""
     camera = shot.picture.camera

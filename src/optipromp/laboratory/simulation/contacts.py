@@ -123,12 +123,6 @@ class ContactLog:
     are symmetric.
 
     ``world``: of the entities. ``threshold``: of the spells in ``hard`` [N].
-
-    Attributes:
-        peak: (E, E) largest force [N].
-        time: (E, E) time in touch [s].
-        hard: (E, E) longest spell above the threshold [s].
-        first: (E, E) time of the first touch [s]; NaN where there was none.
     """
 
     def __init__(self, world: World, threshold: float) -> None:
@@ -137,10 +131,10 @@ class ContactLog:
         self._threshold = threshold
         self._pairs = pairs = np.zeros((count, count), _PAIR)
         pairs["first"] = np.nan
-        self.peak: FloatArray = pairs["peak"]
-        self.time: FloatArray = pairs["time"]
-        self.hard: FloatArray = pairs["hard"]
-        self.first: FloatArray = pairs["first"]
+        self.peak: FloatArray = pairs["peak"]  # (E, E) largest force [N]
+        self.time: FloatArray = pairs["time"]  # (E, E) time in touch [s]
+        self.hard: FloatArray = pairs["hard"]  # (E, E) longest spell above the threshold [s]
+        self.first: FloatArray = pairs["first"]  # (E, E) first touch [s]; NaN where there was none
         self._steps = 0
 
     def add(self, data: Any) -> None:

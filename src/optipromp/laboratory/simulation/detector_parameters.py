@@ -29,11 +29,7 @@ class DetectorParameters(Noise):
     """
 
     mount: Literal["palm", "hand", "beside"] = parameter(
-        "palm",
-        "",
-        "choice",
-        "palm: on the axis of the tool, looking out of its mouth; hand: on the flange beside the "
-        "tool; beside: standing still",
+        "palm", "", "choice", "palm: on the tool's axis; hand: on the flange; beside: standing"
     )
     view: float = parameter(1.4, "rad", "choice", "full angle of the view; RGB-D: 42-87 degrees")
     rate: float = parameter(20.0, "Hz", "reported", "pictures; detectors run at 10-30 Hz")
@@ -44,7 +40,7 @@ class DetectorParameters(Noise):
         0.001, "m", "guess", "least deviation, where position is above 0"
     )
     steady: float = parameter(
-        0.3, "1", "guess", "of the variance, for the whole run: of a fruit's unseen part"
+        0.3, "1", "guess", "of the variance, for the whole run: an unseen part"
     )
     bias: float = parameter(0.0, "m", "choice", "along the line of sight; positive: too far")
     hidden_from: float = parameter(
@@ -62,7 +58,7 @@ class DetectorParameters(Noise):
         1.3, "1", "guess", "radius over its fruit's; it hangs two of these before the centre"
     )
     camera_offset: float = parameter(
-        0.0, "m", "choice", "deviation of the believed position, each axis, once a run"
+        0.0, "m", "choice", "deviation of its place an axis, once a run"
     )
     camera_turn: float = parameter(0.0, "deg", "choice", "the same of its turn about each axis")
     told: bool = parameter(True, "", "choice", "whether covariances include camera errors")

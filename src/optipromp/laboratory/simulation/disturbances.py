@@ -19,19 +19,13 @@ TRIES = 200  # draws of the phases of a root whose fruits would begin within oth
 
 
 class Chances(NamedTuple):
-    """What a seed decides about the disturbances.
+    """What a seed decides about the disturbances."""
 
-    Attributes:
-        shift, jump: (2,) horizontal directions.
-        offset, turn: (3,) direction and axis of the arm's error.
-        rng: for the sway.
-    """
-
-    shift: FloatArray
+    shift: FloatArray  # (2,) horizontal direction, as jump
     jump: FloatArray
-    offset: FloatArray
+    offset: FloatArray  # (3,) direction of the arm's error, as turn, an axis
     turn: FloatArray
-    rng: np.random.Generator
+    rng: np.random.Generator  # for the sway
 
     @classmethod
     def of(cls, seed: int) -> Self:
@@ -75,64 +69,25 @@ class RootMotion:
     :math:`x_r(t) = g(t) \sum_m a_m \sin(\omega_m t + \varphi_{rm}) + s((t - t_j) / T)\, j` with
     the envelope :math:`g(t) = 1 - \frac{\gamma}{2} (1 + \frac12 \sum_k \sin(\nu_k t + \psi_k))`
     and the quintic step :math:`s`.
-
-    Attributes:
-        amplitudes: (M, 3) a [m].
-        rates: (M,) ω [rad/s].
-        phases: (R, M) φ [rad].
-        gust: γ, share by which the amplitude falls.
-        gust_rates, gust_phases: (2,) ν [rad/s], ψ [rad].
-        jump: (3,) j [m].
-        jump_at: t_j, when the step begins [s].
     """
 
-    amplitudes: FloatArray
-    rates: FloatArray
-    phases: FloatArray
-    gust: float
-    gust_rates: FloatArray
-    gust_phases: FloatArray
-    jump: FloatArray
-    jump_at: float
+    amplitudes: FloatArray  # (M, 3) a [m]
+    rates: FloatArray  # (M,) ω [rad/s]
+    phases: FloatArray  # (R, M) φ [rad]
+    gust: float  # γ, share by which the amplitude falls
+    gust_rates: FloatArray  # (2,) ν [rad/s]
+    gust_phases: FloatArray  # (2,) ψ [rad]
+    jump: FloatArray  # (3,) j [m]
+    jump_at: float  # t_j, when the step begins [s]
 
     def position(self, t: float) -> FloatArray:
         """(R, 3) displacements from the scene's places at time ``t`` [m]."""
         swing = np.sin(self.rates * t + self.phases) @ self.amplitudes
         u = min(max((t - self.jump_at) / JUMP_TIME, 0.0), 1.0)
         step = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
-        out: FloatArray = self._envelope(t)[0] * swing + step * self.jump
-        return out
-
-    def velocity(self, t: float) -> FloatArray:
-        """(R, 3) [m/s]."""
-        swing, rate, _ = self._swings(t)
-        (g, slope, _), u = self._envelope(t), (t - self.jump_at) / JUMP_TIME
-        step = 30.0 * u**2 * (1.0 - u) ** 2 / JUMP_TIME if 0.0 < u < 1.0 else 0.0
-        return slope * swing + g * rate + step * self.jump
-
-    def acceleration(self, t: float) -> FloatArray:
-        """(R, 3) [m/s²]."""
-        swing, rate, gain = self._swings(t)
-        (g, slope, bend), u = self._envelope(t), (t - self.jump_at) / JUMP_TIME
-        step = u * (60.0 - 180.0 * u + 120.0 * u**2) / JUMP_TIME**2 if 0.0 < u < 1.0 else 0.0
-        return bend * swing + 2.0 * slope * rate + g * gain + step * self.jump
-
-    def _swings(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The sum of the modes (R, 3), and its first and second derivative."""
-        angle, omega, a = self.rates * t + self.phases, self.rates, self.amplitudes
-        swing = np.sin(angle)
-        return swing @ a, (omega * np.cos(angle)) @ a, -(omega**2 * swing) @ a
-
-    def _envelope(self, t: float) -> tuple[float, float, float]:
-        """g, its derivative [1/s] and second derivative [1/s²]."""
-        if self.gust == 0.0:
-            return 1.0, 0.0, 0.0
-        nu, angle = self.gust_rates, self.gust_rates * t + self.gust_phases
-        return (
-            float(1.0 - 0.5 * self.gust * (1.0 + 0.5 * np.sin(angle).sum())),
-            float(-0.25 * self.gust * (nu * np.cos(angle)).sum()),
-            float(0.25 * self.gust * (nu**2 * np.sin(angle)).sum()),
-        )
+        gust = np.sin(self.gust_rates * t + self.gust_phases).sum()
+        envelope = 1.0 - 0.5 * self.gust * (1.0 + 0.5 * gust) if self.gust > 0.0 else 1.0
+        return np.asarray(envelope * swing + step * self.jump)
 
 
 Hanging = Sequence[tuple[FloatArray, float]]
@@ -186,14 +141,12 @@ def _spread(
         for _ in range(TRIES):
             drawn = rng.uniform(0.0, 2.0 * np.pi, phases.shape[1])
             by = np.sin(drawn) @ amplitudes
-            room = min(
-                (
-                    _room(center + by - there, center - other, radius + its)
-                    for center, radius in fruits
-                    for other, there, its in begun
-                ),
-                default=0.0,
+            rooms = (
+                _room(center + by - there, center - other, radius + its)
+                for center, radius in fruits
+                for other, there, its in begun
             )
+            room = min(rooms, default=0.0)
             if room > best:
                 best, phases[row] = room, drawn
             if best >= 0.0:

@@ -214,7 +214,7 @@ def go_on(
         return rollout, _unplaced(done, f"of the plan, {picked.message} ({picked.status})")
     if not done.success:
         return rollout, done
-    off, limit = _off(simulation, picked, rollout), simulation.parameters.thresholds.placed
+    off, limit = _off(picked, rollout), simulation.parameters.thresholds.placed
     if off is None:
         return rollout, done
     if off > limit:
@@ -264,7 +264,7 @@ def _unplaced(outcome: Outcome, why: str) -> Outcome:
     )  # fmt: skip
 
 
-def _off(simulation: Simulation, picked: Picked, rollout: Rollout) -> float | None:
+def _off(picked: Picked, rollout: Rollout) -> float | None:
     """Distance of the target's centre from its place at the end [m]; None without a carry.
 
     The place of the centre is that which the last leg plans for: the pose in which the tool took

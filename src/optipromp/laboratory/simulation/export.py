@@ -10,6 +10,7 @@ MJCF states two things that the library's runs do in Python:
 In the file stems do not tear, and the servos follow a motion with a lag.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -77,7 +78,8 @@ def mjcf(
     _add_actuators(spec, world, joints, q)
     bends = {name: bend for fruit in world.fruits for name, bend in relaxed(spec, fruit.built)}
     _add_marks(spec, scene, robot)
-    _add_start(spec, world, q, bends)
+    values = world.drives.segments(q)
+    _add_start(spec, bends, values, values[world.drives.first].tolist())
     text: str = spec.to_xml()
     return text
 
@@ -173,15 +175,18 @@ def _add_marks(spec: Any, scene: Scene, robot: Robot) -> None:
         )
 
 
-def _add_start(spec: Any, world: World, q: FloatArray, bends: dict[str, FloatArray]) -> None:
+def _add_start(
+    spec: Any, bends: Mapping[str, FloatArray], values: Sequence[float] | FloatArray = (),
+    ctrl: Sequence[float] = (),
+) -> None:  # fmt: skip
+    """Add the keyframe: joints' ``values`` first, stems bent by ``bends``, and the actuators'."""
     model = spec.compile()
     qpos = np.array(model.qpos0)
-    values = world.drives.segments(q)
     qpos[: len(values)] = values
     for name, bend in bends.items():
         at = int(model.joint(name).qposadr[0])
         qpos[at : at + 4] = bend
-    spec.add_key(name=START, qpos=qpos.tolist(), ctrl=values[world.drives.first].tolist())
+    spec.add_key(name=START, qpos=qpos.tolist(), ctrl=list(ctrl))
     spec.compile()
 
 
@@ -229,13 +234,8 @@ def stem_mjcf(
     for geom in spec.geoms:
         geom.contype = geom.conaffinity = 1
         geom.userdata = []
-    model = spec.compile()
+    spec.compile()
     if any(np.abs(bend[1:]).max() > STRAIGHT for bend in bends.values()):
-        qpos = np.array(model.qpos0)
-        for name, bend in bends.items():
-            at = int(model.joint(name).qposadr[0])
-            qpos[at : at + 4] = bend
-        spec.add_key(name=START, qpos=qpos.tolist())
-        spec.compile()
+        _add_start(spec, bends)
     text: str = spec.to_xml()
     return text

@@ -10,7 +10,7 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
@@ -41,39 +41,21 @@ LOOKS = 24  # moments at which an azimuth is tried
 WEIGHT = 4.0  # of a moment at which tool or target are hidden, over that of another fruit
 
 
-@dataclass(frozen=True)
-class View:
-    """The place of the camera.
+class View(NamedTuple):
+    """The size of pictures [pixel]."""
 
-    Attributes:
-        azimuth: of the camera's gaze about the vertical [deg]; None: that of several around the
-            fruits at which tool and fruits are hidden least.
-        elevation: of the camera's gaze, negative downwards [deg]; None: chosen in the same way.
-        distance: from the middle of the picture [m]; None: so that fruits and tool fill it.
-        width, height: [pixel].
-    """
-
-    azimuth: float | None = None
-    elevation: float | None = None
-    distance: float | None = None
     width: int = 1280
     height: int = 720
 
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """The camera over time, at N moments.
+    """The camera over time, at N moments."""
 
-    Attributes:
-        azimuth, elevation: [deg].
-        lookat: (N, 3) [m].
-        distance: (N,) [m].
-    """
-
-    azimuth: float
-    elevation: float
-    lookat: FloatArray
-    distance: FloatArray
+    azimuth: float  # [deg]
+    elevation: float  # [deg]
+    lookat: FloatArray  # (N, 3) [m]
+    distance: FloatArray  # (N,) [m]
 
     def at(self, index: int) -> Any:
         """MuJoCo's camera."""
@@ -85,7 +67,8 @@ class Shot:
 
 
 def shot(world: World, model: Any, run: Run, times: FloatArray, view: View) -> Shot:
-    """The camera of a run at ``times`` (N,) [s]; its motion is smooth.
+    """The camera of a run at ``times`` (N,) [s]; its motion is smooth, and it stands where tool and
+    fruits are hidden least.
 
     The picture holds the tool from flange to tip, and targets and pushables with the lower ends of
     their stems, at all times. A fruit that falls is not followed.
@@ -95,10 +78,9 @@ def shot(world: World, model: Any, run: Run, times: FloatArray, view: View) -> S
     focus = run.rollout.fruit_positions[0] if world.shown else run.rollout.tool_point[-1:]
     x, y, _ = focus.mean(axis=0)
     heading = float(np.rad2deg(np.arctan2(y, x)))
-    around = [heading + turn for turn in AROUND] if view.azimuth is None else [view.azimuth]
-    heights = LEVELS if view.elevation is None else (view.elevation,)
-    shots = [_shot((turn, over), seen, times, view, tan) for over in heights for turn in around]
-    return shots[_clearest(world, model, run, rows, shots)] if len(shots) > 1 else shots[0]
+    around = [(heading + turn, over) for over in LEVELS for turn in AROUND]
+    shots = [_shot(gaze, seen, times, view, tan) for gaze in around]
+    return shots[_clearest(world, model, run, rows, shots)]
 
 
 def _shot(
@@ -123,8 +105,6 @@ def _shot(
         spread = CALM / float(np.median(np.diff(times)))
         lookat = gaussian_filter1d(lookat, spread, axis=0, mode="nearest")
         distance = gaussian_filter1d(distance, spread, mode="nearest")
-    if view.distance is not None:
-        return Shot(*gaze, lookat, np.full(len(times), view.distance))
     off = seen - lookat[:, None]  # a calm camera comes late: it stands back until all is inside
     aside, over = np.abs(off @ right) * view.height / view.width, off @ up
     over = np.where(over < 0.0, -over / (1.0 - 2.0 * CAPTION), over)
@@ -186,7 +166,7 @@ def _clearest(world: World, model: Any, run: Run, rows: IntArray, shots: list[Sh
     return int(np.argmin(hidden))
 
 
-SMALL = 640, 360  # [pixel] of an animation
+SMALL, COLOURS = (640, 360), 224  # [pixel] of an animation; its palette
 ASIDE = 1.2  # [m] of an onlooker from what it looks at: a choice
 VIVID = 45  # of 255, least spread of a vivid pixel's red, green and blue
 VIVID_WEIGHT = 40  # times that a vivid pixel is repeated in the choice of the palette, at most
@@ -228,12 +208,12 @@ def _index(run: Run, time: float) -> int:
     return max(int(np.searchsorted(run.rollout.times, time + 1e-9) - 1), 0)
 
 
-class Onlooker:
+class Onlooker(Studio):
     """A camera that stands aside of a ``world``, for pictures of ``width`` x ``height`` pixels."""
 
     def __init__(self, world: World, width: int, height: int) -> None:
-        self._studio, self._size = Studio(world, fine=True), (width, height)
-        self._camera = engine().MjvCamera()
+        super().__init__(world, fine=True)
+        self._size, self._camera = (width, height), engine().MjvCamera()
         scene = world.scene
         point, _ = world.robot.tool_pose(world.robot.home if scene.start is None else scene.start)
         middle = 0.5 * (point + (point if scene.aim is None else scene.aim))
@@ -243,20 +223,8 @@ class Onlooker:
 
     def picture(self, state: FloatArray) -> Image8:
         """The picture (height, width, 3) of a ``state`` of the world, its ``qpos``."""
-        self._studio.stand(state)
-        return self._studio.colours(self._camera, *self._size)
-
-    def close(self) -> None:
-        """Give the renderer back."""
-        self._studio.close()
-
-
-def film(
-    run: Run, view: View | None = None, *, fps: int = 25, slow: float = 1.0, kind: str = "webm"
-) -> bytes:
-    """A film of the whole run, ``slow`` times slower, with a caption."""
-    view, times = view or View(), moments(run, fps, slow)
-    return encoded(frames(run, times, view, caption=True, fine=False), view, fps, kind)
+        self.stand(state)
+        return self.colours(self._camera, *self._size)
 
 
 def encoded(pictures: Iterable[Image8], view: View, fps: int, kind: str = "webm") -> bytes:
@@ -298,19 +266,11 @@ def _lingering(pictures: Iterable[Image8], more: int) -> Iterator[Image8]:
     yield from last * more
 
 
-def animation(
-    run: Run, view: View | None = None, *, fps: int = 10, slow: float = 1.0, colours: int = 224
-) -> bytes:
-    """A GIF of the whole run, by default half as wide as a film: a GIF keeps every pixel."""
-    view = view or View(width=SMALL[0], height=SMALL[1])
-    return gif(list(frames(run, moments(run, fps, slow), view, caption=True)), fps, colours)
-
-
-def gif(pictures: Sequence[Image8], fps: int, colours: int = 224) -> bytes:
+def gif(pictures: Sequence[Image8], fps: int) -> bytes:
     """Pictures as a GIF, the last of which stays for :data:`LINGER`."""
     from PIL import Image
 
-    palette = Image.fromarray(_palette(pictures)).quantize(colours)
+    palette = Image.fromarray(_palette(pictures)).quantize(COLOURS)
     few = [
         Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE)
         for picture in pictures
@@ -423,22 +383,6 @@ def loop_frames(
             picture[top : top + side, left : left + side] = _circled(inset, loop, look)
             said = f"     {record.words(record.row(time))}"
             yield captioned(picture, run, index, said)
-
-
-def loop_film(
-    loop: Loop, view: View | None = None, *, fps: int = 25, slow: float = 1.0, kind: str = "webm"
-) -> bytes:
-    """A film of a pick in closed loop, ``slow`` times slower; see :func:`loop_frames`."""
-    view, times = view or View(), moments(loop.run, fps, slow)
-    return encoded(loop_frames(loop, times, view, fine=False), view, fps, kind)
-
-
-def loop_animation(
-    loop: Loop, view: View | None = None, *, fps: int = 10, slow: float = 1.0, colours: int = 224
-) -> bytes:
-    """A GIF of a pick in closed loop, by default half as wide as a film."""
-    view = view or View(width=SMALL[0], height=SMALL[1])
-    return gif(list(loop_frames(loop, moments(loop.run, fps, slow), view)), fps, colours)
 
 
 def _glass(model: Any) -> FloatArray:
@@ -564,3 +508,28 @@ def _corner(loop: Loop, camera: Shot, times: FloatArray, view: View, model: Any)
         return float(np.maximum(inside, 0.0).sum())
 
     return min(corners, key=hidden)
+
+
+def film(
+    shown: Run | Loop, view: View | None = None, *, fps: int = 25, slow: float = 1.0,
+    kind: str = "webm",
+) -> bytes:  # fmt: skip
+    """A film of a whole run or pick in closed loop, ``slow`` times slower, with a caption."""
+    view = view or View()
+    return encoded(_pictures(shown, view, fps, slow, fine=False), view, fps, kind)
+
+
+def animation(
+    shown: Run | Loop, view: View | None = None, *, fps: int = 10, slow: float = 1.0
+) -> bytes:
+    """A GIF of the whole, by default half as wide as a film: a GIF keeps every pixel."""
+    view = view or View(*SMALL)
+    return gif(list(_pictures(shown, view, fps, slow)), fps)
+
+
+def _pictures(
+    shown: Run | Loop, view: View, fps: int, slow: float, fine: bool = True
+) -> Iterator[Image8]:
+    if isinstance(shown, Loop):
+        return loop_frames(shown, moments(shown.run, fps, slow), view, fine=fine)
+    return frames(shown, moments(shown, fps, slow), view, caption=True, fine=fine)

@@ -317,14 +317,8 @@ def _contacts(world: World, log: ContactLog) -> Iterator[tuple[Contact, bool, st
             continue
         for b, other in enumerate(entities):
             if log.peak[a, b] > 0.0:
-                contact = Contact(
-                    link.name,
-                    other.name,
-                    float(log.peak[a, b]),
-                    float(log.time[a, b]),
-                    float(log.first[a, b]),
-                )
-                yield contact, link.distal, other.kind
+                figures = (float(each[a, b]) for each in (log.peak, log.time, log.first))
+                yield Contact(link.name, other.name, *figures), link.distal, other.kind
 
 
 def _hardest(world: World, contacts: Iterable[Contact], limit: float) -> Contact | None:

@@ -1,14 +1,12 @@
 """Pictures that surfaces of rich looks are painted with: skins of fruits, leaves, backgrounds."""
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from optipromp.core.arrays import FloatArray, IntArray, frame_along, rotation
-from optipromp.core.parameters import Checked, parameter
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.scenes.scene import Scene
@@ -220,49 +218,40 @@ ACROSS, ALONG = 4, 20  # faces of a leaflet: choices
 TEETH = 0.08  # depth of the teeth of its edge over its width: a choice
 SPREAD = math.radians(78.0)  # between leaflets: a choice
 TILT = 0.7  # of a leaf off the line of sight, deviation of each coordinate: a choice
+# [1] measured: share of roots of stems before which a leaf is put; with those that others hide and
+# those outside, a third of stems' ends is visible (StrawDI)
+BEFORE_ROOT = 0.60
+BEFORE_FRUIT = 0.12  # [1] guess: share of fruits, a part of which a leaf hides
+BEHIND = 4, 26  # choice: leaves behind the fruits
+LEAFLET = 0.035, 0.075  # [m] guess: length of a leaflet
+SINGLE = 0.3  # [1] choice: share of leaves that show one leaflet of three
+DEPTH = 0.05, 0.35  # [m] choice: of a leaf behind the fruits
 
 
-@dataclass(frozen=True)
-class LeafParameters(Checked):
-    """How many leaves there are, where, and how large."""
-
-    before_root: float = parameter(
-        0.60, "1", "measured", "of roots of stems before which a leaf is put; with those that "
-        "others hide and those outside, a third of stems' ends is visible (StrawDI)"
-    )  # fmt: skip
-    before_fruit: float = parameter(0.12, "1", "guess", "of fruits, a part of which a leaf hides")
-    behind: tuple[int, int] = parameter((4, 26), "1", "choice", "leaves behind the fruits")
-    size: tuple[float, float] = parameter((0.035, 0.075), "m", "guess", "length of a leaflet")
-    single: float = parameter(0.3, "1", "choice", "of leaves that show one leaflet of three")
-    depth: tuple[float, float] = parameter((0.05, 0.35), "m", "choice", "behind the fruits")
-
-
-def leafy(
-    spec: Any, scene: Scene, camera: Pose, p: LeafParameters, rng: np.random.Generator
-) -> None:
+def leafy(spec: Any, scene: Scene, camera: Pose, rng: np.random.Generator) -> None:
     """Add leaves to a world's ``spec``. They touch nothing and weigh nothing.
 
-    ``spec``: of MuJoCo. ``scene``: with the fruits. ``camera``: that takes the picture. ``p``:
-    numbers. ``rng``: of all that is random.
+    ``spec``: of MuJoCo. ``scene``: with the fruits. ``camera``: that takes the picture. ``rng``: of
+    all that is random.
     """
     fruits = [item for item in scene.objects if item.stem is not None]
     if not fruits:
         return
-    lengths = _forms(spec, p, rng)
+    lengths = _forms(spec, rng)
     axes = camera.rotation
     places = []
     for item in fruits:
         assert item.stem is not None
-        if rng.random() < p.before_root:
+        if rng.random() < BEFORE_ROOT:
             places.append(_toward(item.stem.root, camera, 0.012, rng))
-        if rng.random() < p.before_fruit:
+        if rng.random() < BEFORE_FRUIT:
             turn, away = rng.uniform(0.0, 2.0 * np.pi), item.radius * rng.uniform(1.2, 2.0)
             aside = axes[:, :2] @ [away * np.cos(turn), away * np.sin(turn)]
             places.append(_toward(item.position + aside, camera, 0.03, rng))
     middle = np.mean([item.position for item in fruits], axis=0)
-    for _ in range(int(rng.integers(p.behind[0], p.behind[1] + 1))):
+    for _ in range(int(rng.integers(BEHIND[0], BEHIND[1] + 1))):
         aside = axes[:, :2] @ rng.uniform([-0.25, -0.30], [0.25, 0.15])  # [m] y is down: choices
-        places.append(middle + aside + rng.uniform(*p.depth) * axes[:, 2])
+        places.append(middle + aside + rng.uniform(*DEPTH) * axes[:, 2])
     for k, place in enumerate(places):
         _leaf(spec, f"{LEAF}{k}", place, camera, lengths, np.asarray(scene.up), rng)
 
@@ -273,14 +262,14 @@ def _toward(place: FloatArray, camera: Pose, most: float, rng: np.random.Generat
     return np.asarray(place + (0.005 + most * rng.random()) * way / np.linalg.norm(way))
 
 
-def _forms(spec: Any, p: LeafParameters, rng: np.random.Generator) -> FloatArray:
+def _forms(spec: Any, rng: np.random.Generator) -> FloatArray:
     """Add meshes and paintings of leaves; returns the length (FORMS,) of their leaflets [m]."""
     for k in range(COATS):
         textured(spec, f"{LEAF}coat{k}", blade(rng), specular=0.3, shininess=0.3)
     out = []
     for k in range(FORMS):
-        length = float(rng.uniform(*p.size))
-        sides = (0.0,) if rng.random() < p.single else (0.0, SPREAD, -SPREAD)
+        length = float(rng.uniform(*LEAFLET))
+        sides = (0.0,) if rng.random() < SINGLE else (0.0, SPREAD, -SPREAD)
         points, faces, shares = leaf(
             length, length * rng.uniform(0.5, 0.8), rng.uniform(-0.3, 0.3), sides
         )

@@ -20,11 +20,7 @@ class FruitParameters(Checked):
     """Fruits: objects with role target or pushable."""
 
     density: float = parameter(
-        PUSH.beam.fruit_density,
-        "kg/m^3",
-        "reported",
-        "strawberries float barely; density reported as 0.9-1.0 g/cm^3. A sphere of radius 15 mm "
-        "weighs 13 g, one of 20 mm 32 g: the 10-30 g of commercial fruit",
+        PUSH.beam.fruit_density, "kg/m^3", "reported", "strawberries float barely: 0.9-1.0 g/cm^3"
     )
     friction: float = parameter(0.4, "1", "guess", "fruit skin on plastics; 0.2-0.6 reported")
     rolling_friction: float = parameter(1e-4, "m", "guess", "of objects without a stem")
@@ -35,70 +31,40 @@ class FruitParameters(Checked):
 class StemParameters(Checked):
     """Stems: peduncles as chains of capsules with elastic ball joints."""
 
-    diameter: float = parameter(
-        PUSH.beam.diameter,
-        "m",
-        "reported",
-        "strawberry peduncles are 2-3 mm thick; of the elastic beam (what collides has the scene's "
-        "stem radius)",
-    )
+    diameter: float = parameter(PUSH.beam.diameter, "m", "reported", "2-3 mm; of the elastic beam")
     truss_diameter: float = parameter(
-        PUSH.beam.truss_diameter, "m", "reported", "the same where others grow from it: 3-5 mm"
+        PUSH.beam.truss_diameter, "m", "reported", "3-5 mm; of a stem that others grow from"
     )
     youngs_modulus: float = parameter(
-        PUSH.beam.youngs_modulus,
-        "Pa",
-        "guess",
-        "green herbaceous stems and peduncles are reported between some 10 and some 100 MPa",
+        PUSH.beam.youngs_modulus, "Pa", "guess", "green stems: some 10 to some 100 MPa reported"
     )
     density: float = parameter(1000.0, "kg/m^3", "guess", "turgid green tissue: mostly water")
+    # A stem that its scene shows off the vertical holds its fruit there: it is as stiff as this
+    # turn implies, where its modulus alone would need more turn to have grown in
     grown_turn: float = parameter(
-        PUSH.beam.grown_turn,
-        "rad",
-        "guess",
-        "how far a stem turns, root to tip, once nothing hangs on it. A stem that its scene shows "
-        "off the vertical holds its fruit there; where the modulus alone would need more turn than "
-        "this to have grown in, the stem is taken to be as stiff as this turn implies",
+        PUSH.beam.grown_turn, "rad", "guess", "how far a stem turns, root to tip, once unloaded"
     )
     damping_time: float = parameter(
         0.06, "s", "guess", "damping over stiffness (Kelvin-Voigt): swings die in a second"
     )
-    swing_damping: float = parameter(
-        2e-4, "N m s/rad", "guess", "at the root: leaves brake a swing"
-    )
+    swing_damping: float = parameter(2e-4, "N m s/rad", "guess", "at the root: leaves brake it")
     bow_least: float = parameter(
-        PUSH.beam.bow_least,
-        "1",
-        "guess",
-        "least bow of a straight stem, middle off its line over length; drawn evenly between this "
-        "and the next",
+        PUSH.beam.bow_least, "1", "guess", "of a straight stem's middle off its line, over length"
     )
-    bow_most: float = parameter(PUSH.beam.bow_most, "1", "guess", "largest bow of a straight stem")
+    bow_most: float = parameter(PUSH.beam.bow_most, "1", "guess", "drawn evenly between both")
     segment_length: float = parameter(0.025, "m", "choice", "of one capsule of the chain")
     least_segments: int = parameter(3, "1", "choice", "of the shortest stem")
     most_segments: int = parameter(10, "1", "choice", "of the longest stem")
-    armature: float = parameter(
-        2e-6,
-        "kg m^2",
-        "choice",
-        "inertia added to each joint so that a step of a millisecond resolves it; the fruit on "
-        "50 mm of stem has 20 times as much",
-    )
+    armature: float = parameter(2e-6, "kg m^2", "choice", "so that a step of 1 ms resolves a joint")
     friction: float = parameter(0.3, "1", "guess", "green stem on plastics")
     abscission_force: float = parameter(
-        5.0,
-        "N",
-        "reported",
-        "pull along the stem that tears the fruit off; harvesting papers report a few newtons, "
-        "less for ripe fruit and for pulls across the stem",
+        5.0, "N", "reported", "pull along the stem that tears a fruit off; less if ripe or across"
     )
 
     calyx: Literal["rigid", "free"] = parameter(
         "rigid", "", "choice", "whether the fruit turns with the end of its stem"
     )
-    truss_force: float = parameter(
-        15.0, "N", "guess", "of all its fruits that tears a truss off: three fruits'"
-    )
+    truss_force: float = parameter(15.0, "N", "guess", "of all its fruits: three times one")
 
     def bending_stiffness(self, diameter: float) -> float:
         """EI of a round beam, E π d⁴ / 64 [N m²]."""
@@ -110,19 +76,12 @@ class ThingParameters(Checked):
     """Objects without stems (cans, boxes on a shelf), static objects, neighbouring clusters."""
 
     density: float = parameter(
-        PUSH.plane.density,
-        "kg/m^3",
-        "guess",
-        "of pushables without a stem that state no mass: part-filled packs",
+        PUSH.plane.density, "kg/m^3", "guess", "objects without stem or mass: part-filled packs"
     )
     friction: float = parameter(PUSH.plane.friction, "1", "guess", "packs, shelf and tool")
     contact_time: float = parameter(0.004, "s", "choice", "time constant of hard contacts")
     avoid_as: Literal["soft", "fruits"] = parameter(
-        "soft",
-        "",
-        "choice",
-        "a neighbouring cluster is a solid that yields (soft) or a real cluster of fruits on stems "
-        "within the scene's shape (fruits)",
+        "soft", "", "choice", "a neighbouring cluster yields as a solid, or is fruits on stems"
     )
     cluster_stiffness: float = parameter(
         200.0, "1/s^2", "guess", "of a soft cluster, per pressing mass"
@@ -170,17 +129,12 @@ class EngineParameters(Checked):
 class DisturbanceParameters(Checked):
     """Disturbances that the planner is not told of; by default there are none."""
 
-    sway: float = parameter(
-        0.0, "m", "choice", "bound of the horizontal sway of roots; wind: 10-30 mm"
-    )
+    sway: float = parameter(0.0, "m", "choice", "bound, horizontal, of roots; wind: 10-30 mm")
     sway_frequency: float = parameter(0.3, "Hz", "choice", "lowest: gutter or row as a whole")
     sway_fastest: float = parameter(1.6, "Hz", "choice", "highest: a fruit on 10 cm of stem")
     sway_modes: int = parameter(3, "1", "choice", "harmonic motions that the sway is the sum of")
     sway_of: Literal["gutter", "roots"] = parameter(
-        "gutter",
-        "",
-        "choice",
-        "whether all roots move alike (gutter), or each with phases of its own (roots)",
+        "gutter", "", "choice", "roots move alike (gutter), or with phases of their own (roots)"
     )
     gust: float = parameter(0.0, "1", "choice", "share by which the amplitude falls and rises")
     shift: float = parameter(0.0, "m", "choice", "horizontal, from the scene's fruits to the true")
@@ -189,9 +143,7 @@ class DisturbanceParameters(Checked):
     jump_at: float = parameter(0.0, "s", "choice", "time at which that step begins")
     arm_offset: float = parameter(0.0, "m", "choice", "believed place of the arm's base to true")
     arm_turn: float = parameter(0.0, "deg", "choice", "likewise, turn of the arm's base")
-    command_delay: float = parameter(
-        0.0, "s", "choice", "of references to the joints; cells: 0-20 ms"
-    )
+    command_delay: float = parameter(0.0, "s", "choice", "of references to joints; cells: 0-20 ms")
 
     @property
     def in_motion(self) -> bool:
@@ -214,11 +166,7 @@ class Thresholds(Checked):
     tracking_error: float = parameter(0.02, "m", "choice", "beyond it something stopped the arm")
     placed: float = parameter(0.02, "m", "choice", "largest error of a fruit's place")
     rest_time: float = parameter(
-        0.3,
-        "s",
-        "choice",
-        "how long, up to the end, the target must have been in the tool without a break; it may "
-        "still swing on its stem there",
+        0.3, "s", "choice", "of the target in the tool without a break, up to the end"
     )
 
 

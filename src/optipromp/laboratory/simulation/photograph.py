@@ -3,8 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from types import TracebackType
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.laboratory.simulation.detector_parameters import MOUNTS, DetectorParameters
-from optipromp.laboratory.simulation.painting import LEAF, LeafParameters, furnished, leafy
+from optipromp.laboratory.simulation.painting import LEAF, furnished, leafy
 from optipromp.laboratory.simulation.parameters import SimulationParameters
 from optipromp.laboratory.simulation.sight import hand_pose, standing_pose, tool_frame
 from optipromp.laboratory.simulation.simulation import Simulation
@@ -150,7 +149,7 @@ def photograph(
     other = np.random.default_rng([seed, 36])
 
     def rich(spec: Any) -> None:
-        leafy(spec, scene, pose, LeafParameters(), other)
+        leafy(spec, scene, pose, other)
         furnished(spec, scene, pose, other)
 
     with Studio(world, lens=camera, more=rich if looks == "rich" else None) as studio:
@@ -163,13 +162,13 @@ def photograph(
         rgb = _lensed(rgb, p, other)
     rgb = _exposed(rgb, p, rng)
     fruits = _fruits(world)
-    masks, marked = _masks(model, seen, fruits, camera, scene)
+    masks, marked = _masks(model, seen, fruits, camera)
     measured = sensed(depth, p.focal, stereo or StereoParameters(), rng)
     picture = DepthPicture(rgb, measured, camera)
     return Photograph(picture, depth, masks, marked, world.scene, fruits)
 
 
-class LiveCamera:
+class LiveCamera(Studio):
     """Photographs a simulation as it runs; fruits hang where they hang now.
 
     Args:
@@ -191,18 +190,9 @@ class LiveCamera:
         self._simulation, self._on_tool = simulation, mount != "beside"
         self._stereo, self._rng = stereo or StereoParameters(), np.random.default_rng([seed, 35])
         self._pose = _mounted(mount, simulation.scene, simulation.robot)
-        self._studio = Studio(simulation.world, lens=p.lens)
-        painted(self._studio.model, p, self._rng)
-        self._studio.renderer(p.width, p.height)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None,
-        where: TracebackType | None,
-    ) -> None:  # fmt: skip
-        self._studio.close()
+        super().__init__(simulation.world, lens=p.lens)
+        painted(self.model, p, self._rng)
+        self.renderer(p.width, p.height)
 
     @property
     def camera(self) -> CameraModel:
@@ -215,8 +205,8 @@ class LiveCamera:
     def take(self) -> DepthPicture:
         """A picture of what is there now."""
         camera, p = self.camera, self._parameters
-        self._studio.stand(self._simulation.data.qpos)
-        rgb, depth = _taken(self._studio, camera)
+        self.stand(self._simulation.data.qpos)
+        rgb, depth = _taken(self, camera)
         rgb = _exposed(rgb, p, self._rng)
         return DepthPicture(rgb, sensed(depth, p.focal, self._stereo, self._rng), camera)
 
@@ -327,9 +317,8 @@ def _fruits(world: World) -> dict[str, SceneObject]:
 
 
 def _masks(
-    model: Any, seen: NDArray[np.int32], fruits: Mapping[str, SceneObject], camera: CameraModel,
-    scene: Scene,
-) -> tuple[NDArray[np.uint8], tuple[Marked, ...]]:  # fmt: skip
+    model: Any, seen: NDArray[np.int32], fruits: Mapping[str, SceneObject], camera: CameraModel
+) -> tuple[NDArray[np.uint8], tuple[Marked, ...]]:
     masks = np.zeros(seen.shape, dtype=np.uint8)
     rows: dict[tuple[str, Kind], int] = {}
     for geom in np.unique(seen[seen >= 0]).tolist():

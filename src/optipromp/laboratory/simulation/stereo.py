@@ -15,19 +15,11 @@ class StereoParameters(Checked):
 
     baseline: float = parameter(0.018, "m", "published", "imagers of a RealSense D405 (sheet)")
     subpixel: float = parameter(
-        0.08,
-        "pixel",
-        "published",
-        "standard deviation of the disparity; of a tuned RealSense (Intel, Tuning depth cameras "
-        "for best performance)",
+        0.08, "pixel", "published", "deviation of the disparity, of a tuned RealSense (Intel)"
     )
     window: float = parameter(1.5, "pixel", "guess", "deviation of the noise's filter")
     scale: float = parameter(
-        0.005,
-        "1",
-        "guess",
-        "standard deviation of a picture's error of depth over depth; the D405's data sheet "
-        "bounds it by 0.02 at 0.5 m",
+        0.005, "1", "guess", "deviation of depth over depth; the D405's sheet: < 0.02 at 0.5 m"
     )
     ragged: float = parameter(1.0, "pixel", "guess", "deviation of an edge's place, each axis")
     step: float = parameter(0.015, "m", "choice", "least step of depth that is an edge")
