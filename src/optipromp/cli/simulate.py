@@ -213,6 +213,7 @@ def simulate(
     gif: bool = False,
     slow: float = 1.0,
     failed_leg: bool = False,
+    retreat: bool = False,
     *,
     disturbed: Disturbed,
     eyes: LoopOptions,
@@ -245,6 +246,7 @@ def simulate(
         gif: And as an animation: run.gif.
         slow (FACTOR): How many times slower a film runs.
         failed_leg: Of a pick whose retreat or carry failed: execute that leg, too.
+        retreat: Plan and execute the way out, too; in a scene with a place it always is.
     """
     from optipromp.core.files import check_folder
     from optipromp.core.planning import Picked
@@ -265,6 +267,7 @@ def simulate(
             "--strategy": None if strategy == "joint" else strategy,
             "--speed": speed,
             "--failed-leg": failed_leg or None,
+            "--retreat": retreat or None,
         }
     )
     parameters = disturbed.of(SimulationParameters())
@@ -279,7 +282,7 @@ def simulate(
         with waiting(f"picking in {(truth or seen).name} ..."):
             loop = pick(seen, truth, parameters, eyes, seed)
         return _picked(loop, leave(loop.run, loop=loop), folder)
-    plan = _plan(scene_or_plan, planner, strategy, seed, arm.of(robot))
+    plan = _plan(scene_or_plan, planner, strategy, seed, arm.of(robot), retreat)
     legs = plan.legs if isinstance(plan, Picked) else {"": plan}
     for leg in legs.values():
         warn_of_gravity(leg.robot, leg.trajectory.positions, leg.scene.up, "on the way")
@@ -321,7 +324,9 @@ def _folder(item: str) -> Path:
     return path.parent if path.name == "plan.json" else Path("out")
 
 
-def _plan(item: str, planner: str, strategy: Strategy, seed: int, named: Named) -> "Plan | Picked":
+def _plan(
+    item: str, planner: str, strategy: Strategy, seed: int, named: Named, retreat: bool
+) -> "Plan | Picked":
     from optipromp.core.output import load_pick
     from optipromp.core.planning import Plan, plan_pick
     from optipromp.core.planning import plan as make_plan
@@ -330,10 +335,12 @@ def _plan(item: str, planner: str, strategy: Strategy, seed: int, named: Named) 
     if isinstance(found, Plan):
         if named:
             raise InvalidRequestError(f"{item} is a plan, which has its robot; name none")
+        if retreat:
+            raise InvalidRequestError(f"{item} is a plan: plan it with --retreat")
         return load_pick(item)
     scene = named.of(found)
     say_if_compiling()
-    verb = make_plan if scene.place is None else plan_pick
+    verb = plan_pick if retreat or scene.place is not None else make_plan
     with waiting(f"planning {scene.name} ...") as say:
         return verb(scene, planner=planner, strategy=strategy, seed=seed, progress=say)
 

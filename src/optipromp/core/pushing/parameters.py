@@ -181,6 +181,7 @@ class HarmParameters(Checked):
         "longest of a pinched fruit; in 400 runs crushed or torn fruits were pinched for "
         "0.4-0.8 s, 97 % of the others for less than 0.1 s",
     )
+    pull: float = parameter(4.0, "N", "measured", "of the way out along a stem, in the model")
     lasting: float = parameter(0.2, "s", "choice", "time in which a lasting force does not fall")
     swallowed: float = parameter(
         5.0, "1", "choice", "harm of a swallowed neighbour or a missed target"

@@ -201,18 +201,20 @@ def go_on(
     in the tool. No leg is executed after a reach that did not pick it. A leg whose plan failed is
     executed with ``failed_leg`` only; without it the run ends before that leg. The target is
     *placed* where its centre is within ``thresholds.placed`` of its place at the end of the carry.
+    Without a place, the pick ends with the retreat.
     """
-    slower, done = 1.0 / simulation.parameters.control.speed, replace(outcome, placed=False)
+    placed = None if picked.reach.scene.place is None else False
+    slower, done = 1.0 / simulation.parameters.control.speed, replace(outcome, placed=placed)
     if outcome.success and outcome.picked is not False:
         simulation.grip()
         for name in AFTER:
             leg = picked.legs.get(name)
             if leg is not None and (leg.success or failed_leg):
                 rollout, outcome = simulation.follow(leg.trajectory.slowed(slower))
-        done = replace(outcome, placed=False)
+        done = replace(outcome, placed=placed)
     if not picked.success:
         return rollout, _unplaced(done, f"of the plan, {picked.message} ({picked.status})")
-    if not done.success:
+    if not done.success or placed is None:
         return rollout, done
     off, limit = _off(simulation, picked, rollout), simulation.parameters.thresholds.placed
     if off is None:

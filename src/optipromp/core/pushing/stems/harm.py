@@ -9,6 +9,7 @@ STEM_BEARS, TARGET_BEARS = PUSH.harm.stem_force, PUSH.harm.target_force
 FRUIT_BEARS, SUDDEN = PUSH.harm.fruit_force, PUSH.harm.sudden_force
 BRIEFLY, PINCHED = PUSH.harm.inside_time, PUSH.harm.pinched_time
 LOST = PUSH.harm.swallowed
+PULL_BEARS = PUSH.harm.pull
 
 
 class Harm(NamedTuple):
