@@ -159,11 +159,18 @@ def retreat(reach: Plan) -> Plan:
     model = retreat_model(reach, robot)
 
     def judged(q: FloatArray) -> tuple[tuple[bool, bool, float], Plan]:
-        """A retreat and its rank: validity, whether the carry cannot begin there, harm."""
+        """A retreat and its rank: validity, whether it presses more or ends badly, harm."""
         task = replace(leg_task(reach, RETREAT, q[0], q[-1]), back=model)
         one = leg(task, shortest(robot, q, 0, PUSH.hanging.speed), clock() - began)
-        blocked = place is not None and bool(judging.touching(*carried(one, place), q[-1]))
-        return (not one.valid, blocked, max(one.harm, BACK.alike)), one
+        worse = pressed(one) < min(pressed(reach), 0.0)
+        if place is not None:  # the carry cannot begin where something is touched
+            worse |= bool(judging.touching(*carried(one, place), q[-1]))
+        return (not one.valid, worse, max(one.harm, BACK.alike)), one
+
+    def pressed(one: Plan) -> float:
+        """Distance of the last link and the tool to objects to avoid [m]."""
+        least = one.judgement.metrics.clearance_avoid_tool
+        return math.inf if least is None else least
 
     def screened(q: FloatArray) -> float:
         return 0.0 if model is None else model.harm(*tool_motion(robot, q), BACK.screened)

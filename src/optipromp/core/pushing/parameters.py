@@ -119,6 +119,9 @@ class SwingParameters(Checked):
     friction: float = parameter(
         0.15, "1", "guess", "of the cup on fruits; in the simulation tool 0.35, fruits 0.4"
     )
+    leaving: float = parameter(
+        0.35, "1", "measured", "of a tool that leaves, as in the simulation: what sticks tears"
+    )
     skin_friction: float = parameter(
         0.3,
         "1",

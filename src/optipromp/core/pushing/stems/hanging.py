@@ -322,7 +322,7 @@ class Hanging(PushModel):
     def leaving(self, first: int) -> Self:
         """The model of motions whose points from the ``first`` on lead the tool out again."""
         out = copy.copy(self)
-        out._leaves = first
+        out._leaves, out.cup = first, self.cup._replace(rubbing=PUSH.swing.leaving)
         return out
 
     def clear(self, points: FloatArray, axes: FloatArray) -> bool:

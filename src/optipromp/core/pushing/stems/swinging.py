@@ -68,7 +68,7 @@ from optipromp.core.pushing.stems.cup import (
 from optipromp.core.pushing.stems.harm import PULL_BEARS, Harm, score_of
 
 CONTACT, CLOSE = PUSH.swing.stiffness, PUSH.swing.close
-RUBBING, STUCK = PUSH.swing.friction, PUSH.swing.stuck
+STUCK = PUSH.swing.stuck
 SKIN_FRICTION, STEM_FRICTION = PUSH.swing.skin_friction, PUSH.swing.stem_friction
 FARTHEST, REVERSAL = PUSH.swing.farthest, PUSH.swing.reversal
 ITERATIONS, SETTLED = PUSH.swing.iterations, PUSH.swing.settled
@@ -150,7 +150,7 @@ def relax(
                 continue
             most = SKIN_FRICTION * hard
             if kind == ON_CUP:
-                most, f.pressed[i] = RUBBING * f.earlier[i], hard
+                most, f.pressed[i] = cup.rubbing * f.earlier[i], hard
             elif kind == STEM_ON_CUP:
                 most = STEM_FRICTION * hard
             if most > 0.0:
