@@ -32,8 +32,9 @@ from optipromp.core.planning.result import Plan, Terms, best_of
 from optipromp.core.planning.task import Task, laden, resolve, tool_motion
 from optipromp.core.planning.timing import shortest
 from optipromp.core.planning.verdict import led, verdict, whole
-from optipromp.core.pushing.model import PushModel
+from optipromp.core.pushing.model import Continued, PushModel
 from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.pushing.path import length
 from optipromp.core.pushing.stems.cup import flange_of
 from optipromp.core.pushing.stems.hanging import Hanging, Leaving
 from optipromp.core.robots import ik
@@ -178,7 +179,8 @@ def retreat(reach: Plan) -> Plan:
     best = None
     distance = _distance(reach)
     for factor in (1.0, 0.5 * (1.0 + BACK.farther), BACK.farther):
-        proposed = sorted(_retreats(reach, factor * distance), key=screened)
+        path = reach.trajectory.positions
+        proposed = sorted(_retreats(reach.robot, path, factor * distance), key=screened)
         for first in range(0, len(proposed), BACK.judged):
             some = map(judged, proposed[first : first + BACK.judged])
             best = best_of(some, itemgetter(0), lambda one: one[0] == IDEAL, best)
@@ -232,18 +234,33 @@ def _leg(reach: Plan, name: str, q: FloatArray, speed: float, began: float) -> P
     return leg(task, shortest(task.robot, q, 0, speed), clock() - began)
 
 
-def _retreats(reach: Plan, distance: float) -> Iterator[FloatArray]:
-    """Waypoints (T, n) of retreats by ``distance`` [m], from the end of the reach.
+def ways_out(reach: Plan, q: FloatArray) -> list[FloatArray]:
+    """Waypoints (T, n) of retreats of a tool that left its target, the least harmful first.
 
-    Back along the reach, straight along the tool axis, off that axis within a cone, and along the
+    ``reach``: the plan that is given up. ``q``: (k, n) configurations on it so far. Where no model
+    of fruits on stems applies, the way back along ``q`` alone.
+    """
+    model = reach.push_model
+    model = model.lead if isinstance(model, Continued) else model
+    if not isinstance(model, Hanging) or len(q) < 3:
+        return [q[::-1]]
+    points, axes = tool_motion(reach.robot, q)
+    out = Leaving(model, points, axes)
+    proposed = _retreats(reach.robot, q, length(points))
+    return sorted(proposed, key=lambda one: out.harm(*tool_motion(reach.robot, one), BACK.screened))
+
+
+def _retreats(robot: Robot, q: FloatArray, distance: float) -> Iterator[FloatArray]:
+    """Waypoints (T, n) of retreats by ``distance`` [m], from the end of a motion ``q`` (k, n).
+
+    Back along the motion, straight along the tool axis, off that axis within a cone, and along the
     axis after a step aside: from behind the tool's floor, fruits slide off it to the side.
     """
-    robot, q = reach.robot, reach.trajectory.positions
     tips, axes = robot.tool_pose(q)
     axis, turn = axes[-1], frame_along(axes[-1])
 
     def through(*corners: FloatArray) -> Iterator[FloatArray]:
-        """The way of the tool point through corners (3,) from the end of the reach."""
+        """The way of the tool point through corners (3,) from its place."""
         points = tips[-1:]
         for corner in corners:
             off = tips[-1] + corner - points[-1]

@@ -212,7 +212,7 @@ def go_on(
             if leg is not None and (leg.success or failed_leg):
                 rollout, outcome = simulation.follow(leg.trajectory.slowed(slower))
         done = replace(outcome, placed=placed)
-    if not picked.success:
+    if placed is not None and not picked.success:
         return rollout, _unplaced(done, f"of the plan, {picked.message} ({picked.status})")
     if not done.success or placed is None:
         return rollout, done
@@ -231,6 +231,8 @@ def bring(
 ) -> tuple[Rollout, Outcome, Picked | None]:
     """Retreat and carry after a reach in closed loop, in the scene as it is tracked by then.
 
+    Without a place the arm leaves by the retreat of least harm, whatever its harm.
+
     ``simulation``: at the end of the reach. ``controller``: at the end of the reach. ``q``: (k, n)
     commanded configurations of the reach from its last plan on. ``done``: records and judgement of
     the reach.
@@ -238,8 +240,9 @@ def bring(
     Returns: Records and judgement of the whole, and the pick; None where the reach did not succeed.
     """
     rollout, outcome = done
+    leaves = controller.scene.place is None
     if not (outcome.success and controller.plans):
-        return rollout, replace(outcome, placed=False), None
+        return rollout, replace(outcome, placed=None if leaves else False), None
     made, robot = controller.plans[-1], controller.robot
     tracked = controller.tracker.at(simulation.time)
     seen = target_row(tracked) is not None
@@ -253,8 +256,10 @@ def bring(
     try:
         picked = after(reach)
     except OptiPrompError as error:
+        if leaves:
+            return rollout, outcome, None
         return rollout, _unplaced(outcome, f"no way to the place: {error.message}"), None
-    return *go_on(simulation, picked, rollout, outcome), picked
+    return *go_on(simulation, picked, rollout, outcome, failed_leg=leaves), picked
 
 
 def _unplaced(outcome: Outcome, why: str) -> Outcome:

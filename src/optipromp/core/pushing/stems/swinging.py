@@ -485,7 +485,7 @@ def led(
     pulled(s, positions, forces, points, axes, cup, leaves, steps, pulls)
     stem, fruit, target, within, pinched = so_far.tolist()
     if leaves < steps:
-        fruit, target = max(fruit, float(forces[:, 0].max())), 0.0
+        fruit, target, missed = max(fruit, float(forces[:, 0].max())), 0.0, False
     held = sliding_window_view(stem_forces, min(math.ceil(LASTING / dt), steps), axis=0)
     return Led(
         Harm(stem, fruit, target, within, pinched, missed),
@@ -568,10 +568,10 @@ def summed_score(
         rx, ry, rz = s.root[low, 0], s.root[low, 1], s.root[low, 2]
         missed = done < steps or (cup.inner > 0.0 and not taken(x, y, z, rx, ry, rz, end, cup))
         score = score_of(h[0], h[1], h[2], h[3], h[4], missed)
-        if leaves < done:  # the target is in the tool: the first fruit is as any other
+        if leaves < done:  # the first fruit is as any other
             pulled(one, positions, forces, points, axes, cup, leaves, done, pulls)
             crushed = max(h[1], forces[:done, 0].max())
-            score = score_of(h[0], crushed, 0.0, h[3], h[4], missed) + pulls.max() / PULL_BEARS
+            score = score_of(h[0], crushed, 0.0, h[3], h[4], False) + pulls.max() / PULL_BEARS
         total += min(score, hopeless)
         if seen and d == 0 and total >= hopeless:
             return total
