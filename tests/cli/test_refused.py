@@ -28,7 +28,8 @@ def cut(text: Any) -> str:
 
 
 SCENES: list[tuple[Any, str]] = [
-    (with_fruit(sigma=1e200), "must be 0 to 10"), (with_fruit(position=[0, 0, 1e300]), "at most 1e+06"),
+    (with_fruit(sigma=1e200), "must be 0 to 10"),
+    (with_fruit(position=[0, 0, 1e300]), "at most 1e+06"),
     (MINIMAL | {"name": "a\x1b[31m"}, "control characters"),
     (MINIMAL | {"name": "a" * 5000}, "at most"),
     (MINIMAL | {"name": "a\x00"}, "control characters"), (MINIMAL | {"name": "\u202e"}, "control"),

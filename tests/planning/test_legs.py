@@ -13,8 +13,20 @@ from optipromp import load_pick, plan, plan_pick, simulate
 from optipromp.cli.main import app
 from optipromp.core.errors import Code, InvalidPlanError, InvalidRequestError, InvalidSceneError
 from optipromp.core.geometry import Box
-from optipromp.core.planning.legs import CARRY, LIFT, REACH, RETREAT, Picked
+from optipromp.core.planning.legs import (
+    CARRY,
+    LIFT,
+    REACH,
+    RETREAT,
+    Picked,
+    _retreats,
+    held,
+    leg,
+    leg_task,
+    retreat_model,
+)
 from optipromp.core.planning.task import posed
+from optipromp.core.planning.timing import shortest
 from optipromp.core.planning.verdict import verdict
 from optipromp.core.scenes import Place, Scene, SceneObject, save_scene, scene_from_dict
 from optipromp.core.scenes.io import scene_to_dict
@@ -77,19 +89,57 @@ def test_after_the_reach_the_fruit_is_a_link_and_no_object(picked: Picked) -> No
     assert {f"{item.id}:stem:0" for item in stems} <= {item.id for item in carry.objects}
 
 
-def test_a_retreat_that_would_pull_a_fruit_off_is_refused(caught: Picked) -> None:
-    assert caught.reach.success
-    assert caught.status is Code.HARM_PREDICTED
-    assert CARRY not in caught.legs
-    assert "retreat: harm is predicted: n2 is caught behind the tool" in caught.message
+def straight_back(picked: Picked) -> Picked:
+    """The same reach, and the retreat back along it."""
+    reach = picked.reach
+    _, robot = held(reach)
+    back = next(_retreats(reach.robot, reach.trajectory.positions, 0.1))
+    task = replace(leg_task(reach, RETREAT, back[0], back[-1]), back=retreat_model(reach, robot))
+    return Picked({REACH: reach, RETREAT: leg(task, shortest(robot, back, 0, 0.1), 0.0)})
 
 
-def test_a_fruit_caught_behind_the_tool_is_torn_off_in_the_simulation(caught: Picked) -> None:
+def test_a_fruit_that_hangs_behind_the_tool_is_left_aside(caught: Picked) -> None:
+    """Back along the reach the tool would tear it off; after a step aside it comes free."""
     pytest.importorskip("mujoco")
-    outcome = simulate(caught, failed_leg=True).outcome
-    assert "n2" in outcome.torn
-    assert outcome.placed is False
-    assert outcome.message.startswith("of the plan, retreat: harm is predicted: n2 is caught")
+    assert caught.success, caught.message
+    back = straight_back(caught)
+    assert caught.legs[RETREAT].harm < back.legs[RETREAT].harm
+    assert "n2" in simulate(back, failed_leg=True).outcome.torn
+    outcome = simulate(caught).outcome
+    assert outcome.success, outcome.message
+    assert outcome.placed
+
+
+def test_what_is_pressed_on_the_way_out_is_predicted(caught: Picked) -> None:
+    """A harm that the way out adds is told, with the fruit and the pull."""
+    model = straight_back(caught).legs[RETREAT].task.back
+    assert model is not None
+    reach = caught.reach
+    tip, axis = reach.robot.tool_pose(reach.trajectory.positions[-1])
+    down = tip - np.linspace(0.0, 0.1, 100)[:, None] * axis
+    dragged = model.cause(down, np.tile(axis, (100, 1)))
+    assert dragged[0] in {item.id for item in reach.scene.pushables}
+    stays = model.harm(np.tile(tip, (3, 1)), np.tile(axis, (3, 1)), model.states)
+    assert model.harm(down, np.tile(axis, (100, 1)), model.states) > stays
+
+
+def test_without_a_place_a_pick_ends_with_its_retreat(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    scene = replace(placing("tight", 3), place=None)
+    picked = plan_pick(scene)
+    assert list(picked.legs) == [REACH, RETREAT]
+    assert picked.success, picked.message
+    outcome = simulate(picked).outcome
+    assert outcome.success, outcome.message
+    assert outcome.placed is None
+    save_scene(scene, tmp_path / "tight.yaml")
+    made = invoke("plan", tmp_path / "tight.yaml", "--retreat", "--no-figures", "--json",
+                  "--out", tmp_path / "out")  # fmt: skip
+    assert made.exit_code == 0, made.stdout
+    read = load_pick(tmp_path / "out")
+    assert isinstance(read, Picked)
+    curve = read.legs[RETREAT].trajectory
+    assert (curve.positions == picked.legs[RETREAT].trajectory.positions).all()
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +149,13 @@ def unplaced() -> Picked:
     return plan_pick(replace(scene, place=replace(PLACE, position=np.array([1.6, 0.0, 0.4]))))
 
 
-@pytest.mark.parametrize("name", ["caught", "unplaced"])
+@pytest.fixture(scope="module")
+def harmful() -> Picked:
+    """A pick among four fruits, past which no retreat leads without harm."""
+    return plan_pick(placing("mixed", 170001))
+
+
+@pytest.mark.parametrize("name", ["harmful", "unplaced"])
 def test_a_pick_whose_later_leg_failed_is_executed_up_to_there(
     name: str, request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:
@@ -146,8 +202,8 @@ def test_the_command_line_films_a_pick_whose_carry_failed(unplaced: Picked, tmp_
 
 
 def test_a_fruit_that_stays_is_written_with_the_legs_that_succeeded(tmp_path: Path) -> None:
-    save_scene(placing("elongated", 2), tmp_path / "bunch.yaml")
-    target = placing("elongated", 2).target
+    save_scene(placing("mixed", 170001), tmp_path / "bunch.yaml")
+    target = placing("mixed", 170001).target
     assert target is not None
     out = tmp_path / "picks"
     result = invoke(
@@ -249,9 +305,7 @@ def test_the_reach_is_that_of_the_scene_without_a_place(picked: Picked) -> None:
     assert (alone.trajectory.positions == picked.reach.trajectory.positions).all()
 
 
-def test_a_pick_needs_a_place_and_a_target() -> None:
-    with pytest.raises(InvalidRequestError, match="has no place"):
-        plan_pick(generate("tight", 3))
+def test_a_place_needs_a_target() -> None:
     document = {"name": "s", "robot": "panda",
                 "goal": {"position": [0.5, 0, 0.5], "axis": [0, 0, 1]},
                 "place": {"position": [0.4, 0, 0.4], "axis": [0, 0, 1]}}  # fmt: skip

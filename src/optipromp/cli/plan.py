@@ -88,11 +88,14 @@ class Variant:
         at (SECONDS): Time in the plan that runs.
         targets (IDS): Ripe fruits, separated by commas: choose their order, and plan each pick; of
             --out, in a folder each.
+        retreat: Plan the way out with the picked fruit, too, and promise both; in a scene with a
+            place it is always planned.
     """
 
     previous: Path | None = None
     at: float | None = None
     targets: str | None = None
+    retreat: bool = False
 
 
 @dataclass(frozen=True)
@@ -197,9 +200,11 @@ def plan(
     output.check()
     request, named = wanted.request(), arm.of(robot)
     if scene not in scene_names() and is_folder(Path(scene)):
-        if variant.previous is not None or variant.targets is not None:
-            name = "--previous" if variant.targets is None else "--targets"
-            raise InvalidRequestError(f"{name} goes with one scene, not with a folder of them")
+        stated = [name for name, one in vars(variant).items() if one and name != "at"]
+        if stated:
+            raise InvalidRequestError(
+                f"--{stated[0]} goes with one scene, not with a folder of them"
+            )
         return plan_folder(Path(scene), request, output, named, workers, progress)
     loaded = named.of(optipromp.load_scene(scene))
     console.say_if_compiling(progress)
@@ -208,8 +213,9 @@ def plan(
         if output.out is not None:
             _keep_picture(Path(scene), output.out)
         return report
-    if variant.previous is not None:
-        raise InvalidRequestError("--previous goes with one target, not with --targets")
+    if variant.previous is not None or variant.retreat:
+        name = "--retreat" if variant.previous is None else "--previous"
+        raise InvalidRequestError(f"{name} goes with one target, not with --targets")
     return plan_targets(loaded, variant.targets, request, output, progress)
 
 
@@ -229,12 +235,13 @@ def plan_one(
     scene: "Scene", request: Request, output: Output, variant: Variant, progress: bool | None = None
 ) -> Report:
     """Plan one motion to the target of ``scene``, or a pick with all its legs, and write it."""
-    if scene.place is not None and variant.previous is not None:
-        raise InvalidRequestError("--previous goes with a scene without a place")
+    legs = variant.retreat or scene.place is not None
+    if legs and variant.previous is not None:
+        raise InvalidRequestError("--previous goes without --retreat, in a scene without a place")
     running = None if variant.previous is None else optipromp.load_plan(variant.previous)
     result: Plan | Picked
     with console.waiting(f"planning {scene.name}", progress) as say:
-        if scene.place is not None:
+        if legs:
             result = optipromp.plan_pick(scene, progress=say, **vars(request))
         else:
             at = variant.at

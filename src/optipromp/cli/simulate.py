@@ -196,6 +196,7 @@ def simulate(
     gif: bool = False,
     slow: float = 1.0,
     failed_leg: bool = False,
+    retreat: bool = False,
     *,
     disturbed: Disturbed,
     eyes: LoopOptions,
@@ -228,6 +229,7 @@ def simulate(
         gif: And as an animation: run.gif.
         slow (FACTOR): How many times slower a film runs.
         failed_leg: Of a pick whose retreat or carry failed: execute that leg, too.
+        retreat: Plan and execute the way out, too; in a scene with a place it always is.
     """
     from optipromp.core.robots.model import warn_of_gravity
     from optipromp.laboratory.simulation import SimulationParameters
@@ -246,6 +248,7 @@ def simulate(
             "--strategy": None if strategy == "joint" else strategy,
             "--speed": speed,
             "--failed-leg": failed_leg or None,
+            "--retreat": retreat or None,
         }
     )
     parameters = disturbed.of(SimulationParameters())
@@ -266,7 +269,7 @@ def simulate(
         further = loop_document(loop)
         told = f"{further['loop']} loop: {loop.result}"
         return _report(loop.run, told, further, (folder, leave(loop.run, loop=loop)))
-    plan = _plan(scene_or_plan, planner, strategy, seed, arm.of(robot))
+    plan = _plan(scene_or_plan, planner, strategy, seed, arm.of(robot), retreat)
     legs = plan.legs if isinstance(plan, optipromp.Picked) else {"": plan}
     for leg in legs.values():
         warn_of_gravity(leg.robot, leg.trajectory.positions, leg.scene.up, "on the way")
@@ -296,15 +299,19 @@ def _report(
     return Report({**run_document(run), **further}, lines, OK if run.success else FAILED)
 
 
-def _plan(item: str, planner: str, strategy: Strategy, seed: int, named: Named) -> "Plan | Picked":
+def _plan(
+    item: str, planner: str, strategy: Strategy, seed: int, named: Named, retreat: bool
+) -> "Plan | Picked":
     found = loaded(item, "simulate")
     if isinstance(found, optipromp.Plan):
         if named:
             raise InvalidRequestError(f"{item} is a plan, which has its robot; name none")
+        if retreat:
+            raise InvalidRequestError(f"{item} is a plan: plan it with --retreat")
         return optipromp.load_pick(item)
     scene = named.of(found)
     say_if_compiling()
-    verb = optipromp.plan if scene.place is None else optipromp.plan_pick
+    verb = optipromp.plan_pick if retreat or scene.place is not None else optipromp.plan
     with waiting(f"planning {scene.name} ...") as say:
         return verb(scene, planner=planner, strategy=strategy, seed=seed, progress=say)
 

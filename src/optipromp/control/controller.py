@@ -45,6 +45,7 @@ from optipromp.core.budget import between_steps, pause
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning import Plan, plan
+from optipromp.core.planning.legs import ways_out
 from optipromp.core.planning.plan import compile_once
 from optipromp.core.planning.task import posed
 from optipromp.core.robots import ik
@@ -93,13 +94,13 @@ BRAKING = 0.15  # [s] before the approach, at which the tool begins to stop and 
 
 @dataclass(frozen=True, eq=False)
 class _Job:
-    """A plan in the making.
+    """A plan in the making, or the ways out of a retreat.
 
     ``at`` is the phase of the running route in whose state it begins [s], ``takeover`` the time of
     that state [s], and ``factor`` the stiffness of its stems over the assumed one.
     """
 
-    work: Sliced[Plan | OptiPrompError]
+    work: Sliced[Any]
     factor: float
     at: float = 0.0
     takeover: float = 0.0
@@ -306,7 +307,7 @@ class Controller:
             return drive.brake(begins)
         if phase >= route.duration + p.hold:
             if outside(self.robot, drive.state(now).q, tracked):
-                return self._retreat(now, tracked, route.duration, "the target is not inside")
+                return self._retreat(now, route.duration, "the target is not inside")
             self._enter(LoopStage.DONE, now, "at the target")
             return drive.brake(begins)
         if self._at_camera and self.servo:
@@ -319,6 +320,15 @@ class Controller:
         drive, begins = self._driver, now + self.parameters.lead
         route = drive.route
         assert route is not None
+        if self._job is not None:
+            ways = self._worked() if drive.rests(now) else None
+            for q in ways or ():
+                back = path_back(self.robot, q, self.parameters.retreat_speed)
+                if drive.safe(back):
+                    return drive.set_out(Route.back(self.robot, back, route.scene), now, tracked)
+            if ways:
+                self._enter(LoopStage.GAVE_UP, now, "no way out is free")
+            return None
         if drive.phase(begins) >= route.duration or drive.stuck(now):
             self._again(now, "looking again after a retreat")
             return drive.brake(begins)
@@ -364,7 +374,7 @@ class Controller:
             return None
         if isinstance(found, OptiPrompError) or excess_harm(found) > p.hopeless:
             why = found.message if isinstance(found, OptiPrompError) else str(found.message)
-            return self._retreat(now, tracked, phase, why)
+            return self._retreat(now, phase, why)
         since = max(now + p.lead - job.takeover, 0.0)
         taken = self._driver.take(Route.of(found), since, now, tracked)
         if taken is not None:
@@ -374,19 +384,21 @@ class Controller:
             self._factor = job.factor
         return taken
 
-    def _retreat(self, now: float, tracked: Tracked, phase: float, why: str) -> Stretch:
-        """Go back along the path to the camera point."""
+    def _retreat(self, now: float, phase: float, why: str) -> Stretch:
+        """Stop, and search the way out of least harm."""
         route = self._driver.route
         assert route is not None
         assert route.plan is not None
         passed = route.trajectory.positions[route.trajectory.times <= phase]
         if not self._trail:
             passed = passed[min(route.plan.first, len(passed) - 1) :]
-        q = np.concatenate([*self._trail, passed])[::-1]
+        q, made = np.concatenate([*self._trail, passed]), route.plan
         self._enter(LoopStage.RETREAT, now, why)
         self._driver.blind = False
-        back = path_back(self.robot, q, self.parameters.retreat_speed)
-        return self._driver.set_out(Route.back(self.robot, back, route.scene), now, tracked)
+        stop = self._driver.brake(now + self.parameters.lead)
+        q = np.vstack([q, stop.curve.positions[-1]])
+        self._job = _Job(Sliced(lambda: ways_out(made, q)), 1.0)
+        return stop
 
     # -- the stems
 
@@ -421,8 +433,8 @@ class Controller:
 
         return Sliced(work)
 
-    def _worked(self) -> Plan | OptiPrompError | None:
-        """The plan in the making, when it is done."""
+    def _worked(self) -> Any:
+        """The result of the job when it is done, else None."""
         job = self._job
         assert job is not None
         if not job.work.lend(self.parameters.slice_steps, self._seconds):

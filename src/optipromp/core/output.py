@@ -306,7 +306,7 @@ def load_pick(path: Path | str) -> Picked | Plan:
     """
     path = Path(path)
     reach, folder = load_plan(path), path.parent if path.name == "plan.json" else path
-    if reach.scene.place is None or not reach.success:
+    if not reach.success:
         return reach
     legs = {REACH: reach}
     for name in AFTER[not stands(reach.scene) :]:
@@ -328,7 +328,7 @@ def load_pick(path: Path | str) -> Picked | Plan:
             break
         if not legs[name].success:
             raise InvalidPlanError(f"{file}: judged again: {legs[name].message}")
-    return Picked(legs)
+    return reach if len(legs) == 1 and reach.scene.place is None else Picked(legs)
 
 
 def _of(folder: Path) -> str:

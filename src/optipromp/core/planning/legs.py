@@ -1,13 +1,13 @@
-"""``plan_pick``: a pick in several legs: the reach, the retreat, and the way to the place.
+"""``plan_pick``: a pick in several legs: the reach, the retreat, and the way to a place.
 
 On the *retreat* and on the *carry* the picked fruit is attached to the tool and its stem is cut.
 A target that stands on a board has a *lift* before the retreat: straight up, then back along the
 reach, higher by the lift. Dragged back it would rub on the board and push what stands before it.
 Lifted, the target and the tool leave by the corridor that the reach has pushed free. The packs
 stand where the push model says that the reach left them.
-The retreat is the way back that does least harm: along the reach, along the tool axis, or off that
-axis within a cone. The carry is a motion in free space, in which the fruits that still hang are
-static.
+The retreat is the way back that does least harm: along the reach, along the tool axis, off that
+axis within a cone, or along the axis after a step aside. The carry is a motion in free space, in
+which the fruits that still hang are static.
 """
 
 from __future__ import annotations
@@ -34,12 +34,14 @@ from optipromp.core.planning.timing import shortest
 from optipromp.core.planning.verdict import led, verdict, whole
 from optipromp.core.pushing.model import Continued, PushModel
 from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.pushing.path import length
 from optipromp.core.pushing.stems.cup import flange_of
-from optipromp.core.pushing.stems.hanging import Hanging
+from optipromp.core.pushing.stems.hanging import Hanging, Leaving
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.mounted import Mounted
 from optipromp.core.robots.self_collision import letting_touch
+from optipromp.core.scenes.held import RETREAT as RETREAT_LENGTH
 from optipromp.core.scenes.held import Attached, Place, pairs_among
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.rotations import to_quaternion
@@ -110,8 +112,8 @@ def plan_pick(
     """Plan a pick and what comes after: the reach, the retreat, and the way to ``scene.place``.
 
     Args:
-        scene: a scene, the name of a built-in scene, or the path of a scene file; with a target and
-            a ``place``.
+        scene: a scene, the name of a built-in scene, or the path of a scene file; with a target.
+            Without a ``place`` the pick ends with the retreat.
         progress: called with a short text as each step begins.
         request: further arguments of :func:`optipromp.core.planning.plan.plan`.
 
@@ -119,17 +121,15 @@ def plan_pick(
         The legs. A leg that fails is returned too, with its code; no leg comes after it.
 
     Raises:
-        InvalidRequestError: the scene has no target, no place, objects that move, or a robot
-            without a tool.
+        InvalidRequestError: the scene has no target, objects that move, or a robot without a tool.
         OptiPrompError: an error of :func:`optipromp.core.planning.plan.plan`.
     """
     scene = scene if isinstance(scene, Scene) else load_scene(scene)
-    if scene.place is None or scene.target is None:
-        what = "place" if scene.target is not None else "target"
-        raise InvalidRequestError(f"{scene.name} has no {what}: a pick needs a target and a place")
+    if scene.target is None:
+        raise InvalidRequestError(f"{scene.name} has no target: a pick needs one")
     if names := ", ".join(item.id for item, _ in scene.movers):
         told = "the legs of a pick know no motion; leave out the motions, or plan the reach alone"
-        raise InvalidRequestError(f"{scene.name} has a place, and {names} move: {told}")
+        raise InvalidRequestError(f"{names} move in {scene.name}: {told}")
     reach = plan(scene, progress=progress, **request)
     return after(reach, progress, **request)
 
@@ -142,7 +142,7 @@ def after(reach: Plan, progress: Callable[[str], None] | None = None, **request:
     if reach.success:
         (progress or str)("retreat")
         legs |= lifted(reach) if stands(reach.scene) else {RETREAT: retreat(reach)}
-    if RETREAT in legs and legs[RETREAT].success:
+    if RETREAT in legs and legs[RETREAT].success and reach.scene.place is not None:
         scene, robot = carry_scene(legs)
         legs[CARRY] = plan(scene, progress=progress, **request | {"robot": robot})
     return Picked(legs)
@@ -151,27 +151,51 @@ def after(reach: Plan, progress: Callable[[str], None] | None = None, **request:
 def retreat(reach: Plan) -> Plan:
     """The retreat of least harm from the end of a reach; the best invalid one where none is valid.
 
-    Longer retreats are tried where all shorter ones harm, or end where the robot or the fruit
-    touches something that the carry must not touch.
+    The push model ranks all proposals by a few states; the best of them are judged. Longer retreats
+    are tried where all shorter ones harm, or end where the robot or the fruit touches something
+    that the carry must not touch.
     """
     began, place = clock(), reach.scene.place
-    assert place is not None
+    _, robot = held(reach)
+    model = retreat_model(reach, robot)
 
     def judged(q: FloatArray) -> tuple[tuple[bool, bool, float], Plan]:
-        """A retreat and its rank: validity, whether the carry cannot begin there, harm."""
-        one = _leg(reach, RETREAT, q, PUSH.hanging.speed, began)
-        blocked = bool(judging.touching(*carried(one, place), q[-1]))
-        return (not one.valid, blocked, max(one.harm, BACK.alike)), one
+        """A retreat and its rank: validity, whether it presses more or ends badly, harm."""
+        task = replace(leg_task(reach, RETREAT, q[0], q[-1]), back=model)
+        one = leg(task, shortest(robot, q, 0, PUSH.hanging.speed), clock() - began)
+        worse = pressed(one) < min(pressed(reach), 0.0)
+        if place is not None:  # the carry cannot begin where something is touched
+            worse |= bool(judging.touching(*carried(one, place), q[-1]))
+        return (not one.valid, worse, max(one.harm, BACK.alike)), one
+
+    def pressed(one: Plan) -> float:
+        """Distance of the last link and the tool to objects to avoid [m]."""
+        least = one.judgement.metrics.clearance_avoid_tool
+        return math.inf if least is None else least
+
+    def screened(q: FloatArray) -> float:
+        return 0.0 if model is None else model.harm(*tool_motion(robot, q), BACK.screened)
 
     best = None
+    distance = _distance(reach)
     for factor in (1.0, 0.5 * (1.0 + BACK.farther), BACK.farther):
-        proposed = map(judged, _retreats(reach, factor * place.retreat))
-        best = best_of(proposed, itemgetter(0), lambda one: one[0] == IDEAL, best)
-        assert best is not None  # the first retreat is always proposed
-        rank, made = best
-        if made.success and rank[:2] == IDEAL[:2]:
+        path = reach.trajectory.positions
+        proposed = sorted(_retreats(reach.robot, path, factor * distance), key=screened)
+        for first in range(0, len(proposed), BACK.judged):
+            some = map(judged, proposed[first : first + BACK.judged])
+            best = best_of(some, itemgetter(0), lambda one: one[0] == IDEAL, best)
+            assert best is not None  # the first retreat is always proposed
+            if best[0][:2] == IDEAL[:2]:
+                break
+        if best[1].success and best[0][:2] == IDEAL[:2]:
             break
-    return replace(made, time={"total": clock() - began})
+    return replace(best[1], time={"total": clock() - began})
+
+
+def _distance(reach: Plan) -> float:
+    """Distance of the retreat [m]."""
+    place = reach.scene.place
+    return RETREAT_LENGTH if place is None else place.retreat
 
 
 def lifted(reach: Plan) -> dict[str, Plan]:
@@ -180,7 +204,6 @@ def lifted(reach: Plan) -> dict[str, Plan]:
     Where no height has both, those of the last one, without a retreat after an invalid lift.
     """
     began = clock()
-    assert reach.scene.place is not None
     _, robot = held(reach)
 
     def judged(up: FloatArray, back: FloatArray) -> dict[str, Plan]:
@@ -189,7 +212,7 @@ def lifted(reach: Plan) -> dict[str, Plan]:
             made[RETREAT] = _leg(reach, RETREAT, back, LIFTING.speed, began)
         return made
 
-    proposed = lifts(reach, robot, reach.scene.place.retreat)
+    proposed = lifts(reach, robot, _distance(reach))
     best = best_of(
         enumerate(starmap(judged, proposed)),
         rank=lambda one: -one[0],  # the last height
@@ -211,31 +234,57 @@ def _leg(reach: Plan, name: str, q: FloatArray, speed: float, began: float) -> P
     return leg(task, shortest(task.robot, q, 0, speed), clock() - began)
 
 
-def _retreats(reach: Plan, distance: float) -> Iterator[FloatArray]:
-    """Waypoints (T, n) of retreats by ``distance`` [m], from the end of the reach.
+def ways_out(reach: Plan, q: FloatArray) -> list[FloatArray]:
+    """Waypoints (T, n) of retreats of a tool that left its target, the least harmful first.
 
-    First back along the reach, then straight along the tool axis, then off the tool axis. Among
-    simulated retreats, the way along the reach was never worse than the straight one.
+    ``reach``: the plan that is given up. ``q``: (k, n) configurations on it so far. Where no model
+    of fruits on stems applies, the way back along ``q`` alone.
     """
-    robot, q = reach.robot, reach.trajectory.positions
-    tips, axes = robot.tool_pose(q)
-    steps = np.linspace(0.0, distance, max(3, math.ceil(distance / BACK.step) + 1))
+    model = reach.push_model
+    model = model.lead if isinstance(model, Continued) else model
+    if not isinstance(model, Hanging) or len(q) < 3:
+        return [q[::-1]]
+    points, axes = tool_motion(reach.robot, q)
+    out = Leaving(model, points, axes)
+    proposed = _retreats(reach.robot, q, length(points))
+    return sorted(proposed, key=lambda one: out.harm(*tool_motion(reach.robot, one), BACK.screened))
 
-    def straight(direction: FloatArray) -> Iterator[FloatArray]:
-        points = tips[-1] - steps[:, None] * direction
-        made, errors = ik.track(robot, points, np.tile(axes[-1], (len(points), 1)), q[-1])
+
+def _retreats(robot: Robot, q: FloatArray, distance: float) -> Iterator[FloatArray]:
+    """Waypoints (T, n) of retreats by ``distance`` [m], from the end of a motion ``q`` (k, n).
+
+    Back along the motion, straight along the tool axis, off that axis within a cone, and along the
+    axis after a step aside: from behind the tool's floor, fruits slide off it to the side.
+    """
+    tips, axes = robot.tool_pose(q)
+    axis, turn = axes[-1], frame_along(axes[-1])
+
+    def through(*corners: FloatArray) -> Iterator[FloatArray]:
+        """The way of the tool point through corners (3,) from its place."""
+        points = tips[-1:]
+        for corner in corners:
+            off = tips[-1] + corner - points[-1]
+            parts = max(2, math.ceil(float(np.linalg.norm(off)) / BACK.step))
+            points = np.vstack(
+                [points, points[-1] + off * np.linspace(0.0, 1.0, parts + 1)[1:, None]]
+            )
+        made, errors = ik.track(robot, points, np.tile(axis, (len(points), 1)), q[-1])
         if errors.max() < judging.GOAL_TOLERANCE:
             yield np.vstack([q[-1:], made[1:]])
 
     gone = np.append(0.0, np.cumsum(lengths(np.diff(tips[::-1], axis=0))))
     last = min(int(np.searchsorted(gone, distance)) + 1, len(q))
     yield q[::-1][: max(last, 3)]
-    yield from straight(axes[-1])
-    turn = frame_along(axes[-1])
+    yield from through(-distance * axis)
+    around = 2.0 * np.pi * np.arange(BACK.around) / BACK.around
+    sides = [turn @ np.array([math.cos(one), math.sin(one), 0.0]) for one in around]
     for lean in np.deg2rad([0.5 * BACK.cone, BACK.cone]):
-        for angle in 2.0 * np.pi * np.arange(BACK.around) / BACK.around:
-            flat = math.sin(lean) * np.array([math.cos(angle), math.sin(angle)])
-            yield from straight(turn @ np.append(flat, math.cos(lean)))
+        for side in sides:
+            yield from through(-distance * (math.sin(lean) * side + math.cos(lean) * axis))
+    wide = 0.0 if robot.tool is None else robot.tool.mouth[1]
+    for size in BACK.aside:
+        for side in sides:
+            yield from through(size * wide * side, size * wide * side - distance * axis)
 
 
 def leg(task: Task, trajectory: Trajectory, seconds: float) -> Plan:
@@ -449,46 +498,6 @@ def retreat_model(reach: Plan, robot: Robot) -> PushModel | None:
     )  # fmt: skip
     before = reach.push_model
     if before is None:
-        points, axes = tool_motion(reach.robot, reach.trajectory.positions[reach.first :])
-        return RetreatModel(model, points, axes, ())
+        return Leaving(model, *tool_motion(reach.robot, reach.trajectory.positions[reach.first :]))
     points, axes, *_ = led(reach.task, before, reach.trajectory)
-    radius = {item.id: item.radius for item in hanging}
-    moved = before.moved(points, axes)
-    off = moved.positions - points[-1]
-    height = off @ axes[-1]
-    aside = lengths(off - height[:, None] * axes[-1])
-    behind = (height < tool.front - tool.reach) & (height > -tool.reach)
-    caught = (
-        name
-        for name, is_behind, away_by in zip(moved.ids, behind, aside, strict=True)
-        if is_behind and name in radius and away_by < tool.mouth[1] + radius[name]
-    )
-    return RetreatModel(model, points, axes, tuple(caught))
-
-
-class RetreatModel(Continued):
-    """The push model of a retreat, after the push of the reach.
-
-    A fruit that the reach left behind the mouth's floor, across the way of its edge, is ``caught``:
-    the tool would pull it off its stem. The model of the push does not know such pulls. In the
-    simulation, 3 of 4 retreats past such a fruit tore one off; none of 5 others did.
-    """
-
-    def __init__(
-        self, model: PushModel, points: FloatArray, axes: FloatArray, caught: tuple[str, ...]
-    ) -> None:
-        super().__init__(model, points, axes)
-        self.caught = caught
-
-    def harm(
-        self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
-    ) -> float:
-        """See :class:`PushModel`; two thresholds more where a fruit is caught."""
-        more = 2.0 * self.threshold if self.caught else 0.0
-        return more + super().harm(points, axes, states, limit - more)
-
-    def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
-        """See :class:`PushModel`."""
-        if self.caught:
-            return self.caught[0], "is caught behind the tool, which would tear it off its stem"
-        return super().cause(points, axes)
+    return Leaving(model, points, axes)

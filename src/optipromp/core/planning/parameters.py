@@ -216,7 +216,11 @@ class Retreat:
 
     step = 0.005  # [m] between the waypoints of a straight retreat
     cone = 25.0  # [deg] off the tool axis: as that of an approach
-    around = 6  # [1] directions about the tool axis that are tried
+    around = 8  # [1] directions about the tool axis that are tried
+    # [1] steps aside before a retreat, over the tool's outer radius: hung fruits slide off
+    aside = (0.6, 1.2, 1.8)
+    screened = 4  # [1] states by which all retreats are ranked
+    judged = 6  # [1] retreats of least harm that are judged at once, with all states
     farther = 2.0  # [1] retreats so much longer are tried where the shorter ends among fruits
     alike = 0.05  # [1] measured: harms below it are equal: 1 % of such plans fail (docs/studies.md)
 

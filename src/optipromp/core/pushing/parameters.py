@@ -90,6 +90,8 @@ class SwingParameters(NamedTuple):
 
     stiffness: float = 3000.0  # [N/m] of a contact: 10 N press 3 mm
     friction: float = 0.15  # guess: of the cup on fruits; in the simulation tool 0.35, fruits 0.4
+    # measured: of a tool that leaves, as in the simulation: what sticks to it is torn off
+    leaving: float = 0.35
     # measured: of fruits on fruits and stems; with it and the next 227 of 240 runs succeed, without
     # 222; in the simulation 0.4
     skin_friction: float = 0.3
@@ -124,6 +126,7 @@ class HarmParameters(NamedTuple):
     # [s] measured: longest of a pinched fruit; in 400 runs crushed or torn fruits were pinched for
     # 0.4-0.8 s, 97 % of the others for less than 0.1 s
     pinched_time: float = 0.2
+    pull: float = 4.0  # [N] measured: of the way out along a stem, in the model
     lasting: float = 0.2  # [s] time in which a lasting force does not fall
     swallowed: float = 5.0  # harm of a swallowed neighbour or a missed target
     # measured: largest harm of a state; 9 % of paths harmed, 13 % without a largest

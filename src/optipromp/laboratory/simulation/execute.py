@@ -201,18 +201,20 @@ def go_on(
     in the tool. No leg is executed after a reach that did not pick it. A leg whose plan failed is
     executed with ``failed_leg`` only; without it the run ends before that leg. The target is
     *placed* where its centre is within ``thresholds.placed`` of its place at the end of the carry.
+    Without a place, the pick ends with the retreat.
     """
-    slower, done = 1.0 / simulation.parameters.control.speed, replace(outcome, placed=False)
+    placed = None if picked.reach.scene.place is None else False
+    slower, done = 1.0 / simulation.parameters.control.speed, replace(outcome, placed=placed)
     if outcome.success and outcome.picked is not False:
         simulation.grip()
         for name in AFTER:
             leg = picked.legs.get(name)
             if leg is not None and (leg.success or failed_leg):
                 rollout, outcome = simulation.follow(leg.trajectory.slowed(slower))
-        done = replace(outcome, placed=False)
-    if not picked.success:
+        done = replace(outcome, placed=placed)
+    if placed is not None and not picked.success:
         return rollout, _unplaced(done, f"of the plan, {picked.message} ({picked.status})")
-    if not done.success:
+    if not done.success or placed is None:
         return rollout, done
     off, limit = _off(picked, rollout), simulation.parameters.thresholds.placed
     if off is None:
@@ -229,6 +231,8 @@ def bring(
 ) -> tuple[Rollout, Outcome, Picked | None]:
     """Retreat and carry after a reach in closed loop, in the scene as it is tracked by then.
 
+    Without a place the arm leaves by the retreat of least harm, whatever its harm.
+
     ``simulation``: at the end of the reach. ``controller``: at the end of the reach. ``q``: (k, n)
     commanded configurations of the reach from its last plan on. ``done``: records and judgement of
     the reach.
@@ -236,8 +240,9 @@ def bring(
     Returns: Records and judgement of the whole, and the pick; None where the reach did not succeed.
     """
     rollout, outcome = done
+    leaves = controller.scene.place is None
     if not (outcome.success and controller.plans):
-        return rollout, replace(outcome, placed=False), None
+        return rollout, replace(outcome, placed=None if leaves else False), None
     made, robot = controller.plans[-1], controller.robot
     tracked = controller.tracker.at(simulation.time)
     seen = target_row(tracked) is not None
@@ -251,8 +256,10 @@ def bring(
     try:
         picked = after(reach)
     except OptiPrompError as error:
+        if leaves:
+            return rollout, outcome, None
         return rollout, _unplaced(outcome, f"no way to the place: {error.message}"), None
-    return *go_on(simulation, picked, rollout, outcome), picked
+    return *go_on(simulation, picked, rollout, outcome, failed_leg=leaves), picked
 
 
 def _unplaced(outcome: Outcome, why: str) -> Outcome:

@@ -44,7 +44,7 @@ class Loop:
         trace: see :class:`Trace`.
         controller: with its events and its tracker.
         detector: the camera.
-        picked: reach, retreat and carry, of a scene with a place whose reach succeeded.
+        picked: reach, retreat and, in a scene with a place, carry after a reach that succeeded.
     """
 
     run: Run
@@ -66,8 +66,8 @@ def closed_loop(
 ) -> Loop:
     """Let the controller pick in the simulation until it ends, and judge what happened.
 
-    In a scene with a place, retreat and carry of :func:`optipromp.plan_pick` follow, planned from
-    where the arm is by then and executed without looks.
+    After a pick, the retreat of :func:`optipromp.plan_pick` follows, in a scene with a place the
+    carry, too, planned from where the arm is by then and executed without looks.
 
     Args:
         simulation: of the true scene, with its disturbances.
@@ -112,7 +112,7 @@ def closed_loop(
             break
     moved = simulation.time
     outcome, rollout, picked = simulation.outcome(), simulation.rollout(moved), None
-    if simulation.scene.place is not None:
+    if outcome.picked is not None and controller.robot.tool is not None:
         set_out = max((e.time for e in controller.events if e.stage is LoopStage.GO), default=0.0)
         q = rollout.reference[rollout.times >= set_out]
         q = np.vstack([q, simulation.reference.q])

@@ -210,12 +210,12 @@ class Simulation:
         The fingers of a hand hold without a contact from then on: how hard they press is theirs.
 
         Raises:
-            InvalidRequestError: the scene has no place to which the tool brings the target.
+            InvalidRequestError: the scene has no target, or the robot no tool.
         """
         run, world = self._run, self._world
         target = next((fruit for fruit in world.shown if fruit.role == "target"), None)
-        if self.scene.place is None or target is None or self.robot.tool is None:
-            raise InvalidRequestError(f"{self.scene.name} has no place, target or tool: no grip")
+        if target is None or self.robot.tool is None:
+            raise InvalidRequestError(f"{self.scene.name} has no target or tool: no grip")
         run.stems.cut(run.data, target)
         weld, tool = run.model.equality(GRIP).id, run.model.body("tool").id
         turn = run.data.xmat[tool].reshape(3, 3)

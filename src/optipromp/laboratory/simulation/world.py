@@ -449,9 +449,9 @@ GRIP = "grip"
 
 
 def add_grip(spec: Any, scene: Scene, robot: Robot) -> None:
-    """Add the weld, which does not hold yet, after those of the stems; for a scene with a place."""
+    """Add the weld, which does not hold yet, after those of the stems; for a tool and a target."""
     mujoco = engine()
-    if scene.place is None or robot.tool is None or scene.target is None:
+    if robot.tool is None or scene.target is None:
         return
     spec.add_equality(
         name=GRIP, type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY, name1="tool",

@@ -35,6 +35,7 @@ class Mouth(NamedTuple):
     ax: float = 0.0  # of blades: the direction of their width, which is across the opening
     ay: float = 0.0
     az: float = 0.0
+    rubbing: float = PUSH.swing.friction  # coefficient of friction on fruits
 
 
 class MouthPose(NamedTuple):

@@ -19,9 +19,9 @@ from optipromp.core.compiled import kernel
 from optipromp.core.geometry import signed_distance
 from optipromp.core.geometry.obstacles import Obstacles, near
 from optipromp.core.pushing.candidates import Candidates, Round, Schedule
-from optipromp.core.pushing.model import Moved, PushModel
+from optipromp.core.pushing.model import Continued, Moved, PushModel
 from optipromp.core.pushing.parameters import PUSH
-from optipromp.core.pushing.path import STEP, ToolPath, through
+from optipromp.core.pushing.path import STEP, ToolPath, length, through
 from optipromp.core.pushing.rules import (
     RULE,
     detection_variance,
@@ -53,6 +53,7 @@ from optipromp.core.scenes.scene import Scene, SceneObject
 
 HANGING = PUSH.hanging
 BEAM = PUSH.beam
+NEVER = 1 << 40  # the first point of the way out, of a motion that has none
 TOGETHER = 4  # states whose harm is computed between two steps of a plan that works in slices
 WEIGHT = 4  # of these states, in steps, measured: a step takes 1 ms in the median, 4 states 2 to 5
 NOTHING = Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
@@ -277,6 +278,7 @@ class Hanging(PushModel):
         self.states = HANGING.detected_states if detected else HANGING.states
         self.stems = sampled(fruits, self.searched, self.states, tuple(scene.up.tolist()))
         self._by: FloatArray | None = None  # (N, P, 3) drifts of the roots [m]
+        self._leaves = NEVER
         self.candidates = PathsPast(
             scene, neighbours, self.cup, (self.static, avoid), camera, gripper_radius, self.searched
         )
@@ -288,13 +290,13 @@ class Hanging(PushModel):
         every = HANGING.screened_every if states == 1 else HANGING.every
         told = states > self.searched
         some, motion = self._steps(self.searched if told else 0, states, points, axes, every)
-        hopeless = PUSH.harm.hopeless
+        hopeless, leaves = PUSH.harm.hopeless, self._leaves // every
         total, worst = 0.0, limit * states
         for first in range(0, states, TOGETHER):
             part = first, min(first + TOGETHER, states)
             total = summed_score(
                 some, self.count, part, *motion, self.cup, self.static, hopeless, worst, not told,
-                total,
+                leaves, total,
             )  # fmt: skip
             if not told and first == 0 and total >= hopeless:
                 return float(total)
@@ -306,7 +308,7 @@ class Hanging(PushModel):
     def led(self, state: int, points: FloatArray, axes: FloatArray) -> Led:
         """Effect of a motion of the tool on the fruits in one state."""
         one, motion = self._steps(state, 1, points, axes)
-        return led(one, *motion, self.cup, self.static)
+        return led(one, *motion, self.cup, self.static, self._leaves // HANGING.every)
 
     def drifting(self, by: Mapping[str, FloatArray]) -> Self:
         """See :class:`PushModel`."""
@@ -314,6 +316,12 @@ class Hanging(PushModel):
         still = np.zeros_like(next(iter(by.values())))
         moved._by = np.stack([by.get(fruit.id, still) for fruit in self.fruits])
         return moved
+
+    def leaving(self, first: int) -> Self:
+        """The model of motions whose points from the ``first`` on lead the tool out again."""
+        out = copy.copy(self)
+        out._leaves, out.cup = first, self.cup._replace(rubbing=PUSH.swing.leaving)
+        return out
 
     def clear(self, points: FloatArray, axes: FloatArray) -> bool:
         """See :class:`PushModel`; in any state."""
@@ -325,7 +333,7 @@ class Hanging(PushModel):
         told = range(self.searched, self.searched + min(self.states, HANGING.causes))
         worst = max(
             (self.led(state, points, axes) for state in told),
-            key=lambda push: score_of(*push.harm),
+            key=lambda push: score_of(*push.harm) + push.pulls.max() / PUSH.harm.pull,
         )
         found = worst.harm
         names = [fruit.id for fruit in self.fruits]
@@ -343,7 +351,8 @@ class Hanging(PushModel):
             place = "between the blades" if self.cup.cut else "inside"
             return names[0], f"is not {place} at the end"
         on_fruit, on_stem = worst.on_fruits, worst.on_stems
-        on_fruit[0] = 0.0  # the force on the target is a separate part of the harm
+        if self._leaves == NEVER:  # the force on the target is a separate part of the harm
+            on_fruit[0] = 0.0
         crushed = int(np.argmax(on_fruit))
         parts = (
             ("stem", int(np.argmax(on_stem)), "has its stem pressed by {:.1f} N"),
@@ -356,6 +365,9 @@ class Hanging(PushModel):
             return float(score_of(*NOTHING._replace(**{item[0]: getattr(found, item[0])})))
 
         part, k, what = max(parts, key=alone)
+        if worst.pulls.max() / PUSH.harm.pull > alone((part, k, what)):
+            k = int(worst.pulls.argmax())
+            return names[k], f"is pulled along its stem by {worst.pulls[k]:.1f} N on the way out"
         return names[k], what.format(getattr(found, part))
 
     def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
@@ -385,6 +397,35 @@ class Hanging(PushModel):
         if self._by is not None:
             some = some._replace(drift=np.tile(self._by[:, chosen], (states, 1, 1)))
         return some, (points[chosen], axes[chosen], every * STEP / HANGING.model_speed)
+
+
+class Leaving(Continued):
+    """The push model of a way out after a push: on it, pulls along the stems are harm, too.
+
+    ``model``: of the scene before the push. ``points``, ``axes``: (P, 3) of the tool on its way in.
+    """
+
+    def __init__(self, model: Hanging, points: FloatArray, axes: FloatArray) -> None:
+        super().__init__(model, points, axes)
+        self._model, self._length = model, length(points)
+
+    def _out(self, points: FloatArray, axes: FloatArray) -> tuple[Hanging, FloatArray, FloatArray]:
+        """The model that knows where the way out begins, and the whole motion."""
+        whole, turned = self._whole(points, axes)
+        share = self._length / max(length(whole), 1e-9)
+        return self._model.leaving(round(share * (len(whole) - 1))), whole, turned
+
+    def harm(
+        self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
+    ) -> float:
+        """See :class:`PushModel`; of the whole motion."""
+        model, *motion = self._out(points, axes)
+        return model.harm(*motion, states, limit)
+
+    def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
+        """See :class:`PushModel`; of the whole motion."""
+        model, *motion = self._out(points, axes)
+        return model.cause(*motion)
 
 
 def _hanging(

@@ -59,6 +59,7 @@ from optipromp.core.pushing.stems.cup import (
     ABOVE,
     Mouth,
     MouthPose,
+    fruit_gap,
     in_cup,
     inside_cup,
     stem_gap,
@@ -67,6 +68,7 @@ from optipromp.core.pushing.stems.cup import (
 from optipromp.core.pushing.stems.harm import Harm, score_of
 
 SWING, HARM = PUSH.swing, PUSH.harm
+TOUCHES = 1e-3  # [m] gap below which the force on a fruit is the cup's: contacts press fruits apart
 
 
 class CupStep(NamedTuple):
@@ -140,7 +142,7 @@ def relax(s, f, c, d, step, solid, look):
                 continue
             most = SWING.skin_friction * hard
             if kind == ON_CUP:
-                most, f.pressed[i] = SWING.friction * f.earlier[i], hard
+                most, f.pressed[i] = cup.rubbing * f.earlier[i], hard
             elif kind == STEM_ON_CUP:
                 most = SWING.stem_friction * hard
             if most > 0.0:
@@ -441,12 +443,17 @@ class Led(NamedTuple):
     positions: FloatArray  # (P, N, 3) of the fruits after each step [m]
     on_fruits: FloatArray  # (N,) largest force on each fruit [N]
     on_stems: FloatArray  # (N,) largest lasting force (least within HARM.lasting) on each stem [N]
+    pulls: FloatArray  # (N,) largest pull on each fruit on the way out [N], see :func:`pulled`
 
 
 def led(
-    s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Mouth, solid: Obstacles
-) -> Led:
-    """Effect of the cup along a path (arguments of :func:`push`); the first fruit is the target."""
+    s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Mouth, solid: Obstacles,
+    leaves: int,
+) -> Led:  # fmt: skip
+    """Effect of the cup along a path (arguments of :func:`push`); the first fruit is the target.
+
+    ``leaves``: first step of the way out.
+    """
     steps, count = len(points), len(s.root)
     positions, so_far = np.zeros((steps, count, 3)), np.zeros(5)
     forces, stem_forces = np.zeros((steps, count)), np.zeros((steps, count))
@@ -455,13 +462,18 @@ def led(
     end = MouthPose(*points[-1], *axes[-1])
     rx, ry, rz = s.root[0]
     missed = cup.inner > 0.0 and not taken(x, y, z, rx, ry, rz, end, cup)
+    pulls = np.zeros(count)
+    pulled(s, positions, forces, points, axes, cup, leaves, steps, pulls)
     stem, fruit, target, within, pinched = so_far.tolist()
+    if leaves < steps:
+        fruit, target, missed = max(fruit, float(forces[:, 0].max())), 0.0, False
     held = sliding_window_view(stem_forces, min(math.ceil(HARM.lasting / dt), steps), axis=0)
     return Led(
         Harm(stem, fruit, target, within, pinched, missed),
         positions,
         forces.max(axis=0),
         held.min(axis=-1).max(axis=0),
+        pulls,
     )
 
 
@@ -477,19 +489,43 @@ def steps_inside(
 
 
 @kernel
-def summed_score(s, count, states, points, axes, dt, cup, solid, hopeless, worst, seen, total):
+def pulled(s, positions, forces, points, axes, cup, first, end, pulls):
+    """Largest pull of the cup on each fruit away from its root, in the steps ``first`` to ``end``.
+
+    ``positions`` (P, N, 3), ``forces`` (P, N): as :func:`push` returns them; the other arguments as
+    there. ``pulls``: (N,) out [N]. The floor of a cup that leaves draws fruits along their stems.
+    """
+    pulls[:] = 0.0
+    for p in range(first, end):
+        at = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
+        for i in range(len(s.root)):
+            if forces[p, i] <= pulls[i]:
+                continue
+            x, y, z = positions[p, i, 0], positions[p, i, 1], positions[p, i, 2]
+            gap, n0, n1, n2 = fruit_gap(x, y, z, s.radius[i], at, cup)
+            if gap > TOUCHES:
+                continue
+            x, y, z = x - s.root[i, 0], y - s.root[i, 1], z - s.root[i, 2]
+            along = (n0 * x + n1 * y + n2 * z) / math.sqrt(x * x + y * y + z * z)
+            pulls[i] = max(pulls[i], forces[p, i] * along)
+
+
+@kernel
+def summed_score(
+    s, count, states, points, axes, dt, cup, solid, hopeless, worst, seen, leaves, total
+):
     """Sum of the scores of a path over sampled states of the same fruits.
 
     ``s``: the stems, one state after the other. ``count``: number of fruits in a state. ``states``:
     the first state of the sum, and the last plus one. ``points``: see :func:`push`, as for the
     arguments up to ``solid``. ``hopeless``: largest score of a single state. ``worst``: largest sum
     of interest; a larger sum may be returned as any number above it. ``seen``: whether the first
-    state is the perceived one; a hopeless perceived state ends the sum. ``total``: the sum over the
-    states before.
+    state is the perceived one; a hopeless perceived state ends the sum. ``leaves``: first step of
+    the way out, in which a pull counts (:func:`pulled`). ``total``: the sum over the states before.
     """
     steps = len(points)
     positions, forces = np.zeros((steps, count, 3)), np.zeros((steps, count))
-    stem_forces, h = np.zeros((steps, count)), np.zeros(5)
+    stem_forces, h, pulls = np.zeros((steps, count)), np.zeros(5), np.zeros(count)
     p = steps - 1
     end = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
     for d in range(*states):
@@ -507,7 +543,12 @@ def summed_score(s, count, states, points, axes, dt, cup, solid, hopeless, worst
         x, y, z = positions[p, 0, 0], positions[p, 0, 1], positions[p, 0, 2]
         rx, ry, rz = s.root[low, 0], s.root[low, 1], s.root[low, 2]
         missed = done < steps or (cup.inner > 0.0 and not taken(x, y, z, rx, ry, rz, end, cup))
-        total += min(score_of(h[0], h[1], h[2], h[3], h[4], missed), hopeless)
+        score = score_of(h[0], h[1], h[2], h[3], h[4], missed)
+        if leaves < done:  # the first fruit is as any other
+            pulled(one, positions, forces, points, axes, cup, leaves, done, pulls)
+            crushed = max(h[1], forces[:done, 0].max())
+            score = score_of(h[0], crushed, 0.0, h[3], h[4], False) + pulls.max() / HARM.pull
+        total += min(score, hopeless)
         if seen and d == 0 and total >= hopeless:
             return total
         if total > worst:
