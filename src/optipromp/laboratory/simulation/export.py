@@ -224,7 +224,7 @@ def stem_mjcf(
     spec.modelname, spec.compiler.degree = fruit.id, False
     spec.option.timestep = calm.engine.timestep
     spec.option.gravity = -calm.engine.gravity * up
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
     bends = dict(relaxed(spec, add_fruit(spec, fruit, calm, 0, 1, up)))
     for geom in spec.geoms:
         geom.contype = geom.conaffinity = 1
