@@ -375,6 +375,7 @@ def _add_chain(
     mujoco = engine()
     p, nodes, masses = parameters.stem, chain.nodes, chain.masses
     bends = _bends(np.linalg.norm(np.diff(nodes, axis=0), axis=1))
+    lag = max(p.damping_time - parameters.engine.timestep, 0.0)  # MuJoCo adds the stiffness x step
     body, before = spec.worldbody, np.zeros(3)
     if grows_from is not None:
         body, before = spec.body(grows_from[0]), grows_from[1]
@@ -386,7 +387,7 @@ def _add_chain(
             name=f"bend:{key}:{k}", type=mujoco.mjtJoint.mjJNT_BALL, armature=p.armature
         )
         joint.stiffness[0] = stiffness / bend
-        joint.damping[0] = p.damping_time * stiffness / bend + (p.swing_damping if k == 0 else 0.0)
+        joint.damping[0] = lag * stiffness / bend + (p.swing_damping if k == 0 else 0.0)
         body.add_geom(
             name=f"stem:{key}:{k}", type=mujoco.mjtGeom.mjGEOM_CAPSULE,
             size=[stem.radius, 0.0, 0.0], fromto=[0.0, 0.0, 0.0, *(nodes[k + 1] - nodes[k])],
