@@ -165,16 +165,18 @@ def pushed_fruit(stiffness, length, mass, lean, lag, push, steps):
     return np.array(out)
 
 
-@settings(max_examples=10, deadline=None, derandomize=True, phases=[Phase.generate])
+@settings(max_examples=12, deadline=None, derandomize=True, phases=[Phase.generate])
 @given(
-    st.floats(-4.0, 1.0), st.floats(0.05, 0.25), st.floats(0.01, 0.04), st.floats(0.0, 50.0),
-    st.sampled_from([0.01, 0.03, 0.06]),
+    st.sampled_from([1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 0.1, 1.0]), st.floats(0.05, 0.25),
+    st.floats(0.01, 0.04), st.floats(0.0, 50.0), st.sampled_from([0.01, 0.03, 0.06]),
 )  # fmt: skip
-def test_a_fruit_that_is_pushed_and_released_swings_as_on_a_beam(exponent, length, mass, lean, lag):
-    """Frequency and decay, on stems from soft ones to wood."""
+def test_a_fruit_that_is_pushed_and_released_swings_as_on_a_beam(
+    stiffness, length, mass, lean, lag
+):
+    """Frequency and decay, on stems from soft ones to wood (10 GPa, 6.7 mm thick)."""
     weight = mass * 9.81
     needed = weight * np.sin(np.radians(lean)) * length * (length + RADIUS)
-    stiffness = max(10.0**exponent, needed)  # none that is taken for stiffer
+    stiffness = max(stiffness, needed)  # none that is taken for stiffer
     motion, force = beam(stiffness, length, mass, weight * np.cos(np.radians(lean)), lag)
     slowest = np.abs(np.linalg.eigvals(motion)).min()
     steps = int(max(6.0 / slowest, 0.05) / STEP)
