@@ -201,9 +201,9 @@ def stem_mjcf(
     Bodies are ``stem:ID:0`` and on from the root, and ``fruit:ID``, which has a free joint; ID is
     the fruit's id. Joints are ``bend:ID:0`` and on, and the weld is ``weld:ID``. A model of one's
     own attaches the file (``mjSpec.attach``) or includes it, and takes its time step of at most 2
-    ms and its integrator ``discrete`` (MuJoCo 3.13 or later): others let stiff stems shake. Geoms collide with all others. A stem that leans or is
-    bent has the keyframe ``start``, which holds the pose of ``fruit``. Begin with it: in MuJoCo's
-    own initial state the springs are at rest.
+    ms and its integrator ``discrete`` (MuJoCo 3.13 or later): others let stiff stems shake. Geoms
+    collide with all others. A stem that leans or is bent has the keyframe ``start``, which holds
+    the pose of ``fruit``. Begin with it: in MuJoCo's own initial state the springs are at rest.
 
     Args:
         fruit: with its stem. Of ``physical``, mass, density, friction and stem_stiffness count.
