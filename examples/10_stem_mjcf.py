@@ -21,7 +21,7 @@ try:
 
     from optipromp.laboratory.simulation import stem_mjcf
 
-    own = mujoco.MjSpec.from_string('<mujoco><option timestep="0.001" integrator="implicitfast"/>'
+    own = mujoco.MjSpec.from_string('<mujoco><option timestep="0.001" integrator="discrete"/>'
         '<worldbody><geom type="plane" size="1 1 1"/></worldbody></mujoco>')  # fmt: skip
     for k in range(3):  # a row of three
         frame = own.worldbody.add_frame(pos=[0.0, 0.1 * k, 0.0])

@@ -187,8 +187,9 @@ def retreat(reach: Plan) -> Plan:
             assert best is not None  # the first retreat is always proposed
             if best[0][:2] == IDEAL[:2]:
                 break
-        if best[1].success and best[0][:2] == IDEAL[:2]:
+        if best is not None and best[1].success and best[0][:2] == IDEAL[:2]:
             break
+    assert best is not None
     return replace(best[1], time={"total": clock() - began})
 
 

@@ -4,11 +4,12 @@ import os
 import sys
 from dataclasses import dataclass
 from enum import IntFlag
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray
+from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError, installed_by
 from optipromp.core.geometry.shapes import (
     BOX,
@@ -100,6 +101,7 @@ GEOMS = {  # MuJoCo's geoms of the same sizes, by the kinds of shapes
     ELLIPSOID: "mjGEOM_ELLIPSOID",
 }
 MOST_PARTS = 3000  # geoms of one mesh or point cloud: a choice
+CACHED = 64  # shapes whose meshes and centres of mass are remembered: more than a scene has
 
 
 def add_shape(
@@ -130,8 +132,8 @@ def add_shape(
         points, radius = _thinned(shape)
         parts = [(kinds.mjGEOM_SPHERE, [radius, 0.0, 0.0], point) for point in points]
     else:
-        mesh = shape.mesh(FINE)
-        if is_convex(mesh):
+        mesh, convex = _solid(shape)
+        if convex:
             spec.add_mesh(
                 name=f"mesh:{name}",
                 uservert=mesh.vertices.ravel().tolist(),
@@ -143,6 +145,25 @@ def add_shape(
         add(part, size, name=f"{name}:{i}", pos=position + rotation @ at)
         for i, (part, size, at) in enumerate(parts)
     ]
+
+
+@lru_cache(CACHED)
+def _solid(shape: Shape) -> tuple[MeshShape, bool]:
+    """The mesh of a shape, and whether its convex hull is nearly the same."""
+    mesh = shape.mesh(FINE)
+    return mesh, is_convex(mesh)
+
+
+@lru_cache(CACHED)
+def mass_center(shape: Shape) -> FloatArray:
+    """Centre of mass (3,) of a body with the geoms of ``shape``, in the shape's frame [m]."""
+    if shape.measure.kind in GEOMS:
+        return frozen(np.zeros(3))
+    spec = engine().MjSpec()
+    body = spec.worldbody.add_body(name="body")
+    for geom in add_shape(spec, body, shape, "shape", np.eye(3), np.zeros(3)):
+        geom.mass = 1.0
+    return frozen(spec.compile().body("body").ipos)
 
 
 def _filling(shape: MeshShape) -> list[tuple[FloatArray, FloatArray]]:

@@ -206,9 +206,9 @@ def stem_mjcf(
     Bodies are ``stem:ID:0`` and on from the root, and ``fruit:ID``, which has a free joint; ID is
     the fruit's id. Joints are ``bend:ID:0`` and on, and the weld is ``weld:ID``. A model of one's
     own attaches the file (``mjSpec.attach``) or includes it, and takes its time step of at most 2
-    ms and its integrator ``implicitfast``. Geoms collide with all others. A stem that leans or is
-    bent has the keyframe ``start``, which holds the pose of ``fruit``. Begin with it: in MuJoCo's
-    own initial state the springs are at rest.
+    ms and its integrator ``discrete`` (MuJoCo 3.13 or later): others let stiff stems shake. Geoms
+    collide with all others. A stem that leans or is bent has the keyframe ``start``, which holds
+    the pose of ``fruit``. Begin with it: in MuJoCo's own initial state the springs are at rest.
 
     Args:
         fruit: with its stem. Of ``physical``, mass, density, friction and stem_stiffness count.
@@ -229,7 +229,7 @@ def stem_mjcf(
     spec.modelname, spec.compiler.degree = fruit.id, False
     spec.option.timestep = calm.engine.timestep
     spec.option.gravity = -calm.engine.gravity * up
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
     bends = dict(relaxed(spec, add_fruit(spec, fruit, calm, 0, 1, up)))
     for geom in spec.geoms:
         geom.contype = geom.conaffinity = 1

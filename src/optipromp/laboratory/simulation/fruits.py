@@ -14,7 +14,7 @@ from optipromp.core.robots.tool_protocol import quaternion
 from optipromp.core.scenes.scene import SceneObject, Stem
 from optipromp.core.scenes.trusses import nearest, parents_first
 from optipromp.laboratory.simulation.disturbances import add_carriage
-from optipromp.laboratory.simulation.engine import add_shape, engine, layers
+from optipromp.laboratory.simulation.engine import add_shape, engine, layers, mass_center
 from optipromp.laboratory.simulation.parameters import SimulationParameters, StemParameters
 
 
@@ -24,7 +24,7 @@ class StemChain(NamedTuple):
     nodes: FloatArray  # (N+1, 3) joints and the end at the fruit, root first [m]
     masses: FloatArray  # (N,) of the pieces [kg]
     fruit: float  # mass of the fruit [kg]
-    center: FloatArray  # (3,) of the fruit [m]
+    center: FloatArray  # (3,) of the fruit's mass [m]
     parent: str | None  # id of the object whose stem it grows from; None: it is rooted in the world
     link: int  # piece of that stem from which it grows
 
@@ -98,7 +98,9 @@ STEM_COLOUR = (0.30, 0.50, 0.18, 1.0)
 CAN_GAP = 1e-3  # [m] by which the capsule in a can is shorter than the can
 UNSEEN = (0.0, 0.0, 0.0, 0.0)  # colour
 WELD_TIME = 0.004  # [s] time constant of the joint between stem and fruit
-WELD_LEVER = 0.02  # [m] weighs angles against positions in that joint
+# [rad] turns of stems that stand still at rest, once their load goes. An elastic stem that holds a
+# load off the vertical falls over from 2.7 on, one that holds the bow of a thread from 60 on.
+STATED_TURN, BOW_TURN = 2.0, 20.0
 WELD_IMPEDANCE = [0.9999, 0.9999, 0.001, 0.5, 2.0]  # stiff: carries all but 1e-4 of a load at once
 
 
@@ -157,14 +159,11 @@ def add_fruit(
     gravity = -parameters.engine.gravity * up
     straight = chain_of(obj, obj.stem, parameters)
     chain = straight if bow is None else straight.bowed(bow)
-    bare, grown = _held(chain, mass, obj.position, gravity, truss)
-    stiffness = _stiffness(
-        obj,
-        straight.nodes,
-        _held(straight, mass, obj.position, gravity, truss)[1],
-        parameters.stem,
-        carries=truss is not None and truss.carries is not None,
-    )
+    bare, grown = _held(chain, gravity, truss)
+    load = _load(straight.nodes, _held(straight, gravity, truss)[1])
+    carries = truss is not None and truss.carries is not None
+    stiffness = _stiffness(obj, load, parameters.stem, carries=carries)
+    stiffness = max(stiffness, _load(chain.nodes, grown) / BOW_TURN)
     nodes = chain.nodes
     grows_from = None if truss is None else truss.grows_from
     if grows_from is None and (parameters.disturbance.in_motion or obj.course is not None):
@@ -176,8 +175,8 @@ def add_fruit(
         name1=f"stem:{key}:{len(nodes) - 2}", name2=f"fruit:{key}", active=True,
         solref=[WELD_TIME, 1.0], solimp=WELD_IMPEDANCE,
     )  # fmt: skip
-    lever = WELD_LEVER if parameters.stem.calyx == "rigid" else 0.0
-    weld.data = [*mouth, *[0.0] * 7, lever, *[0.0] * (len(weld.data) - 11)]
+    turns = 1.0 if parameters.stem.calyx == "rigid" else 0.0  # MuJoCo's torquescale
+    weld.data = [*mouth, *[0.0] * 7, turns, *[0.0] * (len(weld.data) - 11)]
     for k in range(len(nodes) - 1):
         spec.add_exclude(bodyname1=f"fruit:{key}", bodyname2=f"stem:{key}:{k}")
     force = obj.physical.get("abscission_force", parameters.stem.abscission_force)
@@ -188,7 +187,7 @@ def add_fruit(
 
 
 def _held(
-    chain: StemChain, mass: float, center: FloatArray, gravity: FloatArray, truss: Truss | None
+    chain: StemChain, gravity: FloatArray, truss: Truss | None
 ) -> tuple[FloatArray, FloatArray]:
     """Torques (N, 3) at the joints that hold a chain in place, without and with its fruit [N m]."""
     nodes = chain.nodes
@@ -197,7 +196,8 @@ def _held(
          for k, middle in enumerate(chain.middles)),
         np.zeros((len(nodes) - 1, 3)),
     )  # fmt: skip
-    grown = bare + holding(nodes, center[None], np.array([mass]), gravity, len(nodes) - 2)
+    fruit = np.array([chain.fruit])
+    grown = bare + holding(nodes, chain.center[None], fruit, gravity, len(nodes) - 2)
     if truss is not None and truss.carries is not None:
         bare, grown = bare + truss.carries, grown + truss.carries
     return bare, grown
@@ -311,7 +311,8 @@ def chain_of(obj: SceneObject, stem: Stem, parameters: SimulationParameters) -> 
     nodes, p = _nodes(obj, stem, parameters), parameters.stem
     pieces = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
     masses = p.density * np.pi / 4.0 * p.diameter**2 * pieces
-    return StemChain(nodes, masses, _mass(obj, parameters), obj.position, stem.parent, 0)
+    center = obj.position + obj.rotation @ mass_center(obj.shape)
+    return StemChain(nodes, masses, _mass(obj, parameters), center, stem.parent, 0)
 
 
 def _nodes(obj: SceneObject, stem: Stem, parameters: SimulationParameters) -> FloatArray:
@@ -344,21 +345,26 @@ def _bends(pieces: FloatArray) -> FloatArray:
     return bends * scale
 
 
-def _stiffness(
-    obj: SceneObject, nodes: FloatArray, grown: FloatArray, stem: StemParameters, *, carries: bool
-) -> float:
-    r"""EI of a stem [N m²]: the object's, else the larger of the modulus's and the pose's.
+def _load(nodes: FloatArray, grown: FloatArray) -> float:
+    r"""Load of a chain :math:`\sum_i |M_i| l_i` [N m² rad].
 
-    A stem that holds moments :math:`M_i` at joints that stand for lengths :math:`l_i` turns by
-    :math:`\sum_i |M_i| l_i / EI` when they go. The pose implies an EI at which the stem turns by
-    ``stem.grown_turn``.
+    ``grown`` (N, 3) are the moments that hold it at its joints [N m], which stand for the lengths
+    :math:`l_i`. Over EI, it is the angle by which the stem turns once the moments go.
+    """
+    pieces = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
+    return float(np.linalg.norm(grown, axis=1) @ _bends(pieces))
+
+
+def _stiffness(obj: SceneObject, load: float, stem: StemParameters, *, carries: bool) -> float:
+    """EI of a stem [N m²]: the object's, else the modulus's; no less than its load needs.
+
+    ``load``: of the straight chain, see :func:`_load`. A stem of the modulus's EI turns by at most
+    ``stem.grown_turn`` once the load goes, one of the object's EI by :data:`STATED_TURN`.
     """
     if "stem_stiffness" in obj.physical:
-        return float(obj.physical["stem_stiffness"])
-    pieces = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
-    implied = float(np.linalg.norm(grown, axis=1) @ _bends(pieces)) / max(stem.grown_turn, 1e-6)
+        return max(float(obj.physical["stem_stiffness"]), load / STATED_TURN)
     thickness = stem.truss_diameter if carries else stem.diameter
-    return max(stem.bending_stiffness(thickness), implied)
+    return max(stem.bending_stiffness(thickness), load / max(stem.grown_turn, 1e-6))
 
 
 def _add_chain(
@@ -369,6 +375,7 @@ def _add_chain(
     mujoco = engine()
     p, nodes, masses = parameters.stem, chain.nodes, chain.masses
     bends = _bends(np.linalg.norm(np.diff(nodes, axis=0), axis=1))
+    lag = max(p.damping_time - parameters.engine.timestep, 0.0)  # MuJoCo adds the stiffness x step
     body, before = spec.worldbody, np.zeros(3)
     if grows_from is not None:
         body, before = spec.body(grows_from[0]), grows_from[1]
@@ -380,7 +387,7 @@ def _add_chain(
             name=f"bend:{key}:{k}", type=mujoco.mjtJoint.mjJNT_BALL, armature=p.armature
         )
         joint.stiffness[0] = stiffness / bend
-        joint.damping[0] = p.damping_time * stiffness / bend + (p.swing_damping if k == 0 else 0.0)
+        joint.damping[0] = lag * stiffness / bend + (p.swing_damping if k == 0 else 0.0)
         body.add_geom(
             name=f"stem:{key}:{k}", type=mujoco.mjtGeom.mjGEOM_CAPSULE,
             size=[stem.radius, 0.0, 0.0], fromto=[0.0, 0.0, 0.0, *(nodes[k + 1] - nodes[k])],

@@ -55,7 +55,7 @@ class StemParameters(Checked):
     segment_length: float = parameter(0.025, "m", "choice", "of one capsule of the chain")
     least_segments: int = parameter(3, "1", "choice", "of the shortest stem")
     most_segments: int = parameter(10, "1", "choice", "of the longest stem")
-    armature: float = parameter(2e-6, "kg m^2", "choice", "so that a step of 1 ms resolves a joint")
+    armature: float = parameter(2e-6, "kg m^2", "choice", "of each joint; stems are stable without")
     friction: float = parameter(0.3, "1", "guess", "green stem on plastics")
     abscission_force: float = parameter(
         5.0, "N", "reported", "pull along the stem that tears a fruit off; less if ripe or across"
@@ -119,7 +119,7 @@ class ControlParameters(Checked):
 class EngineParameters(Checked):
     """Settings of MuJoCo."""
 
-    timestep: float = parameter(0.001, "s", "choice", "of the integrator (implicitfast)")
+    timestep: float = parameter(0.001, "s", "choice", "of the integrator (discrete)")
     gravity: float = parameter(PUSH.beam.gravity, "m/s^2", "choice", "standard")
     settle: float = parameter(0.0, "s", "choice", "of simulation before the motion begins")
     iterations: int = parameter(30, "1", "choice", "most of the Newton solver a step")

@@ -230,7 +230,7 @@ class _Draft:
         option, p = spec.option, self.parameters.engine
         option.timestep = p.timestep
         option.gravity = -p.gravity * self.scene.up
-        option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
         option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         option.solver = mujoco.mjtSolver.mjSOL_NEWTON
         option.iterations = int(p.iterations)

@@ -419,13 +419,13 @@ class Leaving(Continued):
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
         """See :class:`PushModel`; of the whole motion."""
-        model, *motion = self._out(points, axes)
-        return model.harm(*motion, states, limit)
+        model, points, axes = self._out(points, axes)
+        return model.harm(points, axes, states, limit)
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
         """See :class:`PushModel`; of the whole motion."""
-        model, *motion = self._out(points, axes)
-        return model.cause(*motion)
+        model, points, axes = self._out(points, axes)
+        return model.cause(points, axes)
 
 
 def _hanging(
