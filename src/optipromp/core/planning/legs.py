@@ -141,11 +141,16 @@ def after(reach: Plan, progress: Callable[[str], None] | None = None, **request:
         raise InvalidRequestError(f"{reach.robot.name} has no tool, which would hold the target")
     if reach.success:
         (progress or str)("retreat")
-        legs |= lifted(reach) if stands(reach.scene) else {RETREAT: retreat(reach)}
+        legs |= way_out(reach)
     if RETREAT in legs and legs[RETREAT].success and reach.scene.place is not None:
         scene, robot = carry_scene(legs)
         legs[CARRY] = plan(scene, progress=progress, **request | {"robot": robot})
     return Picked(legs)
+
+
+def way_out(reach: Plan) -> dict[str, Plan]:
+    """The legs by which the tool leaves the plant after a reach; see :func:`plan_pick`."""
+    return lifted(reach) if stands(reach.scene) else {RETREAT: retreat(reach)}
 
 
 def retreat(reach: Plan) -> Plan:
