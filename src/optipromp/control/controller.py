@@ -19,6 +19,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from optipromp.control.camera import CameraWatch
 from optipromp.control.driver import (
     Driver,
     Route,
@@ -26,6 +27,7 @@ from optipromp.control.driver import (
     changed,
     displaced,
     gave_way,
+    mouth_balls,
     outside,
     path_back,
     pushed_by,
@@ -121,6 +123,7 @@ class Controller:
     Attributes:
         stage: what the controller does now.
         events: all decisions so far.
+        noticed: what was noticed of the camera and of the target, each in the stage that it was in.
         cycles: wall time of each cycle [s].
         tracker: of the fruits.
         stiffness: what the pushes so far told of the stems.
@@ -145,7 +148,11 @@ class Controller:
         self.seed, self.parameters, self.servo = seed, parameters, servo
         self.scene = scene = tracked_at_most(scene, TrackerParameters.most)
         known = [item for item in scene.objects if item.role in ("target", "pushable")]
-        self.tracker = Tracker(scene, first=[with_covariance(item, parameters) for item in known])
+        self._camera = CameraWatch(self.robot, parameters)
+        self.tracker = Tracker(
+            scene, first=[with_covariance(item, parameters) for item in known], tool=self._mouth
+        )
+        self.noticed = list[Decision]()
         self.stage, self.events, self.cycles = LoopStage.LOOK, list[Decision](), list[float]()
         self.plans: list[Plan] = []
         self.stiffness = Stiffness.prior()
@@ -163,6 +170,8 @@ class Controller:
         self._learnt_at = np.full(3, np.inf)  # tool point of the last observation of the stems
         self._views: list[FloatArray] | None = None  # that are left; None: none was needed
         self._trail: list[FloatArray] = []  # (k, n) configurations on the way from the camera
+        self._last = ""  # why there is no other try; empty: there may be one
+        self._target_at: tuple[float, FloatArray] | None = None  # time, place (3,) of its detection
 
     def see(self, look: Look) -> None:
         """Take a look in; looks may come late and out of order.
@@ -197,17 +206,16 @@ class Controller:
         """
         began = wall.perf_counter()
         self._driver.stands_at(reference.q)
+        self._camera.follow(time, measured.q)
         due = [look for look in self._inbox if look.time <= time]
         self._inbox = [look for look in self._inbox if look.time > time]
         for look in due:
-            pushed = self._pushed(look.time)
-            self.tracker.add(look, pushed)
-            self._learn(look, pushed)
-            self._eye = look.camera.position
-            self._seen += look.time >= self._since
+            self._take(look, time)
         tracked = self.tracker.at(time)
         made = None
-        if self.stage is LoopStage.LOOK:
+        if why := self._trouble(time):
+            made = self._break_off(time, tracked, why)
+        elif self.stage is LoopStage.LOOK:
             made = self._look(time, tracked)
         elif self.stage is LoopStage.GO:
             made = self._go(time, tracked)
@@ -217,6 +225,70 @@ class Controller:
             made = self._driver.stand(time + self.parameters.lead)
         self.cycles.append(wall.perf_counter() - began)
         return made
+
+    # -- looks
+
+    def _take(self, look: Look, now: float) -> None:
+        """Fold a look in, if it tells anything."""
+        pushing = self._at_camera and self.stage is not LoopStage.LOOK
+        seen = self._camera.checked(look, still=not pushing and self.stage is not LoopStage.RETREAT)
+        while self._camera.news:
+            self._notice(now, self._camera.news.pop(0))
+        if seen is None:
+            return
+        pushed = self._pushed(seen.time)
+        self._eye = seen.camera.position
+        if self._at_camera and self.servo and not self._last and self._falls(seen):
+            self._last = "the target falls: its stem broke"
+            self._notice(now, self._last)
+        self.tracker.add(seen, pushed)
+        self._learn(seen, pushed)
+        self._seen += seen.time >= self._since
+
+    def _notice(self, now: float, what: str) -> None:
+        self.noticed.append(Decision(now, self.stage, what))
+
+    def _mouth(self, time: float) -> FloatArray:
+        return mouth_balls(self.robot, self._camera.configuration(time), self._eye)
+
+    def _falls(self, look: Look) -> bool:
+        """Whether the look shows the target below its place, and faster down than a plant moves."""
+        p, up = self.parameters, self.scene.up
+        tracked = self.tracker.at(look.time)
+        row = target_row(tracked)
+        seen = [look.camera @ item.position for item in look.detections if item.role == "target"]
+        if row is None or not seen:
+            return False
+        expected, before = tracked.positions[row], self._target_at
+        place = min(seen, key=lambda at: float(np.linalg.norm(at - expected)))
+        self._target_at = look.time, place
+        if before is None or not 0.0 < look.time - before[0] < p.picture_still:
+            return False
+        drop = float((expected - place) @ up)
+        aside = float(np.linalg.norm(expected - place - drop * up))
+        speed = float((before[1] - place) @ up) / (look.time - before[0])
+        return speed > p.fall and drop > max(p.dropped, aside)
+
+    def _trouble(self, now: float) -> str:
+        """Why the arm must not go on; empty: it may."""
+        p, since = self.parameters, self._camera.standing
+        if self.ended or self.stage is LoopStage.RETREAT:
+            return ""
+        self._last = self._last or self._camera.refused
+        if self._last:
+            return self._last
+        watched = self.stage is LoopStage.GO and self._at_camera and self.servo
+        if watched and since is not None and now - since > p.picture_still:
+            return "the camera's pictures stand still"
+        return ""
+
+    def _break_off(self, now: float, tracked: Tracked, why: str) -> Stretch | None:
+        """Back out of the fruits; where the tool is outside of them, stand and give up."""
+        route, begins = self._driver.route, now + self.parameters.lead
+        if self.stage is LoopStage.GO and self._at_camera and route is not None and route.plan:
+            return self._retreat(now, tracked, self._driver.phase(begins), why)
+        self._enter(LoopStage.GAVE_UP, now, why)
+        return None if self._driver.rests(now) else self._driver.brake(begins)
 
     # -- stages: each gives the next stretch, or None
 
@@ -281,7 +353,9 @@ class Controller:
             if drive.safe(turn):
                 self._enter(LoopStage.GO, now, "the target is not seen: to another view")
                 return drive.set_out(Route.back(self.robot, turn, drive.still), now, tracked)
-        self._enter(LoopStage.GAVE_UP, now, "the target is not seen")
+        stands = self._camera.standing is not None
+        why = "the camera's pictures stand still" if stands else "the target is not seen"
+        self._enter(LoopStage.GAVE_UP, now, why)
         return None
 
     def _go(self, now: float, tracked: Tracked) -> Stretch | None:
@@ -310,6 +384,9 @@ class Controller:
             self._enter(LoopStage.DONE, now, "at the target")
             return drive.brake(begins)
         if self._at_camera and self.servo:
+            if target_row(tracked) is None:
+                why = "the target is no longer where it must be seen"
+                return self._retreat(now, tracked, phase, why)
             turn = self._watch(now, tracked, route.plan, phase)
             if turn is not None:
                 return turn
@@ -335,8 +412,8 @@ class Controller:
 
     def _again(self, now: float, why: str) -> None:
         """Look again, or give up after the last try."""
-        if self.tries <= 0:
-            self._enter(LoopStage.GAVE_UP, now, why)
+        if self.tries <= 0 or self._last:
+            self._enter(LoopStage.GAVE_UP, now, self._last or why)
             return
         self.tries -= 1
         self._enter(LoopStage.LOOK, now, why)

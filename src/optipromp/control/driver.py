@@ -243,6 +243,25 @@ def outside(robot: Robot, q: FloatArray, tracked: Tracked) -> bool:
     return aside > max(tool.mouth[1], 0.01) + spread or along > tool.depth + spread
 
 
+MOUTH = np.array([0.6, 1.2, 1.8])  # heights below the rim of balls of one radius: a choice
+
+
+def mouth_balls(robot: Robot, q: FloatArray, eye: FloatArray | None) -> FloatArray:
+    """Balls (B, 4) that fill the mouth of the tool at ``q`` (n,): centres and radii [m].
+
+    They hide what is inside from an ``eye`` (3,) beside the tool; none for one that looks out of
+    the mouth, or that is not known.
+    """
+    tool, none = robot.tool, np.zeros((0, 4))
+    if tool is None or tool.mouth[0] <= 0.0 or eye is None:
+        return none
+    point, axis = robot.tool_pose(q)
+    if float(np.linalg.norm(np.cross(eye - point, axis))) < tool.mouth[0]:
+        return none
+    along = tool.depth - MOUTH * tool.mouth[0]
+    return np.column_stack([point + along[:, None] * axis, np.full(len(MOUTH), tool.mouth[0])])
+
+
 def unseen(tracked: Tracked, eye: FloatArray, since: float) -> dict[str, str | None]:
     """The confirmed fruits that no look has shown ``since`` a time [s], and what hides each.
 

@@ -192,6 +192,9 @@ class DisturbanceParameters(Checked):
     command_delay: float = parameter(
         0.0, "s", "choice", "of references to the joints; cells: 0-20 ms"
     )
+    breaks: float = parameter(
+        0.0, "m", "choice", "distance of the tool point at which the target's stem breaks; 0: never"
+    )
 
     @property
     def in_motion(self) -> bool:
