@@ -160,7 +160,7 @@ class CameraWatch:
 
     def configuration(self, time: float) -> FloatArray:
         """(n,) where the arm was at a ``time`` [s]; the first or last known before or after."""
-        return self._configurations(np.array([time]))[0]
+        return np.asarray(self._configurations(np.array([time]))[0])
 
     def checked(self, look: Look, still: bool) -> Look | None:
         """The look with the time and the pose of its exposure; None: it tells nothing.
@@ -215,7 +215,7 @@ class CameraWatch:
                 return
         places = np.array([item.position for item in look.detections]).reshape(-1, 3)
         self._samples = [*self._samples, _Sample(look.time, look.camera, places, self._same(look))]
-        oldest = look.time - self._p.remembered + self._p.stamp_most
+        oldest = look.time - self._p.remembered + 2.0 * self._p.stamp_most
         self._samples = [one for one in self._samples[-LOOKS:] if one.time >= oldest]
         seen = np.array([sample.camera.position for sample in self._samples])
         if np.ptp(seen, axis=0).max() < 2.0 * MOVED:
@@ -229,13 +229,13 @@ class CameraWatch:
         self, what: str, estimate: _Estimate, points: Callable[[float], FloatArray], owner: IntArray
     ) -> None:
         p = self._p
-        if not estimate.add(fitted(points, owner, p.stamp_most), p):
+        if not estimate.add(fitted(points, owner, 2.0 * p.stamp_most), p):
             return
         by = estimate.shift
         words = f"{1e3 * abs(by):.0f} ms {'early' if by > 0.0 else 'late'}"
         told = f"stamps are {words}, by the {what}" if by else f"stamps are right, by the {what}"
-        if abs(by) >= 0.99 * p.stamp_most:
-            self.refused = f"{told}, or more: synchronise the camera's clock"
+        if abs(by) > p.stamp_most:
+            self.refused = f"{told}, more than is corrected: synchronise the camera's clock"
         elif estimate.adopted > p.stamp_changes:
             self.refused = f"{told}, and were otherwise before: synchronise the camera's clock"
         else:

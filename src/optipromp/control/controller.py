@@ -188,6 +188,11 @@ class Controller:
         self._force = np.asarray(force, dtype=np.float64)
 
     @property
+    def history(self) -> list[Decision]:
+        """Decisions and what was noticed, in order of time."""
+        return sorted([*self.noticed, *self.events], key=lambda item: item.time)
+
+    @property
     def ended(self) -> bool:
         """Whether the controller is done with the pick, or gave up."""
         return self.stage in (LoopStage.DONE, LoopStage.GAVE_UP)
@@ -230,7 +235,7 @@ class Controller:
 
     def _take(self, look: Look, now: float) -> None:
         """Fold a look in, if it tells anything."""
-        pushing = self._at_camera and self.stage is not LoopStage.LOOK
+        pushing = self._at_camera and self.stage is LoopStage.GO
         seen = self._camera.checked(look, still=not pushing and self.stage is not LoopStage.RETREAT)
         while self._camera.news:
             self._notice(now, self._camera.news.pop(0))
@@ -238,7 +243,7 @@ class Controller:
             return
         pushed = self._pushed(seen.time)
         self._eye = seen.camera.position
-        if self._at_camera and self.servo and not self._last and self._falls(seen):
+        if pushing and self.servo and not self._last and self._falls(seen):
             self._last = "the target falls: its stem broke"
             self._notice(now, self._last)
         self.tracker.add(seen, pushed)
