@@ -30,6 +30,7 @@ CHAIN = 0.02  # [m] of the same thing between two looks, by stamps that err: a c
 MOVED = 0.005  # [m] of the camera between two looks that are compared: a choice
 STANDING = 0.2  # [s] between two such looks of a camera that stands: a choice
 LOOKS = 25  # that are compared: a choice, a fit of 8 fruits takes 2 ms
+POSES_MOST = 1.0  # [s] of a shift by the poses, which the arm's own motion tells exactly: a choice
 AGREE = 3  # successive fits that must agree: a choice
 
 
@@ -220,23 +221,25 @@ class CameraWatch:
         seen = np.array([sample.camera.position for sample in self._samples])
         if np.ptp(seen, axis=0).max() < 2.0 * MOVED:
             return  # a camera that stands tells nothing of its stamps
-        self._fit("poses", self._poses, self._hands, np.zeros(len(self._samples), dtype=np.int64))
+        one = np.zeros(len(self._samples), dtype=np.int64)
+        self._fit("poses", self._poses, self._hands, one, POSES_MOST)
         things = np.concatenate([sample.things for sample in self._samples])
         if len(things):
-            self._fit("pictures", self._pictures, self._bases, things)
+            self._fit("pictures", self._pictures, self._bases, things, self._p.stamp_most)
 
     def _fit(
-        self, what: str, estimate: _Estimate, points: Callable[[float], FloatArray], owner: IntArray
-    ) -> None:
-        p = self._p
-        if not estimate.add(fitted(points, owner, 2.0 * p.stamp_most), p):
+        self, what: str, estimate: _Estimate, points: Callable[[float], FloatArray],
+        owner: IntArray, most: float,
+    ) -> None:  # fmt: skip
+        """Fit a shift, and adopt, tell or refuse it; ``most``: largest that is corrected [s]."""
+        if not estimate.add(fitted(points, owner, 2.0 * most), self._p):
             return
         by = estimate.shift
         words = f"{1e3 * abs(by):.0f} ms {'early' if by > 0.0 else 'late'}"
         told = f"stamps are {words}, by the {what}" if by else f"stamps are right, by the {what}"
-        if abs(by) > p.stamp_most:
+        if abs(by) > most:
             self.refused = f"{told}, more than is corrected: synchronise the camera's clock"
-        elif estimate.adopted > p.stamp_changes:
+        elif estimate.adopted > self._p.stamp_changes:
             self.refused = f"{told}, and were otherwise before: synchronise the camera's clock"
         else:
             told += "; they are corrected" if by else ""
