@@ -23,7 +23,7 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.pose import Pose
 
 STEP = 0.005  # [s] of the numerical derivative by the shift: a choice
-ROUNDS = 6  # of Gauss and Newton: a choice, the residuals are nearly linear in the shift
+ROUNDS = 3  # of Gauss and Newton: a choice, the residuals are nearly linear in the shift
 FLOOR = 0.001  # [m] least deviation of a residual, so that an exact fit has an error: a choice
 OUTLYING = 3.0  # residual over the median from which a detection counts as another thing's: choice
 CHAIN = 0.02  # [m] of the same thing between two looks, by stamps that err: a choice
@@ -43,13 +43,16 @@ class Fit:
     share: float
 
 
-def fitted(points: Callable[[float], FloatArray], owner: IntArray, most: float) -> Fit:
+def fitted(
+    points: Callable[[float], FloatArray], owner: IntArray, most: float, begin: float = 0.0
+) -> Fit:
     """The shift with which points of each owner are nearest to each other.
 
     Args:
         points: of a shift [s]: (N, 3) places [m]; rows that are not known are NaN.
         owner: (N,) which thing each place is of.
         most: largest shift [s].
+        begin: a shift to begin with [s].
     """
     rows = owner[:, None] == np.unique(owner)
     enough = rows @ rows.sum(axis=0) > 2
@@ -63,16 +66,16 @@ def fitted(points: Callable[[float], FloatArray], owner: IntArray, most: float) 
         ]
         return np.where(used[:, None], values - rows @ means, 0.0)
 
-    shift, square = 0.0, 0.0
+    shift, square = begin, 0.0
     for k in range(ROUNDS):
-        before, now, after = (points(shift + by) for by in (-STEP, 0.0, STEP))
-        used = enough & np.isfinite(after + before + now).all(axis=1)
+        before, now = points(shift - STEP), points(shift)
+        used = enough & np.isfinite(before + now).all(axis=1)
         if used.sum() < 4:
             return Fit(0.0, np.inf, 0.0)
-        if 2 * k >= ROUNDS:  # before, a shift makes more of a difference than another thing
+        if k > 0:  # before, a shift makes more of a difference than another thing
             rest = lengths(spread(now))
             used &= rest <= OUTLYING * np.median(rest[used]) + FLOOR
-        slope, off = spread((after - before) / (2.0 * STEP)), spread(now)
+        slope, off = spread((now - before) / STEP), spread(now)
         square = float((slope**2).sum())
         if square <= 0.0:
             return Fit(0.0, np.inf, 0.0)
@@ -101,12 +104,14 @@ class _Estimate:
         self.shift, self.adopted = 0.0, 0
         self._error = np.inf
         self._fits: list[float] = []
+        self.last = 0.0  # shift of the last fit that counted [s]
 
     def add(self, fit: Fit, p: LoopParameters) -> bool:
         """Take in a fit; whether another shift is adopted."""
         sure = fit.error <= p.stamp_error and (abs(fit.shift) < p.stamp or fit.share >= p.explained)
         if not sure:
             return False
+        self.last = fit.shift
         wanted = fit.shift if abs(fit.shift) >= p.stamp else 0.0
         if abs(wanted - self.shift) < p.stamp:
             self._fits = []
@@ -221,18 +226,19 @@ class CameraWatch:
         seen = np.array([sample.camera.position for sample in self._samples])
         if np.ptp(seen, axis=0).max() < 2.0 * MOVED:
             return  # a camera that stands tells nothing of its stamps
-        one = np.zeros(len(self._samples), dtype=np.int64)
-        self._fit("poses", self._poses, self._hands, one, POSES_MOST)
+        if self._poses.shift != 0.0 or np.nanstd(self._hands(0.0), axis=0).max() > FLOOR:
+            one = np.zeros(len(self._samples), dtype=np.int64)
+            self._fit("poses", self._poses, self._hands, one, POSES_MOST)
         things = np.concatenate([sample.things for sample in self._samples])
         if len(things):
-            self._fit("pictures", self._pictures, self._bases, things, self._p.stamp_most)
+            self._fit("pictures", self._pictures, self._bases(), things, self._p.stamp_most)
 
     def _fit(
         self, what: str, estimate: _Estimate, points: Callable[[float], FloatArray],
         owner: IntArray, most: float,
     ) -> None:  # fmt: skip
         """Fit a shift, and adopt, tell or refuse it; ``most``: largest that is corrected [s]."""
-        if not estimate.add(fitted(points, owner, 2.0 * most), self._p):
+        if not estimate.add(fitted(points, owner, 2.0 * most, estimate.last), self._p):
             return
         by = estimate.shift
         words = f"{1e3 * abs(by):.0f} ms {'early' if by > 0.0 else 'late'}"
@@ -268,16 +274,19 @@ class CameraWatch:
         seen = np.array([sample.camera.position for sample in self._samples])
         return np.asarray(np.einsum("sji,sj->si", turns, seen - origins))
 
-    def _bases(self, shift: float) -> FloatArray:
-        """(N, 3) places of all detections, of the arm ``shift`` after the stamps."""
+    def _bases(self) -> Callable[[float], FloatArray]:
+        """Of a shift: (N, 3) places of all detections, of the arm that long after the stamps."""
         times = np.array([sample.time for sample in self._samples]) + self._poses.shift
-        before, turned = self._links(times)
-        origins, turns = self._links(times + shift)
-        out = []
-        for k, sample in enumerate(self._samples):
-            here = sample.places @ sample.camera.rotation.T + sample.camera.position
-            out.append((here - before[k]) @ turned[k] @ turns[k].T + origins[k])
-        return np.concatenate(out)
+        origins, turns = self._links(times)
+        places = np.concatenate([one.camera @ one.places for one in self._samples])
+        row = np.repeat(np.arange(len(times)), [len(one.places) for one in self._samples])
+        local = np.einsum("nji,nj->ni", turns[row], places - origins[row])
+
+        def points(shift: float) -> FloatArray:
+            origins, turns = self._links(times + shift)
+            return np.asarray(np.einsum("nij,nj->ni", turns[row], local) + origins[row])
+
+        return points
 
     # -- the arm
 
