@@ -12,7 +12,8 @@ wrong: the pose was taken at the stamp. Both shifts are found by least squares o
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,13 +35,15 @@ POSES_MOST = 1.0  # [s] of a shift by the poses, which the arm's own motion tell
 AGREE = 3  # successive fits that must agree: a choice
 
 
-@dataclass(frozen=True)
-class Fit:
+class Fit(NamedTuple):
     """A shift [s], its standard deviation [s], and the share of the variance that it explains."""
 
     shift: float
     error: float
     share: float
+
+
+NO_FIT = Fit(0.0, np.inf, 0.0)
 
 
 def fitted(
@@ -61,9 +64,8 @@ def fitted(
     def spread(values: FloatArray) -> FloatArray:
         """The values (N, 3) less the mean of their owner; zero where not used."""
         own = rows & used[:, None]
-        means = (own.T @ np.where(used[:, None], values, 0.0)) / np.maximum(own.sum(axis=0), 1)[
-            :, None
-        ]
+        total = own.T @ np.where(used[:, None], values, 0.0)
+        means = total / np.maximum(own.sum(axis=0), 1)[:, None]
         return np.where(used[:, None], values - rows @ means, 0.0)
 
     shift, square = begin, 0.0
@@ -71,14 +73,14 @@ def fitted(
         before, now = points(shift - STEP), points(shift)
         used = enough & np.isfinite(before + now).all(axis=1)
         if used.sum() < 4:
-            return Fit(0.0, np.inf, 0.0)
+            return NO_FIT
         if k > 0:  # before, a shift makes more of a difference than another thing
             rest = lengths(spread(now))
             used &= rest <= OUTLYING * np.median(rest[used]) + FLOOR
         slope, off = spread((now - before) / STEP), spread(now)
         square = float((slope**2).sum())
         if square <= 0.0:
-            return Fit(0.0, np.inf, 0.0)
+            return NO_FIT
         shift = float(np.clip(shift - (slope * off).sum() / square, -most, most))
     count = max(3 * int(used.sum()) - 3 * rows.shape[1] - 1, 1)
     left = float((spread(points(shift)) ** 2).sum())
@@ -87,8 +89,7 @@ def fitted(
     return Fit(shift, float(error), 1.0 - left / first if first > 0.0 else 0.0)
 
 
-@dataclass(frozen=True, eq=False)
-class _Sample:
+class _Sample(NamedTuple):
     """A look by its stamp."""
 
     time: float  # [s]
@@ -102,27 +103,22 @@ class _Estimate:
 
     def __init__(self) -> None:
         self.shift, self.adopted = 0.0, 0
-        self._error = np.inf
         self._fits: list[float] = []
         self.last = 0.0  # shift of the last fit that counted [s]
 
     def add(self, fit: Fit, p: LoopParameters) -> bool:
         """Take in a fit; whether another shift is adopted."""
-        sure = fit.error <= p.stamp_error and (abs(fit.shift) < p.stamp or fit.share >= p.explained)
-        if not sure:
+        small = abs(fit.shift) < p.stamp
+        if fit.error > p.stamp_error or not (small or fit.share >= p.explained):
             return False
-        self.last = fit.shift
-        wanted = fit.shift if abs(fit.shift) >= p.stamp else 0.0
+        self.last, wanted = fit.shift, 0.0 if small else fit.shift
         if abs(wanted - self.shift) < p.stamp:
             self._fits = []
-            if self.shift != 0.0 and fit.error < self._error:
-                self.shift, self._error = wanted or self.shift, fit.error
             return False
         self._fits = [*self._fits, wanted][-AGREE:]
         if len(self._fits) < AGREE or np.ptp(self._fits) > p.stamp:
             return False
-        self.shift, self._error, self._fits = wanted, fit.error, []
-        self.adopted += 1
+        self.shift, self._fits, self.adopted = float(np.mean(self._fits)), [], self.adopted + 1
         return True
 
 
@@ -191,10 +187,8 @@ class CameraWatch:
             return False
         by = before.camera.inverse() @ look.camera
         turn = float(np.linalg.norm(by.rotation - np.eye(3))) / np.sqrt(2.0)
-        moved = (
-            float(np.linalg.norm(by.position)) > self._p.picture_moved
-            or turn > self._p.picture_turned
-        )
+        far = float(np.linalg.norm(by.position))
+        moved = far > self._p.picture_moved or turn > self._p.picture_turned
         if self.standing is None and moved:
             self.standing = look.time
             self.news.append("the camera's picture stands still while the camera moves")
@@ -209,7 +203,8 @@ class CameraWatch:
         if self._pictures.shift == 0.0:
             return replace(look, time=stamp)
         then = stamp + self._pictures.shift
-        before, after = self._frames(np.array([stamp, then]))
+        frames = self.robot.segment_frames(self._configurations(np.array([stamp, then])))
+        before, after = (Pose(place[-1], turn[-1]) for place, turn in zip(*frames, strict=True))
         return replace(look, time=then, camera=after @ (before.inverse() @ look.camera))
 
     def _judge(self, look: Look) -> None:
@@ -303,10 +298,6 @@ class CameraWatch:
         first, last = self._arm[0][0], self._arm[-1][0]
         places[(times < first - 1e-9) | (times > last + 1e-9)] = np.nan
         return places, turns[:, -1]
-
-    def _frames(self, times: FloatArray) -> list[Pose]:
-        origins, turns = self.robot.segment_frames(self._configurations(times))
-        return [Pose(place[-1], turn[-1]) for place, turn in zip(origins, turns, strict=True)]
 
 
 def _equal(one: Look, other: Look) -> bool:
