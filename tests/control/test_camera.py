@@ -161,8 +161,18 @@ def test_an_equal_picture_of_a_camera_that_stands_counts(scene: Scene) -> None:
     assert watch.news == []
 
 
-def test_a_push_is_broken_off_while_pictures_stand_still_and_tried_again(scene: Scene) -> None:
+def test_a_push_stops_while_pictures_stand_still_and_goes_on(scene: Scene) -> None:
     done = looked(scene, frozen=0.5)
+    assert done.stages == [GO, LOOK, GO, DONE]
+    robot, stopped, resumed = done.controller.robot, *done.controller.noticed
+    speeds = [np.abs(state.velocity / robot.velocity).max() for state in done.references]
+    began, ended = (round(event.time / CONTROL.period) for event in (stopped, resumed))
+    assert min(speeds[began : ended + 5]) < 1e-6 < 0.005 < speeds[began]
+    assert away(done, scene) < 0.012
+
+
+def test_a_push_is_broken_off_where_pictures_stand_still_for_long(scene: Scene) -> None:
+    done = looked(scene, frozen=1.5)
     assert done.stages == [GO, LOOK, GO, RETREAT, LOOK, GO, DONE]
     assert done.reasons[3] == "the camera's pictures stand still"
     told = noticed(done)

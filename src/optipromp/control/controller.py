@@ -90,6 +90,7 @@ def excess_harm(made: Plan | OptiPrompError) -> float:
 
 _STEPS = 8  # of a turn, each at most 7 degrees: inverse kinematics stays on its branch
 _MISS = 1e-6  # [m] error above which a configuration is none
+STANDS = "the camera's pictures stand still"
 BRAKING = 0.15  # [s] before the approach, at which the tool begins to stop and look: a choice
 
 
@@ -276,16 +277,14 @@ class Controller:
 
     def _trouble(self, now: float) -> str:
         """Why the arm must not go on; empty: it may."""
-        p, since = self.parameters, self._camera.standing
         if self.ended or self.stage is LoopStage.RETREAT:
             return ""
+        since, p = self._camera.standing, self.parameters
+        if since is None or now - since <= p.picture_still + p.picture_wait:
+            since = None
         self._last = self._last or self._camera.refused
-        if self._last:
-            return self._last
-        watched = self.stage is LoopStage.GO and self._at_camera and self.servo
-        if watched and since is not None and now - since > p.picture_still:
-            return "the camera's pictures stand still"
-        return ""
+        pushing = self.stage is LoopStage.GO and self._at_camera and self.servo
+        return self._last or (STANDS if pushing and since is not None else "")
 
     def _break_off(self, now: float, tracked: Tracked, why: str) -> Stretch | None:
         """Back out of the fruits; where the tool is outside of them, stand and give up."""
@@ -359,7 +358,7 @@ class Controller:
                 self._enter(LoopStage.GO, now, "the target is not seen: to another view")
                 return drive.set_out(Route.back(self.robot, turn, drive.still), now, tracked)
         stands = self._camera.standing is not None
-        why = "the camera's pictures stand still" if stands else "the target is not seen"
+        why = STANDS if stands else "the target is not seen"
         self._enter(LoopStage.GAVE_UP, now, why)
         return None
 
@@ -389,6 +388,9 @@ class Controller:
             self._enter(LoopStage.DONE, now, "at the target")
             return drive.brake(begins)
         if self._at_camera and self.servo:
+            since = self._camera.standing
+            if since is not None and now - since > p.picture_still:
+                return None if drive.waits else drive.brake(begins, phase)
             if target_row(tracked) is None:
                 why = "the target is no longer where it must be seen"
                 return self._retreat(now, tracked, phase, why)

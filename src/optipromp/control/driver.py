@@ -424,10 +424,14 @@ class Driver:
         """Time in the route at a ``time`` [s]."""
         return 0.0 if self.course is None else self.course.phase_at(time)
 
+    @property
+    def waits(self) -> bool:
+        """Whether the arm comes to rest, or stands, beside its route."""
+        return self.course is not None and math.isinf(self.course.rate)
+
     def stuck(self, now: float) -> bool:
         """Whether the arm waits, and for long nothing has led onto its route."""
-        waits = self.course is not None and math.isinf(self.course.rate)
-        return waits and now - self._followed > self._parameters.stuck
+        return self.waits and now - self._followed > self._parameters.stuck
 
     def stand(self, begins: float) -> Stretch:
         """The curve of an arm that stands."""
@@ -438,10 +442,11 @@ class Driver:
         )
         return Stretch(curve, begins)
 
-    def brake(self, begins: float) -> Stretch:
-        """The curve that comes to rest at once; the arm then waits at the begin of its route."""
+    def brake(self, begins: float, phase: float = 0.0) -> Stretch:
+        """The curve that comes to rest at once; the arm then waits at ``phase`` [s] of its route,
+        by default the begin."""
         curve = stopped(self.robot, self.state(begins))
-        self.course = Course(curve, begins, 0.0, math.inf)
+        self.course, self._followed = Course(curve, begins, phase, math.inf), begins
         return self.course
 
     def set_out(self, route: Route, now: float, tracked: Tracked) -> Stretch:

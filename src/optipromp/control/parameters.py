@@ -86,7 +86,10 @@ class LoopParameters(Checked):
     )
     picture_turned: float = parameter(0.005, "rad", "choice", "turn of the camera, likewise")
     picture_still: float = parameter(
-        0.2, "s", "choice", "of pictures that stand still, after which a push is broken off"
+        0.2, "s", "choice", "of pictures that stand still, after which the tool stops in a push"
+    )
+    picture_wait: float = parameter(
+        0.5, "s", "choice", "for which it then waits for other pictures, before it backs out"
     )
     stamp: float = parameter(0.04, "s", "choice", "least shift of stamps that is told")
     stamp_most: float = parameter(0.3, "s", "choice", "largest shift that is corrected")

@@ -16,7 +16,7 @@ Conditions (``optipromp study --conditions``) say what moves, and what is seen w
 ``frozen``      when the camera is 15 cm from the target, its picture stands still for 0.5 s; stamps
                 go on
 ``early``       stamps are 150 ms before the exposure, and the arm's pose is taken at the stamp
-``breaks``      the target's stem breaks when the tool point is 8 cm from the target
+``breaks``      the target's stem breaks when the tool point is 12 cm from the target
 ``larger``      fruits are 15 % larger than first seen
 ``gust``        the sway falls and rises, down to a stand-still
 ``stiff``       stems are five times stiffer than the planner assumes
@@ -81,7 +81,7 @@ TOOL_OFF = 0.005  # [m] lateral error of the tool's position: a choice
 NEAR = 0.07  # [m] from the camera: the least range of a small stereo camera (D405)
 FROZEN = 0.5  # [s] of a picture that stands still: a choice
 EARLY = 0.150  # [s] of stamps before the exposure: a choice, a driver that stamps the request
-BREAKS = 0.08  # [m] of the tool point from a target whose stem breaks: a choice, before the cup
+BREAKS = 0.12  # [m] of the tool point from a target whose stem breaks: a choice, in view
 LARGER, STIFF = 1.15, 5.0  # radius of fruits, stiffness of stems: choices beyond what is assumed
 NEAREST = 3  # pushables of which one is missed: a choice
 MISSED: Mapping[str, Any] = {"missed": 0.05, "hidden": 0.5}  # as the detector's
