@@ -390,7 +390,7 @@ class Controller:
         if self._at_camera and self.servo:
             since = self._camera.standing
             if since is not None and now - since > p.picture_still:
-                return None if drive.waits else drive.brake(begins, phase)
+                return None if drive.waits else drive.pause(begins)
             if target_row(tracked) is None:
                 why = "the target is no longer where it must be seen"
                 return self._retreat(now, tracked, phase, why)

@@ -442,11 +442,16 @@ class Driver:
         )
         return Stretch(curve, begins)
 
-    def brake(self, begins: float, phase: float = 0.0) -> Stretch:
-        """The curve that comes to rest at once; the arm then waits at ``phase`` [s] of its route,
-        by default the begin."""
+    def pause(self, begins: float) -> Stretch:
+        """The curve that comes to rest at once; the arm then waits where it is in its route."""
+        phase, self._followed = self.phase(begins), begins
+        self.course = replace(self.brake(begins), phase=phase)
+        return self.course
+
+    def brake(self, begins: float) -> Course:
+        """The curve that comes to rest at once; the arm then waits at the begin of its route."""
         curve = stopped(self.robot, self.state(begins))
-        self.course, self._followed = Course(curve, begins, phase, math.inf), begins
+        self.course = Course(curve, begins, 0.0, math.inf)
         return self.course
 
     def set_out(self, route: Route, now: float, tracked: Tracked) -> Stretch:
