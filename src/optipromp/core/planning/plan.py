@@ -425,7 +425,7 @@ def other_approaches(task: Task, end: float = np.inf) -> Iterator[Task]:
         for flat in flats
     ]
     directions = [(axis, scene.approach.shift) for axis in tilts]
-    if target.stem is not None and takes_in(tool, target) and not scene.approach.shift.any():
+    if takes_in(tool, target) and not scene.approach.shift.any():
         axes = np.array([narrowest(scene, cone), z_g, *tilts])
         room = fits(target, axes, tool)
         shifts = room.aside - np.maximum(APPROACH.room - room.floor, 0.0)[:, None] * axes

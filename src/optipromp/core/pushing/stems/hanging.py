@@ -350,6 +350,8 @@ class Hanging(PushModel):
                 if steps * dt > PUSH.harm.inside_time or steps == most
             )
             return first, f"and {' and '.join(others)} are swallowed" if others else "is swallowed"
+        if self._unfit.mean() > 0.5:  # in most states
+            return names[0], "does not fit into the tool's mouth"
         if found.missed:
             place = "between the blades" if self.cup.cut else "inside"
             return names[0], f"is not {place} at the end"
@@ -368,8 +370,6 @@ class Hanging(PushModel):
             return float(score_of(*NOTHING._replace(**{item[0]: getattr(found, item[0])})))
 
         part, k, what = max(parts, key=alone)
-        if self._unfit.mean() > max(alone((part, k, what)), worst.pulls.max() / PUSH.harm.pull):
-            return names[0], "does not fit into the tool's mouth"
         if worst.pulls.max() / PUSH.harm.pull > alone((part, k, what)):
             k = int(worst.pulls.argmax())
             return names[k], f"is pulled along its stem by {worst.pulls[k]:.1f} N on the way out"
