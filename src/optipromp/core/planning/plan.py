@@ -487,13 +487,11 @@ def misfit(task: Task) -> str:
         return ""
     words = (
         f"{target.id} is {2e3 * here:.1f} mm wide across the approach, the tool's opening "
-        f"{2e3 * tool.mouth[0]:.1f} mm: an opening of {2e3 * (here + needed):.1f} mm fits"
+        f"{2e3 * tool.mouth[0]:.1f} mm is too narrow: one of {2e3 * (here + needed):.1f} mm fits"
     )
     tilt = np.rad2deg(np.arccos(min(float(axes[0] @ axes[1]), 1.0)))
     if least + needed <= tool.mouth[0]:
-        return (
-            f"{words}, or an approach {tilt:.0f} degrees off, where {2e3 * least:.1f} mm are wide"
-        )
+        return f"{words}; {tilt:.0f} degrees off the approach it is {2e3 * least:.1f} mm wide: fits"
     return f"{words}; in the cone of the approach it is nowhere narrower than {2e3 * least:.1f} mm"
 
 
