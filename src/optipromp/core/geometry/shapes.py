@@ -11,7 +11,7 @@ import math
 from abc import ABC, abstractmethod
 from contextlib import suppress
 from dataclasses import dataclass, fields
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -77,18 +77,6 @@ class BallPair(NamedTuple):
     apart: float  # distance of the centres [m]; 0 for a single ball
 
 
-class Outline(NamedTuple):
-    """The outlines of a shape across M axes, each within a circle.
-
-    The circle is the smallest one round the outline of a solid of revolution, of an ellipsoid and
-    of a box; round another outline there may be a smaller one.
-    """
-
-    radius: FloatArray  # (M,) of the circle [m]
-    middle: FloatArray  # (M, 3) of the circle, across the axis from the shape's origin [m]
-    below: FloatArray  # (M,) extent of the shape from its origin, against the axis [m]
-
-
 class Shape(ABC):
     """A solid in its local frame: the interface between shapes and the library.
 
@@ -122,12 +110,23 @@ class Shape(ABC):
             return BallPair(line, *_fitted(self, key))
         return BallPair(line, *_fitted.__wrapped__(self, key))
 
+    @cached_property
+    def _hull(self) -> FloatArray:
+        """Corners (V, 3) of the convex hull of the mesh [m]."""
+        points = self.mesh(FINE).vertices
+        return np.asarray(points[np.unique(hull_faces(points))])
+
     def support(self, directions: FloatArray) -> FloatArray:
         """Largest extents (...) from the origin along unit vectors ``directions`` (..., 3) [m]."""
-        return np.asarray((directions @ self.mesh(FINE).vertices.T).max(axis=-1))
+        return np.asarray((directions @ self._hull.T).max(axis=-1))
 
-    def outlines(self, axes: FloatArray) -> Outline:
-        """The outlines across unit vectors ``axes`` (M, 3)."""
+    def outlines(self, axes: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Circles round the outlines across unit vectors ``axes`` (M, 3).
+
+        Returns: Radii (M,) of the circles and their middles (M, 3), and the extents (M,) of the
+        shape against the axes, all from the shape's origin [m]. A circle is the smallest one where
+        the outline is symmetric: of solids of revolution, of ellipsoids, of boxes.
+        """
         turns = 2.0 * np.pi / RAYS * np.arange(RAYS)
         plane = frame_along(axes)[..., :2]
         rays = np.einsum("mij,jk->mki", plane, [np.cos(turns), np.sin(turns)])
@@ -138,7 +137,7 @@ class Shape(ABC):
             off = 0.5 * (far[rows, k] - far[rows, (k + half) % RAYS])
             middle += off[:, None] * rays[rows, k]
         radius = (far - np.einsum("mki,mi->mk", rays, middle)).max(axis=1)
-        return Outline(radius, middle, self.support(-axes))
+        return radius, middle, self.support(-axes)
 
     def surface(self, cut: float = np.inf) -> FloatArray:
         """Faces (F, 4, 3) of the surface [m], see :mod:`optipromp.core.geometry.faces`.

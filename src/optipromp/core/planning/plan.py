@@ -467,7 +467,7 @@ def narrowest(scene: Scene, cone: float) -> FloatArray:
     )
     flat = np.cos(turn)[..., None] * x_g + np.sin(turn)[..., None] * y_g
     axes = (np.cos(tilt)[..., None] * z_g + np.sin(tilt)[..., None] * flat).reshape(-1, 3)
-    radius = target.shape.outlines(axes @ target.rotation).radius
+    radius, _, _ = target.shape.outlines(axes @ target.rotation)
     return np.asarray(axes[np.argmin(radius.round(6))])  # of equal ones that of the least tilt
 
 

@@ -91,9 +91,9 @@ class Fit(NamedTuple):
 
 def fits(fruit: SceneObject, axes: FloatArray, tool: Tool) -> Fit:
     """The room of ``fruit`` in a tool with a round mouth along unit vectors ``axes`` (M, 3)."""
-    outline = fruit.shape.outlines(axes @ fruit.rotation)
-    floor = tool.reach - tool.front - WALL - outline.below
-    return Fit(tool.mouth[0] - outline.radius, floor, outline.middle @ fruit.rotation.T)
+    radius, middle, below = fruit.shape.outlines(axes @ fruit.rotation)
+    floor = tool.reach - tool.front - WALL - below
+    return Fit(tool.mouth[0] - radius, floor, middle @ fruit.rotation.T)
 
 
 @inner

@@ -290,10 +290,10 @@ class Hanging(PushModel):
         """See :class:`PushModel`; the parts are those of :class:`Harm`."""
         every = HANGING.screened_every if states == 1 else HANGING.every
         told = states > self.searched
-        first = self.searched if told else 0
-        some, motion = self._steps(first, states, points, axes, every)
+        begin = self.searched if told else 0
+        some, motion = self._steps(begin, states, points, axes, every)
         hopeless, leaves = PUSH.harm.hopeless, self._leaves // every
-        total, worst = float(self._unfit[first : first + states].sum()), limit * states
+        total, worst = float(self._unfit[begin : begin + states].sum()), limit * states
         for first in range(0, states, TOGETHER):
             part = first, min(first + TOGETHER, states)
             total = summed_score(
