@@ -8,15 +8,7 @@ import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, frame_along, lengths
 from optipromp.core.compiled import kernel
-from optipromp.core.geometry.shapes import (
-    CAPSULE,
-    CONE,
-    ELLIPSOID,
-    FINE,
-    SPHERE,
-    PointCloudShape,
-)
-from optipromp.core.judging.distances import measured
+from optipromp.core.geometry.shapes import FINE, Capsule, Cone, Ellipsoid, PointCloudShape, Sphere
 from optipromp.core.judging.kinematics import body_of, segments
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.tool_protocol import Tool
@@ -108,19 +100,23 @@ def half_width(item: SceneObject, axis: FloatArray) -> float:
     Nothing narrower than twice this lets it through; of ellipsoids, boxes and solids of revolution
     it is the radius of a circle that does.
     """
-    shape, ((kind,), (size,), _) = item.shape, measured([item.shape])
+    local, shape = axis @ item.rotation, item.shape
+    sine = math.hypot(local[0], local[1])
+    match shape:
+        case Sphere(radius=r):
+            return r
+        case Capsule(radius=r, length=length):
+            return r + 0.5 * length * sine
+        case Cone(radius=r, tip=tip, length=length):
+            return max(r, tip, 0.5 * (r + tip + length * sine))
     turn = np.linspace(0.0, np.pi, ACROSS, endpoint=False)
-    across = frame_along(axis @ item.rotation)[:, :2] @ [np.cos(turn), np.sin(turn)]  # (3, ACROSS)
-    if kind == SPHERE:
-        return float(size[0])
-    if kind in (CAPSULE, CONE):
-        tip = size[2] if kind == CONE else size[0]
-        return float(max(size[0], tip, 0.5 * (size[0] + tip) + size[1] * np.abs(across[2]).max()))
-    if kind == ELLIPSOID:
-        return float(lengths((size[:, None] * across).T).max())
-    if isinstance(shape, PointCloudShape):
-        return float(0.5 * np.ptp(shape.points @ across, axis=0).max() + shape.radius)
-    return float(0.5 * np.ptp(shape.mesh(FINE).vertices @ across, axis=0).max())
+    rays = frame_along(local)[:, :2] @ [np.cos(turn), np.sin(turn)]  # (3, ACROSS)
+    match shape:
+        case Ellipsoid(radii=radii):
+            return float(lengths((np.array(radii)[:, None] * rays).T).max())
+        case PointCloudShape(points=points, radius=r):
+            return float(0.5 * np.ptp(points @ rays, axis=0).max()) + r
+    return float(0.5 * np.ptp(shape.mesh(FINE).vertices @ rays, axis=0).max())
 
 
 def _against(
