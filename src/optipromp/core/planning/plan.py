@@ -51,6 +51,7 @@ from optipromp.core.trajectory import Trajectory, chained
 
 DEFAULTS = PlanOptions()
 WARM_UP = "scenario-3"
+SAME = 1e-6  # 1 less the cosine between two directions that are one: 0.1 degrees
 RETRIED = Code.HARM_PREDICTED, Code.INVALID_PLAN, Code.GOAL_IN_COLLISION, Code.GOAL_UNREACHABLE
 """Statuses with which other approaches are tried."""
 
@@ -426,7 +427,8 @@ def other_approaches(task: Task, end: float = np.inf) -> Iterator[Task]:
     ]
     directions = [(axis, scene.approach.shift) for axis in tilts]
     if takes_in(tool, target) and not scene.approach.shift.any():
-        axes = np.array([narrowest(scene, cone), z_g, *tilts])
+        first = narrowest(scene, cone)
+        axes = np.array([first, z_g, *(axis for axis in tilts if axis @ first < 1.0 - SAME)])
         room = fits(target, axes, tool)
         shifts = room.aside - np.maximum(APPROACH.room - room.floor, 0.0)[:, None] * axes
         shifts *= np.minimum(1.0, aside / np.maximum(lengths(shifts), 1e-9))[:, None]
