@@ -62,3 +62,16 @@ def test_it_hangs_a_fruit_where_the_scene_shows_it() -> None:
     far = replace(scene, robot="gen3")
     with pytest.raises(ValueError, match="Panda"):
         second.execute(scene_to_dict(far), times, q)
+
+
+def test_the_cup_is_as_deep_as_the_scene_says() -> None:
+    """Nothing stands on its floor: a long fruit reaches as far down as there is room."""
+    mujoco = pytest.importorskip("mujoco")
+    tool = {"radius": 0.025, "height": 0.05, "length": 0.1}
+    model = second.model_of({"objects": [], "tool": tool})
+    data, hit = mujoco.MjData(model), np.zeros(1, dtype=np.int32)
+    mujoco.mj_forward(model, data)
+    for x, y in ((0.0, 0.0), (0.005, 0.0), (0.0, -0.02)):
+        above, down = np.array([x, y, 0.3]), np.array([0.0, 0.0, -1.0])
+        away = mujoco.mj_ray(model, data, above, down, None, 1, -1, hit)
+        assert 0.3 - away == pytest.approx(0.1 + second.WALL)

@@ -73,7 +73,7 @@ def _cup(tool: Mapping[str, Any]) -> str:
     middle, half = 0.5 * (radius + inner), 0.5 * (radius - inner)
     width = radius * np.tan(np.pi / WALLS)
     out = [
-        f'<geom type="capsule" size="{NECK}" fromto="0 0 0 0 0 {length}"/>',
+        f'<geom type="cylinder" size="{NECK}" fromto="0 0 0 0 0 {length}"/>',
         f'<geom type="cylinder" size="{radius} {0.5 * WALL}" pos="0 0 {length + 0.5 * WALL}"/>',
         f'<geom type="cylinder" size="{DISC[0]}" fromto="0 0 0 0 0 {-DISC[1]}"/>',
         f'<geom type="cylinder" size="{LINK[0]}" fromto="0 0 {-DISC[1]} 0 0 {-LINK[1]}"/>',
