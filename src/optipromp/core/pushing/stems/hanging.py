@@ -41,7 +41,7 @@ from optipromp.core.pushing.stems.bending import (
 )
 from optipromp.core.pushing.stems.cup import Mouth, fits
 from optipromp.core.pushing.stems.harm import Harm, score_of
-from optipromp.core.pushing.stems.swinging import Led, clear, led, steps_inside, summed_score
+from optipromp.core.pushing.stems.swinging import NEVER, Led, clear, led, steps_inside, summed_score
 from optipromp.core.robots.cup_cover import NECK_RADIUS
 from optipromp.core.robots.grippers import Scissor
 from optipromp.core.robots.ik import uniform
@@ -53,7 +53,6 @@ from optipromp.core.scenes.scene import Scene, SceneObject
 
 HANGING = PUSH.hanging
 BEAM = PUSH.beam
-NEVER = 1 << 40  # the first point of the way out, of a motion that has none
 TOGETHER = 4  # states whose harm is computed between two steps of a plan that works in slices
 WEIGHT = 4  # of these states, in steps, measured: a step takes 1 ms in the median, 4 states 2 to 5
 NOTHING = Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)

@@ -68,6 +68,7 @@ from optipromp.core.pushing.stems.cup import (
 from optipromp.core.pushing.stems.harm import Harm, score_of
 
 SWING, HARM = PUSH.swing, PUSH.harm
+NEVER = 1 << 40  # the first step of the way out, of a motion that has none
 TOUCHES = 1e-3  # [m] gap below which the force on a fruit is the cup's: contacts press fruits apart
 
 
@@ -448,7 +449,7 @@ class Led(NamedTuple):
 
 def led(
     s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Mouth, solid: Obstacles,
-    leaves: int,
+    leaves: int = NEVER,
 ) -> Led:  # fmt: skip
     """Effect of the cup along a path (arguments of :func:`push`); the first fruit is the target.
 
