@@ -44,6 +44,7 @@ class Violation:
 
 GOAL_TOLERANCE = 1e-3  # [m], or [rad] for a goal in joints; method §5
 AXIS_TOLERANCE = np.deg2rad(2.0)  # [rad]; method §5
+SIDEWAYS = 0.5  # sine of the slope below which an approach comes from the side: 30 degrees
 MOUTH_ROOM = 1e-3  # [m] chosen: of a target in the mouth, below which a note says its width
 ACROSS = 90  # directions across an axis in half a turn: an ellipse of 1:2 is exact to 0.03 %
 BORDER = 1e-6  # [m or rad] beyond the border of a tolerance region: rounding
@@ -69,7 +70,7 @@ def ends(
     if scene.target is not None:
         aim = scene.target.position + scene.approach.shift
         end = _pose(aim, scene.frame[2], tip, axis, time)
-        wide, notes = _in_mouth(scene.target, robot.tool, axis, time)
+        wide, notes = _in_mouth(scene, scene.target, robot.tool, axis, time)
         return end._replace(missed=[*end.missed, *wide]), notes
     found = [_against(goal, robot, last, tip, axis, time) for goal in scene.goals]
     best = min(range(len(found)), key=lambda k: (len(found[k].missed), found[k].error))
@@ -78,10 +79,14 @@ def ends(
 
 
 def _in_mouth(
-    target: SceneObject, tool: Tool | None, axis: FloatArray, time: float
+    scene: Scene, target: SceneObject, tool: Tool | None, axis: FloatArray, time: float
 ) -> tuple[list[Violation], list[str]]:
-    """What is wrong with a target that is wider across ``axis`` (3,) than a round mouth; notes."""
-    if tool is None or tool.fingers or tool.mouth[0] <= 0.0:
+    """What is wrong with a target that is wider across ``axis`` (3,) than a round mouth; notes.
+
+    A target that stands and is met from the side is not taken in: the tool comes to its front.
+    """
+    stands = target.stem is None and abs(float(axis @ scene.up)) < SIDEWAYS
+    if tool is None or tool.fingers or tool.mouth[0] <= 0.0 or stands:
         return [], []
     half = half_width(target, axis)
     room = tool.mouth[0] - half

@@ -426,7 +426,7 @@ def other_approaches(task: Task, end: float = np.inf) -> Iterator[Task]:
         for flat in flats
     ]
     directions = [(axis, scene.approach.shift) for axis in tilts]
-    if takes_in(tool, target) and not scene.approach.shift.any():
+    if target.stem is not None and takes_in(tool, target) and not scene.approach.shift.any():
         first = narrowest(scene, cone)
         axes = np.array([first, z_g, *(axis for axis in tilts if axis @ first < 1.0 - SAME)])
         room = fits(target, axes, tool)
@@ -480,7 +480,9 @@ def misfit(task: Task) -> str:
     """
     scene, tool = task.scene, task.robot.tool
     target, approach, needed = scene.target, scene.approach, PUSH.harm.fit
-    if target is None or tool is None or tool.fingers or tool.mouth[0] <= 0.0:
+    if target is None or target.stem is None or tool is None:
+        return ""
+    if tool.fingers or tool.mouth[0] <= 0.0:
         return ""
     cone = np.deg2rad(APPROACH.cone if approach.cone is None else approach.cone)
     axes = np.array([scene.frame[2], narrowest(scene, cone)])
