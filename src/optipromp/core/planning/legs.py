@@ -129,7 +129,7 @@ def plan_pick(
         raise InvalidRequestError(f"{scene.name} has no target: a pick needs one")
     if names := ", ".join(item.id for item, _ in scene.movers):
         told = "the legs of a pick know no motion; leave out the motions, or plan the reach alone"
-        raise InvalidRequestError(f"{names} move in {scene.name}: {told}")
+        raise InvalidRequestError(f"in {scene.name} {names} move: {told}")
     reach = plan(scene, progress=progress, **request)
     return after(reach, progress, **request)
 
