@@ -166,8 +166,7 @@ def retreat(reach: Plan) -> Plan:
 
     def judged(q: FloatArray) -> tuple[tuple[bool, bool, float], Plan]:
         """A retreat and its rank: validity, whether it presses more or ends badly, harm."""
-        task = leg_task(reach, RETREAT, q[0], q[-1], model)
-        one = leg(task, shortest(robot, q, 0, PUSH.hanging.speed), clock() - began)
+        one = _leg(reach, RETREAT, q, PUSH.hanging.speed, began, model)
         worse = pressed(one) < min(pressed(reach), 0.0)
         if place is not None:  # the carry cannot begin where something is touched
             worse |= bool(judging.touching(*carried(one, place), q[-1]))
@@ -231,12 +230,15 @@ def lifted(reach: Plan) -> dict[str, Plan]:
     return best[1]
 
 
-def _leg(reach: Plan, name: str, q: FloatArray, speed: float, began: float) -> Plan:
+def _leg(
+    reach: Plan, name: str, q: FloatArray, speed: float, began: float,
+    back: PushModel | None = None,
+) -> Plan:  # fmt: skip
     """The judged lift or retreat through waypoints ``q`` (T, n), as fast as ``speed`` [m/s] allows.
 
-    ``began``: the clock's time at which the stage began [s].
+    ``began``: the clock's time at which the stage began [s]. ``back``: see :func:`leg_task`.
     """
-    task = leg_task(reach, name, q[0], q[-1])
+    task = leg_task(reach, name, q[0], q[-1], back)
     return leg(task, shortest(task.robot, q, 0, speed), clock() - began)
 
 
