@@ -47,7 +47,8 @@ def test_a_study_sees_plans_executes_and_goes_on(tmp_path: Path) -> None:
         assert (each.loop, each.condition, each.finder) == ("open", "rendered", "geometry")
         assert each.visible is not None
         assert each.found is not None
-        assert 1 <= each.found <= each.visible <= each.pushables + 1
+        assert each.pictures is not None
+        assert 1 <= each.found <= each.visible <= each.pictures * (each.pushables + 1)
     other = CliRunner().invoke(app, [*words, f"{SEED}:{SEED + 1}", "--finder", "network"])
     assert other.exit_code == 2
     assert "finder" in other.output
