@@ -56,10 +56,7 @@ _EACH = Obstacles._fields[:6]  # arrays with a row for each obstacle
 
 
 def pack(
-    items: Sequence[tuple[Shape, ArrayLike, ArrayLike]],
-    *,
-    reach: float = 0.0,
-    within: float = 0.0,
+    items: Sequence[tuple[Shape, ArrayLike, ArrayLike]], *, reach: float = 0.0, within: float = 0.0
 ) -> Obstacles:
     """Pack posed shapes for the kernels.
 

@@ -22,14 +22,7 @@ import numpy as np
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, lengths
 from optipromp.core.compiled import inner
 from optipromp.core.geometry.shapes import GRID
-from optipromp.core.judging import kinematics
-from optipromp.core.judging.clearance import (
-    CONFIGURATIONS,
-    Overlap,
-    nearest_static,
-    pushed_away,
-    swept,
-)
+from optipromp.core.judging import clearance, kinematics, speed
 from optipromp.core.judging.curve import along, extremes
 from optipromp.core.judging.distances import measured, nearest, to_surface
 from optipromp.core.judging.ends import Violation, ends
@@ -37,14 +30,6 @@ from optipromp.core.judging.entered import entered, touching
 from optipromp.core.judging.kinematics import MOST_CHECKS, centers
 from optipromp.core.judging.lines import left_lines, left_path
 from optipromp.core.judging.parts import pieces, radii
-from optipromp.core.judging.speed import (
-    among_fruits,
-    as_passed,
-    largest_speed,
-    passages,
-    stands,
-    too_fast,
-)
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.trajectory import State, Trajectory
@@ -72,14 +57,14 @@ def _asked(
 
 def met(
     scene: Scene, robot: Robot, trajectory: Trajectory, rows: IntArray
-) -> tuple[dict[str, float], list[Overlap]]:
+) -> tuple[dict[str, float], list[clearance.Overlap]]:
     """Smallest distances to objects that move [m], by the name of the metric, and the contacts.
 
     Which links must not touch an object depends on its role, as for those that stand. Pairs that
     may touch are left out; the padding of an object is taken off its distances. ``rows`` (T,) are
     indices of the waypoints among the checks of objects that stand: there are no fewer checks here.
     """
-    least, found = dict[str, float](), list[Overlap]()
+    least, found = dict[str, float](), list[clearance.Overlap]()
     parts, steps = np.diff(rows), np.diff(trajectory.times)
     distal = np.asarray(robot.spheres.distal, dtype=np.bool_)
     for item, course in scene.movers if len(distal) else ():
@@ -99,7 +84,7 @@ def met(
                 least[metric] = min(least.get(metric, np.inf), float(gap))
             if gap < 0.0 and metric != BY_TOOL:  # which is allowed
                 link = str(robot.link_names[robot.spheres.link[sphere]])
-                found.append(Overlap(link, name, item.role, -gap, float(times[at])))
+                found.append(clearance.Overlap(link, name, item.role, -gap, float(times[at])))
     return least, found
 
 
@@ -115,8 +100,8 @@ def _nearest(
     counted = np.flatnonzero(np.isfinite(radius))
     radius = radius[counted]
     best = np.inf, 0, 0
-    for start in range(0, len(q), CONFIGURATIONS):
-        part = slice(start, start + CONFIGURATIONS)
+    for start in range(0, len(q), clearance.CONFIGURATIONS):
+        part = slice(start, start + clearance.CONFIGURATIONS)
         spheres = centers(robot, q[part])[:, counted]
         relative = spheres - places[part, None]
         step = np.zeros(len(relative))
@@ -246,10 +231,10 @@ class Judgement:
 
     metrics: Metrics
     violations: tuple[Violation, ...]
-    contacts: tuple[Overlap, ...]
+    contacts: tuple[clearance.Overlap, ...]
     notes: tuple[str, ...] = ()
-    at_start: tuple[Overlap, ...] = ()
-    near: Overlap | None = None
+    at_start: tuple[clearance.Overlap, ...] = ()
+    near: clearance.Overlap | None = None
 
     @property
     def message(self) -> str:
@@ -282,15 +267,17 @@ def judge(
     """
     q = trajectory.positions
     times, fine, waypoints, complete = kinematics.refined(robot, trajectory)
-    distances, contacts, points, every = swept(scene, robot, fine, times)
+    distances, contacts, points, every = clearance.swept(scene, robot, fine, times)
     beside, moving = met(scene, robot, trajectory, waypoints)
-    contacts, notes = pushed_away(scene, robot, fine, contacts)
+    contacts, notes = clearance.pushed_away(scene, robot, fine, contacts)
     inside = [] if begun else entered(scene, robot, q[0], points[0], every[0])
     contacts += [*inside, *moving]
     at_start = touching(scene, robot, q[0], begun=begun) if contacts else []
     tips, axes = points[waypoints], every[waypoints]
     rims = tips + (0.0 if robot.tool is None else robot.tool.depth) * axes
-    passed = passages(as_passed(scene, trajectory.times, tips), tips, rims, robot.gripper_radius)
+    passed = speed.passages(
+        speed.as_passed(scene, trajectory.times, tips), tips, rims, robot.gripper_radius
+    )
     end, at_goal = ends(scene, robot, q[-1], tips[-1], axes[-1], trajectory.duration)
     missed = [*end.missed, *left_path(scene, robot, times, fine)]
     missed += left_lines(scene, robot, trajectory, points, waypoints)
@@ -308,18 +295,21 @@ def judge(
         text = f"it moves too far to be checked between waypoints: {most} checks are not enough"
         violations.append(Violation("unchecked", text))
     violations += [*missed, *(astray if stem_side else []), *broken]
-    speed, when = among_fruits(scene, robot, trajectory, waypoints, points, every) or (None, None)
-    if too_fast(scene, speed):
-        among = "objects that stand" if stands(scene) else "fruits"
+    fast, when = speed.among_fruits(scene, robot, trajectory, waypoints, points, every) or (
+        None,
+        None,
+    )
+    if speed.too_fast(scene, fast):
+        among = "objects that stand" if speed.stands(scene) else "fruits"
         text = (
-            f"the tool moves at {speed:.3f} m/s among {among} (pushes are predicted for "
-            f"{largest_speed(scene):g})"
+            f"the tool moves at {fast:.3f} m/s among {among} (pushes are predicted for "
+            f"{speed.largest_speed(scene):g})"
         )
-        violations.append(Violation("speed", text, "", when, speed, "m/s"))
+        violations.append(Violation("speed", text, "", when, fast, "m/s"))
     notes += at_goal if stem_side else [*at_goal, *map(str, astray)]
     near, room = None, distances["clearance_static"]
     if room is not None and room < JUDGE.static_margin:
-        near = nearest_static(scene, robot, fine, times)
+        near = clearance.nearest_static(scene, robot, fine, times)
         if near is not None and 0.0 < -near.depth < JUDGE.static_margin:
             notes.append(
                 f"{near.link} comes within {-1e3 * near.depth:.1f} mm of {near.other}; a "
@@ -334,7 +324,7 @@ def judge(
     metrics = Metrics(
         M_p=passed.M_p, passage=passed.passage, stem_projection=passed.stem_projection,
         drift_shortfall=passed.drift_shortfall, stem_gap=passed.stem_gap,
-        approach_speed=speed, goal_error=end.error, goal_axis_error=end.angle, **figures,
+        approach_speed=fast, goal_error=end.error, goal_axis_error=end.angle, **figures,
     )  # fmt: skip
     return Judgement(
         metrics, tuple(violations), tuple(contacts), (*notes, *scene.assumed), tuple(at_start), near
@@ -412,12 +402,12 @@ def _ends(robot: Robot, trajectory: Trajectory, start: State | None) -> list[Vio
             text = "the trajectory does not begin at the start"
             out.append(Violation("start", text, "", 0.0, off, "rad or m"))
     for row, verb, state in ((0, "begins", begin), (-1, "ends", end)):
-        speed = trajectory.velocities[row], state.velocity
+        rate = trajectory.velocities[row], state.velocity
         gain = (
             np.where(np.isfinite(robot.jerk), x, 0.0)
             for x in (trajectory.accelerations[row], state.acceleration)
         )
-        for kind, (is_, asked) in (("velocity", speed), ("acceleration", gain)):
+        for kind, (is_, asked) in (("velocity", rate), ("acceleration", gain)):
             joint = int(np.argmax(np.abs(is_ - asked)))
             amount = float(abs(is_[joint] - asked[joint]))
             if amount > ROUNDING:

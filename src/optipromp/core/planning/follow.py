@@ -276,12 +276,9 @@ def uprighted(task: Task) -> Task:
     if path is None or path.upright is None:
         return task
     axis = frozen(task.robot.tool_rotation @ path.upright.axis)
-    return replace(task, robot=_with_axis(task.robot, axis))
-
-
-def _with_axis(robot: Robot, axis: FloatArray) -> Robot:
-    same = float(np.abs(axis - robot.tool_axis).max()) < 1e-12  # rounding: the robot as it is
-    return robot if same else replace(robot, tool_axis=axis)
+    if float(np.abs(axis - task.robot.tool_axis).max()) < 1e-12:  # rounding: the robot as it is
+        return task
+    return replace(task, robot=replace(task.robot, tool_axis=axis))
 
 
 def path_costs(path: PathConstraints | None, count: int) -> list[Cost]:

@@ -28,7 +28,7 @@ from optipromp.core.budget import clock
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.planning.parameters import BACK, LIFTING
 from optipromp.core.planning.plan import plan
-from optipromp.core.planning.result import Plan, Terms, best_of
+from optipromp.core.planning.result import Plan, best_of
 from optipromp.core.planning.task import Task, laden, resolve, tool_motion
 from optipromp.core.planning.timing import shortest
 from optipromp.core.planning.verdict import led, verdict, whole
@@ -302,7 +302,7 @@ def leg(task: Task, trajectory: Trajectory, seconds: float) -> Plan:
         task=task, planner="retreat", strategy=None, seed=task.seed, status=outcome.status,
         reason=outcome.reason, notes=outcome.notes, trajectory=trajectory, initial=trajectory,
         followed=trajectory, prediction=outcome.prediction, judgement=outcome.judgement,
-        terms=Terms(dict), stages=(), time={"total": seconds},
+        stages=(), time={"total": seconds},
     )  # fmt: skip
 
 

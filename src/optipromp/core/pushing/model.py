@@ -165,17 +165,14 @@ class Combined(_Guided):
         self.models, self.states = models, max(model.states for model in models)
 
     def drifting(self, by: Mapping[str, FloatArray]) -> PushModel:
-        """See :class:`PushModel`; of all models."""
         return Combined(*(model.drifting(by) for model in self.models))
 
     def clear(self, points: FloatArray, axes: FloatArray) -> bool:
-        """See :class:`PushModel`; for every model."""
         return all(model.clear(points, axes) for model in self.models)
 
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
-        """The sum, each harm in proportion to its model's threshold."""
         total = 0.0
         for model in self.models:
             share = self.threshold / model.threshold
@@ -193,11 +190,9 @@ class Combined(_Guided):
         return worst.cause(points, axes)
 
     def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
-        """See :class:`PushModel`; of all models."""
         return {k: f for model in self.models for k, f in model.forces(points, axes).items()}
 
     def pushing(self, points: FloatArray, axes: FloatArray) -> BoolArray:
-        """See :class:`PushModel`; by any model."""
         return np.asarray(
             np.logical_or.reduce([model.pushing(points, axes) for model in self.models])
         )
@@ -230,27 +225,30 @@ class Continued(_Guided):
         axes = along(points, np.concatenate([self._axes, axes]), count)
         return evenly(points, count), axes
 
+    def _led(
+        self, points: FloatArray, axes: FloatArray
+    ) -> tuple[PushModel, FloatArray, FloatArray]:
+        """The model of the harm, and the whole motion."""
+        return self.lead, *self._whole(points, axes)
+
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
-        """See :class:`PushModel`; of the whole motion."""
-        return self.lead.harm(*self._whole(points, axes), states, limit)
+        model, points, axes = self._led(points, axes)
+        return model.harm(points, axes, states, limit)
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
-        """See :class:`PushModel`; of the whole motion."""
-        return self.lead.cause(*self._whole(points, axes))
+        model, points, axes = self._led(points, axes)
+        return model.cause(points, axes)
 
     def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
-        """See :class:`PushModel`; of the whole motion."""
         return self.lead.forces(*self._whole(points, axes))
 
     def pushing(self, points: FloatArray, axes: FloatArray) -> BoolArray:
-        """See :class:`PushModel`; in the whole motion."""
         whole, turned = self._whole(points, axes)
         left = float(length(points)) - np.append(0.0, np.cumsum(lengths(np.diff(points, axis=0))))
         rows = np.rint((len(whole) - 1) * (1.0 - left / max(float(length(whole)), 1e-9)))
         return self.lead.pushing(whole, turned)[np.maximum(rows, 0).astype(np.int64)]
 
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
-        """See :class:`PushModel`; by the whole motion."""
         return self.lead.moved(*self._whole(points, axes))

@@ -33,6 +33,10 @@ class JointGoal:
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", array("goal.joints", self.joints, None))
 
+    def transformed(self, pose: Pose) -> JointGoal:
+        """Itself: joints are the same in every frame."""
+        return self
+
 
 @dataclass(frozen=True, eq=False)
 class PoseGoal:
@@ -156,11 +160,6 @@ class RegionGoal:
 
 Goal = JointGoal | PoseGoal | RegionGoal
 """A goal of a scene without a target."""
-
-
-def transformed(goal: Goal, pose: Pose) -> Goal:
-    """The same goal in another frame, in which its present frame has the ``pose``."""
-    return goal if isinstance(goal, JointGoal) else goal.transformed(pose)
 
 
 _MOST_LEAN = 90.0  # [degrees] a wider cone keeps nothing upright

@@ -13,12 +13,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError
 from optipromp.core.files import check_inside
-from optipromp.core.geometry.shapes import (
-    PRIMITIVES,
-    MeshShape,
-    PointCloudShape,
-    Shape,
-)
+from optipromp.core.geometry.shapes import PRIMITIVES, MeshShape, PointCloudShape, Shape
 from optipromp.core.robots.library import UNTRUSTED, Choice, robot_names
 from optipromp.core.robots.tools import make_tool
 from optipromp.core.scenes.goals import (
@@ -75,7 +70,8 @@ def scene_from_dict(
                 check_magnitude(objects[-1], told)
         where = ""
         _check_target_key(model, objects)
-        approach = _approach(model, scale, default, frames["world"])
+        _, lateral, vertical = frames["world"].rotation.T
+        usual = {"direction": vertical, "lateral": lateral}
         given = model.goal
         goals = tuple(
             _goal_of(one, scale, default)
@@ -92,10 +88,10 @@ def scene_from_dict(
             name=model.name,
             robot=model.robot if isinstance(model.robot, str) else model.robot.file,
             choice=_choice(model.robot, base_dir),
-            objects=cleared(objects, frames["world"].rotation[:, 2]),
+            objects=cleared(objects, vertical),
             tool=_tool(model, scale, base_dir),
             start=None if model.start is None else np.array(model.start),
-            approach=approach,
+            approach=Approach(**(usual | values(model.approach, scale, default))),
             goal=goals if isinstance(given, list) else next(iter(goals), None),
             path=_path_of(model.path, scale, default, frames["world"]),
             waypoints=lines,
@@ -286,12 +282,6 @@ def _tool(model: Any, scale: float, base_dir: Path | None) -> ToolSpec | None:
     except InvalidRequestError as error:
         raise InvalidSceneError(error.message) from None
     return spec
-
-
-def _approach(model: Any, scale: float, frame: Pose, world: Pose) -> Approach:
-    """The approach in the base frame; by default up and y of the world."""
-    towards = {"direction": world.rotation[:, 2], "lateral": world.rotation[:, 1]}
-    return Approach(**(towards | values(model.approach, scale, frame)))
 
 
 def _goal_of(given: Any, scale: float, frame: Pose) -> Goal:

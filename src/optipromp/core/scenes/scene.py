@@ -23,7 +23,6 @@ from optipromp.core.scenes.goals import (
     PathConstraints,
     PoseGoal,
     RegionGoal,
-    transformed,
 )
 from optipromp.core.scenes.held import Attached, Pair, Place, checked
 from optipromp.core.scenes.lines import Lines, check_lines
@@ -356,7 +355,7 @@ class Scene(Shown):
         The robot stands at the origin of the new frame. To move the robot by ``moved``, a pose in
         its present base frame, transform by ``moved.inverse()``. Joint values do not change.
         """
-        moved = tuple(transformed(goal, pose) for goal in self.goals)
+        moved = tuple(goal.transformed(pose) for goal in self.goals)
         return replace(
             self,
             objects=tuple(item.transformed(pose) for item in self.objects),

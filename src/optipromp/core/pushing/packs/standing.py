@@ -363,7 +363,6 @@ class Standing(PushModel):
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
-        """See :class:`PushModel`; the cost of :mod:`optipromp.core.pushing.packs.standing`."""
         flat = self._corners(points)
         so_far = self._so_far.setdefault(states, np.zeros(states))
         tried = self._places[:states], self._slips[:states]
@@ -384,7 +383,6 @@ class Standing(PushModel):
         return bool(free.all())
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
-        """See :class:`PushModel`."""
         flat = self._corners(points)
         one = [
             cost_of(self.bench, flat, place[None], np.array([slip]), np.zeros(1), np.inf)
@@ -419,7 +417,6 @@ class Standing(PushModel):
         return name, cause
 
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
-        """See :class:`PushModel`."""
         flat = (points - self.target) @ self._flat
         end = self._end(stepped(flat), 0)
         shift = (end.state - self._places[0])[:, :2] @ self._flat.T
