@@ -13,7 +13,7 @@ configuration. The arm's posture, which the path leaves free, stays as it was de
 kinematics then removes the remaining millimetres between the tool and the path.
 
 At the end stand the other starts of the optimisation: along the constraints of a path, and round
-obstacles by the corners of :mod:`optipromp.core.planning.tree`.
+obstacles by the corners of :mod:`optipromp.core.planning.collision`.
 """
 
 import math
@@ -36,11 +36,11 @@ from optipromp.core.planning.task import Task
 from optipromp.core.promp.conditioning import condition
 from optipromp.core.promp.gaussian import add_noise
 from optipromp.core.promp.model import ProMP
-from optipromp.core.promp.points import JointPoint
+from optipromp.core.promp.tasks import JointPoint
 from optipromp.core.pushing.path import ToolPath
 from optipromp.core.robots import ik
+from optipromp.core.robots.ik import level
 from optipromp.core.robots.model import Robot
-from optipromp.core.robots.roll import level
 from optipromp.core.scenes.goals import PathConstraints
 from optipromp.core.scenes.scene import PoseGoal
 from optipromp.core.trajectory import Trajectory

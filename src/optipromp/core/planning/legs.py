@@ -44,9 +44,9 @@ from optipromp.core.robots.self_collision import letting_touch
 from optipromp.core.scenes.held import RETREAT as RETREAT_LENGTH
 from optipromp.core.scenes.held import Attached, Place, pairs_among
 from optipromp.core.scenes.io import load_scene
+from optipromp.core.scenes.objects import rooted
 from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.scenes.scene import PoseGoal, Scene, SceneObject
-from optipromp.core.scenes.trusses import rooted
 from optipromp.core.trajectory import State, Trajectory
 
 REACH, LIFT, RETREAT, CARRY = "reach", "lift", "retreat", "carry"

@@ -18,8 +18,8 @@ from optipromp.core.processes import cores, run_each
 from optipromp.core.promp.model import ProMP
 from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.io import load_scene
+from optipromp.core.scenes.objects import rooted
 from optipromp.core.scenes.scene import Role, Scene
-from optipromp.core.scenes.trusses import rooted
 from optipromp.core.scenes.values import suggest
 
 HARMLESS = 0.05

@@ -20,13 +20,13 @@ from optipromp.core.scenes.goals import (
     Goal,
     HeldUpright,
     JointGoal,
+    Lines,
     OnPlane,
     PathConstraints,
     PoseGoal,
     RegionGoal,
 )
 from optipromp.core.scenes.held import Place
-from optipromp.core.scenes.lines import Lines
 from optipromp.core.scenes.objects import ObjectMotion, cleared
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Approach, Attached, Scene, SceneObject, Stem, ToolSpec

@@ -20,12 +20,13 @@ from optipromp.core.scenes import trusses
 from optipromp.core.scenes.goals import (
     Goal,
     JointGoal,
+    Lines,
     PathConstraints,
     PoseGoal,
     RegionGoal,
+    check_lines,
 )
 from optipromp.core.scenes.held import Attached, Pair, Place, checked
-from optipromp.core.scenes.lines import Lines, check_lines
 from optipromp.core.scenes.objects import ROLES, STEM_RADIUS, ObjectMotion, Role, SceneObject, Stem
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.values import array, keep, limited, named, suggest, unit

@@ -17,8 +17,7 @@ import numpy as np
 from optipromp.core.arrays import BoolArray, FloatArray, frozen, lengths
 from optipromp.core.compiled import inner, kernel
 from optipromp.core.geometry.shapes import Box, Cylinder
-from optipromp.core.pushing.candidates import Candidates, Round, Schedule
-from optipromp.core.pushing.model import Moved, PushModel
+from optipromp.core.pushing.model import Candidates, Moved, PushModel, Round, Schedule
 from optipromp.core.pushing.packs.flat import clear_ahead, shapes
 from optipromp.core.pushing.packs.quasi_static import Bench, Pushed, push_once, pushed
 from optipromp.core.pushing.parameters import PUSH

@@ -19,14 +19,21 @@ from optipromp.core.compiled import kernel
 from optipromp.core.geometry import signed_distance
 from optipromp.core.geometry.obstacles import Obstacles, near
 from optipromp.core.pushing import rules
-from optipromp.core.pushing.candidates import Candidates, Round, Schedule
-from optipromp.core.pushing.model import Continued, Moved, PushModel
+from optipromp.core.pushing.model import Candidates, Continued, Moved, PushModel, Round, Schedule
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP, ToolPath, length, through
 from optipromp.core.pushing.stems import bending
 from optipromp.core.pushing.stems.cup import Mouth
-from optipromp.core.pushing.stems.harm import Harm, score_of
-from optipromp.core.pushing.stems.swinging import NEVER, Led, clear, led, steps_inside, summed_score
+from optipromp.core.pushing.stems.swinging import (
+    NEVER,
+    Harm,
+    Led,
+    clear,
+    led,
+    score_of,
+    steps_inside,
+    summed_score,
+)
 from optipromp.core.robots.cup_cover import NECK_RADIUS
 from optipromp.core.robots.grippers import Scissor
 from optipromp.core.robots.ik import uniform

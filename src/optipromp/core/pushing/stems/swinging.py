@@ -38,7 +38,43 @@ from optipromp.core.pushing.stems.cup import (
     stem_gap,
     taken,
 )
-from optipromp.core.pushing.stems.harm import Harm, score_of
+
+HARM = PUSH.harm
+
+
+class Harm(NamedTuple):
+    """The predicted harm of a path. The first fruit is the target.
+
+    Attributes:
+        stem: largest lasting force of the cup on a stem [N].
+        fruit: largest force on another fruit than the target [N].
+        target: largest lasting force on the target [N].
+        inside: longest time of another fruit inside the cup [s].
+        pinched: time in which the cup presses another fruit against a static object [s].
+        missed: whether the target is outside the cup at the end.
+    """
+
+    stem: float
+    fruit: float
+    target: float
+    inside: float
+    pinched: float
+    missed: bool
+
+
+@inner
+def score_of(stem, fruit, target, inside, pinched, missed):
+    """The score of a :class:`Harm`: the sum of its parts.
+
+    A part is 1 where a force reaches what a fruit bears, or a fruit is pinched for
+    ``pinched_time``. A momentary force up to ``sudden_force`` counts nothing. A swallowed neighbour
+    and a missed target add ``HARM.swallowed`` each.
+    """
+    lost = HARM.swallowed * (inside > HARM.inside_time) + HARM.swallowed * missed
+    crushed = max(fruit - HARM.sudden_force, 0.0) / (HARM.fruit_force - HARM.sudden_force)
+    pressed = stem / HARM.stem_force + crushed + target / HARM.target_force
+    return pressed + pinched / HARM.pinched_time + lost
+
 
 SWING, HARM = PUSH.swing, PUSH.harm
 NEVER = 1 << 40  # the first step of the way out, of a motion that has none
@@ -219,10 +255,10 @@ def push(s, points, axes, dt, cup, solid, worst, positions, forces, stem_forces,
     ``s``: the N stems. ``points``: (P, 3) of the tool point; ``axes`` (P, 3) out of the mouth.
     ``dt``: between points [s]. ``cup``: its shape. ``solid``: static objects that fruits are
     pressed against; stems pass through them. ``worst``: score
-    (:func:`optipromp.core.pushing.stems.harm.score_of`) above which the push ends. ``positions``:
+    (:func:`score_of`) above which the push ends. ``positions``:
     (P, N, 3) out, of the fruits [m]. ``forces``: (P, N) out, largest contact force on each fruit
     [N]. ``stem_forces``: (P, N) out, of the cup on each stem [N]. ``so_far``: (5,) in and out, the
-    numbers of :class:`optipromp.core.pushing.stems.harm.Harm`.
+    numbers of :class:`Harm`.
 
     Returns: Number of points that the cup was led through.
     """
