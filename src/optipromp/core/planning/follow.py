@@ -27,7 +27,7 @@ from optipromp.core.arrays import FloatArray, frozen, lengths
 from optipromp.core.budget import Budget
 from optipromp.core.optimization.costs import Cost
 from optipromp.core.optimization.costs.tool import CorridorCost, UprightCost
-from optipromp.core.planning import tree
+from optipromp.core.planning import collision
 from optipromp.core.planning.goals import clearance
 from optipromp.core.planning.options import Searched
 from optipromp.core.planning.parameters import CONSTRAINT, FOLLOW, SOLVE, TREE, WAYPOINT
@@ -369,7 +369,7 @@ def free_starts(
     ends = [JointPoint(0.0, task.start), JointPoint(1.0, goals[order[0]])]
     shown = condition(promp, ends).sample(rng, TREE.shown, WAYPOINT.fewest)
     for _ in range(TREE.rounds):
-        corners = tree.way(task, goals, shown.reshape(-1, shown.shape[2]), rng, budget)
+        corners = collision.way(task, goals, shown.reshape(-1, shown.shape[2]), rng, budget)
         if corners is None:
             break
         q = along_corners(
@@ -386,7 +386,7 @@ def led_round(
     first, last = start.waypoints.first, start.waypoints.count - 1
     corners = None
     if first:
-        corners = tree.way(
+        corners = collision.way(
             task, start.followed[first : first + 1], start.primitive[:first], rng, budget
         )
     if corners is None:

@@ -22,7 +22,7 @@ from optipromp.core.budget import Budget, clock
 from optipromp.core.compiled import in_cache
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.optimization.kernels import add_stiffness
-from optipromp.core.planning import planners, tree
+from optipromp.core.planning import collision, planners
 from optipromp.core.planning.options import PlanOptions, Strategy, stated
 from optipromp.core.planning.parameters import APPROACH, UNDERWAY
 from optipromp.core.planning.result import Failed, Harmful, Plan, Planned, best_of
@@ -238,7 +238,7 @@ def warm_up(scene: Scene | str = WARM_UP) -> None:
     with _threads().limit(limits=1, user_api="blas"):
         made = _plan(task, planner=planners.OptiProMP(), options=DEFAULTS, end=math.inf, say=str)
         home = task.robot.home[None]
-        tree.way(task, home, home, np.random.default_rng(0))
+        collision.way(task, home, home, np.random.default_rng(0))
     assert isinstance(made, Plan)
     len(made.terms)  # computed when read
 
@@ -249,7 +249,7 @@ def compile_once() -> None:
 
     Kernels of few plans are compiled when they are called; a plan's clock stops meanwhile.
     """
-    if not (in_cache(add_stiffness) and in_cache(tree.shorten)):
+    if not (in_cache(add_stiffness) and in_cache(collision.shorten)):
         warm_up()
 
 

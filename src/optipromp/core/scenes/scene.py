@@ -16,7 +16,6 @@ from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.obstacles import Measures, Obstacles, measures, packed_shapes
 from optipromp.core.robots.library import NOTHING, Choice, load_arm
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes import trusses
 from optipromp.core.scenes.goals import (
     Goal,
     JointGoal,
@@ -27,7 +26,15 @@ from optipromp.core.scenes.goals import (
     check_lines,
 )
 from optipromp.core.scenes.held import Attached, Pair, Place, checked
-from optipromp.core.scenes.objects import ROLES, STEM_RADIUS, ObjectMotion, Role, SceneObject, Stem
+from optipromp.core.scenes.objects import (
+    ROLES,
+    STEM_RADIUS,
+    ObjectMotion,
+    Role,
+    SceneObject,
+    Stem,
+    check_trusses,
+)
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.values import array, keep, limited, named, suggest, unit
 from optipromp.core.shown import Shown
@@ -208,7 +215,7 @@ class Scene(Shown):
                     "ids must be unique, and an object has one role"
                 )
             seen[item.id] = index
-        trusses.check_trusses(self.objects)
+        check_trusses(self.objects)
         targets = [item.id for item in self.objects if item.role == "target"]
         if len(targets) > 1:
             raise InvalidSceneError(f"two targets, {targets[0]!r} and {targets[1]!r}: must be one")
