@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, IntArray, frozen
+from optipromp.core.arrays import FloatArray, IntArray, frozen, lengths
 from optipromp.core.compiled import compiler, kernel
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError
 from optipromp.core.files import cache_folder, npz, read_npz, write_atomically
@@ -142,11 +142,8 @@ def check_closed(mesh: MeshShape) -> None:
     """
     name = f"mesh {mesh.path}" if mesh.path is not None else "mesh"
     corners = mesh.vertices[mesh.faces]
-    area = 0.5 * float(
-        np.linalg.norm(
-            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-        ).sum()
-    )
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = 0.5 * float(lengths(across).sum())
     extent = float(np.ptp(mesh.vertices, axis=0).max())
     if area <= 1e-12 * extent**2 or extent <= 0.0:
         raise InvalidSceneError(f"{name}: is degenerate: its {len(corners)} faces have no area")

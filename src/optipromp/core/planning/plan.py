@@ -100,9 +100,7 @@ def plan(
         metrics of that trajectory.
 
     Raises:
-        InvalidSceneError: a scene that cannot be used.
-        InvalidRobotError: a robot that cannot be used.
-        InvalidDemonstrationError: demonstrations that cannot be used.
+        InvalidSceneError, InvalidRobotError, InvalidDemonstrationError: wrong input.
         InvalidRequestError: an argument or an option that is not allowed; a planner that ignores
             the scene's ``path`` or ``waypoints``, or that returns an object of another type than
             ``Planned``, ``Failed`` or ``Harmful``.

@@ -256,16 +256,12 @@ def plan_many(
     Args:
         scenes: scenes, names of built-in scenes, or scene files.
         options: of every plan; see :class:`PlanOptions`.
-        planner: as for :func:`plan`.
-        strategy: as for :func:`plan`.
-        demonstrations: as for :func:`plan`.
-        seed: as for :func:`plan`.
+        planner, strategy, demonstrations, seed, settings: as for :func:`plan`.
         workers: processes that plan; None: one per core; 1: this process plans.
         legs: scenes with a target and a ``place`` are planned with all legs, as
             :func:`optipromp.core.planning.legs.plan_pick` does.
         progress: called in this thread as each plan is done, with the index of its scene and the
             result.
-        settings: as for :func:`plan`.
 
     Returns:
         A result for each scene, in the order of ``scenes``: the plan (also a plan that failed; with
