@@ -315,14 +315,10 @@ def reading(
     except passes:
         raise
     except OptiPrompError as cause:
-        raise error(with_path(path, cause)) from None
+        named = str(path) in cause.message
+        raise error(cause.message if named else f"{path}: {cause.message}") from None
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as cause:
         raise error(f"{path} is {wrong}: {_words(cause)}") from None
-
-
-def with_path(path: Path | str, cause: OptiPrompError) -> str:
-    """The message of an error, after the path of its file unless it has that already."""
-    return cause.message if str(path) in cause.message else f"{path}: {cause.message}"
 
 
 def _words(cause: Exception) -> str:

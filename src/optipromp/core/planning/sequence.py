@@ -136,7 +136,8 @@ def plan_sequence(
             if progress is not None:
                 progress(f"pick {len(picks) + 1}: {id_}")
             tried.append(plan(aimed(scene, id_, picked), **request))
-        good = sorted((made for made in tried if made.success), key=_rank)
+        good = [made for made in tried if made.success]
+        good.sort(key=lambda made: (max(made.harm, HARMLESS), made.duration))
         whole: dict[str, Plan | Picked] = {_target(made): made for made in tried}
         best = best_of(
             _completed(good, whole, progress, request),
@@ -191,10 +192,6 @@ def _check(scene: Scene, targets: Sequence[str]) -> None:
             raise InvalidRequestError(
                 f"target {id_!r} is no target or pushable of {scene.name}: {suggest(id_, fruits)}"
             )
-
-
-def _rank(made: Plan) -> tuple[float, float]:
-    return max(made.harm, HARMLESS), made.duration
 
 
 def _target(made: Plan) -> str:

@@ -243,18 +243,13 @@ def _footprint(obj: SceneObject, frame: FloatArray) -> tuple[FloatArray | float,
     if isinstance(shape, Box):
         signs = np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)])
         corners = (0.5 * signs * np.array(shape.size)) @ obj.rotation.T @ frame[[2, 1]].T
-        outline = _hull(corners)
+        corners = hull(np.unique(np.round(corners, 9), axis=0))  # points within 1 nm are one
+        outline = np.roll(corners, -int(np.lexsort(corners.T[::-1])[0]), axis=0)
         a, b = outline, np.roll(outline, -1, axis=0)
         area = 0.5 * abs(float(np.sum(a[:, 0] * b[:, 1] - b[:, 0] * a[:, 1])))
         return outline, area, 0.81 * float(np.linalg.norm(outline, axis=1).mean())
     radius = obj.radius
     return radius, np.pi * radius**2, radius
-
-
-def _hull(points: FloatArray) -> FloatArray:
-    """Convex hull (k, 2), counter-clockwise, of points (m, 2); points within 1 nm are one."""
-    corners = hull(np.unique(np.round(points, 9), axis=0))
-    return np.roll(corners, -int(np.lexsort(corners.T[::-1])[0]), axis=0)
 
 
 def _covers(corners: FloatArray) -> bool:

@@ -22,18 +22,8 @@ from optipromp.core.pushing import rules
 from optipromp.core.pushing.model import Candidates, Continued, Moved, PushModel, Round, Schedule
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP, ToolPath, length, through
-from optipromp.core.pushing.stems import bending
+from optipromp.core.pushing.stems import bending, swinging
 from optipromp.core.pushing.stems.cup import Mouth
-from optipromp.core.pushing.stems.swinging import (
-    NEVER,
-    Harm,
-    Led,
-    clear,
-    led,
-    score_of,
-    steps_inside,
-    summed_score,
-)
 from optipromp.core.robots.cup_cover import NECK_RADIUS
 from optipromp.core.robots.grippers import Scissor
 from optipromp.core.robots.ik import uniform
@@ -47,7 +37,7 @@ HANGING = PUSH.hanging
 BEAM = PUSH.beam
 TOGETHER = 4  # states whose harm is computed between two steps of a plan that works in slices
 WEIGHT = 4  # of these states, in steps, measured: a step takes 1 ms in the median, 4 states 2 to 5
-NOTHING = Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
+NOTHING = swinging.Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
 
 
 class PathsPast(Candidates):
@@ -269,7 +259,7 @@ class Hanging(PushModel):
         self.states = HANGING.detected_states if detected else HANGING.states
         self.stems = sampled(fruits, self.searched, self.states, tuple(scene.up.tolist()))
         self._by: FloatArray | None = None  # (N, P, 3) drifts of the roots [m]
-        self._leaves = NEVER
+        self._leaves = swinging.NEVER
         self.candidates = PathsPast(
             scene, neighbours, self.cup, (self.static, avoid), camera, gripper_radius, self.searched
         )
@@ -284,7 +274,7 @@ class Hanging(PushModel):
         total, worst = 0.0, limit * states
         for first in range(0, states, TOGETHER):
             which = first, min(first + TOGETHER, states)
-            total = summed_score(
+            total = swinging.summed_score(
                 some, self.count, which, *motion, self.cup, self.static, hopeless, worst, not told,
                 leaves, total,
             )  # fmt: skip
@@ -295,10 +285,10 @@ class Hanging(PushModel):
             step(WEIGHT)
         return float(total / states)
 
-    def led(self, state: int, points: FloatArray, axes: FloatArray) -> Led:
+    def led(self, state: int, points: FloatArray, axes: FloatArray) -> swinging.Led:
         """Effect of a motion of the tool on the fruits in one state."""
         one, motion = self._steps(state, 1, points, axes)
-        return led(one, *motion, self.cup, self.static, self._leaves // HANGING.every)
+        return swinging.led(one, *motion, self.cup, self.static, self._leaves // HANGING.every)
 
     def drifting(self, by: Mapping[str, FloatArray]) -> Self:
         moved = copy.copy(self)
@@ -314,20 +304,20 @@ class Hanging(PushModel):
 
     def clear(self, points: FloatArray, axes: FloatArray) -> bool:
         every, (points, axes, _) = self._steps(0, self.searched + self.states, points, axes, 1)
-        return bool(clear(every, points, axes, self.cup))
+        return bool(swinging.clear(every, points, axes, self.cup))
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
         """See :class:`PushModel`; all swallowed fruits are named, before a missed target."""
         told = range(self.searched, self.searched + min(self.states, HANGING.causes))
         worst = max(
             (self.led(state, points, axes) for state in told),
-            key=lambda push: score_of(*push.harm) + push.pulls.max() / PUSH.harm.pull,
+            key=lambda push: swinging.score_of(*push.harm) + push.pulls.max() / PUSH.harm.pull,
         )
         found = worst.harm
         names = [fruit.id for fruit in self.fruits]
         if found.inside > PUSH.harm.inside_time:
             _, (points, axes, dt) = self._steps(0, 1, points, axes)
-            within = steps_inside(worst.positions, points, axes, self.cup)[1:]
+            within = swinging.steps_inside(worst.positions, points, axes, self.cup)[1:]
             most = max(int(within.max()), 1)
             first, *others = (
                 name
@@ -339,7 +329,7 @@ class Hanging(PushModel):
             place = "between the blades" if self.cup.cut else "inside"
             return names[0], f"is not {place} at the end"
         on_fruit, on_stem = worst.on_fruits, worst.on_stems
-        if self._leaves == NEVER:  # the force on the target is a separate part of the harm
+        if self._leaves == swinging.NEVER:  # the force on the target is a separate part of the harm
             on_fruit[0] = 0.0
         crushed = int(np.argmax(on_fruit))
         parts = (
@@ -350,7 +340,7 @@ class Hanging(PushModel):
         )
 
         def alone(item: tuple[str, int, str]) -> float:
-            return float(score_of(*NOTHING._replace(**{item[0]: getattr(found, item[0])})))
+            return float(swinging.score_of(*NOTHING._replace(**{item[0]: getattr(found, item[0])})))
 
         name, k, what = max(parts, key=alone)
         if worst.pulls.max() / PUSH.harm.pull > alone((name, k, what)):
