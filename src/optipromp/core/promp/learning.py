@@ -264,6 +264,15 @@ def gather(demonstrations: DemonstrationsLike, joint_names: Sequence[str] | None
     error = InvalidDemonstrationError
     if isinstance(demonstrations, Demonstration):
         demonstrations = (demonstrations,)
+    stacked = _stacked(demonstrations)
+    if stacked is not None:
+        if stacked.shape[0] == 0:
+            raise error("no demonstrations: at least one is needed")
+        if stacked.shape[1] < 2 or stacked.shape[2] == 0:
+            raise error(f"demonstrations: expected (N, T >= 2, n >= 1), got shape {stacked.shape}")
+        phases = np.linspace(0.0, 1.0, stacked.shape[1])
+        names = checks.names_for(joint_names or (), stacked.shape[2])
+        return Samples((phases,) * len(stacked), tuple(stacked), stacked, names)
     if not isinstance(demonstrations, Demonstrations):
         items = []
         for i, item in enumerate(demonstrations):
@@ -282,6 +291,25 @@ def gather(demonstrations: DemonstrationsLike, joint_names: Sequence[str] | None
         bool(np.abs(p - first).max() < 1e-12) for p in all_phases
     )
     return Samples(all_phases, positions, np.stack(positions) if same else None, names)
+
+
+def _stacked(demonstrations: DemonstrationsLike) -> FloatArray | None:
+    """A copy (N, T, n) of arrays of finite numbers of one shape; None for anything else."""
+    if isinstance(demonstrations, np.ndarray):
+        if demonstrations.ndim != 3:
+            return None
+        return checks.finite_array(demonstrations, "demonstrations", 3, InvalidDemonstrationError)
+    if not isinstance(demonstrations, list | tuple) or not demonstrations:
+        return None
+    if not all(
+        isinstance(item, np.ndarray) and item.dtype == np.float64 for item in demonstrations
+    ):
+        return None
+    shapes = {item.shape for item in demonstrations}
+    if len(shapes) != 1 or len(shapes.pop()) != 2:
+        return None
+    stacked = np.stack(demonstrations)
+    return stacked if np.isfinite(stacked).all() else None
 
 
 def deviation_floor(extent: FloatArray, demonstrations: int) -> FloatArray:
