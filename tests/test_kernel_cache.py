@@ -59,6 +59,25 @@ def test_a_damaged_cache_is_noticed_and_made_again(program: Path, tmp_path: Path
     assert run(program, cache)[0][1:] == ["False", "6.0", "0"]
 
 
+def test_a_cache_that_names_a_module_of_another_version_is_made_again(
+    program: Path, tmp_path: Path
+) -> None:
+    kinds = tmp_path / "kinds"
+    kinds.mkdir()
+    (kinds / "__init__.py").write_text("from kinds.before import Pair")
+    before = kinds / "before.py"
+    before.write_text("from typing import NamedTuple\n\nclass Pair(NamedTuple):\n    x: float\n")
+    text = "from kinds import Pair\n" + PROGRAM.replace("2.0 * x", "2.0 * x.x")
+    program.write_text(text.replace("twice(3.0)", "twice(Pair(3.0))"))
+    cache = tmp_path / "cache"
+    assert run(program, cache)[0] == ["True", "False", "6.0", "0"]
+    assert run(program, cache)[0] == ["True", "True", "6.0", "1"]
+    before.rename(kinds / "after.py")
+    (kinds / "__init__.py").write_text("from kinds.after import Pair")
+    assert run(program, cache)[0] == ["True", "False", "6.0", "0"]
+    assert run(program, cache)[0] == ["True", "True", "6.0", "1"]
+
+
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="owners of POSIX")
 def test_a_folder_that_others_can_write_in_is_not_used(program: Path, tmp_path: Path) -> None:
     cache = tmp_path / "cache"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from optipromp.core.geometry import Box, Capsule, HalfSpace, Obstacles, Sphere, distances, pack
-from optipromp.core.geometry.cells import FEWEST, cell_at
+from optipromp.core.geometry.obstacles import FEWEST, cell_at
 from optipromp.core.optimization.evaluation import BodyPoints, Evaluation
 from optipromp.core.robots.library import load_robot
 

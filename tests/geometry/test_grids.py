@@ -46,7 +46,7 @@ def write_obj(path, mesh):
 @pytest.fixture(autouse=True)
 def cache(tmp_path, monkeypatch):
     monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path / "cache"))
-    grids._memory.clear()
+    grids._grid.cache_clear()
     return tmp_path / "cache"
 
 
@@ -212,12 +212,12 @@ def test_grids_are_cached_on_disk_and_a_broken_cache_is_rebuilt(cache):
     first = distance_grid(mesh)
     (file,) = cache.rglob("*.npz")
     assert distance_grid(box_mesh([0.1, 0.1, 0.1])) is first
-    grids._memory.clear()
+    grids._grid.cache_clear()
     again = distance_grid(mesh)
     np.testing.assert_array_equal(again.values, first.values)
     for broken in (b"", b"PK\x03\x04 torn", file.read_bytes()[:1000]):
         file.write_bytes(broken)
-        grids._memory.clear()
+        grids._grid.cache_clear()
         np.testing.assert_array_equal(distance_grid(mesh).values, first.values)
     assert len(list(cache.rglob("*"))) == 2  # the folder and the file, no leftovers
 

@@ -8,7 +8,7 @@ import pytest
 from optipromp.core.geometry import Box, Sphere
 from optipromp.core.judging import clearances
 from optipromp.core.judging.clearance import nearest_static
-from optipromp.core.judging.entered import entered
+from optipromp.core.judging.validator import entered
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import gravity_load
 from optipromp.core.scenes import Attached, PoseGoal, Scene, SceneObject, ToolSpec

@@ -13,7 +13,7 @@ from optipromp.core import judging
 from optipromp.core.arrays import FloatArray
 from optipromp.core.compiled import kernel
 from optipromp.core.geometry.shapes import Cylinder
-from optipromp.core.planning import PlanOptions, collision, follow, plan, tree
+from optipromp.core.planning import PlanOptions, collision, follow, plan
 from optipromp.core.planning.parameters import TREE, WAYPOINT
 from optipromp.core.planning.task import Task, resolve
 from optipromp.core.scenes.pose import Pose
@@ -36,7 +36,7 @@ def task_of(family: Furniture, seed: int) -> Task:
 
 def way_of(task: Task, seed: int = 0) -> FloatArray:
     assert isinstance(task.goal, JointGoal)
-    found = tree.way(task, task.goal.joints[None], NONE, np.random.default_rng(seed))
+    found = collision.way(task, task.goal.joints[None], NONE, np.random.default_rng(seed))
     assert found is not None
     return found
 
@@ -104,9 +104,11 @@ def test_shortcuts_shorten_and_keep_both_ends() -> None:
         task = task_of("under-table", seed)
         assert isinstance(task.goal, JointGoal)
         body, rng = collision.collider(task, 0), np.random.default_rng(seed)
-        grown = tree._grown(body, task.robot, task.start, task.goal.joints[None], NONE, rng, None)
+        grown = collision._grown(
+            body, task.robot, task.start, task.goal.joints[None], NONE, rng, None
+        )
         assert grown is not None
-        short = tree._shortened(body, grown, rng)
+        short = collision._shortened(body, grown, rng)
         np.testing.assert_array_equal(short[[0, -1]], grown[[0, -1]])
         straight = float(np.linalg.norm(grown[-1] - grown[0]))
         assert straight - 1e-9 <= length(short) <= length(grown) + 1e-9
@@ -117,7 +119,8 @@ def test_where_no_way_leads_the_plan_says_what_it_touches() -> None:
     start, goal = np.array([0.1, 0.2, 0.0]), JointGoal(np.array([0.1, 2.9, 0.0]))
     scene = Scene(name="no way", robot="scara", objects=(post,), start=start, goal=goal)
     assert (
-        tree.way(resolve(scene), goal.joints[None], NONE[:, :3], np.random.default_rng(0)) is None
+        collision.way(resolve(scene), goal.joints[None], NONE[:, :3], np.random.default_rng(0))
+        is None
     )
     made = plan(scene)
     assert made.status == "INVALID_PLAN"

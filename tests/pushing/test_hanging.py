@@ -28,7 +28,7 @@ from optipromp.core.pushing.model import Prediction
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.rules import neighbours
 from optipromp.core.pushing.stems.hanging import HANGING, Hanging, applies
-from optipromp.core.pushing.stems.harm import Harm, score_of
+from optipromp.core.pushing.stems.swinging import Harm, score_of
 from optipromp.core.robots.tools import Cup, FrankaHand
 from optipromp.core.scenes import Scene, SceneObject
 from optipromp.laboratory.generate import generate

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from optipromp.core.budget import Budget, clock
-from optipromp.core.pushing.candidates import Candidates, Round, Schedule
-from optipromp.core.pushing.model import Moved, Prediction, PushModel
+from optipromp.core.pushing.model import Candidates, Moved, Prediction, PushModel, Round, Schedule
 from optipromp.core.pushing.path import ToolPath, through, turning
 from optipromp.core.pushing.searching import search
 

@@ -9,7 +9,7 @@ import pytest
 
 from optipromp.core.budget import Budget, clock
 from optipromp.core.geometry.shapes import Box, Cylinder
-from optipromp.core.pushing.candidates import Round
+from optipromp.core.pushing.model import Round
 from optipromp.core.pushing.packs.standing import STANDING, PathsBetween, Standing, applies, plane
 from optipromp.core.pushing.path import ToolPath, through, turning
 from optipromp.core.pushing.searching import search

@@ -14,8 +14,7 @@ from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems import swinging
 from optipromp.core.pushing.stems.bending import Stems
 from optipromp.core.pushing.stems.cup import Mouth, cup_distance
-from optipromp.core.pushing.stems.harm import Harm
-from optipromp.core.pushing.stems.swinging import push
+from optipromp.core.pushing.stems.swinging import Harm, push
 
 NOTHING = pack([])
 

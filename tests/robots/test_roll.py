@@ -5,8 +5,8 @@ import pytest
 from tests.robots.builders import Spoon, mesh_cup
 
 from optipromp.core.robots import Cup, FingerGripper, FrankaHand, Scissor, ik, with_tool
+from optipromp.core.robots.ik import level, rolls
 from optipromp.core.robots.library import load_robot
-from optipromp.core.robots.roll import level, rolls
 
 DOWN = np.array([0.0, 0.0, -1.0])
 

@@ -33,7 +33,7 @@ from optipromp.core.robots import (
     with_tool,
     without_tool,
 )
-from optipromp.core.robots.roll import rolls
+from optipromp.core.robots.ik import rolls
 from optipromp.core.robots.tool_geometry import MOST
 from optipromp.core.robots.tools import TOOLS as KINDS
 from optipromp.core.robots.tools import make_tool

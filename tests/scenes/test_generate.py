@@ -13,7 +13,7 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry import Box, Sphere, distances
 from optipromp.core.planning.task import resolve
 from optipromp.core.robots import ik
-from optipromp.core.robots.roll import rolled
+from optipromp.core.robots.ik import rolled
 from optipromp.core.scenes import Scene, load_scene, save_scene, scene_to_dict
 from optipromp.laboratory.generate import PRESETS, generate, generator
 from optipromp.laboratory.generate.checks import segments, to_segment, unsolvable

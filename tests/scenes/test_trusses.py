@@ -10,7 +10,7 @@ from optipromp import load_scene, save_scene
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry import Cone, Ellipsoid, Sphere
 from optipromp.core.scenes import Pose, Scene, SceneObject, Stem
-from optipromp.core.scenes.trusses import nearest, parents_first, rooted
+from optipromp.core.scenes.objects import nearest, parents_first, rooted
 from optipromp.laboratory.generate import NOISES, generate, perceived
 from optipromp.laboratory.generate.plants import untold
 from optipromp.ros.scenes import collision_object, read_collision_object

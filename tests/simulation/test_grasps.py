@@ -10,8 +10,8 @@ from tests.robots.builders import prism, write_obj
 
 from optipromp.core.planning import plan
 from optipromp.core.robots import FingerGripper, MeshTool, Scissor, ik, load_robot, with_tool
+from optipromp.core.robots.ik import level
 from optipromp.core.robots.mounted import Mounted
-from optipromp.core.robots.roll import level
 from optipromp.core.robots.tools import make_tool
 from optipromp.core.scenes import (
     JointGoal,

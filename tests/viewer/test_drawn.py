@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from optipromp.core.planning import Plan, plan
 from optipromp.core.planning.options import PlanOptions, Strategy
 from optipromp.core.planning.task import resolve
-from optipromp.core.pushing.interactive import pushes
+from optipromp.core.pushing.rules import pushes
 from optipromp.core.scenes import load_scene
 from optipromp.looks.viewer import drawn
 from optipromp.looks.viewer.reach import reach_figure

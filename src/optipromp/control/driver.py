@@ -20,8 +20,8 @@ from optipromp.core.planning.task import posed, spaced
 from optipromp.core.planning.timing import needs, stopped
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.objects import rooted
 from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject, Stem
-from optipromp.core.scenes.trusses import rooted
 from optipromp.core.trajectory import State, Trajectory
 
 TRACKED = 2e-4  # [m] largest error of a followed tool point: a choice

@@ -72,7 +72,9 @@ class _Checked(IndexDataCacheFile):  # type: ignore[misc]
             file.write(zlib.crc32(content.getvalue()).to_bytes(_CHECKED, "big"))
 
     def _load_index(self) -> Any:
-        return super()._load_index() if _whole(self._index_path) else {}
+        with suppress(ImportError, AttributeError):  # of a version whose types stood elsewhere
+            return super()._load_index() if _whole(self._index_path) else {}
+        return {}
 
     def _load_data(self, name: str) -> Any:
         if not _whole(self._data_path(name)):

@@ -44,20 +44,9 @@ def read_bytes(path: Path, error: type[OptiPrompError], most: int = LARGEST_ARRA
     return content
 
 
-def is_file(path: Path) -> bool:
-    """Whether a path is a file. False for a forbidden folder and for a name that no file can have,
-    where ``Path.is_file`` raises until Python 3.13."""
-    return os.path.isfile(path)  # noqa: PTH113
-
-
-def is_folder(path: Path) -> bool:
-    """Whether a path is a folder; see :func:`is_file`."""
-    return os.path.isdir(path)  # noqa: PTH112
-
-
-def is_there(path: Path) -> bool:
-    """Whether a path exists, also as a device or a pipe; see :func:`is_file`."""
-    return os.path.exists(path)  # noqa: PTH110
+is_file, is_folder, is_there = os.path.isfile, os.path.isdir, os.path.exists
+"""Whether a path is a file, a folder, or anything, also a device or a pipe. False for a forbidden
+folder and for a name that no file can have, where ``Path``'s methods raise until Python 3.13."""
 
 
 def file_name(text: str) -> str:
@@ -326,14 +315,10 @@ def reading(
     except passes:
         raise
     except OptiPrompError as cause:
-        raise error(with_path(path, cause)) from None
+        named = str(path) in cause.message
+        raise error(cause.message if named else f"{path}: {cause.message}") from None
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as cause:
         raise error(f"{path} is {wrong}: {_words(cause)}") from None
-
-
-def with_path(path: Path | str, cause: OptiPrompError) -> str:
-    """The message of an error, after the path of its file unless it has that already."""
-    return cause.message if str(path) in cause.message else f"{path}: {cause.message}"
 
 
 def _words(cause: Exception) -> str:

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, Field, FiniteFloat
 
-from optipromp.core.arrays import FloatArray
+from optipromp.core import files
 from optipromp.core.documents import read_document
 from optipromp.core.errors import (
     Code,
@@ -24,18 +24,6 @@ from optipromp.core.errors import (
     InvalidRequestError,
     InvalidSceneError,
     OptiPrompError,
-)
-from optipromp.core.files import (
-    is_folder,
-    is_there,
-    json_text,
-    npz,
-    read_bytes,
-    read_npz,
-    reading,
-    settle,
-    write_atomically,
-    write_together,
 )
 from optipromp.core.judging import Metrics, Overlap
 from optipromp.core.planning import Plan, Term
@@ -79,16 +67,16 @@ def write_plan(plan: Plan, folder: Path, *, rate: float = RATE) -> tuple[str, ..
         InvalidRequestError: the folder cannot be written; a rate that is not positive.
     """
     curve = plan.trajectory.resample(rate)
-    files: dict[str, bytes] = {
+    contents: dict[str, bytes] = {
         "trajectory.csv": csv(curve),
-        "trajectory.npz": npz(arrays(curve)),
-        "waypoints.npz": npz(_waypoints(plan), compressed=True),
+        "trajectory.npz": files.npz(arrays(curve)),
+        "waypoints.npz": files.npz(_waypoints(plan), compressed=True),
     }
-    digests = {name: _digest(content) for name, content in files.items()}
+    digests = {name: _digest(content) for name, content in contents.items()}
     document = _document(plan, folder) | {"sha256": digests}
-    files["plan.json"] = json_text(document).encode("utf-8")
-    write_together(folder, files)
-    return tuple(files)
+    contents["plan.json"] = files.json_text(document).encode("utf-8")
+    files.write_together(folder, contents)
+    return tuple(contents)
 
 
 class _Via(BaseModel):
@@ -133,15 +121,15 @@ def load_plan(path: Path | str) -> Plan:
         InvalidSceneError: the scene of the plan cannot be used.
     """
     path = Path(path)
-    folder = path if is_folder(path) else path.parent
-    file = folder / "plan.json" if is_folder(path) else path
+    folder = path if files.is_folder(path) else path.parent
+    file = folder / "plan.json" if files.is_folder(path) else path
     with suppress(OSError):  # the digests then do not agree
-        settle(folder)
+        files.settle(folder)
     content = read_document(file, InvalidRequestError, "a plan")
-    with reading(path, WRONG, passes=(InvalidSceneError, InvalidPlanError)):
+    with files.reading(path, WRONG, passes=(InvalidSceneError, InvalidPlanError)):
         found = _PlanFile.model_validate(content)
         _check_digests(folder, found.sha256)
-        rows = read_npz(folder / "waypoints.npz")
+        rows = files.read_npz(folder / "waypoints.npz")
         if found.scene_file is None:
             raise InvalidRequestError(
                 "its scene was not written: it held a shape made in memory, or the plan was made "
@@ -160,7 +148,7 @@ def _check_digests(folder: Path, digests: Mapping[str, str]) -> None:
     if set(digests) != set(FILES):
         raise InvalidRequestError(f"sha256: must name {', '.join(FILES)}")
     for name, digest in digests.items():
-        if _digest(read_bytes(folder / name, InvalidRequestError)) != digest:
+        if _digest(files.read_bytes(folder / name, InvalidRequestError)) != digest:
             raise InvalidRequestError(
                 f"{folder / name}: is not the file that belongs to plan.json: must be of the same "
                 "plan, as it was written"
@@ -179,10 +167,19 @@ def _plan(found: _PlanFile, scene: Scene, rows: Mapping[str, Any], file: Path) -
         )
     if found.first >= curve.n_waypoints:
         raise InvalidRequestError(f"first is {found.first}: must be below {curve.n_waypoints}")
-    task = resolve(scene, robot, _start(rows, robot))
+    start = pushed = None
+    if START in rows:
+        stated = files.members(rows, {START: (float, "3n")}, {"n": robot.n_joints})
+        start = State(*stated[START])
+    if PUSHED[0] in rows:
+        points, axes = files.members(rows, dict.fromkeys(PUSHED, (float, "P3")), {}).values()
+        if not np.isfinite(points + axes).all():
+            raise InvalidRequestError(f"{' and '.join(PUSHED)} must be finite")
+        pushed = points, axes
+    task = resolve(scene, robot, start)
     if task.begun:
         task = underway(task, None, None)
-    task = replace(task, risk=found.risk, pushed=_pushed(rows))
+    task = replace(task, risk=found.risk, pushed=pushed)
     judged = verdict(task, curve)
     if WORSE.index(judged.status) > WORSE.index(found.status):
         raise InvalidPlanError(
@@ -201,37 +198,13 @@ def _plan(found: _PlanFile, scene: Scene, rows: Mapping[str, Any], file: Path) -
         followed=curves[2],
         prediction=judged.prediction,
         judgement=judged.judgement,
-        terms=found.terms,
+        functionals=found.terms.copy,
         stages=found.stages,
         time=found.time,
         first=found.first,
         via=tuple(ViaPoint(via.name, np.array(via.position)) for via in found.via),
         notes=found.notes,
     )
-
-
-def _start(rows: Mapping[str, Any], robot: Robot) -> State | None:
-    """The start of the rows of ``waypoints.npz``; None if it is the scene's."""
-    if START not in rows:
-        return None
-    values = np.asarray(rows[START], dtype=np.float64)
-    if values.shape != (3, robot.n_joints) or not np.isfinite(values).all():
-        raise InvalidRequestError(f"{START} must be finite, of shape (3, {robot.n_joints})")
-    return State(*values)
-
-
-def _pushed(rows: Mapping[str, Any]) -> tuple[FloatArray, FloatArray] | None:
-    """Tool points and axes (P, 3) of the rows of ``waypoints.npz``; None without them."""
-    if PUSHED[0] not in rows:
-        return None
-    points, axes = (np.asarray(rows[name], dtype=np.float64) for name in PUSHED)
-    if (
-        points.shape != axes.shape
-        or points.shape[1:] != (3,)
-        or not np.isfinite(points + axes).all()
-    ):
-        raise InvalidRequestError(f"{' and '.join(PUSHED)} must be finite, of one shape (P, 3)")
-    return points, axes
 
 
 def _document(plan: Plan, folder: Path) -> dict[str, Any]:
@@ -259,16 +232,12 @@ def _alike(one: Robot, other: Robot) -> bool:
     )
 
 
-def _state(start: State) -> FloatArray:
-    return np.array([start.q, start.velocity, start.acceleration])
-
-
 def _waypoints(plan: Plan) -> dict[str, Any]:
     return {
         **arrays(plan.trajectory),
         **arrays(plan.initial, "initial_"),
         **arrays(plan.followed, "followed_"),
-        **({} if plan.start is None else {START: _state(plan.start)}),
+        **({} if plan.start is None else {START: np.array([*vars(plan.start).values()])}),
         **({} if plan.task.pushed is None else dict(zip(PUSHED, plan.task.pushed, strict=True))),
     }
 
@@ -288,8 +257,8 @@ def write_pick(picked: Picked, folder: Path, *, rate: float = RATE) -> tuple[str
         if name in picked.legs:
             one = picked.legs[name]
             rows = {OF: of, TOLD: [one.status, one.message], **arrays(one.trajectory)}
-            content = npz(rows, compressed=True)
-            write_atomically(folder / f"{name}.npz", content)
+            content = files.npz(rows, compressed=True)
+            files.write_atomically(folder / f"{name}.npz", content)
             names.append(f"{name}.npz")
     return tuple(names)
 
@@ -311,10 +280,10 @@ def load_pick(path: Path | str) -> Picked | Plan:
     legs = {REACH: reach}
     for name in AFTER[not stands(reach.scene) :]:
         file = folder / f"{name}.npz"
-        if not is_there(file):
+        if not files.is_there(file):
             break
-        rows = read_npz(file)
-        with reading(file, "no leg that this version wrote"):
+        rows = files.read_npz(file)
+        with files.reading(file, "no leg that this version wrote"):
             curve, of = from_arrays(rows), str(rows[OF])
             status, message = map(str, rows.get(TOLD, (Code.SUCCESS, "")))
             code = Code(status)
@@ -332,4 +301,4 @@ def load_pick(path: Path | str) -> Picked | Plan:
 
 
 def _of(folder: Path) -> str:
-    return _digest(read_bytes(folder / "waypoints.npz", InvalidRequestError))
+    return _digest(files.read_bytes(folder / "waypoints.npz", InvalidRequestError))

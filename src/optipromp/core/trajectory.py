@@ -163,6 +163,12 @@ class Trajectory(Shown):
         rough = cls(at, q, still, still, joint_names)  # checks the arguments
         return cls(rough.times, q, *derivatives(q, rough.times, begin), joint_names)
 
+    @classmethod
+    def still(cls, q: FloatArray, times: ArrayLike, joint_names: tuple[str, ...]) -> "Trajectory":
+        """A stay at positions ``q`` (n,), with rows at ``times`` (T,) [s]."""
+        rest = np.zeros((np.size(times), len(q)))
+        return cls(np.asarray(times), q + rest, rest, rest, joint_names)
+
     def _words(self) -> str:
         return (
             f"of {len(self.joint_names)} joints, {len(self.times)} waypoints, {self.duration:.2f} s"

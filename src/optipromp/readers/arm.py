@@ -42,23 +42,15 @@ class Group:
 
 
 @dataclass(frozen=True)
-class EndEffector:
-    """A hand: its ``group``, the link that carries it, and the arm's group or ''."""
-
-    name: str
-    parent_link: str
-    group: str
-    parent_group: str
-
-
-@dataclass(frozen=True)
 class Srdf:
-    """The content of an SRDF; ``groups`` by name, in file order."""
+    """The content of an SRDF; ``groups`` by name, in file order.
+
+    ``hands``: of each end effector the link that carries it, and its group.
+    """
 
     path: Path
-    robot: str
     groups: Mapping[str, Group]
-    end_effectors: tuple[EndEffector, ...]
+    hands: tuple[tuple[str, str], ...]
 
 
 def read_srdf(path: Path) -> Srdf:
@@ -82,9 +74,9 @@ def read_srdf(path: Path) -> Srdf:
                 )
             groups[group.name] = group
         elif node.tag == "end_effector":
-            name, link, of = (_given(path, node, key) for key in ("name", "parent_link", "group"))
-            hands.append(EndEffector(name, link, of, node.attributes.get("parent_group", "")))
-    return Srdf(path, root.attributes.get("name", ""), groups, tuple(hands))
+            _, link, of = (_given(path, node, key) for key in ("name", "parent_link", "group"))
+            hands.append((link, of))
+    return Srdf(path, groups, tuple(hands))
 
 
 def _group(path: Path, node: Node) -> Group:
@@ -200,7 +192,7 @@ def choose_arm(
     more = [str(arm) for arm in found[1:] if (arm.tip, arm.joints) != (first.tip, first.joints)]
     others = tuple(dict.fromkeys([*more, *_other_ends(tree, first)]))
     chains = {} if srdf is None else {name: _of_group(tree, srdf, name) for name in srdf.groups}
-    groups = {name: chain.joints for name, chain in chains.items() if chain is not None}
+    groups = {name: one.joints for name, one in chains.items() if one is not None}
     return replace(first, others=others, groups=groups)
 
 
@@ -210,7 +202,7 @@ def _named(tree: Tree, srdf: Srdf | None, name: str, arms: Sequence[Arm]) -> lis
     chains = {key: arm for key, arm in groups.items() if arm is not None}
     if name in chains:
         return [chains[name]]
-    called = {key: chain for key, chain in chains.items() if not words_of(key) & NO_ARM}
+    called = {key: arm for key, arm in chains.items() if not words_of(key) & NO_ARM}
     part = name.casefold()
     said = list(called.items())
     said += [(each, arm) for arm in arms for each in (arm.tip, _shared(arm.joints))]
@@ -406,12 +398,12 @@ def _of_group(tree: Tree, srdf: Srdf, name: str) -> Arm | None:
     if set(path[first:]) != {joint.name for joint in moving}:
         return None  # not a chain
     ends = [part for _, part in tree.rigid(last)]
-    for hand in srdf.end_effectors:
-        carriers = {j.name for j in tree.movable(hand.parent_link)}
-        if hand.group == name and not carriers & {joint.name for joint in moving}:
+    for link, group in srdf.hands:
+        carriers = {j.name for j in tree.movable(link)}
+        if group == name and not carriers & {joint.name for joint in moving}:
             return None  # the group of a hand
-        if hand.parent_link in ends and not tips:
-            tips = (hand.parent_link,)
+        if link in ends and not tips:
+            tips = (link,)
     tip = next((link for link in tips if link in ends), None) or _flange_of(tree, last)
     why = f"group '{name}' of {srdf.path.name}"
     return _made(tree, tip, moving[0].parent, why)

@@ -17,7 +17,7 @@ from optipromp.core.arrays import rotation as turned
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.description import rotation_of
 from optipromp.core.robots.kernels import PRISMATIC, REVOLUTE, Kinematics
-from optipromp.readers.urdf import UrdfJoint, UrdfModel
+from optipromp.readers.urdf import UrdfJoint, UrdfMimic, UrdfModel
 
 
 def _set(listed: str) -> frozenset[str]:
@@ -230,15 +230,6 @@ class Chain:
     placements: Mapping[str, Placement]  # every link of the file, in file order
 
 
-@dataclass(frozen=True)
-class _Drive:
-    """The value of a joint: multiplier * value of ``leader`` + offset [rad or m]."""
-
-    leader: str
-    multiplier: float
-    offset: float
-
-
 def serial_chain(
     model: UrdfModel, tip: str, base: str | None = None, held: Mapping[str, float] = _NONE
 ) -> Chain:
@@ -258,9 +249,9 @@ def serial_chain(
         )
     drives = _drives(model)
     for joint in movable:
-        if joint.fault or (joint := model.joints[drives[joint.name].leader]).fault:
+        if joint.fault or (joint := model.joints[drives[joint.name].joint]).fault:
             raise InvalidRobotError(joint.fault)
-    names = tuple(dict.fromkeys(drives[joint.name].leader for joint in movable))
+    names = tuple(dict.fromkeys(drives[joint.name].joint for joint in movable))
     index = {name: i for i, name in enumerate(names)}
     _check_held(model, held, drives, index)
     lower, upper, velocity = _limits(model, index, drives)
@@ -270,7 +261,7 @@ def serial_chain(
         rotation=frozen([rotation for rotation, _ in segments]),
         translation=frozen([translation for _, translation in segments]),
         axis=frozen([joint.axis for joint in movable]),
-        dof=frozen([index[drives[joint.name].leader] for joint in movable], np.int64),
+        dof=frozen([index[drives[joint.name].joint] for joint in movable], np.int64),
         multiplier=frozen([drives[joint.name].multiplier for joint in movable]),
         offset=frozen([drives[joint.name].offset for joint in movable]),
     )
@@ -291,7 +282,7 @@ def _placed(
     tree: Tree,
     path: Sequence[UrdfJoint],
     held: Mapping[str, float],
-    drives: Mapping[str, _Drive],
+    drives: Mapping[str, UrdfMimic],
     index: Mapping[str, int],
 ) -> tuple[list[tuple[FloatArray, FloatArray]], dict[str, Placement], set[str]]:
     """The frame of each moving joint of ``path`` at zero, the placement of every link, and the
@@ -311,12 +302,12 @@ def _placed(
             if joint.name in on_path:
                 segments.append((rotation, translation))
                 segment, rotation, translation = len(segments) - 1, np.eye(3), np.zeros(3)
-            elif drive.leader in index:
+            elif drive.joint in index:
                 driver = driver or joint.name
             else:
                 still.add(joint.name)
-                leader = joints[drive.leader]
-                rest = held.get(drive.leader, min(max(0.0, leader.lower), leader.upper))
+                leader = joints[drive.joint]
+                rest = held.get(drive.joint, min(max(0.0, leader.lower), leader.upper))
                 value = drive.multiplier * rest + drive.offset
                 if joint.kind == "prismatic":
                     translation = rotation @ (np.array(joint.axis) * value) + translation
@@ -329,14 +320,14 @@ def _placed(
 def _check_held(
     model: UrdfModel,
     held: Mapping[str, float],
-    drives: Mapping[str, _Drive],
+    drives: Mapping[str, UrdfMimic],
     index: Mapping[str, int],
 ) -> None:
     """Refuse to hold a joint of the arm, a mimic joint, or a joint outside its limits."""
     free = [
         name
         for name, joint in model.joints.items()
-        if joint.kind != "fixed" and drives[name].leader == name and name not in index
+        if joint.kind != "fixed" and drives[name].joint == name and name not in index
     ]
     for name, value in held.items():
         where = f"{model.path}: hold gives joint '{name}' {value:g}"
@@ -352,26 +343,25 @@ def _check_held(
             )
 
 
-def _drives(model: UrdfModel) -> dict[str, _Drive]:
+def _drives(model: UrdfModel) -> dict[str, UrdfMimic]:
     """Each movable joint as a function of a joint that mimics none."""
-    drives: dict[str, _Drive] = {}
+    drives: dict[str, UrdfMimic] = {}
     for joint in model.joints.values():
         trail = []
         current = joint
         while current.mimic is not None and current.name not in drives:
-            trail.append(current)
+            trail.append((current.name, current.mimic))
             current = model.joints[current.mimic.joint]
-        drive = drives.setdefault(current.name, _Drive(current.name, 1.0, 0.0))
-        for follower in reversed(trail):
-            if follower.mimic is not None:
-                m, o = follower.mimic.multiplier, follower.mimic.offset
-                drive = _Drive(drive.leader, m * drive.multiplier, m * drive.offset + o)
-                drives[follower.name] = drive
+        drive = drives.setdefault(current.name, UrdfMimic(current.name, 1.0, 0.0))
+        for name, mimic in reversed(trail):
+            m, o = mimic.multiplier, mimic.offset
+            drive = UrdfMimic(drive.joint, m * drive.multiplier, m * drive.offset + o)
+            drives[name] = drive
     return drives
 
 
 def _limits(
-    model: UrdfModel, index: Mapping[str, int], drives: Mapping[str, _Drive]
+    model: UrdfModel, index: Mapping[str, int], drives: Mapping[str, UrdfMimic]
 ) -> tuple[list[float], list[float], list[float]]:
     """Position limits and velocity limits of the independent joints, by which every joint that they
     drive stays within its limits."""
@@ -380,9 +370,9 @@ def _limits(
     velocity = [model.joints[name].velocity for name in index]
     for joint in model.joints.values():
         drive = drives[joint.name]
-        if joint.mimic is None or drive.leader not in index:
+        if joint.mimic is None or drive.joint not in index:
             continue
-        i, m, o = index[drive.leader], drive.multiplier, drive.offset
+        i, m, o = index[drive.joint], drive.multiplier, drive.offset
         where = f"{model.path}: mimic joint '{joint.name}'"
         if m == 0.0:
             if not joint.lower <= o <= joint.upper:
@@ -397,6 +387,6 @@ def _limits(
         if lower[i] > upper[i]:
             raise InvalidRobotError(
                 f"{where} has limits [{joint.lower:g}, {joint.upper:g}] that no position of its "
-                f"leader '{drive.leader}' keeps"
+                f"leader '{drive.joint}' keeps"
             )
     return lower, upper, velocity

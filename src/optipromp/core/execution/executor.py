@@ -293,7 +293,7 @@ def gap_beyond(
 
 def standing(robot: Robot, state: State) -> Trajectory:
     """A curve that stands still at the positions of ``state``; it lasts 1 s, any time would do."""
-    return Trajectory.through(np.tile(state.q, (2, 1)), 1.0, robot.joint_names)
+    return Trajectory.still(state.q, (0.0, 1.0), robot.joint_names)
 
 
 def measured_state(arm: "Follower") -> State:
@@ -383,7 +383,6 @@ class Follower(ABC):
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the n joints, in the order of the arrays."""
         return self.robot.joint_names
 
     @abstractmethod
@@ -403,7 +402,6 @@ class Follower(ABC):
         """Command a reference, which holds until the next."""
 
     def abort(self) -> None:
-        """See :class:`Executor`."""
         self._aborted.set()
 
     def refusal(self, curve: Trajectory, now: State) -> str:
@@ -448,7 +446,6 @@ class Follower(ABC):
         return ""
 
     def execute(self, curve: Trajectory, watch: Watch | None = None) -> Executed:
-        """See :class:`Executor`."""
         if not isinstance(curve, Trajectory):
             raise InvalidRequestError(f"the curve is a {type(curve).__name__}, not a Trajectory")
         with self._begun() as now:
@@ -459,7 +456,6 @@ class Follower(ABC):
     def follow(
         self, source: Source, *, period: float = PERIOD, watch: Watch | None = None
     ) -> Executed:
-        """See :class:`Executor`."""
         if not callable(source):
             raise InvalidRequestError(f"the source is a {type(source).__name__}, not a function")
         if not (np.isfinite(period) and period > 0.0):

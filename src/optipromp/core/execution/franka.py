@@ -100,7 +100,6 @@ class PandaPy(_Franka):
 
     @contextmanager
     def stream(self) -> Iterator[Iterator[float]]:
-        """See :class:`Follower`."""
         self._controller = self._controllers.JointPosition(**self._gains)
         self._controller.set_control(np.array(self._read().q))
         self.panda.start_controller(self._controller)
@@ -112,7 +111,6 @@ class PandaPy(_Franka):
             self._controller = None
 
     def command(self, reference: State) -> None:
-        """See :class:`Follower`."""
         self._controller.set_control(reference.q, reference.velocity)
 
 
@@ -135,11 +133,9 @@ class Franky(_Franka):
 
     @contextmanager
     def stream(self) -> Iterator[Iterator[float]]:
-        """See :class:`Follower`."""
         made = self._franky.JointImpedanceTracker(self.arm, period=1.0 / FRANKY_RATE, **self._gains)
         with made as self._tracker:
             yield _since(lambda: self._tracker.tick() is not None)
 
     def command(self, reference: State) -> None:
-        """See :class:`Follower`."""
         self._tracker.set_target(reference.q, reference.velocity)

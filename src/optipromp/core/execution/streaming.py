@@ -154,7 +154,6 @@ class AskingApart(Asking):
         self._thread.start()
 
     def ask(self, question: Question) -> None:
-        """See :class:`Asking`."""
         with self._changed:
             self._newest = question
             self._changed.notify()

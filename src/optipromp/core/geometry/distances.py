@@ -15,17 +15,8 @@ from numpy.typing import ArrayLike
 from optipromp.core.arrays import FloatArray
 from optipromp.core.compiled import inlined, inner
 from optipromp.core.errors import InvalidRequestError
+from optipromp.core.geometry import shapes
 from optipromp.core.geometry.obstacles import Obstacles
-from optipromp.core.geometry.shapes import (
-    BOX,
-    CAPSULE,
-    CONE,
-    CYLINDER,
-    ELLIPSOID,
-    GRID_PADDING,
-    HALF_SPACE,
-    SPHERE,
-)
 
 _NEWTON = 30  # steps to the nearest point of an ellipsoid, at most; 3 to 8 suffice
 _TINY = 1e-300  # [m²] squared lengths up to here count as 0: below 2e-308 numbers lose digits
@@ -56,7 +47,7 @@ def distance_and_gradient(obstacles, k, x0, x1, x2):
     position = obstacles.position
     d0, d1, d2 = x0 - position[k, 0], x1 - position[k, 1], x2 - position[k, 2]
     size = obstacles.size
-    if kind == SPHERE:
+    if kind == shapes.SPHERE:
         squared = d0 * d0 + d1 * d1 + d2 * d2
         length = math.sqrt(squared)
         if squared > _TINY:
@@ -65,22 +56,22 @@ def distance_and_gradient(obstacles, k, x0, x1, x2):
         return length - size[k, 0], 0.0, 0.0, 1.0
 
     rotation = obstacles.rotation
-    if kind == HALF_SPACE:
+    if kind == shapes.HALF_SPACE:
         n0, n1, n2 = rotation[k, 0, 2], rotation[k, 1, 2], rotation[k, 2, 2]
         return d0 * n0 + d1 * n1 + d2 * n2, n0, n1, n2
 
     l0 = rotation[k, 0, 0] * d0 + rotation[k, 1, 0] * d1 + rotation[k, 2, 0] * d2
     l1 = rotation[k, 0, 1] * d0 + rotation[k, 1, 1] * d1 + rotation[k, 2, 1] * d2
     l2 = rotation[k, 0, 2] * d0 + rotation[k, 1, 2] * d1 + rotation[k, 2, 2] * d2
-    if kind == BOX:
+    if kind == shapes.BOX:
         distance, g0, g1, g2 = _box(l0, l1, l2, size[k, 0], size[k, 1], size[k, 2])
-    elif kind == CAPSULE:
+    elif kind == shapes.CAPSULE:
         distance, g0, g1, g2 = _capsule(l0, l1, l2, size[k, 0], size[k, 1])
-    elif kind == CYLINDER:
+    elif kind == shapes.CYLINDER:
         distance, g0, g1, g2 = _cylinder(l0, l1, l2, size[k, 0], size[k, 1])
-    elif kind == ELLIPSOID:
+    elif kind == shapes.ELLIPSOID:
         distance, g0, g1, g2 = _ellipsoid(l0, l1, l2, size[k, 0], size[k, 1], size[k, 2])
-    elif kind == CONE:
+    elif kind == shapes.CONE:
         distance, g0, g1, g2 = _cone(l0, l1, l2, size[k, 0], size[k, 1], size[k, 2])
     else:
         distance, g0, g1, g2 = _grid(obstacles, obstacles.grid[k], l0, l1, l2)
@@ -237,7 +228,7 @@ def _grid(obstacles, g, l0, l1, l2):
     if squared <= _TINY:
         return value, g0, g1, g2
     bound = math.sqrt(squared + value * value)
-    pad = GRID_PADDING * spacing
+    pad = shapes.GRID_PADDING * spacing
     m0, m1, m2 = 0.5 * (n0 - 1) * spacing, 0.5 * (n1 - 1) * spacing, 0.5 * (n2 - 1) * spacing
     inner, b0, b1, b2 = _box(p0 - m0, p1 - m1, p2 - m2, m0 - pad, m1 - pad, m2 - pad)
     if inner >= bound:

@@ -13,14 +13,14 @@ from __future__ import annotations
 
 import hashlib
 import math
-import threading
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, IntArray, frozen
+from optipromp.core.arrays import FloatArray, IntArray, frozen, lengths
 from optipromp.core.compiled import compiler, kernel
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError
 from optipromp.core.files import cache_folder, npz, read_npz, write_atomically
@@ -42,9 +42,6 @@ _CELL = 3.0  # [steps of the grid] along an edge of a cell
 _TINY = 1e-300  # a squared length [m²] or area [m⁴] up to here counts as 0
 _KEPT = 32  # grids in memory, at most
 
-_memory: dict[str, DistanceGrid] = {}
-_lock = threading.Lock()
-
 
 @dataclass(frozen=True, eq=False)
 class DistanceGrid:
@@ -63,6 +60,14 @@ class DistanceGrid:
         object.__setattr__(self, "origin", frozen(self.origin))
 
 
+@dataclass(frozen=True)
+class _Source:
+    """A shape of which a grid is made; alike ones are equal."""
+
+    key: str  # hash of the shape
+    shape: MeshShape | PointCloudShape = field(compare=False)
+
+
 def distance_grid(shape: Shape) -> DistanceGrid:
     """The grid of a shape: from memory, from disk, or built and then stored in both.
 
@@ -70,23 +75,20 @@ def distance_grid(shape: Shape) -> DistanceGrid:
     no error.
     """
     shape = shape if isinstance(shape, PointCloudShape) else shape.mesh(FINE)
-    key = _key(shape)
-    with _lock:
-        held = _memory.get(key)
-    if held is not None:
-        return held
+    return _grid(_Source(_key(shape), shape))
+
+
+@lru_cache(maxsize=_KEPT)
+def _grid(source: _Source) -> DistanceGrid:
     folder = cache_folder()
-    file = None if folder is None else folder / "grids" / f"{key}.npz"
+    file = None if folder is None else folder / "grids" / f"{source.key}.npz"
     grid = None if file is None else _load(file)
     if grid is None:
+        shape = source.shape
         grid = mesh_grid(shape) if isinstance(shape, MeshShape) else cloud_grid(shape)
         if file is not None:
             with suppress(InvalidRequestError):  # the next run builds it again
                 write_atomically(file, npz(vars(grid)))
-    with _lock:
-        while len(_memory) >= _KEPT:
-            _memory.pop(next(iter(_memory)))
-        _memory[key] = grid
     return grid
 
 
@@ -140,11 +142,8 @@ def check_closed(mesh: MeshShape) -> None:
     """
     name = f"mesh {mesh.path}" if mesh.path is not None else "mesh"
     corners = mesh.vertices[mesh.faces]
-    area = 0.5 * float(
-        np.linalg.norm(
-            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-        ).sum()
-    )
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = 0.5 * float(lengths(across).sum())
     extent = float(np.ptp(mesh.vertices, axis=0).max())
     if area <= 1e-12 * extent**2 or extent <= 0.0:
         raise InvalidSceneError(f"{name}: is degenerate: its {len(corners)} faces have no area")

@@ -114,17 +114,14 @@ class Shape(ABC):
 
         Flat faces have edges up to ``cut`` [m], or longer ones where an edge has too many pieces.
         """
-        return self._faces(cut)
+        mesh = self.mesh()
+        corners = mesh.vertices[mesh.faces]
+        return np.concatenate([corners, corners[:, 2:]], axis=1)
 
     def _measured(self) -> Measure:
         vertices = self.mesh(FINE).vertices
         x, y, z = np.abs(vertices).max(axis=0).tolist()
         return Measure(GRID, NO_SIZE, float(np.sqrt((vertices**2).sum(axis=1).max())), (x, y, z))
-
-    def _faces(self, cut: float) -> FloatArray:
-        mesh = self.mesh()
-        corners = mesh.vertices[mesh.faces]
-        return np.concatenate([corners, corners[:, 2:]], axis=1)
 
 
 @dataclass(frozen=True)
@@ -165,7 +162,7 @@ class Sphere(Primitive):
         r = self.radius
         return Measure(SPHERE, (r, 0.0, 0.0), r, (r, r, r), 4.0 / 3.0 * np.pi * r**3)
 
-    def _faces(self, cut: float) -> FloatArray:
+    def surface(self, cut: float = np.inf) -> FloatArray:
         return faces.sphere(np.zeros(3), self.radius, ROUND)
 
 
@@ -180,7 +177,7 @@ class Box(Primitive):
         half = 0.5 * x, 0.5 * y, 0.5 * z
         return Measure(BOX, half, 0.5 * math.hypot(x, y, z), half, x * y * z)
 
-    def _faces(self, cut: float) -> FloatArray:
+    def surface(self, cut: float = np.inf) -> FloatArray:
         return faces.box(np.array(self.size), cut)
 
 
@@ -196,7 +193,7 @@ class Cylinder(Primitive):
         volume = np.pi * r**2 * self.length
         return Measure(CYLINDER, (r, half, 0.0), math.hypot(r, half), (r, r, half), volume)
 
-    def _faces(self, cut: float) -> FloatArray:
+    def surface(self, cut: float = np.inf) -> FloatArray:
         pieces = min(int(self.length / cut), faces.MOST_PIECES)
         steps = np.linspace(-0.5, 0.5, pieces + 2) * self.length
         wall = np.column_stack([np.full_like(steps, self.radius), steps])
@@ -216,7 +213,7 @@ class Capsule(Primitive):
         volume = np.pi * r**2 * self.length + 4.0 / 3.0 * np.pi * r**3
         return Measure(CAPSULE, (r, half, 0.0), r + half, (r, r, r + half), volume)
 
-    def _faces(self, cut: float) -> FloatArray:
+    def surface(self, cut: float = np.inf) -> FloatArray:
         half = np.array([0.0, 0.0, 0.5 * self.length])
         return faces.tube(np.stack([-half, half]), self.radius, 24)
 
@@ -236,7 +233,7 @@ class Ellipsoid(Primitive):
         volume = 4.0 / 3.0 * np.pi * (x * y * z)
         return Measure(ELLIPSOID, self.radii, max(self.radii), self.radii, volume)
 
-    def _faces(self, cut: float) -> FloatArray:
+    def surface(self, cut: float = np.inf) -> FloatArray:
         return np.asarray(faces.sphere(np.zeros(3), 1.0, ROUND) * np.array(self.radii))
 
     def balls(self, line: FloatArray) -> BallPair:
@@ -276,7 +273,7 @@ class Cone(Primitive):
         half, wide = 0.5 * self.length, max(self.radius, self.tip)
         return Measure(CONE, (self.radius, half, self.tip), wide + half, (wide, wide, wide + half))
 
-    def _faces(self, cut: float) -> FloatArray:
+    def surface(self, cut: float = np.inf) -> FloatArray:
         slope, half = np.arcsin((self.tip - self.radius) / self.length), 0.5 * self.length
         low, high = np.linspace(-0.5 * np.pi, slope, 8), np.linspace(slope, 0.5 * np.pi, 8)
         arcs = [
@@ -305,7 +302,7 @@ class HalfSpace(Primitive):
     def _measured(self) -> Measure:
         return Measure(HALF_SPACE, NO_SIZE, math.inf, (math.inf, math.inf, math.inf), math.inf)
 
-    def _faces(self, cut: float) -> FloatArray:
+    def surface(self, cut: float = np.inf) -> FloatArray:
         """A patch of the plane."""
         return faces.rectangle_faces(2.0, 2.0, cut)
 
@@ -384,7 +381,7 @@ class PointCloudShape(Shape):
         volume = float(np.prod(np.ptp(self.points, axis=0) + 2.0 * self.radius))
         return Measure(GRID, NO_SIZE, bound, (x, y, z), volume)
 
-    def _faces(self, cut: float) -> FloatArray:
+    def surface(self, cut: float = np.inf) -> FloatArray:
         """A ball at each point, or at every k-th of too many points."""
         shown = self.points[:: max(1, len(self.points) // MOST_POINTS)]
         ball = faces.sphere(np.zeros(3), max(self.radius, 0.003), 6)

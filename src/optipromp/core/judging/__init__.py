@@ -10,11 +10,9 @@ from optipromp.core.judging.curve import extremes as extremes
 from optipromp.core.judging.ends import AXIS_TOLERANCE as AXIS_TOLERANCE
 from optipromp.core.judging.ends import GOAL_TOLERANCE as GOAL_TOLERANCE
 from optipromp.core.judging.ends import Violation as Violation
-from optipromp.core.judging.entered import struck as struck
-from optipromp.core.judging.entered import touching as touching
+from optipromp.core.judging.ends import left_path as left_path
 from optipromp.core.judging.kinematics import centers as centers
 from optipromp.core.judging.kinematics import refined as refined
-from optipromp.core.judging.lines import left_path as left_path
 from optipromp.core.judging.speed import too_fast as too_fast
 from optipromp.core.judging.validator import JUDGE as JUDGE
 from optipromp.core.judging.validator import RATES as RATES
@@ -23,3 +21,5 @@ from optipromp.core.judging.validator import Judgement as Judgement
 from optipromp.core.judging.validator import Metrics as Metrics
 from optipromp.core.judging.validator import judge as judge
 from optipromp.core.judging.validator import paper_violations as paper_violations
+from optipromp.core.judging.validator import struck as struck
+from optipromp.core.judging.validator import touching as touching

@@ -13,26 +13,7 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, IntArray, frame_along, lengths
 from optipromp.core.compiled import inlined, inner
-from optipromp.core.geometry.shapes import (
-    BOX,
-    CAPSULE,
-    CONE,
-    CYLINDER,
-    ELLIPSOID,
-    FINE,
-    GRID,
-    HALF_SPACE,
-    SPHERE,
-    Box,
-    Capsule,
-    Cone,
-    Cylinder,
-    Ellipsoid,
-    HalfSpace,
-    PointCloudShape,
-    Shape,
-    Sphere,
-)
+from optipromp.core.geometry import shapes
 from optipromp.core.scenes.objects import Role
 from optipromp.core.scenes.scene import Scene, SceneObject
 
@@ -77,11 +58,13 @@ def objects_of(
     owner, middle, turn, capsule = _stems(scene)
     rows = np.concatenate([np.arange(len(role)), len(role) + owner])
     role = np.concatenate([role, np.where(counts[owner], STEM, -1)])
-    kind = np.concatenate([kind, np.full(len(owner), CAPSULE)])
+    kind = np.concatenate([kind, np.full(len(owner), shapes.CAPSULE)])
     size, bound = np.vstack([size, capsule]), np.append(bound, capsule.sum(axis=1))
     position = np.vstack([scene.positions, middle])
     rotation = np.concatenate([scene.rotations, turn])
-    simple, rest = (np.flatnonzero((role >= 0) & each) for each in (kind != GRID, kind == GRID))
+    simple, rest = (
+        np.flatnonzero((role >= 0) & each) for each in (kind != shapes.GRID, kind == shapes.GRID)
+    )
     simple = simple[_neighbours(role[simple], position[simple], bound[simple])]
     role, position, bound = role[simple], position[simple], bound[simple]
     place = np.arange(len(role))
@@ -123,31 +106,31 @@ def names_of(scene: Scene, rows: IntArray) -> list[tuple[str, str]]:
     return [(item.id if k < count else f"the stem of {item.id}", item.role) for k, item in items]
 
 
-def measured(of: Sequence[Shape]) -> tuple[IntArray, FloatArray, FloatArray]:
+def measured(of: Sequence[shapes.Shape]) -> tuple[IntArray, FloatArray, FloatArray]:
     """Kinds (K,), sizes (K, 3) and bounds (K,) of shapes, as :class:`Objects` holds them.
 
     The judge reads shapes itself: a wrong size in ``Shape.measure`` must not deceive both the
     planner and the judge. What is none of these shapes is measured as a mesh or a point cloud.
     """
-    kind, size = np.full(len(of), GRID, dtype=np.int64), np.zeros((len(of), 3))
+    kind, size = np.full(len(of), shapes.GRID, dtype=np.int64), np.zeros((len(of), 3))
     bound = np.full(len(of), np.inf)
     for k, shape in enumerate(of):
         match shape:
-            case Sphere(radius=r):
-                kind[k], size[k, 0], bound[k] = SPHERE, r, r
-            case Box():
-                kind[k], size[k] = BOX, 0.5 * np.array(shape.size)
+            case shapes.Sphere(radius=r):
+                kind[k], size[k, 0], bound[k] = shapes.SPHERE, r, r
+            case shapes.Box():
+                kind[k], size[k] = shapes.BOX, 0.5 * np.array(shape.size)
                 bound[k] = np.linalg.norm(size[k])
-            case Cylinder(radius=r, length=h):
-                kind[k], size[k], bound[k] = CYLINDER, (r, 0.5 * h, 0.0), hypot(r, 0.5 * h)
-            case Capsule(radius=r, length=h):
-                kind[k], size[k], bound[k] = CAPSULE, (r, 0.5 * h, 0.0), r + 0.5 * h
-            case Ellipsoid(radii=radii):
-                kind[k], size[k], bound[k] = ELLIPSOID, radii, max(radii)
-            case Cone(radius=r, tip=tip, length=h):
-                kind[k], size[k], bound[k] = CONE, (r, 0.5 * h, tip), 0.5 * h + max(r, tip)
-            case HalfSpace():
-                kind[k] = HALF_SPACE
+            case shapes.Cylinder(radius=r, length=h):
+                kind[k], size[k], bound[k] = shapes.CYLINDER, (r, 0.5 * h, 0.0), hypot(r, 0.5 * h)
+            case shapes.Capsule(radius=r, length=h):
+                kind[k], size[k], bound[k] = shapes.CAPSULE, (r, 0.5 * h, 0.0), r + 0.5 * h
+            case shapes.Ellipsoid(radii=radii):
+                kind[k], size[k], bound[k] = shapes.ELLIPSOID, radii, max(radii)
+            case shapes.Cone(radius=r, tip=tip, length=h):
+                kind[k], size[k], bound[k] = shapes.CONE, (r, 0.5 * h, tip), 0.5 * h + max(r, tip)
+            case shapes.HalfSpace():
+                kind[k] = shapes.HALF_SPACE
     return kind, size, bound
 
 
@@ -169,21 +152,21 @@ def _neighbours(role: IntArray, position: FloatArray, bound: FloatArray) -> IntA
 @inner
 def to_surface(kind, a, b, c, x, y, z):
     """Signed distance [m] of a point in the shape's frame to a shape of sizes a, b, c."""
-    if kind == SPHERE:
+    if kind == shapes.SPHERE:
         return sqrt(x * x + y * y + z * z) - a
-    if kind == BOX:
+    if kind == shapes.BOX:
         ax, ay, az = abs(x) - a, abs(y) - b, abs(z) - c
         px, py, pz = max(ax, 0.0), max(ay, 0.0), max(az, 0.0)
         return sqrt(px * px + py * py + pz * pz) + min(max(ax, ay, az), 0.0)
-    if kind == CYLINDER:
+    if kind == shapes.CYLINDER:
         ar, az = sqrt(x * x + y * y) - a, abs(z) - b
         return hypot(max(ar, 0.0), max(az, 0.0)) + min(max(ar, az), 0.0)
-    if kind == CAPSULE:
+    if kind == shapes.CAPSULE:
         dz = z - min(max(z, -b), b)
         return sqrt(x * x + y * y + dz * dz) - a
-    if kind == CONE:
+    if kind == shapes.CONE:
         return _to_cone(a, b, c, sqrt(x * x + y * y), z)
-    if kind == ELLIPSOID:
+    if kind == shapes.ELLIPSOID:
         return _to_ellipsoid(a, b, c, abs(x), abs(y), abs(z))
     return z
 
@@ -226,16 +209,16 @@ def _to_ellipsoid(a, b, c, x, y, z):
 @inner
 def to_core(kind, a, b, c, x, y, z):
     """Distance [m] of a point to the paper's core: a sphere's centre, the long axis of a bar."""
-    if kind == HALF_SPACE:
+    if kind == shapes.HALF_SPACE:
         return z
-    if kind == BOX:
+    if kind == shapes.BOX:
         if a >= b and a >= c:
             x -= min(max(x, -a), a)
         elif b >= c:
             y -= min(max(y, -b), b)
         else:
             z -= min(max(z, -c), c)
-    elif kind not in (SPHERE, ELLIPSOID):
+    elif kind not in (shapes.SPHERE, shapes.ELLIPSOID):
         z -= min(max(z, -b), b)
     return sqrt(x * x + y * y + z * z)
 
@@ -282,11 +265,11 @@ def nearest(
     return float(d.min()), first % len(radius), first // len(radius)
 
 
-def _to_shape(shape: Shape, points: FloatArray) -> FloatArray:
+def _to_shape(shape: shapes.Shape, points: FloatArray) -> FloatArray:
     """Signed distances (N,) [m] of ``points`` (N, 3), in the shape's frame, to its surface."""
-    if isinstance(shape, PointCloudShape):
+    if isinstance(shape, shapes.PointCloudShape):
         return np.asarray(_tree(shape).query(points)[0]) - shape.radius
-    mesh = shape.mesh(FINE)
+    mesh = shape.mesh(shapes.FINE)
     corners = mesh.vertices[mesh.faces]
     return np.concatenate(
         [_to_triangles(corners, points[low : low + 256]) for low in range(0, len(points), 256)]
@@ -294,7 +277,7 @@ def _to_shape(shape: Shape, points: FloatArray) -> FloatArray:
 
 
 @functools.lru_cache(maxsize=4)
-def _tree(cloud: PointCloudShape) -> Any:
+def _tree(cloud: shapes.PointCloudShape) -> Any:
     from scipy.spatial import cKDTree  # slow to import, seldom needed
 
     return cKDTree(cloud.points)

@@ -1,17 +1,37 @@
-"""The end of a trajectory against the goals: one of them must be reached."""
+r"""A trajectory against the goals, its path's constraints, and lines between way points.
+
+One of the goals must be reached. A motion of any origin does not tell when it is on which line. Of
+all ways to divide it, the one counts whose largest deviation is least. With the deviation
+:math:`d_k(m)` of check m from line k, and that of the motion between two checks from point k,
+:math:`e_k(m)`, both in units of what is allowed, the least largest deviation of a motion that is on
+line k at check m is
+
+.. math:: c_k(m) = \max(d_k(m), \min(c_k(m-1), \max(c_{k-1}(m-1), e_k(m-1)))), \quad c_{-1} = 0.
+"""
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from optipromp.core.arrays import BoolArray, FloatArray
+from optipromp.core.arrays import BoolArray, FloatArray, IntArray
 from optipromp.core.compiled import kernel
-from optipromp.core.judging.kinematics import body_of, segments
+from optipromp.core.judging.curve import along
+from optipromp.core.judging.kinematics import body_of, fitting, segments
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.goals import Goal, JointGoal, PoseGoal, RegionGoal
+from optipromp.core.scenes.goals import (
+    Goal,
+    JointGoal,
+    Lines,
+    PoseGoal,
+    RegionGoal,
+    axes_of,
+    pose_name,
+)
 from optipromp.core.scenes.scene import Scene
+from optipromp.core.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
@@ -173,3 +193,198 @@ def last_poses(body, q, out, at):
         segments(body, q[m], turns, origins)
         out[m] = turns[count - 1]
         at[m] = origins[count - 1]
+
+
+STEP = 1e-3  # [m] of the tool between two checks: a choice
+TURN = 0.02  # [rad or m] of all joints together between two checks: a choice
+SPARE = 0.02  # [1] share by which the tool may exceed its speed on the lines: a choice
+
+
+class Deviation(NamedTuple):
+    """Distances (M,) [m] of the tool point and angles (M,) [rad] of the tool."""
+
+    off: FloatArray
+    angle: FloatArray
+
+    def share(self, lines: Lines) -> FloatArray:
+        """The larger of both (M,), as a share of what is allowed."""
+        return np.asarray(np.maximum(self.off / lines.within, self.angle / AXIS_TOLERANCE))
+
+
+def left_path(scene: Scene, robot: Robot, times: FloatArray, q: FloatArray) -> list[Violation]:
+    """Violations of the path's constraints, each at its largest amount.
+
+    ``scene``: with the constraints, if any. ``robot``: with the scene's tool. ``times``: (M,) of
+    the checks [s]. ``q``: (M, n) configurations at the checks.
+    """
+    out: list[Violation] = []
+    if scene.path is None:
+        return out
+    upright, plane = scene.path.upright, scene.path.plane
+    points, frames = poses_of_tool(robot, q)
+    if upright is not None:
+        axes = frames @ upright.axis
+        across = np.linalg.norm(np.cross(axes, upright.direction), axis=1)
+        off = np.arctan2(across, axes @ upright.direction)
+        worst = int(np.argmax(off))
+        if off[worst] > math.radians(upright.angle) + BORDER:
+            text = (
+                f"the tool leans {math.degrees(off[worst]):.1f} degrees at {times[worst]:.2f} s "
+                f"(path.upright: at most {upright.angle:g})"
+            )
+            amount = float(off[worst])
+            out.append(Violation("upright", text, "", float(times[worst]), amount, "rad"))
+    if plane is not None:
+        far = np.abs((points - plane.point) @ plane.normal)
+        worst = int(np.argmax(far))
+        if far[worst] > plane.within + BORDER:
+            text = (
+                f"the tool is {1e3 * far[worst]:.1f} mm off its plane at {times[worst]:.2f} s "
+                f"(path.plane: at most {1e3 * plane.within:g})"
+            )
+            amount = float(far[worst])
+            out.append(Violation("plane", text, "", float(times[worst]), amount, "m"))
+    return out
+
+
+def left_lines(
+    scene: Scene, robot: Robot, trajectory: Trajectory, points: FloatArray, waypoints: IntArray
+) -> list[Violation]:
+    """Violations of the straight lines between the scene's way points, at their largest amount.
+
+    ``scene``: with the way points, if any. ``robot``: with the scene's tool. ``trajectory``: that
+    is judged. ``points``: (M, 3) tool points at the judge's checks [m]. ``waypoints``: (T,) indices
+    of the trajectory's waypoints among the checks.
+    """
+    lines = scene.waypoints
+    if lines is None:
+        return []
+    gone = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    turned = np.abs(np.diff(trajectory.positions, axis=0)).sum(axis=1)
+    parts = np.maximum(1.1 * np.diff(gone[waypoints]) / STEP, turned / TURN)  # arcs, not chords
+    times, q, _ = along(trajectory, fitting(np.ceil(np.maximum(parts, 1.0)))[0])
+    tips, frames = poses_of_tool(robot, q)
+    poses = lines.to(scene.goals[0])
+    where = [
+        _from_line(a.position, b.position, axes_of(a), axes_of(b), tips, frames)
+        for a, b in pairwise(poses)
+    ]
+    visits = [_from_point(a.position, axes_of(a), tips, frames) for a in poses[:-1]]
+    worst, k, m, visit, began = _divided(
+        [one.share(lines) for one in where], [one.share(lines) for one in visits]
+    )
+    out = []
+    if worst > 1.0 + 1e-6:  # rounding
+        count = len(lines.points)
+        names = [pose_name(i, count) for i in range(count + 1)]
+        found = visits[k] if visit else where[k]
+        at = names[k] if visit else f"the line from {names[k]} to {names[k + 1]}"
+        off, angle, when = float(found.off[m]), float(found.angle[m]), float(times[m])
+        if off / lines.within >= angle / AXIS_TOLERANCE:
+            text = (
+                f"the tool is {1e3 * off:.1f} mm off {at} at {when:.2f} s "
+                f"(at most {1e3 * lines.within:g})"
+            )
+            out.append(Violation("line", text, "", when, off, "m"))
+        else:
+            text = (
+                f"the tool is turned {math.degrees(angle):.1f} degrees off {at} at {when:.2f} s "
+                f"(at most {math.degrees(AXIS_TOLERANCE):g})"
+            )
+            out.append(Violation("line", text, "", when, angle, "rad"))
+    elif lines.speed is not None and began < len(times) - 1:
+        steps = np.linalg.norm(np.diff(tips[began:], axis=0), axis=1)
+        speeds = steps / np.diff(times[began:])
+        at_most = int(np.argmax(speeds))
+        if speeds[at_most] > lines.speed * (1.0 + SPARE):
+            speed, when = float(speeds[at_most]), float(times[began + at_most])
+            text = (
+                f"the tool moves at {speed:.3f} m/s on the lines at {when:.2f} s "
+                f"(waypoints.speed: at most {lines.speed:g})"
+            )
+            out.append(Violation("line speed", text, "", when, speed, "m/s"))
+    return out
+
+
+def _from_line(
+    a: FloatArray, b: FloatArray, u: FloatArray, v: FloatArray, tips: FloatArray, frames: FloatArray
+) -> Deviation:
+    """From the line between points ``a`` and ``b`` (3,), with directions ``u``, ``v`` (A, 3)."""
+    way, now = b - a, _stated(frames, len(u))
+    length = float(np.linalg.norm(way))
+    share = np.clip((tips - a) @ way / max(length, 1e-12) ** 2, 0.0, 1.0)
+    off = np.linalg.norm(tips - a - share[:, None] * way, axis=1)
+    if not len(u):
+        return Deviation(off, np.zeros(len(off)))
+    about = np.cross(u, v).sum(axis=0)  # along the axis of the turn, for one axis and for frames
+    turn = float(_angles(u[None], v)[0])
+    if turn > 1e-9:
+        about /= np.linalg.norm(about)
+        if length < 1e-6:  # the tool turns in place
+            share = np.clip(_angles(now, u) / turn, 0.0, 1.0)
+    along_axis = (u @ about)[:, None] * about
+    angle = (share * turn)[:, None, None]
+    wanted = along_axis + np.cos(angle) * (u - along_axis) + np.sin(angle) * np.cross(about, u)
+    return Deviation(off, _angles(now, wanted))
+
+
+def _from_point(a: FloatArray, u: FloatArray, tips: FloatArray, frames: FloatArray) -> Deviation:
+    """Of the motion from each check to the next from a point ``a`` (3,), directions ``u`` (A, 3).
+
+    The last row is that of the last check.
+    """
+    step = np.diff(tips, axis=0, append=tips[-1:])
+    squared = np.maximum(np.einsum("mi,mi->m", step, step), 1e-18)
+    share = np.clip(np.einsum("mi,mi->m", a - tips, step) / squared, 0.0, 1.0)
+    off = np.linalg.norm(tips + share[:, None] * step - a, axis=1)
+    return Deviation(off, _angles(_stated(frames, len(u)), u) if len(u) else np.zeros(len(off)))
+
+
+def _stated(frames: FloatArray, count: int) -> FloatArray:
+    """The tool's directions (M, A, 3) that a pose with ``count`` directions states."""
+    turned = frames.transpose(0, 2, 1)
+    return turned if count == 3 else turned[:, 2:][:, :count]
+
+
+def _angles(now: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Angles (M,) between directions ``now`` (M, A, 3) and ``wanted``, A of 1 or 3 [rad].
+
+    The chord of one direction is 2 sin(θ/2); the Frobenius norm of frames is √2 times that.
+    """
+    chord = np.sqrt(np.square(now - wanted).sum(axis=(1, 2)) / (1 if now.shape[1] == 1 else 2))
+    return np.asarray(2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)))
+
+
+def _divided(
+    where: list[FloatArray], visits: list[FloatArray]
+) -> tuple[float, int, int, bool, int]:
+    """The least largest deviation; its line or point, its check, and whether it is of a point.
+
+    Last comes the check at which the motion is at the first point.
+    """
+    count, before = len(where[0]), np.zeros(len(where[0]))
+    costs, enters = [], []
+    for k, (line, visit) in enumerate(zip(where, visits, strict=True)):
+        enter = np.append(visit[0] if k == 0 else np.inf, np.maximum(before, visit)[:-1])
+        cost, least = np.empty(count), math.inf
+        for m, (d, e) in enumerate(zip(line.tolist(), enter.tolist(), strict=True)):
+            least = max(d, min(least, e))
+            cost[m] = least
+        costs.append(cost)
+        enters.append(enter)
+        before = cost
+    k, m, worst = len(where) - 1, count - 1, float(costs[-1][-1])
+    found: tuple[int, int, bool] | None = None
+    while True:
+        if found is None and where[k][m] >= worst:
+            found = k, m, False
+        if m and costs[k][m - 1] < enters[k][m]:
+            m -= 1
+            continue
+        if found is None and visits[k][max(m - 1, 0)] >= worst:
+            found = k, max(m - 1, 0), True
+        m = max(m - 1, 0)
+        if k == 0:
+            break
+        k -= 1
+    return worst, *(found or (0, 0, False)), m

@@ -13,15 +13,8 @@ import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, joined, lengths
 from optipromp.core.compiled import inner, kernel
+from optipromp.core.judging import distances
 from optipromp.core.judging.curve import along
-from optipromp.core.judging.distances import (
-    PUSHABLE,
-    apart_by,
-    inside,
-    nearest,
-    objects_of,
-    to_surface,
-)
 from optipromp.core.judging.kinematics import body_of, carried, centers, segments
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
@@ -360,8 +353,8 @@ def too_fast(scene: Scene, speed: float | None) -> bool:
 
 def _touching(scene: Scene, robot: Robot, q: FloatArray) -> BoolArray:
     """Whether any part of the body is near the first place of an object that stands, at ``q``."""
-    objects, rest = objects_of(scene)
-    loose = np.flatnonzero(objects.role == PUSHABLE)
+    objects, rest = distances.objects_of(scene)
+    loose = np.flatnonzero(objects.role == distances.PUSHABLE)
     held = [item.stem is None for item in scene.objects_at(objects.rows[loose])]
     loose, near = loose[np.array(held, dtype=bool)], np.zeros(len(q), dtype=bool)
     radius = np.array(robot.spheres.radius)
@@ -372,7 +365,7 @@ def _touching(scene: Scene, robot: Robot, q: FloatArray) -> BoolArray:
         for item in rest:
             if item.role == "pushable" and item.stem is None:
                 for m, row in enumerate(spheres):
-                    away = nearest(item, row[None], radius, TOUCHED)[0]
+                    away = distances.nearest(item, row[None], radius, TOUCHED)[0]
                     near[start + m] |= away < TOUCHED
     return near
 
@@ -384,10 +377,10 @@ def beside(objects, k, spheres, radius, near):
     for m in range(spheres.shape[0]):
         for b in range(radius.shape[0]):
             reach = radius[b] + TOUCHED
-            if near[m] or apart_by(spheres[m], b, p, k) > objects.bound[k] + reach:
+            if near[m] or distances.apart_by(spheres[m], b, p, k) > objects.bound[k] + reach:
                 continue
-            x, y, z = inside(objects.rotation, p, k, spheres[m], b)
-            if to_surface(objects.kind[k], size[0], size[1], size[2], x, y, z) < reach:
+            x, y, z = distances.inside(objects.rotation, p, k, spheres[m], b)
+            if distances.to_surface(objects.kind[k], size[0], size[1], size[2], x, y, z) < reach:
                 near[m] = True
 
 

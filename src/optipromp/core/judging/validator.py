@@ -15,6 +15,7 @@ taken off each distance.
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -22,29 +23,12 @@ import numpy as np
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, lengths
 from optipromp.core.compiled import inner
 from optipromp.core.geometry.shapes import GRID
-from optipromp.core.judging import kinematics
-from optipromp.core.judging.clearance import (
-    CONFIGURATIONS,
-    Overlap,
-    nearest_static,
-    pushed_away,
-    swept,
-)
+from optipromp.core.judging import clearance, kinematics, speed
+from optipromp.core.judging.clearance import Overlap, pieces, radii
 from optipromp.core.judging.curve import along, extremes
-from optipromp.core.judging.distances import measured, nearest, to_surface
-from optipromp.core.judging.ends import Violation, ends
-from optipromp.core.judging.entered import entered, touching
+from optipromp.core.judging.distances import Objects, measured, nearest, to_surface
+from optipromp.core.judging.ends import Violation, ends, left_lines, left_path
 from optipromp.core.judging.kinematics import MOST_CHECKS, centers
-from optipromp.core.judging.lines import left_lines, left_path
-from optipromp.core.judging.parts import pieces, radii
-from optipromp.core.judging.speed import (
-    among_fruits,
-    as_passed,
-    largest_speed,
-    passages,
-    stands,
-    too_fast,
-)
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.trajectory import State, Trajectory
@@ -115,8 +99,8 @@ def _nearest(
     counted = np.flatnonzero(np.isfinite(radius))
     radius = radius[counted]
     best = np.inf, 0, 0
-    for start in range(0, len(q), CONFIGURATIONS):
-        part = slice(start, start + CONFIGURATIONS)
+    for start in range(0, len(q), clearance.CONFIGURATIONS):
+        part = slice(start, start + clearance.CONFIGURATIONS)
         spheres = centers(robot, q[part])[:, counted]
         relative = spheres - places[part, None]
         step = np.zeros(len(relative))
@@ -282,15 +266,17 @@ def judge(
     """
     q = trajectory.positions
     times, fine, waypoints, complete = kinematics.refined(robot, trajectory)
-    distances, contacts, points, every = swept(scene, robot, fine, times)
+    distances, contacts, points, every = clearance.swept(scene, robot, fine, times)
     beside, moving = met(scene, robot, trajectory, waypoints)
-    contacts, notes = pushed_away(scene, robot, fine, contacts)
+    contacts, notes = clearance.pushed_away(scene, robot, fine, contacts)
     inside = [] if begun else entered(scene, robot, q[0], points[0], every[0])
     contacts += [*inside, *moving]
     at_start = touching(scene, robot, q[0], begun=begun) if contacts else []
     tips, axes = points[waypoints], every[waypoints]
     rims = tips + (0.0 if robot.tool is None else robot.tool.depth) * axes
-    passed = passages(as_passed(scene, trajectory.times, tips), tips, rims, robot.gripper_radius)
+    passed = speed.passages(
+        speed.as_passed(scene, trajectory.times, tips), tips, rims, robot.gripper_radius
+    )
     end, at_goal = ends(scene, robot, q[-1], tips[-1], axes[-1], trajectory.duration)
     missed = [*end.missed, *left_path(scene, robot, times, fine)]
     missed += left_lines(scene, robot, trajectory, points, waypoints)
@@ -308,18 +294,21 @@ def judge(
         text = f"it moves too far to be checked between waypoints: {most} checks are not enough"
         violations.append(Violation("unchecked", text))
     violations += [*missed, *(astray if stem_side else []), *broken]
-    speed, when = among_fruits(scene, robot, trajectory, waypoints, points, every) or (None, None)
-    if too_fast(scene, speed):
-        among = "objects that stand" if stands(scene) else "fruits"
+    fast, when = speed.among_fruits(scene, robot, trajectory, waypoints, points, every) or (
+        None,
+        None,
+    )
+    if speed.too_fast(scene, fast):
+        among = "objects that stand" if speed.stands(scene) else "fruits"
         text = (
-            f"the tool moves at {speed:.3f} m/s among {among} (pushes are predicted for "
-            f"{largest_speed(scene):g})"
+            f"the tool moves at {fast:.3f} m/s among {among} (pushes are predicted for "
+            f"{speed.largest_speed(scene):g})"
         )
-        violations.append(Violation("speed", text, "", when, speed, "m/s"))
+        violations.append(Violation("speed", text, "", when, fast, "m/s"))
     notes += at_goal if stem_side else [*at_goal, *map(str, astray)]
     near, room = None, distances["clearance_static"]
     if room is not None and room < JUDGE.static_margin:
-        near = nearest_static(scene, robot, fine, times)
+        near = clearance.nearest_static(scene, robot, fine, times)
         if near is not None and 0.0 < -near.depth < JUDGE.static_margin:
             notes.append(
                 f"{near.link} comes within {-1e3 * near.depth:.1f} mm of {near.other}; a "
@@ -334,7 +323,7 @@ def judge(
     metrics = Metrics(
         M_p=passed.M_p, passage=passed.passage, stem_projection=passed.stem_projection,
         drift_shortfall=passed.drift_shortfall, stem_gap=passed.stem_gap,
-        approach_speed=speed, goal_error=end.error, goal_axis_error=end.angle, **figures,
+        approach_speed=fast, goal_error=end.error, goal_axis_error=end.angle, **figures,
     )  # fmt: skip
     return Judgement(
         metrics, tuple(violations), tuple(contacts), (*notes, *scene.assumed), tuple(at_start), near
@@ -412,12 +401,12 @@ def _ends(robot: Robot, trajectory: Trajectory, start: State | None) -> list[Vio
             text = "the trajectory does not begin at the start"
             out.append(Violation("start", text, "", 0.0, off, "rad or m"))
     for row, verb, state in ((0, "begins", begin), (-1, "ends", end)):
-        speed = trajectory.velocities[row], state.velocity
+        rate = trajectory.velocities[row], state.velocity
         gain = (
             np.where(np.isfinite(robot.jerk), x, 0.0)
             for x in (trajectory.accelerations[row], state.acceleration)
         )
-        for kind, (is_, asked) in (("velocity", speed), ("acceleration", gain)):
+        for kind, (is_, asked) in (("velocity", rate), ("acceleration", gain)):
             joint = int(np.argmax(np.abs(is_ - asked)))
             amount = float(abs(is_[joint] - asked[joint]))
             if amount > ROUNDING:
@@ -425,3 +414,108 @@ def _ends(robot: Robot, trajectory: Trajectory, start: State | None) -> list[Vio
                 when = float(trajectory.times[row])
                 out.append(Violation("motion", text, names[joint], when, amount))
     return out
+
+
+BRUSHED = 0.005  # [m] depth that does not count: spheres stand out of a cup's wall by 4.5 mm
+
+
+def touching(scene: Scene, robot: Robot, q: FloatArray, *, begun: bool = False) -> list[Overlap]:
+    """Contacts that no motion may begin with, at ``q`` (n,).
+
+    A motion that continues one that ran (``begun``) may begin inside of targets and pushables.
+    Objects that move are where they are at time 0.
+    """
+    scene = scene.standing({item.id: 0.0 for item, _ in scene.movers})
+    _, contacts, points, axes = clearance.swept(scene, robot, q[None])
+    return [*contacts, *([] if begun else entered(scene, robot, q, points[0], axes[0]))]
+
+
+def entered(
+    scene: Scene, robot: Robot, q: FloatArray, point: FloatArray, axis: FloatArray
+) -> list[Overlap]:
+    """Penetrations of the tool or the last link into the target or a pushable.
+
+    Both may touch these during a motion, but no motion may begin inside of one.
+    An object in the tool's mouth, or before the mouth, does not touch the tool. Depths up to
+    :data:`BRUSHED` do not count.
+
+    ``scene``: with the objects. ``robot``: with the scene's tool. ``q``: (n,) configuration.
+    ``point``, ``axis``: (3,) tool point [m] and tool axis at ``q``.
+    """
+    distal = np.flatnonzero(robot.spheres.distal)
+    if not len(distal):
+        return []
+    spheres, radius = centers(robot, q[None])[:, distal], np.asarray(robot.spheres.radius)[distal]
+    middle = spheres[0].mean(axis=0)
+    reach = float((lengths(spheres[0] - middle) + radius).max())
+    rows = np.concatenate([scene.rows("target"), scene.rows("pushable")])
+    near = lengths(scene.positions[rows] - middle) < scene.bounds[rows] + reach
+    link, out = np.asarray(robot.spheres.link)[distal], []
+    for item in scene.objects_at(rows[near]):
+        for one in np.unique(link):
+            if one == link.max() and _in_mouth(robot, item, point, axis):
+                continue
+            if scene.may_meet(str(robot.link_names[one]), item.id):
+                continue
+            depth = _depth(item, spheres[:, link == one], radius[link == one])
+            if depth > BRUSHED:
+                out.append(Overlap(str(robot.link_names[one]), item.id, item.role, depth, 0.0))
+    return out
+
+
+def struck(
+    scene: Scene, robot: Robot, q: FloatArray, by: Mapping[str, FloatArray]
+) -> Overlap | None:
+    """The deepest penetration of the tool or the last link into a target, a pushable or a stem.
+
+    It is the deepest over configurations ``q`` (M, n); None where none exceeds :data:`BRUSHED`.
+    ``by``: displacements (M, 3) or more from its place of each object that moves, by id [m].
+    """
+    distal = np.flatnonzero(robot.spheres.distal)
+    if not len(distal):
+        return None
+    spheres, radius = centers(robot, q)[:, distal], np.asarray(robot.spheres.radius)[distal]
+    link, found = np.asarray(robot.spheres.link)[distal], list[Overlap]()
+    rows = np.concatenate([scene.rows("target"), scene.rows("pushable")])
+    for item, one in product(scene.objects_at(rows), np.unique(link)):
+        name, mine = str(robot.link_names[one]), (spheres[:, link == one], radius[link == one])
+        if scene.may_meet(name, item.id):
+            continue
+        if item.id in by:
+            mine = mine[0] - by[item.id][: len(q), None], mine[1]
+        found.append(Overlap(name, item.id, item.role, _depth(item, *mine)))
+        for piece in () if item.stem is None else pieces(item, item.stem):
+            told = f"the stem of {item.id}"
+            found.append(Overlap(name, told, item.role, _depth(piece, *mine)))
+    deepest = max(found, key=lambda overlap: overlap.depth, default=None)
+    return None if deepest is None or deepest.depth <= BRUSHED else deepest
+
+
+def _in_mouth(robot: Robot, item: SceneObject, point: FloatArray, axis: FloatArray) -> bool:
+    """Whether an object is in the tool's mouth or before it.
+
+    The smallest half size of the object decides whether it fits.
+    """
+    tool = robot.tool
+    if tool is None:
+        return False
+    off = item.position - point
+    height = float(off @ axis)
+    aside = float(np.linalg.norm(off - height * axis))
+    _, size, _ = measured([item.shape])
+    thin = float(size.min(where=size > 0.0, initial=np.inf)) if size.any() else 0.0
+    return height > tool.front - tool.reach and aside + thin < tool.mouth[0] + BRUSHED
+
+
+def _depth(item: SceneObject, spheres: FloatArray, radius: FloatArray) -> float:
+    """Largest depth [m] of spheres (M, B, 3) in an object; at most 0 where none touches it."""
+    kind, size, bound = measured([item.shape])
+    if kind[0] == GRID:
+        return -nearest(item, spheres, radius, 0.0)[0]
+    none, found = np.zeros(1, dtype=np.int64), np.zeros(3)
+    alone = Objects(
+        none, kind, none, np.array([item.position]), np.array([item.rotation]), size, bound, none,
+        np.zeros((0, 3)), np.zeros(0),
+    )  # fmt: skip
+    clearance.enter(alone, 0, spheres, radius, np.ones(len(radius), dtype=np.bool_), found)
+    return float(found[0])

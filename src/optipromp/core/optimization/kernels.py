@@ -12,8 +12,8 @@ vector from the tool point to the tip, because costs of the tool's axis depend o
 import numpy as np
 
 from optipromp.core.compiled import inner, kernel
-from optipromp.core.geometry.cells import cell_at
 from optipromp.core.geometry.distances import distance_and_gradient
+from optipromp.core.geometry.obstacles import cell_at
 from optipromp.core.geometry.shapes import GRID, SPHERE
 from optipromp.core.robots.kernels import PRISMATIC
 

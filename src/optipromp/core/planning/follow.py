@@ -13,7 +13,7 @@ configuration. The arm's posture, which the path leaves free, stays as it was de
 kinematics then removes the remaining millimetres between the tool and the path.
 
 At the end stand the other starts of the optimisation: along the constraints of a path, and round
-obstacles by the corners of :mod:`optipromp.core.planning.tree`.
+obstacles by the corners of :mod:`optipromp.core.planning.collision`.
 """
 
 import math
@@ -27,7 +27,7 @@ from optipromp.core.arrays import FloatArray, frozen, lengths
 from optipromp.core.budget import Budget
 from optipromp.core.optimization.costs import Cost
 from optipromp.core.optimization.costs.tool import CorridorCost, UprightCost
-from optipromp.core.planning import tree
+from optipromp.core.planning import collision
 from optipromp.core.planning.goals import clearance
 from optipromp.core.planning.options import Searched
 from optipromp.core.planning.parameters import CONSTRAINT, FOLLOW, SOLVE, TREE, WAYPOINT
@@ -36,11 +36,11 @@ from optipromp.core.planning.task import Task
 from optipromp.core.promp.conditioning import condition
 from optipromp.core.promp.gaussian import add_noise
 from optipromp.core.promp.model import ProMP
-from optipromp.core.promp.points import JointPoint
+from optipromp.core.promp.tasks import JointPoint
 from optipromp.core.pushing.path import ToolPath
 from optipromp.core.robots import ik
+from optipromp.core.robots.ik import level
 from optipromp.core.robots.model import Robot
-from optipromp.core.robots.roll import level
 from optipromp.core.scenes.goals import PathConstraints
 from optipromp.core.scenes.scene import PoseGoal
 from optipromp.core.trajectory import Trajectory
@@ -276,12 +276,9 @@ def uprighted(task: Task) -> Task:
     if path is None or path.upright is None:
         return task
     axis = frozen(task.robot.tool_rotation @ path.upright.axis)
-    return replace(task, robot=_with_axis(task.robot, axis))
-
-
-def _with_axis(robot: Robot, axis: FloatArray) -> Robot:
-    same = float(np.abs(axis - robot.tool_axis).max()) < 1e-12  # rounding: the robot as it is
-    return robot if same else replace(robot, tool_axis=axis)
+    if float(np.abs(axis - task.robot.tool_axis).max()) < 1e-12:  # rounding: the robot as it is
+        return task
+    return replace(task, robot=replace(task.robot, tool_axis=axis))
 
 
 def path_costs(path: PathConstraints | None, count: int) -> list[Cost]:
@@ -372,7 +369,7 @@ def free_starts(
     ends = [JointPoint(0.0, task.start), JointPoint(1.0, goals[order[0]])]
     shown = condition(promp, ends).sample(rng, TREE.shown, WAYPOINT.fewest)
     for _ in range(TREE.rounds):
-        corners = tree.way(task, goals, shown.reshape(-1, shown.shape[2]), rng, budget)
+        corners = collision.way(task, goals, shown.reshape(-1, shown.shape[2]), rng, budget)
         if corners is None:
             break
         q = along_corners(
@@ -389,7 +386,7 @@ def led_round(
     first, last = start.waypoints.first, start.waypoints.count - 1
     corners = None
     if first:
-        corners = tree.way(
+        corners = collision.way(
             task, start.followed[first : first + 1], start.primitive[:first], rng, budget
         )
     if corners is None:

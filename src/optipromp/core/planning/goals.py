@@ -15,7 +15,7 @@ from optipromp.core.planning import collision
 from optipromp.core.planning.parameters import GOAL
 from optipromp.core.planning.task import Task, poses
 from optipromp.core.robots import ik
-from optipromp.core.robots.roll import level, rolled
+from optipromp.core.robots.ik import level, rolled
 from optipromp.core.scenes.scene import JointGoal, PoseGoal, RegionGoal
 
 

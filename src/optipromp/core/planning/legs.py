@@ -28,7 +28,7 @@ from optipromp.core.budget import clock
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.planning.parameters import BACK, LIFTING
 from optipromp.core.planning.plan import plan
-from optipromp.core.planning.result import Plan, Terms, best_of
+from optipromp.core.planning.result import Plan, best_of
 from optipromp.core.planning.task import Task, laden, resolve, tool_motion
 from optipromp.core.planning.timing import shortest
 from optipromp.core.planning.verdict import led, verdict, whole
@@ -44,9 +44,9 @@ from optipromp.core.robots.self_collision import letting_touch
 from optipromp.core.scenes.held import RETREAT as RETREAT_LENGTH
 from optipromp.core.scenes.held import Attached, Place, pairs_among
 from optipromp.core.scenes.io import load_scene
+from optipromp.core.scenes.objects import rooted
 from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.scenes.scene import PoseGoal, Scene, SceneObject
-from optipromp.core.scenes.trusses import rooted
 from optipromp.core.trajectory import State, Trajectory
 
 REACH, LIFT, RETREAT, CARRY = "reach", "lift", "retreat", "carry"
@@ -302,7 +302,7 @@ def leg(task: Task, trajectory: Trajectory, seconds: float) -> Plan:
         task=task, planner="retreat", strategy=None, seed=task.seed, status=outcome.status,
         reason=outcome.reason, notes=outcome.notes, trajectory=trajectory, initial=trajectory,
         followed=trajectory, prediction=outcome.prediction, judgement=outcome.judgement,
-        terms=Terms(dict), stages=(), time={"total": seconds},
+        stages=(), time={"total": seconds},
     )  # fmt: skip
 
 

@@ -29,7 +29,7 @@ from optipromp.core.planning.timing import shortest, tool_speeds
 from optipromp.core.planning.verdict import judged
 from optipromp.core.promp.model import ProMP
 from optipromp.core.robots import ik
-from optipromp.core.scenes.lines import Lines, axes_of, pose_name, turn_between
+from optipromp.core.scenes.goals import Lines, axes_of, pose_name, turn_between
 from optipromp.core.scenes.scene import RegionGoal
 from optipromp.core.trajectory import Trajectory, chained
 

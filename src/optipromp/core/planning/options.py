@@ -50,7 +50,8 @@ def check_types(options: object, prefix: str) -> None:
         value: Any = getattr(options, item.name)
         hint = hints[item.name]
         wanted = str(hint).replace("typing.", "") if get_origin(hint) else hint.__name__
-        words = [word for one in (hint, *get_args(hint)) for word in _words(one)]
+        literals = (one for one in (hint, *get_args(hint)) if get_origin(one) is Literal)
+        words = [word for one in literals for word in get_args(one)]
         if words and isinstance(value, str) and value not in words:
             told = f"it must be one of these: {suggest(value, words)}"
             raise InvalidRequestError(f"{prefix}{item.name} is {value}; {told}")
@@ -61,11 +62,6 @@ def check_types(options: object, prefix: str) -> None:
                 require(
                     options, prefix, endless or abs(number) < _LARGEST_SETTING, item.name, "finite"
                 )
-
-
-def _words(hint: Any) -> tuple[str, ...]:
-    """The words that a type of literals allows; of another type none."""
-    return get_args(hint) if get_origin(hint) is Literal else ()
 
 
 def numbers(value: Any) -> Iterable[Any]:

@@ -140,7 +140,7 @@ class Underway:
 
 
 class Tree:
-    """A way round obstacles (``planning/tree.py``)."""
+    """A way round obstacles (``planning/collision.py``)."""
 
     samples = 100_000  # [1] largest number that the trees grow towards
     reach = 1.0  # [rad] longest edge of a tree

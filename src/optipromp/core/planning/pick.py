@@ -25,14 +25,6 @@ from optipromp.core.optimization.costs.tool import CorridorCost, GoalCost, Level
 from optipromp.core.optimization.evaluation import Evaluation
 from optipromp.core.optimization.problem import Problem
 from optipromp.core.planning import follow
-from optipromp.core.planning.follow import (
-    Start,
-    constrained_starts,
-    free_starts,
-    led_round,
-    path_costs,
-    uprighted,
-)
 from optipromp.core.planning.goals import clearance, narrow, passed_over
 from optipromp.core.planning.options import Optimised, Searched
 from optipromp.core.planning.parameters import PICK, SOLVE
@@ -95,9 +87,10 @@ def pick(
         return Harmful(replace(task, only=least_harm, sparing=False, beyond=beyond))
     if best is None:
         free = chain(
-            rest(task, options), free_starts(solver.cleared, options, promp, goals, rng, budget)
+            rest(task, options),
+            follow.free_starts(solver.cleared, options, promp, goals, rng, budget),
         )
-        best = first_valid(solver, constrained_starts(solver.cleared, free))
+        best = first_valid(solver, follow.constrained_starts(solver.cleared, free))
         assert best is not None  # there is at least one goal configuration
     else:
         judgement = passed_over(best.judgement, solver.without_margin)
@@ -138,19 +131,19 @@ def follow_path(
     Where the arm touches something before the path, ways round obstacles are tried too.
     """
     task, options, budget = solver.task, solver.options, solver.budget
-    starts: Iterator[Start] = follow.starts(task, path, promp, options, goals, PICK.goals)
+    starts: Iterator[follow.Start] = follow.starts(task, path, promp, options, goals, PICK.goals)
     if path is task.kept:
         starts = chain(rest(task, options), starts)
     attempt = first_valid(solver, starts)
     if attempt is None or attempt.valid or budget.spent():
         return attempt
     if clearance(solver.cleared, attempt.reach).min() < 0.0:
-        round_obstacles = led_round(solver.cleared, attempt.start, options, rng, budget)
+        round_obstacles = follow.led_round(solver.cleared, attempt.start, options, rng, budget)
         attempt = first_valid(solver, round_obstacles) or attempt
     return attempt
 
 
-def first_valid(solver: Solver, starts: Iterable[Start]) -> Attempt | None:
+def first_valid(solver: Solver, starts: Iterable[follow.Start]) -> Attempt | None:
     """The first valid attempt that keeps the margin from static objects.
 
     Other valid attempts are returned after ``PICK.goals`` starts, and any attempt when the budget
@@ -170,7 +163,7 @@ def first_valid(solver: Solver, starts: Iterable[Start]) -> Attempt | None:
 class Attempt:
     """A start and the trajectory that was optimised from it."""
 
-    start: Start  # of the optimisation
+    start: follow.Start  # of the optimisation
     trajectory: Trajectory  # the optimised one, with its timing
     judgement: Judgement  # of the trajectory
     valid: bool  # whether the judge found no violation; a speed that the options ask for is none
@@ -263,11 +256,11 @@ class Solver:
     ) -> None:
         self.task, self.options, self.budget, self.model = task, options, budget, model
         self.searched = model if options.prediction else None
-        self.cleared = uprighted(pushed_aside(task))
+        self.cleared = follow.uprighted(pushed_aside(task))
         self.without_margin: list[Judgement] = []
         self._arrays: dict[int, Evaluation] = {}
 
-    def solve(self, start: Start) -> Attempt:
+    def solve(self, start: follow.Start) -> Attempt:
         """Optimise a start and judge the result."""
         settings = schedule(self.options)
         task, count = self.cleared, start.waypoints.count
@@ -287,8 +280,8 @@ class Solver:
         return self._judged(start, result.q, result.value.merit, history, result.message)
 
     def _judged(
-        self, start: Start, q: FloatArray, merit: float, history: tuple[dict[str, float], ...],
-        message: str,
+        self, start: follow.Start, q: FloatArray, merit: float,
+        history: tuple[dict[str, float], ...], message: str,
     ) -> Attempt:  # fmt: skip
         task, options, path = self.cleared, self.options, start.path
         trajectory = start.running
@@ -303,7 +296,7 @@ class Solver:
         return Attempt(start, trajectory, judgement, valid, merit, history, message, shortfall)
 
 
-def following(task: Task, options: Searched, start: Start, arrays: Evaluation) -> Problem:
+def following(task: Task, options: Searched, start: follow.Start, arrays: Evaluation) -> Problem:
     """The optimisation problem of a start: costs and constraints as the module lists them."""
     robot, first = task.robot, start.waypoints.first
     costs: list[Cost] = [
@@ -316,7 +309,7 @@ def following(task: Task, options: Searched, start: Start, arrays: Evaluation) -
     touch = ClearanceCost("touch", "static", SOLVE.must, SOLVE.touch_margin)
     constraints = limits_and_clearances(task, options, touch)
     path = task.scene.path
-    constraints += path_costs(path, start.waypoints.count)
+    constraints += follow.path_costs(path, start.waypoints.count)
     fixed = path is not None or not isinstance(task.goal, PoseGoal)
     if isinstance(task.goal, PoseGoal) and not fixed:
         constraints.append(GoalCost(SOLVE.must, task.goal.position, task.goal.axis))

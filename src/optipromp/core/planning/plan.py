@@ -22,18 +22,10 @@ from optipromp.core.budget import Budget, clock
 from optipromp.core.compiled import in_cache
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.optimization.kernels import add_stiffness
-from optipromp.core.planning import tree
+from optipromp.core.planning import collision, planners
 from optipromp.core.planning.options import PlanOptions, Strategy, stated
 from optipromp.core.planning.parameters import APPROACH, UNDERWAY
-from optipromp.core.planning.planners import (
-    OptiProMP,
-    Planner,
-    check_way,
-    chosen_planner,
-    functionals,
-    label,
-)
-from optipromp.core.planning.result import Failed, Harmful, Plan, Planned, Terms, best_of
+from optipromp.core.planning.result import Failed, Harmful, Plan, Planned, best_of
 from optipromp.core.planning.task import Task, approached, resolve
 from optipromp.core.planning.timing import stopped
 from optipromp.core.planning.underway import Moving, begun, later, plan_in_time, running, underway
@@ -62,7 +54,7 @@ def plan(
     scene: Scene | str | Path,
     *,
     robot: Robot | None = None,
-    planner: Planner | str = "opti-promp",
+    planner: planners.Planner | str = "opti-promp",
     strategy: Strategy = "joint",
     demonstrations: ProMP | str | Path | None = None,
     seed: int = 0,
@@ -108,9 +100,7 @@ def plan(
         metrics of that trajectory.
 
     Raises:
-        InvalidSceneError: a scene that cannot be used.
-        InvalidRobotError: a robot that cannot be used.
-        InvalidDemonstrationError: demonstrations that cannot be used.
+        InvalidSceneError, InvalidRobotError, InvalidDemonstrationError: wrong input.
         InvalidRequestError: an argument or an option that is not allowed; a planner that ignores
             the scene's ``path`` or ``waypoints``, or that returns an object of another type than
             ``Planned``, ``Failed`` or ``Harmful``.
@@ -124,7 +114,7 @@ def plan(
         say("reading scene and robot")
         state = begun(start_state, previous, at)
         scene = scene if isinstance(scene, Scene) else load_scene(scene)
-        check_way(solver, scene)
+        planners.check_way(solver, scene)
         scene = scene if at is None else later(scene, at)
         began = clock()
         task = replace(resolve(scene, robot, state), risk=options.risk, seed=seed)
@@ -147,7 +137,7 @@ def plan(
 
 
 def _best(
-    tasks: list[Task], planner: Planner, options: PlanOptions, began: float,
+    tasks: list[Task], planner: planners.Planner, options: PlanOptions, began: float,
     say: Callable[[str], object],
 ) -> Plan:  # fmt: skip
     """The first harmless plan: by the straight approach, or by another that the scene allows.
@@ -230,23 +220,23 @@ def _badness(made: Plan) -> tuple[bool, float]:
 
 
 def check_request(
-    planner: Planner | str, strategy: str, options: PlanOptions, seed: int = 0
-) -> Planner:
+    planner: planners.Planner | str, strategy: str, options: PlanOptions, seed: int = 0
+) -> planners.Planner:
     """The planner of a request; see :func:`chosen_planner`."""
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise InvalidRequestError(f"seed is {seed!r}; it must be a whole number >= 0")
     if not isinstance(options, PlanOptions):
         raise InvalidRequestError(f"options are {type(options).__name__}; they must be PlanOptions")
-    return chosen_planner(planner, strategy, options)
+    return planners.chosen_planner(planner, strategy, options)
 
 
 def warm_up(scene: Scene | str = WARM_UP) -> None:
     """Compile every kernel, or load it from the cache, before a plan's time counts."""
     task = resolve(scene if isinstance(scene, Scene) else load_scene(scene))
     with _threads().limit(limits=1, user_api="blas"):
-        made = _plan(task, planner=OptiProMP(), options=DEFAULTS, end=math.inf, say=str)
+        made = _plan(task, planner=planners.OptiProMP(), options=DEFAULTS, end=math.inf, say=str)
         home = task.robot.home[None]
-        tree.way(task, home, home, np.random.default_rng(0))
+        collision.way(task, home, home, np.random.default_rng(0))
     assert isinstance(made, Plan)
     len(made.terms)  # computed when read
 
@@ -257,7 +247,7 @@ def compile_once() -> None:
 
     Kernels of few plans are compiled when they are called; a plan's clock stops meanwhile.
     """
-    if not (in_cache(add_stiffness) and in_cache(tree.shorten)):
+    if not (in_cache(add_stiffness) and in_cache(collision.shorten)):
         warm_up()
 
 
@@ -299,7 +289,12 @@ def compile_push_model() -> None:
 
 
 def _plan(
-    task: Task, *, planner: Planner, options: PlanOptions, end: float, say: Callable[[str], object]
+    task: Task,
+    *,
+    planner: planners.Planner,
+    options: PlanOptions,
+    end: float,
+    say: Callable[[str], object],
 ) -> Plan | Harmful:
     """The judged plan of one task.
 
@@ -325,7 +320,7 @@ def _plan(
         return answer
     if not isinstance(answer, Planned | Failed):
         raise InvalidRequestError(
-            f"planner {label(planner)} returned {type(answer).__name__}: "
+            f"planner {planners.label(planner)} returned {type(answer).__name__}: "
             "solve must return Planned or Failed, or Harmful where task.sparing is true"
         )
     outcome = answer if isinstance(answer, Planned) else answer.nearest or stay
@@ -346,11 +341,11 @@ def _plan(
             reason += "; on the way to rest " + "; ".join(broken)
     now = clock()
     return Plan(
-        task=task, planner=label(planner), strategy=getattr(planner, "strategy", None),
+        task=task, planner=planners.label(planner), strategy=getattr(planner, "strategy", None),
         seed=task.seed, status=status, reason=reason, notes=notes, trajectory=outcome.trajectory,
         initial=outcome.begin, followed=outcome.followed or outcome.begin, prediction=prediction,
         judgement=judgement, stages=outcome.stages,
-        terms=Terms(functools.partial(functionals, task, planner, options, outcome)),
+        functionals=functools.partial(planners.functionals, task, planner, options, outcome),
         time={**outcome.time, "check": now - start, "total": now - began},
         first=outcome.first, via=outcome.via,
     )  # fmt: skip
@@ -381,10 +376,8 @@ def _cut(budget: Budget) -> tuple[str, ...]:
 def _stay(task: Task) -> Planned:
     """A trajectory that stays at the start; where the arm moves, a trajectory that stops it."""
     if task.state.moving:
-        still = stopped(task.robot, task.state)
-    else:
-        rest, times = np.zeros((3, task.robot.n_joints)), np.array(STILL)
-        still = Trajectory(times, task.start + rest, rest, rest, task.robot.joint_names)
+        return Planned(stopped(task.robot, task.state), 1, optimised=False)
+    still = Trajectory.still(task.start, STILL, task.robot.joint_names)
     return Planned(still, 1, optimised=False)
 
 

@@ -40,8 +40,7 @@ from optipromp.core.planning.result import Failed, Harmful, Planned, Term, ViaPo
 from optipromp.core.planning.task import Task, pushed_aside
 from optipromp.core.planning.timing import timed
 from optipromp.core.promp.model import ProMP
-from optipromp.core.pushing.interactive import pushes
-from optipromp.core.pushing.rules import detection_variance
+from optipromp.core.pushing.rules import detection_variance, pushes
 from optipromp.core.scenes.scene import PoseGoal, Scene
 from optipromp.core.shown import suggest
 

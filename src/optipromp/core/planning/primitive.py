@@ -18,9 +18,9 @@ from optipromp.core.promp.demonstrations import check_limits, load_demonstration
 from optipromp.core.promp.learning import fit
 from optipromp.core.promp.model import ProMP, is_primitive
 from optipromp.core.robots import ik
+from optipromp.core.robots.ik import level
 from optipromp.core.robots.library import built_in_twin
 from optipromp.core.robots.model import Robot
-from optipromp.core.robots.roll import level
 from optipromp.core.scenes.scene import PoseGoal
 
 BASIS = Basis(count=14, width=2.0, outside=1)

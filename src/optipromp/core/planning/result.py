@@ -1,7 +1,8 @@
 """The results of planning: stages of an optimisation, a planner's answers, a plan."""
 
+import functools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -159,34 +160,6 @@ class Term:
     stage: str
 
 
-class Terms(Mapping[str, Term]):
-    """Functionals by name, computed when they are first read."""
-
-    def __init__(self, compute: Callable[[], dict[str, Term]]) -> None:
-        self._compute: Callable[[], dict[str, Term]] | None = compute
-        self._values: dict[str, Term] = {}
-
-    def _known(self) -> dict[str, Term]:
-        if self._compute is not None:
-            self._values, self._compute = self._compute(), None
-        return self._values
-
-    def __getitem__(self, name: str) -> Term:
-        return self._known()[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._known())
-
-    def __len__(self) -> int:
-        return len(self._known())
-
-    def __repr__(self) -> str:
-        return repr(self._known())
-
-    def __reduce__(self) -> tuple[type[dict[str, Term]], tuple[dict[str, Term]]]:
-        return dict, (self._known(),)
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan(Shown):
     """A plan: a trajectory, its metrics, and whether it is a success.
@@ -203,12 +176,12 @@ class Plan(Shown):
         followed: the ProMP led along the tool path; equal to ``initial`` where there is no path.
         prediction: of the push, with its harm; None where no push model applies.
         judgement: of the trajectory, by the independent judge.
-        terms: the functionals ``static``, ``avoid``, ``push`` and ``velocity``.
         stages: optimisation stages in the order they ran.
         time: wall time, ``total`` and per stage [s].
         first: index of the first waypoint on the approach.
         via: points of the tool that the planner conditioned the primitive on, the target last.
         notes: remarks that do not change the status.
+        functionals: computes ``terms``.
     """
 
     task: Task
@@ -222,12 +195,21 @@ class Plan(Shown):
     followed: Trajectory
     prediction: Prediction | None
     judgement: Judgement
-    terms: Mapping[str, Term]
     stages: tuple[Stage, ...]
     time: Mapping[str, float] = field(default_factory=dict)
     first: int = 0
     via: tuple[ViaPoint, ...] = ()
     notes: tuple[str, ...] = ()
+    functionals: Callable[[], Mapping[str, Term]] = dict
+
+    @functools.cached_property
+    def terms(self) -> Mapping[str, Term]:
+        """The functionals ``static``, ``avoid``, ``push`` and ``velocity``."""
+        return self.functionals()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The fields, with the terms in place of all that they are computed from."""
+        return vars(self) | {"functionals": dict(self.terms).copy}
 
     @property
     def message(self) -> str:

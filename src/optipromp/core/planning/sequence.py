@@ -18,8 +18,8 @@ from optipromp.core.processes import cores, run_each
 from optipromp.core.promp.model import ProMP
 from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.io import load_scene
+from optipromp.core.scenes.objects import rooted
 from optipromp.core.scenes.scene import Role, Scene
-from optipromp.core.scenes.trusses import rooted
 from optipromp.core.scenes.values import suggest
 
 HARMLESS = 0.05
@@ -136,7 +136,8 @@ def plan_sequence(
             if progress is not None:
                 progress(f"pick {len(picks) + 1}: {id_}")
             tried.append(plan(aimed(scene, id_, picked), **request))
-        good = sorted((made for made in tried if made.success), key=_rank)
+        good = [made for made in tried if made.success]
+        good.sort(key=lambda made: (max(made.harm, HARMLESS), made.duration))
         whole: dict[str, Plan | Picked] = {_target(made): made for made in tried}
         best = best_of(
             _completed(good, whole, progress, request),
@@ -191,10 +192,6 @@ def _check(scene: Scene, targets: Sequence[str]) -> None:
             raise InvalidRequestError(
                 f"target {id_!r} is no target or pushable of {scene.name}: {suggest(id_, fruits)}"
             )
-
-
-def _rank(made: Plan) -> tuple[float, float]:
-    return max(made.harm, HARMLESS), made.duration
 
 
 def _target(made: Plan) -> str:
@@ -256,16 +253,12 @@ def plan_many(
     Args:
         scenes: scenes, names of built-in scenes, or scene files.
         options: of every plan; see :class:`PlanOptions`.
-        planner: as for :func:`plan`.
-        strategy: as for :func:`plan`.
-        demonstrations: as for :func:`plan`.
-        seed: as for :func:`plan`.
+        planner, strategy, demonstrations, seed, settings: as for :func:`plan`.
         workers: processes that plan; None: one per core; 1: this process plans.
         legs: scenes with a target and a ``place`` are planned with all legs, as
             :func:`optipromp.core.planning.legs.plan_pick` does.
         progress: called in this thread as each plan is done, with the index of its scene and the
             result.
-        settings: as for :func:`plan`.
 
     Returns:
         A result for each scene, in the order of ``scenes``: the plan (also a plan that failed; with

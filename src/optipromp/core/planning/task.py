@@ -249,7 +249,10 @@ def resolve(scene: Scene, robot: Robot | None = None, state: State | None = None
     """
     robot, begin = posed(scene, robot, state)
     scene = aimed_at_stem(scene, robot.tool)
-    goals = goals_of(scene.goals, robot, begin.q)
+    goals = tuple(
+        _turned(goal, robot, begin.q) if isinstance(goal, JointGoal) else goal
+        for goal in scene.goals
+    )
     if not goals:
         assert scene.aim is not None  # a scene has a target or a goal
         goals = (PoseGoal(scene.aim, scene.frame[2]),)
@@ -431,17 +434,8 @@ def aimed_at_stem(scene: Scene, tool: Tool | None) -> Scene:
 LIMIT_TOLERANCE = 1e-9  # [rad or m] a joint this little beyond its limit is within it: rounding
 
 
-def goals_of(goals: tuple[Goal, ...], robot: Robot, start: FloatArray) -> tuple[Goal, ...]:
-    """The goals of a scene for an arm at ``start`` (n,).
-
-    A joint that may turn without end goes to the nearest of its equal values.
-    """
-    return tuple(
-        _turned(goal, robot, start) if isinstance(goal, JointGoal) else goal for goal in goals
-    )
-
-
 def _turned(goal: JointGoal, robot: Robot, start: FloatArray) -> JointGoal:
+    """A goal whose joints that may turn without end have their values nearest to ``start`` (n,)."""
     joints = robot.check_configuration(goal.joints)
     within_limits(robot, joints, "goal", InvalidRequestError)
     turns = np.where(ik.turning(robot), np.round((joints - start) / (2.0 * np.pi)), 0.0)

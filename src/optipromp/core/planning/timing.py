@@ -32,11 +32,7 @@ Slow = int | BoolArray | None
 
 
 def timed(
-    task: Task,
-    options: Timed,
-    q: FloatArray,
-    slow: Slow,
-    speed: float | None = None,
+    task: Task, options: Timed, q: FloatArray, slow: Slow, speed: float | None = None
 ) -> Trajectory:
     """Waypoints (T, n) as a trajectory of ``options.duration``, or as :func:`shortest` times them.
 
@@ -97,11 +93,7 @@ def _calmed(robot: Robot, made: Trajectory, slow: BoolArray, speed: float) -> Tr
 
 
 def joined(
-    robot: Robot,
-    state: State,
-    made: Trajectory,
-    slow: Slow = None,
-    corridor: float = np.inf,
+    robot: Robot, state: State, made: Trajectory, slow: Slow = None, corridor: float = np.inf
 ) -> Trajectory:
     """A trajectory that begins in a moving ``state`` instead of at rest.
 
@@ -285,10 +277,7 @@ class Limited(Protocol):
 
 
 def fastest(
-    limits: Limited,
-    q: FloatArray,
-    least: FloatArray,
-    begins: Iterable[FloatArray],
+    limits: Limited, q: FloatArray, least: FloatArray, begins: Iterable[FloatArray]
 ) -> Trajectory:
     """The fastest trajectory found through waypoints ``q`` (T, n) within limits, rest to rest.
 

@@ -265,7 +265,9 @@ def _among(task: Task, made_for: Callable[[Task], Plan], late: float) -> Plan:
             for _ in range(IN_TIME.rounds if when else 1):
                 made = made_for(as_of(seen, when))
                 for wait in _waits(task):
-                    one = _in(task, made, _still(made, wait) if wait else None)
+                    q, names = made.trajectory.positions[0], made.trajectory.joint_names
+                    stay = Trajectory.still(q, (0.0, wait), names) if wait else None
+                    one = _in(task, made, stay)
                     roomy = one.success and _room(one) >= min(_room(made), IN_TIME.room)
                     yield (not roomy, not one.success, not made.success), one
                     cut = clock() > late
@@ -364,10 +366,3 @@ def _in(task: Task, made: Plan, before: Trajectory | None) -> Plan:
         status=source.status, reason=source.reason, notes=source.notes, judgement=judged.judgement,
         prediction=judged.prediction,
     )  # fmt: skip
-
-
-def _still(made: Plan, wait: float) -> Trajectory:
-    """A stay at the start of a plan for the time ``wait`` [s]."""
-    q = np.tile(made.trajectory.positions[0], (2, 1))
-    zero = np.zeros_like(q)
-    return Trajectory(np.array([0.0, wait]), q, zero, zero, made.trajectory.joint_names)

@@ -27,6 +27,6 @@ from optipromp.core.promp.learning import fit_em as fit_em
 from optipromp.core.promp.learning import held_out_residuals as held_out_residuals
 from optipromp.core.promp.learning import residuals as residuals
 from optipromp.core.promp.model import ProMP as ProMP
-from optipromp.core.promp.points import JointPoint as JointPoint
-from optipromp.core.promp.points import TaskPoint as TaskPoint
+from optipromp.core.promp.tasks import JointPoint as JointPoint
 from optipromp.core.promp.tasks import TaskMap as TaskMap
+from optipromp.core.promp.tasks import TaskPoint as TaskPoint

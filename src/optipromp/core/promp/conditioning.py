@@ -15,8 +15,7 @@ from optipromp.core.promp.basis import Basis
 from optipromp.core.promp.checks import PHASE_TOLERANCE, ConditioningWarning, finite_array
 from optipromp.core.promp.gaussian import Update, factorise, observed
 from optipromp.core.promp.model import ProMP, trusted
-from optipromp.core.promp.points import JointPoint, Point, TaskPoint
-from optipromp.core.promp.tasks import Rows, Search, TaskMap
+from optipromp.core.promp.tasks import JointPoint, Point, Rows, Search, TaskMap, TaskPoint
 
 REACH_TOLERANCE = 1e-8
 """[rad or m] Exact points that cannot be met to this tolerance contradict each other."""

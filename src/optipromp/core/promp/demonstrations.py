@@ -14,13 +14,7 @@ from optipromp.core.arrays import FloatArray, read_only
 from optipromp.core.documents import read_table
 from optipromp.core.errors import InvalidDemonstrationError
 from optipromp.core.files import is_folder, is_there, npz, read_npz, texts, write_atomically
-from optipromp.core.promp.checks import (
-    PHASE_TOLERANCE,
-    UnitsWarning,
-    finite_array,
-    matching_columns,
-    names_for,
-)
+from optipromp.core.promp import checks
 
 BEYOND_LIMITS = 0.05
 """[rad or m] Excess of a demonstration over a joint's limits that is accepted: an arm that is led
@@ -52,8 +46,8 @@ class Demonstration:
 
     def __post_init__(self) -> None:
         error = InvalidDemonstrationError
-        times = finite_array(self.times, "times", 1, error)
-        positions = finite_array(self.positions, "positions", 2, error)
+        times = checks.finite_array(self.times, "times", 1, error)
+        positions = checks.finite_array(self.positions, "positions", 2, error)
         if positions.size and np.abs(positions).max() > _LARGEST_JOINT:
             raise error(
                 f"positions reach {np.abs(positions).max():g}: must be at most {_LARGEST_JOINT:g}"
@@ -71,11 +65,11 @@ class Demonstration:
             raise error(f"times must increase: times[{i}] = {times[i]} after {times[i - 1]}")
         span = self.span
         if span is not None:
-            bounds = finite_array(span, "span", 1, error)
+            bounds = checks.finite_array(span, "span", 1, error)
             if bounds.size != 2:
                 raise error(f"span: expected a start and an end time, got {bounds.tolist()}")
             start, end = float(bounds[0]), float(bounds[1])
-            slack = PHASE_TOLERANCE * (end - start)
+            slack = checks.PHASE_TOLERANCE * (end - start)
             if not (start < end and start - slack <= times[0] and times[-1] <= end + slack):
                 raise error(
                     f"span ({start}, {end}) must enclose the times {times[0]} to {times[-1]}"
@@ -119,7 +113,7 @@ class Demonstrations(Sequence[Demonstration]):
                     f"demonstration {i} has {item.n_joints} joints, the first has {n}"
                 )
         object.__setattr__(self, "items", items)
-        object.__setattr__(self, "joint_names", names_for(self.joint_names, n))
+        object.__setattr__(self, "joint_names", checks.names_for(self.joint_names, n))
 
     def __len__(self) -> int:
         return len(self.items)
@@ -150,7 +144,7 @@ class Demonstrations(Sequence[Demonstration]):
         Raises:
             InvalidDemonstrationError: other joint names; the message begins with ``what``.
         """
-        order = matching_columns(self.joint_names, joints, what)
+        order = checks.matching_columns(self.joint_names, joints, what)
         items = (Demonstration(d.times, d.positions[:, order], d.span) for d in self)
         return Demonstrations(tuple(items), tuple(joints))
 
@@ -207,7 +201,7 @@ def load_demonstrations(path: str | os.PathLike[str]) -> Demonstrations:
         warnings.warn(
             f"{path}: demonstration {int(np.argmax(largest))} reaches {max(largest):.4g}; "
             "positions are read as radians or metres",
-            UnitsWarning,
+            checks.UnitsWarning,
             stacklevel=2,
         )
     for words in _odd(result):

@@ -13,15 +13,8 @@ from numpy.typing import ArrayLike
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidDemonstrationError, InvalidRequestError
+from optipromp.core.promp import checks
 from optipromp.core.promp.basis import Basis
-from optipromp.core.promp.checks import (
-    PHASE_TOLERANCE,
-    ConvergenceWarning,
-    finite_array,
-    names_for,
-    positive,
-    regularised,
-)
 from optipromp.core.promp.conditioning import conditioned_mean
 from optipromp.core.promp.demonstrations import Demonstration, Demonstrations
 from optipromp.core.promp.gaussian import add_noise, square_root
@@ -113,13 +106,13 @@ def fit(
         InvalidRequestError: another argument out of range.
     """
     basis = basis or Basis()
-    ridge = positive(ridge, "ridge")
+    ridge = checks.positive(ridge, "ridge")
     samples = gather(demonstrations, joint_names)
     complete(samples)
     short = [i for i, phases in enumerate(samples.phases) if phases.size < basis.count]
     if short:
         size = samples.phases[short[0]].size
-        regularised(
+        checks.regularised(
             f"{len(short)} demonstration(s) have fewer samples than the {basis.count} bases, the "
             f"first is number {short[0]} with {size}; ridge regression completes them"
         )
@@ -128,9 +121,13 @@ def fit(
     mean, covariance = distribution(weights)
     demos = len(weights)
     if demos == 1:
-        regularised("one demonstration says nothing about spread; the covariance is the prior's")
+        checks.regularised(
+            "one demonstration says nothing about spread; the covariance is the prior's"
+        )
     elif np.abs(weights - mean).max() <= 1e-9 * max(float(np.abs(weights).max()), 1e-3):
-        regularised(f"the {demos} demonstrations are identical; the covariance is the prior's")
+        checks.regularised(
+            f"the {demos} demonstrations are identical; the covariance is the prior's"
+        )
     total = sum(phases.size for phases in samples.phases)
     freedom = total - demos * basis.count
     squares = np.einsum("mj,mj->j", rest, rest)
@@ -143,7 +140,7 @@ def fit(
 def complete(samples: Samples) -> None:
     """Raise ``InvalidDemonstrationError`` if a demonstration is partial."""
     for i, phases in enumerate(samples.phases):
-        if phases[0] > PHASE_TOLERANCE or phases[-1] < 1.0 - PHASE_TOLERANCE:
+        if phases[0] > checks.PHASE_TOLERANCE or phases[-1] < 1.0 - checks.PHASE_TOLERANCE:
             raise InvalidDemonstrationError(
                 f"demonstration {i} is partial (phases {phases[0]:.3g} to {phases[-1]:.3g}); "
                 "fit_em learns from partial ones"
@@ -274,19 +271,19 @@ def gather(demonstrations: DemonstrationsLike, joint_names: Sequence[str] | None
         if stacked.shape[1] < 2 or stacked.shape[2] == 0:
             raise error(f"demonstrations: expected (N, T >= 2, n >= 1), got shape {stacked.shape}")
         phases = np.linspace(0.0, 1.0, stacked.shape[1])
-        names = names_for(joint_names or (), stacked.shape[2])
+        names = checks.names_for(joint_names or (), stacked.shape[2])
         return Samples((phases,) * len(stacked), tuple(stacked), stacked, names)
     if not isinstance(demonstrations, Demonstrations):
         items = []
         for i, item in enumerate(demonstrations):
             if not isinstance(item, Demonstration):
-                array = finite_array(item, f"demonstration {i}", 2, error)
+                array = checks.finite_array(item, f"demonstration {i}", 2, error)
                 if array.shape[0] < 2:
                     raise error(f"demonstration {i} needs at least 2 samples, got {len(array)}")
                 item = Demonstration(np.linspace(0.0, 1.0, len(array)), array)
             items.append(item)
         demonstrations = Demonstrations(tuple(items))
-    names = names_for(joint_names or demonstrations.joint_names, demonstrations.n_joints)
+    names = checks.names_for(joint_names or demonstrations.joint_names, demonstrations.n_joints)
     all_phases = tuple(item.phases for item in demonstrations)
     positions = tuple(item.positions for item in demonstrations)
     first = all_phases[0]
@@ -301,7 +298,7 @@ def _stacked(demonstrations: DemonstrationsLike) -> FloatArray | None:
     if isinstance(demonstrations, np.ndarray):
         if demonstrations.ndim != 3:
             return None
-        return finite_array(demonstrations, "demonstrations", 3, InvalidDemonstrationError)
+        return checks.finite_array(demonstrations, "demonstrations", 3, InvalidDemonstrationError)
     if not isinstance(demonstrations, list | tuple) or not demonstrations:
         return None
     if not all(
@@ -378,7 +375,7 @@ def fit_em(
     data = _Sums(samples, basis)
     n, count, demos = samples.n_joints, basis.count, len(samples.phases)
     for gap in _gaps(data, basis):
-        regularised(gap)
+        checks.regularised(gap)
     floor = np.repeat(deviation_floor(samples.extent, demos) ** 2, count)
 
     current = _start(data, floor)
@@ -392,7 +389,7 @@ def fit_em(
         warnings.warn(
             f"expectation-maximisation still changed by {change:.2g} (tolerance {TOLERANCE:.2g}) "
             f"after {iterations} iterations",
-            ConvergenceWarning,
+            checks.ConvergenceWarning,
             stacklevel=2,
         )
     mean, covariance, noise = current

@@ -1,4 +1,4 @@
-"""The interface of a push model, and models that are made of others."""
+"""The interfaces of a push model and of its candidate paths, and models made of others."""
 
 import math
 from abc import ABC, abstractmethod
@@ -8,9 +8,82 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, lengths
-from optipromp.core.pushing.candidates import Candidates
 from optipromp.core.pushing.parameters import Calibration as Calibration
-from optipromp.core.pushing.path import STEP, along, evenly, length
+from optipromp.core.pushing.path import STEP, ToolPath, along, evenly, length
+
+
+@dataclass(frozen=True)
+class Round:
+    """One round of a search.
+
+    Attributes:
+        candidates: number of tool paths that are sampled.
+        states: number of states of the scene that each path is tried in.
+    """
+
+    candidates: int
+    states: int
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """The rounds and numbers of a search.
+
+    Attributes:
+        rounds: of a run.
+        runs: largest number of runs; the next run begins where no path is good.
+        kept: number of best candidates, about which the next candidates are sampled.
+        screened: number of best candidates that are tried in ``states`` states after each round.
+        states: number of states in the search; a followed trajectory is tried in all states.
+        fresh: share of the candidates that are sampled from :meth:`Candidates.spread`.
+        lenient: factor on the harm that counts as good, after each round without a good path.
+    """
+
+    rounds: tuple[Round, ...]
+    runs: int
+    kept: int
+    screened: int
+    states: int
+    fresh: float
+    lenient: float
+
+
+class Candidates(ABC):
+    """The candidate paths of the tool in one scene, each given by k numbers.
+
+    Attributes:
+        schedule: of the search.
+        entry: position along z_g at which paths begin [m]; -inf: anywhere.
+        indifferent: largest additional harm of a path that is preferred to another, see
+            :meth:`rather`.
+    """
+
+    schedule: Schedule
+    entry: float = -math.inf
+    indifferent: float = 0.0
+
+    @abstractmethod
+    def path(self, x: FloatArray) -> ToolPath:
+        """The path of a candidate (k,)."""
+
+    @abstractmethod
+    def aside(self, x: FloatArray, path: ToolPath) -> float:
+        """Penalty that is added to a candidate's harm, for a detour or a lack of clearance."""
+
+    @abstractmethod
+    def first(self) -> FloatArray:
+        """Candidates (m, k) that are tried before any sample; m may be 0."""
+
+    def rather(self, x: FloatArray, path: ToolPath) -> list[FloatArray]:
+        """Candidates that replace the good one ``x`` (k,), if their harm is nearly as small.
+
+        Nearly: larger by less than :attr:`indifferent`.
+        """
+        return []
+
+    @abstractmethod
+    def spread(self, run: int) -> tuple[FloatArray, FloatArray]:
+        """Mean and standard deviation (k,) of the first samples of a run."""
 
 
 @dataclass(frozen=True)
@@ -165,17 +238,14 @@ class Combined(_Guided):
         self.models, self.states = models, max(model.states for model in models)
 
     def drifting(self, by: Mapping[str, FloatArray]) -> PushModel:
-        """See :class:`PushModel`; of all models."""
         return Combined(*(model.drifting(by) for model in self.models))
 
     def clear(self, points: FloatArray, axes: FloatArray) -> bool:
-        """See :class:`PushModel`; for every model."""
         return all(model.clear(points, axes) for model in self.models)
 
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
-        """The sum, each harm in proportion to its model's threshold."""
         total = 0.0
         for model in self.models:
             share = self.threshold / model.threshold
@@ -193,11 +263,9 @@ class Combined(_Guided):
         return worst.cause(points, axes)
 
     def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
-        """See :class:`PushModel`; of all models."""
         return {k: f for model in self.models for k, f in model.forces(points, axes).items()}
 
     def pushing(self, points: FloatArray, axes: FloatArray) -> BoolArray:
-        """See :class:`PushModel`; by any model."""
         return np.asarray(
             np.logical_or.reduce([model.pushing(points, axes) for model in self.models])
         )
@@ -230,27 +298,30 @@ class Continued(_Guided):
         axes = along(points, np.concatenate([self._axes, axes]), count)
         return evenly(points, count), axes
 
+    def _led(
+        self, points: FloatArray, axes: FloatArray
+    ) -> tuple[PushModel, FloatArray, FloatArray]:
+        """The model of the harm, and the whole motion."""
+        return self.lead, *self._whole(points, axes)
+
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
-        """See :class:`PushModel`; of the whole motion."""
-        return self.lead.harm(*self._whole(points, axes), states, limit)
+        model, points, axes = self._led(points, axes)
+        return model.harm(points, axes, states, limit)
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
-        """See :class:`PushModel`; of the whole motion."""
-        return self.lead.cause(*self._whole(points, axes))
+        model, points, axes = self._led(points, axes)
+        return model.cause(points, axes)
 
     def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
-        """See :class:`PushModel`; of the whole motion."""
         return self.lead.forces(*self._whole(points, axes))
 
     def pushing(self, points: FloatArray, axes: FloatArray) -> BoolArray:
-        """See :class:`PushModel`; in the whole motion."""
         whole, turned = self._whole(points, axes)
         left = float(length(points)) - np.append(0.0, np.cumsum(lengths(np.diff(points, axis=0))))
         rows = np.rint((len(whole) - 1) * (1.0 - left / max(float(length(whole)), 1e-9)))
         return self.lead.pushing(whole, turned)[np.maximum(rows, 0).astype(np.int64)]
 
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
-        """See :class:`PushModel`; by the whole motion."""
         return self.lead.moved(*self._whole(points, axes))

@@ -114,7 +114,7 @@ class SwingParameters(NamedTuple):
 
 
 class HarmParameters(NamedTuple):
-    """Forces and times that fruits on stems bear (:mod:`optipromp.core.pushing.stems.harm`)."""
+    """Forces and times that fruits on stems bear (:mod:`optipromp.core.pushing.stems.swinging`)."""
 
     stem_force: float = 2.0  # [N] lasting, that a stem bears; as in the simulation
     target_force: float = 5.0  # [N] guess: lasting, that the target bears

@@ -13,8 +13,7 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import Budget
-from optipromp.core.pushing.candidates import Candidates
-from optipromp.core.pushing.model import PushModel
+from optipromp.core.pushing.model import Candidates, PushModel
 from optipromp.core.pushing.path import ToolPath
 
 AxesAt = Callable[[FloatArray], FloatArray]

@@ -56,12 +56,10 @@ class TwoFingers(Tool):
 
     @property
     def point(self) -> FloatArray:
-        """(3,) the tool point in the flange frame [m]."""
         return np.array([0.0, 0.0, self.tip - self.depth])
 
     @property
     def rotation(self) -> FloatArray:
-        """(3, 3) the tool axes in the flange frame, as columns; it opens along y."""
         c, s = math.cos(self.turn), math.sin(self.turn)
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
@@ -82,7 +80,6 @@ class TwoFingers(Tool):
         return half, half + self._finger[1]
 
     def solids(self) -> tuple[Solid, ...]:
-        """The body and two fingers."""
         half = 0.5 * self.turn
         turned = math.cos(half), 0.0, 0.0, math.sin(half)
         aside = 0.5 * (self.mouth[0] + self.mouth[1])
@@ -195,7 +192,6 @@ class Suction(Tool):
 
     @property
     def point(self) -> FloatArray:
-        """(3,) the tool point in the flange frame [m]."""
         return np.array([0.0, 0.0, self.length + self.fruit])
 
     @property
@@ -214,7 +210,6 @@ class Suction(Tool):
         return 0.0, self.radius
 
     def solids(self) -> tuple[Solid, ...]:
-        """The stem and the cup."""
         cup = Cylinder(self.radius, self.height)
         out = [
             Solid("cup", cup, np.array([0.0, 0.0, self.length - 0.5 * self.height]), part="mouth")
@@ -325,7 +320,6 @@ class MeshTool(Tool):
 
     @property
     def fingers(self) -> bool:
-        """Whether the tool has fingers."""
         return bool(self.finger_meshes)
 
     @property
@@ -342,12 +336,10 @@ class MeshTool(Tool):
 
     @property
     def point(self) -> FloatArray:
-        """(3,) the tool point in the flange frame [m]."""
         return np.array(self.tool_point, dtype=np.float64)
 
     @property
     def rotation(self) -> FloatArray:
-        """(3, 3) the tool axes in the flange frame, as columns."""
         return _axes(self.tool_axis, self.finger_meshes)
 
     @property
@@ -380,7 +372,6 @@ class MeshTool(Tool):
         return (self.opening or 0.0) / 2.0, float(outer[before].max())
 
     def solids(self) -> tuple[Solid, ...]:
-        """The pieces."""
         body: Part = "palm" if self.fingers or self.opening is None else "mouth"
         groups: list[tuple[str, Part, tuple[MeshShape, ...]]] = [
             ("palm" if self.fingers else "piece", body, self.meshes),

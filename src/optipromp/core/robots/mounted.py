@@ -3,23 +3,26 @@
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, frozen
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import SPHERE, Sphere
-from optipromp.core.robots.tool_geometry import (
-    Solid,
-    cover_solids,
-    seen_polygon,
-    solids_inertia,
-    swept_polygons,
+from optipromp.core.robots.tool_geometry import Solid, cover_solids, solids_inertia
+from optipromp.core.robots.tool_protocol import (
+    LARGEST,
+    Tool,
+    check_length,
+    check_tool,
+    outline_of,
+    quaternion,
 )
-from optipromp.core.robots.tool_protocol import LARGEST, Tool, check_length, quaternion
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)  # the quaternion of no turn
 _NO_SHAPE = Sphere(1.0)  # of a solid that only turns
+_LATER: Any = None
 ROUNDED = 1e-3  # [1] chosen: largest error of a quaternion's length, as in scene files
 
 
@@ -56,16 +59,19 @@ class Mounted(Tool):
     orientation: tuple[float, float, float, float] = UPRIGHT
     loads: tuple[Load, ...] = ()
     full: bool = False
+    # set with the pose, in the place of the protocol's properties; ``turn`` (3, 3) is from the
+    # tool's frame to the flange frame
+    turn = point = rotation = fingers = front = tip = depth = gripper_radius = mouth = _LATER
 
     def __post_init__(self) -> None:
         for name, count in (("position", 3), ("orientation", 4)):
-            values = getattr(self, name)
-            if np.shape(values) != (count,):
+            given = getattr(self, name)
+            if np.shape(given) != (count,):
                 wanted = "x, y, z" if count == 3 else "w, x, y, z"
-                raise InvalidRequestError(f"tool: mount.{name} is {values!r}; must be {wanted}")
-            for i, value in enumerate(values):
+                raise InvalidRequestError(f"tool: mount.{name} is {given!r}; must be {wanted}")
+            for i, value in enumerate(given):
                 check_length("mount", f"{name}[{i}]", value, -LARGEST, LARGEST)
-            object.__setattr__(self, name, tuple(float(value) for value in values))
+            object.__setattr__(self, name, tuple(float(value) for value in given))
         length = math.hypot(*self.orientation)
         if not abs(length - 1.0) <= ROUNDED:
             raise InvalidRequestError(
@@ -74,66 +80,39 @@ class Mounted(Tool):
             )
         unit = tuple(value / length for value in self.orientation)
         object.__setattr__(self, "orientation", unit)
+        check_tool(tool := self.tool)
+        turn = Solid("", _NO_SHAPE, np.zeros(3), self.orientation).rotation
+        point, axes = (
+            np.asarray(turn @ tool.point + self.position),
+            np.asarray(turn @ tool.rotation),
+        )
+        tip, depth, reach = tool.tip, tool.depth, float(point @ axes[:, 2])
+        if self._moved:
+            tip = reach + depth
+            depth = tip - reach
+        values = {
+            "turn": turn,
+            "point": point,
+            "rotation": axes,
+            "fingers": tool.fingers,
+            "front": tool.front + float(np.array(self.position) @ axes[:, 2]),
+            "tip": tip,
+            "depth": depth,
+            "gripper_radius": tool.gripper_radius,
+            "mouth": (0.0, tool.mouth[1]) if self.full else tool.mouth,
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
 
     @classmethod
     def of(cls, tool: Tool) -> "Mounted":
         """The tool itself if it is one with a mount; else the tool upright on the flange."""
         return tool if isinstance(tool, Mounted) else cls(tool)
 
-    @cached_property
-    def turn(self) -> FloatArray:
-        """(3, 3) from the tool's frame to the flange frame."""
-        return Solid("", _NO_SHAPE, np.zeros(3), self.orientation).rotation
-
     @property
     def _moved(self) -> bool:
         """Whether the mount is not the flange itself, where all numbers stay as they are."""
         return any(self.position) or self.orientation != UPRIGHT
-
-    @property
-    def _rise(self) -> float:
-        """Height of the tool's frame over the flange's origin, along the tool axis [m]."""
-        return float(np.array(self.position) @ self.rotation[:, 2])
-
-    @property
-    def point(self) -> FloatArray:
-        """(3,) the tool point in the flange frame [m]."""
-        return np.asarray(self.turn @ self.tool.point + self.position)
-
-    @property
-    def rotation(self) -> FloatArray:
-        """(3, 3) the tool axes in the flange frame, as columns."""
-        return np.asarray(self.turn @ self.tool.rotation)
-
-    @property
-    def fingers(self) -> bool:
-        """Of the tool."""
-        return self.tool.fingers
-
-    @property
-    def front(self) -> float:
-        """Height at which the mouth begins [m]."""
-        return self.tool.front + self._rise
-
-    @property
-    def tip(self) -> float:
-        """Height of the rim, or of the finger tips [m]."""
-        return self.reach + self.tool.depth if self._moved else self.tool.tip
-
-    @property
-    def depth(self) -> float:
-        """Distance of the rim or finger tips beyond the tool point [m]."""
-        return super().depth if self._moved else self.tool.depth
-
-    @property
-    def gripper_radius(self) -> float:
-        """Of the tool [m]."""
-        return self.tool.gripper_radius
-
-    @property
-    def mouth(self) -> tuple[float, float]:
-        """Of the tool [m]; of a full mouth the inner radius is 0."""
-        return (0.0, self.tool.mouth[1]) if self.full else self.tool.mouth
 
     def spheres(self) -> FloatArray:
         """Spheres (k, 4) that cover the tool without its loads, in the flange frame [m]."""
@@ -142,28 +121,17 @@ class Mounted(Tool):
 
     def outline(self) -> tuple[FloatArray, ...]:
         """The outline of the tool and of its loads, from the tool point; see :class:`Tool`."""
-        outline = {part.round(6).tobytes(): part for part in self.tool.outline()}
-        for load in self.placed:
-            for solid in load.solids:
-                local = (solid.corners - self.point) @ self.rotation
-                parts = seen_polygon(local) if self.fingers else swept_polygons(local)
-                outline |= {part.round(6).tobytes(): part for part in parts}
-        return tuple(outline.values())
+        held = [solid for load in self.placed for solid in load.solids]
+        return outline_of(self, held, self.tool.outline())
 
     def solids(self) -> tuple[Solid, ...]:
         """The solids of the tool, then those of the loads, in the flange frame."""
-        return (*self.own_solids, *(solid for load in self.placed for solid in load.solids))
-
-    @property
-    def own_solids(self) -> tuple[Solid, ...]:
-        """The solids of the tool without its loads, in the flange frame."""
-        own = self.tool.solids()
-        if not self._moved:
-            return own
-        return tuple(_placed(solid, self.turn, np.array(self.position)) for solid in own)
+        own, at = self.tool.solids(), np.array(self.position)
+        if self._moved:
+            own = tuple(_placed(solid, self.turn, at) for solid in own)
+        return (*own, *(solid for load in self.placed for solid in load.solids))
 
     def holds(self, points: FloatArray) -> BoolArray:
-        """Whether the tool holds objects at points (R, 3), in tool axes from the tool point."""
         return self.tool.holds(points)
 
     def inertia(self, mass: float) -> tuple[FloatArray, FloatArray]:

@@ -7,7 +7,7 @@ frames as in :class:`optipromp.core.robots.model.Robot`. Paths of meshes serve p
 
 import json
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
 
@@ -30,12 +30,7 @@ LARGEST = 1e6  # [m, kg or kg m²] chosen: far above every number of an arm
 _ROUNDED = 1e-6  # chosen: largest error of a rotation or of the length of an axis
 
 ARRAYS: dict[str, tuple[type, str]] = {
-    "lower": (float, "n"),
-    "upper": (float, "n"),
-    "velocity": (float, "n"),
-    "acceleration": (float, "n"),
-    "jerk": (float, "n"),
-    "home": (float, "n"),
+    **dict.fromkeys(("lower", "upper", "velocity", "acceleration", "jerk", "home"), (float, "n")),
     "kinematics kind": (int, "S"),
     "kinematics rotation": (float, "S33"),
     "kinematics translation": (float, "S3"),
@@ -93,6 +88,10 @@ class _Header:
     arm: Arm
 
 
+_SHARED = tuple(item.name for item in fields(_Header)[2:] if item.name != "geometry")
+"""Fields that a robot has by the same names."""
+
+
 def save_robot(robot: Robot, path: str | Path) -> None:
     """Write a robot as a resolved file, which :func:`optipromp.core.robots.load_robot` reads.
 
@@ -120,18 +119,8 @@ def resolved(robot: Robot, folder: Path) -> bytes:
         _Drawn(link.link, _from(folder, link.urdf), link.shapes, link.looks)
         for link in robot.geometry
     )
-    header = _Header(
-        format="optipromp robot",
-        version=1,
-        name=robot.name,
-        joint_names=robot.joint_names,
-        link_names=robot.link_names,
-        held_joints=robot.held_joints,
-        excess=dict(robot.excess),
-        left_out=robot.left_out,
-        geometry=geometry,
-        arm=robot.arm,
-    )
+    shared = {name: getattr(robot, name) for name in _SHARED}
+    header = _Header("optipromp robot", 1, geometry=geometry, **shared)
     drawn = {
         "segment": np.array([link.segment for link in robot.geometry], dtype=np.int64),
         "rotation": np.array([link.rotation for link in robot.geometry]).reshape(-1, 3, 3),
@@ -186,21 +175,15 @@ def read_resolved(path: Path, check: Callable[[Path], Path] = Path) -> Robot:
         for file in meshes_found(link.urdf, link.link, (*link.shapes, *link.looks)):
             check(file)
     return Robot(
-        name=header.name,
-        joint_names=header.joint_names,
-        link_names=header.link_names,
+        **{name: getattr(header, name) for name in _SHARED},
         kinematics=Kinematics(**group("kinematics")),
         spheres=BodySpheres(**group("spheres")),
         **arrays,
         tool_point=arrays["flange_translation"],
         tool_axis=frozen(arrays["flange_rotation"][:, 2]),
         gripper_radius=0.0,
-        held_joints=header.held_joints,
-        excess=header.excess,
-        left_out=header.left_out,
         geometry=geometry,
         dynamics=Dynamics(**dynamics) if dynamics else None,
-        arm=header.arm,
     )
 
 

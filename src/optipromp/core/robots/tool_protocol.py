@@ -2,7 +2,7 @@
 
 import functools
 from abc import abstractmethod
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterable
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -96,12 +96,7 @@ class Tool(Protocol):
         Columns: along the tool axis and along y, from the tool point. The outline of a round tool,
         whose roll is free, is that of the volume that it sweeps as it rolls.
         """
-        found: dict[bytes, FloatArray] = {}
-        for solid in self.solids():
-            local = (solid.corners - self.point) @ self.rotation
-            parts = seen_polygon(local) if self.fingers else swept_polygons(local)
-            found |= {part.round(6).tobytes(): part for part in parts}  # alike ones count once
-        return tuple(found.values())
+        return outline_of(self, self.solids())
 
     @abstractmethod
     def solids(self) -> tuple[Solid, ...]:
@@ -129,6 +124,18 @@ class Tool(Protocol):
         By default that of the boxes about the solids, of one density.
         """
         return solids_inertia(self.solids(), mass)
+
+
+def outline_of(
+    tool: Tool, solids: Iterable[Solid], outline: Iterable[FloatArray] = ()
+) -> tuple[FloatArray, ...]:
+    """An ``outline``, then the polygons of ``solids`` as :meth:`Tool.outline` sees them."""
+    found = {part.round(6).tobytes(): part for part in outline}
+    for solid in solids:
+        local = (solid.corners - tool.point) @ tool.rotation
+        parts = seen_polygon(local) if tool.fingers else swept_polygons(local)
+        found |= {part.round(6).tobytes(): part for part in parts}  # alike ones count once
+    return tuple(found.values())
 
 
 @functools.lru_cache(maxsize=32)

@@ -18,13 +18,7 @@ from optipromp.core.robots.model import BodySpheres, Robot
 from optipromp.core.robots.mounted import Mounted, cover_load, loads_of
 from optipromp.core.robots.self_collision import candidate_pairs, drop_always_touching
 from optipromp.core.robots.tool_geometry import Part, Solid, strip
-from optipromp.core.robots.tool_protocol import (
-    LARGEST,
-    Tool,
-    check_length,
-    check_tool,
-    quaternion,
-)
+from optipromp.core.robots.tool_protocol import LARGEST, Tool, check_length, check_tool, quaternion
 
 TOOL_LINK = "tool"
 WALL = 0.002  # [m] chosen: thickness of a cup's floor, and of its wall by default
@@ -80,11 +74,9 @@ class Cup(Tool):
 
     @property
     def point(self) -> FloatArray:
-        """(3,) the tool point in the flange frame [m]."""
         return np.array([0.0, 0.0, self.length + self.height - self.depth])
 
     def spheres(self) -> FloatArray:
-        """Spheres (k, 4) over neck, base, wall and rim, in the flange frame [m]."""
         inner = self.radius if self.opening is None else self.opening / 2.0
         return cover_cup(self.radius, inner, self.height, self.length)
 
@@ -100,7 +92,6 @@ class Cup(Tool):
 
     @property
     def mouth(self) -> tuple[float, float]:
-        """Inner and outer radius of the mouth [m]."""
         if self.opening is None:
             return max(self.radius - WALL, 0.5 * self.radius), self.radius
         return min(self.opening / 2.0, self.radius - 1e-4), self.radius
@@ -160,14 +151,12 @@ class FrankaHand(Tool):
             check_length("franka_hand", name, getattr(self, name), 0.0, LARGEST, open_below=True)
 
     def spheres(self) -> FloatArray:
-        """Spheres (k, 4) over palm and fingers, in the flange frame [m]."""
         left = np.array(FINGER_SPHERES) + [self.gripper_radius, FINGERS, 0.0]
         y, z, radius = np.concatenate([PALM_SPHERES, left, left * [-1.0, 1.0, 1.0]]).T
         return np.column_stack([np.outer(y, self.rotation[:2, 1]), z, radius])
 
     @property
     def point(self) -> FloatArray:
-        """(3,) the tool point in the flange frame [m]."""
         return np.array([0.0, 0.0, self.reach])
 
     @property

@@ -1,6 +1,7 @@
 """Scenes: objects with roles, their files, and the built-in scenarios."""
 
 from optipromp.core.scenes.goals import HeldUpright as HeldUpright
+from optipromp.core.scenes.goals import Lines as Lines
 from optipromp.core.scenes.goals import OnPlane as OnPlane
 from optipromp.core.scenes.goals import PathConstraints as PathConstraints
 from optipromp.core.scenes.held import Place as Place
@@ -9,7 +10,6 @@ from optipromp.core.scenes.io import save_scene as save_scene
 from optipromp.core.scenes.io import scene_from_dict as scene_from_dict
 from optipromp.core.scenes.io import scene_names as scene_names
 from optipromp.core.scenes.io import scene_to_dict as scene_to_dict
-from optipromp.core.scenes.lines import Lines as Lines
 from optipromp.core.scenes.objects import ObjectMotion as ObjectMotion
 from optipromp.core.scenes.scene import Approach as Approach
 from optipromp.core.scenes.scene import Attached as Attached

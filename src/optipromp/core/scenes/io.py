@@ -20,7 +20,7 @@ from optipromp.core.geometry.shapes import PRIMITIVES, MeshShape, PointCloudShap
 from optipromp.core.robots.library import NOTHING
 from optipromp.core.scenes.goals import Goal, RegionGoal
 from optipromp.core.scenes.reading import check_magnitude, scene_from_dict
-from optipromp.core.scenes.scene import STEM_RADIUS, Attached, Scene, SceneObject, ToolSpec
+from optipromp.core.scenes.scene import STEM_RADIUS, Scene, SceneObject, ToolSpec
 from optipromp.core.scenes.values import suggest
 
 __all__ = ["load_scene", "save_scene", "scene_from_dict", "scene_names", "scene_to_dict"]
@@ -129,7 +129,11 @@ def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, An
     if scene.place is not None:
         document["place"] = _plain(scene.place, ["position", "axis", "retreat"])
     if scene.attached:
-        document["attached"] = [_attached(item, base_dir) for item in scene.attached]
+        document["attached"] = [
+            {"id": item.id, "shape": _shape_to_dict(item.shape, base_dir)}
+            | _plain(item, (*POSE, "mass"))
+            for item in scene.attached
+        ]
     if scene.may_touch:
         document["may_touch"] = [list(pair) for pair in scene.may_touch]
     if scene.padding:
@@ -217,11 +221,6 @@ def _object_to_dict(item: SceneObject, base_dir: Path | None) -> dict[str, Any]:
     if item.physical:
         entry["physical"] = dict(item.physical)
     return entry
-
-
-def _attached(item: Attached, base_dir: Path | None) -> dict[str, Any]:
-    shape = _shape_to_dict(item.shape, base_dir)
-    return {"id": item.id, "shape": shape, **_plain(item, (*POSE, "mass"))}
 
 
 def _shape_to_dict(shape: Shape, base_dir: Path | None) -> dict[str, Any]:

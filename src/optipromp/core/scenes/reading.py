@@ -13,25 +13,11 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError
 from optipromp.core.files import check_inside
-from optipromp.core.geometry.shapes import (
-    PRIMITIVES,
-    MeshShape,
-    PointCloudShape,
-    Shape,
-)
+from optipromp.core.geometry.shapes import PRIMITIVES, MeshShape, PointCloudShape, Shape
 from optipromp.core.robots.library import UNTRUSTED, Choice, robot_names
 from optipromp.core.robots.tools import make_tool
-from optipromp.core.scenes.goals import (
-    Goal,
-    HeldUpright,
-    JointGoal,
-    OnPlane,
-    PathConstraints,
-    PoseGoal,
-    RegionGoal,
-)
+from optipromp.core.scenes import goals
 from optipromp.core.scenes.held import Place
-from optipromp.core.scenes.lines import Lines
 from optipromp.core.scenes.objects import ObjectMotion, cleared
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Approach, Attached, Scene, SceneObject, Stem, ToolSpec
@@ -75,15 +61,16 @@ def scene_from_dict(
                 check_magnitude(objects[-1], told)
         where = ""
         _check_target_key(model, objects)
-        approach = _approach(model, scale, default, frames["world"])
+        _, lateral, vertical = frames["world"].rotation.T
+        usual = {"direction": vertical, "lateral": lateral}
         given = model.goal
-        goals = tuple(
+        wanted = tuple(
             _goal_of(one, scale, default)
             for one in (given if isinstance(given, list) else [given])
             if one is not None
         )
-        for one in goals:
-            if not isinstance(one, JointGoal) and model.scale is None:
+        for one in wanted:
+            if not isinstance(one, goals.JointGoal) and model.scale is None:
                 _check_distance("goal.position", one.position, told, reachable=False)
         lines = _lines_of(model.waypoints, scale, default)
         for k, point in enumerate([] if lines is None or model.scale is not None else lines.points):
@@ -92,11 +79,11 @@ def scene_from_dict(
             name=model.name,
             robot=model.robot if isinstance(model.robot, str) else model.robot.file,
             choice=_choice(model.robot, base_dir),
-            objects=cleared(objects, frames["world"].rotation[:, 2]),
+            objects=cleared(objects, vertical),
             tool=_tool(model, scale, base_dir),
             start=None if model.start is None else np.array(model.start),
-            approach=approach,
-            goal=goals if isinstance(given, list) else next(iter(goals), None),
+            approach=Approach(**(usual | values(model.approach, scale, default))),
+            goal=wanted if isinstance(given, list) else next(iter(wanted), None),
             path=_path_of(model.path, scale, default, frames["world"]),
             waypoints=lines,
             options=values(model.options, scale),
@@ -288,18 +275,12 @@ def _tool(model: Any, scale: float, base_dir: Path | None) -> ToolSpec | None:
     return spec
 
 
-def _approach(model: Any, scale: float, frame: Pose, world: Pose) -> Approach:
-    """The approach in the base frame; by default up and y of the world."""
-    towards = {"direction": world.rotation[:, 2], "lateral": world.rotation[:, 1]}
-    return Approach(**(towards | values(model.approach, scale, frame)))
-
-
-def _goal_of(given: Any, scale: float, frame: Pose) -> Goal:
+def _goal_of(given: Any, scale: float, frame: Pose) -> goals.Goal:
     """The goal in the base frame."""
     if given.joints is not None:
-        return JointGoal(np.array(given.joints))
+        return goals.JointGoal(np.array(given.joints))
     if given.axis and given.tolerance is None:
-        return PoseGoal(**values(given, scale, frame))
+        return goals.PoseGoal(**values(given, scale, frame))
     stated, allowed = values(given, scale), {}
     if given.tolerance is not None:
         allowed = values(stated.pop("tolerance"), scale)
@@ -307,33 +288,33 @@ def _goal_of(given: Any, scale: float, frame: Pose) -> Goal:
     stated |= {name: allowed[key] for name, key in keys.items() if key in allowed}
     if len(within := stated.get("within", ())) == 1:
         stated["within"] = float(within[0])
-    region = RegionGoal(**stated)
+    region = goals.RegionGoal(**stated)
     return region if frame.is_identity else region.transformed(frame)
 
 
-def _lines_of(given: Any, scale: float, frame: Pose) -> Lines | None:
+def _lines_of(given: Any, scale: float, frame: Pose) -> goals.Lines | None:
     """The way points in the base frame."""
     if given is None:
         return None
     points = []
     for k, one in enumerate(given.points):
         try:
-            pose = RegionGoal(**values(one, scale))
+            pose = goals.RegionGoal(**values(one, scale))
         except InvalidSceneError as error:
             words = error.message.removeprefix("goal.")
             raise InvalidSceneError(f"waypoints[{k}].{words}") from None
         points.append(pose if frame.is_identity else pose.transformed(frame))
-    return Lines(**(values(given, scale) | {"points": tuple(points)}))
+    return goals.Lines(**(values(given, scale) | {"points": tuple(points)}))
 
 
-def _path_of(given: Any, scale: float, frame: Pose, world: Pose) -> PathConstraints | None:
+def _path_of(given: Any, scale: float, frame: Pose, world: Pose) -> goals.PathConstraints | None:
     """The constraints of the path in the base frame; upright is by default up in the world."""
     if given is None:
         return None
     upright = plane = None
     if given.upright is not None:
         up = {"direction": world.rotation[:, 2]}
-        upright = HeldUpright(**(up | values(given.upright, scale, frame)))
+        upright = goals.HeldUpright(**(up | values(given.upright, scale, frame)))
     if given.plane is not None:
-        plane = OnPlane(**values(given.plane, scale, frame))
-    return PathConstraints(upright, plane)
+        plane = goals.OnPlane(**values(given.plane, scale, frame))
+    return goals.PathConstraints(upright, plane)

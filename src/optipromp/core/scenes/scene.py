@@ -16,18 +16,25 @@ from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.obstacles import Measures, Obstacles, measures, packed_shapes
 from optipromp.core.robots.library import NOTHING, Choice, load_arm
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes import trusses
 from optipromp.core.scenes.goals import (
     Goal,
     JointGoal,
+    Lines,
     PathConstraints,
     PoseGoal,
     RegionGoal,
-    transformed,
+    check_lines,
 )
 from optipromp.core.scenes.held import Attached, Pair, Place, checked
-from optipromp.core.scenes.lines import Lines, check_lines
-from optipromp.core.scenes.objects import ROLES, STEM_RADIUS, ObjectMotion, Role, SceneObject, Stem
+from optipromp.core.scenes.objects import (
+    ROLES,
+    STEM_RADIUS,
+    ObjectMotion,
+    Role,
+    SceneObject,
+    Stem,
+    check_trusses,
+)
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.values import array, keep, limited, named, suggest, unit
 from optipromp.core.shown import Shown
@@ -208,7 +215,7 @@ class Scene(Shown):
                     "ids must be unique, and an object has one role"
                 )
             seen[item.id] = index
-        trusses.check_trusses(self.objects)
+        check_trusses(self.objects)
         targets = [item.id for item in self.objects if item.role == "target"]
         if len(targets) > 1:
             raise InvalidSceneError(f"two targets, {targets[0]!r} and {targets[1]!r}: must be one")
@@ -356,7 +363,7 @@ class Scene(Shown):
         The robot stands at the origin of the new frame. To move the robot by ``moved``, a pose in
         its present base frame, transform by ``moved.inverse()``. Joint values do not change.
         """
-        moved = tuple(transformed(goal, pose) for goal in self.goals)
+        moved = tuple(goal.transformed(pose) for goal in self.goals)
         return replace(
             self,
             objects=tuple(item.transformed(pose) for item in self.objects),

@@ -71,11 +71,7 @@ def _free(given: Any) -> Any:
         if given != "free":
             raise _refuse(f"is {short(given)}: must be [x, y, z] or free")
         return []
-    return given
-
-
-def _three(given: list[float]) -> list[float]:
-    if len(given) not in (0, 3):
+    if isinstance(given, list) and len(given) != 3:
         raise _refuse(f"has {len(given)} entries: must have 3")
     return given
 
@@ -107,9 +103,7 @@ class Value:
 POINT = Value(Vector, 1, "point")
 DIRECTION = Value(Vector, 0, "direction")
 SPAN = Value(Vector, 1, "direction")
-AXIS = Value(
-    Annotated[list[Number], BeforeValidator(_free), AfterValidator(_three)], 0, "direction"
-)
+AXIS = Value(Annotated[list[Number], BeforeValidator(_free)], 0, "direction")
 TURN = Value(Quaternion)
 LENGTH = Value(Positive, 1)
 DISTANCE = Value(NotNegative, 1)

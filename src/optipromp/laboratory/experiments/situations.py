@@ -24,9 +24,9 @@ from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.held import pairs_among
+from optipromp.core.scenes.objects import rooted
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene, SceneObject
-from optipromp.core.scenes.trusses import rooted
 from optipromp.laboratory.generate import NOISES, noisy
 from optipromp.laboratory.generate.noise import LOOK
 from optipromp.laboratory.simulation.detector import Detector

@@ -16,7 +16,7 @@ from optipromp.core.planning.collision import free
 from optipromp.core.planning.task import resolve
 from optipromp.core.robots import ik
 from optipromp.core.robots.cup_cover import NECK_RADIUS
-from optipromp.core.robots.roll import level, rolled, rolls
+from optipromp.core.robots.ik import level, rolled, rolls
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.robots.tools import WALL
 from optipromp.core.scenes.scene import Scene, SceneObject

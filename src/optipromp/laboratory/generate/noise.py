@@ -6,8 +6,8 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry import distances, pack
+from optipromp.core.scenes.objects import rooted
 from optipromp.core.scenes.scene import JointGoal, PoseGoal, Scene, SceneObject
-from optipromp.core.scenes.trusses import rooted
 from optipromp.laboratory.detection import NOISES as NOISES
 from optipromp.laboratory.detection import Noise as Noise
 from optipromp.laboratory.detection import displaced, tilt

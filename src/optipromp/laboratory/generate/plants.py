@@ -8,9 +8,9 @@ import numpy as np
 from optipromp.core.arrays import FloatArray, frame_along, rotation
 from optipromp.core.geometry.shapes import Capsule, Cone, Ellipsoid, Shape, Sphere
 from optipromp.core.parameters import GRAVITY
+from optipromp.core.scenes.objects import rooted
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene, SceneObject, Stem
-from optipromp.core.scenes.trusses import rooted
 from optipromp.laboratory.generate import bunches
 from optipromp.laboratory.generate.checks import OverlapError
 

@@ -13,7 +13,7 @@ from optipromp.core.planning.result import Failed, Planned
 from optipromp.core.planning.task import Task
 from optipromp.core.planning.timing import shortest
 from optipromp.core.robots import ik
-from optipromp.core.robots.roll import level
+from optipromp.core.robots.ik import level
 from optipromp.core.scenes.scene import PoseGoal
 
 SPEED = 0.1  # [m/s] of the tool after the camera point, as in the other planners

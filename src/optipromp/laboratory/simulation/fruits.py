@@ -11,8 +11,8 @@ import numpy as np
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.geometry.shapes import Capsule, Cylinder, Sphere
 from optipromp.core.robots.tool_protocol import quaternion
+from optipromp.core.scenes.objects import nearest, parents_first
 from optipromp.core.scenes.scene import SceneObject, Stem
-from optipromp.core.scenes.trusses import nearest, parents_first
 from optipromp.laboratory.simulation.disturbances import add_carriage
 from optipromp.laboratory.simulation.engine import add_shape, engine, layers, mass_center
 from optipromp.laboratory.simulation.parameters import SimulationParameters, StemParameters

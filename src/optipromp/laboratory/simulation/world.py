@@ -12,11 +12,10 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.pushing.stems.bending import shifts
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.objects import UNSEEN_SPREAD, ObjectMotion
+from optipromp.core.scenes.objects import UNSEEN_SPREAD, ObjectMotion, parents_first, rooted
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.scenes.scene import Scene, SceneObject, Stem
-from optipromp.core.scenes.trusses import parents_first, rooted
 from optipromp.laboratory.simulation.arm import Drives, add_robot, drives, link_entities
 from optipromp.laboratory.simulation.disturbances import (
     RootMotion,

@@ -17,13 +17,13 @@ from optipromp.core.planning.parameters import FOLLOW
 from optipromp.core.planning.primitive import learnt
 from optipromp.core.promp.conditioning import condition
 from optipromp.core.promp.model import ProMP
-from optipromp.core.promp.points import JointPoint, TaskPoint
+from optipromp.core.promp.tasks import JointPoint, TaskPoint
 from optipromp.core.pushing.model import Combined, PushModel
 from optipromp.core.pushing.searching import search
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.tools import TOOLS
+from optipromp.core.scenes.objects import rooted
 from optipromp.core.scenes.scene import PoseGoal, Role, Scene, SceneObject, ToolSpec
-from optipromp.core.scenes.trusses import rooted
 from optipromp.looks.appearance.scene import rgb
 from optipromp.looks.viewer.drawn import FOLLOWED, GREEN, OPTIMISED, RED, Moment, Placed, placed
 

@@ -22,15 +22,7 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.compiled import inlined, inner, kernel
-from optipromp.core.pushing.packs.flat import (
-    CORNERS,
-    Bodies,
-    Shapes,
-    apart,
-    contact,
-    enclose,
-    place,
-)
+from optipromp.core.pushing.packs import flat
 from optipromp.core.pushing.parameters import PUSH
 
 PLANE = PUSH.plane
@@ -39,11 +31,11 @@ PLANE = PUSH.plane
 class Bench(NamedTuple):
     """Objects around the target, in (u, v): along z_g and along y_g from the target."""
 
-    objects: Shapes  # the target first, then the pushables, about their centres
+    objects: flat.Shapes  # the target first, then the pushables, about their centres
     yields: FloatArray  # (B,) 1 over the sliding friction 1/f of each object [1/N]
     lever2: FloatArray  # (B,) squares ρ² of the friction moments over the frictions [m²]
-    walls: Shapes  # static objects at the target's height
-    hand: Shapes  # outlines of the hand and of the wrist behind it, about the tool point
+    walls: flat.Shapes  # static objects at the target's height
+    hand: flat.Shapes  # outlines of the hand and of the wrist behind it, about the tool point
     mouth: FloatArray  # (3,) u of palm and finger tips, half the opening of the fingers [m]
     edge: float  # u of the board's front, behind which objects must stay [m]
 
@@ -130,7 +122,7 @@ def _resolve(bench, step, i, j, hit, depth, away):
 @inlined
 def _follow(bench, state, b, bodies):
     """Place the outline of object b at its state."""
-    place(bench.objects, b, state[b, 0], state[b, 1], state[b, 2], bodies, b)
+    flat.place(bench.objects, b, state[b, 0], state[b, 1], state[b, 2], bodies, b)
 
 
 @inner
@@ -145,7 +137,7 @@ def _near(bodies, parts, pairs):
     for j in range(count):
         for turn in range(len(bodies.at)):
             i = turn + count if turn < parts else turn - parts if turn < parts + count else turn
-            if (i < count and i >= j) or apart(bodies, i, j, PLANE.ahead):
+            if (i < count and i >= j) or flat.apart(bodies, i, j, PLANE.ahead):
                 continue
             pairs[n, 0], pairs[n, 1], pairs[n, 2] = i, j, 0
             n += 1
@@ -165,8 +157,8 @@ def _outlines(bench, state, bodies):
         _follow(bench, state, i, bodies)
     for w in range(len(walls.size)):
         b = bodies.objects + len(hand.size) + w
-        place(walls, w, 0.0, 0.0, 0.0, bodies, b)
-        enclose(bodies, b)
+        flat.place(walls, w, 0.0, 0.0, 0.0, bodies, b)
+        flat.enclose(bodies, b)
 
 
 @inlined
@@ -176,8 +168,8 @@ def _lead(hand, bodies, step, turn, anew):
     for h in range(len(hand.size)):
         b = bodies.objects + h
         if anew:
-            place(hand, h, step.u, step.v, turn, bodies, b)
-            enclose(bodies, b)
+            flat.place(hand, h, step.u, step.v, turn, bodies, b)
+            flat.enclose(bodies, b)
             continue
         for k in range(bodies.size[b]):
             corners[b, k, 0] += step.du
@@ -192,9 +184,9 @@ def _sweep(bench, bodies, step, pairs, n, hit):
     count, worst = bodies.objects, 0.0
     for p in range(n):
         i, j = pairs[p, 0], pairs[p, 1]
-        if apart(bodies, i, j, 0.0):
+        if flat.apart(bodies, i, j, 0.0):
             continue
-        depth = contact(bodies, i, j, pairs, p, hit)
+        depth = flat.contact(bodies, i, j, pairs, p, hit)
         if depth <= 0.0:
             continue
         worst = max(worst, depth)
@@ -222,8 +214,8 @@ def pushed(bench, path, state, slip, most, hardest, report):
     first_u, first_v = state[0, 0], state[0, 1]
     count, parts = len(state), len(bench.hand.size)
     total = count + parts + len(bench.walls.size)
-    bodies = Bodies(
-        count, np.empty((total, CORNERS, 2)), np.empty((total, CORNERS, 2)),
+    bodies = flat.Bodies(
+        count, np.empty((total, flat.CORNERS, 2)), np.empty((total, flat.CORNERS, 2)),
         np.empty(total, dtype=np.int64), np.empty(total), np.zeros((total, 2)),
         np.empty((total, 4)),
     )  # fmt: skip

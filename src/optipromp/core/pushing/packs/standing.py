@@ -17,8 +17,7 @@ import numpy as np
 from optipromp.core.arrays import BoolArray, FloatArray, frozen, lengths
 from optipromp.core.compiled import inner, kernel
 from optipromp.core.geometry.shapes import Box, Cylinder
-from optipromp.core.pushing.candidates import Candidates, Round, Schedule
-from optipromp.core.pushing.model import Moved, PushModel
+from optipromp.core.pushing.model import Candidates, Moved, PushModel, Round, Schedule
 from optipromp.core.pushing.packs.flat import clear_ahead, shapes
 from optipromp.core.pushing.packs.quasi_static import Bench, Pushed, push_once, pushed
 from optipromp.core.pushing.parameters import PUSH
@@ -244,18 +243,13 @@ def _footprint(obj: SceneObject, frame: FloatArray) -> tuple[FloatArray | float,
     if isinstance(shape, Box):
         signs = np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)])
         corners = (0.5 * signs * np.array(shape.size)) @ obj.rotation.T @ frame[[2, 1]].T
-        outline = _hull(corners)
+        corners = hull(np.unique(np.round(corners, 9), axis=0))  # points within 1 nm are one
+        outline = np.roll(corners, -int(np.lexsort(corners.T[::-1])[0]), axis=0)
         a, b = outline, np.roll(outline, -1, axis=0)
         area = 0.5 * abs(float(np.sum(a[:, 0] * b[:, 1] - b[:, 0] * a[:, 1])))
         return outline, area, 0.81 * float(np.linalg.norm(outline, axis=1).mean())
     radius = obj.radius
     return radius, np.pi * radius**2, radius
-
-
-def _hull(points: FloatArray) -> FloatArray:
-    """Convex hull (k, 2), counter-clockwise, of points (m, 2); points within 1 nm are one."""
-    corners = hull(np.unique(np.round(points, 9), axis=0))
-    return np.roll(corners, -int(np.lexsort(corners.T[::-1])[0]), axis=0)
 
 
 def _covers(corners: FloatArray) -> bool:
@@ -363,7 +357,6 @@ class Standing(PushModel):
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
-        """See :class:`PushModel`; the cost of :mod:`optipromp.core.pushing.packs.standing`."""
         flat = self._corners(points)
         so_far = self._so_far.setdefault(states, np.zeros(states))
         tried = self._places[:states], self._slips[:states]
@@ -384,7 +377,6 @@ class Standing(PushModel):
         return bool(free.all())
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
-        """See :class:`PushModel`."""
         flat = self._corners(points)
         one = [
             cost_of(self.bench, flat, place[None], np.array([slip]), np.zeros(1), np.inf)
@@ -419,7 +411,6 @@ class Standing(PushModel):
         return name, cause
 
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
-        """See :class:`PushModel`."""
         flat = (points - self.target) @ self._flat
         end = self._end(stepped(flat), 0)
         shift = (end.state - self._places[0])[:, :2] @ self._flat.T

@@ -142,7 +142,8 @@ def bent_stems(
     grown, thick = weight * lean * length**2 / 2.0, np.full(count, BEAM.diameter)
     whole = None
     if parent is not None and (parent >= 0).any():
-        whole = truss_of(parent, root, axes, length)
+        share = ((root - root[parent]) * axes[parent, 2]).sum(axis=1) / length[parent]
+        whole = StemTree(parent, np.clip(share, 0.0, 1.0), root, axes, length)
         weight, grown = _carried(whole, weight, up, n)
         thick[np.unique(parent[parent >= 0])] = BEAM.truss_diameter
     assumed = np.maximum(BEAM.youngs_modulus * np.pi / 64.0 * thick**4, grown / BEAM.grown_turn)
@@ -250,7 +251,8 @@ class StemTree(NamedTuple):
     """N stems of one or more trusses."""
 
     parent: IntArray  # (N,) index of the stem that each stem grows from; -1 for a held root
-    share: FloatArray  # (N,) of the parent's length at which the stem grows
+    # (N,) of the parent's length at which the stem grows: its root, projected on that chord
+    share: FloatArray
     root: FloatArray  # (N, 3) [m]
     axes: FloatArray  # (N, 3, 3) as of :class:`.bending.Stems`
     length: FloatArray  # (N,) [m]
@@ -262,12 +264,6 @@ class StemTree(NamedTuple):
             out.append((int(self.parent[i]), float(self.share[i])))
             i = int(self.parent[i])
         return out
-
-
-def truss_of(parent: IntArray, root: FloatArray, axes: FloatArray, length: FloatArray) -> StemTree:
-    """The tree of N stems; each root is projected on the chord of its parent."""
-    along = ((root - root[parent]) * axes[parent, 2]).sum(axis=1) / length[parent]
-    return StemTree(parent, np.clip(along, 0.0, 1.0), root, axes, length)
 
 
 def _carried(

@@ -18,30 +18,12 @@ from optipromp.core.budget import step
 from optipromp.core.compiled import kernel
 from optipromp.core.geometry import signed_distance
 from optipromp.core.geometry.obstacles import Obstacles, near
-from optipromp.core.pushing.candidates import Candidates, Round, Schedule
-from optipromp.core.pushing.model import Continued, Moved, PushModel
+from optipromp.core.pushing import rules
+from optipromp.core.pushing.model import Candidates, Continued, Moved, PushModel, Round, Schedule
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP, ToolPath, length, through
-from optipromp.core.pushing.rules import (
-    RULE,
-    detection_variance,
-    drift_choices,
-    path_past,
-    rim_windows,
-    stem_side,
-)
-from optipromp.core.pushing.stems.bending import (
-    Stems,
-    bowed,
-    hanging_balls,
-    parents,
-    part,
-    stems,
-    stems_moved,
-)
+from optipromp.core.pushing.stems import bending, swinging
 from optipromp.core.pushing.stems.cup import Mouth
-from optipromp.core.pushing.stems.harm import Harm, score_of
-from optipromp.core.pushing.stems.swinging import NEVER, Led, clear, led, steps_inside, summed_score
 from optipromp.core.robots.cup_cover import NECK_RADIUS
 from optipromp.core.robots.grippers import Scissor
 from optipromp.core.robots.ik import uniform
@@ -55,7 +37,7 @@ HANGING = PUSH.hanging
 BEAM = PUSH.beam
 TOGETHER = 4  # states whose harm is computed between two steps of a plan that works in slices
 WEIGHT = 4  # of these states, in steps, measured: a step takes 1 ms in the median, 4 states 2 to 5
-NOTHING = Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
+NOTHING = swinging.Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
 
 
 class PathsPast(Candidates):
@@ -86,7 +68,7 @@ class PathsPast(Candidates):
         self._heights = self._centers @ self._frame[2]
         self._radii = np.array([fruit.radius for fruit in self.neighbours])
         self._capture = float(target.position @ self._frame[2]) - cup.rim - target.radius
-        doubts = np.sqrt([detection_variance(fruit) for fruit in (target, *self.neighbours)])
+        doubts = np.sqrt([rules.detection_variance(fruit) for fruit in (target, *self.neighbours)])
         self._early = HANGING.capture + HANGING.lower * float(doubts[0])
         self._under = PUSH.rule.under + HANGING.lower * doubts[1:]
         self.schedule = Schedule(
@@ -97,10 +79,10 @@ class PathsPast(Candidates):
     def path(self, x: FloatArray) -> ToolPath:
         """Past neighbour n at the angle ``x[n]`` from x_g, with ``x[N + n]`` radii of clearance."""
         directions, clearances = self._split(x)
-        windows = rim_windows(
+        windows = rules.rim_windows(
             self._heights, self._radii, directions, self.cup.rim, self._capture, self._under
         )
-        corners = path_past(
+        corners = rules.path_past(
             self._centers, directions, windows, self.gripper_radius + clearances * self._radii,
             self.aim, self._frame, self.camera,
             max(self.cup.rim + self.target.radius + self._early, 0.0),
@@ -126,7 +108,7 @@ class PathsPast(Candidates):
         cosines = passed_towards(
             path.points, self._centers, self._leans, self._frame[2], self.cup.rim
         )
-        wrong = cosines > np.sin(np.deg2rad(RULE.least_inclination))
+        wrong = cosines > np.sin(np.deg2rad(rules.RULE.least_inclination))
         if not wrong.any():
             return []
         x_g, y_g, _ = self.scene.frame
@@ -145,7 +127,7 @@ class PathsPast(Candidates):
     def _leans(self) -> FloatArray:
         """Unit vectors (N, 3) in the lateral plane towards the stems; 0 for a stem without lean."""
         away = [
-            stem_side(self.scene, fruit, "lateral-plane", self.gripper_radius)
+            rules.stem_side(self.scene, fruit, "lateral-plane", self.gripper_radius)
             for fruit in self.neighbours
         ]
         return -np.array([np.zeros(3) if one is None else one for one in away]).reshape(-1, 3)
@@ -153,7 +135,7 @@ class PathsPast(Candidates):
     @cached_property
     def _rule(self) -> FloatArray:
         x_g, y_g, _ = self.scene.frame
-        drift = drift_choices(
+        drift = rules.drift_choices(
             self.scene,
             self.neighbours,
             "shortest",
@@ -277,7 +259,7 @@ class Hanging(PushModel):
         self.states = HANGING.detected_states if detected else HANGING.states
         self.stems = sampled(fruits, self.searched, self.states, tuple(scene.up.tolist()))
         self._by: FloatArray | None = None  # (N, P, 3) drifts of the roots [m]
-        self._leaves = NEVER
+        self._leaves = swinging.NEVER
         self.candidates = PathsPast(
             scene, neighbours, self.cup, (self.static, avoid), camera, gripper_radius, self.searched
         )
@@ -285,16 +267,15 @@ class Hanging(PushModel):
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
-        """See :class:`PushModel`; the parts are those of :class:`Harm`."""
         every = HANGING.screened_every if states == 1 else HANGING.every
         told = states > self.searched
         some, motion = self._steps(self.searched if told else 0, states, points, axes, every)
         hopeless, leaves = PUSH.harm.hopeless, self._leaves // every
         total, worst = 0.0, limit * states
         for first in range(0, states, TOGETHER):
-            part = first, min(first + TOGETHER, states)
-            total = summed_score(
-                some, self.count, part, *motion, self.cup, self.static, hopeless, worst, not told,
+            which = first, min(first + TOGETHER, states)
+            total = swinging.summed_score(
+                some, self.count, which, *motion, self.cup, self.static, hopeless, worst, not told,
                 leaves, total,
             )  # fmt: skip
             if not told and first == 0 and total >= hopeless:
@@ -304,13 +285,12 @@ class Hanging(PushModel):
             step(WEIGHT)
         return float(total / states)
 
-    def led(self, state: int, points: FloatArray, axes: FloatArray) -> Led:
+    def led(self, state: int, points: FloatArray, axes: FloatArray) -> swinging.Led:
         """Effect of a motion of the tool on the fruits in one state."""
         one, motion = self._steps(state, 1, points, axes)
-        return led(one, *motion, self.cup, self.static, self._leaves // HANGING.every)
+        return swinging.led(one, *motion, self.cup, self.static, self._leaves // HANGING.every)
 
     def drifting(self, by: Mapping[str, FloatArray]) -> Self:
-        """See :class:`PushModel`."""
         moved = copy.copy(self)
         still = np.zeros_like(next(iter(by.values())))
         moved._by = np.stack([by.get(fruit.id, still) for fruit in self.fruits])
@@ -323,22 +303,21 @@ class Hanging(PushModel):
         return out
 
     def clear(self, points: FloatArray, axes: FloatArray) -> bool:
-        """See :class:`PushModel`; in any state."""
         every, (points, axes, _) = self._steps(0, self.searched + self.states, points, axes, 1)
-        return bool(clear(every, points, axes, self.cup))
+        return bool(swinging.clear(every, points, axes, self.cup))
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
         """See :class:`PushModel`; all swallowed fruits are named, before a missed target."""
         told = range(self.searched, self.searched + min(self.states, HANGING.causes))
         worst = max(
             (self.led(state, points, axes) for state in told),
-            key=lambda push: score_of(*push.harm) + push.pulls.max() / PUSH.harm.pull,
+            key=lambda push: swinging.score_of(*push.harm) + push.pulls.max() / PUSH.harm.pull,
         )
         found = worst.harm
         names = [fruit.id for fruit in self.fruits]
         if found.inside > PUSH.harm.inside_time:
             _, (points, axes, dt) = self._steps(0, 1, points, axes)
-            within = steps_inside(worst.positions, points, axes, self.cup)[1:]
+            within = swinging.steps_inside(worst.positions, points, axes, self.cup)[1:]
             most = max(int(within.max()), 1)
             first, *others = (
                 name
@@ -350,7 +329,7 @@ class Hanging(PushModel):
             place = "between the blades" if self.cup.cut else "inside"
             return names[0], f"is not {place} at the end"
         on_fruit, on_stem = worst.on_fruits, worst.on_stems
-        if self._leaves == NEVER:  # the force on the target is a separate part of the harm
+        if self._leaves == swinging.NEVER:  # the force on the target is a separate part of the harm
             on_fruit[0] = 0.0
         crushed = int(np.argmax(on_fruit))
         parts = (
@@ -361,22 +340,20 @@ class Hanging(PushModel):
         )
 
         def alone(item: tuple[str, int, str]) -> float:
-            return float(score_of(*NOTHING._replace(**{item[0]: getattr(found, item[0])})))
+            return float(swinging.score_of(*NOTHING._replace(**{item[0]: getattr(found, item[0])})))
 
-        part, k, what = max(parts, key=alone)
-        if worst.pulls.max() / PUSH.harm.pull > alone((part, k, what)):
+        name, k, what = max(parts, key=alone)
+        if worst.pulls.max() / PUSH.harm.pull > alone((name, k, what)):
             k = int(worst.pulls.argmax())
             return names[k], f"is pulled along its stem by {worst.pulls[k]:.1f} N on the way out"
-        return names[k], what.format(getattr(found, part))
+        return names[k], what.format(getattr(found, name))
 
     def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
-        """See :class:`PushModel`."""
         forces = self.led(0, points, axes).on_fruits.tolist()
         return {fruit.id: force for fruit, force in zip(self.fruits[1:], forces[1:], strict=True)}
 
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
-        """See :class:`PushModel`."""
-        began = np.array([hanging_balls(fruit).center for fruit in self.fruits])
+        began = np.array([bending.hanging_balls(fruit).center for fruit in self.fruits])
         gone = self.led(0, points, axes).positions[-1] - began
         before = np.array([fruit.position for fruit in self.fruits])
         ids = tuple(fruit.id for fruit in self.fruits)
@@ -385,13 +362,13 @@ class Hanging(PushModel):
     def _steps(
         self, first: int, states: int, points: FloatArray, axes: FloatArray,
         every: int = HANGING.every,
-    ) -> tuple[Stems, tuple[FloatArray, FloatArray, float]]:  # fmt: skip
+    ) -> tuple[bending.Stems, tuple[FloatArray, FloatArray, float]]:  # fmt: skip
         """The stems of ``states`` states from the ``first`` on, and the motion at the steps.
 
         The motion is points and tool axes (T, 3), and the time of a step [s].
         """
         low, high = first * self.count, (first + states) * self.count
-        some = Stems(*(values[low:high] for values in self.stems))
+        some = bending.Stems(*(values[low:high] for values in self.stems))
         chosen = np.append(np.arange(0, len(points) - 1, every), len(points) - 1)
         if self._by is not None:
             some = some._replace(drift=np.tile(self._by[:, chosen], (states, 1, 1)))
@@ -408,23 +385,13 @@ class Leaving(Continued):
         super().__init__(model, points, axes)
         self._model, self._length = model, length(points)
 
-    def _out(self, points: FloatArray, axes: FloatArray) -> tuple[Hanging, FloatArray, FloatArray]:
+    def _led(
+        self, points: FloatArray, axes: FloatArray
+    ) -> tuple[PushModel, FloatArray, FloatArray]:
         """The model that knows where the way out begins, and the whole motion."""
         whole, turned = self._whole(points, axes)
         share = self._length / max(length(whole), 1e-9)
         return self._model.leaving(round(share * (len(whole) - 1))), whole, turned
-
-    def harm(
-        self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
-    ) -> float:
-        """See :class:`PushModel`; of the whole motion."""
-        model, points, axes = self._out(points, axes)
-        return model.harm(points, axes, states, limit)
-
-    def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
-        """See :class:`PushModel`; of the whole motion."""
-        model, points, axes = self._out(points, axes)
-        return model.cause(points, axes)
 
 
 def _hanging(
@@ -460,7 +427,7 @@ def _cut(scene: Scene, tool: Tool) -> tuple[float, ...]:
 @lru_cache(maxsize=4)  # by identity: all approaches to a target meet the same fruits
 def sampled(
     fruits: tuple[SceneObject, ...], searched: int, states: int, vertical: tuple[float, ...]
-) -> Stems:
+) -> bending.Stems:
     """``searched`` states for the search, the perceived one first, then ``states`` for the harm.
 
     A path does better in the states that it was chosen in: its harm is predicted in other states.
@@ -471,7 +438,7 @@ def sampled(
     cases = _cases(fruits, up)
     seen, count = cases[0], len(fruits)
     sure = [fruit.covariance is None for fruit in fruits]
-    deviation = np.sqrt([detection_variance(fruit) for fruit in fruits])
+    deviation = np.sqrt([rules.detection_variance(fruit) for fruit in fruits])
     spread = np.where(sure, HANGING.shift, deviation * wider)
     turn = np.where(sure, HANGING.turn, HANGING.detected_turn)
     told = [None if fruit.stem is None else fruit.stem.tilt for fruit in fruits]
@@ -480,33 +447,33 @@ def sampled(
     shifted, swung = _normal((samples, len(fruits), 3))
     shift = spread[..., None] * shifted
     swing = turn[:, None] * (swung - (swung @ up)[..., None] * up)  # level
-    place = np.array([hanging_balls(fruit).center for fruit in fruits])
+    place = np.array([bending.hanging_balls(fruit).center for fruit in fruits])
     hidden = [fruit.stem is not None and fruit.stem.unseen for fruit in fruits]
     longer = np.exp(np.where(hidden, UNSEEN_SPREAD, 0.0) * (swung @ up)) - 1.0
     swing = swing + longer[..., None] * (seen.root - place)
     places = np.concatenate([place[None], place + shift])
     roots = np.concatenate([seen.root[None], seen.root + shift + swing])
-    part(places, roots, seen.radius, seen.above, (1.0 - seen.upper) * seen.length)
+    bending.part(places, roots, seen.radius, seen.above, (1.0 - seen.upper) * seen.length)
     size, turn = uniform(1, (2, (samples + 1) * count))
     beam = PUSH.beam
     size = beam.bow_least + size * (beam.bow_most - beam.bow_least)
-    return bowed(stems_moved(cases, roots, places), size, 2.0 * np.pi * turn)
+    return bending.bowed(bending.stems_moved(cases, roots, places), size, 2.0 * np.pi * turn)
 
 
-def _cases(fruits: Sequence[SceneObject], up: FloatArray) -> list[Stems]:
+def _cases(fruits: Sequence[SceneObject], up: FloatArray) -> list[bending.Stems]:
     """The expected stems; where stiffnesses are uncertain, also all stems softer, and all stiffer.
 
     The stems of a plant are alike.
     """
     wide = np.array([_spread(fruit) for fruit in fruits])
     if (wide == 1.0).all():
-        return [stems(fruits, up)]
+        return [bending.stems(fruits, up)]
     factors = np.stack([np.ones(len(fruits)), 1.0 / wide, wide])
-    if (parents(fruits) >= 0).any():
-        return [stems(fruits, up, factor) for factor in factors]
-    every, count = stems([*fruits] * len(factors), up, factors.ravel()), len(fruits)
+    if (bending.parents(fruits) >= 0).any():
+        return [bending.stems(fruits, up, factor) for factor in factors]
+    every, count = bending.stems([*fruits] * len(factors), up, factors.ravel()), len(fruits)
     return [
-        Stems(*(values[k : k + count] for values in every))
+        bending.Stems(*(values[k : k + count] for values in every))
         for k in range(0, len(factors) * count, count)
     ]
 

@@ -26,35 +26,8 @@ from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.compiled import inlined, inner, kernel
 from optipromp.core.geometry.obstacles import Obstacles
 from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.pushing.stems import contacts
 from optipromp.core.pushing.stems.bending import Stems
-from optipromp.core.pushing.stems.contacts import (
-    AT_BASE,
-    LOADS,
-    ON_CUP,
-    ON_STEM,
-    ON_WALL,
-    STEM_ON_CUP,
-    STEM_ON_FRUIT,
-    Contacts,
-    Descent,
-    Fruits,
-    begin,
-    between,
-    freely,
-    hang,
-    level_place,
-    list_fruits,
-    list_pieces,
-    list_walls,
-    on_cup,
-    on_wall,
-    overlapping,
-    piece,
-    place,
-    press,
-    shortened,
-    under_fruit,
-)
 from optipromp.core.pushing.stems.cup import (
     ABOVE,
     Mouth,
@@ -65,7 +38,43 @@ from optipromp.core.pushing.stems.cup import (
     stem_gap,
     taken,
 )
-from optipromp.core.pushing.stems.harm import Harm, score_of
+
+HARM = PUSH.harm
+
+
+class Harm(NamedTuple):
+    """The predicted harm of a path. The first fruit is the target.
+
+    Attributes:
+        stem: largest lasting force of the cup on a stem [N].
+        fruit: largest force on another fruit than the target [N].
+        target: largest lasting force on the target [N].
+        inside: longest time of another fruit inside the cup [s].
+        pinched: time in which the cup presses another fruit against a static object [s].
+        missed: whether the target is outside the cup at the end.
+    """
+
+    stem: float
+    fruit: float
+    target: float
+    inside: float
+    pinched: float
+    missed: bool
+
+
+@inner
+def score_of(stem, fruit, target, inside, pinched, missed):
+    """The score of a :class:`Harm`: the sum of its parts.
+
+    A part is 1 where a force reaches what a fruit bears, or a fruit is pinched for
+    ``pinched_time``. A momentary force up to ``sudden_force`` counts nothing. A swallowed neighbour
+    and a missed target add ``HARM.swallowed`` each.
+    """
+    lost = HARM.swallowed * (inside > HARM.inside_time) + HARM.swallowed * missed
+    crushed = max(fruit - HARM.sudden_force, 0.0) / (HARM.fruit_force - HARM.sudden_force)
+    pressed = stem / HARM.stem_force + crushed + target / HARM.target_force
+    return pressed + pinched / HARM.pinched_time + lost
+
 
 SWING, HARM = PUSH.swing, PUSH.harm
 NEVER = 1 << 40  # the first step of the way out, of a motion that has none
@@ -97,33 +106,33 @@ def relax(s, f, c, d, step, solid, look):
     for i in range(len(s.length)):
         begun = not f.resting[i]
         if begun:
-            begin(s, f.u, f.ahead, i, d)
+            contacts.begin(s, f.u, f.ahead, i, d)
         f.pressed[i], f.firmly[i] = 0.0, False
         largest = t0 = t1 = t2 = 0.0
-        last = under_fruit(s, i)
+        last = contacts.under_fruit(s, i)
         h, rho, _, _, _ = in_cup(f.center[i, 0], f.center[i, 1], f.center[i, 2], at)
         within = h > cup.base and rho < cup.inner
         close, clear = 0, 0  # number of close contacts; no piece before ``clear`` is close
         for k in range(c.possible[i] if look else c.closes[i]):
             number = k if look else c.close[i, k]
             kind, other, share = c.kind[i, number], c.other[i, number], 1.0
-            if kind == ON_CUP:
-                gap, n0, n1, n2, share = on_cup(s, f, i, at, cup)
-            elif kind == STEM_ON_CUP:
-                share = piece(s, c, i, other)
+            if kind == contacts.ON_CUP:
+                gap, n0, n1, n2, share = contacts.on_cup(s, f, i, at, cup)
+            elif kind == contacts.STEM_ON_CUP:
+                share = contacts.piece(s, c, i, other)
                 if look and (share == 0.0 or share > last or other < clear):
                     continue
-                x, y, z = place(s, f.u, i, s.length[i] - f.up[i], share)
+                x, y, z = contacts.place(s, f.u, i, s.length[i] - f.up[i], share)
                 gap, n0, n1, n2 = stem_gap(x, y, z, s.thickness[i], within, at, cup)
-                if look and other > AT_BASE:
+                if look and other > contacts.AT_BASE:
                     away = gap - cup.outer + cup.neck if gap < ABOVE else gap - ABOVE
                     clear = other + int((away - SWING.close) * n / s.length[i])
-            elif kind == ON_WALL:
+            elif kind == contacts.ON_WALL:
                 if f.resting[i] and step.point > 0:
                     continue
-                gap, n0, n1, n2, share = on_wall(s, f, i, solid, other)
+                gap, n0, n1, n2, share = contacts.on_wall(s, f, i, solid, other)
             else:
-                gap, n0, n1, n2, share = between(s, f, c.overlap, i, kind, other)
+                gap, n0, n1, n2, share = contacts.between(s, f, c.overlap, i, kind, other)
             if look and gap < SWING.close:
                 c.close[i, close] = number
                 close += 1
@@ -131,20 +140,20 @@ def relax(s, f, c, d, step, solid, look):
                 continue
             if not begun:
                 begun, woken, f.resting[i] = True, True, False
-                begin(s, f.u, f.ahead, i, d)
+                contacts.begin(s, f.u, f.ahead, i, d)
             hard = -gap * SWING.stiffness
-            press(s, f.u, i, share, (n0, n1, n2), -gap, SWING.stiffness, d)
-            if kind == STEM_ON_CUP:
+            contacts.press(s, f.u, i, share, (n0, n1, n2), -gap, SWING.stiffness, d)
+            if kind == contacts.STEM_ON_CUP:
                 t0, t1, t2 = t0 + hard * n0, t1 + hard * n1, t2 + hard * n2
-            elif kind != STEM_ON_FRUIT:
+            elif kind != contacts.STEM_ON_FRUIT:
                 largest = max(largest, hard)
-            if kind == ON_WALL:  # without friction
+            if kind == contacts.ON_WALL:  # without friction
                 f.firmly[i] = True
                 continue
             most = SWING.skin_friction * hard
-            if kind == ON_CUP:
+            if kind == contacts.ON_CUP:
                 most, f.pressed[i] = cup.rubbing * f.earlier[i], hard
-            elif kind == STEM_ON_CUP:
+            elif kind == contacts.STEM_ON_CUP:
                 most = SWING.stem_friction * hard
             if most > 0.0:
                 slip = _slip(s, f, step, i, kind, other, share)
@@ -164,21 +173,21 @@ def _slip(s, f, step, i, kind, o, share):
     d0 = d1 = d2 = 0.0  # drift of the root of i, and of that of its partner backwards
     if s.drift.shape[1]:
         now, last = s.drift[:, step.point], s.drift[:, max(step.point - 1, 0)]
-        back = 0.0 if kind in (ON_CUP, STEM_ON_CUP) else 1.0
+        back = 0.0 if kind in (contacts.ON_CUP, contacts.STEM_ON_CUP) else 1.0
         d0 = now[i, 0] - last[i, 0] - back * (now[o, 0] - last[o, 0])
         d1 = now[i, 1] - last[i, 1] - back * (now[o, 1] - last[o, 1])
         d2 = now[i, 2] - last[i, 2] - back * (now[o, 2] - last[o, 2])
         shift = MouthPose(shift.x - d0, shift.y - d1, shift.z - d2, 0.0, 0.0, 0.0)
     x0, x1, x2 = f.center[i, 0], f.center[i, 1], f.center[i, 2]
     a0, a1, a2 = f.began[i, 0], f.began[i, 1], f.began[i, 2]
-    if kind in (STEM_ON_FRUIT, STEM_ON_CUP):
-        x0, x1, x2 = place(s, f.u, i, chord, share)
-        a0, a1, a2 = place(s, f.before, i, chord, share)
-    if kind == STEM_ON_CUP:
+    if kind in (contacts.STEM_ON_FRUIT, contacts.STEM_ON_CUP):
+        x0, x1, x2 = contacts.place(s, f.u, i, chord, share)
+        a0, a1, a2 = contacts.place(s, f.before, i, chord, share)
+    if kind == contacts.STEM_ON_CUP:
         x0, x1, x2 = x0 - a0 - shift.x, x1 - a1 - shift.y, x2 - a2 - shift.z
         along = x0 * at.u + x1 * at.v + x2 * at.w
         return x0 - along * at.u, x1 - along * at.v, x2 - along * at.w
-    if kind == ON_CUP:
+    if kind == contacts.ON_CUP:
         x0, x1, x2 = x0 - a0, x1 - a1, x2 - a2
         if share < 1.0:  # the upper ball: add its motion relative to the lower ball
             for sign, part, u in (
@@ -187,15 +196,15 @@ def _slip(s, f, step, i, kind, o, share):
                 (-1.0, share, f.before),
                 (1.0, 1.0, f.before),
             ):
-                a0, a1, a2 = place(s, u, i, chord, part)
+                a0, a1, a2 = contacts.place(s, u, i, chord, part)
                 x0, x1, x2 = x0 + sign * a0, x1 + sign * a1, x2 + sign * a2
         return x0 - shift.x, x1 - shift.y, x2 - shift.z
     y0, y1, y2 = f.center[o, 0], f.center[o, 1], f.center[o, 2]
     b0, b1, b2 = f.began[o, 0], f.began[o, 1], f.began[o, 2]
-    if kind == ON_STEM:
-        along = level_place(s, o, x0, x1, x2)
-        y0, y1, y2 = place(s, f.u, o, s.length[o] - f.up[o], along)
-        b0, b1, b2 = place(s, f.before, o, s.length[o] - f.up[o], along)
+    if kind == contacts.ON_STEM:
+        along = contacts.level_place(s, o, x0, x1, x2)
+        y0, y1, y2 = contacts.place(s, f.u, o, s.length[o] - f.up[o], along)
+        b0, b1, b2 = contacts.place(s, f.before, o, s.length[o] - f.up[o], along)
     return x0 - a0 - y0 + b0 + d0, x1 - a1 - y1 + b1 + d1, x2 - a2 - y2 + b2 + d2
 
 
@@ -208,7 +217,7 @@ def _rub(s, f, i, share, slip, way, most, d):
     far = math.sqrt(x * x + y * y + z * z)
     if far > 1e-7:
         back = -x / far, -y / far, -z / far
-        press(s, f.u, i, share, back, far, most / max(far, SWING.stuck), d)
+        contacts.press(s, f.u, i, share, back, far, most / max(far, SWING.stuck), d)
 
 
 @inlined
@@ -220,22 +229,22 @@ def _step(s, f, i, d):
     """
     change, last = d.v, d.last
     far = back = before = 0.0
-    for a in range(2 * LOADS):
+    for a in range(2 * contacts.LOADS):
         change[a] = 0.0
-        for b in range(2 * LOADS):
+        for b in range(2 * contacts.LOADS):
             change[a] += d.inverse[a, b] * d.gradient[b]
         back -= change[a] * last[i, a]
         before += last[i, a] ** 2
-    for a in range(LOADS):
-        far = max(far, math.hypot(change[a], change[LOADS + a]))
+    for a in range(contacts.LOADS):
+        far = max(far, math.hypot(change[a], change[contacts.LOADS + a]))
     if back > SWING.reversal * before:
         d.eased[i] *= 0.5
     scale: float = min(d.eased[i], SWING.farthest / max(far, 1e-12))
-    for a in range(2 * LOADS):
+    for a in range(2 * contacts.LOADS):
         last[i, a] = scale * change[a]
         f.u[i, a] -= last[i, a]
-    f.up[i] = shortened(s, f.u, i) - s.lifted[i]
-    hang(s, f, i)
+    f.up[i] = contacts.shortened(s, f.u, i) - s.lifted[i]
+    contacts.hang(s, f, i)
     return far * scale
 
 
@@ -246,30 +255,30 @@ def push(s, points, axes, dt, cup, solid, worst, positions, forces, stem_forces,
     ``s``: the N stems. ``points``: (P, 3) of the tool point; ``axes`` (P, 3) out of the mouth.
     ``dt``: between points [s]. ``cup``: its shape. ``solid``: static objects that fruits are
     pressed against; stems pass through them. ``worst``: score
-    (:func:`optipromp.core.pushing.stems.harm.score_of`) above which the push ends. ``positions``:
+    (:func:`score_of`) above which the push ends. ``positions``:
     (P, N, 3) out, of the fruits [m]. ``forces``: (P, N) out, largest contact force on each fruit
     [N]. ``stem_forces``: (P, N) out, of the cup on each stem [N]. ``so_far``: (5,) in and out, the
-    numbers of :class:`optipromp.core.pushing.stems.harm.Harm`.
+    numbers of :class:`Harm`.
 
     Returns: Number of points that the cup was led through.
     """
-    count, n, dofs = len(s.root), s.shape.shape[1] - 1, 2 * LOADS
+    count, n, dofs = len(s.root), s.shape.shape[1] - 1, 2 * contacts.LOADS
     most = 1 + 3 * (count - 1) + len(solid.kind) + n + 3  # contacts of a fruit and its stem
-    f = Fruits(
+    f = contacts.Fruits(
         s.rest.copy(), s.rest.copy(), s.rest.copy(), np.zeros(count),
         np.zeros((count, 3)), np.zeros((count, 3)), np.ones(count, dtype=np.bool_),
         np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.bool_), np.zeros(count),
         np.zeros(count),
     )  # fmt: skip
-    c = Contacts(
+    c = contacts.Contacts(
         np.zeros((count, most), dtype=np.int64), np.zeros((count, most), dtype=np.int64),
         np.zeros(count, dtype=np.int64), np.zeros((count, most), dtype=np.int64),
         np.zeros(count, dtype=np.int64), np.zeros((count, count, 2), dtype=np.bool_),
         np.zeros(count, dtype=np.int64), np.full((count, 3), np.inf), np.zeros(count),
         np.zeros(count), np.zeros(count, dtype=np.int64),
     )  # fmt: skip
-    d = Descent(
-        s.mass / (dt * dt), np.zeros((count, LOADS, LOADS)), np.zeros(dofs),
+    d = contacts.Descent(
+        s.mass / (dt * dt), np.zeros((count, contacts.LOADS, contacts.LOADS)), np.zeros(dofs),
         np.zeros((dofs, dofs)), np.zeros(dofs), np.zeros(dofs), np.zeros(count),
         np.zeros((count, dofs)),
     )  # fmt: skip
@@ -280,11 +289,11 @@ def push(s, points, axes, dt, cup, solid, worst, positions, forces, stem_forces,
         s.stiffness, s.compliance, s.shortening, s.joint, s.rest, s.lifted, s.drift,
     )  # fmt: skip
     _drift(s, f, fixed, held, 0)
-    overlapping(s, f.u, c.overlap)
-    list_fruits(c)
+    contacts.overlapping(s, f.u, c.overlap)
+    contacts.list_fruits(c)
     for i in range(count):
-        hang(s, f, i)
-        freely(s, i, d)
+        contacts.hang(s, f, i)
+        contacts.freely(s, i, d)
     for p in range(len(points)):
         at = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
         _drift(s, f, fixed, held, p)
@@ -314,7 +323,7 @@ def _drift(s, f, fixed, held, p):
             held[i, k] = fixed[i, k] + s.drift[i, p, k]
             f.resting[i] &= s.drift[i, p, k] == s.drift[i, 0, k]
             s.root[i, k] = held[i, k]
-        hang(s, f, i)
+        contacts.hang(s, f, i)
 
 
 @inner
@@ -327,11 +336,13 @@ def _follow_truss(s, f, held, load):
     for i in range(len(load)):
         for k in range(3):
             load[i, k] = 0.0
-        for a in range(LOADS):
+        for a in range(contacts.LOADS):
             f1 = f2 = 0.0
-            for b in range(LOADS):
+            for b in range(contacts.LOADS):
                 f1 += s.stiffness[i, a, b] * (f.u[i, b] - s.rest[i, b])
-                f2 += s.stiffness[i, a, b] * (f.u[i, LOADS + b] - s.rest[i, LOADS + b])
+                f2 += s.stiffness[i, a, b] * (
+                    f.u[i, contacts.LOADS + b] - s.rest[i, contacts.LOADS + b]
+                )
             for k in range(3):
                 load[i, k] += f1 * s.axes[i, 0, k] + f2 * s.axes[i, 1, k]
     for i in range(len(load)):
@@ -340,7 +351,7 @@ def _follow_truss(s, f, held, load):
             for o in range(len(load)):
                 for m in range(3):
                     s.root[i, k] += s.joint[i, o, k, m] * load[o, m]
-        hang(s, f, i)
+        contacts.hang(s, f, i)
 
 
 @inner
@@ -392,13 +403,13 @@ def _advance(s, f, c, d, step, solid):
     for i in range(len(f.up)):
         for k in range(3):
             f.began[i, k] = f.center[i, k]
-        for a in range(2 * LOADS):
+        for a in range(2 * contacts.LOADS):
             f.ahead[i, a] = f.u[i, a] + SWING.kept_speed * (f.u[i, a] - f.before[i, a])
             f.before[i, a] = f.u[i, a]
             d.last[i, a] = 0.0
         f.earlier[i], d.eased[i] = f.pressed[i], 1.0
-    list_walls(s, f.center, c, solid)
-    list_pieces(s, c, step.at, step.cup)
+    contacts.list_walls(s, f.center, c, solid)
+    contacts.list_pieces(s, c, step.at, step.cup)
     stirred = np.inf
     for _ in range(SWING.iterations):
         look = stirred > SWING.stirred
