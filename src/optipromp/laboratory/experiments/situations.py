@@ -31,7 +31,7 @@ from optipromp.laboratory.generate import NOISES, noisy
 from optipromp.laboratory.generate.noise import LOOK
 from optipromp.laboratory.simulation.detector import Detector
 from optipromp.laboratory.simulation.detector_parameters import DETECTORS, DetectorParameters
-from optipromp.laboratory.simulation.parameters import SimulationParameters
+from optipromp.laboratory.simulation.parameters import SimulationParameters, of_crop
 from optipromp.laboratory.simulation.simulation import Simulation
 
 LOWER = 0.010  # [m] from the height at which fruits are seen down to the true one: a choice
@@ -101,7 +101,7 @@ class Change:
         """The situation of a true scene; the same scene and seed give the same one."""
         rng = np.random.default_rng([seed, 2])
         drawn = self.world(rng) if callable(self.world) else self.world
-        p = SimulationParameters()
+        p = of_crop(SimulationParameters(), scene.crop)
         seen = noisy(scene, seed, NOISES[self.noise]) if self.noise else scene
         if self.settled:  # before the fruits are shifted, and as stems are believed to be
             p = replace(p, engine=replace(p.engine, settle=SETTLE))
