@@ -2,16 +2,13 @@
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
 from optipromp.core.compiled import kernel
 from optipromp.laboratory.simulation.world import World
-
-if TYPE_CHECKING:
-    from optipromp.laboratory.simulation.harms import HarmLog
 
 
 @kernel
@@ -125,12 +122,10 @@ class ContactLog:
     The force of an instant is the length of the sum of the pair's contact forces [N]. All arrays
     are symmetric.
 
-    ``world``: of the entities. ``threshold``: of the spells in ``hard`` [N]. ``harm``: by the laws
-    of a crop; None: the scene has none.
+    ``world``: of the entities. ``threshold``: of the spells in ``hard`` [N].
     """
 
-    def __init__(self, world: World, threshold: float, harm: "HarmLog | None" = None) -> None:
-        self.harm = harm
+    def __init__(self, world: World, threshold: float) -> None:
         count = len(world.entities)
         self._owners, self._timestep = world.geom_entity, float(world.model.opt.timestep)
         self._threshold = threshold
@@ -145,14 +140,16 @@ class ContactLog:
     def add(self, data: Any) -> None:
         """Count the contacts of ``data`` at the next step."""
         self._steps += 1
-        if self.harm is not None:
-            self.harm.add(data)
         if data.ncon:
             contact = data.contact
             log_contacts(
                 contact.geom, contact.efc_address, contact.frame, data.efc_force, self._owners,
                 self._pairs, self._steps, data.time, self._timestep, self._threshold,
             )  # fmt: skip
+
+    def pressed(self, fruits: list[int], most: float) -> float:
+        """The largest force on fruits, by their entities, over the one that they bear."""
+        return _most(self.peak[fruits]) / most
 
     def take_recent(self) -> FloatArray:
         """(E, E) largest force since the last call [N]."""
@@ -220,11 +217,8 @@ def harm_so_far(world: World, log: ContactLog, torn: int) -> HarmSoFar:
     fruits = [fruit.entity for fruit in world.shown]
     stems = [fruit.stem_entity for fruit in world.shown if fruit.stem_entity >= 0]
     static = [k for k, each in enumerate(entities) if each.kind == "static"]
-    pressed = _most(log.peak[fruits]) / limits.fruit_force
-    if log.harm is not None:
-        pressed = log.harm.worst()
     return HarmSoFar(
-        pressed,
+        log.pressed(fruits, limits.fruit_force),
         _most(log.hard[np.ix_(stems, robot)]) / limits.stem_time,
         _most(log.peak[np.ix_(static, robot)]) / limits.static_force,
         torn,

@@ -19,7 +19,7 @@ from optipromp.core.arrays import BoolArray, FloatArray, lengths
 from optipromp.core.compiled import kernel
 from optipromp.core.robots.tools import WALL
 from optipromp.core.scenes.crops import Crop
-from optipromp.laboratory.simulation.contacts import contact_forces
+from optipromp.laboratory.simulation.contacts import ContactLog, contact_forces
 from optipromp.laboratory.simulation.grasps import scissor_of, suction_of
 from optipromp.laboratory.simulation.world import World
 
@@ -77,21 +77,20 @@ _PAIR = np.dtype(
 )
 
 
-class HarmLog:
-    """The figures of a run that a crop's rows limit, counted step by step.
+class HarmLog(ContactLog):
+    """Contacts, and the figures of a run that a crop's rows limit, counted step by step.
 
-    ``world``: whose scene has a crop.
+    ``world``, ``threshold``: see :class:`ContactLog`. ``crop``: of the scene.
 
     Attributes:
         torn: why each torn fruit came off, in words, by key.
     """
 
-    def __init__(self, world: World, crop: Crop) -> None:
-        self.crop, self.torn = crop, dict[str, str]()
-        self._world, self._step = world, 0
-        self._timestep = float(world.model.opt.timestep)
+    def __init__(self, world: World, threshold: float, crop: Crop) -> None:
+        super().__init__(world, threshold)
+        self.crop, self.torn, self._world = crop, dict[str, str](), world
         self._keep = math.exp(-self._timestep / crop["pressed_time"])
-        self._pairs = np.zeros((len(world.entities),) * 2, _PAIR)
+        self._harms = np.zeros((len(world.entities),) * 2, _PAIR)
         self._pulled: dict[str, dict[str, float]] = {}
         tool = world.robot.tool
         has_edge = tool is not None and suction_of(world) is None  # a lip is soft
@@ -104,7 +103,7 @@ class HarmLog:
 
     def add(self, data: Any) -> None:
         """Count the contacts of ``data`` at the next step."""
-        self._step += 1
+        super().add(data)
         if not data.ncon:
             return
         if self._body >= 0:
@@ -114,7 +113,7 @@ class HarmLog:
         log_harms(
             contact.geom, contact.efc_address, contact.frame, data.efc_force,
             self._world.geom_entity, contact.pos, data.efc_vel, data.efc_aref, data.efc_R,
-            self._timestep, self._keep, self._edged, self._edge, self._pairs, self._step,
+            self._timestep, self._keep, self._edged, self._edge, self._harms, self._steps,
         )  # fmt: skip
 
     def pull(
@@ -150,12 +149,12 @@ class HarmLog:
         """The largest figure of each of :data:`BEARABLE`, of each fruit that was shown, by id."""
         out = {}
         for fruit in self._world.shown:
-            row, column = self._pairs[fruit.entity], self._pairs[:, fruit.entity]
+            row, column = self._harms[fruit.entity], self._harms[:, fruit.entity]
             mine = {each: float(max(row[each].max(), column[each].max())) for each in BEARABLE}
             out[fruit.id] = mine | self._pulled.get(fruit.built.key, {})
         return out
 
-    def worst(self) -> float:
+    def pressed(self, fruits: list[int], most: float) -> float:
         """The largest figure of :data:`BEARABLE` over what a fruit bears."""
         shares = (f[each] / self.crop[each] for f in self.figures().values() for each in BEARABLE)
         return max(shares, default=0.0)

@@ -289,9 +289,10 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
         warnings=rollout.warnings,
         target=target,
     )
-    if log.harm is not None:
-        facts = replace(facts, crop=_verdict(facts, log.harm))
-    failures = list(_failures(facts, world, log.harm))
+    harm = log if isinstance(log, HarmLog) else None
+    if harm is not None:
+        facts = replace(facts, crop=_verdict(facts, harm))
+    failures = list(_failures(facts, world, harm))
     far = ", ".join(f"{id_} by {1e3 * by:.1f} mm" for id_, by in world.parted.items())
     note = f"; fruits that overlapped were pushed apart before: {far}" if far else ""
     if failures:

@@ -92,9 +92,9 @@ class Execution:
             for item, course in world.scene.movers
             if item.role in soft
         ]
-        crop = world.scene.crop
-        harm = None if crop is None else HarmLog(world, crop)
-        self.log = ContactLog(world, p.thresholds.stem_force, harm)
+        crop, caught = world.scene.crop, p.thresholds.stem_force
+        harm = None if crop is None else HarmLog(world, caught, crop)
+        self.log = harm or ContactLog(world, caught)
         self.stems = StemWatch(world, harm)
         self.step = p.engine.timestep
         self.every = max(round(1.0 / (record_rate * self.step)), 1)
