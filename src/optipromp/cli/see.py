@@ -1,8 +1,8 @@
-"""``optipromp see``: from pictures to scenes; ``optipromp calibrate``: where a camera is."""
+"""``optipromp see``, ``calibrate`` and ``measure-crop``: from pictures and rulers to scenes."""
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -404,3 +404,87 @@ def _shown(found: "HandEye", out: Path) -> Iterator[Any]:
 def _figures(pixel: float, metre: float, degree: float) -> tuple[str, ...]:
     values = (f"{pixel:.2f}", f"{1e3 * metre:.2f}", f"{degree:.2f}")
     return tuple("" if text == "nan" else text for text in values)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The options of measurements: one number a fruit, separated by commas.
+
+    Attributes:
+        width (MM): Of fruits, across.
+        length (MM): Of these fruits, along their axes.
+        mass (G): Of these fruits.
+        stem_length (MM): Of stems, from where you clamp them to the fruit.
+        stem_diameter (MM): Of these stems, at their middle.
+        sag_load (G): Hung from the tip of each stem, clamped level at its root.
+        sag (MM): By which the tip sinks under that load.
+        swings (COUNT): Whole swings of a fruit on its stem in a film.
+        swing_first (MM): How far aside the fruit was at their begin.
+        swing_last (MM): And at their end.
+        pull_along (G): Of a luggage scale that detaches a fruit, along its stem.
+        pull_across (G): Likewise, across its stem.
+    """
+
+    width: str = ""
+    length: str = ""
+    mass: str = ""
+    stem_length: str = ""
+    stem_diameter: str = ""
+    sag_load: str = ""
+    sag: str = ""
+    swings: str = ""
+    swing_first: str = ""
+    swing_last: str = ""
+    pull_along: str = ""
+    pull_across: str = ""
+
+
+@command()
+def measure_crop(
+    table: Path | None = None,
+    /,
+    *,
+    out: Path,
+    name: str | None = None,
+    like: str = "strawberry",
+    measured: Measured,
+) -> Report:
+    """Make a crop file from measurements with a ruler, a kitchen scale and a phone.
+
+    Rows that you measured say so, with the number of fruits and their spread; all others are of the
+    crop that yours is like, and stay guesses where they are guesses. A scene names the file:
+    crop: my-crop.yaml.
+
+    [bold]Examples[/bold]
+
+    \b
+    optipromp measure-crop fruits.csv --like tomato --out my-crop.yaml
+    optipromp measure-crop --width 31,29,34 --length 42,40,45 --mass 19,16,24 --out my-crop.yaml
+    optipromp study --preset cluster --crop my-crop.yaml --vary crop --out guesses
+
+    Args:
+        table (FILE.csv|FILE.yaml): A column or list for each measurement, named as the options
+            (stem_length), a row or entry for each fruit; a cell may be empty.
+        out (FILE.yaml): The crop.
+        name: Of the crop; by default that of the file.
+        like (CROP): Whose rows stand where nothing was measured.
+    """
+    from optipromp.core.scenes.crops import ROWS, load_crop, save_crop
+    from optipromp.laboratory.measuring import measured_crop, read_measurements
+
+    told = {key: text.split(",") for key, text in asdict(measured).items() if text}
+    given = ({} if table is None else read_measurements(table)) | told
+    if not given:
+        raise InvalidRequestError("nothing is measured: give a table, or --width and others")
+    crop, mine = measured_crop(name or out.stem, load_crop(like), given)
+    save_crop(crop, out)
+    shown = grid(("row",), ("value", "spread", "unit"))
+    for key in mine:
+        row = crop.rows[key]
+        shown.add_row(key, f"{row.value:.4g}", f"{row.spread:.2g}", ROWS[key].unit)
+    document = {
+        "file": str(out), "name": crop.name, "guesses": crop.guesses,
+        "measured": {key: asdict(crop.rows[key]) for key in mine},
+    }  # fmt: skip
+    rest = f"still guesses, of {like}: {', '.join(crop.guesses)}"
+    return Report(document, (shown, rest, f"wrote {out}"))
