@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -46,6 +46,7 @@ def see(
     bag: Path | None = None,
     topics: str | None = None,
     every: float = 1.0,
+    crop: str | None = None,
 ) -> Report:
     """Find fruits and stems in pictures, and write scenes to plan in.
 
@@ -81,12 +82,16 @@ def see(
         bag: Of ROS 2, in place of files: colour and depth, or a cloud, and frames.
         topics (A,B): Of the bag: colour and depth, or the cloud, to take.
         every (SECONDS 0..): Of the bag: between pictures.
+        crop (CROP): Of the fruits: strawberry, tomato, apple or a file. The scenes name it; fruits
+            of other sizes are said.
     """
+    from optipromp.core.scenes.crops import load_crop
     from optipromp.perception.detector import finder_named
     from optipromp.perception.eyes import overlay
     from optipromp.perception.pictures import OVERLAY, png_file
 
     eye = finder_named(finder, model)
+    grown = None if crop is None else load_crop(crop)
     asked: Iterator[_Asked] | list[_Asked]
     if bag is not None:
         if folder is not None or rgb is not None or depth is not None:
@@ -100,6 +105,7 @@ def see(
     sights: list[tuple[Sighting, Scene, Path]] = []
     for each in asked:
         scene = optipromp.load_scene(each.known or "scenario-3")
+        scene = scene if grown is None else replace(scene, crop=grown)
         picture = _load(each, scene)
         began = time.perf_counter()
         from optipromp.perception.eyes import look_at
