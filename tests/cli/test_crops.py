@@ -97,4 +97,4 @@ def test_a_run_tells_what_its_verdict_hangs_on(frail: Path, tmp_path: Path) -> N
     assert made["crop"]["name"] == "strawberry"
     assert made["crop"]["hangs_on"] == ["pressed_force"]
     assert made["crop"]["decided"] == made["crop"]["guesses"] == []
-    assert 0.1 < made["crop"]["figures"]["ripe"]["pressed_force"] < 5.0
+    assert 0.1 < max(each["pressed_force"] for each in made["crop"]["figures"].values()) < 5.0

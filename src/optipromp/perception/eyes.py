@@ -173,9 +173,6 @@ def _item(
     )
 
 
-UNUSUAL = 3.0  # standard deviations of a crop's width beyond which a fruit is told: a choice
-
-
 def seen_scene(
     sight: Sighting | Sequence[Sighting], known: Scene, parameters: EyeParameters | None = None
 ) -> tuple[Scene, tuple[str, ...]]:
@@ -189,7 +186,7 @@ def seen_scene(
     other fruits, as long as the median of those seen
     (:func:`optipromp.core.scenes.objects.cleared`). Its tilts have the standard deviation
     ``parameters.tilt``. The crop of ``known`` is the scene's: a stem is as long as the crop's where
-    none was seen, and fruits whose width is :data:`UNUSUAL` deviations off are told.
+    none was seen, and fruits of an unusual width are told.
 
     Raises:
         InvalidRequestError: no ripe fruit is seen.
@@ -215,15 +212,9 @@ def seen_scene(
             f"stem not seen of {', '.join(unseen)}: upright, {long:.2f} m long, or any other whose "
             f"tilts have a deviation of {p.tilt:g} degrees"
         )
-    if (crop := known.crop) is not None:
-        far = UNUSUAL * crop.rows["width"].spread
+    if known.crop is not None:
         wide = {item.id: 2.0 * float(min(item.shape.measure.half)) for item in found}
-        odd = [f"{id_} {1e3 * w:.0f} mm" for id_, w in wide.items() if abs(w - crop["width"]) > far]
-        if far and odd:
-            assumed.append(
-                f"of another width than a {crop.name}, {1e3 * crop['width']:.0f} mm: "
-                f"{', '.join(odd)}"
-            )
+        assumed += known.crop.unusual(wide)
     fruits = []
     for item in found:
         role: Role = "target" if item is target else "pushable"

@@ -60,6 +60,7 @@ UNITS: Mapping[str, tuple[str, float]] = {
 }  # fmt: skip
 """Units that a file may state: the unit of rows, and the factor to it."""
 
+UNUSUAL = 3.0  # standard deviations of a width beyond which a fruit is told: a choice
 SPAN = 0.5, 2.0  # factors from a guess to its ends, where the file states no range: a choice
 
 
@@ -118,6 +119,20 @@ class Crop:
     def changed(self, name: str, value: float) -> Crop:
         """The crop with another value in a row."""
         return replace(self, rows={**self.rows, name: self.rows[name].at(value)}, path=None)
+
+    def unusual(self, widths: Mapping[str, float]) -> list[str]:
+        """Which fruits are wider or narrower than :data:`UNUSUAL` deviations, in words.
+
+        ``widths``: of the fruits, by id [m].
+        """
+        far = UNUSUAL * self.rows["width"].spread
+        odd = [
+            f"{id_} {1e3 * w:.0f} mm" for id_, w in widths.items() if abs(w - self["width"]) > far
+        ]
+        if not (far and odd):
+            return []
+        usual = f"{1e3 * self['width']:.0f} mm"
+        return [f"of another width than a {self.name}, {usual}: {', '.join(odd)}"]
 
     def detaching(self, angles: FloatArray) -> FloatArray:
         """Forces (K,) that detach a fruit, pulled at ``angles`` (K,) to the stem [degrees] [N].
