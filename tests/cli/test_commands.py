@@ -54,6 +54,8 @@ def test_list_as_json_is_one_document() -> None:
         "mesh",
     ]
     assert document["planners"][:3] == ["promp", "i-promp", "opti-promp"]
+    of_planners = [document["settings"], *document["planner_settings"].values()]
+    assert all(one["meaning"] for settings in of_planners for one in settings.values())
 
 
 def test_list_for_people_names_the_same() -> None:

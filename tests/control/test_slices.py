@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optipromp.control.controller import Sliced
-from optipromp.core.budget import Budget, clock, step
+from optipromp.core.budget import Budget, Sliced, clock, step
 from optipromp.core.planning import plan
 
 STEPS = 23

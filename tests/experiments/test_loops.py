@@ -50,20 +50,25 @@ def small(**changes) -> Study:
 # --- conditions ---------------------------------------------------------------------------------
 
 
-def test_the_ten_conditions_differ_and_repeat_to_the_bit() -> None:
+def test_the_conditions_differ_and_repeat_to_the_bit() -> None:
     scene = generate("cluster", 3)
     made = {name: condition(scene, 3) for name, condition in CONDITIONS.items()}
     again = {name: condition(scene, 3) for name, condition in CONDITIONS.items()}
-    assert len(made) == 10
+    assert len(made) == 17
     for name, setting in made.items():
-        assert setting.scene is scene
+        assert (setting.scene is scene) == (name != "larger")
         assert setting.detector == again[name].detector
         assert setting.parameters == again[name].parameters
         for one, other in zip(setting.seen.objects, again[name].seen.objects, strict=True):
             assert one.id == other.id
             assert np.array_equal(one.position, other.position)
-    told = {(s.detector, s.parameters, len(s.seen.objects)) for s in made.values()}
-    assert len(told) == 10
+    wider = [item.radius for item in made["larger"].scene.objects if item.stem is not None]
+    usual = [item.radius for item in scene.objects if item.stem is not None]
+    np.testing.assert_allclose(wider, 1.15 * np.array(usual))
+    told = {
+        (s.detector, s.parameters, len(s.seen.objects), s.scene is scene) for s in made.values()
+    }
+    assert len(told) == 17
 
 
 @pytest.mark.parametrize("seed", range(4))

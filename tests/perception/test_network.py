@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.loaded import script
 from tests.perception.shots import shot_of
 from typer.testing import CliRunner
 
@@ -17,11 +18,12 @@ from optipromp.cli.main import app
 from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.scenes.io import save_scene
-from optipromp.laboratory.experiments.eyes import compared, figures
 from optipromp.laboratory.simulation.photograph import Photograph
 from optipromp.perception import ByNetwork
 from optipromp.perception.network import CLASSES, SIZE, encoded, grouped
 from optipromp.perception.pictures import picture_files
+
+STUDY = script("eyes_study")
 
 SEED = 60012
 MOST = 5_000_000  # bytes of a file of weights: what a package may carry
@@ -103,7 +105,7 @@ def test_what_the_network_is_shown() -> None:
 
 def test_the_shipped_network_finds_the_fruits_of_a_picture(shot: Photograph) -> None:
     finder = ByNetwork()
-    told = figures([compared(shot, finder)])
+    told = STUDY.figures([STUDY.compared(shot, finder)])
     assert told["visible"] >= 2
     assert told["recall"] == 1.0
     assert told["false"] == 0

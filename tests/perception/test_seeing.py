@@ -6,18 +6,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from tests.loaded import script
 from tests.perception.shots import SEED, shot_of
 from typer.testing import CliRunner
 
 from optipromp import load_scene
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
-from optipromp.laboratory.experiments.eyes import compared, figures
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.photograph import Photograph, photograph
 from optipromp.laboratory.simulation.stereo import StereoParameters, sensed
 from optipromp.perception import CameraModel, DepthPicture, look_at, seen_scene
 from optipromp.perception.pictures import load_picture, picture_files
+
+STUDY = script("eyes_study")
 
 
 def run(*words: object) -> str:
@@ -103,7 +105,7 @@ def test_masks_and_depth_are_where_the_fruits_are(shot: Photograph) -> None:
 
 
 def test_eyes_find_what_the_truth_says(shot: Photograph) -> None:
-    told = figures([compared(shot)])
+    told = STUDY.figures([STUDY.compared(shot)])
     assert told["recall"] == 1.0
     assert told["false"] == 0
     assert told["kind_right"] == 1.0
@@ -112,7 +114,7 @@ def test_eyes_find_what_the_truth_says(shot: Photograph) -> None:
 
 
 def test_a_palm_camera_sees_what_is_below_the_target() -> None:
-    told = figures([compared(photograph(generate("cluster", SEED), "palm", SEED))])
+    told = STUDY.figures([STUDY.compared(photograph(generate("cluster", SEED), "palm", SEED))])
     assert told["visible"] >= 2
     assert told["recall"] == 1.0
     assert told["center_90_mm"] < 10.0

@@ -23,7 +23,6 @@ from optipromp.core.planning.legs import (
     held,
     leg,
     leg_task,
-    retreat_model,
 )
 from optipromp.core.planning.task import posed
 from optipromp.core.planning.timing import shortest
@@ -94,7 +93,7 @@ def straight_back(picked: Picked) -> Picked:
     reach = picked.reach
     _, robot = held(reach)
     back = next(_retreats(reach.robot, reach.trajectory.positions, 0.1))
-    task = replace(leg_task(reach, RETREAT, back[0], back[-1]), back=retreat_model(reach, robot))
+    task = leg_task(reach, RETREAT, back[0], back[-1])
     return Picked({REACH: reach, RETREAT: leg(task, shortest(robot, back, 0, 0.1), 0.0)})
 
 

@@ -78,6 +78,32 @@ def test_a_neighbour_that_was_missed_is_seen_and_the_pick_is_clean() -> None:
     assert loop.controller.plans[1].scene.pushables
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("condition", "reason"),
+    [
+        ("near", ""),
+        ("frozen", "the camera's picture stands still while the camera moves"),
+        ("early", "ms early, by the pictures; they are corrected"),
+    ],
+)
+def test_a_fault_of_the_camera_harms_nothing(condition: str, reason: str) -> None:
+    loop = picked(situation(condition, 170_000), 170_000)
+    assert_sound(loop)
+    assert (loop.result, loop.stage) == ("clean", LoopStage.DONE)
+    assert any(reason in event.why for event in loop.controller.history)
+
+
+@pytest.mark.slow
+def test_a_target_whose_stem_breaks_ends_the_pick() -> None:
+    loop = picked(situation("breaks", 170_001), 170_001)
+    assert_sound(loop)
+    assert (loop.result, loop.stage) == ("gave_up", LoopStage.GAVE_UP)
+    assert loop.controller.events[-1].why == "the target falls: its stem broke"
+    assert not loop.run.rollout.attached[-1, loop.run.rollout.fruit_ids.index("ripe")]
+    assert not loop.run.outcome.torn
+
+
 def test_an_executor_follows_the_controller() -> None:
     """The contract of executors: no stretch is refused or comes too late."""
     given = situation("zero-mean", 101)

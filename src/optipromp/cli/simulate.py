@@ -150,7 +150,7 @@ def loop_document(loop: "Loop") -> dict[str, Any]:
         "stage": loop.stage,
         "decisions": [
             {"time": event.time, "stage": event.stage, "why": event.why}
-            for event in loop.controller.events
+            for event in loop.controller.history
         ],
         "legs": {} if loop.picked is None else {k: v.status for k, v in loop.picked.legs.items()},
         "cycles": len(loop.controller.cycles),

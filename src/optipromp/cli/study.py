@@ -26,7 +26,8 @@ class LoopChoices:
         loop (NAMES): Instead of planners compare open (plan, execute blind), looks (look again at
             the camera point, execute blind) and closed (the controller), or all.
         conditions (NAMES): Of loops: none, zero-mean, detector, missed, lower, aside, sway,
-            calibration, limp, all (at once); 'all' by itself is each of them, 'all,' that one.
+            calibration, limp, near, frozen, early, breaks, larger, gust, stiff, all (what
+            errs up to limp, at once); 'all' by itself is each of them, 'all,' that one.
         eyes (NAMES): Of loops (open by itself): scenes are seen by the eyes. rendered: in pictures,
             in the closed loop too, for a handful of scenes; fitted: by a camera model with the
             errors of these eyes.

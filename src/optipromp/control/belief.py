@@ -179,15 +179,18 @@ def visible(
     radii: FloatArray,
     reach: float,
     hiding: tuple[FloatArray, Obstacles | None],
+    close: float = 0.0,
 ) -> BoolArray:
     """(F,) which fruits a look should have seen.
 
-    A fruit is seen if its centre is in the cone of view, within ``reach`` [m], and no other fruit,
-    ball or static object is between it and the camera.
+    A fruit is seen if its centre is in the cone of view and within ``reach`` [m], all of it is
+    within the camera's limits, it is in no ball, and no other fruit, ball or static object is
+    between it and the camera.
 
-    ``look``: the camera's pose and angle of view. ``positions``: (F, 3) expected centres [m].
-    ``radii``: (F,) of the fruits [m]. ``reach``: distance [m]. ``hiding``: balls (B, 4), centres
-    and radii [m], e.g. of the arm; and static objects.
+    ``look``: the camera's pose, angle of view and limits. ``positions``: (F, 3) expected centres
+    [m]. ``radii``: (F,) of the fruits [m]. ``reach``: distance [m]. ``hiding``: balls (B, 4),
+    centres and radii [m], e.g. of the arm; and static objects. ``close``: the near limit of a
+    camera that states none [m].
     """
     count = len(positions)
     if not count:
@@ -197,8 +200,11 @@ def visible(
     away = np.maximum(np.sqrt((ways**2).sum(axis=1)), 1e-9)
     rays = ways / away[:, None]
     clear = (rays @ forward >= np.cos(0.5 * look.view)) & (away <= reach)
+    clear &= (away - radii >= (look.near or close)) & (away + radii <= look.far)
 
     balls, static = hiding
+    inside = np.linalg.norm(positions[:, None] - balls[:, :3], axis=2) < balls[:, 3]
+    clear &= ~inside.any(axis=1)
     centres = np.concatenate([ways, balls[:, :3] - eye])
     sizes = np.concatenate([radii, balls[:, 3]])
     along = rays @ centres.T
@@ -299,7 +305,7 @@ def after_look(belief: Belief, event: Arrival, world: Setting) -> tuple[Belief, 
     hiding = (event.balls, world.static)
 
     def shown(places: FloatArray) -> BoolArray:
-        sight = visible(seen.look, places, radii, given.reach, hiding)
+        sight = visible(seen.look, places, radii, given.reach, hiding, given.close)
         return np.asarray(sight & (lengths(places - centre) <= far))
 
     looked_at = shown(expected)

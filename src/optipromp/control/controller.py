@@ -2,23 +2,21 @@
 
 The tool goes to the camera point, looks, plans, and comes to the target along the plan's path,
 moved with the plant. A prediction of the push under way, and where it asks for it a search, take
-the time that the cycles leave over (:class:`Sliced`). A tool whose push has become hopeless
-retreats along its own path, looks again and tries again. After the last try it gives up.
+the time that the cycles leave over (:class:`Sliced`). A tool whose push has become hopeless stops,
+leaves by the way of least harm, looks again and tries again. After the last try it gives up.
 """
 
 from __future__ import annotations
 
 import math
-import threading
-import time
 import time as wall
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import numpy as np
 
+from optipromp.control.camera import CameraWatch
 from optipromp.control.driver import (
     Driver,
     Route,
@@ -26,6 +24,7 @@ from optipromp.control.driver import (
     changed,
     displaced,
     gave_way,
+    mouth_balls,
     outside,
     path_back,
     pushed_by,
@@ -41,7 +40,7 @@ from optipromp.control.stiffness import Stiffness, by_wrench
 from optipromp.control.tracker import Tracked, Tracker
 from optipromp.control.tracks import TrackerParameters
 from optipromp.core.arrays import FloatArray, frame_along, rotation
-from optipromp.core.budget import between_steps, pause
+from optipromp.core.budget import Sliced
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning import Plan, plan
@@ -89,6 +88,7 @@ def excess_harm(made: Plan | OptiPrompError) -> float:
 
 _STEPS = 8  # of a turn, each at most 7 degrees: inverse kinematics stays on its branch
 _MISS = 1e-6  # [m] error above which a configuration is none
+STANDS = "the camera's pictures stand still"
 BRAKING = 0.15  # [s] before the approach, at which the tool begins to stop and look: a choice
 
 
@@ -122,6 +122,7 @@ class Controller:
     Attributes:
         stage: what the controller does now.
         events: all decisions so far.
+        noticed: what was noticed of the camera and of the target, each in the stage that it was in.
         cycles: wall time of each cycle [s].
         tracker: of the fruits.
         stiffness: what the pushes so far told of the stems.
@@ -146,7 +147,11 @@ class Controller:
         self.seed, self.parameters, self.servo = seed, parameters, servo
         self.scene = scene = tracked_at_most(scene, TrackerParameters.most)
         known = [item for item in scene.objects if item.role in ("target", "pushable")]
-        self.tracker = Tracker(scene, first=[with_covariance(item, parameters) for item in known])
+        self._camera = CameraWatch(self.robot, parameters)
+        self.tracker = Tracker(
+            scene, first=[with_covariance(item, parameters) for item in known], tool=self._mouth
+        )
+        self.noticed = list[Decision]()
         self.stage, self.events, self.cycles = LoopStage.LOOK, list[Decision](), list[float]()
         self.plans: list[Plan] = []
         self.stiffness = Stiffness.prior()
@@ -164,6 +169,8 @@ class Controller:
         self._learnt_at = np.full(3, np.inf)  # tool point of the last observation of the stems
         self._views: list[FloatArray] | None = None  # that are left; None: none was needed
         self._trail: list[FloatArray] = []  # (k, n) configurations on the way from the camera
+        self._last = ""  # why there is no other try; empty: there may be one
+        self._target_at: tuple[float, FloatArray] | None = None  # time, place (3,) of its detection
 
     def see(self, look: Look) -> None:
         """Take a look in; looks may come late and out of order.
@@ -178,6 +185,11 @@ class Controller:
         For arms that report one, in every cycle.
         """
         self._force = np.asarray(force, dtype=np.float64)
+
+    @property
+    def history(self) -> list[Decision]:
+        """Decisions and what was noticed, in order of time."""
+        return sorted([*self.noticed, *self.events], key=lambda item: item.time)
 
     @property
     def ended(self) -> bool:
@@ -198,17 +210,16 @@ class Controller:
         """
         began = wall.perf_counter()
         self._driver.stands_at(reference.q)
+        self._camera.follow(time, measured.q)
         due = [look for look in self._inbox if look.time <= time]
         self._inbox = [look for look in self._inbox if look.time > time]
         for look in due:
-            pushed = self._pushed(look.time)
-            self.tracker.add(look, pushed)
-            self._learn(look, pushed)
-            self._eye = look.camera.position
-            self._seen += look.time >= self._since
+            self._take(look, time)
         tracked = self.tracker.at(time)
         made = None
-        if self.stage is LoopStage.LOOK:
+        if why := self._trouble(time):
+            made = self._break_off(time, tracked, why)
+        elif self.stage is LoopStage.LOOK:
             made = self._look(time, tracked)
         elif self.stage is LoopStage.GO:
             made = self._go(time, tracked)
@@ -218,6 +229,68 @@ class Controller:
             made = self._driver.stand(time + self.parameters.lead)
         self.cycles.append(wall.perf_counter() - began)
         return made
+
+    # -- looks
+
+    def _take(self, look: Look, now: float) -> None:
+        """Fold a look in, if it tells anything."""
+        pushing = self._at_camera and self.stage is LoopStage.GO
+        seen = self._camera.checked(look, still=not pushing and self.stage is not LoopStage.RETREAT)
+        while self._camera.news:
+            self._notice(now, self._camera.news.pop(0))
+        if seen is None:
+            return
+        pushed = self._pushed(seen.time)
+        self._eye = seen.camera.position
+        if pushing and self.servo and not self._last and self._falls(seen):
+            self._last = "the target falls: its stem broke"
+            self._notice(now, self._last)
+        self.tracker.add(seen, pushed)
+        self._learn(seen, pushed)
+        self._seen += seen.time >= self._since
+
+    def _notice(self, now: float, what: str) -> None:
+        self.noticed.append(Decision(now, self.stage, what))
+
+    def _mouth(self, time: float) -> FloatArray:
+        return mouth_balls(self.robot, self._camera.configuration(time), self._eye)
+
+    def _falls(self, look: Look) -> bool:
+        """Whether the look shows the target below its place, and faster down than a plant moves."""
+        p, up = self.parameters, self.scene.up
+        tracked = self.tracker.at(look.time)
+        row = target_row(tracked)
+        seen = [look.camera @ item.position for item in look.detections if item.role == "target"]
+        if row is None or not seen:
+            return False
+        expected, before = tracked.positions[row], self._target_at
+        place = min(seen, key=lambda at: float(np.linalg.norm(at - expected)))
+        self._target_at = look.time, place
+        if before is None or not 0.0 < look.time - before[0] < p.picture_still:
+            return False
+        drop = float((expected - place) @ up)
+        aside = float(np.linalg.norm(expected - place - drop * up))
+        speed = float((before[1] - place) @ up) / (look.time - before[0])
+        return speed > p.fall and drop > max(p.dropped, aside)
+
+    def _trouble(self, now: float) -> str:
+        """Why the arm must not go on; empty: it may."""
+        if self.ended or self.stage is LoopStage.RETREAT:
+            return ""
+        since, p = self._camera.standing, self.parameters
+        if since is None or now - since <= p.picture_still + p.picture_wait:
+            since = None
+        self._last = self._last or self._camera.refused
+        pushing = self.stage is LoopStage.GO and self._at_camera and self.servo
+        return self._last or (STANDS if pushing and since is not None else "")
+
+    def _break_off(self, now: float, tracked: Tracked, why: str) -> Stretch | None:
+        """Back out of the fruits; where the tool is outside of them, stand and give up."""
+        route, begins = self._driver.route, now + self.parameters.lead
+        if self.stage is LoopStage.GO and self._at_camera and route is not None and route.plan:
+            return self._retreat(now, self._driver.phase(begins), why)
+        self._enter(LoopStage.GAVE_UP, now, why)
+        return None if self._driver.rests(now) else self._driver.brake(begins)
 
     # -- stages: each gives the next stretch, or None
 
@@ -282,7 +355,9 @@ class Controller:
             if drive.safe(turn):
                 self._enter(LoopStage.GO, now, "the target is not seen: to another view")
                 return drive.set_out(Route.back(self.robot, turn, drive.still), now, tracked)
-        self._enter(LoopStage.GAVE_UP, now, "the target is not seen")
+        stands = self._camera.standing is not None
+        why = STANDS if stands else "the target is not seen"
+        self._enter(LoopStage.GAVE_UP, now, why)
         return None
 
     def _go(self, now: float, tracked: Tracked) -> Stretch | None:
@@ -311,6 +386,12 @@ class Controller:
             self._enter(LoopStage.DONE, now, "at the target")
             return drive.brake(begins)
         if self._at_camera and self.servo:
+            since = self._camera.standing
+            if since is not None and now - since > p.picture_still:
+                return None if drive.waits else drive.pause(begins)
+            if target_row(tracked) is None:
+                why = "the target is no longer where it must be seen"
+                return self._retreat(now, phase, why)
             turn = self._watch(now, tracked, route.plan, phase)
             if turn is not None:
                 return turn
@@ -345,8 +426,8 @@ class Controller:
 
     def _again(self, now: float, why: str) -> None:
         """Look again, or give up after the last try."""
-        if self.tries <= 0:
-            self._enter(LoopStage.GAVE_UP, now, why)
+        if self.tries <= 0 or self._last:
+            self._enter(LoopStage.GAVE_UP, now, self._last or why)
             return
         self.tries -= 1
         self._enter(LoopStage.LOOK, now, why)
@@ -467,79 +548,3 @@ def views(robot: Robot, q: FloatArray, parameters: LoopParameters) -> list[Float
             if errors.max() <= _MISS:
                 found.append(path[-1])
     return found
-
-
-T = TypeVar("T")
-
-
-class _Dropped(BaseException):
-    """Ends a thread whose result is no longer wanted."""
-
-
-class Sliced(Generic[T]):
-    """Work in a thread that runs only while a cycle of the controller lends it time.
-
-    On one core, a search of 50 ms must not delay a cycle of 20 ms. The thread waits at every
-    :func:`optipromp.core.budget.step` until the next slice. Never do two threads run at once, so
-    the same slices give the same result. Time between two slices does not count for deadlines.
-    """
-
-    def __init__(self, work: Callable[[], T]) -> None:
-        self._work = work
-        self._go, self._back = threading.Semaphore(0), threading.Semaphore(0)
-        self._steps, self._until = 0.0, 0.0
-        self._dropped, self.done = False, False
-        self._error: BaseException | None = None
-        self._thread = threading.Thread(target=self._run, daemon=True)
-
-    def lend(self, steps: float = math.inf, seconds: float = math.inf) -> bool:
-        """Let the work run for some ``steps`` or ``seconds`` [s], at least one step.
-
-        Returns: Whether the work is done.
-        """
-        if self.done:
-            return True
-        self._steps, self._until = steps, time.perf_counter() + seconds
-        if not self._thread.ident:
-            self._thread.start()
-        else:
-            self._go.release()
-        self._back.acquire()
-        return self.done
-
-    def result(self) -> T:
-        """The result of work that is done. Raises the error of work that failed."""
-        assert self.done
-        if self._error is not None:
-            raise self._error
-        return self._result
-
-    def drop(self) -> None:
-        """Give the work up; its thread ends at the next step."""
-        if self._thread.ident and not self.done:
-            self._dropped = True
-            self._go.release()
-            self._thread.join()
-        self.done = True
-
-    def _run(self) -> None:
-        between_steps(self._wait)
-        try:
-            self._result = self._work()
-        except _Dropped:
-            pass
-        except BaseException as error:  # it is raised where the result is read
-            self._error = error
-        self.done = True
-        self._back.release()
-
-    def _wait(self, weight: int) -> None:
-        self._steps -= weight
-        if self._steps > 0 and time.perf_counter() < self._until:
-            return
-        began = time.perf_counter()
-        self._back.release()
-        self._go.acquire()
-        pause(time.perf_counter() - began)
-        if self._dropped:
-            raise _Dropped

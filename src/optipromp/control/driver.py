@@ -243,6 +243,25 @@ def outside(robot: Robot, q: FloatArray, tracked: Tracked) -> bool:
     return aside > max(tool.mouth[1], 0.01) + spread or along > tool.depth + spread
 
 
+MOUTH = np.array([0.6, 1.2, 1.8])  # heights below the rim of balls of one radius: a choice
+
+
+def mouth_balls(robot: Robot, q: FloatArray, eye: FloatArray | None) -> FloatArray:
+    """Balls (B, 4) that fill the mouth of the tool at ``q`` (n,): centres and radii [m].
+
+    They hide what is inside from an ``eye`` (3,) beside the tool; none for one that looks out of
+    the mouth, or that is not known.
+    """
+    tool, none = robot.tool, np.zeros((0, 4))
+    if tool is None or tool.mouth[0] <= 0.0 or eye is None:
+        return none
+    point, axis = robot.tool_pose(q)
+    if float(np.linalg.norm(np.cross(eye - point, axis))) < tool.mouth[0]:
+        return none
+    along = tool.depth - MOUTH * tool.mouth[0]
+    return np.column_stack([point + along[:, None] * axis, np.full(len(MOUTH), tool.mouth[0])])
+
+
 def unseen(tracked: Tracked, eye: FloatArray, since: float) -> dict[str, str | None]:
     """The confirmed fruits that no look has shown ``since`` a time [s], and what hides each.
 
@@ -405,10 +424,14 @@ class Driver:
         """Time in the route at a ``time`` [s]."""
         return 0.0 if self.course is None else self.course.phase_at(time)
 
+    @property
+    def waits(self) -> bool:
+        """Whether the arm comes to rest, or stands, beside its route."""
+        return self.course is not None and math.isinf(self.course.rate)
+
     def stuck(self, now: float) -> bool:
         """Whether the arm waits, and for long nothing has led onto its route."""
-        waits = self.course is not None and math.isinf(self.course.rate)
-        return waits and now - self._followed > self._parameters.stuck
+        return self.waits and now - self._followed > self._parameters.stuck
 
     def stand(self, begins: float) -> Stretch:
         """The curve of an arm that stands."""
@@ -419,7 +442,13 @@ class Driver:
         )
         return Stretch(curve, begins)
 
-    def brake(self, begins: float) -> Stretch:
+    def pause(self, begins: float) -> Stretch:
+        """The curve that comes to rest at once; the arm then waits where it is in its route."""
+        phase, self._followed = self.phase(begins), begins
+        self.course = replace(self.brake(begins), phase=phase)
+        return self.course
+
+    def brake(self, begins: float) -> Course:
         """The curve that comes to rest at once; the arm then waits at the begin of its route."""
         curve = stopped(self.robot, self.state(begins))
         self.course = Course(curve, begins, 0.0, math.inf)

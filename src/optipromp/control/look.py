@@ -1,5 +1,6 @@
 """Looks: what a detector saw at one moment; the door of every camera."""
 
+import math
 from dataclasses import dataclass
 
 from optipromp.core.errors import InvalidRequestError
@@ -22,15 +23,20 @@ class Look:
         detections: all objects that were found, static ones left out.
         view: full opening angle of the camera's cone of view [rad]; an object outside the cone is
             not missed.
+        near: distance from the camera below which it measures nothing [m]; 0: not known.
+        far: distance from the camera above which it measures nothing [m]; infinite: not known.
 
     Raises:
-        InvalidRequestError: a detection without a covariance, or an angle outside 0 to pi.
+        InvalidRequestError: a detection without a covariance, an angle outside 0 to pi, or limits
+            that are negative, not a number, or leave no distance between them.
     """
 
     time: float
     camera: Pose
     detections: tuple[SceneObject, ...]
     view: float = 1.2
+    near: float = 0.0
+    far: float = math.inf
 
     def __post_init__(self) -> None:
         for item in self.detections:
@@ -40,6 +46,11 @@ class Look:
                 )
         if not 0.0 < self.view <= 3.15:
             raise InvalidRequestError(f"view is {self.view:g}; must be above 0, at most pi [rad]")
+        if not 0.0 <= self.near < self.far:
+            raise InvalidRequestError(
+                f"near is {self.near:g} and far is {self.far:g}; near must not be negative, and "
+                "far above it [m]"
+            )
 
     def in_base(self) -> tuple[SceneObject, ...]:
         """The detections in the robot's base frame."""

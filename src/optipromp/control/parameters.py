@@ -81,6 +81,30 @@ class LoopParameters(Checked):
         "choice",
         "of waiting for a course onto a route, which is then given up",
     )
+    picture_moved: float = parameter(
+        0.001, "m", "choice", "motion of the camera after which an equal picture stands still"
+    )
+    picture_turned: float = parameter(0.005, "rad", "choice", "turn of the camera, likewise")
+    picture_still: float = parameter(
+        0.2, "s", "choice", "of pictures that stand still, after which the tool stops in a push"
+    )
+    picture_wait: float = parameter(
+        0.5, "s", "choice", "for which it then waits for other pictures, before it backs out"
+    )
+    stamp: float = parameter(0.04, "s", "choice", "least shift of stamps that is told")
+    stamp_most: float = parameter(0.3, "s", "choice", "largest shift that is corrected")
+    stamp_error: float = parameter(
+        0.01, "s", "choice", "standard deviation of a shift, with which it counts"
+    )
+    stamp_changes: int = parameter(2, "1", "choice", "of the shift, beyond which it is refused")
+    explained: float = parameter(
+        0.6, "1", "choice", "share of the fruits' apparent motion that a shift must explain"
+    )
+    remembered: float = parameter(4.0, "s", "choice", "of the arm's motion, for looks")
+    fall: float = parameter(
+        0.4, "m/s", "choice", "downward speed above that of a plant: the target falls"
+    )
+    dropped: float = parameter(0.02, "m", "choice", "of the target below its place, likewise")
     retreat_speed: float = parameter(0.1, "m/s", "choice", "of the tool on its way back")
 
 

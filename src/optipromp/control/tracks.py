@@ -120,6 +120,13 @@ class TrackerParameters(Checked):
     reach: float = parameter(
         0.8, "m", "guess", "distance from the camera beyond which a fruit is not missed"
     )
+    close: float = parameter(
+        0.1,
+        "m",
+        "reported",
+        "distance of a fruit's front below which it is not missed, where a look states no limit: "
+        "depth cameras measure from 0.07-0.3 m on",
+    )
     late: float = parameter(
         0.2, "s", "choice", "age up to which a look older than the newest is folded in"
     )

@@ -310,6 +310,12 @@ class DetectionParameters(Checked):
     sigma: float = parameter(0.005, "m", "choice", "of a coordinate where the covariance is zero")
     least_score: float = parameter(0.0, "1", "choice", "detections with a lower score are left out")
     view: float = parameter(1.2, "rad", "choice", "full opening angle of the camera's cone of view")
+    near: float = parameter(
+        0.0, "m", "choice", "distance below which the camera measures nothing; 0: not known"
+    )
+    far: float = parameter(
+        math.inf, "m or inf", "choice", "distance above which the camera measures nothing"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -364,7 +370,7 @@ def read_detections(
         if read is not None:
             found.append(read)
     at = nanoseconds(item.header.stamp) / NANO if time is None else time
-    return Look(at, camera, tuple(found), given.view)
+    return Look(at, camera, tuple(found), given.view, given.near, given.far)
 
 
 def _read(one: Message, k: int, given: DetectionParameters) -> SceneObject | None:

@@ -245,6 +245,7 @@ class PickLoop:
             "stage": str(loop.stage),
             "fruits": str(count),
             "tries left": str(loop.tries),
+            "camera": loop.noticed[-1].why if loop.noticed else "",
             "last cycle [ms]": f"{1e3 * loop.cycles[-1]:.1f}" if loop.cycles else "",
         }
         kind = "diagnostic_msgs/msg/KeyValue"

@@ -141,11 +141,16 @@ def after(reach: Plan, progress: Callable[[str], None] | None = None, **request:
         raise InvalidRequestError(f"{reach.robot.name} has no tool, which would hold the target")
     if reach.success:
         (progress or str)("retreat")
-        legs |= lifted(reach) if stands(reach.scene) else {RETREAT: retreat(reach)}
+        legs |= way_out(reach)
     if RETREAT in legs and legs[RETREAT].success and reach.scene.place is not None:
         scene, robot = carry_scene(legs)
         legs[CARRY] = plan(scene, progress=progress, **request | {"robot": robot})
     return Picked(legs)
+
+
+def way_out(reach: Plan) -> dict[str, Plan]:
+    """The legs by which the tool leaves the plant after a reach; see :func:`plan_pick`."""
+    return lifted(reach) if stands(reach.scene) else {RETREAT: retreat(reach)}
 
 
 def retreat(reach: Plan) -> Plan:
@@ -161,7 +166,7 @@ def retreat(reach: Plan) -> Plan:
 
     def judged(q: FloatArray) -> tuple[tuple[bool, bool, float], Plan]:
         """A retreat and its rank: validity, whether it presses more or ends badly, harm."""
-        task = replace(leg_task(reach, RETREAT, q[0], q[-1]), back=model)
+        task = leg_task(reach, RETREAT, q[0], q[-1], model)
         one = leg(task, shortest(robot, q, 0, PUSH.hanging.speed), clock() - began)
         worse = pressed(one) < min(pressed(reach), 0.0)
         if place is not None:  # the carry cannot begin where something is touched
@@ -299,8 +304,13 @@ def leg(task: Task, trajectory: Trajectory, seconds: float) -> Plan:
     )  # fmt: skip
 
 
-def leg_task(reach: Plan, name: str, begin: FloatArray, end: FloatArray) -> Task:
-    """The task of a lift or a retreat between two configurations (n,)."""
+def leg_task(
+    reach: Plan, name: str, begin: FloatArray, end: FloatArray, back: PushModel | None = None
+) -> Task:
+    """The task of a lift or a retreat between two configurations (n,).
+
+    ``back``: the model of :func:`retreat_model`; None: it is made.
+    """
     scene, robot = held(reach)
     lifts = stands(reach.scene)
     if lifts:
@@ -311,7 +321,7 @@ def leg_task(reach: Plan, name: str, begin: FloatArray, end: FloatArray) -> Task
     scene = replace(scene, goal=goal, start=begin, name=f"{reach.scene.name}-{name}")
     return Task(
         scene, robot, State(begin), goal, (), risk=reach.risk, begun=True, seed=reach.seed,
-        back=None if lifts else retreat_model(reach, robot),
+        back=None if lifts else back or retreat_model(reach, robot),
     )  # fmt: skip
 
 

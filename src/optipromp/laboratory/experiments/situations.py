@@ -53,6 +53,11 @@ BASE_OFF: Mapping[str, float] = {"arm_offset": 0.005, "arm_turn": 1.0}
 LATE, BUSY = 0.010, 0.020  # [s] of commands in a cell (0-20 ms), over a busy network: choices
 LIMP = 1.0 / 3.0  # of the stiffness of stems: the range in which it is a guess
 TOOL_OFF = 0.005  # [m] lateral error of the tool's position: a choice
+NEAR = 0.07  # [m] from the camera: the least range of a small stereo camera (D405)
+FROZEN = 0.5  # [s] of a picture that stands still: a choice
+EARLY = 0.150  # [s] of stamps before the exposure: a choice, a driver that stamps the request
+BREAKS = 0.12  # [m] of the tool point from a target whose stem breaks: a choice, in view
+LARGER, STIFF = 1.15, 5.0  # radius of fruits, stiffness of stems: choices beyond what is assumed
 NEAREST = 3  # pushables of which one is missed: a choice
 MISSED: Mapping[str, Any] = {"missed": 0.05, "hidden": 0.5}  # as the detector's
 
@@ -106,7 +111,8 @@ class Change:
         seen = noisy(scene, seed, NOISES[self.noise]) if self.noise else scene
         if self.settled:  # before the fruits are shifted, and as stems are believed to be
             p = replace(p, engine=replace(p.engine, settle=SETTLE))
-            sway = {name: v for name, v in self.disturbance.items() if name.startswith("sway")}
+            known = ("sway", "gust")
+            sway = {name: v for name, v in self.disturbance.items() if name.startswith(known)}
             seen = seen_at_once(seen, scene, seed, _disturbed(p, sway))
         truth, p = _changed(scene, p, **drawn)
         if self.shift is not None:
@@ -270,6 +276,13 @@ CONDITIONS: Mapping[str, Change] = {
     "sway": Change(disturbance=SWAY, settled=True),
     "calibration": Change(noise="zero-mean", detector=replace(_WHITE, **CAMERA_OFF)),
     "limp": Change(world={"stiffness": LIMP}),
+    "near": Change(detector=replace(_WHITE, near=NEAR)),
+    "frozen": Change(detector=replace(_WHITE, frozen=FROZEN)),
+    "early": Change(detector=replace(_WHITE, stamp=-EARLY)),
+    "breaks": Change(disturbance={"breaks": BREAKS}),
+    "larger": Change(world={"size": LARGER}),
+    "gust": Change(disturbance={**SWAY, "gust": 1.0}, settled=True),
+    "stiff": Change(world={"stiffness": STIFF}),
     "all": Change(
         noise="detector", detector=replace(DETECTORS["detector"], **CAMERA_OFF), unseen=True,
         disturbance=_ALL_MOVES, settled=True, world={"stiffness": LIMP},

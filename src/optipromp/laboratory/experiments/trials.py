@@ -18,7 +18,8 @@ import numpy as np
 
 from optipromp.core.arrays import lengths
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
-from optipromp.core.planning import Plan, PlanOptions, plan, planner_names
+from optipromp.core.planning import Picked, Plan, PlanOptions, plan, planner_names
+from optipromp.core.planning.legs import REACH, way_out
 from optipromp.core.planning.planners import factory, make
 from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice
 from optipromp.core.scenes.crops import Crop, load_crop
@@ -69,16 +70,20 @@ class Answer:
     status: Code  # ``success`` only where the judge found no violation
     message: str  # the status in words
     trajectory: Trajectory | None  # to execute; None where the planner has none
-    seconds: float  # wall time of planning [s]
+    seconds: float  # wall time of planning the reach [s]
     harm: float | None = None  # predicted harm of the push; None where no push model applies
     guard: float = 0.0  # time until which the tool's mouth is closed [s]; 0: it is open
     # predicted probability that the pick is not clean; None where it is not predicted
     failure: float | None = None
     tilt: float = 0.0  # angle between the planner's approach and the scene's [degrees]
+    legs: Picked | None = None  # reach and way out; None where no target is taken out
 
 
 def attempt(scene: Scene, planner: str, *, seed: int = 0, risk: float = PlanOptions.risk) -> Answer:
-    """Plan a scene with a registered planner.
+    """Plan a scene with a registered planner, and the way out after it.
+
+    A pick is promised with its way out. It is the same for all planners, and ends with the tool
+    away from the plant.
 
     ``scene``: as detected. ``planner``: one of :func:`study_planners`. ``seed``: of everything
     random. ``risk``: share of promised successes that may be broken, see :class:`PlanOptions`.
@@ -86,14 +91,28 @@ def attempt(scene: Scene, planner: str, *, seed: int = 0, risk: float = PlanOpti
     solver = make(planner)
     made = plan(scene, planner=solver, seed=seed, options=PlanOptions(risk=risk))
     moves = bool(np.ptp(made.trajectory.positions, axis=0).max() > 0.0)
-    told = made.prediction
+    told, legs, status, message = made.prediction, None, made.status, made.message
+    if moves and takes_out(made):
+        legs = Picked({REACH: made})
+        with suppress(OptiPrompError):  # a target that cannot be lifted stays
+            legs = Picked(legs.legs | way_out(made))
+        if made.success and len(legs.legs) > 1:
+            status, message = legs.status, legs.message
     return Answer(
-        planner, made.status, made.message, made.trajectory if moves else None, made.time["total"],
+        planner, status, message, made.trajectory if moves else None, made.time["total"],
         None if told is None else told.harm,
         pushed(made) if getattr(solver, "guard", False) else 0.0,
         None if told is None or math.isnan(told.probability) else told.probability,
-        float(np.rad2deg(np.arccos(min(made.scene.frame[2] @ scene.frame[2], 1.0)))),
+        float(np.rad2deg(np.arccos(min(made.scene.frame[2] @ scene.frame[2], 1.0)))), legs,
     )  # fmt: skip
+
+
+def takes_out(made: Plan) -> bool:
+    """Whether the tool takes hold of a target, in a scene in which nothing moves."""
+    tool, scene = made.robot.tool, made.scene
+    holds = tool is not None and tool.mouth[0] > 0.0 and scene.target is not None
+    hopeful = made.status in (Code.SUCCESS, Code.HARM_PREDICTED)
+    return holds and hopeful and not list(scene.movers)
 
 
 def pushed(made: Plan) -> float:
@@ -460,7 +479,8 @@ def _executed(made: Answer, setting: Situation, seed: int) -> Run:
     assert made.trajectory is not None
     p = setting.parameters
     p = replace(p, robot=replace(p.robot, guard_until=made.guard))
-    return simulate(made.trajectory, setting.scene, parameters=p, seed=seed)
+    motion = made.legs or made.trajectory
+    return simulate(motion, setting.scene, parameters=p, seed=seed, failed_leg=True)
 
 
 def _looped(setting: Situation, loop: str, seed: int) -> dict[str, Any]:

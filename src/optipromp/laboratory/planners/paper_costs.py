@@ -231,12 +231,15 @@ def push_reciprocal(points, tool, goal, lateral, softening, first, scale, force,
 
 @dataclass(frozen=True)
 class PaperSettings(Optimised):
-    """The settings of the paper's planner."""
+    """The settings of the paper's planner.
 
-    # ``sequential``: the paper's two stages; ``joint``: one solve
+    Attributes:
+        strategy: ``sequential``: the paper's two stages; ``joint``: one solve.
+        constraints: ``paper``: a plan is a success only if constraint 1 holds at every waypoint of
+            the paper's window. ``push-model``: success is decided as for other planners.
+        paper: settings that the paper leaves open; see :class:`PaperOptions`.
+    """
+
     strategy: Strategy = "sequential"
-    # ``paper``: a plan is a success only if constraint 1 holds at every waypoint of the paper's
-    # window. ``push-model``: success is decided as for other planners
     constraints: Constraints = "paper"
-    # settings that the paper leaves open; see :class:`PaperOptions`
     paper: PaperOptions = field(default_factory=PaperOptions)

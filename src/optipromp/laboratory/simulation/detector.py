@@ -115,6 +115,10 @@ class Detector:
             return self._stand
         return tool_frame(self.robot, q) @ self._hand
 
+    def believed(self, q: FloatArray) -> Pose:
+        """The pose of the camera in the base frame at ``q`` (n,) as looks state it."""
+        return self.camera(q) @ self.miscalibration
+
     def expose(self, time: float, q: FloatArray, fruits: Truth) -> Look:
         """The detections of one picture.
 
@@ -138,7 +142,8 @@ class Detector:
         ]
         found += self._wrong(camera, positions)
         found = self._exchanged(found, draws)
-        return Look(time, camera @ self.miscalibration, tuple(found), self.view)
+        p = self.parameters
+        return Look(time, self.believed(q), tuple(found), self.view, p.near, p.far)
 
     def _placed(self, fruits: Truth) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
         """Positions, rotations and stems, fruit first, of all fruits of the scene."""
@@ -191,7 +196,9 @@ class Detector:
             share = self._sight.hidden(camera.position, frame, positions, rotations, leaves)
             ramp = (share - p.hidden_from) / (p.hidden_to - p.hidden_from)
             blind += (p.hidden - p.missed) * np.clip(ramp, 0.0, 1.0)
-        return np.asarray((off <= 0.5 * self.view) & (chance >= blind))
+        away = np.linalg.norm(local, axis=1)
+        measured = (off <= 0.5 * self.view) & (away >= p.near) & (away <= p.far)
+        return np.asarray(measured & (chance >= blind))
 
     def _detection(
         self, row: int, camera: Pose, pose: Pose, stem: FloatArray, draws: _Draws
@@ -304,6 +311,8 @@ class Eye:
         self._first: float | None = None
         self._count = 0
         self._waiting: deque[Look] = deque()
+        self._arm: deque[tuple[float, FloatArray]] = deque()  # times [s], configurations (n,)
+        self._held: tuple[float, Look] | None = None  # end of a picture that stands still [s], it
 
     def see(self, time: float, q: FloatArray, fruits: Truth) -> bool:
         """Take a picture if one is due; whether one was taken.
@@ -313,19 +322,46 @@ class Eye:
         """
         if self._first is None:
             self._first = time
+        p = self.detector.parameters
+        self._arm.append((time, q))
+        while self._arm[0][0] < time - p.latency - 2.0 * abs(p.stamp) - 1.0 / p.rate:
+            self._arm.popleft()
         due = math.floor((time - self._first + SLACK) * self.detector.parameters.rate)
         if due < self._count:
             return False
         self._count = due + 1
-        self._waiting.append(self.detector.expose(time, q, fruits))
+        look = self.detector.expose(time, q, fruits)
+        self._waiting.append(self._frozen(look, time, q, fruits) if p.frozen > 0.0 else look)
         return True
+
+    def _frozen(self, look: Look, time: float, q: FloatArray, fruits: Truth) -> Look:
+        """The look with the picture that stands still, while one does."""
+        p, target = self.detector.parameters, self.detector.scene.target
+        if self._held is None and target is not None:
+            place = dict(zip(fruits.ids, fruits.positions, strict=True)).get(target.id)
+            place = target.position if place is None else place
+            away = np.linalg.norm(place - self.detector.camera(q).position)
+            if away < p.frozen_at:
+                self._held = time + p.frozen, look
+        if self._held is None or time >= self._held[0]:
+            return look
+        return replace(look, detections=self._held[1].detections)
+
+    def _stamped(self, look: Look) -> Look:
+        """The look with its stamp, and the pose of the camera at that time."""
+        at = look.time + self.detector.parameters.stamp
+        times = [time for time, _ in self._arm]
+        joints = np.array([q for _, q in self._arm]).T
+        q = np.array([np.interp(at, times, joint) for joint in joints])
+        return replace(look, time=at, camera=self.detector.believed(q))
 
     def delivered(self, now: float) -> tuple[Look, ...]:
         """The looks whose time and latency have passed at ``now`` [s], oldest first, each once."""
-        out = []
-        latest = now - self.detector.parameters.latency + SLACK
+        out, stamp = list[Look](), self.detector.parameters.stamp
+        latest = now - max(self.detector.parameters.latency, stamp) + SLACK
         while self._waiting and self._waiting[0].time <= latest:
-            out.append(self._waiting.popleft())
+            look = self._waiting.popleft()
+            out.append(look if stamp == 0.0 else self._stamped(look))
         return tuple(out)
 
 

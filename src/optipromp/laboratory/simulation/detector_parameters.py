@@ -9,7 +9,7 @@ from optipromp.core.parameters import Checked, parameter
 from optipromp.laboratory.detection import Noise
 
 MOUNTS = "palm", "hand", "beside"
-SIGNED = "bias", "lower"  # may be negative
+SIGNED = "bias", "lower", "stamp"  # may be negative
 SHARES = (
     "steady", "missed", "hidden", "hidden_from", "hidden_to", "missed_steadily", "swapped",
     "stem_seen", "leaf",
@@ -62,6 +62,24 @@ class DetectorParameters(Noise):
     )
     camera_turn: float = parameter(0.0, "deg", "choice", "the same of its turn about each axis")
     told: bool = parameter(True, "", "choice", "whether covariances include camera errors")
+    near: float = parameter(
+        0.0, "m", "choice", "distance of a centre below which it is not measured; D405: 0.07"
+    )
+    far: float = parameter(
+        math.inf, "m or inf", "choice", "distance of a centre above which it is not measured"
+    )
+    stamp: float = parameter(
+        0.0,
+        "s",
+        "choice",
+        "from the exposure to its stamp, at which the arm's pose is taken; negative: early",
+    )
+    frozen: float = parameter(
+        0.0, "s", "choice", "for how long, once, pictures are that before, with stamps that go on"
+    )
+    frozen_at: float = parameter(
+        0.15, "m", "choice", "distance of the target from the camera at which they are"
+    )
     palm_below: float = parameter(0.03, "m", "choice", "camera in the palm, behind the rim")
     hand_aside: float = parameter(0.03, "m", "choice", "hand camera, beyond the mouth's radius")
     hand_below: float = parameter(0.06, "m", "choice", "of the hand camera, behind the rim")
@@ -74,7 +92,7 @@ class DetectorParameters(Noise):
             raise InvalidRequestError(f"mount is {self.mount!r}; valid are {', '.join(MOUNTS)}")
         for name in SIGNED:
             if not math.isfinite(getattr(self, name)):
-                raise InvalidRequestError(f"{name} is {getattr(self, name)}; must be finite [m]")
+                raise InvalidRequestError(f"{name} is {getattr(self, name)}; must be finite")
         signed = {name: getattr(self, name) for name in SIGNED}
         self._set(dict.fromkeys(SIGNED, 0.0))  # Checked refuses negative numbers
         Checked.__post_init__(self)

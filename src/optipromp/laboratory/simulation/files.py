@@ -193,7 +193,7 @@ def record_of(loop: Loop, points: int = POINTS) -> LoopRecord:
         if running >= 0:
             q = _coming(trace.stretches[running], time, points)
             ahead[row] = robot.tool_pose(q)[0]
-    events = loop.controller.events
+    events = loop.controller.history
     looks = sorted(trace.looks, key=lambda look: look.time)
     discs = [
         (row, *(item.position[:2] / item.position[2]), item.radius / item.position[2],

@@ -148,6 +148,7 @@ class DisturbanceParameters(Checked):
     arm_offset: float = parameter(0.0, "m", "choice", "believed place of the arm's base to true")
     arm_turn: float = parameter(0.0, "deg", "choice", "likewise, turn of the arm's base")
     command_delay: float = parameter(0.0, "s", "choice", "of references to joints; cells: 0-20 ms")
+    breaks: float = parameter(0.0, "m", "choice", "of the tool when the stem breaks; 0: never")
 
     @property
     def in_motion(self) -> bool:

@@ -115,6 +115,7 @@ class Execution:
         self.fruit_entities = np.array([f.entity for f in shown], dtype=np.int64)
         self.stem_entities = np.array([f.stem_entity for f in shown], dtype=np.int64)
         self.guarded = p.robot.guard_until > 0.0
+        self.breaks = p.disturbance.breaks
         self.moving = np.array([e.kind not in ("static", "avoid") for e in entities])
         self.robot_entities = [i for i, e in enumerate(entities) if e.kind in ("link", "tool")]
 
@@ -175,6 +176,8 @@ class Execution:
         self.mujoco.mj_step1(self.model, self.data)
         if self.steps % self.tick == 0:
             self._control(q, rate, acceleration)
+            if self.breaks > 0.0:
+                self._break_stem()
         self.mujoco.mj_step2(self.model, self.data)
         if not is_sound(self.at.warnings, self.at.positions, self.at.velocities):
             self.warnings = self._warnings()
@@ -208,6 +211,19 @@ class Execution:
         self.torque = np.minimum(np.maximum(asked, -limit), limit)
         np.maximum(self.most_asked, np.abs(asked), out=self.most_asked)
         at.applied[:] = self.torque
+
+    def _break_stem(self) -> None:
+        """Cut the target's stem once the tool point is within ``breaks`` of the target."""
+        drives, robot = self.world.drives, self.world.robot
+        point = robot.tool_pose(drives.joints(self.at.q[None])[0])[0]
+        target = next((fruit for fruit in self.world.shown if fruit.role == "target"), None)
+        if target is None:
+            self.breaks = 0.0
+            return
+        place = self.data.qpos[target.position : target.position + 3]
+        if float(np.linalg.norm(place - point)) < self.breaks:
+            self.stems.cut(self.data, target)
+            self.breaks = 0.0
 
     def _warnings(self) -> tuple[str, ...]:
         data = self.data
