@@ -412,65 +412,33 @@ def _figures(pixel: float, metre: float, degree: float) -> tuple[str, ...]:
     return tuple("" if text == "nan" else text for text in values)
 
 
-@dataclass(frozen=True)
-class Measured:
-    """The options of measurements: one number a fruit, separated by commas.
-
-    Attributes:
-        width (MM): Of fruits, across.
-        length (MM): Of these fruits, along their axes.
-        mass (G): Of these fruits.
-        stem_length (MM): Of stems, from where you clamp them to the fruit.
-        stem_diameter (MM): Of these stems, at their middle.
-        sag_load (G): Hung from the tip of each stem, clamped level at its root.
-        sag (MM): By which the tip sinks under that load.
-        swings (COUNT): Whole swings of a fruit on its stem in a film.
-        swing_first (MM): How far aside the fruit was at their begin.
-        swing_last (MM): And at their end.
-        pull_along (G): Of a luggage scale that detaches a fruit, along its stem.
-        pull_across (G): Likewise, across its stem.
-    """
-
-    width: str = ""
-    length: str = ""
-    mass: str = ""
-    stem_length: str = ""
-    stem_diameter: str = ""
-    sag_load: str = ""
-    sag: str = ""
-    swings: str = ""
-    swing_first: str = ""
-    swing_last: str = ""
-    pull_along: str = ""
-    pull_across: str = ""
-
-
 @command()
 def measure_crop(
-    table: Path | None = None,
+    measured: list[str],
     /,
     *,
     out: Path,
     name: str | None = None,
     like: str = "strawberry",
-    measured: Measured,
 ) -> Report:
     """Make a crop file from measurements with a ruler, a kitchen scale and a phone.
 
-    Rows that you measured say so, with the number of fruits and their spread; all others are of the
-    crop that yours is like, and stay guesses where they are guesses. A scene names the file:
-    crop: my-crop.yaml.
+    Measurements: width, length, stem_length, stem_diameter [mm] and mass [g] of fruits; sag [mm] of
+    the tip of a stem, clamped level, under sag_load [g]; swings of a fruit in a film, swing_first
+    and swing_last [mm], how far aside it went; pull_along and pull_across the stem [g], at which it
+    comes off. Rows that you measured say so, with the number of fruits and their spread; all others
+    are of the crop that yours is like, and stay guesses where they are guesses.
 
     [bold]Examples[/bold]
 
     \b
     optipromp measure-crop fruits.csv --like tomato --out my-crop.yaml
-    optipromp measure-crop --width 31,29,34 --length 42,40,45 --mass 19,16,24 --out my-crop.yaml
+    optipromp measure-crop width=31,29,34 length=42,40,45 mass=19,16,24 --out my-crop.yaml
     optipromp study --preset cluster --crop my-crop.yaml --vary crop --out guesses
 
     Args:
-        table (FILE.csv|FILE.yaml): A column or list for each measurement, named as the options
-            (stem_length), a row or entry for each fruit; a cell may be empty.
+        measured (TABLE|NAME=NUMBERS): A CSV or YAML file with a column or list for each
+            measurement, a cell or entry for each fruit, which may be empty; or name=31,29,34.
         out (FILE.yaml): The crop.
         name: Of the crop; by default that of the file.
         like (CROP): Whose rows stand where nothing was measured.
@@ -478,10 +446,10 @@ def measure_crop(
     from optipromp.core.scenes.crops import ROWS, load_crop, save_crop
     from optipromp.laboratory.measuring import measured_crop, read_measurements
 
-    told = {key: text.split(",") for key, text in asdict(measured).items() if text}
-    given = ({} if table is None else read_measurements(table)) | told
-    if not given:
-        raise InvalidRequestError("nothing is measured: give a table, or --width and others")
+    given: dict[str, Sequence[object]] = {}
+    for word in measured:
+        key, equals, numbers = word.partition("=")
+        given |= {key: numbers.split(",")} if equals else read_measurements(Path(word))
     crop, mine = measured_crop(name or out.stem, load_crop(like), given)
     save_crop(crop, out)
     shown = grid(("row",), ("value", "spread", "unit"))

@@ -37,27 +37,21 @@ LIMITS: Mapping[str, Limits] = {
 DEEPEST = 0.3  # sag over length up to which a beam's tip sinks by F L³ / 3EI, to 5 %
 
 
-def _modulus(
-    length: FloatArray, thick: FloatArray, load: FloatArray, sag: FloatArray
-) -> FloatArray:
-    """Of a level beam under a load at its tip [Pa]."""
-    if (sag > DEEPEST * length).any():
-        k = int(np.argmax(sag / length))
+def _modulus(length: FloatArray, d: FloatArray, load: FloatArray, sag: FloatArray) -> FloatArray:
+    """Of a level round beam of diameter ``d`` under a load at its tip [Pa]."""
+    deepest = float((sag / length).max())
+    if deepest > DEEPEST:
         raise InvalidRequestError(
-            f"sag[{k}] is {1e3 * sag[k]:g} mm of a stem of {1e3 * length[k]:g} mm: must be at most "
-            f"{DEEPEST:g} of its length; hang a lighter weight"
+            f"sag is {deepest:.2g} of stem_length: must be at most {DEEPEST:g}; hang a lighter "
+            "weight"
         )
-    return np.asarray(load * GRAVITY * length**3 / (3.0 * sag) * 64.0 / (math.pi * thick**4))
+    return np.asarray(load * GRAVITY * length**3 / (3.0 * sag) * 64.0 / (math.pi * d**4))
 
 
 def _ratio(swings: FloatArray, first: FloatArray, last: FloatArray) -> FloatArray:
     """Damping ratio by the logarithm of amplitudes."""
     if (last >= first).any():
-        k = int(np.argmax(last >= first))
-        raise InvalidRequestError(
-            f"swing_last[{k}] is {1e3 * last[k]:g} mm after {1e3 * first[k]:g} mm: must be less, "
-            "since swings die out"
-        )
+        raise InvalidRequestError("swing_last is not below swing_first: must be, as swings die out")
     fall = np.log(first / last) / swings
     return np.asarray(fall / np.hypot(2.0 * math.pi, fall))
 
@@ -83,15 +77,11 @@ def measured_crop(
 ) -> tuple[Crop, tuple[str, ...]]:
     """A crop from measurements, and the names of the rows that were measured.
 
-    Args:
-        name: of the crop.
-        like: whose rows stand where nothing was measured.
-        given: texts or numbers of each of :data:`LIMITS`, one a fruit, in its unit; empty where it
-            was not measured.
+    ``like``: whose rows stand where nothing was measured. ``given``: texts or numbers of each of
+    :data:`LIMITS`, one a fruit, in its unit; empty where it was not measured.
 
-    Raises:
-        InvalidRequestError: an unknown measurement, one that is out of its limits, numbers of
-            measurements that differ, or one from which no row follows.
+    Raises InvalidRequestError: a measurement that is unknown or out of its limits, numbers of
+    measurements that differ, or one from which no row follows.
     """
     known = {key: _numbers(key, each) for key, each in given.items()}
     rows, used = dict(like.rows), set[str]()
@@ -121,9 +111,10 @@ def read_measurements(table: Path) -> dict[str, Sequence[object]]:
     if table.suffix == ".csv":
         found = read_table(table, InvalidRequestError, "width, mass, ...")
         return {name: [row[k] for row in found.rows] for k, name in enumerate(found.header)}
-    document = read_document(table, InvalidRequestError, "measurements (width: [31, 29], ...)")
+    holds = "measurements (width: [31, 29], ...), or name=31,29 in place of a file"
+    document = read_document(table, InvalidRequestError, holds)
     if not isinstance(document, dict):
-        raise InvalidRequestError(f"{table}: must be a mapping of measurements, width: [31, 29]")
+        raise InvalidRequestError(f"{table}: must hold {holds}")
     return {key: one if isinstance(one, list) else [one] for key, one in document.items()}
 
 
