@@ -134,7 +134,7 @@ def generate_with_report(
             again (:mod:`optipromp.laboratory.generate.placing`).
         choice: of the arm in the robot's file.
         crop: whose fruits take the place of the preset's
-            (:func:`optipromp.laboratory.generate.plants.of_crop`); None: the preset's.
+            (:func:`optipromp.laboratory.generate.plants.with_fruits_of`); None: the preset's.
 
     Raises:
         InvalidRequestError: an unknown preset or a negative seed; another robot than the Panda, or
@@ -166,7 +166,7 @@ def generate_with_report(
             sample = partial(kind.sample, gutter=side) if kind.gutter else kind.sample
         try:
             scene = sample(f"{preset}-{seed}", count, rng)
-            scene = scene if crop is None else plants.of_crop(scene, crop, grown)
+            scene = scene if crop is None else plants.with_fruits_of(scene, crop, grown)
         except OverlapError as overlap:
             reasons[str(overlap)] += 1
             continue

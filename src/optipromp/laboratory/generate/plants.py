@@ -97,7 +97,7 @@ def physical(fruits: Sequence[SceneObject], rng: np.random.Generator) -> list[Sc
     return drawn
 
 
-def of_crop(scene: Scene, crop: Crop, rng: np.random.Generator) -> Scene:
+def with_fruits_of(scene: Scene, crop: Crop, rng: np.random.Generator) -> Scene:
     """The sample with the crop's fruits: drawn widths, lengths, densities and lengths of stems.
 
     All else is as much farther from the target, and the cup as much larger, as fruits are wider
