@@ -32,6 +32,7 @@ def generate(
     seed: int = 0,
     count: int = 1,
     noise: str = "",
+    crop: str | None = None,
     *,
     robot: Whose = None,
     arm: ArmOptions,
@@ -65,17 +66,20 @@ def generate(
         count (1..): How many scenes.
         noise (NAME): Write the scenes as a detector sees them, too, into DIR/seen: zero-mean, low,
             high, missed or detector, as of 'study'.
+        crop (CROP): Fruits and stems of a crop: strawberry, tomato, apple or a file.
     """
+    from optipromp.core.scenes.crops import load_crop
     from optipromp.laboratory.generate import NOISES, PANDA, generate_with_report
 
     if noise and noise not in NOISES:
         raise InvalidRequestError(f"noise is {noise!r}: {suggest(noise, NOISES)}")
     files.check_folder(out / SEEN if noise else out)
-    named = arm.of(robot)
+    named, grown = arm.of(robot), None if crop is None else load_crop(crop)
     documents: list[dict[str, Any]] = []
     reasons: Counter[str] = Counter()
     for number in range(seed, seed + count):
-        scene, report = generate_with_report(preset, number, named.name or PANDA, named.choice)
+        whose = named.name or PANDA, named.choice
+        scene, report = generate_with_report(preset, number, *whose, grown)
         if named.name is not None:
             _judge_start(scene)
         optipromp.save_scene(scene, path := out / f"{scene.name}.yaml")

@@ -1,8 +1,8 @@
-"""``optipromp see``: from pictures to scenes; ``optipromp calibrate``: where a camera is."""
+"""``optipromp see``, ``calibrate`` and ``measure-crop``: from pictures and rulers to scenes."""
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -46,6 +46,7 @@ def see(
     bag: Path | None = None,
     topics: str | None = None,
     every: float = 1.0,
+    crop: str | None = None,
 ) -> Report:
     """Find fruits and stems in pictures, and write scenes to plan in.
 
@@ -81,12 +82,16 @@ def see(
         bag: Of ROS 2, in place of files: colour and depth, or a cloud, and frames.
         topics (A,B): Of the bag: colour and depth, or the cloud, to take.
         every (SECONDS 0..): Of the bag: between pictures.
+        crop (CROP): Of the fruits: strawberry, tomato, apple or a file. The scenes name it; fruits
+            of other sizes are said.
     """
+    from optipromp.core.scenes.crops import load_crop
     from optipromp.perception.detector import finder_named
     from optipromp.perception.eyes import overlay
     from optipromp.perception.pictures import OVERLAY, png_file
 
     eye = finder_named(finder, model)
+    grown = None if crop is None else load_crop(crop)
     asked: Iterator[_Asked] | list[_Asked]
     if bag is not None:
         if folder is not None or rgb is not None or depth is not None:
@@ -100,6 +105,7 @@ def see(
     sights: list[tuple[Sighting, Scene, Path]] = []
     for each in asked:
         scene = optipromp.load_scene(each.known or "scenario-3")
+        scene = scene if grown is None else replace(scene, crop=grown)
         picture = _load(each, scene)
         began = time.perf_counter()
         from optipromp.perception.eyes import look_at
@@ -404,3 +410,55 @@ def _shown(found: "HandEye", out: Path) -> Iterator[Any]:
 def _figures(pixel: float, metre: float, degree: float) -> tuple[str, ...]:
     values = (f"{pixel:.2f}", f"{1e3 * metre:.2f}", f"{degree:.2f}")
     return tuple("" if text == "nan" else text for text in values)
+
+
+@command()
+def measure_crop(
+    measured: list[str],
+    /,
+    *,
+    out: Path,
+    name: str | None = None,
+    like: str = "strawberry",
+) -> Report:
+    """Make a crop file from measurements with a ruler, a kitchen scale and a phone.
+
+    Measurements: width, length, stem_length, stem_diameter [mm] and mass [g] of fruits; sag [mm] of
+    the tip of a stem, clamped level, under sag_load [g]; swings of a fruit in a film, swing_first
+    and swing_last [mm], how far aside it went; pull_along and pull_across the stem [g], at which it
+    comes off. Rows that you measured say so, with the number of fruits and their spread; all others
+    are of the crop that yours is like, and stay guesses where they are guesses.
+
+    [bold]Examples[/bold]
+
+    \b
+    optipromp measure-crop fruits.csv --like tomato --out my-crop.yaml
+    optipromp measure-crop width=31,29,34 length=42,40,45 mass=19,16,24 --out my-crop.yaml
+    optipromp study --preset cluster --crop my-crop.yaml --vary crop --out guesses
+
+    Args:
+        measured (TABLE|NAME=NUMBERS): A CSV or YAML file with a column or list for each
+            measurement, a cell or entry for each fruit, which may be empty; or name=31,29,34.
+        out (FILE.yaml): The crop.
+        name: Of the crop; by default that of the file.
+        like (CROP): Whose rows stand where nothing was measured.
+    """
+    from optipromp.core.scenes.crops import ROWS, load_crop, save_crop
+    from optipromp.laboratory.measuring import measured_crop, read_measurements
+
+    given: dict[str, Sequence[object]] = {}
+    for word in measured:
+        key, equals, numbers = word.partition("=")
+        given |= {key: numbers.split(",")} if equals else read_measurements(Path(word))
+    crop, mine = measured_crop(name or out.stem, load_crop(like), given)
+    save_crop(crop, out)
+    shown = grid(("row",), ("value", "spread", "unit"))
+    for key in mine:
+        row = crop.rows[key]
+        shown.add_row(key, f"{row.value:.4g}", f"{row.spread:.2g}", ROWS[key].unit)
+    document = {
+        "file": str(out), "name": crop.name, "guesses": crop.guesses,
+        "measured": {key: asdict(crop.rows[key]) for key in mine},
+    }  # fmt: skip
+    rest = f"still guesses, of {like}: {', '.join(crop.guesses)}"
+    return Report(document, (shown, rest, f"wrote {out}"))

@@ -394,7 +394,7 @@ def _worst(
             file = file_of(settings, row.preset)
             run = None
             if row.cause != ERROR and robot is not None and (file or "scenes" not in settings):
-                run = again(row, robot, settings["risk"], file)
+                run = again(row, robot, settings["risk"], file, settings.get("crop", ""))
             shown.append(paragraph(caption) if run is None else picture(_picture(run), caption))
         except OptiPrompError:  # nothing can be drawn off screen, or the robot's file is not there
             shown.append(paragraph(caption))

@@ -185,7 +185,8 @@ def seen_scene(
     pushable. A fruit whose stem was not seen gets one that is unseen: about upright, clear of the
     other fruits, as long as the median of those seen
     (:func:`optipromp.core.scenes.objects.cleared`). Its tilts have the standard deviation
-    ``parameters.tilt``.
+    ``parameters.tilt``. The crop of ``known`` is the scene's: a stem is as long as the crop's where
+    none was seen, and fruits of an unusual width are told.
 
     Raises:
         InvalidRequestError: no ripe fruit is seen.
@@ -203,13 +204,17 @@ def seen_scene(
         others = ", ".join(item.id for item in ripe if item is not target)
         assumed.append(f"{target.id} is the target, the lowest ripe fruit; pushable: {others}")
     lengths = [item.stem.length for item in found if item.stem is not None]
-    long = float(np.median(lengths)) if lengths else p.stem_length
+    usual = p.stem_length if known.crop is None else known.crop["stem_length"]
+    long = float(np.median(lengths)) if lengths else usual
     unseen = [item.id for item in found if item.stem is None]
     if unseen:
         assumed.append(
             f"stem not seen of {', '.join(unseen)}: upright, {long:.2f} m long, or any other whose "
             f"tilts have a deviation of {p.tilt:g} degrees"
         )
+    if known.crop is not None:
+        wide = {item.id: 2.0 * float(min(item.shape.measure.half)) for item in found}
+        assumed += known.crop.unusual(wide)
     fruits = []
     for item in found:
         role: Role = "target" if item is target else "pushable"

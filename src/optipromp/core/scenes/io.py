@@ -18,6 +18,7 @@ from optipromp.core.errors import InvalidRequestError, InvalidSceneError
 from optipromp.core.files import is_there, write_atomically
 from optipromp.core.geometry.shapes import PRIMITIVES, MeshShape, PointCloudShape, Shape
 from optipromp.core.robots.library import NOTHING
+from optipromp.core.scenes.crops import crop_names, load_crop
 from optipromp.core.scenes.goals import Goal, RegionGoal
 from optipromp.core.scenes.reading import check_magnitude, scene_from_dict
 from optipromp.core.scenes.scene import STEM_RADIUS, Attached, Scene, SceneObject, ToolSpec
@@ -111,6 +112,13 @@ def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, An
     document |= _plain(scene, ["start"])
     if scene.target is not None:
         document["target"] = scene.target.id
+    if scene.crop is not None:
+        file = scene.crop.path
+        if file is None and (
+            scene.crop.name not in crop_names() or scene.crop != load_crop(scene.crop.name)
+        ):
+            raise InvalidSceneError(f"crop {scene.crop.name!r} was made in memory: has no file")
+        document["crop"] = scene.crop.name if file is None else _relative(file, base_dir)
     if scene.goal is not None:
         goals = [_goal_to_dict(goal) for goal in scene.goals]
         document["goal"] = goals if isinstance(scene.goal, tuple) else goals[0]

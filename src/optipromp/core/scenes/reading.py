@@ -21,6 +21,7 @@ from optipromp.core.geometry.shapes import (
 )
 from optipromp.core.robots.library import UNTRUSTED, Choice, robot_names
 from optipromp.core.robots.tools import make_tool
+from optipromp.core.scenes.crops import load_crop
 from optipromp.core.scenes.goals import (
     Goal,
     HeldUpright,
@@ -109,6 +110,7 @@ def scene_from_dict(
             may_touch=tuple((a, b) for a, b in model.may_touch),
             padding=scale * model.padding,
             place=None if model.place is None else Place(**values(model.place, scale, default)),
+            crop=None if model.crop is None else load_crop(model.crop, base_dir or Path()),
         )
     except InvalidSceneError as error:
         raise InvalidSceneError(f"{source}: {where}{error.message}") from None

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,6 +31,9 @@ from optipromp.core.scenes.objects import ROLES, STEM_RADIUS, ObjectMotion, Role
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.values import array, keep, limited, named, suggest, unit
 from optipromp.core.shown import Shown
+
+if TYPE_CHECKING:
+    from optipromp.core.scenes.crops import Crop
 
 __all__ = [
     "ROLES", "STEM_RADIUS", "Approach", "Attached", "Goal", "JointGoal", "Pose", "PoseGoal",
@@ -158,6 +161,8 @@ class Scene(Shown):
             these; neither the planner nor the judge minds their contact.
         place: where the tool is to bring the target after the pick.
         padding: distance that the robot keeps from static objects [m]; an object may state another.
+        crop: of the fruits: what they are made of and what they bear, in the simulation; None: the
+            simulation's own parameters and thresholds.
 
     Raises:
         InvalidSceneError: ids repeat; there is no target, two targets, or a target and a goal; a
@@ -182,6 +187,7 @@ class Scene(Shown):
     may_touch: tuple[Pair, ...] = ()
     padding: float = 0.0
     place: Place | None = None
+    crop: Crop | None = None
 
     def __post_init__(self) -> None:
         named("name", self.name)

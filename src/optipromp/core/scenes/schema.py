@@ -287,13 +287,14 @@ def _path(path: Any) -> Any:
     return path
 
 
-def _as_list(given: Any) -> Any:
+def as_list(given: Any) -> Any:
+    """A single value as a list of it."""
     return given if isinstance(given, list) else [given]
 
 
 JOINTS = Value(Annotated[list[Number], Field(min_length=1)])
 TOLERANCE = form(
-    position=Value(Annotated[list[Positive], BeforeValidator(_as_list)], 1),
+    position=Value(Annotated[list[Positive], BeforeValidator(as_list)], 1),
     angle=Value(Positive),
     orientation=TURN,
 )
@@ -437,6 +438,7 @@ SCENE = form(
     scale=Value(Positive),
     start=JOINTS,
     target=NAME,
+    crop=NAME,
     goal=Value(
         Annotated[
             _ONE_GOAL | _GOALS,
@@ -458,14 +460,14 @@ SCENE = form(
 )
 
 
-def parse(document: Any, source: str) -> Any:
-    """Check a document against the schema.
+def parse(document: Any, source: str, schema: Any = SCENE) -> Any:
+    """Check a document against the schema, by default of a scene.
 
     ``document``: the content of the file, as plain Python values. ``source``: the name of the
     document in messages, usually the file.
     """
     try:
-        return SCENE.model_validate(document)
+        return schema.model_validate(document)
     except ValidationError as error:
         details = error.errors(include_url=False)
         more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""

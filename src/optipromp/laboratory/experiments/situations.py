@@ -23,6 +23,7 @@ from optipromp.core.arrays import FloatArray, frame_along
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.crops import ROWS, Crop
 from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene, SceneObject
@@ -31,7 +32,7 @@ from optipromp.laboratory.generate import NOISES, noisy
 from optipromp.laboratory.generate.noise import LOOK
 from optipromp.laboratory.simulation.detector import Detector
 from optipromp.laboratory.simulation.detector_parameters import DETECTORS, DetectorParameters
-from optipromp.laboratory.simulation.parameters import SimulationParameters
+from optipromp.laboratory.simulation.parameters import SimulationParameters, of_crop
 from optipromp.laboratory.simulation.simulation import Simulation
 
 LOWER = 0.010  # [m] from the height at which fruits are seen down to the true one: a choice
@@ -106,7 +107,7 @@ class Change:
         """The situation of a true scene; the same scene and seed give the same one."""
         rng = np.random.default_rng([seed, 2])
         drawn = self.world(rng) if callable(self.world) else self.world
-        p = SimulationParameters()
+        p = of_crop(SimulationParameters(), scene.crop)
         seen = noisy(scene, seed, NOISES[self.noise]) if self.noise else scene
         if self.settled:  # before the fruits are shifted, and as stems are believed to be
             p = replace(p, engine=replace(p.engine, settle=SETTLE))
@@ -314,9 +315,40 @@ VARIATIONS: Mapping[str, Change] = {
 """By name. The first is the simulation's default, each next changes one thing, the last many."""
 
 
+AS_CROP = "as the crop"
+"""The first of the variations of a crop."""
+SIZES = "width", "elongation", "stem_length"  # rows that scenes are made of, not their physics
+
+
+def crop_variations(crop: Crop) -> dict[str, Crop]:
+    """The crop, then the crop with each guess at the least and at the largest value, by name."""
+    out = {AS_CROP: crop}
+    for name in crop.guesses:
+        if name not in SIZES:
+            for end in crop.rows[name].ends:
+                out[f"{name} {end:.3g} {ROWS[name].unit}"] = crop.changed(name, end)
+    return out
+
+
+def _of_crop(scene: Scene, variation: str) -> Scene:
+    """The scene with its crop of a variation; densities that it states change alike."""
+    assert scene.crop is not None
+    crop = crop_variations(scene.crop)[variation]
+    factor = crop["density"] / scene.crop["density"]
+
+    def denser(item: SceneObject) -> SceneObject:
+        own = {k: v * (factor if k == "density" else 1.0) for k, v in item.physical.items()}
+        return replace(item, physical=own)
+
+    return replace(_fruits(scene, denser), crop=crop)
+
+
 def varied(setting: Situation, variation: str, seed: int) -> Situation:
     """A situation in the world of a variation, of which nobody is told; empty: in its own."""
     if not variation:
         return setting
+    if variation not in VARIATIONS:
+        other = Change()(_of_crop(setting.scene, variation), seed)
+        return setting._replace(scene=other.scene, parameters=other.parameters)
     other = VARIATIONS[variation](setting.scene, seed)
     return setting._replace(scene=other.scene, parameters=other.parameters)

@@ -180,6 +180,19 @@ def loop_figures(rows: Sequence[Row]) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def changed_by(rows: Iterable[Row]) -> dict[str, int]:
+    """How many runs of each variation end otherwise than those of the first, by variation."""
+    by: dict[str, dict[tuple[str, int, str], tuple[bool, str]]] = {}
+    for row in rows:
+        own = by.setdefault(row.variation, {})
+        own[row.preset, row.seed, row.planner] = row.success, row.causes
+    first = by.pop(next(iter(by)))
+    return {
+        name: sum(end != first[key] for key, end in own.items() if key in first)
+        for name, own in by.items()
+    }
+
+
 def causes_of(failed: Iterable[Row]) -> dict[str, int]:
     """The number of failures by cause, most frequent first; a run may have several causes."""
     causes = Counter(cause for row in failed for cause in row.causes.split() or [row.cause])

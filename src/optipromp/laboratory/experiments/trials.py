@@ -22,6 +22,7 @@ from optipromp.core.planning import Picked, Plan, PlanOptions, plan, planner_nam
 from optipromp.core.planning.legs import REACH, way_out
 from optipromp.core.planning.planners import factory, make
 from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice
+from optipromp.core.scenes.crops import Crop, load_crop
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.shown import suggest
@@ -29,7 +30,13 @@ from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.experiments.eyes import NOT_SEEN, check_eyes, situation
 from optipromp.laboratory.experiments.loops import LOOP_PLANNER, LOOPS, loop_figures, picked
 from optipromp.laboratory.experiments.rows import ERROR, NO_PLAN, Key, Row, source_version
-from optipromp.laboratory.experiments.situations import CONDITIONS, VARIATIONS, Situation, varied
+from optipromp.laboratory.experiments.situations import (
+    CONDITIONS,
+    VARIATIONS,
+    Situation,
+    crop_variations,
+    varied,
+)
 from optipromp.laboratory.generate import (
     NOISES,
     PANDA,
@@ -143,7 +150,8 @@ class Study:
     in place of conditions. ``finder``: of the fruits in rendered pictures, see
     :func:`optipromp.perception.detector.finder_named`. ``views``: pictures from as many sides are
     fused before a plan: 1 or 2. ``files``: scene files, whose names stand for presets; see
-    :meth:`of_files`.
+    :meth:`of_files`. ``crop``: name or path, of all scenes; empty: that of a scene file.
+    ``vary_crop``: every plan is executed with each guess of the crop at its ends, too.
     """
 
     presets: tuple[str, ...] = PRESETS
@@ -163,6 +171,8 @@ class Study:
     finder: str = "geometry"
     views: int = 1
     files: tuple[Path, ...] = ()
+    crop: str = ""
+    vary_crop: bool = False
 
     @classmethod
     def of_files(cls, files: Sequence[Path], **given: Any) -> "Study":
@@ -189,6 +199,11 @@ class Study:
         if deviates and self.noise:
             raise InvalidRequestError(f"noise {self.noise} and a deviation: state one of them")
         PlanOptions(risk=self.risk)  # refuses an invalid risk
+        if self.vary_crop and (self.vary or self.grown is None):
+            raise InvalidRequestError(
+                "the guesses of a crop are varied alone, of one crop: name it (--crop), unless all "
+                "scene files name the same"
+            )
         check_eyes(self.eyes, self.finder, self.views)
         if self.eyes and (not self.loops or self.conditions != ("none",)):
             raise InvalidRequestError("eyes are of loops, and take the place of conditions")
@@ -202,7 +217,7 @@ class Study:
             raise InvalidRequestError(
                 f"planners are {', '.join(self.planners)}; loops have one, {LOOP_PLANNER}"
             )
-        if self.noise or deviates or self.vary or self.only_valid:
+        if self.noise or deviates or self.vary or self.vary_crop or self.only_valid:
             raise InvalidRequestError(
                 "loops take no noise, variations or refusals: their conditions have them"
             )
@@ -213,6 +228,14 @@ class Study:
         return paths[name] if self.files else cast(Preset, name)
 
     @property
+    def grown(self) -> Crop | None:
+        """The crop of all scenes; None where there is none, or several."""
+        if self.crop:
+            return load_crop(self.crop)
+        crops = [load_scene(file).crop for file in self.files] or [None]
+        return crops[0] if all(crop == crops[0] for crop in crops) else None
+
+    @property
     def errors(self) -> Noise:
         """The errors of the detector."""
         return NOISES[self.noise] if self.noise else Noise(self.noise_position, self.noise_angle)
@@ -220,6 +243,8 @@ class Study:
     @property
     def variations(self) -> tuple[str, ...]:
         """Names of the variations; an empty one for none."""
+        if self.vary_crop and (crop := self.grown) is not None:
+            return tuple(crop_variations(crop))
         return tuple(VARIATIONS) if self.vary else ("",)
 
     def __len__(self) -> int:
@@ -247,6 +272,8 @@ class Study:
             **({} if self.robot == PANDA else {"robot": f"{self.robot} {self.choice}"}),
             "vary": self.vary,
             **({"noise": self.noise} if self.noise else {}),
+            **({"crop": self.crop} if self.crop else {}),
+            **({"vary_crop": True} if self.vary_crop else {}),
             "version": source_version(),
             "risk": self.risk,
             **({"loops": True} if self.loops else {}),
@@ -272,16 +299,21 @@ def digests(files: Sequence[Path]) -> Mapping[str, str]:
     return {file.name: hashlib.sha256(file.read_bytes()).hexdigest()[:16] for file in files}
 
 
-def drawn(source: Source, seed: int, robot: str | Path, choice: Choice) -> tuple[Scene, int]:
+def drawn(
+    source: Source, seed: int, robot: str | Path, choice: Choice, crop: str = ""
+) -> tuple[Scene, int]:
     """The true scene of a source and a seed, and the number of scenes drawn before it.
 
     A scene file gives the same scene for every seed. ``robot`` takes the place of its own, unless
-    it is :data:`OWN`; ``choice`` is of the arm in the robot's file.
+    it is :data:`OWN`; ``choice`` is of the arm in the robot's file. ``crop``: name or path; empty:
+    that of the scene file, or none.
     """
+    grown = load_crop(crop) if crop else None
     if not isinstance(source, Path):
-        scene, report = generate_with_report(source, seed, robot, choice)
+        scene, report = generate_with_report(source, seed, robot, choice, grown)
         return scene, report.redraws
     scene = load_scene(source)
+    scene = replace(scene, crop=grown or scene.crop)
     if robot != OWN:
         name = str(Path(robot).absolute()) if Path(robot).suffix else str(robot)
         return replace(scene, robot=name, choice=choice), 0
@@ -304,7 +336,7 @@ def detected(source: Source, scene: Scene, seed: int, errors: Noise) -> Scene:
 def warm_up(source: Source, study: Study) -> None:
     """Load and compile the planners' code, so that no row's time includes it."""
     with suppress(OptiPrompError):  # the rows tell of it
-        scene, _ = drawn(source, 0, study.robot, study.choice)
+        scene, _ = drawn(source, 0, study.robot, study.choice, study.crop)
         for planner in study.planners:
             attempt(scene, planner)
 
@@ -318,7 +350,7 @@ def run_trials(
     they run. ``version``: written into the rows.
     """
     source = study.source(preset)
-    scene, redraws = drawn(source, seed, study.robot, study.choice)
+    scene, redraws = drawn(source, seed, study.robot, study.choice, study.crop)
     looping = bool(study.loops)
     first = Row.of(
         preset, seed, planner=LOOP_PLANNER, noise_position=study.errors.position,
@@ -351,14 +383,15 @@ def run_trials(
 
 
 def again(
-    row: Row, robot: str = PANDA, risk: float = PlanOptions.risk, source: Source | None = None
-) -> Run | None:
+    row: Row, robot: str = PANDA, risk: float = PlanOptions.risk, source: Source | None = None,
+    crop: str = "",
+) -> Run | None:  # fmt: skip
     """A trial made once more, for its picture; None where its plan is not executed.
 
     ``robot`` is the name or path of the scene's robot, ``risk`` that of the study, ``source`` the
-    scene's where it is a file.
+    scene's where it is a file, ``crop`` that of the study.
     """
-    setting = setting_of(row, robot, source)
+    setting = setting_of(row, robot, source, crop)
     if row.loop not in ("", "open"):
         return picked(setting, row.seed, servo=row.loop == "closed").run
     study = Study(planners=(row.planner,), risk=risk, loops=(row.loop,) if row.loop else ())
@@ -369,14 +402,16 @@ def again(
     return _executed(made, varied(setting, row.variation, row.seed), row.seed)
 
 
-def setting_of(row: Row, robot: str = PANDA, source: Source | None = None) -> Situation:
+def setting_of(
+    row: Row, robot: str = PANDA, source: Source | None = None, crop: str = ""
+) -> Situation:
     """What a row's trial was made of.
 
     The robot's name is from a study's file, so it is untrusted; see
     :class:`optipromp.core.robots.library.Choice`.
     """
     source = source or cast(Preset, row.preset)
-    scene, _ = drawn(source, row.seed, robot, UNTRUSTED)
+    scene, _ = drawn(source, row.seed, robot, UNTRUSTED, crop)
     if row.loop:
         return situation(row.condition, scene, row.seed, row.finder, row.views or 1)
     noise = NOISES[row.noise] if row.noise else Noise(row.noise_position, row.noise_angle)

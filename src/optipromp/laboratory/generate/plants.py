@@ -8,8 +8,10 @@ import numpy as np
 from optipromp.core.arrays import FloatArray, frame_along, rotation
 from optipromp.core.geometry.shapes import Capsule, Cone, Ellipsoid, Shape, Sphere
 from optipromp.core.parameters import GRAVITY
+from optipromp.core.robots.tools import Cup
+from optipromp.core.scenes.crops import Crop
 from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.scene import Scene, SceneObject, Stem
+from optipromp.core.scenes.scene import Scene, SceneObject, Stem, ToolSpec
 from optipromp.core.scenes.trusses import rooted
 from optipromp.laboratory.generate import bunches
 from optipromp.laboratory.generate.checks import OverlapError
@@ -93,6 +95,46 @@ def physical(fruits: Sequence[SceneObject], rng: np.random.Generator) -> list[Sc
         }
         drawn.append(replace(item, physical=own))
     return drawn
+
+
+def with_fruits_of(scene: Scene, crop: Crop, rng: np.random.Generator) -> Scene:
+    """The sample with the crop's fruits: drawn widths, lengths, densities and lengths of stems.
+
+    All else is as much farther from the target, and the cup as much larger, as fruits are wider
+    than those of the presets. Trusses are as much larger, too.
+    """
+    ripe = scene.target
+    assert ripe is not None
+    middle, wider = ripe.position, crop["width"] / sum(bunches.FRUIT_RADII)
+    joined = any(item.stem is not None and item.stem.parent for item in scene.objects)
+
+    def drawn(name: str) -> float:
+        row = crop.rows[name]
+        return row.value + row.spread * float(np.clip(rng.standard_normal(), -2.0, 2.0))
+
+    objects = []
+    for item in scene.objects:
+        stem, place = item.stem, middle + wider * (item.position - middle)
+        item = replace(item, position=place, stem=None)
+        if stem is not None:
+            wide = 0.5 * drawn("width")
+            half = wide * drawn("elongation")
+            line = stem.vector / float(np.linalg.norm(stem.vector))
+            length = wider * stem.length if joined else drawn("stem_length")
+            item = replace(
+                item, shape=Ellipsoid((wide, wide, half)), orientation=frame_along(line),
+                stem=replace(stem, points=item.position + np.outer([half, half + length], line)),
+                physical={"density": drawn("density")},
+            )  # fmt: skip
+        objects.append(item)
+    widest = max(item.shape.measure.half[0] for item in objects if item.role == "target")
+    cup = Cup(**scene.tool.parameters) if scene.tool is not None else None
+    assert cup is not None
+    sizes = {
+        "radius": max(wider * cup.radius, widest + bunches.MOUTH_CLEARANCE),
+        "height": wider * cup.height, "depth": wider * cup.depth, "length": cup.length,
+    }  # fmt: skip
+    return replace(scene, objects=rooted(objects), tool=ToolSpec("cup", sizes), crop=crop)
 
 
 def untold(scene: Scene) -> Scene:

@@ -147,6 +147,10 @@ class ContactLog:
                 self._pairs, self._steps, data.time, self._timestep, self._threshold,
             )  # fmt: skip
 
+    def pressed(self, fruits: list[int], most: float) -> float:
+        """The largest force on fruits, by their entities, over the one that they bear."""
+        return _most(self.peak[fruits]) / most
+
     def take_recent(self) -> FloatArray:
         """(E, E) largest force since the last call [N]."""
         recent: FloatArray = self._pairs["recent"].copy()
@@ -214,7 +218,7 @@ def harm_so_far(world: World, log: ContactLog, torn: int) -> HarmSoFar:
     stems = [fruit.stem_entity for fruit in world.shown if fruit.stem_entity >= 0]
     static = [k for k, each in enumerate(entities) if each.kind == "static"]
     return HarmSoFar(
-        _most(log.peak[fruits]) / limits.fruit_force,
+        log.pressed(fruits, limits.fruit_force),
         _most(log.hard[np.ix_(stems, robot)]) / limits.stem_time,
         _most(log.peak[np.ix_(static, robot)]) / limits.static_force,
         torn,

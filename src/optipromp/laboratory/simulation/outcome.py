@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from optipromp.core.arrays import BoolArray
+from optipromp.core.scenes.crops import hanging_on
 from optipromp.laboratory.simulation.contacts import ContactLog, in_tool
 from optipromp.laboratory.simulation.grasps import on_lip, suction_of, wanted
+from optipromp.laboratory.simulation.harms import BEARABLE, HarmLog
 from optipromp.laboratory.simulation.rollout import Rollout, StemCut
 from optipromp.laboratory.simulation.world import World
 
@@ -31,6 +33,14 @@ class Cause(StrEnum):
     NOT_PLACED = "not_placed"  # the target is not at its place
 
 
+BY: Mapping[str, str] = {
+    "impact_energy": "by a blow of {:.3g} J",
+    "pressed_force": "with a lasting {:.3g} N",
+    "edge_force": "by an edge with {:.3g} N",
+}
+"""Figures in words."""
+
+
 @dataclass(frozen=True)
 class Contact:
     """All touches of one robot link and one object, or of one fruit and one object.
@@ -48,6 +58,25 @@ class Contact:
     peak_force: float
     duration: float
     first: float
+
+
+@dataclass(frozen=True)
+class CropVerdict:
+    """What a run did to fruits in a crop's units.
+
+    Attributes:
+        name: of the crop.
+        figures: largest figure of each row that limits harm, by fruit and row [the row's unit].
+        decided: rows whose value a fruit did not bear.
+        guesses: of these, those that nobody measured.
+        hangs_on: guesses on which the verdict hangs: another value of their range gives another.
+    """
+
+    name: str
+    figures: Mapping[str, Mapping[str, float]]
+    decided: tuple[str, ...]
+    guesses: tuple[str, ...]
+    hangs_on: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -96,6 +125,7 @@ class Outcome:
             several legs.
         placed_off: distance of the target's centre from its place at the end [m]; None where it
             was not brought there.
+        crop: by whose rows harm was judged; None: by the simulation's thresholds.
     """
 
     success: bool
@@ -128,6 +158,7 @@ class Outcome:
     cut: StemCut | None = None
     placed: bool | None = None
     placed_off: float | None = None
+    crop: CropVerdict | None = None
 
     @property
     def result(self) -> str:
@@ -158,7 +189,8 @@ class Outcome:
         document["cause"] = None if self.cause is None else str(self.cause)
         document["causes"] = [str(cause) for cause in self.causes]
         document["unripe_peak_force"] = self.unripe_peak_force
-        cut = document.pop("cut")
+        cut, crop = document.pop("cut"), document.pop("crop")
+        document |= {} if crop is None else {"crop": crop}
         if self.cut is not None:
             document["cut"] = dict(zip(StemCut._fields, cut, strict=True))
         return document
@@ -257,7 +289,10 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
         warnings=rollout.warnings,
         target=target,
     )
-    failures = list(_failures(facts, world))
+    harm = log if isinstance(log, HarmLog) else None
+    if harm is not None:
+        facts = replace(facts, crop=_verdict(facts, harm))
+    failures = list(_failures(facts, world, harm))
     far = ", ".join(f"{id_} by {1e3 * by:.1f} mm" for id_, by in world.parted.items())
     note = f"; fruits that overlapped were pushed apart before: {far}" if far else ""
     if failures:
@@ -271,7 +306,26 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
     return replace(facts, success=True, message=told + note)
 
 
-def _failures(outcome: Outcome, world: World) -> Iterator[tuple[Cause, str]]:
+def _verdict(outcome: Outcome, harm: HarmLog) -> CropVerdict:
+    """The figures of a run beside the crop's rows."""
+    crop = harm.crop
+    figures = {
+        id_: {**mine, **({"grip_force": force} if (force := outcome.stem_force.get(id_)) else {})}
+        for id_, mine in harm.figures().items()
+    }
+    most: dict[str, float] = {}
+    for mine in figures.values():
+        for name, value in mine.items():
+            most[name] = max(most.get(name, 0.0), value / crop[name])
+    decided = tuple(
+        name for name, share in most.items()
+        if share > 1.0 and (name != "grip_force" or outcome.stem_caught)
+    )  # fmt: skip
+    guesses = tuple(name for name in decided if crop.rows[name].guess)
+    return CropVerdict(crop.name, figures, decided, guesses, hanging_on(crop, most))
+
+
+def _failures(outcome: Outcome, world: World, harm: HarmLog | None) -> Iterator[tuple[Cause, str]]:
     """The causes of failure and each in words, in the order of :class:`Cause`."""
     limits = world.parameters.thresholds
     if outcome.warnings:
@@ -280,7 +334,9 @@ def _failures(outcome: Outcome, world: World) -> Iterator[tuple[Cause, str]]:
     if worst is not None:
         yield Cause.STATIC_CONTACT, f"{worst.link} presses {worst.other} with {_force(worst)}"
     if outcome.torn:
-        yield Cause.TORN, f"torn off: {', '.join(outcome.torn)}"
+        why = {} if harm is None else harm.torn
+        words = (f"{i} ({why[i]})" if i in why else i for i in outcome.torn)
+        yield Cause.TORN, f"torn off: {', '.join(words)}"
     if outcome.cut is not None:
         shut_on = [f"the stem of {i}" for i in outcome.cut.stems if i != wanted(world)]
         shut_on += list(outcome.cut.fruits)
@@ -295,10 +351,19 @@ def _failures(outcome: Outcome, world: World) -> Iterator[tuple[Cause, str]]:
     worst = _hardest(world, outcome.avoid_contacts, limits.avoid_force)
     if worst is not None:
         yield Cause.AVOID_CONTACT, f"{worst.link} presses {worst.other} with {_force(worst)}"
-    crushed = {i: f for i, f in outcome.peak_force.items() if f > limits.fruit_force}
+    if outcome.crop is not None and harm is not None:
+        crushed = [
+            f"{i} {BY[name].format(mine[name])} (bears {harm.crop[name]:.3g})"
+            for i, mine in outcome.crop.figures.items()
+            for name in BEARABLE
+            if mine[name] > harm.crop[name]
+        ]
+    else:
+        crushed = [
+            f"{i} with {f:.1f} N" for i, f in outcome.peak_force.items() if f > limits.fruit_force
+        ]
     if crushed:
-        words = ", ".join(f"{i} with {force:.1f} N" for i, force in crushed.items())
-        yield Cause.CRUSHED, f"pressed too hard: {words}"
+        yield Cause.CRUSHED, f"pressed too hard: {', '.join(crushed)}"
     if outcome.limit_use.get("position", 0.0) > 1.0 + 1e-3:
         yield Cause.LIMIT, "a joint left its range"
     if outcome.tracking_error > limits.tracking_error:
