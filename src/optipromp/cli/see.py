@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -437,28 +437,31 @@ def measure_crop(
     optipromp study --preset cluster --crop my-crop.yaml --vary crop --out guesses
 
     Args:
-        measured (TABLE|NAME=NUMBERS): A CSV or YAML file with a column or list for each
-            measurement, a cell or entry for each fruit, which may be empty; or name=31,29,34.
+        measured (TABLE.csv|NAME=NUMBERS): A column for each measurement and a line for each fruit,
+            whose cells may be empty; or name=31,29,34.
         out (FILE.yaml): The crop.
         name: Of the crop; by default that of the file.
         like (CROP): Whose rows stand where nothing was measured.
     """
-    from optipromp.core.scenes.crops import ROWS, load_crop, save_crop
-    from optipromp.laboratory.measuring import measured_crop, read_measurements
+    from optipromp.core.documents import read_table
+    from optipromp.core.scenes.crops import crop_to_dict, load_crop, save_crop
+    from optipromp.laboratory.measuring import measured_crop
 
-    given: dict[str, Sequence[object]] = {}
+    given: dict[str, Sequence[str]] = {}
     for word in measured:
         key, equals, numbers = word.partition("=")
-        given |= {key: numbers.split(",")} if equals else read_measurements(Path(word))
-    crop, mine = measured_crop(name or out.stem, load_crop(like), given)
+        if equals:
+            given[key] = numbers.split(",")
+            continue
+        table = read_table(Path(word), InvalidRequestError, "width, mass, ...")
+        given |= {key: [row[k] for row in table.rows] for k, key in enumerate(table.header)}
+    usual = load_crop(like)
+    crop = measured_crop(name or out.stem, usual, given)
     save_crop(crop, out)
+    mine = {k: v for k, v in crop_to_dict(crop).items() if crop.rows.get(k) != usual.rows.get(k)}
     shown = grid(("row",), ("value", "spread", "unit"))
-    for key in mine:
-        row = crop.rows[key]
-        shown.add_row(key, f"{row.value:.4g}", f"{row.spread:.2g}", ROWS[key].unit)
-    document = {
-        "file": str(out), "name": crop.name, "guesses": crop.guesses,
-        "measured": {key: asdict(crop.rows[key]) for key in mine},
-    }  # fmt: skip
+    for key, row in mine.items():
+        shown.add_row(key, f"{crop[key]:.4g}", f"{crop.rows[key].spread:.2g}", row["unit"])
     rest = f"still guesses, of {like}: {', '.join(crop.guesses)}"
+    document = {"file": str(out), "name": crop.name, "guesses": crop.guesses, "measured": mine}
     return Report(document, (shown, rest, f"wrote {out}"))

@@ -60,7 +60,7 @@ def study(
     risk: float = 0.03,
     workers: Workers = None,
     ray: Cluster = None,
-    crop: str = "",
+    crop: str | None = None,
     compared_loops: LoopChoices,
     robot: Whose = None,
     arm: ArmOptions,
@@ -107,6 +107,7 @@ def study(
         crop (CROP): Of the scenes' fruits: strawberry, tomato, apple or a file; harm is judged in
             its units.
     """
+    from optipromp.core.scenes.crops import load_crop
     from optipromp.laboratory.experiments.eyes import WAYS
     from optipromp.laboratory.experiments.loops import LOOP_PLANNER, LOOPS
     from optipromp.laboratory.experiments.situations import CONDITIONS
@@ -126,7 +127,7 @@ def study(
     given = {
         "planners": compared, "noise_position": noise_position, "noise_angle": noise_angle,
         "only_valid": only_valid, "choice": arm.of(robot).choice, "noise": noise,
-        "vary": vary and what is None, "vary_crop": what is not None, "crop": crop,
+        "vary": what or vary, "crop": None if crop is None else load_crop(crop),
         "risk": risk, "loops": loops, "conditions": conditions or ("none",), "eyes": eyes,
         "finder": compared_loops.finder, "views": compared_loops.views,
         **({} if seeds is None else {"seeds": _range(seeds)}),
@@ -155,9 +156,13 @@ def study(
 
 def _report(rows: list["Row"], out: Path) -> Report:
     """Write the results beside the rows, and report them."""
-    from optipromp.laboratory.experiments import statistics
     from optipromp.laboratory.experiments.situations import AS_CROP
-    from optipromp.laboratory.experiments.statistics import calibration, loop_summary, summary
+    from optipromp.laboratory.experiments.statistics import (
+        calibration,
+        changed_by,
+        loop_summary,
+        summary,
+    )
     from optipromp.laboratory.experiments.study import write_results
 
     cells = summary(rows)
@@ -178,8 +183,8 @@ def _report(rows: list["Row"], out: Path) -> Report:
         shown.append(reliability(known))
     document = {"runs": len(rows), "cells": [c.to_dict() for c in cells]}
     if rows[0].variation == AS_CROP:
-        document["changed_by"] = changed = statistics.changed_by(rows)
-        shown.append(guesses(changed, cells))
+        document["changed_by"] = changed = changed_by(rows)
+        shown.append(guesses(changed, len(rows) // (len(changed) + 1)))
     return Report(document, (*shown, last))
 
 
@@ -276,12 +281,11 @@ def causes(cells: Sequence["Cell"], names: Sequence[str]) -> "Table":
     return out
 
 
-def guesses(changed: Mapping[str, int], cells: Sequence["Cell"]) -> "Table":
-    """Which guesses of a crop change results, the most first."""
-    runs = sum(cell.runs for cell in cells if cell.preset in changed) // max(len(changed), 1)
+def guesses(changed: Mapping[str, int], runs: int) -> "Table":
+    """The guesses of a crop that change how some of so many runs end."""
     title = f"guesses that change how a run ends, of {runs} runs each; no other guess does"
     out = grid(("guess",), ("changed",), title=title)
-    for name, count in sorted(changed.items(), key=lambda each: -each[1]):
+    for name, count in changed.items():
         if count:
             out.add_row(name, str(count))
     return out

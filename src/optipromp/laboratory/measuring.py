@@ -2,43 +2,29 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.documents import read_document, read_table
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.parameters import GRAVITY
 from optipromp.core.scenes.crops import ROWS, Crop, Row
 from optipromp.core.shown import suggest
 
-
-class Limits(NamedTuple):
-    """The unit of a measurement, and the least and largest that is one in that unit."""
-
-    unit: str
-    least: float
-    most: float
-    factor: float  # to SI
-
-
-LIMITS: Mapping[str, Limits] = {
-    "width": Limits("mm", 4, 400, 1e-3), "length": Limits("mm", 4, 600, 1e-3),
-    "mass": Limits("g", 0.2, 5000, 1e-3), "stem_length": Limits("mm", 3, 2000, 1e-3),
-    "stem_diameter": Limits("mm", 0.3, 30, 1e-3), "sag_load": Limits("g", 0.05, 2000, 1e-3),
-    "sag": Limits("mm", 0.2, 600, 1e-3), "swings": Limits("swings", 1, 200, 1.0),
-    "swing_first": Limits("mm", 0.5, 1000, 1e-3), "swing_last": Limits("mm", 0.1, 1000, 1e-3),
-    "pull_along": Limits("g", 5, 1e5, 1e-3 * GRAVITY),
-    "pull_across": Limits("g", 5, 1e5, 1e-3 * GRAVITY),
+MEASURED: Mapping[str, str] = {
+    "width": "mm", "length": "mm", "mass": "g", "stem_length": "mm", "stem_diameter": "mm",
+    "sag_load": "g", "sag": "mm", "swings": "1", "swing_first": "mm", "swing_last": "mm",
+    "pull_along": "g", "pull_across": "g",
 }  # fmt: skip
+"""Unit of each measurement."""
+TO_SI = {"mm": 1e-3, "g": 1e-3, "1": 1.0}
 DEEPEST = 0.3  # sag over length up to which a beam's tip sinks by F L³ / 3EI, to 5 %
 
 
 def _modulus(length: FloatArray, d: FloatArray, load: FloatArray, sag: FloatArray) -> FloatArray:
-    """Of a level round beam of diameter ``d`` under a load at its tip [Pa]."""
+    """Of a level round beam of diameter ``d`` [m] under a load at its tip [kg] [Pa]."""
     deepest = float((sag / length).max())
     if deepest > DEEPEST:
         raise InvalidRequestError(
@@ -67,21 +53,19 @@ FORMULAS: Mapping[str, tuple[tuple[str, ...], Callable[..., FloatArray]]] = {
     "stem_diameter": (("stem_diameter",), lambda thick: thick),
     "stem_modulus": (("stem_length", "stem_diameter", "sag_load", "sag"), _modulus),
     "damping_ratio": (("swings", "swing_first", "swing_last"), _ratio),
-    "abscission": (("pull_along",), lambda pull: pull),
+    "abscission": (("pull_along",), lambda pull: pull * GRAVITY),
 }
 """The measurements that each row follows from, and how, fruit by fruit [SI]."""
 
 
-def measured_crop(
-    name: str, like: Crop, given: Mapping[str, Sequence[object]]
-) -> tuple[Crop, tuple[str, ...]]:
-    """A crop from measurements, and the names of the rows that were measured.
+def measured_crop(name: str, like: Crop, given: Mapping[str, Sequence[str]]) -> Crop:
+    """A crop whose rows are measured where measurements are given, and else those of ``like``.
 
-    ``like``: whose rows stand where nothing was measured. ``given``: texts or numbers of each of
-    :data:`LIMITS`, one a fruit, in its unit; empty where it was not measured.
+    ``given``: texts of each of :data:`MEASURED`, one a fruit, in its unit; empty where it was not
+    measured.
 
-    Raises InvalidRequestError: a measurement that is unknown or out of its limits, numbers of
-    measurements that differ, or one from which no row follows.
+    Raises InvalidRequestError: a measurement that is unknown or no number above 0, numbers of
+    measurements that differ, one from which no row follows, or a row out of its limits.
     """
     known = {key: _numbers(key, each) for key, each in given.items()}
     rows, used = dict(like.rows), set[str]()
@@ -89,53 +73,35 @@ def measured_crop(
         if known.keys() >= set(needs):
             rows[row] = _row(row, formula(*_paired(known, needs)), like.rows[row], needs)
             used |= set(needs)
-    mine = tuple(row for row in rows if rows[row] is not like.rows[row])
-    if "pull_across" in known and "abscission" in mine:
-        along, aside = rows["abscission"], known["pull_across"]
-        aside = aside[np.isfinite(aside)]
-        rows["abscission"] = replace(
-            along, angles=(0.0, 90.0), table=(along.value, float(aside.mean())),
-            source=f"{along.source}; pull_across, n = {len(aside)}",
-        )  # fmt: skip
-        used.add("pull_across")
+    if "pull_along" in known:
+        along, source = rows["abscission"], f"other angles in proportion as of {like.name}"
+        if "pull_across" in known:
+            across = GRAVITY * _paired(known, ("pull_across",))
+            along = replace(along, angles=(0.0, 90.0), values=(along.value, float(across.mean())))
+            source = f"pull_across, n = {across.size}"
+            used.add("pull_across")
+        rows["abscission"] = replace(along, source=f"{along.source}; {source}")
     if alone := sorted(known.keys() - used):
         words = (f"{row} of {', '.join(names)}" for row, (names, _) in FORMULAS.items())
         raise InvalidRequestError(
             f"no row follows from {', '.join(alone)} alone; they follow: {'; '.join(words)}"
         )
-    return Crop(name, rows), mine
+    return Crop(name, rows)
 
 
-def read_measurements(table: Path) -> dict[str, Sequence[object]]:
-    """The measurements of a CSV or YAML file, by name; of a fruit without one, an empty cell."""
-    if table.suffix == ".csv":
-        found = read_table(table, InvalidRequestError, "width, mass, ...")
-        return {name: [row[k] for row in found.rows] for k, name in enumerate(found.header)}
-    holds = "measurements (width: [31, 29], ...), or name=31,29 in place of a file"
-    document = read_document(table, InvalidRequestError, holds)
-    if not isinstance(document, dict):
-        raise InvalidRequestError(f"{table}: must hold {holds}")
-    return {key: one if isinstance(one, list) else [one] for key, one in document.items()}
-
-
-def _numbers(name: str, given: Sequence[object]) -> FloatArray:
+def _numbers(name: str, texts: Sequence[str]) -> FloatArray:
     """A measurement of each fruit [SI]; NaN where it was not made."""
-    if name not in LIMITS:
-        raise InvalidRequestError(f"{name} is no measurement: {suggest(name, LIMITS)}")
-    unit, least, most, factor = LIMITS[name]
-    out = np.full(len(given), np.nan)
-    for k, each in enumerate(given):
-        if each is None or str(each).strip() == "":
-            continue
-        try:
-            out[k] = float(str(each))
-        except ValueError:
-            out[k] = np.nan
-        if not least <= out[k] <= most:
+    if name not in MEASURED:
+        raise InvalidRequestError(f"{name} is no measurement: {suggest(name, MEASURED)}")
+    out = np.full(len(texts), np.nan)
+    for k, text in enumerate(texts):
+        with suppress(ValueError):
+            out[k] = float(text)
+        if text.strip() and not 0.0 < out[k] < np.inf:
             raise InvalidRequestError(
-                f"{name}[{k}] is {each}: must be {least:g} to {most:g} [{unit}]"
+                f"{name}[{k}] is {text}: must be a number above 0 [{MEASURED[name]}]"
             )
-    return factor * out
+    return TO_SI[MEASURED[name]] * out
 
 
 def _paired(given: Mapping[str, FloatArray], needs: Sequence[str]) -> FloatArray:
@@ -155,9 +121,10 @@ def _row(name: str, values: FloatArray, usual: Row, needs: Sequence[str]) -> Row
     """The row of the values of N fruits; a table of abscission is scaled."""
     kind, value = ROWS[name], float(values.mean())
     if not kind.least <= value <= kind.most:
+        units = ", ".join(f"{need} [{MEASURED[need]}]" for need in needs)
         raise InvalidRequestError(
-            f"{name} of {', '.join(needs)} is {value:.3g} {kind.unit}: must be {kind.least:g} to "
-            f"{kind.most:g} {kind.unit}; look at their units"
+            f"{name} is {value:.3g} {kind.unit} by {units}: must be {kind.least:g} to "
+            f"{kind.most:g} {kind.unit}; look at the units"
         )
     spread = float(values.std(ddof=1)) if len(values) > 1 else 0.0
     words = f"measured, n = {len(values)}: {', '.join(needs)}"

@@ -19,6 +19,7 @@ from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError, 
 from optipromp.core.files import is_file, is_folder, reading
 from optipromp.core.output import load_plan
 from optipromp.core.planning import Plan, PlanOptions
+from optipromp.core.scenes.crops import crop_from_dict
 from optipromp.core.scenes.io import scene_from_dict
 from optipromp.laboratory.experiments import statistics
 from optipromp.laboratory.experiments.rows import ERROR, NO_PLAN, ROWS, Row, rows_of
@@ -394,7 +395,9 @@ def _worst(
             file = file_of(settings, row.preset)
             run = None
             if row.cause != ERROR and robot is not None and (file or "scenes" not in settings):
-                run = again(row, robot, settings["risk"], file, settings.get("crop", ""))
+                rows_of_crop = settings.get("crop")
+                crop = None if rows_of_crop is None else crop_from_dict(rows_of_crop, "crop")
+                run = again(row, robot, settings["risk"], file, crop)
             shown.append(paragraph(caption) if run is None else picture(_picture(run), caption))
         except OptiPrompError:  # nothing can be drawn off screen, or the robot's file is not there
             shown.append(paragraph(caption))

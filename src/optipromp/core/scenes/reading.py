@@ -21,7 +21,7 @@ from optipromp.core.geometry.shapes import (
 )
 from optipromp.core.robots.library import UNTRUSTED, Choice, robot_names
 from optipromp.core.robots.tools import make_tool
-from optipromp.core.scenes.crops import load_crop
+from optipromp.core.scenes.crops import Crop, crop_from_dict, crop_names, load_crop
 from optipromp.core.scenes.goals import (
     Goal,
     HeldUpright,
@@ -110,7 +110,7 @@ def scene_from_dict(
             may_touch=tuple((a, b) for a, b in model.may_touch),
             padding=scale * model.padding,
             place=None if model.place is None else Place(**values(model.place, scale, default)),
-            crop=None if model.crop is None else load_crop(model.crop, base_dir or Path()),
+            crop=None if model.crop is None else _crop(model.crop, base_dir),
         )
     except InvalidSceneError as error:
         raise InvalidSceneError(f"{source}: {where}{error.message}") from None
@@ -119,6 +119,12 @@ def scene_from_dict(
 def _inside(name: str, base_dir: Path | None) -> Path:
     """The path of a file that the scene names; refused outside the allowed folders."""
     return check_inside((base_dir or Path()) / name, base_dir, InvalidSceneError)
+
+
+def _crop(crop: Any, base_dir: Path | None) -> Crop:
+    if isinstance(crop, dict):
+        return crop_from_dict(crop, "crop")
+    return load_crop(crop if crop in crop_names() else _inside(crop, base_dir))
 
 
 def _choice(robot: Any, base_dir: Path | None) -> Choice:

@@ -92,6 +92,7 @@ class Change:
     fields of the simulation's disturbances. ``settled``: fruits are first seen where a sway of
     :data:`SETTLE` seconds has brought them. ``world``: arguments of :func:`_changed`, or what draws
     them. ``shift``: of the true fruits (3,) [m]. ``roots``: whether stems' roots are shifted, too.
+    ``row``: of the crop, with another value.
     """
 
     noise: str = ""
@@ -102,11 +103,14 @@ class Change:
     world: Mapping[str, Any] | Draw = field(default_factory=dict)
     shift: Shift | None = None
     roots: bool = False
+    row: tuple[str, float] | None = None
 
     def __call__(self, scene: Scene, seed: int) -> Situation:
         """The situation of a true scene; the same scene and seed give the same one."""
         rng = np.random.default_rng([seed, 2])
         drawn = self.world(rng) if callable(self.world) else self.world
+        if self.row is not None and scene.crop is not None:
+            scene = replace(scene, crop=scene.crop.changed(*self.row))
         p = of_crop(SimulationParameters(), scene.crop)
         seen = noisy(scene, seed, NOISES[self.noise]) if self.noise else scene
         if self.settled:  # before the fruits are shifted, and as stems are believed to be
@@ -143,6 +147,7 @@ def _changed(
         grown_turn=p.stem.grown_turn / stiffness,
         damping_time=damping * p.stem.damping_time,
         swing_damping=damping * p.stem.swing_damping,
+        damping_ratio=damping * p.stem.damping_ratio,
         calyx=calyx or p.stem.calyx,
     )
     p = replace(p, stem=stem, fruit=replace(p.fruit, density=density * p.fruit.density))
@@ -320,35 +325,17 @@ AS_CROP = "as the crop"
 SIZES = "width", "elongation", "stem_length"  # rows that scenes are made of, not their physics
 
 
-def crop_variations(crop: Crop) -> dict[str, Crop]:
-    """The crop, then the crop with each guess at the least and at the largest value, by name."""
-    out = {AS_CROP: crop}
-    for name in crop.guesses:
-        if name not in SIZES:
-            for end in crop.rows[name].ends:
-                out[f"{name} {end:.3g} {ROWS[name].unit}"] = crop.changed(name, end)
-    return out
-
-
-def _of_crop(scene: Scene, variation: str) -> Scene:
-    """The scene with its crop of a variation; densities that it states change alike."""
-    assert scene.crop is not None
-    crop = crop_variations(scene.crop)[variation]
-    factor = crop["density"] / scene.crop["density"]
-
-    def denser(item: SceneObject) -> SceneObject:
-        own = {k: v * (factor if k == "density" else 1.0) for k, v in item.physical.items()}
-        return replace(item, physical=own)
-
-    return replace(_fruits(scene, denser), crop=crop)
+def crop_variations(crop: Crop | None) -> Mapping[str, Change]:
+    """As the crop, then each guess at its least and at its largest value, by name."""
+    guesses = {} if crop is None else {k: crop.rows[k] for k in crop.guesses if k not in SIZES}
+    ends = {f"{k} {end:.3g} {ROWS[k].unit}": (k, end) for k, r in guesses.items() for end in r.ends}
+    return {AS_CROP: Change()} | {name: Change(row=row) for name, row in ends.items()}
 
 
 def varied(setting: Situation, variation: str, seed: int) -> Situation:
     """A situation in the world of a variation, of which nobody is told; empty: in its own."""
     if not variation:
         return setting
-    if variation not in VARIATIONS:
-        other = Change()(_of_crop(setting.scene, variation), seed)
-        return setting._replace(scene=other.scene, parameters=other.parameters)
-    other = VARIATIONS[variation](setting.scene, seed)
+    changes = {**VARIATIONS, **crop_variations(setting.scene.crop)}
+    other = changes[variation](setting.scene, seed)
     return setting._replace(scene=other.scene, parameters=other.parameters)

@@ -180,17 +180,15 @@ def loop_figures(rows: Sequence[Row]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def changed_by(rows: Iterable[Row]) -> dict[str, int]:
-    """How many runs of each variation end otherwise than those of the first, by variation."""
-    by: dict[str, dict[tuple[str, int, str], tuple[bool, str]]] = {}
-    for row in rows:
-        own = by.setdefault(row.variation, {})
-        own[row.preset, row.seed, row.planner] = row.success, row.causes
-    first = by.pop(next(iter(by)))
-    return {
-        name: sum(end != first[key] for key, end in own.items() if key in first)
-        for name, own in by.items()
-    }
+def changed_by(rows: Sequence[Row]) -> dict[str, int]:
+    """How many runs of each variation end otherwise than those of the first, the most first."""
+    first = rows[0].variation
+    ends = {(r.variation, r.preset, r.seed, r.planner): (r.success, r.causes) for r in rows}
+    changed = Counter({row.variation: 0 for row in rows if row.variation != first})
+    for (variation, preset, seed, planner), end in ends.items():
+        if variation != first:
+            changed[variation] += end != ends[first, preset, seed, planner]
+    return dict(changed.most_common())
 
 
 def causes_of(failed: Iterable[Row]) -> dict[str, int]:

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from optipromp.core.planning import Picked, Plan, PlanOptions, plan, planner_nam
 from optipromp.core.planning.legs import REACH, way_out
 from optipromp.core.planning.planners import factory, make
 from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice
-from optipromp.core.scenes.crops import Crop, load_crop
+from optipromp.core.scenes.crops import Crop, crop_to_dict
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.shown import suggest
@@ -143,15 +143,14 @@ class Study:
     deviation of detected stem directions [degrees]. ``only_valid``: plans that the judge refuses
     are not executed, and count as failures. ``robot``: name or path of the robot of the scenes.
     ``choice``: of the arm in the robot's file. ``vary``: every plan is executed under all of
-    :data:`VARIATIONS`. ``noise``: name in :data:`optipromp.laboratory.generate.NOISES`, in place of
-    the deviations. ``risk``: share of promised successes that may be broken. ``loops``: of
-    :data:`LOOPS`; the planner is opti-promp. Empty: planners are compared. ``conditions``: of
-    :data:`CONDITIONS`; of loops. ``eyes``: of :data:`optipromp.laboratory.experiments.eyes.WAYS`,
+    :data:`VARIATIONS`; crop: with each guess of the crop at its ends. ``noise``: name in
+    :data:`optipromp.laboratory.generate.NOISES`, in place of the deviations. ``risk``: share of
+    promised successes that may be broken. ``loops``: of :data:`LOOPS`; the planner is opti-promp.
+    Empty: planners are compared. ``conditions``: of :data:`CONDITIONS`; of loops. ``eyes``: of :data:`optipromp.laboratory.experiments.eyes.WAYS`,
     in place of conditions. ``finder``: of the fruits in rendered pictures, see
     :func:`optipromp.perception.detector.finder_named`. ``views``: pictures from as many sides are
     fused before a plan: 1 or 2. ``files``: scene files, whose names stand for presets; see
-    :meth:`of_files`. ``crop``: name or path, of all scenes; empty: that of a scene file.
-    ``vary_crop``: every plan is executed with each guess of the crop at its ends, too.
+    :meth:`of_files`. ``crop``: of all scenes; None: that of a scene file.
     """
 
     presets: tuple[str, ...] = PRESETS
@@ -162,7 +161,7 @@ class Study:
     only_valid: bool = False
     robot: str | Path = PANDA
     choice: Choice = NOTHING
-    vary: bool = False
+    vary: bool | Literal["crop"] = False
     noise: str = ""
     risk: float = PlanOptions.risk
     loops: tuple[str, ...] = ()
@@ -171,8 +170,7 @@ class Study:
     finder: str = "geometry"
     views: int = 1
     files: tuple[Path, ...] = ()
-    crop: str = ""
-    vary_crop: bool = False
+    crop: Crop | None = None
 
     @classmethod
     def of_files(cls, files: Sequence[Path], **given: Any) -> "Study":
@@ -199,10 +197,10 @@ class Study:
         if deviates and self.noise:
             raise InvalidRequestError(f"noise {self.noise} and a deviation: state one of them")
         PlanOptions(risk=self.risk)  # refuses an invalid risk
-        if self.vary_crop and (self.vary or self.grown is None):
+        if self.vary == "crop" and self.grown is None:
             raise InvalidRequestError(
-                "the guesses of a crop are varied alone, of one crop: name it (--crop), unless all "
-                "scene files name the same"
+                "guesses are varied of one crop: name it (--crop), unless all scene files name the "
+                "same"
             )
         check_eyes(self.eyes, self.finder, self.views)
         if self.eyes and (not self.loops or self.conditions != ("none",)):
@@ -217,7 +215,7 @@ class Study:
             raise InvalidRequestError(
                 f"planners are {', '.join(self.planners)}; loops have one, {LOOP_PLANNER}"
             )
-        if self.noise or deviates or self.vary or self.vary_crop or self.only_valid:
+        if self.noise or deviates or self.vary or self.only_valid:
             raise InvalidRequestError(
                 "loops take no noise, variations or refusals: their conditions have them"
             )
@@ -227,13 +225,11 @@ class Study:
         paths = {file.name: file for file in self.files}
         return paths[name] if self.files else cast(Preset, name)
 
-    @property
+    @functools.cached_property
     def grown(self) -> Crop | None:
         """The crop of all scenes; None where there is none, or several."""
-        if self.crop:
-            return load_crop(self.crop)
-        crops = [load_scene(file).crop for file in self.files] or [None]
-        return crops[0] if all(crop == crops[0] for crop in crops) else None
+        crops = [self.crop] if self.crop else [load_scene(file).crop for file in self.files]
+        return crops[0] if crops and all(crop == crops[0] for crop in crops) else None
 
     @property
     def errors(self) -> Noise:
@@ -243,8 +239,8 @@ class Study:
     @property
     def variations(self) -> tuple[str, ...]:
         """Names of the variations; an empty one for none."""
-        if self.vary_crop and (crop := self.grown) is not None:
-            return tuple(crop_variations(crop))
+        if self.vary == "crop":
+            return tuple(crop_variations(self.grown))
         return tuple(VARIATIONS) if self.vary else ("",)
 
     def __len__(self) -> int:
@@ -272,8 +268,7 @@ class Study:
             **({} if self.robot == PANDA else {"robot": f"{self.robot} {self.choice}"}),
             "vary": self.vary,
             **({"noise": self.noise} if self.noise else {}),
-            **({"crop": self.crop} if self.crop else {}),
-            **({"vary_crop": True} if self.vary_crop else {}),
+            **({} if self.crop is None else {"crop": crop_to_dict(self.crop)}),
             "version": source_version(),
             "risk": self.risk,
             **({"loops": True} if self.loops else {}),
@@ -300,20 +295,19 @@ def digests(files: Sequence[Path]) -> Mapping[str, str]:
 
 
 def drawn(
-    source: Source, seed: int, robot: str | Path, choice: Choice, crop: str = ""
+    source: Source, seed: int, robot: str | Path, choice: Choice, crop: Crop | None = None
 ) -> tuple[Scene, int]:
     """The true scene of a source and a seed, and the number of scenes drawn before it.
 
     A scene file gives the same scene for every seed. ``robot`` takes the place of its own, unless
-    it is :data:`OWN`; ``choice`` is of the arm in the robot's file. ``crop``: name or path; empty:
-    that of the scene file, or none.
+    it is :data:`OWN`; ``choice`` is of the arm in the robot's file. ``crop``: None: that of
+    the scene file, or none.
     """
-    grown = load_crop(crop) if crop else None
     if not isinstance(source, Path):
-        scene, report = generate_with_report(source, seed, robot, choice, grown)
+        scene, report = generate_with_report(source, seed, robot, choice, crop)
         return scene, report.redraws
     scene = load_scene(source)
-    scene = replace(scene, crop=grown or scene.crop)
+    scene = scene if crop is None else replace(scene, crop=crop)
     if robot != OWN:
         name = str(Path(robot).absolute()) if Path(robot).suffix else str(robot)
         return replace(scene, robot=name, choice=choice), 0
@@ -384,7 +378,7 @@ def run_trials(
 
 def again(
     row: Row, robot: str = PANDA, risk: float = PlanOptions.risk, source: Source | None = None,
-    crop: str = "",
+    crop: Crop | None = None,
 ) -> Run | None:  # fmt: skip
     """A trial made once more, for its picture; None where its plan is not executed.
 
@@ -403,7 +397,7 @@ def again(
 
 
 def setting_of(
-    row: Row, robot: str = PANDA, source: Source | None = None, crop: str = ""
+    row: Row, robot: str = PANDA, source: Source | None = None, crop: Crop | None = None
 ) -> Situation:
     """What a row's trial was made of.
 

@@ -154,7 +154,6 @@ def generate_with_report(
     if crop is not None and preset == "shelf":
         raise InvalidRequestError("a shelf has cans and boxes: it takes no crop")
     rng = np.random.default_rng([zlib.crc32(preset.encode()), seed])
-    grown = np.random.default_rng([zlib.crc32(preset.encode()), seed, 9])
     reasons: Counter[str] = Counter()
     count = kind.number(rng) if kind.number else int(rng.integers(kind.fewest, kind.most + 1))
     sample, unfits = kind.sample, 0
@@ -166,7 +165,7 @@ def generate_with_report(
             sample = partial(kind.sample, gutter=side) if kind.gutter else kind.sample
         try:
             scene = sample(f"{preset}-{seed}", count, rng)
-            scene = scene if crop is None else plants.with_fruits_of(scene, crop, grown)
+            scene = scene if crop is None else plants.with_fruits_of(scene, crop, rng)
         except OverlapError as overlap:
             reasons[str(overlap)] += 1
             continue

@@ -98,13 +98,14 @@ def physical(fruits: Sequence[SceneObject], rng: np.random.Generator) -> list[Sc
 
 
 def with_fruits_of(scene: Scene, crop: Crop, rng: np.random.Generator) -> Scene:
-    """The sample with the crop's fruits: drawn widths, lengths, densities and lengths of stems.
+    """The sample with the crop's fruits: drawn widths, lengths and lengths of stems.
 
     All else is as much farther from the target, and the cup as much larger, as fruits are wider
-    than those of the presets. Trusses are as much larger, too.
+    than those of the presets. Trusses are as much larger, too. Fruits state no physics.
     """
-    ripe = scene.target
+    ripe, tool = scene.target, scene.tool
     assert ripe is not None
+    assert tool is not None
     middle, wider = ripe.position, crop["width"] / sum(bunches.FRUIT_RADII)
     joined = any(item.stem is not None and item.stem.parent for item in scene.objects)
 
@@ -115,7 +116,7 @@ def with_fruits_of(scene: Scene, crop: Crop, rng: np.random.Generator) -> Scene:
     objects = []
     for item in scene.objects:
         stem, place = item.stem, middle + wider * (item.position - middle)
-        item = replace(item, position=place, stem=None)
+        item = replace(item, position=place, stem=None, physical={})
         if stem is not None:
             wide = 0.5 * drawn("width")
             half = wide * drawn("elongation")
@@ -123,13 +124,11 @@ def with_fruits_of(scene: Scene, crop: Crop, rng: np.random.Generator) -> Scene:
             length = wider * stem.length if joined else drawn("stem_length")
             item = replace(
                 item, shape=Ellipsoid((wide, wide, half)), orientation=frame_along(line),
-                stem=replace(stem, points=item.position + np.outer([half, half + length], line)),
-                physical={"density": drawn("density")},
+                stem=replace(stem, points=place + np.outer([half, half + length], line)),
             )  # fmt: skip
         objects.append(item)
     widest = max(item.shape.measure.half[0] for item in objects if item.role == "target")
-    cup = Cup(**scene.tool.parameters) if scene.tool is not None else None
-    assert cup is not None
+    cup = Cup(**tool.parameters)
     sizes = {
         "radius": max(wider * cup.radius, widest + bunches.MOUTH_CLEARANCE),
         "height": wider * cup.height, "depth": wider * cup.depth, "length": cup.length,

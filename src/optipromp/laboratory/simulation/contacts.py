@@ -1,6 +1,7 @@
 """Contacts of a run: forces and times of each pair of entities."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -123,12 +124,15 @@ class ContactLog:
     are symmetric.
 
     ``world``: of the entities. ``threshold``: of the spells in ``hard`` [N].
+
+    Attributes:
+        torn: why fruits came off, in words, by key; empty without a crop.
     """
 
     def __init__(self, world: World, threshold: float) -> None:
         count = len(world.entities)
         self._owners, self._timestep = world.geom_entity, float(world.model.opt.timestep)
-        self._threshold = threshold
+        self._world, self._threshold, self.torn = world, threshold, dict[str, str]()
         self._pairs = pairs = np.zeros((count, count), _PAIR)
         pairs["first"] = np.nan
         self.peak: FloatArray = pairs["peak"]  # (E, E) largest force [N]
@@ -147,9 +151,11 @@ class ContactLog:
                 self._pairs, self._steps, data.time, self._timestep, self._threshold,
             )  # fmt: skip
 
-    def pressed(self, fruits: list[int], most: float) -> float:
-        """The largest force on fruits, by their entities, over the one that they bear."""
-        return _most(self.peak[fruits]) / most
+    def borne(self) -> Iterator[tuple[str, str, float, float]]:
+        """Of each fruit: its id, the name of a limit, the largest figure, and what it bears."""
+        most = self._world.parameters.thresholds.fruit_force
+        for fruit in self._world.shown:
+            yield fruit.id, "peak_force", float(self.peak[fruit.entity].max()), most
 
     def take_recent(self) -> FloatArray:
         """(E, E) largest force since the last call [N]."""
@@ -214,11 +220,10 @@ def harm_so_far(world: World, log: ContactLog, torn: int) -> HarmSoFar:
     """The harm of a run by its contacts, as the judgement at the end counts them."""
     limits, entities = world.parameters.thresholds, world.entities
     robot = [k for k, each in enumerate(entities) if each.kind in ("link", "tool")]
-    fruits = [fruit.entity for fruit in world.shown]
     stems = [fruit.stem_entity for fruit in world.shown if fruit.stem_entity >= 0]
     static = [k for k, each in enumerate(entities) if each.kind == "static"]
     return HarmSoFar(
-        log.pressed(fruits, limits.fruit_force),
+        max((figure / most for _, _, figure, most in log.borne()), default=0.0),
         _most(log.hard[np.ix_(stems, robot)]) / limits.stem_time,
         _most(log.peak[np.ix_(static, robot)]) / limits.static_force,
         torn,

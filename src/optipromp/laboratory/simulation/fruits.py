@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Self
 
 import numpy as np
+import scipy.linalg
 
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.geometry.shapes import Capsule, Cylinder, Sphere
@@ -97,7 +98,7 @@ UNRIPE = (0.55, 0.72, 0.30, 1.0)
 STEM_COLOUR = (0.30, 0.50, 0.18, 1.0)
 CAN_GAP = 1e-3  # [m] by which the capsule in a can is shorter than the can
 UNSEEN = (0.0, 0.0, 0.0, 0.0)  # colour
-SWEEPS = 25  # of the search for a damping time; each brings its ratio nearer by some 3 times
+SWEEPS = 8  # of the search for a damping time; each brings its ratio nearer by some 3 times
 WELD_TIME = 0.004  # [s] time constant of the joint between stem and fruit
 # [rad] turns of stems that stand still at rest, once their load goes. An elastic stem that holds a
 # load off the vertical falls over from 2.7 on, one that holds the bow of a thread from 60 on.
@@ -374,9 +375,9 @@ def damping_time(
     """Damping over stiffness of a chain's joints at which its slowest swing has a damping ratio.
 
     The swing is small, about plumb, of the chain's pieces and of the fruit as a ball that turns
-    with the last piece: the first mode of M θ'' + τ S θ' + (S + G) θ = 0, with the ``springs`` S
-    (N,) of the joints [N m/rad] and the pull G of ``gravity`` [m/s²]. τ is scaled by the ratio
-    wanted over the one that it gives until both agree.
+    with the last piece: the first mode v of M θ'' + τ S θ' + (S + G) θ = 0, with the ``springs`` S
+    (N,) of the joints [N m/rad] and the pull G of ``gravity`` [m/s²]. If damping left v as it is,
+    2 ζ ω were τ vᵀSv; τ is scaled until the ratio is that of the damped mode.
     """
     pieces = np.linalg.norm(np.diff(chain.nodes, axis=0), axis=1)
     below = float(np.linalg.norm(chain.center - chain.nodes[-1]))
@@ -389,15 +390,15 @@ def damping_time(
     mass = aside.T @ (masses[:, None] * aside) + armature * np.eye(len(pieces))
     mass += 0.4 * chain.fruit * below**2  # of a ball; every joint turns it alike
     stiff = np.diag(springs) + turn.T @ ((gravity * masses @ arms)[:, None] * turn)
-    still, inverse = np.zeros_like(mass), np.linalg.inv(mass)
-    time = ratio * np.sqrt(stiff.trace() / mass.trace()) / (springs.sum() / mass.trace())
+    squares, modes = scipy.linalg.eigh(stiff, mass, subset_by_index=[0, 0])
+    time = float(2.0 * ratio * np.sqrt(squares[0]) / (springs @ modes[:, 0] ** 2))
+    unit, inverse = np.eye(len(mass)), np.linalg.inv(mass)
     for _ in range(SWEEPS):
-        brake = -inverse @ (time * np.diag(springs))
-        rates = np.linalg.eigvals(np.block([[still, np.eye(len(mass))], [-inverse @ stiff, brake]]))
-        swings = rates[rates.imag > 1e-9 * np.abs(rates)]
-        first = swings[np.argmin(np.abs(swings))] if len(swings) else -1.0 + 0.0j
-        time *= ratio / max(float(-first.real / np.abs(first)), 1e-3 * ratio)
-    return float(time)
+        damped = np.block([[0.0 * unit, unit], [-inverse @ stiff, -time * inverse * springs]])
+        rates = np.linalg.eigvals(damped)
+        swing = min(rates[rates.imag > 1e-9 * np.abs(rates)], key=abs, default=-1.0)
+        time *= ratio / float(-swing.real / abs(swing))
+    return time
 
 
 def _add_chain(

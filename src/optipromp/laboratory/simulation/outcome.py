@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from optipromp.core.arrays import BoolArray
-from optipromp.core.scenes.crops import hanging_on
+from optipromp.core.scenes.crops import Crop
 from optipromp.laboratory.simulation.contacts import ContactLog, in_tool
 from optipromp.laboratory.simulation.grasps import on_lip, suction_of, wanted
-from optipromp.laboratory.simulation.harms import BEARABLE, HarmLog
+from optipromp.laboratory.simulation.harms import HarmLog
 from optipromp.laboratory.simulation.rollout import Rollout, StemCut
 from optipromp.laboratory.simulation.world import World
 
@@ -33,12 +33,13 @@ class Cause(StrEnum):
     NOT_PLACED = "not_placed"  # the target is not at its place
 
 
-BY: Mapping[str, str] = {
-    "impact_energy": "by a blow of {:.3g} J",
-    "pressed_force": "with a lasting {:.3g} N",
-    "edge_force": "by an edge with {:.3g} N",
+PRESSED: Mapping[str, str] = {
+    "peak_force": "with {:.1f} N",
+    "impact_energy": "by a blow of {:.3g} J (bears {:.3g})",
+    "pressed_force": "with a lasting {:.3g} N (bears {:.3g})",
+    "edge_force": "by an edge with {:.3g} N (bears {:.3g})",
 }
-"""Figures in words."""
+"""What a fruit did not bear, in words: the figure, and what it bears."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,8 @@ class CropVerdict:
         figures: largest figure of each row that limits harm, by fruit and row [the row's unit].
         decided: rows whose value a fruit did not bear.
         guesses: of these, those that nobody measured.
-        hangs_on: guesses on which the verdict hangs: another value of their range gives another.
+        hangs_on: guessed limits on which the verdict hangs: their range holds values that bear the
+            largest figure, and others that do not.
     """
 
     name: str
@@ -289,10 +291,9 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
         warnings=rollout.warnings,
         target=target,
     )
-    harm = log if isinstance(log, HarmLog) else None
-    if harm is not None:
-        facts = replace(facts, crop=_verdict(facts, harm))
-    failures = list(_failures(facts, world, harm))
+    if isinstance(log, HarmLog):
+        facts = replace(facts, crop=_verdict(facts, log, log.crop))
+    failures = list(_failures(facts, world, log))
     far = ", ".join(f"{id_} by {1e3 * by:.1f} mm" for id_, by in world.parted.items())
     note = f"; fruits that overlapped were pushed apart before: {far}" if far else ""
     if failures:
@@ -306,26 +307,24 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
     return replace(facts, success=True, message=told + note)
 
 
-def _verdict(outcome: Outcome, harm: HarmLog) -> CropVerdict:
+def _verdict(outcome: Outcome, log: HarmLog, crop: Crop) -> CropVerdict:
     """The figures of a run beside the crop's rows."""
-    crop = harm.crop
     figures = {
-        id_: {**mine, **({"grip_force": force} if (force := outcome.stem_force.get(id_)) else {})}
-        for id_, mine in harm.figures().items()
+        id_: {**mine, "grip_force": outcome.stem_force.get(id_, 0.0)}
+        for id_, mine in log.figures().items()
     }
-    most: dict[str, float] = {}
-    for mine in figures.values():
-        for name, value in mine.items():
-            most[name] = max(most.get(name, 0.0), value / crop[name])
+    laws = [name for name in crop.rows if any(name in mine for mine in figures.values())]
+    most = {name: max(mine[name] for mine in figures.values()) for name in laws}
     decided = tuple(
-        name for name, share in most.items()
-        if share > 1.0 and (name != "grip_force" or outcome.stem_caught)
+        name for name in laws
+        if most[name] > crop[name] and (name != "grip_force" or outcome.stem_caught)
     )  # fmt: skip
     guesses = tuple(name for name in decided if crop.rows[name].guess)
-    return CropVerdict(crop.name, figures, decided, guesses, hanging_on(crop, most))
+    hangs_on = tuple(name for name in laws if crop.rows[name].hangs(most[name]))
+    return CropVerdict(crop.name, figures, decided, guesses, hangs_on)
 
 
-def _failures(outcome: Outcome, world: World, harm: HarmLog | None) -> Iterator[tuple[Cause, str]]:
+def _failures(outcome: Outcome, world: World, log: ContactLog) -> Iterator[tuple[Cause, str]]:
     """The causes of failure and each in words, in the order of :class:`Cause`."""
     limits = world.parameters.thresholds
     if outcome.warnings:
@@ -334,8 +333,7 @@ def _failures(outcome: Outcome, world: World, harm: HarmLog | None) -> Iterator[
     if worst is not None:
         yield Cause.STATIC_CONTACT, f"{worst.link} presses {worst.other} with {_force(worst)}"
     if outcome.torn:
-        why = {} if harm is None else harm.torn
-        words = (f"{i} ({why[i]})" if i in why else i for i in outcome.torn)
+        words = (f"{i} ({log.torn[i]})" if i in log.torn else i for i in outcome.torn)
         yield Cause.TORN, f"torn off: {', '.join(words)}"
     if outcome.cut is not None:
         shut_on = [f"the stem of {i}" for i in outcome.cut.stems if i != wanted(world)]
@@ -351,17 +349,11 @@ def _failures(outcome: Outcome, world: World, harm: HarmLog | None) -> Iterator[
     worst = _hardest(world, outcome.avoid_contacts, limits.avoid_force)
     if worst is not None:
         yield Cause.AVOID_CONTACT, f"{worst.link} presses {worst.other} with {_force(worst)}"
-    if outcome.crop is not None and harm is not None:
-        crushed = [
-            f"{i} {BY[name].format(mine[name])} (bears {harm.crop[name]:.3g})"
-            for i, mine in outcome.crop.figures.items()
-            for name in BEARABLE
-            if mine[name] > harm.crop[name]
-        ]
-    else:
-        crushed = [
-            f"{i} with {f:.1f} N" for i, f in outcome.peak_force.items() if f > limits.fruit_force
-        ]
+    crushed = [
+        f"{id_} {PRESSED[name].format(figure, most)}"
+        for id_, name, figure, most in log.borne()
+        if figure > most
+    ]
     if crushed:
         yield Cause.CRUSHED, f"pressed too hard: {', '.join(crushed)}"
     if outcome.limit_use.get("position", 0.0) > 1.0 + 1e-3:

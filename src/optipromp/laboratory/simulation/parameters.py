@@ -232,25 +232,19 @@ def of_crop(parameters: SimulationParameters, crop: Crop | None) -> SimulationPa
     """The parameters with the crop's values where they are the defaults; None: as they are."""
     if crop is None:
         return parameters
-    usual, groups = SimulationParameters(), {}
-    for group, rows in OF_CROP.items():
-        now, before = getattr(parameters, group), getattr(usual, group)
-        values = {
-            name: crop[row]
-            for name, row in rows.items()
-            if getattr(now, name) == getattr(before, name)
-        }
-        groups[group] = replace(now, **values)
-    return replace(parameters, **groups)
+    usual = SimulationParameters()
+    for name, row in OF_CROP.items():
+        branch, leaf = name.split(".")
+        group = getattr(parameters, branch)
+        if getattr(group, leaf) == getattr(getattr(usual, branch), leaf):
+            parameters = replace(parameters, **{branch: replace(group, **{leaf: crop[row]})})
+    return parameters
 
 
-OF_CROP: Mapping[str, Mapping[str, str]] = {
-    "fruit": {"density": "density"},
-    "stem": {
-        "diameter": "stem_diameter", "youngs_modulus": "stem_modulus",
-        "damping_ratio": "damping_ratio", "abscission_force": "abscission",
-    },
-    "thresholds": {"stem_force": "grip_force"},
+OF_CROP: Mapping[str, str] = {
+    "fruit.density": "density", "stem.diameter": "stem_diameter",
+    "stem.youngs_modulus": "stem_modulus", "stem.damping_ratio": "damping_ratio",
+    "stem.abscission_force": "abscission", "thresholds.stem_force": "grip_force",
 }  # fmt: skip
 """The parameters that a crop has rows of."""
 

@@ -19,7 +19,7 @@ from optipromp.core.trajectory import State, Trajectory
 from optipromp.laboratory.simulation.contacts import HarmSoFar, harm_so_far, in_tool, pressing
 from optipromp.laboratory.simulation.engine import Layer
 from optipromp.laboratory.simulation.outcome import Outcome, judge
-from optipromp.laboratory.simulation.parameters import SimulationParameters, of_crop
+from optipromp.laboratory.simulation.parameters import SimulationParameters
 from optipromp.laboratory.simulation.rollout import Rollout
 from optipromp.laboratory.simulation.steps import Execution, quiet
 from optipromp.laboratory.simulation.world import GRIP, World, build
@@ -103,9 +103,9 @@ class Simulation:
             robot, state = posed(scene, robot)
             q = state.q if q is None else q
         self.scene, self.robot, self.seed = scene, robot, seed
-        self.parameters = of_crop(parameters or SimulationParameters(), scene.crop)
         self._start, self._record_rate = frozen(q), record_rate
-        self._world = build(scene, robot, self.parameters, seed)
+        self._world = build(scene, robot, parameters, seed)
+        self.parameters = self._world.parameters
         self._begin(self._start)
 
     def _begin(self, q: FloatArray) -> None:

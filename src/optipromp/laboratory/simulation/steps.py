@@ -348,7 +348,6 @@ class StemWatch:
         self._fruits, self._tension = fruits, tension
         self._last = np.array([f.last for f in fruits], dtype=np.int64)
         self._bodies = np.array([f.body for f in fruits], dtype=np.int64)
-        self._keys = [f.built.key for f in fruits]
         self._along = np.array([f.along for f in fruits]).reshape(-1, 3, 1)
         self._abscission = np.array([f.built.abscission for f in fruits], dtype=np.float64)
         names = [self._tops.get(f.id, "") for f in fruits]
@@ -359,7 +358,8 @@ class StemWatch:
     @property
     def tension(self) -> dict[str, float]:
         """Largest pull along each stem, by key [N]."""
-        return self._torn_by | dict(zip(self._keys, self._tension.tolist(), strict=True))
+        keys = [fruit.built.key for fruit in self._fruits]
+        return self._torn_by | dict(zip(keys, self._tension.tolist(), strict=True))
 
     def tear(self, data: Any) -> None:
         """Cut the stem of each fruit that is pulled beyond its threshold."""
@@ -373,13 +373,8 @@ class StemWatch:
         torn = note_pulls(pulls, self._abscission, self._tension)
         gone = pulls > self._abscission
         if self._harm is not None:
-            gone = self._harm.pull(
-                self._keys,
-                _SIGN * forces[:, 0],
-                up[:, :, 0],
-                self._moments(data),
-                self._abscission,
-            )
+            pull, turn = _SIGN * forces[:, 0], self._moments(data)
+            gone = self._harm.pull(self._fruits, pull, up[:, :, 0], turn, self._abscission)
             torn = bool(gone.any())
         for mine in self._trusses:  # a truss comes off whole where none of its fruits does
             if not (gone & mine).any() and float(pulls[mine].sum()) > self._truss_force:
