@@ -156,13 +156,7 @@ def study(
 
 def _report(rows: list["Row"], out: Path) -> Report:
     """Write the results beside the rows, and report them."""
-    from optipromp.laboratory.experiments.situations import AS_CROP
-    from optipromp.laboratory.experiments.statistics import (
-        calibration,
-        changed_by,
-        loop_summary,
-        summary,
-    )
+    from optipromp.laboratory.experiments.statistics import calibration, loop_summary, summary
     from optipromp.laboratory.experiments.study import write_results
 
     cells = summary(rows)
@@ -177,15 +171,13 @@ def _report(rows: list["Row"], out: Path) -> Report:
         columns = dict(PLANNER)
         if max(len(cell.preset) for cell in cells) > 15:  # variations: their names take the width
             columns = dict(list(columns.items())[:5])
+        if "changed" in cells[0].figures:  # by a guess of the crop
+            columns["changed"] = _number("changed")
         shown.append(table(cells, NAMES, columns, TITLE))
     shown.append(causes(cells, LOOP_NAMES if looped else NAMES))
     if not looped and (known := calibration(rows)) is not None:
         shown.append(reliability(known))
-    document = {"runs": len(rows), "cells": [c.to_dict() for c in cells]}
-    if rows[0].variation == AS_CROP:
-        document["changed_by"] = changed = changed_by(rows)
-        shown.append(guesses(changed, len(rows) // (len(changed) + 1)))
-    return Report(document, (*shown, last))
+    return Report({"runs": len(rows), "cells": [c.to_dict() for c in cells]}, (*shown, last))
 
 
 def _names(text: str, all_of_them: Sequence[str]) -> tuple[str, ...]:
@@ -278,16 +270,6 @@ def causes(cells: Sequence["Cell"], names: Sequence[str]) -> "Table":
     title = "causes of failure, a run may have several"
     out = table(cells, names, {"failed by": lambda cell: cell.failed_by}, title)
     out.columns[-1].justify, out.columns[-1].no_wrap = "left", False
-    return out
-
-
-def guesses(changed: Mapping[str, int], runs: int) -> "Table":
-    """The guesses of a crop that change how some of so many runs end."""
-    title = f"guesses that change how a run ends, of {runs} runs each; no other guess does"
-    out = grid(("guess",), ("changed",), title=title)
-    for name, count in changed.items():
-        if count:
-            out.add_row(name, str(count))
     return out
 
 

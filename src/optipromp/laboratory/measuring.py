@@ -119,12 +119,12 @@ def _paired(given: Mapping[str, FloatArray], needs: Sequence[str]) -> FloatArray
 
 def _row(name: str, values: FloatArray, usual: Row, needs: Sequence[str]) -> Row:
     """The row of the values of N fruits; a table of abscission is scaled."""
-    kind, value = ROWS[name], float(values.mean())
-    if not kind.least <= value <= kind.most:
+    (unit, least, most), value = ROWS[name], float(values.mean())
+    if not least <= value <= most:
         units = ", ".join(f"{need} [{MEASURED[need]}]" for need in needs)
         raise InvalidRequestError(
-            f"{name} is {value:.3g} {kind.unit} by {units}: must be {kind.least:g} to "
-            f"{kind.most:g} {kind.unit}; look at the units"
+            f"{name} is {value:.3g} {unit} by {units}: must be {least:g} to {most:g} {unit}; look "
+            "at the units"
         )
     spread = float(values.std(ddof=1)) if len(values) > 1 else 0.0
     words = f"measured, n = {len(values)}: {', '.join(needs)}"

@@ -10,7 +10,7 @@ import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
@@ -21,33 +21,23 @@ from optipromp.core.errors import InvalidSceneError
 from optipromp.core.scenes import schema
 from optipromp.core.scenes.schema import Value, needed
 
-
-class RowKind(NamedTuple):
-    """What a row of a crop is."""
-
-    unit: str
-    least: float  # in the unit; a value outside is a mistake of units: a choice
-    most: float
-    meaning: str
-
-
-ROWS: Mapping[str, RowKind] = {
-    "width": RowKind("m", 0.004, 0.4, "of a ripe fruit, across its axis"),
-    "elongation": RowKind("1", 0.3, 5.0, "length of a fruit along its axis over its width"),
-    "density": RowKind("kg/m^3", 100.0, 1500.0, "of a fruit"),
-    "stem_length": RowKind("m", 0.003, 2.0, "of the stem that bends with one fruit"),
-    "stem_diameter": RowKind("m", 0.0003, 0.03, "of that stem"),
-    "stem_modulus": RowKind("Pa", 1e6, 2e10, "of that stem, in bending"),
-    "damping_ratio": RowKind("1", 0.005, 1.0, "of a fruit that swings on its stem"),
-    "impact_energy": RowKind("J", 1e-4, 5.0, "of a blow that bruises"),
-    "pressed_force": RowKind("N", 0.1, 1000.0, "that bruises if it lasts"),
-    "pressed_time": RowKind("s", 0.005, 100.0, "in which flesh yields to 63 % under such a force"),
-    "edge_force": RowKind("N", 0.1, 1000.0, "of an edge that pierces the skin"),
-    "grip_force": RowKind("N", 0.1, 1000.0, "on a stem that crushes it"),
-    "abscission": RowKind("N", 0.05, 1000.0, "pull that detaches, by its angle to the stem"),
-    "abscission_moment": RowKind("N m", 1e-4, 10.0, "bending at the calyx that detaches a fruit"),
+ROWS: Mapping[str, tuple[str, float, float]] = {
+    "width": ("m", 0.004, 0.4),  # of a ripe fruit, across its axis
+    "elongation": ("1", 0.3, 5.0),  # length of a fruit along its axis over its width
+    "density": ("kg/m^3", 100.0, 1500.0),  # of a fruit
+    "stem_length": ("m", 0.003, 2.0),  # of the stem that bends with one fruit
+    "stem_diameter": ("m", 0.0003, 0.03),  # of that stem
+    "stem_modulus": ("Pa", 1e6, 2e10),  # of that stem, in bending
+    "damping_ratio": ("1", 0.005, 1.0),  # of a fruit that swings on its stem
+    "impact_energy": ("J", 1e-4, 5.0),  # of a blow that bruises
+    "pressed_force": ("N", 0.1, 1000.0),  # that bruises if it lasts
+    "pressed_time": ("s", 0.005, 100.0),  # in which flesh yields to 63 % under such a force
+    "edge_force": ("N", 0.1, 1000.0),  # of an edge that pierces the skin
+    "grip_force": ("N", 0.1, 1000.0),  # on a stem that crushes it
+    "abscission": ("N", 0.05, 1000.0),  # pull that detaches, by its angle to the stem
+    "abscission_moment": ("N m", 1e-4, 10.0),  # bending at the calyx that detaches a fruit
 }
-"""Rows by name; abscission alone may have several values, one for each of its angles."""
+"""Unit of each row, and the least and largest value; others are mistakes of units: choices."""
 
 UNITS: Mapping[str, Mapping[str, float]] = {
     "m": {"mm": 1e-3, "cm": 1e-2, "m": 1.0}, "kg/m^3": {"g/cm^3": 1e3, "kg/m^3": 1.0},
@@ -134,16 +124,16 @@ class Crop:
 
 def _row(name: str) -> Any:
     """What a row is in a file: a :class:`Row`, once it is read."""
-    kind, turns = ROWS[name], name == "abscission"
-    units = UNITS[kind.unit]
+    (unit, least, largest), turns = ROWS[name], name == "abscission"  # alone has angles
+    units = UNITS[unit]
 
     def made(row: Any) -> Row:
         factor, angles = units[row.unit], tuple(getattr(row, "angles", None) or (0.0,))
         for number in (*row.value, *(row.range or ())):
-            if not kind.least <= factor * number <= kind.most:
+            if not least <= factor * number <= largest:
                 raise schema.refuse(
-                    f"{number:g} {row.unit} is out of range: must be {kind.least / factor:g} to "
-                    f"{kind.most / factor:g} {row.unit} ({kind.meaning})"
+                    f"{number:g} {row.unit} is out of range: must be {least / factor:g} to "
+                    f"{largest / factor:g} {row.unit}"
                 )
         if row.range and not (row.guess and row.range[0] <= row.value[0] <= row.range[1]):
             raise schema.refuse(
@@ -201,12 +191,14 @@ def crop_from_dict(document: Any, source: str) -> Crop:
     return Crop(model.name, rows)
 
 
-def load_crop(name_or_path: str | Path) -> Crop:
-    """Load a built-in crop by name, or a crop file.
+def load_crop(name_or_path: str | Path | dict[str, Any]) -> Crop:
+    """Load a built-in crop by name, or a crop file; or take the plain values of such a file.
 
     Raises:
         InvalidSceneError: no such crop, or one that cannot be used; names the row and its value.
     """
+    if isinstance(name_or_path, dict):
+        return crop_from_dict(name_or_path, "crop")
     holds = "a crop (format: 1, name, width, density, ...)"
     document, source, _ = read_named(name_or_path, _FOLDER, InvalidSceneError, holds)
     return crop_from_dict(document, source)
@@ -218,7 +210,7 @@ def crop_to_dict(crop: Crop) -> dict[str, Any]:
     for name, row in crop.rows.items():
         turns = len(row.angles) > 1
         document[name] = {
-            "value": list(row.values) if turns else row.value, "unit": ROWS[name].unit,
+            "value": list(row.values) if turns else row.value, "unit": ROWS[name][0],
             **({"angles": list(row.angles)} if turns else {}),
             **({"spread": row.spread} if row.spread else {}),
             **({"guess": True} if row.guess else {}),
@@ -226,6 +218,12 @@ def crop_to_dict(crop: Crop) -> dict[str, Any]:
             "source": row.source,
         }  # fmt: skip
     return document
+
+
+def crop_in_scene(crop: Crop) -> str | dict[str, Any]:
+    """The crop as a scene file has it: the name of one that is built in, or the rows."""
+    known = crop.name in crop_names() and crop == load_crop(crop.name)
+    return crop.name if known else crop_to_dict(crop)
 
 
 def save_crop(crop: Crop, path: Path) -> None:

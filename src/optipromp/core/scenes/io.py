@@ -14,7 +14,7 @@ from optipromp.core.documents import built_in, read_named, write_document
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError
 from optipromp.core.geometry.shapes import PRIMITIVES, MeshShape, PointCloudShape, Shape
 from optipromp.core.robots.library import NOTHING
-from optipromp.core.scenes.crops import crop_names, crop_to_dict, load_crop
+from optipromp.core.scenes.crops import crop_in_scene
 from optipromp.core.scenes.goals import Goal, RegionGoal
 from optipromp.core.scenes.reading import check_magnitude, scene_from_dict
 from optipromp.core.scenes.scene import STEM_RADIUS, Attached, Scene, SceneObject, ToolSpec
@@ -88,9 +88,8 @@ def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, An
     document |= _plain(scene, ["start"])
     if scene.target is not None:
         document["target"] = scene.target.id
-    if (crop := scene.crop) is not None:
-        known = crop.name in crop_names() and crop == load_crop(crop.name)
-        document["crop"] = crop.name if known else crop_to_dict(crop)
+    if scene.crop is not None:
+        document["crop"] = crop_in_scene(scene.crop)
     if scene.goal is not None:
         goals = [_goal_to_dict(goal) for goal in scene.goals]
         document["goal"] = goals if isinstance(scene.goal, tuple) else goals[0]

@@ -21,7 +21,7 @@ from optipromp.core.geometry.shapes import (
 )
 from optipromp.core.robots.library import UNTRUSTED, Choice, robot_names
 from optipromp.core.robots.tools import make_tool
-from optipromp.core.scenes.crops import Crop, crop_from_dict, crop_names, load_crop
+from optipromp.core.scenes.crops import Crop, crop_names, load_crop
 from optipromp.core.scenes.goals import (
     Goal,
     HeldUpright,
@@ -122,9 +122,8 @@ def _inside(name: str, base_dir: Path | None) -> Path:
 
 
 def _crop(crop: Any, base_dir: Path | None) -> Crop:
-    if isinstance(crop, dict):
-        return crop_from_dict(crop, "crop")
-    return load_crop(crop if crop in crop_names() else _inside(crop, base_dir))
+    is_file = isinstance(crop, str) and crop not in crop_names()
+    return load_crop(_inside(crop, base_dir) if is_file else crop)
 
 
 def _choice(robot: Any, base_dir: Path | None) -> Choice:

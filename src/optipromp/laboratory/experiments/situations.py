@@ -328,7 +328,7 @@ SIZES = "width", "elongation", "stem_length"  # rows that scenes are made of, no
 def crop_variations(crop: Crop | None) -> Mapping[str, Change]:
     """As the crop, then each guess at its least and at its largest value, by name."""
     guesses = {} if crop is None else {k: crop.rows[k] for k in crop.guesses if k not in SIZES}
-    ends = {f"{k} {end:.3g} {ROWS[k].unit}": (k, end) for k, r in guesses.items() for end in r.ends}
+    ends = {f"{k} {end:.3g} {ROWS[k][0]}": (k, end) for k, r in guesses.items() for end in r.ends}
     return {AS_CROP: Change()} | {name: Change(row=row) for name, row in ends.items()}
 
 

@@ -22,7 +22,7 @@ from optipromp.core.planning import Picked, Plan, PlanOptions, plan, planner_nam
 from optipromp.core.planning.legs import REACH, way_out
 from optipromp.core.planning.planners import factory, make
 from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice
-from optipromp.core.scenes.crops import Crop, crop_to_dict
+from optipromp.core.scenes.crops import Crop, crop_in_scene
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.shown import suggest
@@ -136,41 +136,27 @@ _BLIND = {
 
 @dataclass(frozen=True)
 class Study:
-    """The trials of a study.
+    """The trials of a study."""
 
-    ``presets``: of the scenes. ``planners``: to compare. ``seeds``: first seed, and the last plus
-    one. ``noise_position``: standard deviation of detected positions [m]. ``noise_angle``: standard
-    deviation of detected stem directions [degrees]. ``only_valid``: plans that the judge refuses
-    are not executed, and count as failures. ``robot``: name or path of the robot of the scenes.
-    ``choice``: of the arm in the robot's file. ``vary``: every plan is executed under all of
-    :data:`VARIATIONS`; crop: with each guess of the crop at its ends. ``noise``: name in
-    :data:`optipromp.laboratory.generate.NOISES`, in place of the deviations. ``risk``: share of
-    promised successes that may be broken. ``loops``: of :data:`LOOPS`; the planner is opti-promp.
-    Empty: planners are compared. ``conditions``: of :data:`CONDITIONS`; of loops. ``eyes``: of :data:`optipromp.laboratory.experiments.eyes.WAYS`,
-    in place of conditions. ``finder``: of the fruits in rendered pictures, see
-    :func:`optipromp.perception.detector.finder_named`. ``views``: pictures from as many sides are
-    fused before a plan: 1 or 2. ``files``: scene files, whose names stand for presets; see
-    :meth:`of_files`. ``crop``: of all scenes; None: that of a scene file.
-    """
-
-    presets: tuple[str, ...] = PRESETS
-    planners: tuple[str, ...] = STUDY_PLANNERS
-    seeds: tuple[int, int] = (0, 20)
-    noise_position: float = 0.0
-    noise_angle: float = 0.0
-    only_valid: bool = False
-    robot: str | Path = PANDA
-    choice: Choice = NOTHING
+    presets: tuple[str, ...] = PRESETS  # of the scenes; the names of ``files``
+    planners: tuple[str, ...] = STUDY_PLANNERS  # to compare
+    seeds: tuple[int, int] = (0, 20)  # the first, and the last plus one
+    noise_position: float = 0.0  # standard deviation of detected positions [m]
+    noise_angle: float = 0.0  # standard deviation of detected stem directions [degrees]
+    only_valid: bool = False  # plans that the judge refuses are not executed, and count as failures
+    robot: str | Path = PANDA  # name or path of the robot of the scenes
+    choice: Choice = NOTHING  # of the arm in the robot's file
+    # every plan is executed under all of VARIATIONS; crop: with each guess of the crop at its ends
     vary: bool | Literal["crop"] = False
-    noise: str = ""
-    risk: float = PlanOptions.risk
-    loops: tuple[str, ...] = ()
-    conditions: tuple[str, ...] = ("none",)
-    eyes: tuple[str, ...] = ()
-    finder: str = "geometry"
-    views: int = 1
-    files: tuple[Path, ...] = ()
-    crop: Crop | None = None
+    noise: str = ""  # name in NOISES, in place of the deviations
+    risk: float = PlanOptions.risk  # share of promised successes that may be broken
+    loops: tuple[str, ...] = ()  # of LOOPS; the planner is opti-promp. Empty: planners are compared
+    conditions: tuple[str, ...] = ("none",)  # of CONDITIONS; of loops
+    eyes: tuple[str, ...] = ()  # of eyes.WAYS, in place of conditions
+    finder: str = "geometry"  # of fruits in rendered pictures, see detector.finder_named
+    views: int = 1  # pictures from as many sides are fused before a plan: 1 or 2
+    files: tuple[Path, ...] = ()  # scene files, whose names stand for presets; see of_files
+    crop: Crop | None = None  # of all scenes; None: that of a scene file
 
     @classmethod
     def of_files(cls, files: Sequence[Path], **given: Any) -> "Study":
@@ -268,7 +254,7 @@ class Study:
             **({} if self.robot == PANDA else {"robot": f"{self.robot} {self.choice}"}),
             "vary": self.vary,
             **({"noise": self.noise} if self.noise else {}),
-            **({} if self.crop is None else {"crop": crop_to_dict(self.crop)}),
+            **({} if self.crop is None else {"crop": crop_in_scene(self.crop)}),
             "version": source_version(),
             "risk": self.risk,
             **({"loops": True} if self.loops else {}),

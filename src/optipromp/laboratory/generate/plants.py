@@ -122,10 +122,9 @@ def with_fruits_of(scene: Scene, crop: Crop, rng: np.random.Generator) -> Scene:
             half = wide * drawn("elongation")
             line = stem.vector / float(np.linalg.norm(stem.vector))
             length = wider * stem.length if joined else drawn("stem_length")
-            item = replace(
-                item, shape=Ellipsoid((wide, wide, half)), orientation=frame_along(line),
-                stem=replace(stem, points=place + np.outer([half, half + length], line)),
-            )  # fmt: skip
+            stem = replace(stem, points=place + np.outer([0.0, half + length], line))
+            item = replace(item, stem=stem)
+            item = bunches.hung(item, Ellipsoid((wide, wide, half)), half, line)
         objects.append(item)
     widest = max(item.shape.measure.half[0] for item in objects if item.role == "target")
     cup = Cup(**tool.parameters)

@@ -26,18 +26,6 @@ def is_sound(warnings, positions, velocities):
 
 
 @kernel
-def note_pulls(pulls, limits, largest):
-    """Raise ``largest`` to ``pulls`` in place; whether one is above its limit. All are (W,)."""
-    beyond = False
-    for w in range(len(pulls)):
-        if pulls[w] > largest[w]:
-            largest[w] = pulls[w]
-        if pulls[w] > limits[w]:
-            beyond = True
-    return beyond
-
-
-@kernel
 def contact_forces(geoms, addresses, frames, forces, owners):
     """Pairs of owners that touch (K, 2), the smaller first, and the force between them (K,) [N].
 

@@ -10,7 +10,7 @@ import numpy as np
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frozen
 from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.simulation.arm import GUARD
-from optipromp.laboratory.simulation.contacts import ContactLog, is_sound, note_pulls, pressing
+from optipromp.laboratory.simulation.contacts import ContactLog, is_sound, pressing
 from optipromp.laboratory.simulation.disturbances import CARRIAGE_MASS
 from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.fruits import tops
@@ -370,16 +370,15 @@ class StemWatch:
         # welds are the only equalities, six rows each, in order, the active ones first
         forces = data.efc_force[: 6 * count].reshape(-1, 1, 6)[:, :, :3]
         pulls = _SIGN * (forces @ up).ravel()
-        torn = note_pulls(pulls, self._abscission, self._tension)
+        np.maximum(self._tension, pulls, out=self._tension)
         gone = pulls > self._abscission
         if self._harm is not None:
             pull, turn = _SIGN * forces[:, 0], self._moments(data)
             gone = self._harm.pull(self._fruits, pull, up[:, :, 0], turn, self._abscission)
-            torn = bool(gone.any())
         for mine in self._trusses:  # a truss comes off whole where none of its fruits does
             if not (gone & mine).any() and float(pulls[mine].sum()) > self._truss_force:
-                gone, torn = gone | mine, True
-        if torn:
+                gone = gone | mine
+        if gone.any():
             self._cut(data, gone)
 
     def _moments(self, data: Any) -> FloatArray:
