@@ -52,7 +52,7 @@ from optipromp.core.files import (
     write_atomically,
 )
 from optipromp.core.processes import cores
-from optipromp.core.shown import is_name, suggest
+from optipromp.core.shown import check_one_of, is_name
 from optipromp.laboratory.experiments.cluster import Progress, gathered
 from optipromp.laboratory.experiments.rows import (
     BENCH,
@@ -91,12 +91,8 @@ class BenchRun:
     round: Round | None = None
 
     def __post_init__(self) -> None:
-        for name, value, valid in (
-            ("condition", self.condition, tuple(CONDITIONS)),
-            ("variation", self.variation, ("", *VARIATIONS)),
-        ):
-            if value not in valid:
-                raise InvalidRequestError(f"{name} is {value!r}: {suggest(value, valid)}")
+        check_one_of("condition", self.condition, CONDITIONS)
+        check_one_of("variation", self.variation, ("", *VARIATIONS))
         for text in (self.entry, self.version or "-", self.processor or "-"):
             if not is_name(text):
                 raise InvalidRequestError(f"{text[:60]!r} is no name: must be printable letters")

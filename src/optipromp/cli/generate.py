@@ -14,7 +14,7 @@ from optipromp.cli.console import Cluster, Preset, Workers, progress_bar, say_if
 from optipromp.cli.robot import ArmOptions, Named, Whose
 from optipromp.core import files
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.shown import suggest
+from optipromp.core.shown import check_one_of
 
 if TYPE_CHECKING:
     from optipromp.core.scenes.scene import Scene
@@ -71,8 +71,8 @@ def generate(
     from optipromp.core.scenes.crops import load_crop
     from optipromp.laboratory.generate import NOISES, PANDA, generate_with_report
 
-    if noise and noise not in NOISES:
-        raise InvalidRequestError(f"noise is {noise!r}: {suggest(noise, NOISES)}")
+    if noise:
+        check_one_of("noise", noise, NOISES)
     files.check_folder(out / SEEN if noise else out)
     named, grown = arm.of(robot), None if crop is None else load_crop(crop)
     documents: list[dict[str, Any]] = []
@@ -296,8 +296,7 @@ def episodes(
     given += [("condition", condition, tuple(CONDITIONS))]
     given += [("preset", each, tuple(PRESETS)) for each in presets or ("",)]
     for what, value, valid in given:
-        if value not in valid:
-            raise InvalidRequestError(f"{what} is {value!r}: {suggest(value, valid)}")
+        check_one_of(what, value, valid)
     bench.check_place(form, out, name)  # type: ignore[arg-type]
     first = bench.FIRST if seed is None else seed
     asks = [

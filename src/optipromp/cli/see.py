@@ -423,11 +423,10 @@ def measure_crop(
 ) -> Report:
     """Make a crop file from measurements with a ruler, a kitchen scale and a phone.
 
-    Measurements: width, length, stem_length, stem_diameter [mm] and mass [g] of fruits; sag [mm] of
-    the tip of a stem, clamped level, under sag_load [g]; swings of a fruit in a film, swing_first
-    and swing_last [mm], how far aside it went; pull_along and pull_across the stem [g], at which it
-    comes off. Rows that you measured say so, with the number of fruits and their spread; all others
-    are of the crop that yours is like, and stay guesses where they are guesses.
+    Of each fruit: width, length, stem_length, stem_diameter [mm], mass [g]; sag [mm] of the tip of
+    its level stem under sag_load [g]; swings in a film, from swing_first to swing_last [mm] aside;
+    pull_along and pull_across the stem [g] at which it comes off. All other rows are of the crop
+    that yours is like, and stay guesses where they are guesses.
 
     [bold]Examples[/bold]
 
@@ -437,8 +436,8 @@ def measure_crop(
     optipromp study --preset cluster --crop my-crop.yaml --vary crop --out guesses
 
     Args:
-        measured (TABLE.csv|NAME=NUMBERS): A column for each measurement and a line for each fruit,
-            whose cells may be empty; or name=31,29,34.
+        measured (TABLE.csv|NAME=NUMBERS): A column each, whose cells may be empty; or
+            width=31,29,34.
         out (FILE.yaml): The crop.
         name: Of the crop; by default that of the file.
         like (CROP): Whose rows stand where nothing was measured.

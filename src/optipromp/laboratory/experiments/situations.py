@@ -65,18 +65,14 @@ MISSED: Mapping[str, Any] = {"missed": 0.05, "hidden": 0.5}  # as the detector's
 class Situation(NamedTuple):
     """What a trial is made of: the truth, what is known of it at first, and who looks."""
 
-    scene: Scene
-    """The true one; the disturbances of ``parameters`` come on top."""
-    seen: Scene
-    """As first seen."""
+    scene: Scene  # the true one; the disturbances of ``parameters`` come on top
+    seen: Scene  # as first seen
     detector: DetectorParameters
     parameters: SimulationParameters
+    # makes the camera of a closed loop
     camera: Callable[[Scene, Robot, DetectorParameters, int], Detector] = Detector
-    """Makes the camera of a closed loop."""
-    figures: Mapping[str, Any] = {}
-    """What rows tell of the first pictures."""
-    further: "Callable[[], Situation] | None" = None
-    """After one picture more, where there is no plan; None: there is none."""
+    figures: Mapping[str, Any] = {}  # of the first pictures, for rows
+    further: "Callable[[], Situation] | None" = None  # after one picture more; None: there is none
 
 
 Draw = Callable[[np.random.Generator], dict[str, float]]
@@ -85,25 +81,17 @@ Shift = Callable[[Scene, np.random.Generator], FloatArray]
 
 @dataclass(frozen=True)
 class Change:
-    """What a named situation changes; all else is as the planner assumes.
+    """What a named situation changes; all else is as the planner assumes."""
 
-    ``noise``: of :data:`NOISES`, errors of the first look. ``detector``: of later looks.
-    ``unseen``: one of the pushables nearest to the target is not seen at first. ``disturbance``:
-    fields of the simulation's disturbances. ``settled``: fruits are first seen where a sway of
-    :data:`SETTLE` seconds has brought them. ``world``: arguments of :func:`_changed`, or what draws
-    them. ``shift``: of the true fruits (3,) [m]. ``roots``: whether stems' roots are shifted, too.
-    ``row``: of the crop, with another value.
-    """
-
-    noise: str = ""
-    detector: DetectorParameters = DETECTORS["zero-mean"]
-    unseen: bool = False
-    disturbance: Mapping[str, float] = field(default_factory=dict)
-    settled: bool = False
-    world: Mapping[str, Any] | Draw = field(default_factory=dict)
-    shift: Shift | None = None
-    roots: bool = False
-    row: tuple[str, float] | None = None
+    noise: str = ""  # of NOISES, errors of the first look
+    detector: DetectorParameters = DETECTORS["zero-mean"]  # of later looks
+    unseen: bool = False  # one of the pushables nearest to the target is not seen at first
+    disturbance: Mapping[str, float] = field(default_factory=dict)  # fields of the simulation's
+    settled: bool = False  # fruits are first seen where a sway of SETTLE seconds has brought them
+    world: Mapping[str, Any] | Draw = field(default_factory=dict)  # of _changed, or what draws it
+    shift: Shift | None = None  # of the true fruits (3,) [m]
+    roots: bool = False  # whether stems' roots are shifted, too
+    row: tuple[str, float] | None = None  # of the crop, and its other value
 
     def __call__(self, scene: Scene, seed: int) -> Situation:
         """The situation of a true scene; the same scene and seed give the same one."""

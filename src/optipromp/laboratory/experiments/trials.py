@@ -25,7 +25,7 @@ from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice
 from optipromp.core.scenes.crops import Crop, crop_in_scene
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene, SceneObject
-from optipromp.core.shown import suggest
+from optipromp.core.shown import check_one_of
 from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.experiments.eyes import NOT_SEEN, check_eyes, situation
 from optipromp.laboratory.experiments.loops import LOOP_PLANNER, LOOPS, loop_figures, picked
@@ -177,8 +177,8 @@ class Study:
                 f"seeds are {first}:{end}; the first must not be negative, the end (which is not "
                 "run) must be above it"
             )
-        if self.noise and self.noise not in NOISES:
-            raise InvalidRequestError(f"noise is {self.noise!r}: {suggest(self.noise, NOISES)}")
+        if self.noise:
+            check_one_of("noise", self.noise, NOISES)
         deviates = Noise(self.noise_position, self.noise_angle) != Noise()
         if deviates and self.noise:
             raise InvalidRequestError(f"noise {self.noise} and a deviation: state one of them")
@@ -269,8 +269,7 @@ def _check_names(what: str, names: Sequence[str], valid: Sequence[str] | Mapping
     if not names:
         raise InvalidRequestError(f"no {what} is named: valid are {', '.join(valid)}")
     for name in names:
-        if name not in valid:
-            raise InvalidRequestError(f"{what} is {name!r}: {suggest(name, valid)}")
+        check_one_of(what, name, valid)
     if len(set(names)) < len(names):
         raise InvalidRequestError(f"a {what} is named twice: {', '.join(names)}")
 

@@ -19,7 +19,7 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.robots.library import NOTHING, Choice
 from optipromp.core.scenes.crops import Crop
 from optipromp.core.scenes.scene import Scene
-from optipromp.core.scenes.values import suggest
+from optipromp.core.shown import check_one_of
 from optipromp.laboratory.generate import bunches, plants, shelves
 from optipromp.laboratory.generate.checks import OverlapError, interpenetration, unsolvable
 from optipromp.laboratory.generate.placing import UnfitError, at_robot
@@ -42,15 +42,12 @@ class Kind(NamedTuple):
     """What distinguishes a preset."""
 
     sample: Callable[..., Scene]
-    fewest: int = 1
+    fewest: int = 1  # pushables; each number up to the most has even odds
     most: int = 4
-    """Of pushables, with even odds."""
+    # samples the number of pushables in place of both
     number: Callable[[np.random.Generator], int] | None = None
-    """Samples the number of pushables in place of ``fewest`` and ``most``."""
-    gutter: bool | None = None
-    """Whether a gutter stands on the side that is sampled; None: no side is sampled."""
-    plants: tuple[Sampler, ...] = ()
-    """One of these is sampled, and is the first argument of ``sample``."""
+    gutter: bool | None = None  # whether one stands on the sampled side; None: no side is sampled
+    plants: tuple[Sampler, ...] = ()  # one is sampled, and is the first argument of ``sample``
     panda_only: bool = False
 
 
@@ -142,9 +139,7 @@ def generate_with_report(
             any place.
         InvalidRobotError: a robot that cannot be loaded.
     """
-    if preset not in PRESETS:
-        told = suggest(preset, PRESETS)
-        raise InvalidRequestError(f"preset is {preset!r}: {told}")
+    check_one_of("preset", preset, PRESETS)
     if seed < 0:
         raise InvalidRequestError(f"seed is {seed}; it must not be negative")
     other = robot != PANDA
