@@ -297,16 +297,12 @@ class PickEnv(_Scenes):
     def _worth(self) -> float:
         """The potential of the present state, up to a constant."""
         assert self.episode is not None
-        return -PROGRESS * self._distance() - HARM * min(self.episode.harm().worst, 1.0)
-
-    def _distance(self) -> float:
-        """Of the true target's centre from the tool point [m]."""
-        assert self.episode is not None
         fruits, target = self.episode.simulation.fruits(), self.episode.situation.scene.target
-        if target is None:
-            return 0.0
-        point, _ = self.episode.robot.tool_pose(self.episode.state.q)
-        return float(np.linalg.norm(fruits.positions[fruits.ids.index(target.id)] - point))
+        away, worth = 0.0, -HARM * min(self.episode.harm().worst, 1.0)
+        if target is not None:
+            point, _ = self.episode.robot.tool_pose(self.episode.state.q)
+            away = float(np.linalg.norm(fruits.positions[fruits.ids.index(target.id)] - point))
+        return worth - PROGRESS * away
 
     def _seen(self) -> dict[str, Any]:
         assert self.episode is not None

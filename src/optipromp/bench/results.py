@@ -254,12 +254,9 @@ class Verified:
     """A submission that was executed once more."""
 
     run: BenchRun
-    rows: tuple[Row, ...]
-    """As submitted."""
-    changed: tuple[tuple[Row, Row], ...]
-    """Pairs of rows, submitted and now, that differ in more than times of thinking."""
-    unconfirmed: tuple[Row, ...]
-    """Rows without a motion, which the entry alone can confirm."""
+    rows: tuple[Row, ...]  # as submitted
+    changed: tuple[tuple[Row, Row], ...]  # submitted and now; they differ not in thought alone
+    unconfirmed: tuple[Row, ...]  # rows without a motion, which the entry alone can confirm
     by: Means
 
     @property
@@ -272,11 +269,9 @@ class Verified:
 class Record:
     """What a verification confirmed, in a file beside the submission; it is not signed."""
 
-    sha256: str
-    """Of the submission's file."""
+    sha256: str  # of the submission's file
     by: Means
-    digest: str
-    """Of the entry's source."""
+    digest: str  # of the entry's source
     rows: int
     version: str
     processor: str
@@ -379,8 +374,7 @@ class Submission(NamedTuple):
 
     run: BenchRun
     rows: list[Row]
-    motions: dict[str, bytes]
-    """Contents of the files of motions by name, packed as they are."""
+    motions: dict[str, bytes]  # contents of the files of motions by name, packed as they are
     sha256: str
 
 

@@ -136,11 +136,9 @@ class Round:
     """A test set and the entries that were handed in before it was drawn."""
 
     word: str
-    entries: Mapping[str, str]
-    """Digest of the source by entry, see :func:`entry_digest`."""
+    entries: Mapping[str, str]  # digest of the source by entry, see entry_digest
     version: str
-    drawn: str
-    """When, in UTC."""
+    drawn: str  # when, in UTC
 
     def check(self, entry: str, digest: str, version: str) -> None:
         """Raise InvalidRequestError for another digest, or another version of the library."""

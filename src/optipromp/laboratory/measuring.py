@@ -3,14 +3,13 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.parameters import GRAVITY
-from optipromp.core.scenes.crops import ROWS, Crop, Row
+from optipromp.core.scenes.crops import ROWS, Crop, crop_from_dict, crop_to_dict
 from optipromp.core.shown import suggest
 
 MEASURED: Mapping[str, str] = {
@@ -64,29 +63,39 @@ def measured_crop(name: str, like: Crop, given: Mapping[str, Sequence[str]]) -> 
     ``given``: texts of each of :data:`MEASURED`, one a fruit, in its unit; empty where it was not
     measured.
 
-    Raises InvalidRequestError: a measurement that is unknown or no number above 0, numbers of
-    measurements that differ, one from which no row follows, or a row out of its limits.
+    Raises:
+        InvalidRequestError: a measurement that is unknown or no number above 0, numbers of
+            measurements that differ, or one from which no row follows.
+        InvalidSceneError: a row that is out of its range; mostly a unit is wrong.
     """
     known = {key: _numbers(key, each) for key, each in given.items()}
-    rows, used = dict(like.rows), set[str]()
+    document, used = crop_to_dict(like) | {"name": name}, set[str]()
     for row, (needs, formula) in FORMULAS.items():
         if known.keys() >= set(needs):
-            rows[row] = _row(row, formula(*_paired(known, needs)), like.rows[row], needs)
+            values = formula(*_paired(known, needs))
+            document[row] = {
+                "value": float(values.mean()), "unit": ROWS[row][0],
+                "spread": float(values.std(ddof=1)) if len(values) > 1 else 0.0,
+                "source": f"measured, n = {len(values)}: {', '.join(needs)}",
+            }  # fmt: skip
             used |= set(needs)
     if "pull_along" in known:
-        along, source = rows["abscission"], f"other angles in proportion as of {like.name}"
+        along = document["abscission"]
+        usual = like.rows["abscission"].at(along["value"])
+        forces, angles = list(usual.values), list(usual.angles)
+        source = f"other angles in proportion as of {like.name}"
         if "pull_across" in known:
             across = GRAVITY * _paired(known, ("pull_across",))
-            along = replace(along, angles=(0.0, 90.0), values=(along.value, float(across.mean())))
+            forces, angles = [along["value"], float(across.mean())], [0.0, 90.0]
             source = f"pull_across, n = {across.size}"
             used.add("pull_across")
-        rows["abscission"] = replace(along, source=f"{along.source}; {source}")
+        along |= {"value": forces, "angles": angles, "source": f"{along['source']}; {source}"}
     if alone := sorted(known.keys() - used):
         words = (f"{row} of {', '.join(names)}" for row, (names, _) in FORMULAS.items())
         raise InvalidRequestError(
             f"no row follows from {', '.join(alone)} alone; they follow: {'; '.join(words)}"
         )
-    return Crop(name, rows)
+    return crop_from_dict(document, "from measurements in mm and g")
 
 
 def _numbers(name: str, texts: Sequence[str]) -> FloatArray:
@@ -115,17 +124,3 @@ def _paired(given: Mapping[str, FloatArray], needs: Sequence[str]) -> FloatArray
     if not columns.size:
         raise InvalidRequestError(f"no fruit has all of {', '.join(needs)}")
     return columns
-
-
-def _row(name: str, values: FloatArray, usual: Row, needs: Sequence[str]) -> Row:
-    """The row of the values of N fruits; a table of abscission is scaled."""
-    (unit, least, most), value = ROWS[name], float(values.mean())
-    if not least <= value <= most:
-        units = ", ".join(f"{need} [{MEASURED[need]}]" for need in needs)
-        raise InvalidRequestError(
-            f"{name} is {value:.3g} {unit} by {units}: must be {least:g} to {most:g} {unit}; look "
-            "at the units"
-        )
-    spread = float(values.std(ddof=1)) if len(values) > 1 else 0.0
-    words = f"measured, n = {len(values)}: {', '.join(needs)}"
-    return replace(usual.at(value), source=words, guess=False, spread=spread, range=None)

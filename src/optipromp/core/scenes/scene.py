@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from optipromp.core.geometry.obstacles import Measures, Obstacles, measures, pac
 from optipromp.core.robots.library import NOTHING, Choice, load_arm
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import trusses
+from optipromp.core.scenes.crops import Crop
 from optipromp.core.scenes.goals import (
     Goal,
     JointGoal,
@@ -31,9 +32,6 @@ from optipromp.core.scenes.objects import ROLES, STEM_RADIUS, ObjectMotion, Role
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.values import array, keep, limited, named, suggest, unit
 from optipromp.core.shown import Shown
-
-if TYPE_CHECKING:
-    from optipromp.core.scenes.crops import Crop
 
 __all__ = [
     "ROLES", "STEM_RADIUS", "Approach", "Attached", "Goal", "JointGoal", "Pose", "PoseGoal",

@@ -54,10 +54,8 @@ NOT_SEEN = "not_seen"
 
 class _Sight(NamedTuple):
     sight: Sighting
-    ripe: frozenset[str]
-    """Ids of the fruits in the picture that truly are ripe."""
-    told: dict[str, Any]
-    """What rows tell."""
+    ripe: frozenset[str]  # ids of the fruits in the picture that truly are ripe
+    told: dict[str, Any]  # figures of rows
 
 
 def situation(

@@ -233,19 +233,21 @@ def of_crop(parameters: SimulationParameters, crop: Crop | None) -> SimulationPa
     if crop is None:
         return parameters
     usual = SimulationParameters()
-    for name, row in OF_CROP.items():
-        branch, leaf = name.split(".")
+    for (branch, leaf), row in OF_CROP.items():
         group = getattr(parameters, branch)
         if getattr(group, leaf) == getattr(getattr(usual, branch), leaf):
             parameters = replace(parameters, **{branch: replace(group, **{leaf: crop[row]})})
     return parameters
 
 
-OF_CROP: Mapping[str, str] = {
-    "fruit.density": "density", "stem.diameter": "stem_diameter",
-    "stem.youngs_modulus": "stem_modulus", "stem.damping_ratio": "damping_ratio",
-    "stem.abscission_force": "abscission", "thresholds.stem_force": "grip_force",
-}  # fmt: skip
+OF_CROP: Mapping[tuple[str, str], str] = {
+    ("fruit", "density"): "density",
+    ("stem", "diameter"): "stem_diameter",
+    ("stem", "youngs_modulus"): "stem_modulus",
+    ("stem", "damping_ratio"): "damping_ratio",
+    ("stem", "abscission_force"): "abscission",
+    ("thresholds", "stem_force"): "grip_force",
+}
 """The parameters that a crop has rows of."""
 
 
