@@ -29,8 +29,8 @@ LONG = {
     "benchmarks": "suite",
     "control": "controller driver many_detections servo tracker tracks",
     "cli": (
-        "commands folder generate_study markup plan process refused ros_node scenarios simulate "
-        "simulate_closed_loop"
+        "commands crops folder generate_study markup plan process refused ros_node scenarios "
+        "simulate simulate_closed_loop"
     ),
     "execution": "executor franka streaming streaming_trouble trouble",
     "experiments": "baselines cluster eyes loops own_scenes paper_falls study variations",
@@ -55,8 +55,8 @@ LONG = {
     "ros": "bags loop pictures recordings",
     "scenes": "generate placing trusses wild",
     "simulation": (
-        "coco covers disturbances export grasps hand live_camera loop loop_film physics pictures "
-        "rich runs second_engine tools trusses"
+        "coco covers crops disturbances export grasps hand live_camera loop loop_film physics "
+        "pictures rich runs second_engine tools trusses"
     ),
     ".": "kernel_cache new_user plan_folders",
     "viewer": "figures",

@@ -56,6 +56,20 @@ def test_from_a_picture_to_a_plan(pictures: Path, tmp_path: Path) -> None:
     assert plan["status"] == "success"
 
 
+def test_what_is_seen_is_of_the_crop_that_is_named(pictures: Path, tmp_path: Path) -> None:
+    """The preset's fruits of 30 to 40 mm are strawberries, and no tomatoes."""
+    told = {}
+    for name in ("strawberry", "tomato"):
+        document = json.loads(
+            run("see", pictures, "--crop", name, "--out", tmp_path / name, "--json")
+        )
+        (record,) = document["pictures"]
+        assert load_scene(record["scene"]).crop.name == name
+        told[name] = [words for words in record["assumed"] if "of another width" in words]
+    assert told["strawberry"] == []
+    assert "of another width than a tomato, 60 mm: " in told["tomato"][0]
+
+
 def test_files_of_one_picture_give_the_scene_of_the_folder(pictures: Path, tmp_path: Path) -> None:
     name = pictures / f"cluster-{SEED}"
     run("see", pictures, "--out", tmp_path)

@@ -16,7 +16,7 @@ from optipromp.core.robots import ik
 from optipromp.core.robots.ik import rolled
 from optipromp.core.scenes import Scene, load_scene, save_scene, scene_to_dict
 from optipromp.laboratory.generate import PRESETS, generate, generator
-from optipromp.laboratory.generate.checks import segments, to_segment, unsolvable
+from optipromp.laboratory.generate.checks import segments, unsolvable
 from optipromp.laboratory.generate.shelves import Footprint, apart
 
 SEEDS = range(12)
@@ -279,7 +279,8 @@ def test_distances_between_segments() -> None:
         assert segments(one, other) == pytest.approx(brute, abs=0.01)
         assert segments(one, other) <= brute + 1e-12
         brute = np.linalg.norm(a - other[0], axis=1).min()
-        assert to_segment(other[0], *one) == pytest.approx(brute, abs=0.01)
+        assert segments(other[[0, 0]], one) == pytest.approx(brute, abs=0.01)
+        assert segments(one, other[[0, 0]]) == pytest.approx(brute, abs=0.01)
 
 
 def test_footprints_apart() -> None:

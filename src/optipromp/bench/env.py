@@ -22,7 +22,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
 from optipromp.core.planning import Plan, plan
 from optipromp.core.scenes.scene import Scene, SceneObject
-from optipromp.core.scenes.values import suggest
+from optipromp.core.shown import check_one_of
 from optipromp.laboratory.experiments.situations import CONDITIONS, Situation
 from optipromp.laboratory.generate import PRESETS, Preset, generate
 from optipromp.laboratory.simulation import Outcome, Run, Simulation, simulate
@@ -101,11 +101,6 @@ def _situation(condition: str, preset: Preset, number: int) -> Situation:
     return CONDITIONS[condition](generate(preset, number), number)
 
 
-def _one_of(name: str, value: Any, valid: Sequence[str]) -> None:
-    if not (isinstance(value, str) and value in valid):
-        raise InvalidRequestError(f"{name} is {value!r}: {suggest(str(value), tuple(valid))}")
-
-
 def _whole(name: str, value: Any, least: int = 0) -> int:
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise InvalidRequestError(f"{name} is {value!r}; must be a whole number from {least}")
@@ -137,10 +132,10 @@ class _Scenes(gymnasium.Env[Any, Any]):
     ) -> None:  # fmt: skip
         self.presets: tuple[Any, ...] = (presets,) if isinstance(presets, str) else tuple(presets)
         for each in self.presets or ("",):
-            _one_of("presets", each, PRESETS)
-        _one_of("condition", condition, tuple(CONDITIONS))
+            check_one_of("presets", each, PRESETS)
+        check_one_of("condition", condition, CONDITIONS)
         if render_mode is not None:
-            _one_of("render_mode", render_mode, self.metadata["render_modes"])
+            check_one_of("render_mode", render_mode, self.metadata["render_modes"])
         self.condition, self.render_mode = condition, render_mode
         self.seeds = _pair("seeds", seeds, 0)
         if self.seeds[0] >= self.seeds[1]:
@@ -157,10 +152,10 @@ class _Scenes(gymnasium.Env[Any, Any]):
         if not isinstance(asked, Mapping):
             raise InvalidRequestError(f"options is {asked!r}; must be a dictionary, or None")
         for name in asked:
-            _one_of("options: name", name, ("preset", "scene"))
+            check_one_of("options: name", name, ("preset", "scene"))
         preset = asked.get("preset", self.presets[int(self.np_random.integers(len(self.presets)))])
         number = asked.get("scene", self.np_random.integers(*self.seeds))
-        _one_of("options['preset']", preset, PRESETS)
+        check_one_of("options['preset']", preset, PRESETS)
         situation = self._made(self.condition, preset, _whole("options['scene']", number))
         self.close()
         self._begun, self._number = True, int(number)
@@ -233,8 +228,8 @@ class PickEnv(_Scenes):
         render_mode: str | None = None,
     ) -> None:  # fmt: skip
         super().__init__(presets, condition, seeds, render_mode)
-        _one_of("action", action, ("tool", "joints"))
-        _one_of("observation", observation, ("state", "picture"))
+        check_one_of("action", action, ("tool", "joints"))
+        check_one_of("observation", observation, ("state", "picture"))
         self.action, self.observation, self.size = action, observation, _pair("size", size, 1)
         count = generate(self.presets[0], seeds[0]).load_robot().n_joints
         seen: dict[str, spaces.Space[Any]] = {
@@ -302,16 +297,12 @@ class PickEnv(_Scenes):
     def _worth(self) -> float:
         """The potential of the present state, up to a constant."""
         assert self.episode is not None
-        return -PROGRESS * self._distance() - HARM * min(self.episode.harm().worst, 1.0)
-
-    def _distance(self) -> float:
-        """Of the true target's centre from the tool point [m]."""
-        assert self.episode is not None
         fruits, target = self.episode.simulation.fruits(), self.episode.situation.scene.target
-        if target is None:
-            return 0.0
-        point, _ = self.episode.robot.tool_pose(self.episode.state.q)
-        return float(np.linalg.norm(fruits.positions[fruits.ids.index(target.id)] - point))
+        away, worth = 0.0, -HARM * min(self.episode.harm().worst, 1.0)
+        if target is not None:
+            point, _ = self.episode.robot.tool_pose(self.episode.state.q)
+            away = float(np.linalg.norm(fruits.positions[fruits.ids.index(target.id)] - point))
+        return worth - PROGRESS * away
 
     def _seen(self) -> dict[str, Any]:
         assert self.episode is not None

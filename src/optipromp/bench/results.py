@@ -52,7 +52,7 @@ from optipromp.core.files import (
     write_atomically,
 )
 from optipromp.core.processes import cores
-from optipromp.core.shown import is_name, suggest
+from optipromp.core.shown import check_one_of, is_name
 from optipromp.laboratory.experiments.cluster import Progress, gathered
 from optipromp.laboratory.experiments.rows import (
     BENCH,
@@ -91,12 +91,8 @@ class BenchRun:
     round: Round | None = None
 
     def __post_init__(self) -> None:
-        for name, value, valid in (
-            ("condition", self.condition, tuple(CONDITIONS)),
-            ("variation", self.variation, ("", *VARIATIONS)),
-        ):
-            if value not in valid:
-                raise InvalidRequestError(f"{name} is {value!r}: {suggest(value, valid)}")
+        check_one_of("condition", self.condition, CONDITIONS)
+        check_one_of("variation", self.variation, ("", *VARIATIONS))
         for text in (self.entry, self.version or "-", self.processor or "-"):
             if not is_name(text):
                 raise InvalidRequestError(f"{text[:60]!r} is no name: must be printable letters")
@@ -258,12 +254,9 @@ class Verified:
     """A submission that was executed once more."""
 
     run: BenchRun
-    rows: tuple[Row, ...]
-    """As submitted."""
-    changed: tuple[tuple[Row, Row], ...]
-    """Pairs of rows, submitted and now, that differ in more than times of thinking."""
-    unconfirmed: tuple[Row, ...]
-    """Rows without a motion, which the entry alone can confirm."""
+    rows: tuple[Row, ...]  # as submitted
+    changed: tuple[tuple[Row, Row], ...]  # submitted and now; they differ not in thought alone
+    unconfirmed: tuple[Row, ...]  # rows without a motion, which the entry alone can confirm
     by: Means
 
     @property
@@ -276,11 +269,9 @@ class Verified:
 class Record:
     """What a verification confirmed, in a file beside the submission; it is not signed."""
 
-    sha256: str
-    """Of the submission's file."""
+    sha256: str  # of the submission's file
     by: Means
-    digest: str
-    """Of the entry's source."""
+    digest: str  # of the entry's source
     rows: int
     version: str
     processor: str
@@ -383,8 +374,7 @@ class Submission(NamedTuple):
 
     run: BenchRun
     rows: list[Row]
-    motions: dict[str, bytes]
-    """Contents of the files of motions by name, packed as they are."""
+    motions: dict[str, bytes]  # contents of the files of motions by name, packed as they are
     sha256: str
 
 

@@ -35,8 +35,7 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import read_bytes
 from optipromp.core.scenes.io import scene_to_dict
 from optipromp.core.scenes.scene import Scene
-from optipromp.core.scenes.values import suggest
-from optipromp.core.shown import is_name
+from optipromp.core.shown import check_one_of, is_name
 from optipromp.laboratory.experiments.rows import source_version
 from optipromp.laboratory.generate import PRESETS as ALL
 from optipromp.laboratory.generate import Preset, generate
@@ -70,8 +69,7 @@ class SceneSet:
         if not is_name(self.word):
             raise InvalidRequestError(f"word is {self.word[:60]!r}; must be 1 to 1,000 letters")
         for k, name in enumerate(self.presets):
-            if name not in ALL:
-                raise InvalidRequestError(f"preset is {name!r}: {suggest(name, ALL)}")
+            check_one_of("preset", name, ALL)
             if name in self.presets[:k]:
                 raise InvalidRequestError(f"preset {name!r} stands twice: name each once")
 
@@ -138,11 +136,9 @@ class Round:
     """A test set and the entries that were handed in before it was drawn."""
 
     word: str
-    entries: Mapping[str, str]
-    """Digest of the source by entry, see :func:`entry_digest`."""
+    entries: Mapping[str, str]  # digest of the source by entry, see entry_digest
     version: str
-    drawn: str
-    """When, in UTC."""
+    drawn: str  # when, in UTC
 
     def check(self, entry: str, digest: str, version: str) -> None:
         """Raise InvalidRequestError for another digest, or another version of the library."""

@@ -14,7 +14,7 @@ from optipromp.cli.console import Cluster, Preset, Workers, progress_bar, say_if
 from optipromp.cli.robot import ArmOptions, Named, Whose
 from optipromp.core import files
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.shown import suggest
+from optipromp.core.shown import check_one_of
 
 if TYPE_CHECKING:
     from optipromp.core.scenes.scene import Scene
@@ -32,6 +32,7 @@ def generate(
     seed: int = 0,
     count: int = 1,
     noise: str = "",
+    crop: str | None = None,
     *,
     robot: Whose = None,
     arm: ArmOptions,
@@ -65,17 +66,20 @@ def generate(
         count (1..): How many scenes.
         noise (NAME): Write the scenes as a detector sees them, too, into DIR/seen: zero-mean, low,
             high, missed or detector, as of 'study'.
+        crop (CROP): Fruits and stems of a crop: strawberry, tomato, apple or a file.
     """
+    from optipromp.core.scenes.crops import load_crop
     from optipromp.laboratory.generate import NOISES, PANDA, generate_with_report
 
-    if noise and noise not in NOISES:
-        raise InvalidRequestError(f"noise is {noise!r}: {suggest(noise, NOISES)}")
+    if noise:
+        check_one_of("noise", noise, NOISES)
     files.check_folder(out / SEEN if noise else out)
-    named = arm.of(robot)
+    named, grown = arm.of(robot), None if crop is None else load_crop(crop)
     documents: list[dict[str, Any]] = []
     reasons: Counter[str] = Counter()
     for number in range(seed, seed + count):
-        scene, report = generate_with_report(preset, number, named.name or PANDA, named.choice)
+        whose = named.name or PANDA, named.choice
+        scene, report = generate_with_report(preset, number, *whose, grown)
         if named.name is not None:
             _judge_start(scene)
         optipromp.save_scene(scene, path := out / f"{scene.name}.yaml")
@@ -292,8 +296,7 @@ def episodes(
     given += [("condition", condition, tuple(CONDITIONS))]
     given += [("preset", each, tuple(PRESETS)) for each in presets or ("",)]
     for what, value, valid in given:
-        if value not in valid:
-            raise InvalidRequestError(f"{what} is {value!r}: {suggest(value, valid)}")
+        check_one_of(what, value, valid)
     bench.check_place(form, out, name)  # type: ignore[arg-type]
     first = bench.FIRST if seed is None else seed
     asks = [

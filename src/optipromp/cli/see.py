@@ -1,8 +1,8 @@
-"""``optipromp see``: from pictures to scenes; ``optipromp calibrate``: where a camera is."""
+"""``optipromp see``, ``calibrate`` and ``measure-crop``: from pictures and rulers to scenes."""
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -46,6 +46,7 @@ def see(
     bag: Path | None = None,
     topics: str | None = None,
     every: float = 1.0,
+    crop: str | None = None,
 ) -> Report:
     """Find fruits and stems in pictures, and write scenes to plan in.
 
@@ -81,12 +82,16 @@ def see(
         bag: Of ROS 2, in place of files: colour and depth, or a cloud, and frames.
         topics (A,B): Of the bag: colour and depth, or the cloud, to take.
         every (SECONDS 0..): Of the bag: between pictures.
+        crop (CROP): Of the fruits: strawberry, tomato, apple or a file. The scenes name it; fruits
+            of other sizes are said.
     """
+    from optipromp.core.scenes.crops import load_crop
     from optipromp.perception.detector import finder_named
     from optipromp.perception.eyes import overlay
     from optipromp.perception.pictures import OVERLAY, png_file
 
     eye = finder_named(finder, model)
+    grown = None if crop is None else load_crop(crop)
     asked: Iterator[_Asked] | list[_Asked]
     if bag is not None:
         if folder is not None or rgb is not None or depth is not None:
@@ -100,6 +105,7 @@ def see(
     sights: list[tuple[Sighting, Scene, Path]] = []
     for each in asked:
         scene = optipromp.load_scene(each.known or "scenario-3")
+        scene = scene if grown is None else replace(scene, crop=grown)
         picture = _load(each, scene)
         began = time.perf_counter()
         from optipromp.perception.eyes import look_at
@@ -404,3 +410,57 @@ def _shown(found: "HandEye", out: Path) -> Iterator[Any]:
 def _figures(pixel: float, metre: float, degree: float) -> tuple[str, ...]:
     values = (f"{pixel:.2f}", f"{1e3 * metre:.2f}", f"{degree:.2f}")
     return tuple("" if text == "nan" else text for text in values)
+
+
+@command()
+def measure_crop(
+    measured: list[str],
+    /,
+    *,
+    out: Path,
+    name: str | None = None,
+    like: str = "strawberry",
+) -> Report:
+    """Make a crop file from measurements with a ruler, a kitchen scale and a phone.
+
+    Of each fruit: width, length, stem_length, stem_diameter [mm], mass [g]; sag [mm] of the tip of
+    its level stem under sag_load [g]; swings in a film, from swing_first to swing_last [mm] aside;
+    pull_along and pull_across the stem [g] at which it comes off. All other rows are of the crop
+    that yours is like, and stay guesses where they are guesses.
+
+    [bold]Examples[/bold]
+
+    \b
+    optipromp measure-crop fruits.csv --like tomato --out my-crop.yaml
+    optipromp measure-crop width=31,29,34 length=42,40,45 mass=19,16,24 --out my-crop.yaml
+    optipromp study --preset cluster --crop my-crop.yaml --vary crop --out guesses
+
+    Args:
+        measured (TABLE.csv|NAME=NUMBERS): A column each, whose cells may be empty; or
+            width=31,29,34.
+        out (FILE.yaml): The crop.
+        name: Of the crop; by default that of the file.
+        like (CROP): Whose rows stand where nothing was measured.
+    """
+    from optipromp.core.documents import read_table
+    from optipromp.core.scenes.crops import crop_to_dict, load_crop, save_crop
+    from optipromp.laboratory.measuring import measured_crop
+
+    given: dict[str, Sequence[str]] = {}
+    for word in measured:
+        key, equals, numbers = word.partition("=")
+        if equals:
+            given[key] = numbers.split(",")
+            continue
+        table = read_table(Path(word), InvalidRequestError, "width, mass, ...")
+        given |= {key: [row[k] for row in table.rows] for k, key in enumerate(table.header)}
+    usual = load_crop(like)
+    crop = measured_crop(name or out.stem, usual, given)
+    save_crop(crop, out)
+    mine = {k: v for k, v in crop_to_dict(crop).items() if crop.rows.get(k) != usual.rows.get(k)}
+    shown = grid(("row",), ("value", "spread", "unit"))
+    for key, row in mine.items():
+        shown.add_row(key, f"{crop[key]:.4g}", f"{crop.rows[key].spread:.2g}", row["unit"])
+    rest = f"still guesses, of {like}: {', '.join(crop.guesses)}"
+    document = {"file": str(out), "name": crop.name, "guesses": crop.guesses, "measured": mine}
+    return Report(document, (shown, rest, f"wrote {out}"))

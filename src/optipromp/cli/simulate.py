@@ -13,7 +13,7 @@ from optipromp.cli.console import ChosenStrategy, Seed, Strategy, say_if_compili
 from optipromp.cli.robot import ArmOptions, InPlace, Named
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import check_folder, is_folder
-from optipromp.core.shown import suggest
+from optipromp.core.shown import check_one_of
 
 if TYPE_CHECKING:
     from optipromp.core.planning import Picked, Plan
@@ -99,8 +99,7 @@ class LoopOptions:
         from optipromp.laboratory.simulation import DETECTORS
 
         noise = self.noise or "perfect"
-        if noise not in DETECTORS:
-            raise InvalidRequestError(f"noise is {noise!r}: {suggest(noise, DETECTORS)}")
+        check_one_of("noise", noise, DETECTORS)
         values: dict[str, Any] = {"latency": self.latency, "mount": self.camera}
         given = {name: value for name, value in values.items() if value is not None}
         return replace(DETECTORS[noise], **given)

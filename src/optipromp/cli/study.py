@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from optipromp.cli.command import Report, command
 from optipromp.cli.console import Cluster, Workers, grid, progress_bar, say_if_compiling
@@ -44,6 +44,9 @@ class LoopChoices:
 
 @command()
 def study(
+    what: Literal["crop"] | None = None,
+    /,
+    *,
     out: Path,
     preset: str = "all",
     scenes: Path | None = None,
@@ -57,7 +60,7 @@ def study(
     risk: float = 0.03,
     workers: Workers = None,
     ray: Cluster = None,
-    *,
+    crop: str | None = None,
     compared_loops: LoopChoices,
     robot: Whose = None,
     arm: ArmOptions,
@@ -75,12 +78,15 @@ def study(
     optipromp study --preset cluster --planners opti-promp --robot ur5.urdf --out ur5
     optipromp study --scenes my-crop --planners opti-promp --seeds 0:5 --noise zero-mean --out mine
     optipromp study --preset cluster --planner opti-promp --planner drift --vary --out varied
+    optipromp study --preset cluster --planners opti-promp --crop tomato --vary crop --out guesses
     optipromp study --planners opti-promp --noise-position 0.005 --noise-angle 5 --out noisy
     optipromp study --preset tight --planners opti-promp --noise detector --out detected
     optipromp study --preset cluster,field --loop open,closed --conditions sway,missed --out loops
     optipromp study --preset cluster --loop open,closed --eyes fitted --out circle
 
     Args:
+        what: With --vary: each guess of the scenes' crop low and high, and which of them change a
+            result.
         out (DIR): Where rows go; rows that are there are kept.
         preset (NAMES): Presets, separated by commas, or all.
         scenes (DIR): Your scenes in place of presets: the scene files of a folder. The seed is then
@@ -95,9 +101,13 @@ def study(
             missed).
         only_valid: Do not execute plans that the judge refuses.
         vary: Execute each plan under a table of physical variations: softer and stiffer stems,
-            friction, mass, size, damping, a tool off its place, fruits lower than seen.
+            friction, mass, size, damping, a tool off its place, fruits lower than seen. --vary crop
+            varies what nobody measured of a crop instead.
         risk: Share of promised successes that may be broken; less refuses more.
+        crop (CROP): Of the scenes' fruits: strawberry, tomato, apple or a file; harm is judged in
+            its units.
     """
+    from optipromp.core.scenes.crops import load_crop
     from optipromp.laboratory.experiments.eyes import WAYS
     from optipromp.laboratory.experiments.loops import LOOP_PLANNER, LOOPS
     from optipromp.laboratory.experiments.situations import CONDITIONS
@@ -105,6 +115,8 @@ def study(
     from optipromp.laboratory.experiments.trials import study_planners
     from optipromp.laboratory.generate import PRESETS
 
+    if what is not None and not vary:
+        raise InvalidRequestError(f"{what} goes with --vary: write --vary {what}")
     compared: Any = _names(",".join(planners), study_planners())
     loops = _names(compared_loops.loop, LOOPS)
     conditions = _names(compared_loops.conditions, tuple(CONDITIONS))
@@ -114,7 +126,8 @@ def study(
         compared = (LOOP_PLANNER,)
     given = {
         "planners": compared, "noise_position": noise_position, "noise_angle": noise_angle,
-        "only_valid": only_valid, "choice": arm.of(robot).choice, "vary": vary, "noise": noise,
+        "only_valid": only_valid, "choice": arm.of(robot).choice, "noise": noise,
+        "vary": what or vary, "crop": None if crop is None else load_crop(crop),
         "risk": risk, "loops": loops, "conditions": conditions or ("none",), "eyes": eyes,
         "finder": compared_loops.finder, "views": compared_loops.views,
         **({} if seeds is None else {"seeds": _range(seeds)}),
@@ -158,6 +171,8 @@ def _report(rows: list["Row"], out: Path) -> Report:
         columns = dict(PLANNER)
         if max(len(cell.preset) for cell in cells) > 15:  # variations: their names take the width
             columns = dict(list(columns.items())[:5])
+        if "changed" in cells[0].figures:  # by a guess of the crop
+            columns["changed"] = _number("changed")
         shown.append(table(cells, NAMES, columns, TITLE))
     shown.append(causes(cells, LOOP_NAMES if looped else NAMES))
     if not looped and (known := calibration(rows)) is not None:

@@ -16,6 +16,7 @@ import json
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -24,7 +25,8 @@ import yaml
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import OptiPrompError
-from optipromp.core.files import LARGEST_TEXT, read_bytes
+from optipromp.core.files import LARGEST_TEXT, is_there, read_bytes, write_atomically
+from optipromp.core.shown import suggest
 
 _MOST_VALUES = 3_000_000  # with aliases unfolded, chosen: 100,000 objects have 1.1 million
 _DEEPEST = 100  # levels of nesting, chosen: a scene has 6
@@ -74,6 +76,43 @@ def read_document(path: Path, error: type[OptiPrompError], holds: str) -> Any:
     except ValueError as cause:
         what = str(cause)
     raise error(f"{path}: {what}")
+
+
+def built_in(folder: str) -> dict[str, Any]:
+    """The YAML files of a folder of :mod:`optipromp.core.scenes`, by name."""
+    files = (resources.files("optipromp.core.scenes") / folder).iterdir()
+    return {f.name[:-5]: f for f in sorted(files, key=str) if f.name.endswith(".yaml")}
+
+
+def read_named(
+    name_or_path: str | Path, folder: str, error: type[OptiPrompError], holds: str
+) -> tuple[Any, str, Path | None]:
+    """Read a built-in document of a ``folder`` (see :func:`built_in`) by its name, or a file.
+
+    ``error``, ``holds``: see :func:`read_document`.
+
+    Returns: its plain value; the file in messages; the path of a file that is not built in.
+    """
+    known = built_in(folder)
+    if isinstance(name_or_path, str) and name_or_path in known:
+        with resources.as_file(known[name_or_path]) as path:
+            return read_document(path, error, holds), path.name, None
+    path = Path(name_or_path)
+    if path.suffix not in (".yaml", ".yml", ".json") and not is_there(path):
+        what = " ".join(holds.split()[:2])
+        raise error(f"{what} {str(path)!r} is neither a file nor built in: {suggest(path, known)}")
+    return read_document(path, error, holds), str(path), path
+
+
+def write_document(document: Any, path: Path) -> None:
+    """Write a plain value (JSON if the suffix is ``.json``, else YAML), whole or not at all."""
+    if path.suffix == ".json":
+        text = json.dumps(document, indent=2, allow_nan=False) + "\n"
+    else:
+        text = yaml.safe_dump(
+            document, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True
+        )
+    write_atomically(path, text.encode("utf-8"))
 
 
 def _decode(data: bytes, holds: str) -> str:

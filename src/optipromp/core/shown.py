@@ -3,7 +3,7 @@
 import difflib
 import html
 import reprlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from importlib.metadata import entry_points
 from typing import Any
 
@@ -42,6 +42,12 @@ def suggest(name: object, valid: Iterable[str]) -> str:
     near = difflib.get_close_matches(str(name), names, n=1)
     question = f"; did you mean {near[0]!r}?" if near else ""
     return f"valid are {', '.join(names)}{question}"
+
+
+def check_one_of(what: str, value: object, valid: Collection[str]) -> None:
+    """Refuse a value that is none of the valid names."""
+    if not (isinstance(value, str) and value in valid):
+        raise InvalidRequestError(f"{what} is {value!r}: {suggest(value, valid)}")
 
 
 def printable(text: str) -> str:

@@ -19,10 +19,12 @@ from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError, 
 from optipromp.core.files import is_file, is_folder, reading
 from optipromp.core.output import load_plan
 from optipromp.core.planning import Plan, PlanOptions
+from optipromp.core.scenes.crops import load_crop
 from optipromp.core.scenes.io import scene_from_dict
 from optipromp.laboratory.experiments import statistics
 from optipromp.laboratory.experiments.rows import ERROR, NO_PLAN, ROWS, Row, rows_of
 from optipromp.laboratory.experiments.scenarios import CASES, ScenarioRow
+from optipromp.laboratory.experiments.situations import AS_CROP
 from optipromp.laboratory.experiments.study import file_of, settings_of, study_figure
 from optipromp.laboratory.experiments.trials import FOLDER, again
 from optipromp.laboratory.generate import PANDA
@@ -304,7 +306,7 @@ def study_report(
     if not rows:
         raise InvalidRequestError(f"{folder} holds no rows of a study ({ROWS})")
     settings, robot = settings_of(folder)
-    settings["risk"] = risk = PlanOptions(risk=settings.get("risk", PlanOptions.risk)).risk
+    settings["risk"] = PlanOptions(risk=settings.get("risk", PlanOptions.risk)).risk
     cells = statistics.summary(rows)
     kept, plans = sum(cell.kept for cell in cells), sum(cell.plans for cell in cells)
     title = f"Study of {len(rows)} runs"
@@ -312,7 +314,7 @@ def study_report(
         f"{kept} of {len(rows)} were promised, picked the target and harmed nothing, in the "
         f"physics simulation; {plans - kept} of {plans} promises were broken."
     )
-    found = statistics.calibration(rows)
+    found, by_crop = statistics.calibration(rows), rows[0].variation == AS_CROP
     parts = [
         head,
         section(
@@ -320,7 +322,8 @@ def study_report(
             table(_rates(cells), ("preset", "planner", "runs", "promised and picked",
                                   "95 % (Wilson)", "broken promises", "95 %",
                                   "picked if executed although refused",
-                                  "median force on unripe", "90 %", "time to plan")),
+                                  "median force on unripe", "90 %", "time to plan",
+                                  *(["runs that it changes"] if by_crop else []))),
         ),
         section(
             "Causes of failure",
@@ -330,7 +333,7 @@ def study_report(
         *_prediction(found),
         *_worst(rows, worst, progress, robot, settings),
         section("Settings", table([(k, _told(v)) for k, v in settings.items() if k != FOLDER])),
-        made_with(_study_command(rows, robot, risk), {}),
+        made_with(_study_command(rows, robot, settings), {}),
     ]  # fmt: skip
     return page(title, parts)
 
@@ -340,7 +343,8 @@ def _rates(cells: Sequence[statistics.Cell]) -> list[tuple[str, ...]]:
         (c.preset, c.planner, str(c.runs), f"{c.kept} ({100 * c.rate:.1f} %)",
          f"{c.interval} %", f"{c.broken} of {c.plans}",
          f"{statistics.percent(c.broken_low, c.broken_high)} %", str(c.successes),
-         _newton(c.unripe_force), _newton(c.unripe_force_90), f"{1e3 * c.plan_time:.0f} ms")
+         _newton(c.unripe_force), _newton(c.unripe_force_90), f"{1e3 * c.plan_time:.0f} ms",
+         *([str(c.changed)] if "changed" in c.figures else []))
         for c in cells
     ]  # fmt: skip
 
@@ -394,7 +398,8 @@ def _worst(
             file = file_of(settings, row.preset)
             run = None
             if row.cause != ERROR and robot is not None and (file or "scenes" not in settings):
-                run = again(row, robot, settings["risk"], file)
+                crop = load_crop(settings["crop"]) if "crop" in settings else None
+                run = again(row, robot, settings["risk"], file, crop)
             shown.append(paragraph(caption) if run is None else picture(_picture(run), caption))
         except OptiPrompError:  # nothing can be drawn off screen, or the robot's file is not there
             shown.append(paragraph(caption))
@@ -426,7 +431,7 @@ def worst_moment(run: Run) -> float:
     return float(rollout.times[int(force.max(axis=1).argmax())])
 
 
-def _study_command(rows: Sequence[Row], robot: str | None, risk: float) -> str:
+def _study_command(rows: Sequence[Row], robot: str | None, settings: Mapping[str, Any]) -> str:
     presets, planners = (
         ",".join(dict.fromkeys(getattr(row, name) for row in rows))
         for name in ("preset", "planner")
@@ -445,7 +450,11 @@ def _study_command(rows: Sequence[Row], robot: str | None, risk: float) -> str:
     for name in ("noise",) if rows[0].noise else ("noise_position", "noise_angle"):
         if value := getattr(rows[0], name):
             words += ["--" + name.replace("_", "-"), value if name == "noise" else f"{value:g}"]
-    if risk != PlanOptions.risk:
+    if "crop" in settings:
+        words += ["--crop", crop if isinstance(crop := settings["crop"], str) else "CROP.yaml"]
+    if rows[0].variation:
+        words += ["--vary", *(["crop"] if rows[0].variation == AS_CROP else [])]
+    if (risk := settings["risk"]) != PlanOptions.risk:
         words += ["--risk", f"{risk:g}"]
     return shlex.join([*words, "--out", "DIR"])
 
@@ -455,7 +464,7 @@ def _told(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, Mapping):
-        return ", ".join(value)
+        return str(value.get("name", ", ".join(value)))
     return _UNSAID.sub("", str(value)).replace("Choice(", "(").removesuffix(" ()") or "its own"
 
 

@@ -27,6 +27,7 @@ KINDS = {"ripe": 1, "unripe": 2, "stem": 2}
 SEEDINGS = 2  # of fits: to what the finder tells, and to what that leaves: a choice
 DENSE, MOST_LEFT = 0.4, 12  # share of a fruit's breadth that is left, and such places: a choice
 ROUND = 1.06  # length over width below which a fruit is a sphere: a choice
+UNUSUAL = 3.0  # standard deviations of a crop's width, beyond which a fruit is reported: a choice
 TOGETHER = 0.6  # of the sum of two fruits' radii, the least distance of their centres: a choice
 BEYOND = 0.012  # [m] beyond the end of a stem, where the picture tells whether it ends: a choice
 BEFORE = 0.004  # [m] nearer than a stem, what hides it: a choice
@@ -185,7 +186,8 @@ def seen_scene(
     pushable. A fruit whose stem was not seen gets one that is unseen: about upright, clear of the
     other fruits, as long as the median of those seen
     (:func:`optipromp.core.scenes.objects.cleared`). Its tilts have the standard deviation
-    ``parameters.tilt``.
+    ``parameters.tilt``. The crop of ``known`` is the scene's: a stem is as long as the crop's where
+    none was seen, and fruits of an unusual width are told.
 
     Raises:
         InvalidRequestError: no ripe fruit is seen.
@@ -203,13 +205,21 @@ def seen_scene(
         others = ", ".join(item.id for item in ripe if item is not target)
         assumed.append(f"{target.id} is the target, the lowest ripe fruit; pushable: {others}")
     lengths = [item.stem.length for item in found if item.stem is not None]
-    long = float(np.median(lengths)) if lengths else p.stem_length
+    usual = p.stem_length if known.crop is None else known.crop["stem_length"]
+    long = float(np.median(lengths)) if lengths else usual
     unseen = [item.id for item in found if item.stem is None]
     if unseen:
         assumed.append(
             f"stem not seen of {', '.join(unseen)}: upright, {long:.2f} m long, or any other whose "
             f"tilts have a deviation of {p.tilt:g} degrees"
         )
+    if (crop := known.crop) is not None:
+        wide = {item.id: 2.0 * float(min(item.shape.measure.half)) for item in found}
+        far, width = UNUSUAL * crop.rows["width"].spread, crop["width"]
+        odd = [f"{i} {1e3 * w:.0f} mm" for i, w in wide.items() if 0.0 < far < abs(w - width)]
+        if odd:
+            expected = f"of another width than a {crop.name}, {1e3 * width:.0f} mm"
+            assumed.append(f"{expected}: {', '.join(odd)}")
     fruits = []
     for item in found:
         role: Role = "target" if item is target else "pushable"

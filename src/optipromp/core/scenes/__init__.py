@@ -1,5 +1,7 @@
 """Scenes: objects with roles, their files, and the built-in scenarios."""
 
+from optipromp.core.scenes.crops import Crop as Crop
+from optipromp.core.scenes.crops import load_crop as load_crop
 from optipromp.core.scenes.goals import HeldUpright as HeldUpright
 from optipromp.core.scenes.goals import Lines as Lines
 from optipromp.core.scenes.goals import OnPlane as OnPlane

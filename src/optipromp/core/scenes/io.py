@@ -2,36 +2,31 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Sequence
 from dataclasses import fields
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
-from optipromp.core.documents import read_document
+from optipromp.core.documents import built_in, read_named, write_document
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError
-from optipromp.core.files import is_there, write_atomically
 from optipromp.core.geometry.shapes import PRIMITIVES, MeshShape, PointCloudShape, Shape
 from optipromp.core.robots.library import NOTHING
+from optipromp.core.scenes.crops import crop_in_scene
 from optipromp.core.scenes.goals import Goal, RegionGoal
 from optipromp.core.scenes.reading import check_magnitude, scene_from_dict
 from optipromp.core.scenes.scene import STEM_RADIUS, Scene, SceneObject, ToolSpec
-from optipromp.core.scenes.values import suggest
 
 __all__ = ["load_scene", "save_scene", "scene_from_dict", "scene_names", "scene_to_dict"]
 
-_SUFFIXES = (".yaml", ".yml", ".json")
+_FOLDER = "data"
 
 
 def scene_names() -> tuple[str, ...]:
     """Names of the built-in scenes."""
-    folder = resources.files("optipromp.core.scenes") / "data"
-    return tuple(sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".yaml")))
+    return tuple(built_in(_FOLDER))
 
 
 def load_scene(name_or_path: str | Path) -> Scene:
@@ -49,21 +44,10 @@ def load_scene(name_or_path: str | Path) -> Scene:
     if not isinstance(value, str | Path):
         kind = type(value).__name__
         raise InvalidRequestError(f"a scene is given as {kind}: must be a name or a path")
-    name = str(name_or_path)
-    if isinstance(name_or_path, str) and name in scene_names():
-        built_in = resources.files("optipromp.core.scenes") / "data" / f"{name}.yaml"
-        with resources.as_file(built_in) as path:
-            return scene_from_dict(_read(path), source=f"{name}.yaml")
-    path = Path(name_or_path)
-    if path.suffix not in _SUFFIXES and not is_there(path):
-        raise InvalidSceneError(
-            f"scene {name!r} is neither a file nor built in: {suggest(name, scene_names())}"
-        )
-    return scene_from_dict(_read(path), base_dir=path.absolute().parent, source=str(path))
-
-
-def _read(path: Path) -> Any:
-    return read_document(path, InvalidSceneError, "a scene (format: 1, name, robot, ...)")
+    holds = "a scene (format: 1, name, robot, ...)"
+    document, source, path = read_named(name_or_path, _FOLDER, InvalidSceneError, holds)
+    base_dir = None if path is None else path.absolute().parent
+    return scene_from_dict(document, base_dir=base_dir, source=source)
 
 
 def save_scene(scene: Scene, path: str | Path) -> None:
@@ -76,14 +60,7 @@ def save_scene(scene: Scene, path: str | Path) -> None:
         InvalidRequestError: the file cannot be written.
     """
     path = Path(path)
-    document = scene_to_dict(scene, base_dir=path.absolute().parent)
-    if path.suffix == ".json":
-        text = json.dumps(document, indent=2, allow_nan=False) + "\n"
-    else:
-        text = yaml.safe_dump(
-            document, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True
-        )
-    write_atomically(path, text.encode("utf-8"))
+    write_document(scene_to_dict(scene, base_dir=path.absolute().parent), path)
 
 
 POSE = ("position", "orientation")
@@ -111,6 +88,8 @@ def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, An
     document |= _plain(scene, ["start"])
     if scene.target is not None:
         document["target"] = scene.target.id
+    if scene.crop is not None:
+        document["crop"] = crop_in_scene(scene.crop)
     if scene.goal is not None:
         goals = [_goal_to_dict(goal) for goal in scene.goals]
         document["goal"] = goals if isinstance(scene.goal, tuple) else goals[0]

@@ -17,6 +17,7 @@ from optipromp.core.geometry.shapes import PRIMITIVES, MeshShape, PointCloudShap
 from optipromp.core.robots.library import UNTRUSTED, Choice, robot_names
 from optipromp.core.robots.tools import make_tool
 from optipromp.core.scenes import goals
+from optipromp.core.scenes.crops import Crop, crop_names, load_crop
 from optipromp.core.scenes.held import Place
 from optipromp.core.scenes.objects import ObjectMotion, cleared
 from optipromp.core.scenes.pose import Pose
@@ -96,6 +97,7 @@ def scene_from_dict(
             may_touch=tuple((a, b) for a, b in model.may_touch),
             padding=scale * model.padding,
             place=None if model.place is None else Place(**values(model.place, scale, default)),
+            crop=None if model.crop is None else _crop(model.crop, base_dir),
         )
     except InvalidSceneError as error:
         raise InvalidSceneError(f"{source}: {where}{error.message}") from None
@@ -104,6 +106,11 @@ def scene_from_dict(
 def _inside(name: str, base_dir: Path | None) -> Path:
     """The path of a file that the scene names; refused outside the allowed folders."""
     return check_inside((base_dir or Path()) / name, base_dir, InvalidSceneError)
+
+
+def _crop(crop: Any, base_dir: Path | None) -> Crop:
+    is_file = isinstance(crop, str) and crop not in crop_names()
+    return load_crop(_inside(crop, base_dir) if is_file else crop)
 
 
 def _choice(robot: Any, base_dir: Path | None) -> Choice:

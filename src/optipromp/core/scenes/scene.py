@@ -16,6 +16,7 @@ from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.obstacles import Measures, Obstacles, measures, packed_shapes
 from optipromp.core.robots.library import NOTHING, Choice, load_arm
 from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.crops import Crop
 from optipromp.core.scenes.goals import (
     Goal,
     JointGoal,
@@ -165,6 +166,8 @@ class Scene(Shown):
             these; neither the planner nor the judge minds their contact.
         place: where the tool is to bring the target after the pick.
         padding: distance that the robot keeps from static objects [m]; an object may state another.
+        crop: of the fruits: what they are made of and what they bear, in the simulation; None: the
+            simulation's own parameters and thresholds.
 
     Raises:
         InvalidSceneError: ids repeat; there is no target, two targets, or a target and a goal; a
@@ -189,6 +192,7 @@ class Scene(Shown):
     may_touch: tuple[Pair, ...] = ()
     padding: float = 0.0
     place: Place | None = None
+    crop: Crop | None = None
 
     def __post_init__(self) -> None:
         named("name", self.name)

@@ -36,14 +36,14 @@ from optipromp.core.scenes.values import suggest
 from optipromp.core.shown import LONGEST_NAME, printable, short
 
 
-def _refuse(what: str) -> PydanticCustomError:
+def refuse(what: str) -> PydanticCustomError:
     """The refusal of a value, in words that follow its name."""
     return PydanticCustomError("scene", "{what}", {"what": what})
 
 
 def _printable(text: str) -> str:
     if printable(text) != text:
-        raise _refuse(f"is '{printable(text)[:60]}': must hold no control characters")
+        raise refuse(f"is '{printable(text)[:60]}': must hold no control characters")
     return text
 
 
@@ -69,10 +69,10 @@ def _free(given: Any) -> Any:
     """An empty list for ``free``, which is no list in a file."""
     if isinstance(given, str) or given == []:
         if given != "free":
-            raise _refuse(f"is {short(given)}: must be [x, y, z] or free")
+            raise refuse(f"is {short(given)}: must be [x, y, z] or free")
         return []
     if isinstance(given, list) and len(given) != 3:
-        raise _refuse(f"has {len(given)} entries: must have 3")
+        raise refuse(f"has {len(given)} entries: must have 3")
     return given
 
 
@@ -110,6 +110,14 @@ DISTANCE = Value(NotNegative, 1)
 NAME = Value(Text)
 
 
+def _text_or(mapping: Any) -> Any:
+    """The type of a text, or of a mapping in its place."""
+    return Annotated[
+        Annotated[Text, Tag("name")] | Annotated[mapping, Tag("file")],
+        Discriminator(lambda given: "file" if isinstance(given, dict) else "name"),
+    ]
+
+
 class Model(BaseModel):
     """Base of mappings, which refuse unknown keys by name."""
 
@@ -119,12 +127,12 @@ class Model(BaseModel):
     @classmethod
     def _known_keys(cls, data: Any) -> Any:
         if not isinstance(data, dict):
-            raise _refuse(
+            raise refuse(
                 f"is {short(data)}: must be a mapping with keys {', '.join(cls.model_fields)}"
             )
         for key in data:
             if key not in cls.model_fields:
-                raise _refuse(f"unknown key {key!r}: {suggest(key, cls.model_fields)}")
+                raise refuse(f"unknown key {key!r}: {suggest(key, cls.model_fields)}")
         return data
 
 
@@ -165,12 +173,12 @@ def _exactly_one(model: Any) -> Any:
     """Refuse a mapping without exactly one of its keys."""
     stated = [name for name in type(model).model_fields if name in model.model_fields_set]
     if len(stated) != 1:
-        raise _refuse(
+        raise refuse(
             f"has {' and '.join(stated) or 'no key'}: must have exactly one of "
             f"{', '.join(type(model).model_fields)}"
         )
     if getattr(model, stated[0]) is None:
-        raise _refuse(f"{stated[0]} is empty: must be a mapping")
+        raise refuse(f"{stated[0]} is empty: must be a mapping")
     return model
 
 
@@ -198,21 +206,21 @@ def _stem(stem: Any) -> Any:
     forms = [stem.root, stem.direction, stem.points]
     if stem.unseen:
         if stem.root is not None or stem.points is not None or stem.parent is not None:
-            raise _refuse("is unseen: may have direction, length, tilt and radius alone")
+            raise refuse("is unseen: may have direction, length, tilt and radius alone")
         return stem
     if sum(one is not None for one in forms) != 1:
-        raise _refuse("must have exactly one of root, direction (with length), points")
+        raise refuse("must have exactly one of root, direction (with length), points")
     if stem.direction is not None and stem.length is None:
-        raise _refuse("has direction and no length: must have both")
+        raise refuse("has direction and no length: must have both")
     if stem.length is not None and stem.direction is None:
-        raise _refuse("has length and no direction: length goes with direction")
+        raise refuse("has length and no direction: length goes with direction")
     return stem
 
 
 def _object(item: Any) -> Any:
     for one, other in (("covariance", "sigma"), ("velocity", "motion")):
         if getattr(item, one) is not None and getattr(item, other) is not None:
-            raise _refuse(f"has {one} and {other}: must have one of them at most")
+            raise refuse(f"has {one} and {other}: must have one of them at most")
     return item
 
 
@@ -256,7 +264,7 @@ def _turn(pose: Any) -> Any:
     """Refuse a pose unless it has exactly one of axis and orientation."""
     if (pose.axis is None) == (pose.orientation is None):
         both = "axis and orientation" if pose.axis is not None else "position alone"
-        raise _refuse(
+        raise refuse(
             f"has {both}: must have one of axis: [x, y, z], the tool axis; orientation: "
             "[w, x, y, z], of the tool's frame; axis: free, where the tool may point anywhere"
         )
@@ -266,28 +274,29 @@ def _turn(pose: Any) -> Any:
 def _goal(goal: Any) -> Any:
     """A goal is of the joints, or of the tool: its point, and its axis, orientation or neither."""
     if (goal.joints is None) == (goal.position is None):
-        raise _refuse("must have either joints, or position with axis or orientation")
+        raise refuse("must have either joints, or position with axis or orientation")
     if goal.joints is None:
         return _turn(goal)
     for name in ("axis", "orientation", "tolerance"):
         if getattr(goal, name) is not None:
-            raise _refuse(f"has joints and {name}: {name} goes with position")
+            raise refuse(f"has joints and {name}: {name} goes with position")
     return goal
 
 
 def _path(path: Any) -> Any:
     if path.upright is None and path.plane is None:
-        raise _refuse("must have upright, plane or both")
+        raise refuse("must have upright, plane or both")
     return path
 
 
-def _as_list(given: Any) -> Any:
+def as_list(given: Any) -> Any:
+    """A single value as a list of it."""
     return given if isinstance(given, list) else [given]
 
 
 JOINTS = Value(Annotated[list[Number], Field(min_length=1)])
 TOLERANCE = form(
-    position=Value(Annotated[list[Positive], BeforeValidator(_as_list)], 1),
+    position=Value(Annotated[list[Positive], BeforeValidator(as_list)], 1),
     angle=Value(Positive),
     orientation=TURN,
 )
@@ -337,7 +346,7 @@ class _ToolModel(Model):
         for key in data:
             if key not in cls.model_fields:
                 which = suggest(key, own) if own else "it takes none"
-                raise _refuse(f"{key} is no parameter of {data['kind']}: {which}")
+                raise refuse(f"{key} is no parameter of {data['kind']}: {which}")
         return data
 
     @property
@@ -363,7 +372,7 @@ class MeshToolModel(_ToolModel):
     def _one_form(self) -> MeshToolModel:
         given = [self.file is not None, self.parts is not None]
         if sum(given) != 1 and not (self.fingers is not None and not any(given)):
-            raise _refuse("must have exactly one of file, parts; with fingers, at most one")
+            raise refuse("must have exactly one of file, parts; with fingers, at most one")
         return self
 
 
@@ -406,7 +415,7 @@ def _camera_is_known(scene: Any) -> Any:
     stated |= {f"objects[{k}].frame": item.frame for k, item in enumerate(scene.objects)}
     for name, frame in stated.items():
         if frame == "camera" and scene.camera is None:
-            raise _refuse(
+            raise refuse(
                 f"{name} is 'camera' and the scene has no camera: give its pose in the world, "
                 "camera: {position: [x, y, z], orientation: [w, x, y, z]}"
             )
@@ -419,18 +428,12 @@ SCENE = form(
     _camera_is_known,
     format=Value(Literal[1], default=1),
     name=needed(NAME),
-    robot=needed(
-        Value(
-            Annotated[
-                Annotated[Text, Tag("name")] | Annotated[ROBOT, Tag("file")],
-                Discriminator(lambda given: "file" if isinstance(given, dict) else "name"),
-            ]
-        )
-    ),
+    robot=needed(Value(_text_or(ROBOT))),
     tool=Value(ToolModel),
     scale=Value(Positive),
     start=JOINTS,
     target=NAME,
+    crop=Value(_text_or(dict[str, Any])),
     goal=Value(
         Annotated[
             _ONE_GOAL | _GOALS,
@@ -452,14 +455,14 @@ SCENE = form(
 )
 
 
-def parse(document: Any, source: str) -> Any:
-    """Check a document against the schema.
+def parse(document: Any, source: str, schema: Any = SCENE) -> Any:
+    """Check a document against the schema, by default of a scene.
 
     ``document``: the content of the file, as plain Python values. ``source``: the name of the
     document in messages, usually the file.
     """
     try:
-        return SCENE.model_validate(document)
+        return schema.model_validate(document)
     except ValidationError as error:
         details = error.errors(include_url=False)
         more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
@@ -471,8 +474,8 @@ def parse(document: Any, source: str) -> Any:
 def _describe(error: ErrorDetails) -> str:
     path = ""
     for n, step in enumerate(error["loc"]):
-        if n == 1 and error["loc"][0] in ("robot", "tool", "goal"):
-            continue  # the kind of robot, tool or goal, which is no key
+        if n == 1 and error["loc"][0] in ("robot", "tool", "goal", "crop"):
+            continue  # the kind of robot, tool, goal or crop, which is no key
         path += f"[{step}]" if isinstance(step, int) else f".{step}" if path else str(step)
     value = error["input"]
     context = error.get("ctx", {})

@@ -25,7 +25,7 @@ from optipromp.core.planning.task import posed
 from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject
-from optipromp.core.scenes.values import suggest
+from optipromp.core.shown import check_one_of
 from optipromp.laboratory.experiments.situations import CONDITIONS, Situation
 from optipromp.laboratory.simulation.detector import Detector, Truth
 from optipromp.laboratory.simulation.detector_parameters import EYES, DetectorParameters
@@ -54,10 +54,8 @@ NOT_SEEN = "not_seen"
 
 class _Sight(NamedTuple):
     sight: Sighting
-    ripe: frozenset[str]
-    """Ids of the fruits in the picture that truly are ripe."""
-    told: dict[str, Any]
-    """What rows tell."""
+    ripe: frozenset[str]  # ids of the fruits in the picture that truly are ripe
+    told: dict[str, Any]  # figures of rows
 
 
 def situation(
@@ -81,8 +79,7 @@ def situation(
 def check_eyes(eyes: tuple[str, ...], finder: str, views: int) -> None:
     """Refuse names that are none."""
     for item in eyes:
-        if item not in WAYS:
-            raise InvalidRequestError(f"eyes is {item!r}: {suggest(item, WAYS)}")
+        check_one_of("eyes", item, WAYS)
     if not 1 <= views <= len(SIDES):
         raise InvalidRequestError(f"views is {views}; must be 1 to {len(SIDES)}")
     if eyes:

@@ -96,8 +96,5 @@ def cut(curve: Trajectory, length: float) -> Trajectory | None:
 
 
 def _jumps(before: State, after: State) -> FloatArray:
-    return np.array([np.abs(b - a).max() for a, b in zip(_rows(before), _rows(after), strict=True)])
-
-
-def _rows(state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
-    return state.q, state.velocity, state.acceleration
+    names = "q", "velocity", "acceleration"
+    return np.array([np.abs(getattr(after, k) - getattr(before, k)).max() for k in names])

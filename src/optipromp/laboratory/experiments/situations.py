@@ -23,6 +23,7 @@ from optipromp.core.arrays import FloatArray, frame_along
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.crops import ROWS, Crop
 from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.objects import rooted
 from optipromp.core.scenes.pose import Pose
@@ -31,7 +32,7 @@ from optipromp.laboratory.generate import NOISES, noisy
 from optipromp.laboratory.generate.noise import LOOK
 from optipromp.laboratory.simulation.detector import Detector
 from optipromp.laboratory.simulation.detector_parameters import DETECTORS, DetectorParameters
-from optipromp.laboratory.simulation.parameters import SimulationParameters
+from optipromp.laboratory.simulation.parameters import SimulationParameters, of_crop
 from optipromp.laboratory.simulation.simulation import Simulation
 
 LOWER = 0.010  # [m] from the height at which fruits are seen down to the true one: a choice
@@ -64,18 +65,14 @@ MISSED: Mapping[str, Any] = {"missed": 0.05, "hidden": 0.5}  # as the detector's
 class Situation(NamedTuple):
     """What a trial is made of: the truth, what is known of it at first, and who looks."""
 
-    scene: Scene
-    """The true one; the disturbances of ``parameters`` come on top."""
-    seen: Scene
-    """As first seen."""
+    scene: Scene  # the true one; the disturbances of ``parameters`` come on top
+    seen: Scene  # as first seen
     detector: DetectorParameters
     parameters: SimulationParameters
+    # makes the camera of a closed loop
     camera: Callable[[Scene, Robot, DetectorParameters, int], Detector] = Detector
-    """Makes the camera of a closed loop."""
-    figures: Mapping[str, Any] = {}
-    """What rows tell of the first pictures."""
-    further: "Callable[[], Situation] | None" = None
-    """After one picture more, where there is no plan; None: there is none."""
+    figures: Mapping[str, Any] = {}  # of the first pictures, for rows
+    further: "Callable[[], Situation] | None" = None  # after one picture more; None: there is none
 
 
 Draw = Callable[[np.random.Generator], dict[str, float]]
@@ -84,29 +81,25 @@ Shift = Callable[[Scene, np.random.Generator], FloatArray]
 
 @dataclass(frozen=True)
 class Change:
-    """What a named situation changes; all else is as the planner assumes.
+    """What a named situation changes; all else is as the planner assumes."""
 
-    ``noise``: of :data:`NOISES`, errors of the first look. ``detector``: of later looks.
-    ``unseen``: one of the pushables nearest to the target is not seen at first. ``disturbance``:
-    fields of the simulation's disturbances. ``settled``: fruits are first seen where a sway of
-    :data:`SETTLE` seconds has brought them. ``world``: arguments of :func:`_changed`, or what draws
-    them. ``shift``: of the true fruits (3,) [m]. ``roots``: whether stems' roots are shifted, too.
-    """
-
-    noise: str = ""
-    detector: DetectorParameters = DETECTORS["zero-mean"]
-    unseen: bool = False
-    disturbance: Mapping[str, float] = field(default_factory=dict)
-    settled: bool = False
-    world: Mapping[str, Any] | Draw = field(default_factory=dict)
-    shift: Shift | None = None
-    roots: bool = False
+    noise: str = ""  # of NOISES, errors of the first look
+    detector: DetectorParameters = DETECTORS["zero-mean"]  # of later looks
+    unseen: bool = False  # one of the pushables nearest to the target is not seen at first
+    disturbance: Mapping[str, float] = field(default_factory=dict)  # fields of the simulation's
+    settled: bool = False  # fruits are first seen where a sway of SETTLE seconds has brought them
+    world: Mapping[str, Any] | Draw = field(default_factory=dict)  # of _changed, or what draws it
+    shift: Shift | None = None  # of the true fruits (3,) [m]
+    roots: bool = False  # whether stems' roots are shifted, too
+    row: tuple[str, float] | None = None  # of the crop, and its other value
 
     def __call__(self, scene: Scene, seed: int) -> Situation:
         """The situation of a true scene; the same scene and seed give the same one."""
         rng = np.random.default_rng([seed, 2])
         drawn = self.world(rng) if callable(self.world) else self.world
-        p = SimulationParameters()
+        if self.row is not None and scene.crop is not None:
+            scene = replace(scene, crop=scene.crop.changed(*self.row))
+        p = of_crop(SimulationParameters(), scene.crop)
         seen = noisy(scene, seed, NOISES[self.noise]) if self.noise else scene
         if self.settled:  # before the fruits are shifted, and as stems are believed to be
             p = replace(p, engine=replace(p.engine, settle=SETTLE))
@@ -142,6 +135,7 @@ def _changed(
         grown_turn=p.stem.grown_turn / stiffness,
         damping_time=damping * p.stem.damping_time,
         swing_damping=damping * p.stem.swing_damping,
+        damping_ratio=damping * p.stem.damping_ratio,
         calyx=calyx or p.stem.calyx,
     )
     p = replace(p, stem=stem, fruit=replace(p.fruit, density=density * p.fruit.density))
@@ -314,9 +308,22 @@ VARIATIONS: Mapping[str, Change] = {
 """By name. The first is the simulation's default, each next changes one thing, the last many."""
 
 
+AS_CROP = "as the crop"
+"""The first of the variations of a crop."""
+SIZES = "width", "elongation", "stem_length"  # rows that scenes are made of, not their physics
+
+
+def crop_variations(crop: Crop | None) -> Mapping[str, Change]:
+    """As the crop, then each guess at its least and at its largest value, by name."""
+    guesses = {} if crop is None else {k: crop.rows[k] for k in crop.guesses if k not in SIZES}
+    ends = {f"{k} {end:.3g} {ROWS[k][0]}": (k, end) for k, r in guesses.items() for end in r.ends}
+    return {AS_CROP: Change()} | {name: Change(row=row) for name, row in ends.items()}
+
+
 def varied(setting: Situation, variation: str, seed: int) -> Situation:
     """A situation in the world of a variation, of which nobody is told; empty: in its own."""
     if not variation:
         return setting
-    other = VARIATIONS[variation](setting.scene, seed)
+    changes = {**VARIATIONS, **crop_variations(setting.scene.crop)}
+    other = changes[variation](setting.scene, seed)
     return setting._replace(scene=other.scene, parameters=other.parameters)

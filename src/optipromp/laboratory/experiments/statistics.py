@@ -14,6 +14,7 @@ import scipy.stats
 from optipromp.core.errors import Code
 from optipromp.laboratory.experiments.eyes import NOT_SEEN
 from optipromp.laboratory.experiments.rows import ERROR, Row
+from optipromp.laboratory.experiments.situations import AS_CROP
 
 STATIC_FORCE = 0.5  # [N] a harder touch of a static object counts as contact, as in the simulation
 EDGES = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 1.0)  # of the bins of predicted probability
@@ -92,17 +93,24 @@ def cells_of(
     )
 
 
-def summary(rows: Iterable[Row]) -> tuple[Cell, ...]:
+def summary(rows: Sequence[Row]) -> tuple[Cell, ...]:
     """One cell for each preset and planner, in the order in which they first appear.
 
     In a study of variations, one cell for each variation (over all presets) and planner. In a study
     of loops, one for each condition (over all presets) and loop, named in place of the planner.
+    Where guesses of a crop vary, ``changed`` is the number of runs that end otherwise than as the
+    crop.
     """
+    by_crop = {(*r.key[:3], r.success, r.causes) for r in rows if r.variation == AS_CROP}
 
     def group(row: Row) -> tuple[str, str]:
         return row.condition or row.variation or row.preset, row.loop or row.planner
 
-    return cells_of(rows, ("preset", "planner"), group, study_figures)
+    def figures(own: Sequence[Row]) -> dict[str, Any]:
+        changed = sum((*r.key[:3], r.success, r.causes) not in by_crop for r in own)
+        return study_figures(own) | ({"changed": changed} if by_crop else {})
+
+    return cells_of(rows, ("preset", "planner"), group, figures)
 
 
 def loop_summary(rows: Iterable[Row]) -> tuple[Cell, ...]:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from optipromp.core.errors import InvalidRequestError, installed_by
 from optipromp.core.files import check_folder, is_file, json_text, write_atomically
 from optipromp.core.robots.library import NOTHING
+from optipromp.core.shown import short
 from optipromp.laboratory.experiments.cluster import Progress, gathered
 from optipromp.laboratory.experiments.rows import (
     LOCK,
@@ -113,8 +114,8 @@ def row_file(study: Study, folder: Path) -> RowFile:
     for name in dict.fromkeys((*wanted, *held)):  # a default may be left out of either
         if name != FOLDER and held.get(name) != wanted.get(name):
             raise InvalidRequestError(
-                f"{folder} holds rows with {name} {held.get(name)!r}, this study has "
-                f"{wanted.get(name)!r}: choose another folder"
+                f"{folder} holds rows with {name} {short(held.get(name))}, this study has "
+                f"{short(wanted.get(name))}: choose another folder"
             )
     return RowFile(folder)
 

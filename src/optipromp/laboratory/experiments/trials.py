@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 
@@ -22,14 +22,21 @@ from optipromp.core.planning import Picked, Plan, PlanOptions, plan, planner_nam
 from optipromp.core.planning.legs import REACH, way_out
 from optipromp.core.planning.planners import factory, make
 from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice
+from optipromp.core.scenes.crops import Crop, crop_in_scene
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene, SceneObject
-from optipromp.core.shown import suggest
+from optipromp.core.shown import check_one_of
 from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.experiments.eyes import NOT_SEEN, check_eyes, situation
 from optipromp.laboratory.experiments.loops import LOOP_PLANNER, LOOPS, loop_figures, picked
 from optipromp.laboratory.experiments.rows import ERROR, NO_PLAN, Key, Row, source_version
-from optipromp.laboratory.experiments.situations import CONDITIONS, VARIATIONS, Situation, varied
+from optipromp.laboratory.experiments.situations import (
+    CONDITIONS,
+    VARIATIONS,
+    Situation,
+    crop_variations,
+    varied,
+)
 from optipromp.laboratory.generate import (
     NOISES,
     PANDA,
@@ -129,40 +136,27 @@ _BLIND = {
 
 @dataclass(frozen=True)
 class Study:
-    """The trials of a study.
+    """The trials of a study."""
 
-    ``presets``: of the scenes. ``planners``: to compare. ``seeds``: first seed, and the last plus
-    one. ``noise_position``: standard deviation of detected positions [m]. ``noise_angle``: standard
-    deviation of detected stem directions [degrees]. ``only_valid``: plans that the judge refuses
-    are not executed, and count as failures. ``robot``: name or path of the robot of the scenes.
-    ``choice``: of the arm in the robot's file. ``vary``: every plan is executed under all of
-    :data:`VARIATIONS`. ``noise``: name in :data:`optipromp.laboratory.generate.NOISES`, in place of
-    the deviations. ``risk``: share of promised successes that may be broken. ``loops``: of
-    :data:`LOOPS`; the planner is opti-promp. Empty: planners are compared. ``conditions``: of
-    :data:`CONDITIONS`; of loops. ``eyes``: of :data:`optipromp.laboratory.experiments.eyes.WAYS`,
-    in place of conditions. ``finder``: of the fruits in rendered pictures, see
-    :func:`optipromp.perception.detector.finder_named`. ``views``: pictures from as many sides are
-    fused before a plan: 1 or 2. ``files``: scene files, whose names stand for presets; see
-    :meth:`of_files`.
-    """
-
-    presets: tuple[str, ...] = PRESETS
-    planners: tuple[str, ...] = STUDY_PLANNERS
-    seeds: tuple[int, int] = (0, 20)
-    noise_position: float = 0.0
-    noise_angle: float = 0.0
-    only_valid: bool = False
-    robot: str | Path = PANDA
-    choice: Choice = NOTHING
-    vary: bool = False
-    noise: str = ""
-    risk: float = PlanOptions.risk
-    loops: tuple[str, ...] = ()
-    conditions: tuple[str, ...] = ("none",)
-    eyes: tuple[str, ...] = ()
-    finder: str = "geometry"
-    views: int = 1
-    files: tuple[Path, ...] = ()
+    presets: tuple[str, ...] = PRESETS  # of the scenes; the names of ``files``
+    planners: tuple[str, ...] = STUDY_PLANNERS  # to compare
+    seeds: tuple[int, int] = (0, 20)  # the first, and the last plus one
+    noise_position: float = 0.0  # standard deviation of detected positions [m]
+    noise_angle: float = 0.0  # standard deviation of detected stem directions [degrees]
+    only_valid: bool = False  # plans that the judge refuses are not executed, and count as failures
+    robot: str | Path = PANDA  # name or path of the robot of the scenes
+    choice: Choice = NOTHING  # of the arm in the robot's file
+    # every plan is executed under all of VARIATIONS; crop: with each guess of the crop at its ends
+    vary: bool | Literal["crop"] = False
+    noise: str = ""  # name in NOISES, in place of the deviations
+    risk: float = PlanOptions.risk  # share of promised successes that may be broken
+    loops: tuple[str, ...] = ()  # of LOOPS; the planner is opti-promp. Empty: planners are compared
+    conditions: tuple[str, ...] = ("none",)  # of CONDITIONS; of loops
+    eyes: tuple[str, ...] = ()  # of eyes.WAYS, in place of conditions
+    finder: str = "geometry"  # of fruits in rendered pictures, see detector.finder_named
+    views: int = 1  # pictures from as many sides are fused before a plan: 1 or 2
+    files: tuple[Path, ...] = ()  # scene files, whose names stand for presets; see of_files
+    crop: Crop | None = None  # of all scenes; None: that of a scene file
 
     @classmethod
     def of_files(cls, files: Sequence[Path], **given: Any) -> "Study":
@@ -183,12 +177,17 @@ class Study:
                 f"seeds are {first}:{end}; the first must not be negative, the end (which is not "
                 "run) must be above it"
             )
-        if self.noise and self.noise not in NOISES:
-            raise InvalidRequestError(f"noise is {self.noise!r}: {suggest(self.noise, NOISES)}")
+        if self.noise:
+            check_one_of("noise", self.noise, NOISES)
         deviates = Noise(self.noise_position, self.noise_angle) != Noise()
         if deviates and self.noise:
             raise InvalidRequestError(f"noise {self.noise} and a deviation: state one of them")
         PlanOptions(risk=self.risk)  # refuses an invalid risk
+        if self.vary == "crop" and self.grown is None:
+            raise InvalidRequestError(
+                "guesses are varied of one crop: name it (--crop), unless all scene files name the "
+                "same"
+            )
         check_eyes(self.eyes, self.finder, self.views)
         if self.eyes and (not self.loops or self.conditions != ("none",)):
             raise InvalidRequestError("eyes are of loops, and take the place of conditions")
@@ -212,6 +211,12 @@ class Study:
         paths = {file.name: file for file in self.files}
         return paths[name] if self.files else cast(Preset, name)
 
+    @functools.cached_property
+    def grown(self) -> Crop | None:
+        """The crop of all scenes; None where there is none, or several."""
+        crops = [self.crop] if self.crop else [load_scene(file).crop for file in self.files]
+        return crops[0] if crops and all(crop == crops[0] for crop in crops) else None
+
     @property
     def errors(self) -> Noise:
         """The errors of the detector."""
@@ -220,6 +225,8 @@ class Study:
     @property
     def variations(self) -> tuple[str, ...]:
         """Names of the variations; an empty one for none."""
+        if self.vary == "crop":
+            return tuple(crop_variations(self.grown))
         return tuple(VARIATIONS) if self.vary else ("",)
 
     def __len__(self) -> int:
@@ -247,6 +254,7 @@ class Study:
             **({} if self.robot == PANDA else {"robot": f"{self.robot} {self.choice}"}),
             "vary": self.vary,
             **({"noise": self.noise} if self.noise else {}),
+            **({} if self.crop is None else {"crop": crop_in_scene(self.crop)}),
             "version": source_version(),
             "risk": self.risk,
             **({"loops": True} if self.loops else {}),
@@ -261,8 +269,7 @@ def _check_names(what: str, names: Sequence[str], valid: Sequence[str] | Mapping
     if not names:
         raise InvalidRequestError(f"no {what} is named: valid are {', '.join(valid)}")
     for name in names:
-        if name not in valid:
-            raise InvalidRequestError(f"{what} is {name!r}: {suggest(name, valid)}")
+        check_one_of(what, name, valid)
     if len(set(names)) < len(names):
         raise InvalidRequestError(f"a {what} is named twice: {', '.join(names)}")
 
@@ -272,16 +279,20 @@ def digests(files: Sequence[Path]) -> Mapping[str, str]:
     return {file.name: hashlib.sha256(file.read_bytes()).hexdigest()[:16] for file in files}
 
 
-def drawn(source: Source, seed: int, robot: str | Path, choice: Choice) -> tuple[Scene, int]:
+def drawn(
+    source: Source, seed: int, robot: str | Path, choice: Choice, crop: Crop | None = None
+) -> tuple[Scene, int]:
     """The true scene of a source and a seed, and the number of scenes drawn before it.
 
     A scene file gives the same scene for every seed. ``robot`` takes the place of its own, unless
-    it is :data:`OWN`; ``choice`` is of the arm in the robot's file.
+    it is :data:`OWN`; ``choice`` is of the arm in the robot's file. ``crop``: None: that of
+    the scene file, or none.
     """
     if not isinstance(source, Path):
-        scene, report = generate_with_report(source, seed, robot, choice)
+        scene, report = generate_with_report(source, seed, robot, choice, crop)
         return scene, report.redraws
     scene = load_scene(source)
+    scene = scene if crop is None else replace(scene, crop=crop)
     if robot != OWN:
         name = str(Path(robot).absolute()) if Path(robot).suffix else str(robot)
         return replace(scene, robot=name, choice=choice), 0
@@ -304,7 +315,7 @@ def detected(source: Source, scene: Scene, seed: int, errors: Noise) -> Scene:
 def warm_up(source: Source, study: Study) -> None:
     """Load and compile the planners' code, so that no row's time includes it."""
     with suppress(OptiPrompError):  # the rows tell of it
-        scene, _ = drawn(source, 0, study.robot, study.choice)
+        scene, _ = drawn(source, 0, study.robot, study.choice, study.crop)
         for planner in study.planners:
             attempt(scene, planner)
 
@@ -318,7 +329,7 @@ def run_trials(
     they run. ``version``: written into the rows.
     """
     source = study.source(preset)
-    scene, redraws = drawn(source, seed, study.robot, study.choice)
+    scene, redraws = drawn(source, seed, study.robot, study.choice, study.crop)
     looping = bool(study.loops)
     first = Row.of(
         preset, seed, planner=LOOP_PLANNER, noise_position=study.errors.position,
@@ -351,14 +362,15 @@ def run_trials(
 
 
 def again(
-    row: Row, robot: str = PANDA, risk: float = PlanOptions.risk, source: Source | None = None
-) -> Run | None:
+    row: Row, robot: str = PANDA, risk: float = PlanOptions.risk, source: Source | None = None,
+    crop: Crop | None = None,
+) -> Run | None:  # fmt: skip
     """A trial made once more, for its picture; None where its plan is not executed.
 
     ``robot`` is the name or path of the scene's robot, ``risk`` that of the study, ``source`` the
-    scene's where it is a file.
+    scene's where it is a file, ``crop`` that of the study.
     """
-    setting = setting_of(row, robot, source)
+    setting = setting_of(row, robot, source, crop)
     if row.loop not in ("", "open"):
         return picked(setting, row.seed, servo=row.loop == "closed").run
     study = Study(planners=(row.planner,), risk=risk, loops=(row.loop,) if row.loop else ())
@@ -369,14 +381,16 @@ def again(
     return _executed(made, varied(setting, row.variation, row.seed), row.seed)
 
 
-def setting_of(row: Row, robot: str = PANDA, source: Source | None = None) -> Situation:
+def setting_of(
+    row: Row, robot: str = PANDA, source: Source | None = None, crop: Crop | None = None
+) -> Situation:
     """What a row's trial was made of.
 
     The robot's name is from a study's file, so it is untrusted; see
     :class:`optipromp.core.robots.library.Choice`.
     """
     source = source or cast(Preset, row.preset)
-    scene, _ = drawn(source, row.seed, robot, UNTRUSTED)
+    scene, _ = drawn(source, row.seed, robot, UNTRUSTED, crop)
     if row.loop:
         return situation(row.condition, scene, row.seed, row.finder, row.views or 1)
     noise = NOISES[row.noise] if row.noise else Noise(row.noise_position, row.noise_angle)

@@ -110,30 +110,25 @@ def _samples(points: FloatArray) -> FloatArray:
     return np.asarray(points[0] + share[:, None] * (points[1] - points[0]))
 
 
-def to_segment(point: FloatArray, a: FloatArray, b: FloatArray) -> float:
-    """Distance from a point (3,) to the segment from ``a`` to ``b`` [m]."""
-    line = b - a
-    share = float(np.clip((point - a) @ line / (line @ line), 0.0, 1.0))
-    return float(np.linalg.norm(point - a - share * line))
-
-
 def segments(one: FloatArray, other: FloatArray) -> float:
-    """Distance between two segments (2, 3) [m] (Ericson, Real-Time Collision Detection, 5.1.9)."""
-    if np.array_equal(one[0], one[1]) or np.array_equal(other[0], other[1]):
-        point, line = (one[0], other) if np.array_equal(one[0], one[1]) else (other[0], one)
-        if np.array_equal(line[0], line[1]):
-            return float(np.linalg.norm(point - line[0]))
-        return to_segment(point, line[0], line[1])
+    """Distance between two segments (2, 3) [m] (Ericson, Real-Time Collision Detection, 5.1.9).
+
+    The ends of either may be one point.
+    """
     d1, d2, r = one[1] - one[0], other[1] - other[0], one[0] - other[0]
     a, e, f = float(d1 @ d1), float(d2 @ d2), float(d2 @ r)
     b, c = float(d1 @ d2), float(d1 @ r)
+
+    def share(part: float, whole: float) -> float:
+        return min(1.0, max(0.0, part / whole)) if whole > 0.0 else 0.0
+
     denominator = a * e - b * b
-    s = min(1.0, max(0.0, (b * f - c * e) / denominator)) if denominator > 1e-15 else 0.0
-    t = (b * s + f) / e
+    s = share(b * f - c * e, denominator) if denominator > 1e-15 else 0.0
+    t = (b * s + f) / e if e > 0.0 else -1.0  # of a point: as before the begin of a line
     if t < 0.0:
-        t, s = 0.0, min(1.0, max(0.0, -c / a))
+        t, s = 0.0, share(-c, a)
     elif t > 1.0:
-        t, s = 1.0, min(1.0, max(0.0, (b - c) / a))
+        t, s = 1.0, share(b - c, a)
     return float(np.linalg.norm(r + s * d1 - t * d2))
 
 

@@ -17,8 +17,9 @@ import numpy as np
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.robots.library import NOTHING, Choice
+from optipromp.core.scenes.crops import Crop
 from optipromp.core.scenes.scene import Scene
-from optipromp.core.scenes.values import suggest
+from optipromp.core.shown import check_one_of
 from optipromp.laboratory.generate import bunches, plants, shelves
 from optipromp.laboratory.generate.checks import OverlapError, interpenetration, unsolvable
 from optipromp.laboratory.generate.placing import UnfitError, at_robot
@@ -41,15 +42,12 @@ class Kind(NamedTuple):
     """What distinguishes a preset."""
 
     sample: Callable[..., Scene]
-    fewest: int = 1
+    fewest: int = 1  # pushables; each number up to the most has even odds
     most: int = 4
-    """Of pushables, with even odds."""
+    # samples the number of pushables in place of both
     number: Callable[[np.random.Generator], int] | None = None
-    """Samples the number of pushables in place of ``fewest`` and ``most``."""
-    gutter: bool | None = None
-    """Whether a gutter stands on the side that is sampled; None: no side is sampled."""
-    plants: tuple[Sampler, ...] = ()
-    """One of these is sampled, and is the first argument of ``sample``."""
+    gutter: bool | None = None  # whether one stands on the sampled side; None: no side is sampled
+    plants: tuple[Sampler, ...] = ()  # one is sampled, and is the first argument of ``sample``
     panda_only: bool = False
 
 
@@ -80,15 +78,17 @@ class GenerationReport:
 
 
 def generate(
-    preset: Preset, seed: int, robot: str | Path = PANDA, choice: Choice = NOTHING
-) -> Scene:
+    preset: Preset, seed: int, robot: str | Path = PANDA, choice: Choice = NOTHING,
+    crop: Crop | None = None,
+) -> Scene:  # fmt: skip
     """The scene of a preset and a seed; see :func:`generate_with_report`."""
-    return generate_with_report(preset, seed, robot, choice)[0]
+    return generate_with_report(preset, seed, robot, choice, crop)[0]
 
 
 def generate_with_report(
-    preset: Preset, seed: int, robot: str | Path = PANDA, choice: Choice = NOTHING
-) -> tuple[Scene, GenerationReport]:
+    preset: Preset, seed: int, robot: str | Path = PANDA, choice: Choice = NOTHING,
+    crop: Crop | None = None,
+) -> tuple[Scene, GenerationReport]:  # fmt: skip
     """Sample a random scene.
 
     Presets (lengths in metres; every number uniform in its range):
@@ -130,21 +130,24 @@ def generate_with_report(
             placed for each scene, and scenes at which the arm can work from no place are sampled
             again (:mod:`optipromp.laboratory.generate.placing`).
         choice: of the arm in the robot's file.
+        crop: whose fruits take the place of the preset's
+            (:func:`optipromp.laboratory.generate.plants.with_fruits_of`); None: the preset's.
 
     Raises:
-        InvalidRequestError: an unknown preset or a negative seed; another robot than the Panda for
-            a shelf; a robot that can work at none of :data:`MOST_UNFIT` samples from any place.
+        InvalidRequestError: an unknown preset or a negative seed; another robot than the Panda, or
+            a crop, for a shelf; a robot that can work at none of :data:`MOST_UNFIT` samples from
+            any place.
         InvalidRobotError: a robot that cannot be loaded.
     """
-    if preset not in PRESETS:
-        told = suggest(preset, PRESETS)
-        raise InvalidRequestError(f"preset is {preset!r}: {told}")
+    check_one_of("preset", preset, PRESETS)
     if seed < 0:
         raise InvalidRequestError(f"seed is {seed}; it must not be negative")
     other = robot != PANDA
     kind = KINDS[preset]
     if other and kind.panda_only:
         raise InvalidRequestError(f"scenes of the preset {preset} are for the built-in panda only")
+    if crop is not None and preset == "shelf":
+        raise InvalidRequestError("a shelf has cans and boxes: it takes no crop")
     rng = np.random.default_rng([zlib.crc32(preset.encode()), seed])
     reasons: Counter[str] = Counter()
     count = kind.number(rng) if kind.number else int(rng.integers(kind.fewest, kind.most + 1))
@@ -157,6 +160,7 @@ def generate_with_report(
             sample = partial(kind.sample, gutter=side) if kind.gutter else kind.sample
         try:
             scene = sample(f"{preset}-{seed}", count, rng)
+            scene = scene if crop is None else plants.with_fruits_of(scene, crop, rng)
         except OverlapError as overlap:
             reasons[str(overlap)] += 1
             continue

@@ -34,11 +34,12 @@ def perceived(scene: Scene, rng: np.random.Generator, noise: Noise) -> Scene:
         return scene
     seen = [_seen(item, rng, noise, scene.up) for item in scene.objects]
     if noise.missed or noise.hidden:
-        eye, chances = _eye(scene), rng.random(len(seen))
+        eye, chances, more = _eye(scene), rng.random(len(seen)), noise.hidden - noise.missed
         seen = [
             new
             for old, new, chance in zip(scene.objects, seen, chances, strict=True)
-            if old.role != "pushable" or chance >= _blind(scene, old, eye, noise)
+            if old.role != "pushable"
+            or chance >= noise.missed + more * hidden_share(scene, old, eye)
         ]
     return replace(scene, objects=rooted(seen))
 
@@ -49,11 +50,6 @@ def noisy(scene: Scene, seed: int, noise: Noise) -> Scene:
     The physical parameters of fruits are left out: no detector measures them.
     """
     return perceived(untold(scene), np.random.default_rng([seed, 1]), noise)
-
-
-def _blind(scene: Scene, item: SceneObject, eye: FloatArray, noise: Noise) -> float:
-    """The probability that a pushable is not seen."""
-    return noise.missed + (noise.hidden - noise.missed) * hidden_share(scene, item, eye)
 
 
 def _eye(scene: Scene) -> FloatArray:

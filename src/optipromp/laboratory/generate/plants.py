@@ -8,9 +8,11 @@ import numpy as np
 from optipromp.core.arrays import FloatArray, frame_along, rotation
 from optipromp.core.geometry.shapes import Capsule, Cone, Ellipsoid, Shape, Sphere
 from optipromp.core.parameters import GRAVITY
+from optipromp.core.robots.tools import Cup
+from optipromp.core.scenes.crops import Crop
 from optipromp.core.scenes.objects import rooted
 from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.scene import Scene, SceneObject, Stem
+from optipromp.core.scenes.scene import Scene, SceneObject, Stem, ToolSpec
 from optipromp.laboratory.generate import bunches
 from optipromp.laboratory.generate.checks import OverlapError
 
@@ -93,6 +95,44 @@ def physical(fruits: Sequence[SceneObject], rng: np.random.Generator) -> list[Sc
         }
         drawn.append(replace(item, physical=own))
     return drawn
+
+
+def with_fruits_of(scene: Scene, crop: Crop, rng: np.random.Generator) -> Scene:
+    """The sample with the crop's fruits: drawn widths, lengths and lengths of stems.
+
+    All else is as much farther from the target, and the cup as much larger, as fruits are wider
+    than those of the presets. Trusses are as much larger, too. Fruits state no physics.
+    """
+    ripe, tool = scene.target, scene.tool
+    assert ripe is not None
+    assert tool is not None
+    middle, wider = ripe.position, crop["width"] / sum(bunches.FRUIT_RADII)
+    joined = any(item.stem is not None and item.stem.parent for item in scene.objects)
+
+    def drawn(name: str) -> float:
+        row = crop.rows[name]
+        return row.value + row.spread * float(np.clip(rng.standard_normal(), -2.0, 2.0))
+
+    objects = []
+    for item in scene.objects:
+        stem, place = item.stem, middle + wider * (item.position - middle)
+        item = replace(item, position=place, stem=None, physical={})
+        if stem is not None:
+            wide = 0.5 * drawn("width")
+            half = wide * drawn("elongation")
+            line = stem.vector / float(np.linalg.norm(stem.vector))
+            length = wider * stem.length if joined else drawn("stem_length")
+            stem = replace(stem, points=place + np.outer([0.0, half + length], line))
+            item = replace(item, stem=stem)
+            item = bunches.hung(item, Ellipsoid((wide, wide, half)), half, line)
+        objects.append(item)
+    widest = max(item.shape.measure.half[0] for item in objects if item.role == "target")
+    cup = Cup(**tool.parameters)
+    sizes = {
+        "radius": max(wider * cup.radius, widest + bunches.MOUTH_CLEARANCE),
+        "height": wider * cup.height, "depth": wider * cup.depth, "length": cup.length,
+    }  # fmt: skip
+    return replace(scene, objects=rooted(objects), tool=ToolSpec("cup", sizes), crop=crop)
 
 
 def untold(scene: Scene) -> Scene:

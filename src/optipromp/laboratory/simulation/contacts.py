@@ -1,6 +1,7 @@
 """Contacts of a run: forces and times of each pair of entities."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -22,18 +23,6 @@ def is_sound(warnings, positions, velocities):
             if not math.isfinite(value):
                 return False
     return True
-
-
-@kernel
-def note_pulls(pulls, limits, largest):
-    """Raise ``largest`` to ``pulls`` in place; whether one is above its limit. All are (W,)."""
-    beyond = False
-    for w in range(len(pulls)):
-        if pulls[w] > largest[w]:
-            largest[w] = pulls[w]
-        if pulls[w] > limits[w]:
-            beyond = True
-    return beyond
 
 
 @kernel
@@ -123,12 +112,15 @@ class ContactLog:
     are symmetric.
 
     ``world``: of the entities. ``threshold``: of the spells in ``hard`` [N].
+
+    Attributes:
+        torn: why fruits came off, in words, by key; empty without a crop.
     """
 
     def __init__(self, world: World, threshold: float) -> None:
         count = len(world.entities)
         self._owners, self._timestep = world.geom_entity, float(world.model.opt.timestep)
-        self._threshold = threshold
+        self._world, self._threshold, self.torn = world, threshold, dict[str, str]()
         self._pairs = pairs = np.zeros((count, count), _PAIR)
         pairs["first"] = np.nan
         self.peak: FloatArray = pairs["peak"]  # (E, E) largest force [N]
@@ -146,6 +138,12 @@ class ContactLog:
                 contact.geom, contact.efc_address, contact.frame, data.efc_force, self._owners,
                 self._pairs, self._steps, data.time, self._timestep, self._threshold,
             )  # fmt: skip
+
+    def borne(self) -> Iterator[tuple[str, str, float, float]]:
+        """Of each fruit: its id, the name of a limit, the largest figure, and what it bears."""
+        most = self._world.parameters.thresholds.fruit_force
+        for fruit in self._world.shown:
+            yield fruit.id, "peak_force", float(self.peak[fruit.entity].max()), most
 
     def take_recent(self) -> FloatArray:
         """(E, E) largest force since the last call [N]."""
@@ -210,11 +208,10 @@ def harm_so_far(world: World, log: ContactLog, torn: int) -> HarmSoFar:
     """The harm of a run by its contacts, as the judgement at the end counts them."""
     limits, entities = world.parameters.thresholds, world.entities
     robot = [k for k, each in enumerate(entities) if each.kind in ("link", "tool")]
-    fruits = [fruit.entity for fruit in world.shown]
     stems = [fruit.stem_entity for fruit in world.shown if fruit.stem_entity >= 0]
     static = [k for k, each in enumerate(entities) if each.kind == "static"]
     return HarmSoFar(
-        _most(log.peak[fruits]) / limits.fruit_force,
+        max((figure / most for _, _, figure, most in log.borne()), default=0.0),
         _most(log.hard[np.ix_(stems, robot)]) / limits.stem_time,
         _most(log.peak[np.ix_(static, robot)]) / limits.static_force,
         torn,

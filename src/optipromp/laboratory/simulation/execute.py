@@ -316,6 +316,10 @@ def run_rows(run: Run) -> list[tuple[str, str]]:
         for c in contacts:
             spell = f"{c.peak_force:.2f} N for {c.duration:.2f} s from {c.first:.2f} s"
             rows.append((f"{c.link} on {c.other}", f"{spell} ({what})"))
+    if (crop := outcome.crop) is not None:
+        decided = f"decided by {', '.join(crop.decided)}; " if crop.decided else ""
+        hangs = ", ".join(crop.hangs_on) or "none"
+        rows.append(("crop", f"{crop.name}; {decided}guesses that it hangs on: {hangs}"))
     rows.append(("tracking error", f"{1e3 * outcome.tracking_error:.2f} mm"))
     speed = f"{run.real_time_factor:.1f} times as fast as it was"
     rows.append(("motion", f"{outcome.duration:.2f} s, simulated {speed}"))

@@ -19,7 +19,7 @@ from optipromp.control.look import Look
 from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.errors import InvalidRequestError, installed_by
 from optipromp.core.scenes.pose import Pose
-from optipromp.core.shown import suggest
+from optipromp.core.shown import check_one_of
 from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.execute import Run
 from optipromp.laboratory.simulation.files import LoopRecord, ellipsoids, record_of
@@ -232,8 +232,7 @@ def encoded(pictures: Iterable[Image8], view: View, fps: int, kind: str = "webm"
 
     A ``webm`` is VP9, of the encoder libvpx (BSD). An ``mp4`` is H.264, of x264 (GPL).
     """
-    if kind not in CODECS:
-        raise InvalidRequestError(f"kind of film is {kind!r}: {suggest(kind, CODECS)}")
+    check_one_of("kind of film", kind, CODECS)
     try:
         import av
     except ImportError:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Self
 
 import numpy as np
+import scipy.linalg
 
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.geometry.shapes import Capsule, Cylinder, Sphere
@@ -97,6 +98,7 @@ UNRIPE = (0.55, 0.72, 0.30, 1.0)
 STEM_COLOUR = (0.30, 0.50, 0.18, 1.0)
 CAN_GAP = 1e-3  # [m] by which the capsule in a can is shorter than the can
 UNSEEN = (0.0, 0.0, 0.0, 0.0)  # colour
+SWEEPS = 8  # of the search for a damping time; each brings its ratio nearer by some 3 times
 WELD_TIME = 0.004  # [s] time constant of the joint between stem and fruit
 # [rad] turns of stems that stand still at rest, once their load goes. An elastic stem that holds a
 # load off the vertical falls over from 2.7 on, one that holds the bow of a thread from 60 on.
@@ -367,6 +369,38 @@ def _stiffness(obj: SceneObject, load: float, stem: StemParameters, *, carries: 
     return max(stem.bending_stiffness(thickness), load / max(stem.grown_turn, 1e-6))
 
 
+def damping_time(
+    chain: StemChain, springs: FloatArray, ratio: float, gravity: float, armature: float
+) -> float:
+    """Damping over stiffness of a chain's joints at which its slowest swing has a damping ratio.
+
+    The swing is small, about plumb, of the chain's pieces and of the fruit as a ball that turns
+    with the last piece: the first mode v of M θ'' + τ S θ' + (S + G) θ = 0, with the ``springs`` S
+    (N,) of the joints [N m/rad] and the pull G of ``gravity`` [m/s²]. If damping left v as it is,
+    2 ζ ω were τ vᵀSv; τ is scaled until the ratio is that of the damped mode.
+    """
+    pieces = np.linalg.norm(np.diff(chain.nodes, axis=0), axis=1)
+    below = float(np.linalg.norm(chain.center - chain.nodes[-1]))
+    turn = np.tril(np.ones((len(pieces), len(pieces))))  # angles of pieces by those of joints
+    arms = np.vstack([np.tril(np.tile(pieces, (len(pieces), 1))), pieces])
+    arms[:-1][np.diag_indices(len(pieces))] *= 0.5
+    arms[-1, -1] += below  # (N+1, N) lengths from the root to the masses, along each piece
+    masses = np.append(chain.masses, chain.fruit)
+    aside = arms @ turn
+    mass = aside.T @ (masses[:, None] * aside) + armature * np.eye(len(pieces))
+    mass += 0.4 * chain.fruit * below**2  # of a ball; every joint turns it alike
+    stiff = np.diag(springs) + turn.T @ ((gravity * masses @ arms)[:, None] * turn)
+    squares, modes = scipy.linalg.eigh(stiff, mass, subset_by_index=[0, 0])
+    time = float(2.0 * ratio * np.sqrt(squares[0]) / (springs @ modes[:, 0] ** 2))
+    unit, inverse = np.eye(len(mass)), np.linalg.inv(mass)
+    for _ in range(SWEEPS):
+        damped = np.block([[0.0 * unit, unit], [-inverse @ stiff, -time * inverse * springs]])
+        rates = np.linalg.eigvals(damped)
+        swing = min(rates[rates.imag > 1e-9 * np.abs(rates)], key=abs, default=-1.0)
+        time *= ratio / float(-swing.real / abs(swing))
+    return time
+
+
 def _add_chain(
     spec: Any, stem: Stem, chain: StemChain, stiffness: float, parameters: SimulationParameters,
     key: str, entity: int, grows_from: tuple[str, FloatArray] | None,
@@ -375,7 +409,12 @@ def _add_chain(
     mujoco = engine()
     p, nodes, masses = parameters.stem, chain.nodes, chain.masses
     bends = _bends(np.linalg.norm(np.diff(nodes, axis=0), axis=1))
-    lag = max(p.damping_time - parameters.engine.timestep, 0.0)  # MuJoCo adds the stiffness x step
+    lag, braked = p.damping_time, p.swing_damping
+    if p.damping_ratio > 0.0:
+        springs = stiffness / bends
+        lag = damping_time(chain, springs, p.damping_ratio, parameters.engine.gravity, p.armature)
+        braked = 0.0
+    lag = max(lag - parameters.engine.timestep, 0.0)  # MuJoCo adds the stiffness x step
     body, before = spec.worldbody, np.zeros(3)
     if grows_from is not None:
         body, before = spec.body(grows_from[0]), grows_from[1]
@@ -387,7 +426,7 @@ def _add_chain(
             name=f"bend:{key}:{k}", type=mujoco.mjtJoint.mjJNT_BALL, armature=p.armature
         )
         joint.stiffness[0] = stiffness / bend
-        joint.damping[0] = lag * stiffness / bend + (p.swing_damping if k == 0 else 0.0)
+        joint.damping[0] = lag * stiffness / bend + (braked if k == 0 else 0.0)
         body.add_geom(
             name=f"stem:{key}:{k}", type=mujoco.mjtGeom.mjGEOM_CAPSULE,
             size=[stem.radius, 0.0, 0.0], fromto=[0.0, 0.0, 0.0, *(nodes[k + 1] - nodes[k])],

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from optipromp.core.arrays import BoolArray
+from optipromp.core.scenes.crops import Crop
 from optipromp.laboratory.simulation.contacts import ContactLog, in_tool
 from optipromp.laboratory.simulation.grasps import on_lip, suction_of, wanted
+from optipromp.laboratory.simulation.harms import HarmLog
 from optipromp.laboratory.simulation.rollout import Rollout, StemCut
 from optipromp.laboratory.simulation.world import World
 
@@ -31,6 +33,15 @@ class Cause(StrEnum):
     NOT_PLACED = "not_placed"  # the target is not at its place
 
 
+PRESSED: Mapping[str, str] = {
+    "peak_force": "with {:.1f} N",
+    "impact_energy": "by a blow of {:.3g} J (bears {:.3g})",
+    "pressed_force": "with a lasting {:.3g} N (bears {:.3g})",
+    "edge_force": "by an edge with {:.3g} N (bears {:.3g})",
+}
+"""What a fruit did not bear, in words: the figure, and what it bears."""
+
+
 @dataclass(frozen=True)
 class Contact:
     """All touches of one robot link and one object, or of one fruit and one object.
@@ -48,6 +59,26 @@ class Contact:
     peak_force: float
     duration: float
     first: float
+
+
+@dataclass(frozen=True)
+class CropVerdict:
+    """What a run did to fruits in a crop's units.
+
+    Attributes:
+        name: of the crop.
+        figures: largest figure of each row that limits harm, by fruit and row [the row's unit].
+        decided: rows whose value a fruit did not bear.
+        guesses: of these, those that nobody measured.
+        hangs_on: guessed limits on which the verdict hangs: their range holds values that bear the
+            largest figure, and others that do not.
+    """
+
+    name: str
+    figures: Mapping[str, Mapping[str, float]]
+    decided: tuple[str, ...]
+    guesses: tuple[str, ...]
+    hangs_on: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -96,6 +127,7 @@ class Outcome:
             several legs.
         placed_off: distance of the target's centre from its place at the end [m]; None where it
             was not brought there.
+        crop: by whose rows harm was judged; None: by the simulation's thresholds.
     """
 
     success: bool
@@ -128,6 +160,7 @@ class Outcome:
     cut: StemCut | None = None
     placed: bool | None = None
     placed_off: float | None = None
+    crop: CropVerdict | None = None
 
     @property
     def result(self) -> str:
@@ -158,7 +191,8 @@ class Outcome:
         document["cause"] = None if self.cause is None else str(self.cause)
         document["causes"] = [str(cause) for cause in self.causes]
         document["unripe_peak_force"] = self.unripe_peak_force
-        cut = document.pop("cut")
+        cut, crop = document.pop("cut"), document.pop("crop")
+        document |= {} if crop is None else {"crop": crop}
         if self.cut is not None:
             document["cut"] = dict(zip(StemCut._fields, cut, strict=True))
         return document
@@ -257,7 +291,9 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
         warnings=rollout.warnings,
         target=target,
     )
-    failures = list(_failures(facts, world))
+    if isinstance(log, HarmLog):
+        facts = replace(facts, crop=_verdict(facts, log, log.crop))
+    failures = list(_failures(facts, world, log))
     far = ", ".join(f"{id_} by {1e3 * by:.1f} mm" for id_, by in world.parted.items())
     note = f"; fruits that overlapped were pushed apart before: {far}" if far else ""
     if failures:
@@ -271,7 +307,24 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
     return replace(facts, success=True, message=told + note)
 
 
-def _failures(outcome: Outcome, world: World) -> Iterator[tuple[Cause, str]]:
+def _verdict(outcome: Outcome, log: HarmLog, crop: Crop) -> CropVerdict:
+    """The figures of a run beside the crop's rows."""
+    figures = {
+        id_: {**mine, "grip_force": outcome.stem_force.get(id_, 0.0)}
+        for id_, mine in log.figures().items()
+    }
+    laws = [name for name in crop.rows if any(name in mine for mine in figures.values())]
+    most = {name: max(mine[name] for mine in figures.values()) for name in laws}
+    decided = tuple(
+        name for name in laws
+        if most[name] > crop[name] and (name != "grip_force" or outcome.stem_caught)
+    )  # fmt: skip
+    guesses = tuple(name for name in decided if crop.rows[name].guess)
+    hangs_on = tuple(name for name in laws if crop.rows[name].hangs(most[name]))
+    return CropVerdict(crop.name, figures, decided, guesses, hangs_on)
+
+
+def _failures(outcome: Outcome, world: World, log: ContactLog) -> Iterator[tuple[Cause, str]]:
     """The causes of failure and each in words, in the order of :class:`Cause`."""
     limits = world.parameters.thresholds
     if outcome.warnings:
@@ -280,7 +333,8 @@ def _failures(outcome: Outcome, world: World) -> Iterator[tuple[Cause, str]]:
     if worst is not None:
         yield Cause.STATIC_CONTACT, f"{worst.link} presses {worst.other} with {_force(worst)}"
     if outcome.torn:
-        yield Cause.TORN, f"torn off: {', '.join(outcome.torn)}"
+        words = (f"{i} ({log.torn[i]})" if i in log.torn else i for i in outcome.torn)
+        yield Cause.TORN, f"torn off: {', '.join(words)}"
     if outcome.cut is not None:
         shut_on = [f"the stem of {i}" for i in outcome.cut.stems if i != wanted(world)]
         shut_on += list(outcome.cut.fruits)
@@ -295,10 +349,13 @@ def _failures(outcome: Outcome, world: World) -> Iterator[tuple[Cause, str]]:
     worst = _hardest(world, outcome.avoid_contacts, limits.avoid_force)
     if worst is not None:
         yield Cause.AVOID_CONTACT, f"{worst.link} presses {worst.other} with {_force(worst)}"
-    crushed = {i: f for i, f in outcome.peak_force.items() if f > limits.fruit_force}
+    crushed = [
+        f"{id_} {PRESSED[name].format(figure, most)}"
+        for id_, name, figure, most in log.borne()
+        if figure > most
+    ]
     if crushed:
-        words = ", ".join(f"{i} with {force:.1f} N" for i, force in crushed.items())
-        yield Cause.CRUSHED, f"pressed too hard: {words}"
+        yield Cause.CRUSHED, f"pressed too hard: {', '.join(crushed)}"
     if outcome.limit_use.get("position", 0.0) > 1.0 + 1e-3:
         yield Cause.LIMIT, "a joint left its range"
     if outcome.tracking_error > limits.tracking_error:

@@ -5,14 +5,15 @@ Parameters that the push models have too are taken from there.
 """
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.parameters import Checked, Parameter, parameter
 from optipromp.core.parameters import catalogue as listed
 from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.scenes.crops import Crop
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,9 @@ class StemParameters(Checked):
         0.06, "s", "guess", "damping over stiffness (Kelvin-Voigt): swings die in a second"
     )
     swing_damping: float = parameter(2e-4, "N m s/rad", "guess", "at the root: leaves brake it")
+    damping_ratio: float = parameter(
+        0.0, "1", "choice", "of a fruit's swing, in place of both dampings; 0: those hold"
+    )
     bow_least: float = parameter(
         PUSH.beam.bow_least, "1", "guess", "of a straight stem's middle off its line, over length"
     )
@@ -222,6 +226,29 @@ class SimulationParameters:
             raise InvalidRequestError(
                 f"thing.avoid_as is {self.thing.avoid_as!r}; valid: soft, fruits"
             )
+
+
+def of_crop(parameters: SimulationParameters, crop: Crop | None) -> SimulationParameters:
+    """The parameters with the crop's values where they are the defaults; None: as they are."""
+    if crop is None:
+        return parameters
+    usual = SimulationParameters()
+    for (branch, leaf), row in OF_CROP.items():
+        group = getattr(parameters, branch)
+        if getattr(group, leaf) == getattr(getattr(usual, branch), leaf):
+            parameters = replace(parameters, **{branch: replace(group, **{leaf: crop[row]})})
+    return parameters
+
+
+OF_CROP: Mapping[tuple[str, str], str] = {
+    ("fruit", "density"): "density",
+    ("stem", "diameter"): "stem_diameter",
+    ("stem", "youngs_modulus"): "stem_modulus",
+    ("stem", "damping_ratio"): "damping_ratio",
+    ("stem", "abscission_force"): "abscission",
+    ("thresholds", "stem_force"): "grip_force",
+}
+"""The parameters that a crop has rows of."""
 
 
 def catalogue(parameters: SimulationParameters | None = None) -> Iterator[Parameter]:

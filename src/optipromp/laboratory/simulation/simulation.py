@@ -103,9 +103,9 @@ class Simulation:
             robot, state = posed(scene, robot)
             q = state.q if q is None else q
         self.scene, self.robot, self.seed = scene, robot, seed
-        self.parameters = parameters or SimulationParameters()
         self._start, self._record_rate = frozen(q), record_rate
-        self._world = build(scene, robot, self.parameters, seed)
+        self._world = build(scene, robot, parameters, seed)
+        self.parameters = self._world.parameters
         self._begin(self._start)
 
     def _begin(self, q: FloatArray) -> None:

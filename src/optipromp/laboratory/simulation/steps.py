@@ -10,11 +10,12 @@ import numpy as np
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frozen
 from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.simulation.arm import GUARD
-from optipromp.laboratory.simulation.contacts import ContactLog, is_sound, note_pulls, pressing
+from optipromp.laboratory.simulation.contacts import ContactLog, is_sound, pressing
 from optipromp.laboratory.simulation.disturbances import CARRIAGE_MASS
 from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.fruits import tops
 from optipromp.laboratory.simulation.grasps import between_blades, carried_by, scissor_of
+from optipromp.laboratory.simulation.harms import HarmLog
 from optipromp.laboratory.simulation.rollout import Rollout, StemCut, used
 from optipromp.laboratory.simulation.world import Fruit, World
 
@@ -91,8 +92,10 @@ class Execution:
             for item, course in world.scene.movers
             if item.role in soft
         ]
-        self.log = ContactLog(world, p.thresholds.stem_force)
-        self.stems = StemWatch(world)
+        crop, caught = world.scene.crop, p.thresholds.stem_force
+        harm = None if crop is None else HarmLog(world, caught, crop)
+        self.log = harm or ContactLog(world, caught)
+        self.stems = StemWatch(world, harm)
         self.step = p.engine.timestep
         self.every = max(round(1.0 / (record_rate * self.step)), 1)
         self.tick = max(round(1.0 / (p.control.rate * self.step)), 1)
@@ -325,12 +328,14 @@ _SIGN = -1.0  # of a pull up the stem in the rows of MuJoCo's weld
 class StemWatch:
     """The stems that hold a fruit, the largest pull along each, and the fruits that came off.
 
+    ``harm``: by whose crop fruits come off; None: by the pull along the stem alone.
+
     Attributes:
         torn: time at which each torn fruit came off, by key [s].
     """
 
-    def __init__(self, world: World) -> None:
-        self._world = world
+    def __init__(self, world: World, harm: HarmLog | None = None) -> None:
+        self._world, self._harm = world, harm
         self.torn: dict[str, float] = {}
         self._torn_by: dict[str, float] = {}
         fruits = [fruit for fruit in world.fruits if fruit.weld >= 0]
@@ -342,6 +347,7 @@ class StemWatch:
     def _hold(self, fruits: list[Fruit], tension: FloatArray) -> None:
         self._fruits, self._tension = fruits, tension
         self._last = np.array([f.last for f in fruits], dtype=np.int64)
+        self._bodies = np.array([f.body for f in fruits], dtype=np.int64)
         self._along = np.array([f.along for f in fruits]).reshape(-1, 3, 1)
         self._abscission = np.array([f.built.abscission for f in fruits], dtype=np.float64)
         names = [self._tops.get(f.id, "") for f in fruits]
@@ -364,13 +370,23 @@ class StemWatch:
         # welds are the only equalities, six rows each, in order, the active ones first
         forces = data.efc_force[: 6 * count].reshape(-1, 1, 6)[:, :, :3]
         pulls = _SIGN * (forces @ up).ravel()
-        torn = note_pulls(pulls, self._abscission, self._tension)
+        np.maximum(self._tension, pulls, out=self._tension)
         gone = pulls > self._abscission
+        if self._harm is not None:
+            pull, turn = _SIGN * forces[:, 0], self._moments(data)
+            gone = self._harm.pull(self._fruits, pull, up[:, :, 0], turn, self._abscission)
         for mine in self._trusses:  # a truss comes off whole where none of its fruits does
             if not (gone & mine).any() and float(pulls[mine].sum()) > self._truss_force:
-                gone, torn = gone | mine, True
-        if torn:
+                gone = gone | mine
+        if gone.any():
             self._cut(data, gone)
+
+    def _moments(self, data: Any) -> FloatArray:
+        """Moments (W, 3) of the stems on their fruits about the calyx [N m]."""
+        turns = data.efc_force[: 6 * len(self._fruits)].reshape(-1, 6)[:, 3:]
+        frames = data.xmat.take(self._bodies, axis=0).reshape(-1, 3, 3)
+        # a weld's rows of turning are of half the turn, in the fruit's frame
+        return np.asarray(0.5 * np.einsum("wij,wj->wi", frames, turns))
 
     def close(self, data: Any) -> StemCut:
         """Close the blades of the scissor: fruits beyond the stems between them come off."""

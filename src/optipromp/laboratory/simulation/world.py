@@ -25,7 +25,7 @@ from optipromp.laboratory.simulation.disturbances import (
 )
 from optipromp.laboratory.simulation.engine import NOBODY, Entity, add_shape, engine, layers
 from optipromp.laboratory.simulation.fruits import BuiltFruit, add_fruit, bows, trusses_of
-from optipromp.laboratory.simulation.parameters import SimulationParameters
+from optipromp.laboratory.simulation.parameters import SimulationParameters, of_crop
 
 STATIC_COLOUR = (0.62, 0.60, 0.57, 1.0)
 AVOID_COLOUR = (0.35, 0.60, 0.30, 0.35)
@@ -145,7 +145,7 @@ def build(
     numbers. ``seed``: of the bows of stems, the fruits of real neighbouring clusters, and
     disturbances.
     """
-    parameters = parameters or SimulationParameters()
+    parameters = of_crop(parameters or SimulationParameters(), scene.crop)
     scene, parted = apart(grown(scene, seed))
     draft = _Draft(scene, robot, parameters, seed)
     model = draft.compile()
