@@ -1,6 +1,5 @@
 """``optipromp generate``, ``render`` and ``episodes``: scenes, their pictures, and experts."""
 
-import json
 import os
 import shlex
 from collections import Counter
@@ -18,7 +17,6 @@ from optipromp.core.shown import suggest
 
 if TYPE_CHECKING:
     from optipromp.core.scenes.scene import Scene
-    from optipromp.laboratory.simulation.coco import Shot
     from optipromp.laboratory.simulation.photograph import Photograph
 
 
@@ -172,7 +170,6 @@ def render(
     scale, ragged edges and holes of a stereo camera. A picture NAME leaves NAME.rgb.png,
     NAME.depth.png (16 bits, 0.1 mm), NAME.camera.json, NAME.masks.png (an instance a value),
     NAME.masks.json (what each value is, and its visible share) and NAME.yaml, the true scene.
-    annotations.json has all of them as COCO: masks, boxes, key points of fruits and stems, cameras.
     Needs the extra 'sim'.
 
     [bold]Examples[/bold]
@@ -193,7 +190,6 @@ def render(
             shadows. Default: rich for the preset wild, else plain.
     """
     from optipromp.laboratory.generate import generate as sampled
-    from optipromp.laboratory.simulation import coco
     from optipromp.laboratory.simulation.photograph import photograph
 
     if (scene is None) == (preset is None):
@@ -202,7 +198,6 @@ def render(
     files.check_folder(out)
     looks = looks or ("rich" if preset == "wild" else "plain")
     records: list[dict[str, Any]] = []
-    annotated: list[coco.Labels] = []
     with progress_bar(10) as told:
         for number in numbers:
             shown = sampled(preset, number) if preset else optipromp.load_scene(str(scene))
@@ -210,9 +205,6 @@ def render(
             name = f"{Path(scene).stem}-{number}" if scene is not None else shot.scene.name
             told(len(records), len(numbers), name)
             records.append(write_shot(shot, name, shot.scene, out))
-            annotated.append(coco.record(name, shot))
-    content = json.dumps(coco.document(annotated), separators=(",", ":"))
-    files.write_together(out, {coco.FILE: content.encode()})
     lines = [f"wrote {len(records)} picture{'s' * (len(records) != 1)} to {out}"]
     return Report({"mount": mount, "looks": looks, "pictures": records}, lines)
 
@@ -225,9 +217,7 @@ def seeds_of(text: str) -> range:
     return range(int(begin), int(end))
 
 
-def write_shot(
-    shot: "Shot | Photograph", name: str, true: "Scene | None", out: Path
-) -> dict[str, Any]:
+def write_shot(shot: "Photograph", name: str, true: "Scene | None", out: Path) -> dict[str, Any]:
     """Write the files of a picture; returns what is said of it."""
     from optipromp.perception.pictures import picture_files, png_file
 
