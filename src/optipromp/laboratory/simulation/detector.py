@@ -25,14 +25,8 @@ from optipromp.laboratory.simulation.detector_parameters import DETECTORS as DET
 from optipromp.laboratory.simulation.detector_parameters import (
     DetectorParameters as DetectorParameters,
 )
-from optipromp.laboratory.simulation.sight import (
-    Leaf,
-    Sight,
-    hand_pose,
-    standing_pose,
-    tool_frame,
-    view_of,
-)
+from optipromp.laboratory.simulation.sight import Leaf, Sight, hand_pose, standing_pose, view_of
+from optipromp.perception.pictures import tool_frame
 
 LOWER = 0.05  # [m] of a stem that tells its direction: as long as peduncles are in pictures
 STEM_LENGTH = 0.15  # [m] of a fruit's stem where none is seen: a choice

@@ -261,16 +261,7 @@ class Simulation:
         now = self._scratch
         now.qpos[:] = self._run.data.qpos
         mujoco.mj_kinematics(model, now)
-        out = []
-        for fruit in self._world.shown:
-            nodes, last = fruit.built.nodes, fruit.last
-            if last < 0:
-                out.append(frozen(np.zeros((0, 3))))
-                continue
-            joints = now.xpos[last + 2 - len(nodes) : last + 1]
-            end = joints[-1] + now.xmat[last].reshape(3, 3) @ (nodes[-1] - nodes[-2])
-            out.append(frozen(np.vstack([joints, end])))
-        return tuple(out)
+        return tuple(frozen(fruit.stem(now)) for fruit in self._world.shown)
 
     def contacts(self) -> tuple[Touch, ...]:
         """The contact points of the last step."""

@@ -66,6 +66,16 @@ class Fruit:
     last: int
     along: FloatArray
 
+    def stem(self, data: Any) -> FloatArray:
+        """The joints and the end (N+1, 3) of its stem in MuJoCo's ``data``, root first [m]; (0, 3)
+        without a stem."""
+        nodes, last = self.built.nodes, self.last
+        if last < 0:
+            return np.zeros((0, 3))
+        joints = data.xpos[last + 2 - len(nodes) : last + 1]
+        end = joints[-1] + data.xmat[last].reshape(3, 3) @ (nodes[-1] - nodes[-2])
+        return np.vstack([joints, end])
+
 
 class Root(NamedTuple):
     """The places of a moving root in the model.
