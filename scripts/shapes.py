@@ -20,7 +20,8 @@ sys.path.insert(0, str(Path(__file__).parent))  # as a module, too
 
 from coco import Labels, Shot, record, write
 
-from optipromp.cli.generate import seeds_of, write_shot
+from optipromp.cli.console import seeds_of
+from optipromp.cli.generate import write_shot
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.files import check_folder
 from optipromp.core.scenes.pose import Pose
@@ -189,7 +190,7 @@ def main() -> None:
     told = ask.parse_args()
     check_folder(told.out)
     labels: list[Labels] = []
-    for seed in seeds_of(told.seeds):
+    for seed in range(*seeds_of(told.seeds)):
         drawn, name = shapes(seed, *SIZE), f"shapes-{seed}"
         write_shot(drawn, name, None, told.out)
         labels.append(record(name, drawn))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import optipromp
 from optipromp.cli.command import Report, Shown, command
-from optipromp.cli.console import Cluster, Preset, Workers, progress_bar, say_if_compiling
+from optipromp.cli.console import Cluster, Preset, Workers, progress_bar, say_if_compiling, seeds_of
 from optipromp.cli.robot import ArmOptions, Named, Whose
 from optipromp.core import files
 from optipromp.core.errors import InvalidRequestError
@@ -42,16 +42,14 @@ def generate(
     inside the gutter, every goal configuration in collision) are sampled again; how many, and why,
     is printed.
 
-    [bold]Examples[/bold]
-
-    \b
-    optipromp generate --preset mixed --seed 100 --count 20 --out scenes
-    optipromp generate --preset cluster --robot ur5.urdf --tip tool0 --count 20 --out ur5-scenes
-    optipromp plan scenes --out plans
-    optipromp simulate plans/mixed-100
-    optipromp generate --preset tight --noise detector --out tight
-    optipromp plan tight/seen --out plans
-    optipromp simulate plans/tight-0 --in tight/tight-0.yaml
+    Examples:
+        optipromp generate --preset mixed --seed 100 --count 20 --out scenes
+        optipromp generate --preset cluster --robot ur5.urdf --tip tool0 --count 20 --out ur5-scenes
+        optipromp plan scenes --out plans
+        optipromp simulate plans/mixed-100
+        optipromp generate --preset tight --noise detector --out tight
+        optipromp plan tight/seen --out plans
+        optipromp simulate plans/tight-0 --in tight/tight-0.yaml
 
     Args:
         preset: cluster: 1-4 fruits before the ripe one; side-clusters: and neighbours; table-top:
@@ -172,13 +170,11 @@ def render(
     NAME.masks.json (what each value is, and its visible share) and NAME.yaml, the true scene.
     Needs the extra 'sim'.
 
-    [bold]Examples[/bold]
-
-    \b
-    optipromp render scenario-3 --seeds 0:3 --out pictures
-    optipromp render --preset field --seeds 70000:70010 --out pictures
-    optipromp render --preset wild --seeds 70000:70010 --out pictures
-    optipromp see pictures --out seen
+    Examples:
+        optipromp render scenario-3 --seeds 0:3 --out pictures
+        optipromp render --preset field --seeds 70000:70010 --out pictures
+        optipromp render --preset wild --seeds 70000:70010 --out pictures
+        optipromp see pictures --out seen
 
     Args:
         scene (SCENE): A scene.
@@ -194,7 +190,7 @@ def render(
 
     if (scene is None) == (preset is None):
         raise InvalidRequestError("give a scene or --preset, one of them")
-    numbers = seeds_of(seeds)
+    numbers = range(*seeds_of(seeds))
     files.check_folder(out)
     looks = looks or ("rich" if preset == "wild" else "plain")
     records: list[dict[str, Any]] = []
@@ -207,14 +203,6 @@ def render(
             records.append(write_shot(shot, name, shot.scene, out))
     lines = [f"wrote {len(records)} picture{'s' * (len(records) != 1)} to {out}"]
     return Report({"mount": mount, "looks": looks, "pictures": records}, lines)
-
-
-def seeds_of(text: str) -> range:
-    """The seeds from A to before B of A:B."""
-    begin, colon, end = text.partition(":")
-    if not (begin.isdigit() and end.isdigit() and colon and int(begin) < int(end)):
-        raise InvalidRequestError(f"seeds are {text!r}; write them as 0:10")
-    return range(int(begin), int(end))
 
 
 def write_shot(shot: "Photograph", name: str, true: "Scene | None", out: Path) -> dict[str, Any]:
@@ -256,11 +244,9 @@ def episodes(
 
     State episodes take about a second and a half each on one core.
 
-    [bold]Examples[/bold]
-
-    \b
-    optipromp episodes --count 1000 --out data
-    optipromp episodes --count 50 --format lerobot --pictures --out data
+    Examples:
+        optipromp episodes --count 1000 --out data
+        optipromp episodes --count 50 --format lerobot --pictures --out data
 
     Args:
         out (DIR): Of the dataset.

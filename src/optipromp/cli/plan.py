@@ -32,8 +32,7 @@ _SUFFIXES = (".yaml", ".yml", ".json")
 ORDER = "sequence.json"
 
 
-Request = dict[str, Any]
-"""The arguments of :func:`optipromp.plan` that all its variants take, by name."""
+Request = dict[str, Any]  # The arguments of ``optipromp.plan`` that all its variants take, by name
 
 
 @dataclass(frozen=True)
@@ -169,21 +168,19 @@ def plan(
     limit and touches nothing it must not; 1 when no such plan was found;
     2 when the input is wrong. Of a folder's scenes, the largest of these.
 
-    [bold]Examples[/bold]
-
-    \b
-    optipromp plan scenario-3 --out reach
-    optipromp plan my-scene.yaml --seed 7 --duration 4
-    optipromp plan scenario-4 --strategy sequential --json
-    optipromp plan scenario-3 --constraints paper --set paper.drift_offset=0.03
-    optipromp plan paper-3 --constraints paper --strategy sequential
-    optipromp plan scenario-3 --set static_clearance=0.02 --set max_step=0.03
-    optipromp plan scenario-3 --demonstrations recorded.npz
-    optipromp plan my-scene.yaml --robot ur5.urdf --tip tool0
-    optipromp plan scenes --out plans
-    optipromp plan seen-again.yaml --previous reach --at 1.5
-    optipromp plan crowded-shelf.yaml --progress --timeout 30
-    optipromp plan my-scene.yaml --targets ripe,n1,n3 --out picks
+    Examples:
+        optipromp plan scenario-3 --out reach
+        optipromp plan my-scene.yaml --seed 7 --duration 4
+        optipromp plan scenario-4 --strategy sequential --json
+        optipromp plan scenario-3 --constraints paper --set paper.drift_offset=0.03
+        optipromp plan paper-3 --constraints paper --strategy sequential
+        optipromp plan scenario-3 --set static_clearance=0.02 --set max_step=0.03
+        optipromp plan scenario-3 --demonstrations recorded.npz
+        optipromp plan my-scene.yaml --robot ur5.urdf --tip tool0
+        optipromp plan scenes --out plans
+        optipromp plan seen-again.yaml --previous reach --at 1.5
+        optipromp plan crowded-shelf.yaml --progress --timeout 30
+        optipromp plan my-scene.yaml --targets ripe,n1,n3 --out picks
 
     Args:
         scene (SCENE|DIR): A scene file, a built-in scene's name, or a folder of scene files.

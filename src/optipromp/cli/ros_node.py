@@ -42,15 +42,13 @@ def ros_node(
     joint_states and tf_static, publishes optipromp/joint_trajectory and optipromp/status, and
     ends with the pick.
 
-    [bold]Examples[/bold]
-
-    \b
-    optipromp ros-node my-scene.yaml --prefix fr3_
-    optipromp ros-node my-scene.yaml --execute /arm_controller/follow_joint_trajectory
-    optipromp ros-node my-scene.yaml --loop --role ripe=target:stem --role unripe=pushable \\
-        --execute /arm_controller/joint_trajectory
-    optipromp ros-node my-scene.yaml --loop --pictures /camera/color/image_raw,\\
-    /camera/aligned_depth_to_color/image_raw,/camera/color/camera_info
+    Examples:
+        optipromp ros-node my-scene.yaml --prefix fr3_
+        optipromp ros-node my-scene.yaml --execute /arm_controller/follow_joint_trajectory
+        optipromp ros-node my-scene.yaml --loop --role ripe=target:stem --role unripe=pushable \\
+            --execute /arm_controller/joint_trajectory
+        optipromp ros-node my-scene.yaml --loop --pictures /camera/color/image_raw,\\
+        /camera/aligned_depth_to_color/image_raw,/camera/color/camera_info
 
     Args:
         scene (SCENE): Gives robot, tool and what no topic says.

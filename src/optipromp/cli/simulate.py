@@ -208,13 +208,11 @@ def simulate(
     The exit code is 0 only when the target alone ended in the gripper and nothing was harmed; 1
     otherwise; 2 when the input is wrong. Needs the extra 'sim': pip install -e '.\\[sim]'.
 
-    [bold]Examples[/bold]
-
-    \b
-    optipromp simulate scenario-3 --video
-    optipromp simulate reach --slow 4 --gif
-    optipromp simulate my-scene.yaml --planner i-promp --json
-    optipromp simulate scenario-3 --closed-loop --sway 0.01 --noise zero-mean --video
+    Examples:
+        optipromp simulate scenario-3 --video
+        optipromp simulate reach --slow 4 --gif
+        optipromp simulate my-scene.yaml --planner i-promp --json
+        optipromp simulate scenario-3 --closed-loop --sway 0.01 --noise zero-mean --video
 
     Args:
         scene_or_plan (SCENE|PLAN_DIR): A scene to plan for, or a folder that 'plan --out' left, to

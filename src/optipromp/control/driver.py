@@ -25,8 +25,7 @@ from optipromp.core.scenes.trusses import rooted
 from optipromp.core.trajectory import State, Trajectory
 
 TRACKED = 2e-4  # [m] largest error of a followed tool point: a choice
-Moves = Callable[[FloatArray], FloatArray]
-"""Displacements (M, F, 3) of F fruits at times (M,) [s]."""
+Moves = Callable[[FloatArray], FloatArray]  # Displacements (M, F, 3) of F fruits at times (M,) [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,20 +70,15 @@ class Route:
     @classmethod
     def of(cls, plan: Plan) -> Route:
         """The route of a plan."""
-        return cls._made(plan.robot, plan.trajectory, plan.first, plan.scene, plan)
+        return cls.back(plan.robot, plan.trajectory, plan.scene, plan)
 
     @classmethod
-    def back(cls, robot: Robot, trajectory: Trajectory, scene: Scene) -> Route:
-        """The route of a way back, that was planned in a ``scene``."""
-        return cls._made(robot, trajectory, 0, scene, None)
-
-    @classmethod
-    def _made(
-        cls, robot: Robot, trajectory: Trajectory, first: int, scene: Scene, plan: Plan | None
+    def back(
+        cls, robot: Robot, trajectory: Trajectory, scene: Scene, plan: Plan | None = None
     ) -> Route:
-        """The route of a trajectory whose approach begins at waypoint ``first``."""
+        """The route of a way back that was planned in a ``scene``, or of the motion of a plan."""
         points, axes = robot.tool_pose(trajectory.positions)
-        begin = float(trajectory.times[first])
+        begin = float(trajectory.times[0 if plan is None else plan.first])
         share = np.clip(trajectory.times / begin, 0.0, 1.0) if begin > 0.0 else 1.0
         weight = np.broadcast_to(share * share * (3.0 - 2.0 * share), len(points))
         return cls(robot, trajectory, points, axes, frozen(weight), scene, plan)

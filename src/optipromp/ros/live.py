@@ -24,8 +24,7 @@ from optipromp.ros.scenes import Held, object_id, read_held, read_pose, read_qua
 from optipromp.ros.trajectories import NANO, joint_positions, nanoseconds
 from optipromp.ros.types import Message, constants
 
-WORLD = "world"
-"""Name of the frame in which the scene's ``base`` is the pose of the robot's base."""
+WORLD = "world"  # Name of the frame in which the scene's ``base`` is the pose of the robot's base
 
 
 def read_planning_scene(item: Message, like: Scene | None = None, prefix: str = "") -> Scene:

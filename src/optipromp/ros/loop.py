@@ -288,7 +288,7 @@ class PickLoop:
 
 RESPONSE = "moveit_msgs/msg/MotionPlanResponse"
 ERROR_CODES = "moveit_msgs/msg/MoveItErrorCodes"
-MOVEIT: dict[Code, str] = {
+MOVEIT: dict[Code, str] = {  # MoveIt's name of each code; any other code is a FAILURE
     Code.SUCCESS: "SUCCESS",
     Code.INVALID_ROBOT: "INVALID_ROBOT_STATE",
     Code.INVALID_SCENE: "INVALID_OBJECT_NAME",
@@ -303,7 +303,6 @@ MOVEIT: dict[Code, str] = {
     Code.TIMEOUT: "TIMED_OUT",
     Code.EXECUTION_FAILED: "CONTROL_FAILED",
 }
-"""MoveIt's name of each code; any other code is a FAILURE."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,10 +40,8 @@ class Truth(NamedTuple):
 
     ids: tuple[str, ...]
     """F names of objects of the scene; those left out are where the scene has them."""
-    positions: FloatArray
-    """(F, 3) [m]."""
-    rotations: FloatArray
-    """(F, 3, 3), local to base."""
+    positions: FloatArray  # (F, 3) [m]
+    rotations: FloatArray  # (F, 3, 3), local to base
     stems: tuple[FloatArray, ...]
     """F polylines (N, 3) [m], root first; fewer than two points: no stem."""
 

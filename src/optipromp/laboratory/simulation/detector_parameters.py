@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from optipromp.core.errors import InvalidRequestError
 from optipromp.core.parameters import Checked, parameter
+from optipromp.core.planning.options import require
 from optipromp.laboratory.detection import Noise
 
 MOUNTS = "palm", "hand", "beside"
@@ -66,27 +66,19 @@ class DetectorParameters(Noise):
     stand_below: float = parameter(0.15, "m", "choice", "the same, behind or above the target")
 
     def __post_init__(self) -> None:
-        if self.mount not in MOUNTS:
-            raise InvalidRequestError(f"mount is {self.mount!r}; valid are {', '.join(MOUNTS)}")
-        for name in SIGNED:
-            if not math.isfinite(getattr(self, name)):
-                raise InvalidRequestError(f"{name} is {getattr(self, name)}; must be finite")
         signed = {name: getattr(self, name) for name in SIGNED}
         self._set(dict.fromkeys(SIGNED, 0.0))  # Checked refuses negative numbers
         Checked.__post_init__(self)
         self._set(signed)
+        require(self, "", self.mount in MOUNTS, "mount", " or ".join(MOUNTS))
+        for name in SIGNED:
+            require(self, "", math.isfinite(signed[name]), name, "finite")
         for name in SHARES:
-            if getattr(self, name) > 1.0:
-                raise InvalidRequestError(f"{name} is {getattr(self, name)}; must be at most 1")
+            require(self, "", getattr(self, name) <= 1.0, name, "at most 1")
         for name in ABOVE_ZERO:
-            if getattr(self, name) <= 0.0:
-                raise InvalidRequestError(f"{name} is {getattr(self, name)}; must be above 0")
-        if self.hidden_from >= self.hidden_to:
-            raise InvalidRequestError(
-                f"hidden_from is {self.hidden_from}; must be below hidden_to ({self.hidden_to})"
-            )
-        if self.view > math.pi:
-            raise InvalidRequestError(f"view is {self.view:g}; must be at most pi [rad]")
+            require(self, "", getattr(self, name) > 0.0, name, "above 0")
+        require(self, "", self.hidden_from < self.hidden_to, "hidden_from", "below hidden_to")
+        require(self, "", self.view <= math.pi, "view", "at most pi [rad]")
 
     def _set(self, values: dict[str, float]) -> None:
         for name, value in values.items():

@@ -53,8 +53,7 @@ class Layer(IntFlag):
     AVOID = 16
 
 
-NOBODY = -1
-"""Index of an entity that no contact is counted for: the floor's."""
+NOBODY = -1  # Index of an entity that no contact is counted for: the floor's
 
 
 def layers(kind: EntityKind | Literal["foot", "floor"]) -> dict[str, int]:

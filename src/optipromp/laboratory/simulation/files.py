@@ -84,6 +84,7 @@ NAME = "loop.npz"
 POINTS = 20  # of the path ahead, at each cycle: a choice
 
 TEXTS = "stages", "ids", "begun", "reasons"
+# type and shape of each array; see ``LoopRecord`` and ``POINTS``
 ARRAYS: dict[str, tuple[type, str]] = {
     "times": (float, "C"),
     "plans": (int, "C"),
@@ -96,7 +97,6 @@ ARRAYS: dict[str, tuple[type, str]] = {
     "looked": (float, "L2"),
     "discs": (float, "K5"),
 }
-"""Type and shape of each array; see :class:`LoopRecord` and :data:`POINTS`."""
 
 Words = tuple[str, ...]
 

@@ -211,8 +211,7 @@ def _unbroken(turns: FloatArray) -> FloatArray:
     return np.asarray(turns + (turns < turns.max(axis=1, keepdims=True) - 0.5))
 
 
-LEAF = "leaf:"
-"""Begin of the names of the geoms of leaves and petioles."""
+LEAF = "leaf:"  # Begin of the names of the geoms of leaves and petioles
 FORMS, COATS = 6, 3  # different leaves, and paintings of them, in a picture: choices
 ACROSS, ALONG = 4, 20  # faces of a leaflet: choices
 TEETH = 0.08  # depth of the teeth of its edge over its width: a choice

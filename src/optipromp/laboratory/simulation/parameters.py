@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal
 
-from optipromp.core.errors import InvalidRequestError
 from optipromp.core.parameters import Checked, Parameter, parameter
 from optipromp.core.parameters import catalogue as listed
+from optipromp.core.planning.options import require
 from optipromp.core.pushing.parameters import PUSH
 
 
@@ -159,43 +159,26 @@ class SimulationParameters:
     thresholds: Thresholds = field(default_factory=Thresholds)
 
     def __post_init__(self) -> None:
-        def positive(name: str, value: float) -> None:
-            if not value > 0:
-                raise InvalidRequestError(f"{name} is {value}; it must be above 0")
-
-        positive("engine.timestep", self.engine.timestep)
-        positive("control.speed", self.control.speed)
-        positive("control.rate", self.control.rate)
-        positive("stem.segment_length", self.stem.segment_length)
-        positive("stem.least_segments", self.stem.least_segments)
-        if self.stem.most_segments < self.stem.least_segments:
-            raise InvalidRequestError(
-                f"stem.most_segments is {self.stem.most_segments}, below stem.least_segments, "
-                f"{self.stem.least_segments}"
-            )
-        if not 0.0 <= self.stem.bow_least <= self.stem.bow_most <= 0.2:
-            raise InvalidRequestError(
-                f"stem.bow_least is {self.stem.bow_least} and stem.bow_most {self.stem.bow_most}; "
-                "valid: 0 <= least <= most <= 0.2"
-            )
-        d = self.disturbance
-        positive("disturbance.sway_frequency", d.sway_frequency)
-        positive("disturbance.sway_modes", d.sway_modes)
-        if d.sway_fastest < d.sway_frequency:
-            raise InvalidRequestError(
-                f"disturbance.sway_fastest is {d.sway_fastest}, below disturbance.sway_frequency, "
-                f"{d.sway_frequency}"
-            )
-        if d.gust > 1.0:
-            raise InvalidRequestError(f"disturbance.gust is {d.gust}; it must be at most 1")
-        if d.sway_of not in ("gutter", "roots"):
-            raise InvalidRequestError(f"disturbance.sway_of is {d.sway_of!r}; valid: gutter, roots")
-        if self.stem.calyx not in ("rigid", "free"):
-            raise InvalidRequestError(f"stem.calyx is {self.stem.calyx!r}; valid: rigid, free")
-        if self.thing.avoid_as not in ("soft", "fruits"):
-            raise InvalidRequestError(
-                f"thing.avoid_as is {self.thing.avoid_as!r}; valid: soft, fruits"
-            )
+        stem, d = self.stem, self.disturbance
+        bowed = 0.0 <= stem.bow_least <= stem.bow_most <= 0.2
+        most, fastest = stem.most_segments, d.sway_fastest
+        for group, name, ok, wanted in (
+            ("engine", "timestep", self.engine.timestep > 0, "above 0"),
+            ("control", "speed", self.control.speed > 0, "above 0"),
+            ("control", "rate", self.control.rate > 0, "above 0"),
+            ("stem", "segment_length", stem.segment_length > 0, "above 0"),
+            ("stem", "least_segments", stem.least_segments > 0, "above 0"),
+            ("stem", "most_segments", most >= stem.least_segments, "least_segments or more"),
+            ("stem", "bow_least", bowed, "in 0 <= bow_least <= bow_most <= 0.2"),
+            ("stem", "calyx", stem.calyx in ("rigid", "free"), "rigid or free"),
+            ("thing", "avoid_as", self.thing.avoid_as in ("soft", "fruits"), "soft or fruits"),
+            ("disturbance", "sway_frequency", d.sway_frequency > 0, "above 0"),
+            ("disturbance", "sway_modes", d.sway_modes > 0, "above 0"),
+            ("disturbance", "sway_fastest", fastest >= d.sway_frequency, "sway_frequency or more"),
+            ("disturbance", "gust", d.gust <= 1.0, "at most 1"),
+            ("disturbance", "sway_of", d.sway_of in ("gutter", "roots"), "gutter or roots"),
+        ):
+            require(getattr(self, group), f"{group}.", ok, name, wanted)
 
 
 def catalogue(parameters: SimulationParameters | None = None) -> Iterator[Parameter]:
