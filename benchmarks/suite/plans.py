@@ -28,7 +28,7 @@ from optipromp.core.planning import Plan, plan, warm_up
 from optipromp.core.planning.task import resolve
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import PoseGoal, Scene
-from optipromp.laboratory.planners.paper import PaperOptions, functional_values
+from optipromp.laboratory.planners.paper_costs import PaperOptions, functional_values
 
 SCENES = ("scenario-3", "scenario-4")
 COUNT = 200

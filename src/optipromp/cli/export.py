@@ -13,9 +13,6 @@ from optipromp.core.files import is_file, is_folder, write_atomically
 
 if TYPE_CHECKING:
     from optipromp.core.arrays import FloatArray
-    from optipromp.core.robots.model import Robot
-    from optipromp.core.scenes.scene import Scene
-    from optipromp.core.trajectory import Trajectory
 
 
 _UNWRITTEN: dict[str, object] = {"status": None, "message": None, "item": None, "files": {}}
@@ -74,10 +71,10 @@ def export(
 
 
 class _Content(NamedTuple):
-    robot: "Robot"
+    robot: "optipromp.Robot"
     start: "FloatArray"
-    scene: "Scene | None" = None  # of a robot
-    trajectory: "Trajectory | None" = None
+    scene: "optipromp.Scene | None" = None  # of a robot
+    trajectory: "optipromp.Trajectory | None" = None
 
 
 def _read(item: str, robots: bool) -> _Content:

@@ -13,7 +13,6 @@ from optipromp.cli.console import Recorded, say_if_compiling
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 
 if TYPE_CHECKING:
-    from optipromp.core.scenes.scene import Scene
     from optipromp.perception.watcher import Watcher
     from optipromp.ros import DetectionParameters, LiveScene, PickLoop
 
@@ -168,7 +167,7 @@ def _types(pictures: str) -> dict[str, str]:
 
 
 @contextmanager
-def _eyes(scene: "Scene", wanted: bool) -> Iterator["Watcher | None"]:
+def _eyes(scene: "optipromp.Scene", wanted: bool) -> Iterator["Watcher | None"]:
     """What looks at pictures, in a process of its own; None if none come."""
     if not wanted:
         yield None

@@ -16,8 +16,6 @@ from optipromp.core.files import check_folder, is_folder
 from optipromp.core.shown import suggest
 
 if TYPE_CHECKING:
-    from optipromp.core.planning import Picked, Plan
-    from optipromp.core.scenes.scene import Scene
     from optipromp.laboratory.simulation import DetectorParameters, Loop, Run, SimulationParameters
 
 
@@ -107,8 +105,8 @@ class LoopOptions:
 
 
 def pick(
-    seen: "Scene",
-    truth: "Scene | None",
+    seen: "optipromp.Scene",
+    truth: "optipromp.Scene | None",
     parameters: "SimulationParameters",
     eyes: LoopOptions,
     seed: int,
@@ -299,7 +297,7 @@ def _report(
 
 def _plan(
     item: str, planner: str, strategy: Strategy, seed: int, named: Named, retreat: bool
-) -> "Plan | Picked":
+) -> "optipromp.Plan | optipromp.Picked":
     found = loaded(item, "simulate")
     if isinstance(found, optipromp.Plan):
         if named:

@@ -164,9 +164,8 @@ def tracked_scene(
 ) -> Scene:
     """The scene to plan in: what stands still in ``base``, and the tracked fruits at rest.
 
-    ``base``: the scene with robot, tool, approach, and objects that stand still. ``tracked``: the
-    fruits. ``offset``: (3,) common displacement that is left out [m]; None: none. ``stems``: what
-    is believed of their stiffness; None: as the push model assumes.
+    ``offset``: (3,) common displacement that is left out [m]; None: none. ``stems``: what is
+    believed of their stiffness; None: as the push model assumes.
     """
     still = tuple(item for item in base.objects if item.role in ("static", "avoid"))
     grown = {item.id: item.stem for item in base.objects if item.stem is not None}
@@ -357,9 +356,7 @@ def gave_way(
 ) -> list[tuple[SceneObject, FloatArray]]:  # fmt: skip
     """The pushed fruits of a plan's scene that a look shows, and their displacements (3,) [m].
 
-    ``scene``: of the plan. ``look``: from which detections are taken. ``tracked``: the fruits at
-    the time of the look. ``pushed``: predicted displacement (3,) of fruits, by id [m].
-    ``parameters``: with the least displacement that counts, and the reach of a detection.
+    ``tracked``: at the time of the look. ``pushed``: predicted displacements (3,), by id [m].
     """
     fruits = {item.id: item for item in scene.objects if item.stem is not None}
     found = np.array([look.camera @ item.position for item in look.detections]).reshape(-1, 3)
@@ -379,9 +376,6 @@ AHEAD = np.array([0.1, 0.3, 0.6, 1.0])  # [s] at which the plant's motion is com
 
 class Driver:
     """Keeps the course of the arm, and moves routes with the plant.
-
-    ``scene``: with the objects that stand still. ``robot``: with its tool. ``state``: of the arm at
-    the begin. ``parameters``: see :class:`LoopParameters`.
 
     Attributes:
         course: that runs; None: the arm has not moved.

@@ -173,9 +173,8 @@ def new_track(
 ) -> Track:
     """The track that a detection starts.
 
-    ``name``: of the track. ``item``: the detection. ``turn``: (3, 3) rotation of the detection's
-    frame in the base frame. ``camera``: quaternion (4,) of the same rotation; None: the identity.
-    ``plant``: the vertical and the horizontal axes.
+    ``turn``: (3, 3) rotation of the detection's frame in the base. ``camera``: quaternion (4,) of
+    the same rotation; None: the identity. ``plant``: the vertical and the horizontal axes.
     """
     if item.role not in ROLES:
         raise InvalidRequestError(f"object {item.id} has role {item.role}: must be a fruit's")

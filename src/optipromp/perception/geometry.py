@@ -40,10 +40,9 @@ class ByGeometry:
         box = box_of(near, HOLE)
         near = near[box]
         close = ndimage.maximum_filter(near, 2 * HOLE + 1)
-        rgb = ndimage.gaussian_filter(
-            picture.rgb[box].astype(np.float32), (0.7, 0.7, 0.0), truncate=2.0
-        )
-        hue, dye, bright = hsv(rgb[close])  # [pixel] grain
+        rgb = picture.rgb[box].astype(np.float32)
+        rgb = ndimage.gaussian_filter(rgb, (0.7, 0.7, 0.0), truncate=2.0)  # [pixel] grain
+        hue, dye, bright = hsv(rgb[close])
         dyed = (dye > p.least_dye) & (bright > p.least_bright)
         red = _apart(hue, p.ripe_hue) < p.ripe_width
         ripe, green = np.zeros_like(close), np.zeros_like(close)
@@ -95,12 +94,8 @@ class ByGeometry:
             count, left_out = count + int(fruits.max()), left_out + left
         grown = ndimage.maximum_filter(parts, 2 * RAGGED + 1)
         parts = np.where(mask & (parts == 0), grown, parts)
-        out, boxes, sizes = (
-            [],
-            ndimage.find_objects(parts),
-            np.bincount(parts.ravel(), minlength=1)[1:],
-        )
-        chosen = largest(sizes, mask.size)
+        boxes, sizes = ndimage.find_objects(parts), np.bincount(parts.ravel(), minlength=1)[1:]
+        out, chosen = [], largest(sizes, mask.size)
         for row in chosen:
             if boxes[row] is not None:
                 box = tuple(slice(max(b.start - MARGIN, 0), b.stop + MARGIN) for b in boxes[row])

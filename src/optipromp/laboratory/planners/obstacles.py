@@ -23,7 +23,7 @@ from optipromp.core.planning.planners import WAY, ConditionedProMP, OptiProMP
 from optipromp.core.planning.result import Failed, Harmful, Planned
 from optipromp.core.planning.task import Task
 from optipromp.core.scenes.scene import Scene
-from optipromp.laboratory.planners.paper import PaperOptions
+from optipromp.laboratory.planners.paper_costs import PaperOptions
 from optipromp.laboratory.planners.straight import gently
 
 TRIES = 20  # smooth corrections of a trajectory beyond its limits, before it is clipped: a choice

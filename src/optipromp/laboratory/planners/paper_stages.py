@@ -53,7 +53,7 @@ from optipromp.core.pushing.rules import Drift, detection_variance, drift_choice
 from optipromp.core.scenes.scene import JointGoal, PoseGoal
 from optipromp.core.scenes.values import suggest
 from optipromp.core.trajectory import Trajectory
-from optipromp.laboratory.planners.paper import Paper, weighted
+from optipromp.laboratory.planners.paper_costs import PaperSettings, weighted
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ class Posed:
     """The paper's problem for one goal configuration and one choice of sides."""
 
     task: Task  # scene and robot
-    options: Paper  # settings of the planner
+    options: PaperSettings  # settings of the planner
     waypoints: Waypoints  # number of waypoints, and the first at or after t_1
     drift: Drift  # place of each pushable to pass, and the direction to its free side
     offsets: FloatArray  # (N,) lateral offset that constraint 1 asks for at each pushable [m]
@@ -177,7 +177,7 @@ class Posed:
         )  # fmt: skip
 
 
-def drift_offsets(task: Task, options: Paper) -> FloatArray:
+def drift_offsets(task: Task, options: PaperSettings) -> FloatArray:
     """The lateral offset (N,) that constraint 1 asks for at each neighbour [m].
 
     It is that of the options, else of the scene, else R_gripper.
@@ -196,7 +196,7 @@ def drift_offsets(task: Task, options: Paper) -> FloatArray:
 
 
 def posed_problems(
-    task: Task, promp: ProMP, options: Paper, goals: FloatArray
+    task: Task, promp: ProMP, options: PaperSettings, goals: FloatArray
 ) -> Iterator[list[Posed]]:
     """For each goal configuration of ``goals`` (m, n): the problems of all choices of sides.
 
@@ -231,7 +231,7 @@ def posed_problems(
         ]
 
 
-def spaced(task: Task, options: Paper, values: FloatArray) -> Waypoints:
+def spaced(task: Task, options: PaperSettings, values: FloatArray) -> Waypoints:
     """Waypoints between which no joint moves much more than the wanted step.
 
     The step holds before t_1 and after it. ``values`` (m, n) are the configurations that the motion
@@ -289,7 +289,9 @@ class Solved:
         return not self.valid, self.narrow, self.objective
 
 
-def solve(task: Task, promp: ProMP, options: Paper, goals: FloatArray, budget: Budget) -> Planned:
+def solve(
+    task: Task, promp: ProMP, options: PaperSettings, goals: FloatArray, budget: Budget
+) -> Planned:
     """Plan as the paper does, to each of the ``goals`` (m, n) in turn until a plan is valid.
 
     Each initial trajectory is ``promp``, conditioned on its goal. Stems leave choices of the side

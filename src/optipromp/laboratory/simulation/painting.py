@@ -228,11 +228,7 @@ DEPTH = 0.05, 0.35  # [m] choice: of a leaf behind the fruits
 
 
 def leafy(spec: Any, scene: Scene, camera: Pose, rng: np.random.Generator) -> None:
-    """Add leaves to a world's ``spec``. They touch nothing and weigh nothing.
-
-    ``spec``: of MuJoCo. ``scene``: with the fruits. ``camera``: that takes the picture. ``rng``: of
-    all that is random.
-    """
+    """Add leaves to a world's ``spec`` (MuJoCo). They touch nothing and weigh nothing."""
     fruits = [item for item in scene.objects if item.stem is not None]
     if not fruits:
         return

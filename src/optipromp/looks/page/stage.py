@@ -315,10 +315,8 @@ def direction(scene: Scene) -> FloatArray:
 
 
 def free(width: int, height: int, fov: float) -> FloatArray:
-    """Edges (2, 2) of the free part of a picture, right and up: tangents of angles to the axis.
-
-    ``width``, ``height``: of the picture [pixel]. ``fov``: angle of the whole height [rad].
-    """
+    """Edges (2, 2) of the free part of a picture [pixel], right and up: tangents of angles to the
+    axis. ``fov``: angle of the whole height [rad]."""
     low, high = np.array([-1.0, -1.0]), np.array([1.0, 1.0])
     if width <= NARROW:
         low[1] += 2.0 * SHEET
@@ -337,8 +335,7 @@ def framed(
     camera and the edges. These conditions are linear in the camera's position, so the nearest
     position along ``away`` is exact.
 
-    ``away``, ``up``: (3,) unit vectors from the balls (k) to the camera, and upright in the
-    picture. ``edges``: (2, 2) of :func:`free`.
+    ``away``, ``up``: (3,) unit vectors from the balls to the camera, and upright in the picture.
     """
     forward = -away
     right = np.cross(forward, up)
@@ -458,10 +455,8 @@ class Source:
 
 
 def open_source(item: str, beside: str | None = None) -> Source:
-    """The source in a scene file, a built-in scene, or a folder of a plan or a rollout.
-
-    ``item``: name or path. ``beside``: a second folder of a rollout, replayed beside the first.
-    """
+    """The source in a scene file, a built-in scene, or a folder of a plan or a rollout; and a
+    second folder of a rollout, which is replayed ``beside`` the first."""
     folder = Path(item)
     replays = tuple(
         load_replay(Path(name))

@@ -120,10 +120,8 @@ def complaint(found: "Plan | OptiPrompError") -> str:
 
 
 def sentences(plan: "Plan", shifts: Mapping[str, float]) -> tuple[str, ...]:
-    """What the motion of a success does, one fact a sentence: its end, passings, clearances.
-
-    ``shifts``: predicted pushes of objects by id [m].
-    """
+    """What the motion of a success does, one fact a sentence: its end, passings, clearances; with
+    the predicted pushes of objects by id [m], ``shifts``."""
     m = plan.metrics
     end = "the target" if plan.scene.target is not None else "its goal"
     told = [f"Reaches {end} in {m.duration:.1f} s."]

@@ -1,0 +1,245 @@
+"""The paper's functionals F_s, F_d, F_p and F_v, which every plan reports, and their settings."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.compiled import inner
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.optimization.costs.joints import VelocityCost
+from optipromp.core.optimization.costs.obstacles import ObstacleCost, Reduction
+from optipromp.core.optimization.evaluation import Cost, Evaluation
+from optipromp.core.optimization.kernels import add_along
+from optipromp.core.optimization.problem import Problem
+from optipromp.core.parameters import Settings
+from optipromp.core.planning.options import (
+    Constraints,
+    Optimised,
+    Strategy,
+    check_types,
+    numbers,
+    require,
+)
+from optipromp.core.planning.result import Planned, Term
+from optipromp.core.planning.task import Task
+from optipromp.core.scenes.scene import PoseGoal
+
+PushForm = Literal["quadratic", "reciprocal"]
+PaperDrift = Literal["paper", "lateral-plane"]
+
+
+@dataclass(frozen=True)
+class PaperOptions(Settings):
+    r"""Settings that the paper leaves open; the defaults are those of the paper or its authors.
+
+    Attributes:
+        alphas: α1 … α4, the weights of F_s, F_d, F_p and F_v.
+        epsilon: ε, the safety distance of the obstacle cost [m].
+        reduction: of the obstacle cost over body points, ``max`` (the paper) or ``sum`` (CHOMP);
+            None: ``sum`` for the joint strategy, ``max`` for the sequential one.
+        push: form of F_p, ``quadratic`` (the paper) or ``reciprocal`` (the authors' runs:
+            Σ_t 1/|y_g·(fk − X_g)|); None: ``quadratic`` for the joint strategy, ``reciprocal``
+            for the sequential one.
+        push_weights: weights of the quadratic F_p along x_g, y_g and z_g.
+        drift: direction d_n of constraint 1: ``paper`` takes ±y_g, ``lateral-plane`` the direction
+            away from the lateral part of the stem.
+        drift_offset: least d_n·(fk − X_n) of constraint 1 [m], of all pushables or by the id of a
+            pushable (R_gripper where the id is missing); None: as the scene says (by default
+            R_gripper).
+        corridor: tolerance of constraint 3 about the initial tool points [m]: along x_g and z_g,
+            and along z_g alone where ``drift`` is ``lateral-plane``.
+        camera_phase: t_1, the phase of the camera point in (0, 1); None: 0.5 for promp and i-promp;
+            for OptI-ProMP such that steps before and after the camera point are equally long.
+        camera_point: whether the planner promp passes the camera point; None: as the scene says
+            (by default yes).
+        via_deviation: standard deviation with which a ProMP is held to a pushable [m].
+        direction_deviation: standard deviation of I-ProMP's push direction [rad]; above 0 the
+            direction is sampled.
+        guard: of i-promp: the mouth is closed while the tool pushes. The closed rim, not the tool
+            point, is led under each neighbour and under its pushed pose.
+        trust_radii: first trust radii of the push stage of the sequential strategy [rad]. They are
+            tried in this order, and the first valid plan is kept.
+    """
+
+    alphas: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 0.0)
+    epsilon: float = 0.01
+    reduction: Reduction | None = None
+    push: PushForm | None = None
+    push_weights: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    drift: PaperDrift = "paper"
+    drift_offset: float | Mapping[str, float] | None = None
+    corridor: float = 0.002
+    camera_phase: float | None = None
+    camera_point: bool | None = None
+    via_deviation: float = 1e-3
+    direction_deviation: float = 0.0
+    guard: bool = False
+    trust_radii: tuple[float, ...] = (0.005, 0.01, 0.02, 0.05, 0.1)
+
+    def __post_init__(self) -> None:
+        check_types(self, "paper.")
+        phase, offset, radii = self.camera_phase, self.drift_offset, list(self.trust_radii)
+        offsets = () if offset is None else numbers(offset)
+        four = len(self.alphas) == 4 and min(self.alphas) >= 0
+        three = len(self.push_weights) == 3 and min(self.push_weights) >= 0
+        rising = len(radii) > 0 and min(radii) > 0 and radii == sorted(radii)
+        for name, ok, wanted in (
+            ("alphas", four, "four weights, none negative"),
+            ("epsilon", self.epsilon > 0, "positive [m]"),
+            ("push_weights", three, "three weights, none negative"),
+            ("drift_offset", all(offset >= 0 for offset in offsets), "not negative [m]"),
+            ("corridor", self.corridor >= 0, "not negative [m]"),
+            ("camera_phase", phase is None or 0.0 < phase < 1.0, "between 0 and 1"),
+            ("via_deviation", self.via_deviation >= 0, "not negative [m]"),
+            ("direction_deviation", self.direction_deviation >= 0, "not negative [rad]"),
+            ("trust_radii", rising, "positive, from small to large [rad]"),
+        ):
+            require(self, "paper.", ok, name, wanted)
+
+
+def weighted(task: Task, options: PaperOptions, first: int, authors: bool) -> list[Cost]:
+    """F_s, F_d, F_p (from waypoint ``first`` on) and F_v with their weights.
+
+    Where the options leave the reduction and the form of F_p open, ``authors`` chooses those of the
+    authors' sequential runs, or else those of the joint strategy. Without neighbours there is no
+    F_p.
+    """
+    a = options.alphas
+    reduction = options.reduction or ("max" if authors else "sum")
+    push = options.push or ("reciprocal" if authors else "quadratic")
+    terms: list[Cost] = [
+        ObstacleCost("static", a[0], options.epsilon, reduction),
+        ObstacleCost("avoid", a[1], options.epsilon, reduction),
+    ]
+    if task.neighbours and isinstance(task.goal, PoseGoal):
+        weights = np.asarray(options.push_weights, dtype=np.float64)
+        terms.append(PushCost(a[2], task.goal.position, task.scene.frame, first, weights, push))
+    terms.append(VelocityCost(a[3]))
+    return terms
+
+
+def functional_values(
+    task: Task, options: PaperOptions, first: int, q: FloatArray, authors: bool
+) -> dict[str, float]:
+    """The values of the functionals at a trajectory ``q`` (T, n), by name."""
+    terms, cutoff = weighted(task, options, first, authors), options.epsilon
+    problem = Problem(
+        task.robot, task.surroundings, terms, (), len(q), cutoff=cutoff, body=task.body
+    )
+    return problem.evaluate(q).costs
+
+
+def reported(task: Task, settings: Any, outcome: Planned) -> dict[str, Term]:
+    """Each functional at the three trajectories of a plan, and over the stage that minimises it.
+
+    ``settings``: of the plan, or of the paper's planner, which reports the forms of its strategy.
+    """
+    paper = settings.paper or PaperOptions()
+    authors = getattr(settings, "strategy", None) == "sequential"
+    begin = outcome.begin
+    first, second, last = (
+        functional_values(task, paper, outcome.first, made.positions, authors)
+        for made in (begin, outcome.followed or begin, outcome.trajectory)
+    )
+    out = {}
+    for name in ("static", "avoid", "push", "velocity"):
+        stage = next((s for s in outcome.stages if name in s.terms), None)
+        out[name] = Term(
+            first.get(name, 0.0),
+            second.get(name, 0.0),
+            last.get(name, 0.0),
+            () if stage is None else tuple(item.get(name, 0.0) for item in stage.history),
+            "" if stage is None else stage.name,
+        )
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class PushCost(Cost):
+    r""":math:`F_p=\int_{t_1}^T\lVert fk(\xi_t)-X_g\rVert^2_{\mathcal F_g}dt`, or the authors' form.
+
+    ``goal`` is X_g; the rows of ``frame`` (3, 3) are x_g, y_g and z_g. ``axis_weights`` (3,) weigh
+    these axes in the quadratic form. The reciprocal form, that of the authors, has y_g alone;
+    ``softening`` [m] keeps it finite.
+
+    Raises:
+        InvalidRequestError: another form.
+    """
+
+    weight: float
+    goal: FloatArray
+    frame: FloatArray
+    first: int
+    axis_weights: FloatArray
+    form: PushForm = "quadratic"
+    softening: float = 1e-4
+    name = "push"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.form not in ("quadratic", "reciprocal"):
+            raise InvalidRequestError(f"push is {self.form!r}; use 'quadratic' or 'reciprocal'")
+
+    def add(self, e: Evaluation, scale: float) -> float:
+        """See :class:`Cost`."""
+        if self.form == "reciprocal":
+            return e.at_points(
+                push_reciprocal, scale, self.goal, self.frame[1], self.softening, self.first
+            )
+        return e.at_points(
+            push_quadratic, scale, self.goal, self.frame, self.axis_weights, e.dt, self.first
+        )
+
+
+@inner
+def push_quadratic(points, tool, goal, frame, axis_weights, dt, first, scale, force, stiffness):
+    """F_p = ∫_{t1}^{T} Σ_a w_a (frame_a·(fk − X_g))² dt by the trapezoid rule."""
+    total, last = 0.0, points.shape[0] - 1
+    for t in range(first, last + 1):
+        for a in range(3):
+            w = axis_weights[a] * dt * (0.5 if t in (first, last) else 1.0)
+            x, y, z = frame[a, 0], frame[a, 1], frame[a, 2]
+            off = x * (points[t, tool, 0] - goal[0])
+            off += y * (points[t, tool, 1] - goal[1]) + z * (points[t, tool, 2] - goal[2])
+            total += w * off * off
+            k = 2.0 * scale * w
+            add_along(force[t, tool], stiffness[t, tool], k * off, k, x, y, z)
+    return total
+
+
+@inner
+def push_reciprocal(points, tool, goal, lateral, softening, first, scale, force, _stiffness):
+    """The authors' Σ_t 1/|y_g·(fk − X_g)|, kept finite: Σ_t (y² + softening²)^(-1/2).
+
+    The last waypoint is left out: at the target the cost is unbounded.
+    """
+    total = 0.0
+    for t in range(first, points.shape[0] - 1):
+        y = 0.0
+        for i in range(3):
+            y += lateral[i] * (points[t, tool, i] - goal[i])
+        value = 1.0 / math.sqrt(y * y + softening * softening)
+        total += value
+        for i in range(3):
+            force[t, tool, i] -= scale * y * value**3 * lateral[i]
+    return total
+
+
+@dataclass(frozen=True)
+class PaperSettings(Optimised):
+    """The settings of the paper's planner.
+
+    Attributes:
+        strategy: ``sequential``: the paper's two stages; ``joint``: one solve.
+        constraints: ``paper``: a plan is a success only if constraint 1 holds at every waypoint of
+            the paper's window. ``push-model``: success is decided as for other planners.
+        paper: settings that the paper leaves open; see :class:`PaperOptions`.
+    """
+
+    strategy: Strategy = "sequential"
+    constraints: Constraints = "paper"
+    paper: PaperOptions = field(default_factory=PaperOptions)
