@@ -40,9 +40,10 @@ from optipromp.laboratory.experiments.eyes import STILL, cameras
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.detector import Detector, DetectorParameters
 from optipromp.laboratory.simulation.photograph import photograph
-from optipromp.laboratory.simulation.sight import Sight, tool_frame
+from optipromp.laboratory.simulation.sight import Sight
 from optipromp.perception.detector import finder_named
 from optipromp.perception.finder import Finder
+from optipromp.perception.pictures import tool_frame
 
 TWICE = 1_000_000  # added to the seed of the second picture
 TRANSFER = 0.03  # [s] of exposure and transfer, on top of the time of seeing: a choice

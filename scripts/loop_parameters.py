@@ -1,4 +1,7 @@
-"""Write the table of the closed loop's numbers: ``python scripts/loop_parameters.py``."""
+"""Write the table of the closed loop's numbers: ``python scripts/loop_parameters.py``.
+
+The page says more of a number than the code: its words stay, a new number has those of the code.
+"""
 
 import re
 from dataclasses import dataclass, field
@@ -19,15 +22,16 @@ class _All:
     detector: DetectorParameters = field(default_factory=DetectorParameters)
 
 
-def table() -> str:
-    """The table."""
+def table(said: dict[str, str]) -> str:
+    """The table, in the words that are ``said`` of each number."""
     rows = ["\n| parameter | default | unit | kind | |\n", "|---|---|---|---|---|\n"]
     for item in catalogue(_All()):
         values = item.value if isinstance(item.value, tuple) else (item.value,)
         shown = ", ".join(
             f"{value:g}" if isinstance(value, float) else str(value) for value in values
         )
-        rows.append(f"| `{item.name}` | {shown} | {item.unit} | {item.kind} | {item.source} |\n")
+        words = said.get(item.name, item.source)
+        rows.append(f"| `{item.name}` | {shown} | {item.unit} | {item.kind} | {words} |\n")
     return "".join(rows) + "\n"
 
 
@@ -35,7 +39,8 @@ def page(text: str) -> str:
     """The page ``text`` with the present table."""
     begin, end = MARKS
     found = re.compile(f"{re.escape(begin)}.*?{re.escape(end)}", re.DOTALL)
-    return found.sub(lambda _: begin + table() + end, text)
+    said = dict(re.findall(r"^\| `([\w.]+)` \|(?:[^|]*\|){3} (.*) \|$", text, re.MULTILINE))
+    return found.sub(lambda _: begin + table(said) + end, text)
 
 
 if __name__ == "__main__":

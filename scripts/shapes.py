@@ -9,18 +9,22 @@ writes such pictures with their truth, as ``optipromp render`` does those of sce
 """
 
 import argparse
-import json
 import math
+import sys
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from optipromp.cli.generate import seeds_of, write_shot
+sys.path.insert(0, str(Path(__file__).parent))  # as a module, too
+
+from coco import Labels, Shot, record, write
+
+from optipromp.cli.console import seeds_of
+from optipromp.cli.generate import write_shot
 from optipromp.core.arrays import BoolArray, FloatArray
-from optipromp.core.files import check_folder, write_together
+from optipromp.core.files import check_folder
 from optipromp.core.scenes.pose import Pose
-from optipromp.laboratory.simulation import coco
 from optipromp.laboratory.simulation.photograph import Kind, Marked
 from optipromp.laboratory.simulation.stereo import StereoParameters, sensed
 from optipromp.perception.pictures import CameraModel, DepthPicture
@@ -46,7 +50,7 @@ class _Shape(NamedTuple):
     colour: FloatArray
 
 
-def shapes(seed: int, width: int = 320, height: int = 240) -> coco.Shot:
+def shapes(seed: int, width: int = 320, height: int = 240) -> Shot:
     """A picture of abstract shapes; the same seed gives the same picture."""
     rng = np.random.default_rng([seed, 37])
     focal = FOCAL * width
@@ -86,7 +90,7 @@ def shapes(seed: int, width: int = 320, height: int = 240) -> coco.Shot:
             Pose(np.zeros(3), np.eye(3)),
         ),
     )  # fmt: skip
-    return coco.Shot(picture, masks, marked, keys)
+    return Shot(picture, masks, marked, keys)
 
 
 def _stencil(points: FloatArray, width: int, height: int) -> tuple[tuple[slice, slice], BoolArray]:
@@ -185,12 +189,12 @@ def main() -> None:
     ask.add_argument("--out", type=Path, required=True, metavar="DIR")
     told = ask.parse_args()
     check_folder(told.out)
-    labels = []
-    for seed in seeds_of(told.seeds):
+    labels: list[Labels] = []
+    for seed in range(*seeds_of(told.seeds)):
         drawn, name = shapes(seed, *SIZE), f"shapes-{seed}"
         write_shot(drawn, name, None, told.out)
-        labels.append(coco.record(name, drawn))
-    write_together(told.out, {coco.FILE: json.dumps(coco.document(labels)).encode()})
+        labels.append(record(name, drawn))
+    write(told.out, labels)
     print(f"wrote {len(labels)} pictures to {told.out}")
 
 

@@ -16,6 +16,7 @@ from optipromp.core.scenes import load_scene
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.trajectory import State, Trajectory
 from optipromp.laboratory.generate import generate
+from optipromp.perception.pictures import flange_of, tool_frame
 from optipromp.ros import (
     DetectionParameters,
     PickLoop,
@@ -24,7 +25,6 @@ from optipromp.ros import (
     read_trajectories,
     stretch_trajectory,
 )
-from optipromp.ros.loop import moving
 from optipromp.ros.scenes import pose_message, xyz
 from optipromp.ros.trajectories import nanoseconds
 
@@ -107,7 +107,7 @@ def test_a_pick_by_messages_alone() -> None:
     controller = Controller(without_fruits(scene))  # not in real time: the same on any machine
     loop = PickLoop(scene, parameters=parameters, controller=controller, prefix="fr3_")
     camera = eye.detector.camera(start.q)
-    tool = moving(robot, start.q)[1]
+    tool = tool_frame(robot, start.q)
     loop.heard(sent(frames(0, ("tool", "camera", tool.inverse() @ camera))))
     state, runs, begins = simulation.state(), None, 0.0
     coming, joins = [], []
@@ -207,7 +207,7 @@ def test_a_camera_on_the_hand_is_where_the_arm_was_at_the_exposure() -> None:
     loop.heard(joints(START, EPOCH))
     loop.heard(joints(State(later), EPOCH + 100_000_000))
     loop.heard(array(stamp=EPOCH + 50_000_000))
-    flange = moving(ROBOT, START.q + 0.05)[0]
+    flange = flange_of(ROBOT, START.q + 0.05)
     np.testing.assert_allclose(
         taken[0].camera.position, flange @ np.array([0.0, 0.05, -0.01]), atol=1e-9
     )

@@ -21,9 +21,10 @@ from optipromp.core.scenes.pose import Pose
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.photograph import Photograph
 from optipromp.perception import CameraModel, DepthPicture, Watcher, flange_of, look_at
+from optipromp.perception.pictures import tool_frame
 from optipromp.ros import Message, PickLoop, Recorded, bag_pictures, message, write_bag
 from optipromp.ros.images import Pictures
-from optipromp.ros.loop import Frames, moving
+from optipromp.ros.loop import Frames
 
 SECOND = 10**9
 EPOCH = 1_790_000_000 * SECOND
@@ -260,7 +261,7 @@ def test_pictures_of_a_camera_on_the_hand_become_tracked_fruits() -> None:
     shot = shot_of()
     robot, start = posed(scene)
     names = [f"fr3_{name}" for name in robot.joint_names]
-    tool = moving(robot, start.q)[1]
+    tool = tool_frame(robot, start.q)
     loop = PickLoop(scene, prefix="fr3_", watcher=Watcher(up=scene.up))
     loop.heard(sent(frames(0, ("tool", FRAME, tool.inverse() @ shot.picture.camera.pose))))
     depth = shot.picture.depth.astype(np.float32)

@@ -8,14 +8,17 @@ import pytest
 from PIL import Image
 from tests.loaded import script
 
+from optipromp.cli.generate import write_shot
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Ellipsoid
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene, SceneObject, Stem, ToolSpec
-from optipromp.laboratory.simulation.coco import CATEGORIES, KEYS, document, record, run_lengths
+from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.photograph import PhotoParameters, photograph
 
+coco = script("coco")
 shapes = script("shapes").shapes
+CATEGORIES, KEYS, document, record = coco.CATEGORIES, coco.KEYS, coco.document, coco.record
 
 
 def decoded(segmentation):
@@ -61,9 +64,11 @@ def checked(content):
 @pytest.mark.parametrize("mask", ["000", "111", "010", "101"])
 def test_run_lengths_are_those_of_coco(mask):
     value = np.array([[each == "1" for each in mask]])
-    np.testing.assert_array_equal(decoded({"size": [1, 3], "counts": run_lengths(value)}), value)
+    np.testing.assert_array_equal(
+        decoded({"size": [1, 3], "counts": coco.run_lengths(value)}), value
+    )
     column = np.array([[False, True], [True, True]])
-    assert run_lengths(column) == [1, 3]
+    assert coco.run_lengths(column) == [1, 3]
 
 
 def test_a_folder_of_shapes_can_be_read_back(tmp_path, monkeypatch):
@@ -130,3 +135,20 @@ def test_key_points_of_a_photograph_are_where_the_fruit_is():
     ]
     assert fruit["keypoints"][2::3] == [2, 2, 2]
     assert fruit["object"] == "ripe"
+
+
+def test_annotations_of_a_folder_are_those_of_its_pictures(tmp_path, monkeypatch):
+    small = PhotoParameters(width=160, height=120, focal=120.0)
+    made = []
+    for seed in (3, 4):
+        try:
+            shot = photograph(generate("cluster", seed), "beside", seed, small)
+        except InvalidRequestError as error:
+            pytest.skip(error.message)
+        write_shot(shot, shot.scene.name, shot.scene, tmp_path)
+        made.append(record(shot.scene.name, shot))
+    monkeypatch.setattr("sys.argv", ["coco.py", str(tmp_path)])
+    coco.main()
+    content = json.loads((tmp_path / "annotations.json").read_text())
+    assert content == json.loads(json.dumps(checked(document(made))))
+    assert any("keypoints" in each for each in content["annotations"])

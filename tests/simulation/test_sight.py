@@ -22,7 +22,8 @@ from optipromp.core.geometry.shapes import Box, Sphere
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import SceneObject
 from optipromp.laboratory.simulation.detector import Detector, DetectorParameters
-from optipromp.laboratory.simulation.sight import RAYS, hand_pose, tool_frame
+from optipromp.laboratory.simulation.sight import RAYS, hand_pose
+from optipromp.perception.pictures import tool_frame
 
 BLIND = DetectorParameters(mount="beside", hidden=1.0)
 

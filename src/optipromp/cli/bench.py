@@ -46,13 +46,11 @@ def run(
     60 s is a row, and the run goes on. Harm counts before success: a scene is
     clean only if the target alone was picked and nothing was harmed.
 
-    [bold]Examples[/bold]
-
-    \b
-    optipromp bench run --entry opti-promp --count 5 --out mine
-    optipromp bench run --entry mine:Picker --track plan --out mine
-    optipromp bench run --entry mine:Policy --track policy --draw --out test
-    optipromp bench run --entry mine:Picker --round round.json --out mine
+    Examples:
+        optipromp bench run --entry opti-promp --count 5 --out mine
+        optipromp bench run --entry mine:Picker --track plan --out mine
+        optipromp bench run --entry mine:Policy --track policy --draw --out test
+        optipromp bench run --entry mine:Picker --round round.json --out mine
 
     Args:
         entry (NAME): Of 'optipromp bench list', or MODULE:CLASS.
@@ -104,11 +102,9 @@ def verify(
     'bench table' and 'bench publish' read. The exit code is 1 where a row
     differs or is not confirmed.
 
-    [bold]Examples[/bold]
-
-    \b
-    optipromp bench verify mine/submission.zip --entry mine:Picker
-    optipromp bench verify theirs.zip
+    Examples:
+        optipromp bench verify mine/submission.zip --entry mine:Picker
+        optipromp bench verify theirs.zip
 
     Args:
         submission (ZIP): Of 'bench run'.
@@ -150,10 +146,8 @@ def draw_(entry: list[str], out: Path) -> Report:
     'bench run --round FILE' refuses an entry whose source has changed since. A
     package counts with all its files; a single module with its own file only.
 
-    [bold]Example[/bold]
-
-    \b
-    optipromp bench draw --entry opti-promp --entry mine:Picker --out round.json
+    Example:
+        optipromp bench draw --entry opti-promp --entry mine:Picker --out round.json
 
     Args:
         entry (NAME): Of 'bench list', or MODULE:CLASS; several times.
@@ -178,10 +172,8 @@ def table(results: list[Path], /, out: Path | None = None) -> Report:
 
     The column verified says what 'bench verify' confirmed: entry, motions or no.
 
-    [bold]Example[/bold]
-
-    \b
-    optipromp bench table ours straight theirs.zip --markdown leaderboard.md
+    Example:
+        optipromp bench table ours straight theirs.zip --markdown leaderboard.md
 
     Args:
         results (RESULTS...): Folders or submissions.
@@ -203,10 +195,8 @@ def publish(results: list[Path], /, out: Path, unverified: bool = False) -> Repo
     DIR/results.json is small and names version, commit, set and the SHA-256 of
     every file: it can stand in a repository while the rest is a release's.
 
-    [bold]Example[/bold]
-
-    \b
-    optipromp bench publish ours theirs.zip --out release
+    Example:
+        optipromp bench publish ours theirs.zip --out release
 
     Args:
         results (RESULTS...): Folders or submissions.
@@ -225,10 +215,8 @@ def publish(results: list[Path], /, out: Path, unverified: bool = False) -> Repo
 def entries() -> Report:
     """List the entries of this library and the tracks.
 
-    [bold]Example[/bold]
-
-    \b
-    optipromp bench list
+    Example:
+        optipromp bench list
     """
     from optipromp.bench.entries import ENTRIES
     from optipromp.bench.tracks import CONDITION

@@ -11,8 +11,8 @@ import optipromp
 from optipromp.cli.command import OK, Report, Shown, command, exit_code
 from optipromp.cli.console import grid, headline, say_if_compiling, waiting
 from optipromp.cli.robot import ArmOptions
+from optipromp.core import files
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
-from optipromp.core.files import is_folder, is_there, write_together
 
 if TYPE_CHECKING:
     from optipromp.core.planning import Plan, Verdict
@@ -49,9 +49,9 @@ def kind_of(item: str) -> Kind:
     path = Path(item)
     if path.name == "plan.json":
         return Kind.PLAN
-    if is_folder(path):
-        return Kind.PLAN if is_there(path / "plan.json") else Kind.DEMONSTRATIONS
-    if not is_there(path):
+    if files.is_folder(path):
+        return Kind.PLAN if files.is_there(path / "plan.json") else Kind.DEMONSTRATIONS
+    if not files.is_there(path):
         names = ", ".join([*scene_names(), *robot_names()])
         raise InvalidRequestError(
             f"no file and nothing built in is called {item}; there is {names}"
@@ -104,14 +104,12 @@ def check(item: str, /, out: Path | None = None, *, arm: ArmOptions) -> Report:
     The file tells the kind; a primitive that learn wrote is a kind too.
     What is wrong is one line: the code, the file, the field.
 
-    [bold]Examples[/bold]
-
-    \b
-    optipromp check scenario-4
-    optipromp check my-scene.yaml --out pictures
-    optipromp check my-robot.urdf --tip left_tool0
-    optipromp check my-robot.urdf --out pictures
-    optipromp check recordings/
+    Examples:
+        optipromp check scenario-4
+        optipromp check my-scene.yaml --out pictures
+        optipromp check my-robot.urdf --tip left_tool0
+        optipromp check my-robot.urdf --out pictures
+        optipromp check recordings/
 
     Args:
         item (ITEM): A scene, a robot or demonstrations: a path or a built-in name.
@@ -127,7 +125,7 @@ def check(item: str, /, out: Path | None = None, *, arm: ArmOptions) -> Report:
         if out is not None:
             from optipromp.looks.viewer.figures import cover_figure, png
 
-            write_together(out, {"cover.png": png(cover_figure(robot))})
+            files.write_together(out, {"cover.png": png(cover_figure(robot))})
     elif named:
         raise InvalidRequestError(
             f"{item} is no robot but a {kind}: no --arm, --tip, --base, --srdf, --package-dir or "
@@ -142,7 +140,7 @@ def check(item: str, /, out: Path | None = None, *, arm: ArmOptions) -> Report:
 
             say_if_compiling()
             with waiting("drawing"):
-                write_together(out, scene_pictures(optipromp.load_scene(item)))
+                files.write_together(out, scene_pictures(optipromp.load_scene(item)))
     status = Code(summary.pop("status", Code.SUCCESS))
     told = {key: vars(value) if is_dataclass(value) else value for key, value in summary.items()}
     document = {"status": status, "message": "", "kind": kind, "item": item, **told}
@@ -315,12 +313,10 @@ def validate(
     those are not given. Joints are matched by name. The exit code is 0 only
     where nothing is wrong; 1 where something is; 2 when the input is wrong.
 
-    [bold]Examples[/bold]
-
-    \b
-    optipromp validate recorded.csv --scene scenario-3
-    optipromp validate reach
-    optipromp validate moveit.mcap --scene my-scene.yaml --out verdict --json
+    Examples:
+        optipromp validate recorded.csv --scene scenario-3
+        optipromp validate reach
+        optipromp validate moveit.mcap --scene my-scene.yaml --out verdict --json
 
     Args:
         trajectory (TRAJECTORY): A .csv or .npz file, a bag or .mcap with a JointTrajectory, or a
@@ -329,12 +325,10 @@ def validate(
         out (DIR): Leave verdict.json and limits.png there.
         risk: Share of promised successes that may be broken; a plan's own, or 0.03.
     """
-    from optipromp.core.errors import InvalidRequestError
-    from optipromp.core.files import is_file
     from optipromp.core.planning import verdict_of
     from optipromp.core.planning.task import posed
 
-    if scene is None and not is_file(trajectory / "plan.json"):
+    if scene is None and not files.is_file(trajectory / "plan.json"):
         raise InvalidRequestError(f"{trajectory} states no scene: add --scene SCENE")
     with waiting("judging"):
         if scene is None:
@@ -354,21 +348,19 @@ def validate(
         warnings.warn(f"{trajectory} takes {told}: are its times milliseconds?", stacklevel=1)
     document = describe(found, curve, loaded, risk)
     if out is not None:
-        from optipromp.core.files import json_text
         from optipromp.looks.viewer.figures import limits_figure, png
 
         figure = limits_figure(curve, robot, found.judgement.violations, loaded.name)
-        verdict = json_text(document).encode("utf-8")
-        write_together(out, {"limits.png": png(figure), "verdict.json": verdict})
+        verdict = files.json_text(document).encode("utf-8")
+        files.write_together(out, {"limits.png": png(figure), "verdict.json": verdict})
     return Report(document, _judged(found, loaded, curve), exit_code(found.status))
 
 
 def read(path: Path, robot: "Robot") -> "Trajectory":
     """The trajectory in a file or bag."""
-    from optipromp.core.files import is_bag
     from optipromp.core.trajectory import read_trajectory
 
-    if is_bag(path):
+    if files.is_bag(path):
         from optipromp import ros
 
         return ros.read_trajectory(path, robot.joint_names)
@@ -377,9 +369,7 @@ def read(path: Path, robot: "Robot") -> "Trajectory":
 
 def describe(found: "Verdict", curve: "Trajectory", scene: "Scene", risk: float) -> dict[str, Any]:
     """The verdict as plain values for JSON."""
-    from optipromp.core.files import plain
-
-    return dict(plain({
+    return dict(files.plain({
         "scene": scene.name,
         "status": found.status,
         "message": found.message,

@@ -4,6 +4,7 @@ import inspect
 import json
 import re
 import sys
+import textwrap
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
@@ -126,12 +127,20 @@ def command(
                 raise typer.Exit(exit_code(error.code)) from None
             raise typer.Exit(code)
 
-        run.__doc__ = inspect.cleandoc(function.__doc__ or "").partition("\n\nArgs:\n")[0]
+        run.__doc__ = _help(inspect.cleandoc(function.__doc__ or ""))
         run.__annotations__ = {each.name: each.annotation for each in parameters}
         vars(run)["__signature__"] = inspect.Signature(parameters)  # what Typer reads
         return run
 
     return decorate
+
+
+def _help(text: str) -> str:
+    """A docstring as Typer reads it: without ``Args:``, the lines of ``Examples:`` as they are."""
+    told, *found = re.split(
+        r"^(Examples?):\n", text.partition("\n\nArgs:\n")[0], flags=re.MULTILINE
+    )
+    return told + (f"[bold]{found[0]}[/bold]\n\n\b\n{textwrap.dedent(found[1])}" if found else "")
 
 
 def entries(of: Any, section: str) -> dict[str, tuple[str, str]]:

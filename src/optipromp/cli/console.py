@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
 
 import typer
 
+from optipromp.core.errors import InvalidRequestError
+
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
@@ -52,6 +54,14 @@ Recorded = Annotated[
     Path | None,
     typer.Option(help="NPZ, CSV or a folder of CSVs to learn from, or what 'learn' wrote."),
 ]
+
+
+def seeds_of(text: str) -> tuple[int, int]:
+    """The first seed, and the last plus one, of A:B."""
+    begin, colon, end = text.partition(":")
+    if not (begin.isdigit() and end.isdigit() and colon and int(begin) < int(end)):
+        raise InvalidRequestError(f"seeds are {text!r}; write them as 0:10")
+    return int(begin), int(end)
 
 
 def stdout() -> "Console":

@@ -13,9 +13,6 @@ from optipromp.core.files import is_file, is_folder, write_atomically
 
 if TYPE_CHECKING:
     from optipromp.core.arrays import FloatArray
-    from optipromp.core.robots.model import Robot
-    from optipromp.core.scenes.scene import Scene
-    from optipromp.core.trajectory import Trajectory
 
 
 _UNWRITTEN: dict[str, object] = {"status": None, "message": None, "item": None, "files": {}}
@@ -36,13 +33,11 @@ def export(
     At least one format must be asked for. --mjcf needs the extra 'sim', --mcap
     the extra 'ros': pip install -e '.\\[sim,ros]' in the clone.
 
-    [bold]Examples[/bold]
-
-    \b
-    optipromp export scenario-3 --mjcf scene.xml
-    optipromp export reach --mjcf reach.xml
-    optipromp export reach --mcap reach.mcap
-    optipromp export my-arm.urdf --robot my-arm.robot
+    Examples:
+        optipromp export scenario-3 --mjcf scene.xml
+        optipromp export reach --mjcf reach.xml
+        optipromp export reach --mcap reach.mcap
+        optipromp export my-arm.urdf --robot my-arm.robot
 
     Args:
         scene_or_plan (SCENE|PLAN_DIR): A scene, or a folder that 'plan --out' left; for --robot
@@ -76,10 +71,10 @@ def export(
 
 
 class _Content(NamedTuple):
-    robot: "Robot"
+    robot: "optipromp.Robot"
     start: "FloatArray"
-    scene: "Scene | None" = None  # of a robot
-    trajectory: "Trajectory | None" = None
+    scene: "optipromp.Scene | None" = None  # of a robot
+    trajectory: "optipromp.Trajectory | None" = None
 
 
 def _read(item: str, robots: bool) -> _Content:
@@ -140,12 +135,10 @@ def view(
     It listens on this machine only, unless --host says otherwise, and runs
     until Ctrl-C. Needs the extra 'view': pip install -e '.\\[view]'.
 
-    [bold]Examples[/bold]
-
-    \b
-    optipromp view scenario-3
-    optipromp view reach --port 0 --no-browser
-    optipromp view reach-i-promp reach-opti-promp
+    Examples:
+        optipromp view scenario-3
+        optipromp view reach --port 0 --no-browser
+        optipromp view reach-i-promp reach-opti-promp
 
     Args:
         item (SCENE|PLAN_DIR|ROLLOUT_DIR): A scene to plan for, or a folder that plan or simulate
@@ -188,12 +181,10 @@ def report(item: Path, /, out: Path | None = None) -> Report:
     the worst cases with pictures.
     3-D needs the extra 'view', pictures of worst cases the extra 'sim'.
 
-    [bold]Examples[/bold]
-
-    \b
-    optipromp plan scenario-3 --out reach
-    optipromp simulate reach --video
-    optipromp report reach --out reach.html
+    Examples:
+        optipromp plan scenario-3 --out reach
+        optipromp simulate reach --video
+        optipromp report reach --out reach.html
 
     Args:
         item (PLAN_DIR|ROLLOUT_DIR|STUDY_DIR): What 'plan', 'simulate' or 'study' left at --out.

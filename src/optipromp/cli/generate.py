@@ -1,6 +1,5 @@
 """``optipromp generate``, ``render`` and ``episodes``: scenes, their pictures, and experts."""
 
-import json
 import os
 import shlex
 from collections import Counter
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import optipromp
 from optipromp.cli.command import Report, Shown, command
-from optipromp.cli.console import Cluster, Preset, Workers, progress_bar, say_if_compiling
+from optipromp.cli.console import Cluster, Preset, Workers, progress_bar, say_if_compiling, seeds_of
 from optipromp.cli.robot import ArmOptions, Named, Whose
 from optipromp.core import files
 from optipromp.core.errors import InvalidRequestError
@@ -18,7 +17,6 @@ from optipromp.core.shown import check_one_of
 
 if TYPE_CHECKING:
     from optipromp.core.scenes.scene import Scene
-    from optipromp.laboratory.simulation.coco import Shot
     from optipromp.laboratory.simulation.photograph import Photograph
 
 
@@ -45,16 +43,14 @@ def generate(
     inside the gutter, every goal configuration in collision) are sampled again; how many, and why,
     is printed.
 
-    [bold]Examples[/bold]
-
-    \b
-    optipromp generate --preset mixed --seed 100 --count 20 --out scenes
-    optipromp generate --preset cluster --robot ur5.urdf --tip tool0 --count 20 --out ur5-scenes
-    optipromp plan scenes --out plans
-    optipromp simulate plans/mixed-100
-    optipromp generate --preset tight --noise detector --out tight
-    optipromp plan tight/seen --out plans
-    optipromp simulate plans/tight-0 --in tight/tight-0.yaml
+    Examples:
+        optipromp generate --preset mixed --seed 100 --count 20 --out scenes
+        optipromp generate --preset cluster --robot ur5.urdf --tip tool0 --count 20 --out ur5-scenes
+        optipromp plan scenes --out plans
+        optipromp simulate plans/mixed-100
+        optipromp generate --preset tight --noise detector --out tight
+        optipromp plan tight/seen --out plans
+        optipromp simulate plans/tight-0 --in tight/tight-0.yaml
 
     Args:
         preset: cluster: 1-4 fruits before the ripe one; side-clusters: and neighbours; table-top:
@@ -176,16 +172,13 @@ def render(
     scale, ragged edges and holes of a stereo camera. A picture NAME leaves NAME.rgb.png,
     NAME.depth.png (16 bits, 0.1 mm), NAME.camera.json, NAME.masks.png (an instance a value),
     NAME.masks.json (what each value is, and its visible share) and NAME.yaml, the true scene.
-    annotations.json has all of them as COCO: masks, boxes, key points of fruits and stems, cameras.
     Needs the extra 'sim'.
 
-    [bold]Examples[/bold]
-
-    \b
-    optipromp render scenario-3 --seeds 0:3 --out pictures
-    optipromp render --preset field --seeds 70000:70010 --out pictures
-    optipromp render --preset wild --seeds 70000:70010 --out pictures
-    optipromp see pictures --out seen
+    Examples:
+        optipromp render scenario-3 --seeds 0:3 --out pictures
+        optipromp render --preset field --seeds 70000:70010 --out pictures
+        optipromp render --preset wild --seeds 70000:70010 --out pictures
+        optipromp see pictures --out seen
 
     Args:
         scene (SCENE): A scene.
@@ -197,16 +190,14 @@ def render(
             shadows. Default: rich for the preset wild, else plain.
     """
     from optipromp.laboratory.generate import generate as sampled
-    from optipromp.laboratory.simulation import coco
     from optipromp.laboratory.simulation.photograph import photograph
 
     if (scene is None) == (preset is None):
         raise InvalidRequestError("give a scene or --preset, one of them")
-    numbers = seeds_of(seeds)
+    numbers = range(*seeds_of(seeds))
     files.check_folder(out)
     looks = looks or ("rich" if preset == "wild" else "plain")
     records: list[dict[str, Any]] = []
-    annotated: list[coco.Labels] = []
     with progress_bar(10) as told:
         for number in numbers:
             shown = sampled(preset, number) if preset else optipromp.load_scene(str(scene))
@@ -214,24 +205,11 @@ def render(
             name = f"{Path(scene).stem}-{number}" if scene is not None else shot.scene.name
             told(len(records), len(numbers), name)
             records.append(write_shot(shot, name, shot.scene, out))
-            annotated.append(coco.record(name, shot))
-    content = json.dumps(coco.document(annotated), separators=(",", ":"))
-    files.write_together(out, {coco.FILE: content.encode()})
     lines = [f"wrote {len(records)} picture{'s' * (len(records) != 1)} to {out}"]
     return Report({"mount": mount, "looks": looks, "pictures": records}, lines)
 
 
-def seeds_of(text: str) -> range:
-    """The seeds from A to before B of A:B."""
-    begin, colon, end = text.partition(":")
-    if not (begin.isdigit() and end.isdigit() and colon and int(begin) < int(end)):
-        raise InvalidRequestError(f"seeds are {text!r}; write them as 0:10")
-    return range(int(begin), int(end))
-
-
-def write_shot(
-    shot: "Shot | Photograph", name: str, true: "Scene | None", out: Path
-) -> dict[str, Any]:
+def write_shot(shot: "Photograph", name: str, true: "Scene | None", out: Path) -> dict[str, Any]:
     """Write the files of a picture; returns what is said of it."""
     from optipromp.perception.pictures import picture_files, png_file
 
@@ -270,11 +248,9 @@ def episodes(
 
     State episodes take about a second and a half each on one core.
 
-    [bold]Examples[/bold]
-
-    \b
-    optipromp episodes --count 1000 --out data
-    optipromp episodes --count 50 --format lerobot --pictures --out data
+    Examples:
+        optipromp episodes --count 1000 --out data
+        optipromp episodes --count 50 --format lerobot --pictures --out data
 
     Args:
         out (DIR): Of the dataset.

@@ -46,12 +46,10 @@ def learn(
     the demonstrations with the learnt mean and spread. A bag (.mcap, or a folder
     of rosbag2) is cut into demonstrations where the arm stands still.
 
-    [bold]Examples[/bold]
-
-    \b
-    optipromp learn recorded.npz --out reach.npz
-    optipromp learn recordings/ --out reach.npz --robot panda --bases 12
-    optipromp learn guided.mcap --out reach.npz --robot panda
+    Examples:
+        optipromp learn recorded.npz --out reach.npz
+        optipromp learn recordings/ --out reach.npz --robot panda --bases 12
+        optipromp learn guided.mcap --out reach.npz --robot panda
 
     Args:
         demonstrations (DEMOS): NPZ, CSV, a folder of CSVs, or a bag of joint states.

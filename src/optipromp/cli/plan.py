@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from optipromp.cli.robot import Named
-    from optipromp.core.planning import Picked, Plan, PlanOptions
+    from optipromp.core.planning import Picked, Plan
     from optipromp.core.planning.sequence import PickSequence
     from optipromp.core.promp import ProMP
     from optipromp.core.scenes.scene import Scene
@@ -32,15 +32,7 @@ _SUFFIXES = (".yaml", ".yml", ".json")
 ORDER = "sequence.json"
 
 
-@dataclass(frozen=True)
-class Request:
-    """The arguments of :func:`optipromp.plan` that all its variants take."""
-
-    planner: Any  # a name, or a planner
-    strategy: console.Strategy
-    demonstrations: "ProMP | Path | None"
-    seed: int
-    options: "PlanOptions"
+Request = dict[str, Any]  # The arguments of ``optipromp.plan`` that all its variants take, by name
 
 
 @dataclass(frozen=True)
@@ -76,7 +68,7 @@ class Wanted:
             "constraints": self.constraints,
         }
         found = asked(self.planner, self.strategy, self.setting or [], stated)
-        return Request(demonstrations=read_primitive(self.demonstrations), seed=self.seed, **found)
+        return {**found, "demonstrations": read_primitive(self.demonstrations), "seed": self.seed}
 
 
 @dataclass(frozen=True)
@@ -176,21 +168,19 @@ def plan(
     limit and touches nothing it must not; 1 when no such plan was found;
     2 when the input is wrong. Of a folder's scenes, the largest of these.
 
-    [bold]Examples[/bold]
-
-    \b
-    optipromp plan scenario-3 --out reach
-    optipromp plan my-scene.yaml --seed 7 --duration 4
-    optipromp plan scenario-4 --strategy sequential --json
-    optipromp plan scenario-3 --constraints paper --set paper.drift_offset=0.03
-    optipromp plan paper-3 --constraints paper --strategy sequential
-    optipromp plan scenario-3 --set static_clearance=0.02 --set max_step=0.03
-    optipromp plan scenario-3 --demonstrations recorded.npz
-    optipromp plan my-scene.yaml --robot ur5.urdf --tip tool0
-    optipromp plan scenes --out plans
-    optipromp plan seen-again.yaml --previous reach --at 1.5
-    optipromp plan crowded-shelf.yaml --progress --timeout 30
-    optipromp plan my-scene.yaml --targets ripe,n1,n3 --out picks
+    Examples:
+        optipromp plan scenario-3 --out reach
+        optipromp plan my-scene.yaml --seed 7 --duration 4
+        optipromp plan scenario-4 --strategy sequential --json
+        optipromp plan scenario-3 --constraints paper --set paper.drift_offset=0.03
+        optipromp plan paper-3 --constraints paper --strategy sequential
+        optipromp plan scenario-3 --set static_clearance=0.02 --set max_step=0.03
+        optipromp plan scenario-3 --demonstrations recorded.npz
+        optipromp plan my-scene.yaml --robot ur5.urdf --tip tool0
+        optipromp plan scenes --out plans
+        optipromp plan seen-again.yaml --previous reach --at 1.5
+        optipromp plan crowded-shelf.yaml --progress --timeout 30
+        optipromp plan my-scene.yaml --targets ripe,n1,n3 --out picks
 
     Args:
         scene (SCENE|DIR): A scene file, a built-in scene's name, or a folder of scene files.
@@ -242,10 +232,10 @@ def plan_one(
     result: Plan | Picked
     with console.waiting(f"planning {scene.name}", progress) as say:
         if legs:
-            result = optipromp.plan_pick(scene, progress=say, **vars(request))
+            result = optipromp.plan_pick(scene, progress=say, **request)
         else:
             at = variant.at
-            result = optipromp.plan(scene, progress=say, previous=running, at=at, **vars(request))
+            result = optipromp.plan(scene, progress=say, previous=running, at=at, **request)
     written: tuple[str, ...] = ()
     if output.out is not None:
         with console.waiting("drawing", progress):
@@ -309,7 +299,7 @@ class Entry:
     def to_dict(self, request: Request) -> dict[str, Any]:
         """The plan's document with the paths of its files; an error's has the same keys."""
         if isinstance(self.result, OptiPrompError):
-            told = failed_plan({"scene": self.file.stem, **vars(request)})
+            told = failed_plan({"scene": self.file.stem, **request})
             told |= {"status": self.result.code, "message": self.result.message}
         else:
             told = self.result.to_dict()
@@ -367,7 +357,7 @@ def plan_folder(
             shown(done_so_far, len(files), words)
 
         stated = [named.of(optipromp.load_scene(file)) for file in files] if named else files
-        asked = {"workers": workers, "progress": done, **vars(request)}
+        asked = {"workers": workers, "progress": done, **request}
         results = optipromp.plan_many(stated, legs=True, **asked)
     seconds = time.perf_counter() - began
     entries = [Entry(*item) for item in zip(files, homes, results, strict=True)]
@@ -412,7 +402,7 @@ def plan_targets(
     """Plan the picks of ``targets`` (ids, separated by commas), and write each plan."""
     ids = [part.strip() for part in targets.split(",") if part.strip()]
     with console.waiting(f"planning {scene.name}", progress) as say:
-        found = optipromp.plan_sequence(scene, ids, progress=say, **vars(request))
+        found = optipromp.plan_sequence(scene, ids, progress=say, **request)
     document, out = found.to_dict(), output.out
     written = []
     if out is not None:

@@ -13,7 +13,6 @@ from optipromp.cli.console import Recorded, say_if_compiling
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 
 if TYPE_CHECKING:
-    from optipromp.core.scenes.scene import Scene
     from optipromp.perception.watcher import Watcher
     from optipromp.ros import DetectionParameters, LiveScene, PickLoop
 
@@ -42,15 +41,13 @@ def ros_node(
     joint_states and tf_static, publishes optipromp/joint_trajectory and optipromp/status, and
     ends with the pick.
 
-    [bold]Examples[/bold]
-
-    \b
-    optipromp ros-node my-scene.yaml --prefix fr3_
-    optipromp ros-node my-scene.yaml --execute /arm_controller/follow_joint_trajectory
-    optipromp ros-node my-scene.yaml --loop --role ripe=target:stem --role unripe=pushable \\
-        --execute /arm_controller/joint_trajectory
-    optipromp ros-node my-scene.yaml --loop --pictures /camera/color/image_raw,\\
-    /camera/aligned_depth_to_color/image_raw,/camera/color/camera_info
+    Examples:
+        optipromp ros-node my-scene.yaml --prefix fr3_
+        optipromp ros-node my-scene.yaml --execute /arm_controller/follow_joint_trajectory
+        optipromp ros-node my-scene.yaml --loop --role ripe=target:stem --role unripe=pushable \\
+            --execute /arm_controller/joint_trajectory
+        optipromp ros-node my-scene.yaml --loop --pictures /camera/color/image_raw,\\
+        /camera/aligned_depth_to_color/image_raw,/camera/color/camera_info
 
     Args:
         scene (SCENE): Gives robot, tool and what no topic says.
@@ -170,7 +167,7 @@ def _types(pictures: str) -> dict[str, str]:
 
 
 @contextmanager
-def _eyes(scene: "Scene", wanted: bool) -> Iterator["Watcher | None"]:
+def _eyes(scene: "optipromp.Scene", wanted: bool) -> Iterator["Watcher | None"]:
     """What looks at pictures, in a process of its own; None if none come."""
     if not wanted:
         yield None

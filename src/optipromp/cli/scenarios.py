@@ -31,12 +31,10 @@ def scenarios(
     and the distances that the paper must have had. The exit code is 0 when
     all of that holds, else 1.
 
-    [bold]Examples[/bold]
-
-    \b
-    optipromp scenarios
-    optipromp scenarios --out paper --json
-    optipromp scenarios --markdown docs/concepts.md
+    Examples:
+        optipromp scenarios
+        optipromp scenarios --out paper --json
+        optipromp scenarios --markdown docs/concepts.md
 
     Args:
         out (DIR): Leave every plan with its figures here.
@@ -71,13 +69,12 @@ def _shown(rows: Sequence["ScenarioRow"], out: Path | None) -> Shown:
 
 
 BEGIN, END = "<!-- scenarios: begin -->", "<!-- scenarios: end -->"
-SHORT = {
+SHORT = {  # Statuses in the width of the table; the lines below it say more
     "success": "success",
     "HARM_PREDICTED": "harm",
     "INVALID_PLAN": "invalid",
     "TIMEOUT": "timeout",
 }
-"""Statuses in the width of the table; the lines below it say more."""
 
 
 def table_one(rows: Sequence["ScenarioRow"]) -> "Table":

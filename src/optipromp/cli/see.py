@@ -55,15 +55,13 @@ def see(
     such as the stem of a fruit, is assumed and said. A picture NAME.overlay.png shows what was
     found. Needs the extra 'vision'.
 
-    [bold]Examples[/bold]
-
-    \b
-    optipromp see pictures --out seen
-    optipromp see pictures --finder network --out seen
-    optipromp see views --together --known row.yaml --out seen
-    optipromp see --rgb a.png --depth a.npz --camera camera.json --known row.yaml --out a.yaml
-    optipromp see --bag row.mcap --known row.yaml --every 2 --out seen
-    optipromp plan a.yaml --out reach
+    Examples:
+        optipromp see pictures --out seen
+        optipromp see pictures --finder network --out seen
+        optipromp see views --together --known row.yaml --out seen
+        optipromp see --rgb a.png --depth a.npz --camera camera.json --known row.yaml --out a.yaml
+        optipromp see --bag row.mcap --known row.yaml --every 2 --out seen
+        optipromp plan a.yaml --out reach
 
     Args:
         folder (DIR): Pictures as 'render' leaves them; else --rgb.
@@ -317,13 +315,11 @@ def calibrate(
     all sides between them, and turn it. Told are what each view leaves, the standard deviation of
     the camera's place, and how far it moves when one view is left out. Needs the extra 'vision'.
 
-    [bold]Examples[/bold]
-
-    \b
-    optipromp calibrate shots --poses shots/poses.yaml --known row.yaml --camera d435.json \\
-        --mount hand --size 7x5 --side 0.03 --marker 0.022 --out camera.json
-    optipromp calibrate --tool seen.yaml --known row.yaml --camera d435.json --out camera.json
-    optipromp see --rgb a.png --depth a.png --camera camera.json --known row.yaml --out a.yaml
+    Examples:
+        optipromp calibrate shots --poses shots/poses.yaml --known row.yaml --camera d435.json \\
+            --mount hand --size 7x5 --side 0.03 --marker 0.022 --out camera.json
+        optipromp calibrate --tool seen.yaml --known row.yaml --camera d435.json --out camera.json
+        optipromp see --rgb a.png --depth a.png --camera camera.json --known row.yaml --out a.yaml
 
     Args:
         folder (DIR): Of pictures of a board; else --tool.

@@ -16,8 +16,6 @@ from optipromp.core.files import check_folder, is_folder
 from optipromp.core.shown import check_one_of
 
 if TYPE_CHECKING:
-    from optipromp.core.planning import Picked, Plan
-    from optipromp.core.scenes.scene import Scene
     from optipromp.laboratory.simulation import DetectorParameters, Loop, Run, SimulationParameters
 
 
@@ -106,8 +104,8 @@ class LoopOptions:
 
 
 def pick(
-    seen: "Scene",
-    truth: "Scene | None",
+    seen: "optipromp.Scene",
+    truth: "optipromp.Scene | None",
     parameters: "SimulationParameters",
     eyes: LoopOptions,
     seed: int,
@@ -207,13 +205,11 @@ def simulate(
     The exit code is 0 only when the target alone ended in the gripper and nothing was harmed; 1
     otherwise; 2 when the input is wrong. Needs the extra 'sim': pip install -e '.\\[sim]'.
 
-    [bold]Examples[/bold]
-
-    \b
-    optipromp simulate scenario-3 --video
-    optipromp simulate reach --slow 4 --gif
-    optipromp simulate my-scene.yaml --planner i-promp --json
-    optipromp simulate scenario-3 --closed-loop --sway 0.01 --noise zero-mean --video
+    Examples:
+        optipromp simulate scenario-3 --video
+        optipromp simulate reach --slow 4 --gif
+        optipromp simulate my-scene.yaml --planner i-promp --json
+        optipromp simulate scenario-3 --closed-loop --sway 0.01 --noise zero-mean --video
 
     Args:
         scene_or_plan (SCENE|PLAN_DIR): A scene to plan for, or a folder that 'plan --out' left, to
@@ -300,7 +296,7 @@ def _report(
 
 def _plan(
     item: str, planner: str, strategy: Strategy, seed: int, named: Named, retreat: bool
-) -> "Plan | Picked":
+) -> "optipromp.Plan | optipromp.Picked":
     found = loaded(item, "simulate")
     if isinstance(found, optipromp.Plan):
         if named:

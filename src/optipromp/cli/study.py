@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from optipromp.cli.command import Report, command
-from optipromp.cli.console import Cluster, Workers, grid, progress_bar, say_if_compiling
+from optipromp.cli.console import Cluster, Workers, grid, progress_bar, say_if_compiling, seeds_of
 from optipromp.cli.plan import scene_files
 from optipromp.cli.robot import ArmOptions, Whose
 from optipromp.core.errors import Code, InvalidRequestError
@@ -71,18 +71,16 @@ def study(
     there. At the end: what was promised and picked, with 95 % intervals, broken promises,
     causes of failure, and a figure.
 
-    [bold]Examples[/bold]
-
-    \b
-    optipromp study --preset cluster,shelf --seeds 1000:1200 --out fresh
-    optipromp study --preset cluster --planners opti-promp --robot ur5.urdf --out ur5
-    optipromp study --scenes my-crop --planners opti-promp --seeds 0:5 --noise zero-mean --out mine
-    optipromp study --preset cluster --planner opti-promp --planner drift --vary --out varied
-    optipromp study --preset cluster --planners opti-promp --crop tomato --vary crop --out guesses
-    optipromp study --planners opti-promp --noise-position 0.005 --noise-angle 5 --out noisy
-    optipromp study --preset tight --planners opti-promp --noise detector --out detected
-    optipromp study --preset cluster,field --loop open,closed --conditions sway,missed --out loops
-    optipromp study --preset cluster --loop open,closed --eyes fitted --out circle
+    Examples:
+        optipromp study --preset cluster,shelf --seeds 1000:1200 --out fresh
+        optipromp study --preset cluster --planners opti-promp --robot ur5.urdf --out ur5
+        optipromp study --scenes mine --planners opti-promp --seeds 0:5 --noise zero-mean --out own
+        optipromp study --preset cluster --planner opti-promp --planner drift --vary --out varied
+        optipromp study --preset cluster --crop tomato --vary crop --out guesses
+        optipromp study --planners opti-promp --noise-position 0.005 --noise-angle 5 --out noisy
+        optipromp study --preset tight --planners opti-promp --noise detector --out detected
+        optipromp study --preset cluster,field --loop open,closed --conditions sway,missed --out two
+        optipromp study --preset cluster --loop open,closed --eyes fitted --out circle
 
     Args:
         what: With --vary: each guess of the scenes' crop low and high, and which of them change a
@@ -130,7 +128,7 @@ def study(
         "vary": what or vary, "crop": None if crop is None else load_crop(crop),
         "risk": risk, "loops": loops, "conditions": conditions or ("none",), "eyes": eyes,
         "finder": compared_loops.finder, "views": compared_loops.views,
-        **({} if seeds is None else {"seeds": _range(seeds)}),
+        **({} if seeds is None else {"seeds": seeds_of(seeds)}),
         **({} if robot is None else {"robot": robot}),
     }  # fmt: skip
     if scenes is None:
@@ -184,15 +182,6 @@ def _names(text: str, all_of_them: Sequence[str]) -> tuple[str, ...]:
     if text.strip() == "all":
         return tuple(all_of_them)
     return tuple(part.strip() for part in text.split(",") if part.strip())
-
-
-def _range(text: str) -> tuple[int, int]:
-    parts = text.split(":")
-    try:
-        first, end = (int(part) for part in parts)
-    except ValueError:
-        raise InvalidRequestError(f"seeds are {text!r}; write them as 0:200") from None
-    return first, end
 
 
 TITLE = """%: promised and picked, nothing harmed, in the simulation; 95 %: Wilson's interval

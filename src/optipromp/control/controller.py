@@ -16,24 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from optipromp.control import driver
 from optipromp.control.camera import CameraWatch
-from optipromp.control.driver import (
-    Driver,
-    Route,
-    appeared,
-    changed,
-    displaced,
-    gave_way,
-    mouth_balls,
-    outside,
-    path_back,
-    pushed_by,
-    rests_known,
-    target_row,
-    tracked_at_most,
-    tracked_scene,
-    unseen,
-)
+from optipromp.control.driver import Driver, Route
 from optipromp.control.look import Look
 from optipromp.control.parameters import CONTROL, LoopParameters
 from optipromp.control.stiffness import Stiffness, by_wrench
@@ -145,7 +130,7 @@ class Controller:
         compile_once()
         self.robot, state = posed(scene, robot)
         self.seed, self.parameters, self.servo = seed, parameters, servo
-        self.scene = scene = tracked_at_most(scene, TrackerParameters.most)
+        self.scene = scene = driver.tracked_at_most(scene, TrackerParameters.most)
         known = [item for item in scene.objects if item.role in ("target", "pushable")]
         self._camera = CameraWatch(self.robot, parameters)
         self.tracker = Tracker(
@@ -253,13 +238,13 @@ class Controller:
         self.noticed.append(Decision(now, self.stage, what))
 
     def _mouth(self, time: float) -> FloatArray:
-        return mouth_balls(self.robot, self._camera.configuration(time), self._eye)
+        return driver.mouth_balls(self.robot, self._camera.configuration(time), self._eye)
 
     def _falls(self, look: Look) -> bool:
         """Whether the look shows the target below its place, and faster down than a plant moves."""
         p, up = self.parameters, self.scene.up
         tracked = self.tracker.at(look.time)
-        row = target_row(tracked)
+        row = driver.target_row(tracked)
         seen = [look.camera @ item.position for item in look.detections if item.role == "target"]
         if row is None or not seen:
             return False
@@ -306,7 +291,7 @@ class Controller:
                 return None
             begin = State(self._driver.state(now).q)
             stems, factor = self._stems()
-            scene = tracked_scene(self.scene, tracked, None, stems)
+            scene = driver.tracked_scene(self.scene, tracked, None, stems)
             self._job = _Job(self._planning(scene, start_state=begin), factor)
         factor = self._job.factor
         made = self._worked()
@@ -322,7 +307,7 @@ class Controller:
         self._trail, self._factor = [], factor
         self.plans.append(made)
         why = f"{made.status}, {harm:.2f} of the harm that is allowed"
-        if self._eye is not None and (missing := unseen(tracked, self._eye, self._since)):
+        if self._eye is not None and (missing := driver.unseen(tracked, self._eye, self._since)):
             names = (f"{a} (behind {b})" if b else a for a, b in missing.items())
             why += f"; not seen from here: {', '.join(names)}"
         if self.tracker.left:
@@ -334,7 +319,7 @@ class Controller:
     def _seen_enough(self, now: float, tracked: Tracked) -> bool:
         """Whether the arm has looked for long enough for a plan."""
         p, looked = self.parameters, now - self._since
-        if target_row(tracked) is None:
+        if driver.target_row(tracked) is None:
             return False
         if not self._at_camera:
             return (self._seen >= 3 and self._known) or (
@@ -342,7 +327,7 @@ class Controller:
             )
         if looked < p.look or self._seen < 3:
             return False
-        return looked > p.patient or rests_known(tracked, p.settled)
+        return looked > p.patient or driver.rests_known(tracked, p.settled)
 
     def _look_elsewhere(self, now: float, tracked: Tracked) -> Stretch | None:
         """Go to another view of the start; give up where none is left."""
@@ -351,7 +336,7 @@ class Controller:
             self._views = [] if self._at_camera else views(self.robot, q, self.parameters)
         while self._views:
             way = np.array([q, self._views.pop(0)])
-            turn = path_back(self.robot, way, self.parameters.retreat_speed)
+            turn = driver.path_back(self.robot, way, self.parameters.retreat_speed)
             if drive.safe(turn):
                 self._enter(LoopStage.GO, now, "the target is not seen: to another view")
                 return drive.set_out(Route.back(self.robot, turn, drive.still), now, tracked)
@@ -377,11 +362,11 @@ class Controller:
             self._at_camera = True
             self._enter(LoopStage.LOOK, now, "at the camera point")
             return drive.brake(begins)
-        if not self._at_camera and (new := appeared(route.scene, tracked)):
+        if not self._at_camera and (new := driver.appeared(route.scene, tracked)):
             self._enter(LoopStage.LOOK, now, f"seen on the way: {', '.join(new)}")
             return drive.brake(begins)
         if phase >= route.duration + p.hold:
-            if outside(self.robot, drive.state(now).q, tracked):
+            if driver.outside(self.robot, drive.state(now).q, tracked):
                 return self._retreat(now, route.duration, "the target is not inside")
             self._enter(LoopStage.DONE, now, "at the target")
             return drive.brake(begins)
@@ -389,7 +374,7 @@ class Controller:
             since = self._camera.standing
             if since is not None and now - since > p.picture_still:
                 return None if drive.waits else drive.pause(begins)
-            if target_row(tracked) is None:
+            if driver.target_row(tracked) is None:
                 why = "the target is no longer where it must be seen"
                 return self._retreat(now, phase, why)
             turn = self._watch(now, tracked, route.plan, phase)
@@ -404,7 +389,7 @@ class Controller:
         if self._job is not None:
             ways = self._worked() if drive.rests(now) else None
             for q in ways or ():
-                back = path_back(self.robot, q, self.parameters.retreat_speed)
+                back = driver.path_back(self.robot, q, self.parameters.retreat_speed)
                 if drive.safe(back):
                     return drive.set_out(Route.back(self.robot, back, route.scene), now, tracked)
             if ways:
@@ -437,14 +422,14 @@ class Controller:
         p = self.parameters
         if self._job is None:
             late = phase >= made.trajectory.duration - 2.0 * p.allowance
-            if late or now - self._checked < p.checked or target_row(tracked) is None:
+            if late or now - self._checked < p.checked or driver.target_row(tracked) is None:
                 return None
-            if changed(made.scene, tracked) < p.changed:
+            if driver.changed(made.scene, tracked) < p.changed:
                 return None
-            _, moved, _ = displaced(made.scene, tracked)
+            _, moved, _ = driver.displaced(made.scene, tracked)
             stems, factor = self._stems()
             offset = moved.mean(axis=0) if len(moved) else None
-            scene = tracked_scene(self.scene, tracked, offset, stems)
+            scene = driver.tracked_scene(self.scene, tracked, offset, stems)
             at = phase + p.allowance
             work = self._planning(scene, previous=made, at=at, unpushed=True)
             self._job = _Job(work, factor, at, now + p.lead + p.allowance)
@@ -497,7 +482,7 @@ class Controller:
         if np.linalg.norm(point - self._learnt_at) < p.learnt:
             return
         tracked = self.tracker.at(look.time)
-        given = gave_way(route.scene, look, tracked, pushed, p)
+        given = driver.gave_way(route.scene, look, tracked, pushed, p)
         if given:
             self._learnt_at = point
             square = by_wrench(given, self._factor, self._force, self.scene.up, p)
@@ -528,7 +513,7 @@ class Controller:
         route = self._driver.route
         if route is None or route.plan is None or self.stage is not LoopStage.GO:
             return {}
-        return pushed_by(route, self._driver.phase(time))
+        return driver.pushed_by(route, self._driver.phase(time))
 
 
 def views(robot: Robot, q: FloatArray, parameters: LoopParameters) -> list[FloatArray]:

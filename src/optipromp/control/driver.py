@@ -25,8 +25,7 @@ from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject, Stem
 from optipromp.core.trajectory import State, Trajectory
 
 TRACKED = 2e-4  # [m] largest error of a followed tool point: a choice
-Moves = Callable[[FloatArray], FloatArray]
-"""Displacements (M, F, 3) of F fruits at times (M,) [s]."""
+Moves = Callable[[FloatArray], FloatArray]  # Displacements (M, F, 3) of F fruits at times (M,) [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,20 +70,15 @@ class Route:
     @classmethod
     def of(cls, plan: Plan) -> Route:
         """The route of a plan."""
-        return cls._made(plan.robot, plan.trajectory, plan.first, plan.scene, plan)
+        return cls.back(plan.robot, plan.trajectory, plan.scene, plan)
 
     @classmethod
-    def back(cls, robot: Robot, trajectory: Trajectory, scene: Scene) -> Route:
-        """The route of a way back, that was planned in a ``scene``."""
-        return cls._made(robot, trajectory, 0, scene, None)
-
-    @classmethod
-    def _made(
-        cls, robot: Robot, trajectory: Trajectory, first: int, scene: Scene, plan: Plan | None
+    def back(
+        cls, robot: Robot, trajectory: Trajectory, scene: Scene, plan: Plan | None = None
     ) -> Route:
-        """The route of a trajectory whose approach begins at waypoint ``first``."""
+        """The route of a way back that was planned in a ``scene``, or of the motion of a plan."""
         points, axes = robot.tool_pose(trajectory.positions)
-        begin = float(trajectory.times[first])
+        begin = float(trajectory.times[0 if plan is None else plan.first])
         share = np.clip(trajectory.times / begin, 0.0, 1.0) if begin > 0.0 else 1.0
         weight = np.broadcast_to(share * share * (3.0 - 2.0 * share), len(points))
         return cls(robot, trajectory, points, axes, frozen(weight), scene, plan)
@@ -170,9 +164,8 @@ def tracked_scene(
 ) -> Scene:
     """The scene to plan in: what stands still in ``base``, and the tracked fruits at rest.
 
-    ``base``: the scene with robot, tool, approach, and objects that stand still. ``tracked``: the
-    fruits. ``offset``: (3,) common displacement that is left out [m]; None: none. ``stems``: what
-    is believed of their stiffness; None: as the push model assumes.
+    ``offset``: (3,) common displacement that is left out [m]; None: none. ``stems``: what is
+    believed of their stiffness; None: as the push model assumes.
     """
     still = tuple(item for item in base.objects if item.role in ("static", "avoid"))
     grown = {item.id: item.stem for item in base.objects if item.stem is not None}
@@ -363,9 +356,7 @@ def gave_way(
 ) -> list[tuple[SceneObject, FloatArray]]:  # fmt: skip
     """The pushed fruits of a plan's scene that a look shows, and their displacements (3,) [m].
 
-    ``scene``: of the plan. ``look``: from which detections are taken. ``tracked``: the fruits at
-    the time of the look. ``pushed``: predicted displacement (3,) of fruits, by id [m].
-    ``parameters``: with the least displacement that counts, and the reach of a detection.
+    ``tracked``: at the time of the look. ``pushed``: predicted displacements (3,), by id [m].
     """
     fruits = {item.id: item for item in scene.objects if item.stem is not None}
     found = np.array([look.camera @ item.position for item in look.detections]).reshape(-1, 3)
@@ -385,9 +376,6 @@ AHEAD = np.array([0.1, 0.3, 0.6, 1.0])  # [s] at which the plant's motion is com
 
 class Driver:
     """Keeps the course of the arm, and moves routes with the plant.
-
-    ``scene``: with the objects that stand still. ``robot``: with its tool. ``state``: of the arm at
-    the begin. ``parameters``: see :class:`LoopParameters`.
 
     Attributes:
         course: that runs; None: the arm has not moved.

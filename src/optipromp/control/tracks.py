@@ -24,123 +24,49 @@ class TrackerParameters(Checked):
     """Numbers of the tracker: motion, errors of looks, association, birth and death."""
 
     frequencies: tuple[float, ...] = parameter(
-        (0.35, 0.5, 0.65, 0.8, 1.0, 1.2, 1.4, 1.6, 1.8),
-        "Hz",
-        "measured",
-        "of the sway's oscillators; a sway of 20 mm at 0.5 and 1.6 Hz seen at 20 Hz with 5 mm is "
-        "predicted 60 ms ahead within 3.3 and 3.5 mm (median), with five frequencies and fixed "
-        "amplitudes 4.6 and 5.1",
+        (0.35, 0.5, 0.65, 0.8, 1.0, 1.2, 1.4, 1.6, 1.8), "Hz", "measured", "of the sway"
     )
     damping: float = parameter(0.03, "1", "guess", "ratio of the sway's oscillators")
-    sway: float = parameter(
-        0.006, "m", "guess", "prior standard deviation of the sway along an axis"
-    )
-    learning: float = parameter(
-        0.7,
-        "s",
-        "measured",
-        "time in which amplitudes of the sway follow what is seen; 0: fixed. A sway of 20 mm at "
-        "0.5 Hz, seen for 6 s, is predicted 0.46 s ahead within 2.3 mm (median), else 6.0",
-    )
-    least_sway: float = parameter(
-        0.25, "1", "choice", "least amplitude of a frequency, or of the swings, over its prior"
-    )
-    swing: float = parameter(
-        0.002, "m", "guess", "prior standard deviation of a fruit's own swing along an axis"
-    )
-    most_swing: float = parameter(
-        1.5,
-        "1",
-        "measured",
-        "largest amplitude of the swings over its prior. Under sway the mean NIS is 3.0; without a "
-        "bound 2.8, and fruits that move as one are found 5 % worse; with fixed amplitudes 3.2",
-    )
-    swing_damping: float = parameter(
-        0.02, "1", "guess", "damping ratio of a fruit's swing, beside that of its stem"
-    )
-    stem_damping: float = parameter(
-        0.06, "s", "guess", "damping of a stem over its stiffness; that of the simulation"
-    )
+    sway: float = parameter(0.006, "m", "guess", "prior deviation of the sway along an axis")
+    learning: float = parameter(0.7, "s", "measured", "in which amplitudes follow looks; 0: fixed")
+    least_sway: float = parameter(0.25, "1", "choice", "least amplitude over its prior")
+    swing: float = parameter(0.002, "m", "guess", "prior deviation of a fruit's own swing, an axis")
+    most_swing: float = parameter(1.5, "1", "measured", "largest amplitude over its prior")
+    swing_damping: float = parameter(0.02, "1", "guess", "ratio of a swing, beside its stem's")
+    stem_damping: float = parameter(0.06, "s", "guess", "over its stiffness; as in the simulation")
     drift: float = parameter(0.001, "m/√s", "guess", "random walk of a rest position, an axis")
-    steady: float = parameter(
-        0.3, "1", "guess", "share of a detection's covariance that looks do not average out"
-    )
-    grain: float = parameter(
-        0.0002, "m", "choice", "least error of a detection: keeps covariances regular"
-    )
-    pushed_share: float = parameter(
-        0.3, "1", "guess", "error of a predicted push over its displacement"
-    )
+    steady: float = parameter(0.3, "1", "guess", "of a detection's covariance: looks leave it")
+    grain: float = parameter(0.0002, "m", "choice", "least error: keeps covariances regular")
+    pushed_share: float = parameter(0.3, "1", "guess", "error of a predicted push over its length")
     pushed_least: float = parameter(0.002, "m", "guess", "least error of a predicted push")
-    stem_angle: float = parameter(
-        7.0, "deg", "reported", "error of a seen stem's tilt; inclination 6.4-8 deg (field)"
-    )
-    stem_floor: float = parameter(
-        3.0, "deg", "guess", "least error of a stem's tilt, however often it was seen"
-    )
-    stem_unseen: float = parameter(
-        18.0, "deg", "measured", "tilt of stems never seen; median of 1,704 strawberries (StrawDI)"
-    )
+    stem_angle: float = parameter(7.0, "deg", "reported", "error of a seen stem's tilt; 6.4-8")
+    stem_floor: float = parameter(3.0, "deg", "guess", "least error of a tilt, however often seen")
+    stem_unseen: float = parameter(18.0, "deg", "measured", "tilt of stems never seen (StrawDI)")
     stem_length: float = parameter(0.15, "m", "guess", "of a stem whose length was never seen")
-    gate: float = parameter(
-        13.93, "1", "choice", "largest squared distance of a match: 99.7 % of χ², 3 degrees"
-    )
-    conflict: float = parameter(
-        4.0, "1", "choice", "cost of a match of a target with what is none, as squared distance"
-    )
-    near: float = parameter(
-        0.6, "1", "choice", "distance over the sum of radii up to which two fruits are one"
-    )
-    shift: float = parameter(
-        0.06, "m", "choice", "largest common displacement between two looks that is searched"
-    )
-    alike: float = parameter(
-        2.4,
-        "1",
-        "choice",
-        "largest distance of a fruit from where a common displacement has it, in standard "
-        "deviations of an innovation along an axis",
-    )
+    gate: float = parameter(13.93, "1", "choice", "largest square of a match: 99.7 % of χ², of 3")
+    conflict: float = parameter(4.0, "1", "choice", "square for a target matched with what is none")
+    near: float = parameter(0.6, "1", "choice", "over the sum of radii: two are one")
+    shift: float = parameter(0.06, "m", "choice", "largest common displacement between two looks")
+    # beside a common displacement, in standard deviations of an innovation along an axis
+    alike: float = parameter(2.4, "1", "choice", "largest distance of a fruit from its place")
     felt: float = parameter(2.5, "1", "choice", "least common displacement, in the same")
-    jump: float = parameter(
-        1.3, "1", "choice", "the same of a fruit that was looked at and not found where expected"
-    )
+    jump: float = parameter(1.3, "1", "choice", "as near, of a fruit that was not where expected")
     detected: float = parameter(0.9, "1", "guess", "probability to detect a visible fruit")
-    spurious: float = parameter(
-        0.05, "1", "guess", "probability that something else is found where a fruit is not"
-    )
+    spurious: float = parameter(0.05, "1", "guess", "probability of something else at its place")
     born: float = parameter(0.5, "1", "guess", "probability that a new detection is a fruit")
     confirm: int = parameter(2, "1", "choice", "matches after birth that confirm a track")
     within: int = parameter(3, "1", "choice", "looks at a visible fruit within which they must be")
     missed: int = parameter(3, "1", "choice", "misses after which a tentative track dies")
     die: int = parameter(12, "1", "choice", "misses in a row after which a confirmed track dies")
-    first_confirmed: bool = parameter(
-        True, "1", "choice", "whether the detections of the first look are confirmed at once"
-    )
-    reach: float = parameter(
-        0.8, "m", "guess", "distance from the camera beyond which a fruit is not missed"
-    )
-    close: float = parameter(
-        0.1,
-        "m",
-        "reported",
-        "distance of a fruit's front below which it is not missed, where a look states no limit: "
-        "depth cameras measure from 0.07-0.3 m on",
-    )
-    late: float = parameter(
-        0.2, "s", "choice", "age up to which a look older than the newest is folded in"
-    )
+    first_confirmed: bool = parameter(True, "1", "choice", "the first look confirms at once")
+    reach: float = parameter(0.8, "m", "guess", "from the camera: beyond, a fruit is not missed")
+    # where a look states no limit: depth cameras measure from 0.07-0.3 m on
+    close: float = parameter(0.1, "m", "reported", "of a front: nearer, a fruit is not missed")
+    late: float = parameter(0.2, "s", "choice", "age of a look that is still folded in")
     kept: int = parameter(2000, "1", "choice", "updates whose innovations are kept")
-    most: int = parameter(
-        24,
-        "1",
-        "measured",
-        "tracks at most, of a look the nearest twice as many detections: a look takes 9 ms and a "
-        "prediction 2 then, with 48 tracks 24 and 5, of the 20 ms of a cycle",
-    )
-    beside: float = parameter(
-        0.15, "m", "choice", "distance from the target at which the odds of a track count half"
-    )
+    # a look takes 9 ms and a prediction 2 then, with 48 tracks 24 and 5, of a cycle of 20 ms
+    most: int = parameter(24, "1", "measured", "tracks; of a look the nearest twice as many count")
+    beside: float = parameter(0.15, "m", "choice", "from the target: there odds count half")
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,9 +173,8 @@ def new_track(
 ) -> Track:
     """The track that a detection starts.
 
-    ``name``: of the track. ``item``: the detection. ``turn``: (3, 3) rotation of the detection's
-    frame in the base frame. ``camera``: quaternion (4,) of the same rotation; None: the identity.
-    ``plant``: the vertical and the horizontal axes.
+    ``turn``: (3, 3) rotation of the detection's frame in the base. ``camera``: quaternion (4,) of
+    the same rotation; None: the identity. ``plant``: the vertical and the horizontal axes.
     """
     if item.role not in ROLES:
         raise InvalidRequestError(f"object {item.id} has role {item.role}: must be a fruit's")

@@ -26,9 +26,7 @@ class Noise(Checked):
     angle: float = parameter(0.0, "deg", "choice", "deviation of a stem's tilt, each axis")
     lower: float = parameter(0.0, "m", "choice", "of what hangs; positive: seen lower than it is")
     missed: float = parameter(0.0, "1", "choice", "probability that a fruit in view is missed")
-    hidden: float = parameter(
-        0.0, "1", "choice", "of a wholly hidden one; in between by the hidden share"
-    )
+    hidden: float = parameter(0.0, "1", "choice", "the same, wholly hidden; else by the share")
 
     def __post_init__(self) -> None:
         for name in ERRORS:

@@ -4,17 +4,7 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.ndimage import (
-    binary_closing,
-    binary_dilation,
-    binary_fill_holes,
-    distance_transform_edt,
-    find_objects,
-    gaussian_filter,
-    label,
-    maximum_filter,
-    minimum_filter,
-)
+from scipy import ndimage
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
 from optipromp.perception.finder import Class, Found, Region, box_of, largest
@@ -49,9 +39,10 @@ class ByGeometry:
         near = (picture.depth > 0.0) & (picture.depth < p.farthest)
         box = box_of(near, HOLE)
         near = near[box]
-        close = maximum_filter(near, 2 * HOLE + 1)
-        rgb = gaussian_filter(picture.rgb[box].astype(np.float32), (0.7, 0.7, 0.0), truncate=2.0)
-        hue, dye, bright = hsv(rgb[close])  # [pixel] grain
+        close = ndimage.maximum_filter(near, 2 * HOLE + 1)
+        rgb = picture.rgb[box].astype(np.float32)
+        rgb = ndimage.gaussian_filter(rgb, (0.7, 0.7, 0.0), truncate=2.0)  # [pixel] grain
+        hue, dye, bright = hsv(rgb[close])
         dyed = (dye > p.least_dye) & (bright > p.least_bright)
         red = _apart(hue, p.ripe_hue) < p.ripe_width
         ripe, green = np.zeros_like(close), np.zeros_like(close)
@@ -85,12 +76,12 @@ class ByGeometry:
         """The largest fruits among the pixels of one colour: boxes, and the pixels in them; and
         how many others there are."""
         p = self.parameters
-        steps = depth - minimum_filter(depth, 3) > p.step  # the nearer side keeps its edge
-        whole = binary_closing(mask, SQUARE) & ~steps
+        steps = depth - ndimage.minimum_filter(depth, 3) > p.step  # the nearer side keeps its edge
+        whole = ndimage.binary_closing(mask, SQUARE) & ~steps
         parts = np.zeros(mask.shape, dtype=np.int64)
-        islands, _ = label(whole)
+        islands, _ = ndimage.label(whole)
         areas = np.bincount(islands.ravel(), (depth / focal).ravel() ** 2)[1:]  # [m²]
-        boxes = find_objects(islands)
+        boxes = ndimage.find_objects(islands)
         wide = np.flatnonzero(areas > math.pi * p.thin**2)
         wide = wide[np.argsort(-areas[wide], kind="stable")]
         work = np.cumsum([islands[boxes[row]].size for row in wide], dtype=np.int64)
@@ -101,14 +92,14 @@ class ByGeometry:
             fruits, left = _part(islands[box] == row + 1, depth[box] / focal, p)
             parts[box] += np.where(fruits > 0, fruits + count, 0)
             count, left_out = count + int(fruits.max()), left_out + left
-        grown = maximum_filter(parts, 2 * RAGGED + 1)
+        grown = ndimage.maximum_filter(parts, 2 * RAGGED + 1)
         parts = np.where(mask & (parts == 0), grown, parts)
-        out, boxes, sizes = [], find_objects(parts), np.bincount(parts.ravel(), minlength=1)[1:]
-        chosen = largest(sizes, mask.size)
+        boxes, sizes = ndimage.find_objects(parts), np.bincount(parts.ravel(), minlength=1)[1:]
+        out, chosen = [], largest(sizes, mask.size)
         for row in chosen:
             if boxes[row] is not None:
                 box = tuple(slice(max(b.start - MARGIN, 0), b.stop + MARGIN) for b in boxes[row])
-                pixels = binary_fill_holes(parts[box] == row + 1)
+                pixels = ndimage.binary_fill_holes(parts[box] == row + 1)
                 if pixels.sum() >= p.least_pixels:
                     out.append((box, pixels))
         return out, left_out + int(np.sum(np.delete(sizes, chosen) >= p.least_pixels))
@@ -124,18 +115,18 @@ def _part(island: BoolArray, metres: FloatArray, p: EyeParameters) -> tuple[IntA
     it no pixel is of any ball.
     """
     parts = np.zeros(island.shape, dtype=np.int64)
-    edge = distance_transform_edt(np.pad(island, 1))[1:-1, 1:-1]
+    edge = ndimage.distance_transform_edt(np.pad(island, 1))[1:-1, 1:-1]
     core = edge * metres > p.thin
     if not core.any():
         return parts, 0
     wall = edge * metres > WALL * p.most_radius
     if wall.any():  # look at what is beside it
-        within = distance_transform_edt(~wall) * metres <= 1.1 * WALL * p.most_radius
+        within = ndimage.distance_transform_edt(~wall) * metres <= 1.1 * WALL * p.most_radius
         return _part(island & ~within, metres, p)
-    smooth = gaussian_filter(edge, 1.0)
-    peaks = np.argwhere((smooth == maximum_filter(smooth, 5)) & core)
+    smooth = ndimage.gaussian_filter(edge, 1.0)
+    peaks = np.argwhere((smooth == ndimage.maximum_filter(smooth, 5)) & core)
     radii = edge[peaks[:, 0], peaks[:, 1]]
-    island = island & (distance_transform_edt(~core) * metres <= p.thin)  # without its stem
+    island = island & (ndimage.distance_transform_edt(~core) * metres <= p.thin)  # without its stem
     order = np.argsort(-radii, kind="stable")
     peaks, radii = peaks[order], radii[order]
     least, squares = np.full(island.shape, np.inf), [0.0]
@@ -198,4 +189,4 @@ def _roundness(pixels: BoolArray) -> float:
 
 def edge_of(pixels: BoolArray) -> BoolArray:
     """The pixels just inside the edge of a region."""
-    return np.asarray(pixels & binary_dilation(~pixels, SQUARE))
+    return np.asarray(pixels & ndimage.binary_dilation(~pixels, SQUARE))

@@ -12,7 +12,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from optipromp.core.arrays import FloatArray, IntArray, read_only
+from optipromp.core.arrays import FloatArray, IntArray, frame_along, read_only
 from optipromp.core.documents import read_document
 from optipromp.core.errors import InvalidRequestError, OptiPrompError, installed_by
 from optipromp.core.files import read_bytes, read_npz
@@ -230,6 +230,15 @@ def flange_of(robot: Robot, q: FloatArray) -> Pose:
     turn = rotations[-1]
     at = origins[-1] + turn @ robot.flange_translation
     return Pose(at, turn @ robot.flange_rotation)
+
+
+def tool_frame(robot: Robot, q: FloatArray) -> Pose:
+    """The tool axes at the tool point, in the base frame, at ``q`` (n,)."""
+    origins, rotations = robot.segment_frames(q)
+    turn, axes = rotations[-1], frame_along(robot.tool_axis)
+    if robot.tool is not None:
+        axes = robot.flange_rotation @ robot.tool.rotation
+    return Pose(origins[-1] + turn @ robot.tool_point, turn @ axes)
 
 
 def load_picture(rgb: Path, depth: Path, camera: Path, hand: Pose | None = None) -> DepthPicture:

@@ -20,20 +20,11 @@ from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.scenes.scene import Goal, JointGoal, PoseGoal, RegionGoal, Scene
 from optipromp.core.trajectory import joint_columns
-from optipromp.ros.scenes import (
-    COLLISION_OBJECT,
-    Held,
-    object_id,
-    read_held,
-    read_pose,
-    read_quaternion,
-    vector,
-)
+from optipromp.ros.scenes import Held, object_id, read_held, read_pose, read_quaternion, vector
 from optipromp.ros.trajectories import NANO, joint_positions, nanoseconds
 from optipromp.ros.types import Message, constants
 
-WORLD = "world"
-"""Name of the frame in which the scene's ``base`` is the pose of the robot's base."""
+WORLD = "world"  # Name of the frame in which the scene's ``base`` is the pose of the robot's base
 
 
 def read_planning_scene(item: Message, like: Scene | None = None, prefix: str = "") -> Scene:
@@ -162,7 +153,7 @@ class LiveScene:
             frame = in_base(item.header, self.frames)
         except InvalidRequestError as error:
             raise InvalidSceneError(f"{what}: {error.message}") from None
-        kinds = constants(COLLISION_OBJECT)
+        kinds = constants(item.__msgtype__)
         operation = item.operation
         held, stated = dict(self.held), dict(self.stated)
         if operation in (kinds["REMOVE"], kinds["MOVE"]) and item.id and item.id not in held:
@@ -310,12 +301,8 @@ class DetectionParameters(Checked):
     sigma: float = parameter(0.005, "m", "choice", "of a coordinate where the covariance is zero")
     least_score: float = parameter(0.0, "1", "choice", "detections with a lower score are left out")
     view: float = parameter(1.2, "rad", "choice", "full opening angle of the camera's cone of view")
-    near: float = parameter(
-        0.0, "m", "choice", "distance below which the camera measures nothing; 0: not known"
-    )
-    far: float = parameter(
-        math.inf, "m or inf", "choice", "distance above which the camera measures nothing"
-    )
+    near: float = parameter(0.0, "m", "choice", "from the camera: nearer, it measures nothing")
+    far: float = parameter(math.inf, "m or inf", "choice", "likewise, farther")
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -15,18 +15,17 @@ from scipy.spatial.transform import Rotation
 
 from optipromp.control.controller import Controller
 from optipromp.control.driver import without_fruits
-from optipromp.core.arrays import FloatArray, frame_along
+from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
 from optipromp.core.execution.streaming import Line
 from optipromp.core.planning import Plan, PlanOptions, plan
 from optipromp.core.planning.planners import factory
 from optipromp.core.promp.model import ProMP
 from optipromp.core.robots.library import load_arm
-from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
-from optipromp.perception.pictures import flange_of
+from optipromp.perception.pictures import flange_of, tool_frame
 from optipromp.perception.watcher import Watcher
 from optipromp.ros import live, trajectories
 from optipromp.ros.images import PICTURES, Pictures
@@ -281,25 +280,15 @@ class PickLoop:
 
     def _frames(self, q: FloatArray) -> dict[str, Pose]:
         """The known frames with the arm at ``q`` (n,)."""
-        flange, tool = moving(self.controller.robot, q)
-        known = {**self.frames, self._flange: flange, live.TOOL: tool}
+        robot = self.controller.robot
+        known = self.frames | {self._flange: flange_of(robot, q), live.TOOL: tool_frame(robot, q)}
         found = {name: self._mounts.find(name, known) for name in self._mounts.names}
         return {**{name: pose for name, pose in found.items() if pose is not None}, **known}
 
 
-def moving(robot: Robot, q: FloatArray) -> tuple[Pose, Pose]:
-    """The flange, and the frame at the tool point, in the base frame, at ``q`` (n,)."""
-    origins, rotations = robot.segment_frames(q)
-    origin, turn = origins[-1], rotations[-1]
-    axes = frame_along(robot.tool_axis)
-    if robot.tool is not None:
-        axes = robot.flange_rotation @ robot.tool.rotation
-    return flange_of(robot, q), Pose(origin + turn @ robot.tool_point, turn @ axes)
-
-
 RESPONSE = "moveit_msgs/msg/MotionPlanResponse"
 ERROR_CODES = "moveit_msgs/msg/MoveItErrorCodes"
-MOVEIT: dict[Code, str] = {
+MOVEIT: dict[Code, str] = {  # MoveIt's name of each code; any other code is a FAILURE
     Code.SUCCESS: "SUCCESS",
     Code.INVALID_ROBOT: "INVALID_ROBOT_STATE",
     Code.INVALID_SCENE: "INVALID_OBJECT_NAME",
@@ -314,7 +303,6 @@ MOVEIT: dict[Code, str] = {
     Code.TIMEOUT: "TIMED_OUT",
     Code.EXECUTION_FAILED: "CONTROL_FAILED",
 }
-"""MoveIt's name of each code; any other code is a FAILURE."""
 
 
 @dataclass(frozen=True, eq=False)

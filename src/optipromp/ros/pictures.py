@@ -12,10 +12,10 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene
-from optipromp.perception.pictures import CameraModel, DepthPicture
+from optipromp.perception.pictures import CameraModel, DepthPicture, flange_of
 from optipromp.ros.images import CAMERA_INFO, PICTURES, Pictures, Taken
 from optipromp.ros.live import TOOL, WORLD
-from optipromp.ros.loop import HELD, Frames, moving
+from optipromp.ros.loop import HELD, Frames
 from optipromp.ros.recordings import JOINT_STATE
 from optipromp.ros.trajectories import NANO, joint_positions, nanoseconds
 from optipromp.ros.types import read_bag
@@ -107,7 +107,7 @@ class _Where:
         if self._times and self._times[0] - HELD <= taken.stamp <= self._times[-1] + HELD:
             rows = np.array(self._q)
             q = np.array([np.interp(taken.stamp, self._times, column) for column in rows.T])
-            known[flange] = moving(self._robot, q)[0]
+            known[flange] = flange_of(self._robot, q)
         known |= {WORLD: self._world}
         if self._camera is not None:
             mounted = self._camera.mount == "hand"

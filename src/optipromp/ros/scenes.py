@@ -26,8 +26,7 @@ from optipromp.core.scenes.scene import ROLES, STEM_RADIUS, Approach, Role, Scen
 from optipromp.ros.trajectories import robot_state
 from optipromp.ros.types import Message, constants, message
 
-Placed = tuple[shapes.Shape, Pose]
-"""A shape and its pose in the frame of its object."""
+Placed = tuple[shapes.Shape, Pose]  # A shape and its pose in the frame of its object
 
 _BOX, _SPHERE, _CYLINDER = 1, 2, 3  # types of shape_msgs/SolidPrimitive
 _SIZES = {_BOX: 3, _SPHERE: 1, _CYLINDER: 2}
@@ -202,13 +201,13 @@ def _half_space(plane: Message) -> Pose:
 
 KEY = "optipromp"
 COLLISION_OBJECT = "moveit_msgs/msg/CollisionObject"
+# colour of each role: red, green and blue from 0 to 1
 COLORS: Mapping[Role, tuple[float, float, float]] = {
     "target": (0.85, 0.15, 0.15),
     "pushable": (0.35, 0.70, 0.25),
     "avoid": (0.95, 0.65, 0.15),
     "static": (0.60, 0.60, 0.60),
 }
-"""Colour of each role: red, green and blue from 0 to 1."""
 
 
 def object_id(item: SceneObject) -> str:
@@ -354,6 +353,7 @@ def _count(frames: Mapping[str, object]) -> int:
     return len(given)
 
 
+# the quantities in ``type.db``, each with the function that makes it from JSON
 _FURTHER: Mapping[str, Callable[[Any], Any]] = {
     "stem_radius": float,
     "stem_parent": str,
@@ -361,7 +361,6 @@ _FURTHER: Mapping[str, Callable[[Any], Any]] = {
     "physical": lambda given: {str(name): float(number) for name, number in given.items()},
     "camera_distance": float,
 }
-"""The quantities in ``type.db``, each with the function that makes it from JSON."""
 
 
 def _no_number(name: str) -> None:

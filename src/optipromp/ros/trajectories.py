@@ -17,12 +17,11 @@ from optipromp.core.trajectory import CURVE, State, Trajectory, curve, joint_col
 from optipromp.ros.types import Message, message, read_bag
 
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
-TRAJECTORIES = (
+TRAJECTORIES = (  # Types of messages that hold trajectories, the plainest first
     JOINT_TRAJECTORY,
     "moveit_msgs/msg/RobotTrajectory",
     "moveit_msgs/msg/DisplayTrajectory",
 )
-"""Types of messages that hold trajectories, the plainest first."""
 
 NANO = 10**9  # [ns] in a second
 

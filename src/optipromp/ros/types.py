@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection
     from rosbags.typesys.store import Typestore
 
-Message = Any
-"""A message: the fields of its type as attributes, the type's name as ``__msgtype__``."""
+Message = Any  # A message: the fields of its type as attributes, the type's name as ``__msgtype__``
 
 _HEADING = "MSG: "
 _NUMPY = {"byte": "uint8", "octet": "uint8", "char": "uint8"}  # other names are NumPy's

@@ -25,14 +25,8 @@ from optipromp.laboratory.simulation.detector_parameters import DETECTORS as DET
 from optipromp.laboratory.simulation.detector_parameters import (
     DetectorParameters as DetectorParameters,
 )
-from optipromp.laboratory.simulation.sight import (
-    Leaf,
-    Sight,
-    hand_pose,
-    standing_pose,
-    tool_frame,
-    view_of,
-)
+from optipromp.laboratory.simulation.sight import Leaf, Sight, hand_pose, standing_pose, view_of
+from optipromp.perception.pictures import tool_frame
 
 LOWER = 0.05  # [m] of a stem that tells its direction: as long as peduncles are in pictures
 STEM_LENGTH = 0.15  # [m] of a fruit's stem where none is seen: a choice
@@ -46,10 +40,8 @@ class Truth(NamedTuple):
 
     ids: tuple[str, ...]
     """F names of objects of the scene; those left out are where the scene has them."""
-    positions: FloatArray
-    """(F, 3) [m]."""
-    rotations: FloatArray
-    """(F, 3, 3), local to base."""
+    positions: FloatArray  # (F, 3) [m]
+    rotations: FloatArray  # (F, 3, 3), local to base
     stems: tuple[FloatArray, ...]
     """F polylines (N, 3) [m], root first; fewer than two points: no stem."""
 

@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from optipromp.core.errors import InvalidRequestError
 from optipromp.core.parameters import Checked, parameter
+from optipromp.core.planning.options import require
 from optipromp.laboratory.detection import Noise
 
 MOUNTS = "palm", "hand", "beside"
@@ -28,24 +28,17 @@ class DetectorParameters(Noise):
         InvalidRequestError: a number that is not finite, out of its range, or an unknown mount.
     """
 
-    mount: Literal["palm", "hand", "beside"] = parameter(
-        "palm", "", "choice", "palm: on the tool's axis; hand: on the flange; beside: standing"
-    )
+    # palm: on the tool's axis; hand: on the flange; beside: standing
+    mount: Literal["palm", "hand", "beside"] = parameter("palm", "", "choice", "its place")
     view: float = parameter(1.4, "rad", "choice", "full angle of the view; RGB-D: 42-87 degrees")
     rate: float = parameter(20.0, "Hz", "reported", "pictures; detectors run at 10-30 Hz")
     latency: float = parameter(0.06, "s", "reported", "exposure to detections; 0.03-0.1 s reported")
     reference: float = parameter(0.45, "m", "choice", "distance at which the errors hold")
     along: float = parameter(1.0, "1", "choice", "deviation along the sight over that across")
-    least_position: float = parameter(
-        0.001, "m", "guess", "least deviation, where position is above 0"
-    )
-    steady: float = parameter(
-        0.3, "1", "guess", "of the variance, for the whole run: an unseen part"
-    )
+    least_position: float = parameter(0.001, "m", "guess", "least deviation, of a position above 0")
+    steady: float = parameter(0.3, "1", "guess", "of the variance, for a run: an unseen part")
     bias: float = parameter(0.0, "m", "choice", "along the line of sight; positive: too far")
-    hidden_from: float = parameter(
-        0.0, "1", "choice", "hidden share above which it is missed more often"
-    )
+    hidden_from: float = parameter(0.0, "1", "choice", "hidden share: missed more often above it")
     hidden_to: float = parameter(1.0, "1", "choice", "share from which it is as if wholly hidden")
     missed_steadily: float = parameter(0.5, "1", "guess", "of misses: until the slot ends")
     slot: float = parameter(0.5, "s", "guess", "how long a steady miss or a hidden stem lasts")
@@ -54,32 +47,17 @@ class DetectorParameters(Noise):
     swapped: float = parameter(0.0, "1", "choice", "probability that two detections swap ids")
     stem_seen: float = parameter(1.0, "1", "choice", "probability, held for a slot")
     leaf: float = parameter(0.0, "1", "choice", "share of fruits with a leaf to the first picture")
-    leaf_size: float = parameter(
-        1.3, "1", "guess", "radius over its fruit's; it hangs two of these before the centre"
-    )
-    camera_offset: float = parameter(
-        0.0, "m", "choice", "deviation of its place an axis, once a run"
-    )
+    leaf_size: float = parameter(1.3, "1", "guess", "radius over its fruit's; hangs two before it")
+    camera_offset: float = parameter(0.0, "m", "choice", "deviation of its place an axis, in a run")
     camera_turn: float = parameter(0.0, "deg", "choice", "the same of its turn about each axis")
     told: bool = parameter(True, "", "choice", "whether covariances include camera errors")
-    near: float = parameter(
-        0.0, "m", "choice", "distance of a centre below which it is not measured; D405: 0.07"
-    )
-    far: float = parameter(
-        math.inf, "m or inf", "choice", "distance of a centre above which it is not measured"
-    )
-    stamp: float = parameter(
-        0.0,
-        "s",
-        "choice",
-        "from the exposure to its stamp, at which the arm's pose is taken; negative: early",
-    )
-    frozen: float = parameter(
-        0.0, "s", "choice", "for how long, once, pictures are that before, with stamps that go on"
-    )
-    frozen_at: float = parameter(
-        0.15, "m", "choice", "distance of the target from the camera at which they are"
-    )
+    near: float = parameter(0.0, "m", "choice", "of a centre: nearer is not measured; D405: 0.07")
+    far: float = parameter(math.inf, "m or inf", "choice", "of a centre: farther is not measured")
+    # at which the arm's pose is taken; negative: early
+    stamp: float = parameter(0.0, "s", "choice", "from the exposure to its stamp")
+    # pictures are that before, with stamps that go on, once
+    frozen: float = parameter(0.0, "s", "choice", "for how long, from ``frozen_at`` on")
+    frozen_at: float = parameter(0.15, "m", "choice", "distance of the target from the camera")
     palm_below: float = parameter(0.03, "m", "choice", "camera in the palm, behind the rim")
     hand_aside: float = parameter(0.03, "m", "choice", "hand camera, beyond the mouth's radius")
     hand_below: float = parameter(0.06, "m", "choice", "of the hand camera, behind the rim")
@@ -88,27 +66,19 @@ class DetectorParameters(Noise):
     stand_below: float = parameter(0.15, "m", "choice", "the same, behind or above the target")
 
     def __post_init__(self) -> None:
-        if self.mount not in MOUNTS:
-            raise InvalidRequestError(f"mount is {self.mount!r}; valid are {', '.join(MOUNTS)}")
-        for name in SIGNED:
-            if not math.isfinite(getattr(self, name)):
-                raise InvalidRequestError(f"{name} is {getattr(self, name)}; must be finite")
         signed = {name: getattr(self, name) for name in SIGNED}
         self._set(dict.fromkeys(SIGNED, 0.0))  # Checked refuses negative numbers
         Checked.__post_init__(self)
         self._set(signed)
+        require(self, "", self.mount in MOUNTS, "mount", " or ".join(MOUNTS))
+        for name in SIGNED:
+            require(self, "", math.isfinite(signed[name]), name, "finite")
         for name in SHARES:
-            if getattr(self, name) > 1.0:
-                raise InvalidRequestError(f"{name} is {getattr(self, name)}; must be at most 1")
+            require(self, "", getattr(self, name) <= 1.0, name, "at most 1")
         for name in ABOVE_ZERO:
-            if getattr(self, name) <= 0.0:
-                raise InvalidRequestError(f"{name} is {getattr(self, name)}; must be above 0")
-        if self.hidden_from >= self.hidden_to:
-            raise InvalidRequestError(
-                f"hidden_from is {self.hidden_from}; must be below hidden_to ({self.hidden_to})"
-            )
-        if self.view > math.pi:
-            raise InvalidRequestError(f"view is {self.view:g}; must be at most pi [rad]")
+            require(self, "", getattr(self, name) > 0.0, name, "above 0")
+        require(self, "", self.hidden_from < self.hidden_to, "hidden_from", "below hidden_to")
+        require(self, "", self.view <= math.pi, "view", "at most pi [rad]")
 
     def _set(self, values: dict[str, float]) -> None:
         for name, value in values.items():

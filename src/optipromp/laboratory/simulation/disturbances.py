@@ -103,8 +103,7 @@ def root_motion(
     when all modes are in step. Where each root moves by itself, no two fruits of different roots
     begin within each other.
 
-    ``given``: the disturbances. ``seed``: of frequencies, directions and phases. ``up``: (3,) unit.
-    ``hanging``: of each root.
+    ``seed``: of frequencies, directions and phases. ``hanging``: of each root.
     """
     chances, flat, count = Chances.of(seed), horizontal(up), int(given.sway_modes)
     rng = chances.rng

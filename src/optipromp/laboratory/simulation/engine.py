@@ -11,19 +11,7 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError, installed_by
-from optipromp.core.geometry.shapes import (
-    BOX,
-    CAPSULE,
-    CYLINDER,
-    ELLIPSOID,
-    FINE,
-    HALF_SPACE,
-    SPHERE,
-    MeshShape,
-    PointCloudShape,
-    Shape,
-    is_convex,
-)
+from optipromp.core.geometry import shapes
 from optipromp.core.robots.tool_protocol import quaternion
 
 
@@ -65,8 +53,7 @@ class Layer(IntFlag):
     AVOID = 16
 
 
-NOBODY = -1
-"""Index of an entity that no contact is counted for: the floor's."""
+NOBODY = -1  # Index of an entity that no contact is counted for: the floor's
 
 
 def layers(kind: EntityKind | Literal["foot", "floor"]) -> dict[str, int]:
@@ -94,19 +81,19 @@ def layers(kind: EntityKind | Literal["foot", "floor"]) -> dict[str, int]:
 
 
 GEOMS = {  # MuJoCo's geoms of the same sizes, by the kinds of shapes
-    SPHERE: "mjGEOM_SPHERE",
-    BOX: "mjGEOM_BOX",
-    CYLINDER: "mjGEOM_CYLINDER",
-    CAPSULE: "mjGEOM_CAPSULE",
-    ELLIPSOID: "mjGEOM_ELLIPSOID",
+    shapes.SPHERE: "mjGEOM_SPHERE",
+    shapes.BOX: "mjGEOM_BOX",
+    shapes.CYLINDER: "mjGEOM_CYLINDER",
+    shapes.CAPSULE: "mjGEOM_CAPSULE",
+    shapes.ELLIPSOID: "mjGEOM_ELLIPSOID",
 }
 MOST_PARTS = 3000  # geoms of one mesh or point cloud: a choice
 CACHED = 64  # shapes whose meshes and centres of mass are remembered: more than a scene has
 
 
 def add_shape(
-    spec: Any, body: Any, shape: Shape, name: str, rotation: FloatArray, position: FloatArray,
-    **properties: Any,
+    spec: Any, body: Any, shape: shapes.Shape, name: str, rotation: FloatArray,
+    position: FloatArray, **properties: Any,
 ) -> list[Any]:  # fmt: skip
     """Add ``shape`` to ``body`` at a pose in the body's frame; returns the geoms.
 
@@ -124,11 +111,11 @@ def add_shape(
         return body.add_geom(type=kind, size=size, **values)
 
     kind, (a, b, c), *_ = shape.measure
-    if kind == HALF_SPACE:
+    if kind == shapes.HALF_SPACE:
         return [add(kinds.mjGEOM_PLANE, [2.0, 2.0, 0.1])]
     if kind in GEOMS:
         return [add(getattr(kinds, GEOMS[kind]), [a, b, c])]
-    if isinstance(shape, PointCloudShape):
+    if isinstance(shape, shapes.PointCloudShape):
         points, radius = _thinned(shape)
         parts = [(kinds.mjGEOM_SPHERE, [radius, 0.0, 0.0], point) for point in points]
     else:
@@ -148,14 +135,14 @@ def add_shape(
 
 
 @lru_cache(CACHED)
-def _solid(shape: Shape) -> tuple[MeshShape, bool]:
+def _solid(shape: shapes.Shape) -> tuple[shapes.MeshShape, bool]:
     """The mesh of a shape, and whether its convex hull is nearly the same."""
-    mesh = shape.mesh(FINE)
-    return mesh, is_convex(mesh)
+    mesh = shape.mesh(shapes.FINE)
+    return mesh, shapes.is_convex(mesh)
 
 
 @lru_cache(CACHED)
-def mass_center(shape: Shape) -> FloatArray:
+def mass_center(shape: shapes.Shape) -> FloatArray:
     """Centre of mass (3,) of a body with the geoms of ``shape``, in the shape's frame [m]."""
     if shape.measure.kind in GEOMS:
         return frozen(np.zeros(3))
@@ -166,7 +153,7 @@ def mass_center(shape: Shape) -> FloatArray:
     return frozen(spec.compile().body("body").ipos)
 
 
-def _filling(shape: MeshShape) -> list[tuple[FloatArray, FloatArray]]:
+def _filling(shape: shapes.MeshShape) -> list[tuple[FloatArray, FloatArray]]:
     """Boxes (middle, half sizes) that fill a mesh: runs of cells of its distance grid."""
     from optipromp.core.geometry.grids import distance_grid
 
@@ -188,7 +175,7 @@ def _filling(shape: MeshShape) -> list[tuple[FloatArray, FloatArray]]:
     return boxes
 
 
-def _thinned(shape: PointCloudShape) -> tuple[FloatArray, float]:
+def _thinned(shape: shapes.PointCloudShape) -> tuple[FloatArray, float]:
     """At most :data:`MOST_PARTS` points of a cloud, and the radius at which they cover all [m]."""
     points, pitch = shape.points, shape.radius / 2.0
     radius = shape.radius

@@ -233,9 +233,8 @@ def bring(
 
     Without a place the arm leaves by the retreat of least harm, whatever its harm.
 
-    ``simulation``: at the end of the reach. ``controller``: at the end of the reach. ``q``: (k, n)
-    commanded configurations of the reach from its last plan on. ``done``: records and judgement of
-    the reach.
+    ``q``: (k, n) commanded configurations of the reach from its last plan on. ``done``: records and
+    judgement of the reach.
 
     Returns: Records and judgement of the whole, and the pick; None where the reach did not succeed.
     """

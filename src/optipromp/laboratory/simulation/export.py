@@ -34,8 +34,7 @@ __all__ = ["START", "TOOL_POINT", "mjcf", "stem_mjcf"]
 START = "start"
 """Name of the keyframe with the robot at the start and the fruits in the scene's pose."""
 
-TOOL_POINT = "tool_point"
-"""Name of the site at the tool point, whose z axis is the tool axis."""
+TOOL_POINT = "tool_point"  # Name of the site at the tool point, whose z axis is the tool axis
 
 _FACING = np.array([0.0, 1.0, 0.0, 0.0])  # half a turn about x: MuJoCo's cameras look along -z
 

@@ -9,18 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from optipromp.core import files
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.execution.streaming import Stretch
-from optipromp.core.files import (
-    json_text,
-    members,
-    npz,
-    read_npz,
-    reading,
-    texts,
-    write_atomically,
-)
 from optipromp.core.scenes.io import scene_to_dict
 from optipromp.laboratory.simulation.execute import Run
 from optipromp.laboratory.simulation.loop import Loop
@@ -51,16 +43,16 @@ def write_run(
     scene = None
     with suppress(OptiPrompError):  # a mesh that has no file
         scene = scene_to_dict(run.scene, base_dir=folder)
-    files = {
-        "rollout.npz": npz(run.rollout.arrays(), compressed=True),
+    contents = {
+        "rollout.npz": files.npz(run.rollout.arrays(), compressed=True),
         **(further or {}),
-        "outcome.json": json_text(
+        "outcome.json": files.json_text(
             run_document(run) | {"scene_file": scene, "parameters": asdict(run.parameters)}
         ).encode("utf-8"),
     }
-    for name, content in files.items():
-        write_atomically(folder / name, content)
-    return tuple(files)
+    for name, content in contents.items():
+        files.write_atomically(folder / name, content)
+    return tuple(contents)
 
 
 def read_parameters(document: Mapping[str, Any]) -> SimulationParameters:
@@ -92,6 +84,7 @@ NAME = "loop.npz"
 POINTS = 20  # of the path ahead, at each cycle: a choice
 
 TEXTS = "stages", "ids", "begun", "reasons"
+# type and shape of each array; see ``LoopRecord`` and ``POINTS``
 ARRAYS: dict[str, tuple[type, str]] = {
     "times": (float, "C"),
     "plans": (int, "C"),
@@ -104,7 +97,6 @@ ARRAYS: dict[str, tuple[type, str]] = {
     "looked": (float, "L2"),
     "discs": (float, "K5"),
 }
-"""Type and shape of each array; see :class:`LoopRecord` and :data:`POINTS`."""
 
 Words = tuple[str, ...]
 
@@ -224,21 +216,21 @@ def write_loop(loop: Loop, folder: Path) -> str:
     record = record_of(loop)
     words = {name: np.array(getattr(record, name), dtype=np.str_) for name in TEXTS}
     arrays = {name: getattr(record, name) for name in ARRAYS}
-    write_atomically(folder / NAME, npz(words | arrays, compressed=True))
+    files.write_atomically(folder / NAME, files.npz(words | arrays, compressed=True))
     return NAME
 
 
 def read_loop(path: Path) -> LoopRecord:
     """The record in a file that :func:`write_loop` wrote."""
-    data = {"looked": np.zeros((0, 2)), "discs": np.zeros((0, 5)), **read_npz(path)}
-    with reading(path, "not a record of a closed loop"):
-        words: dict[str, Any] = {name: texts(data[name]) for name in TEXTS}
+    data = {"looked": np.zeros((0, 2)), "discs": np.zeros((0, 5)), **files.read_npz(path)}
+    with files.reading(path, "not a record of a closed loop"):
+        words: dict[str, Any] = {name: files.texts(data[name]) for name in TEXTS}
         cycles, fruits, decisions = (len(words[name]) for name in ("stages", "ids", "begun"))
         if not cycles or len(words["reasons"]) != decisions:
             told = f"{cycles} cycles, {decisions} decisions and {len(words['reasons'])} reasons"
             raise ValueError(f"it has {told}: must have a reason for each decision")
         sizes = {"C": cycles, "F": fruits, "D": decisions, "P": POINTS}
-        return LoopRecord(**words, **members(data, ARRAYS, sizes))
+        return LoopRecord(**words, **files.members(data, ARRAYS, sizes))
 
 
 def ellipsoids(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -94,17 +94,11 @@ def between_blades(world: World, data: Any) -> tuple[list[int], list[str]]:
     half = np.array([0.5 * blades.blade_width, 0.5 * blades.opening, blades.depth])
     pieces, fruits = [], []
     for fruit in world.fruits:
-        nodes = fruit.built.nodes
-        if len(nodes) and fruit.last >= 0:
-            first = fruit.last + 2 - len(nodes)
-            end = data.xpos[fruit.last] + data.xmat[fruit.last].reshape(3, 3) @ (
-                nodes[-1] - nodes[-2]
-            )
-            joints = np.vstack([data.xpos[first : fruit.last + 1], end])
-            for k in range(len(nodes) - 1):
-                local = (_along(joints[k : k + 2]) - point) @ turn
-                if (np.abs(local) <= half).all(axis=1).any():
-                    pieces.append(first + k)
+        joints = fruit.stem(data)
+        for k in range(len(joints) - 1):
+            local = (_along(joints[k : k + 2]) - point) @ turn
+            if (np.abs(local) <= half).all(axis=1).any():
+                pieces.append(fruit.last + 2 - len(joints) + k)
     grid = np.stack(
         np.meshgrid(*(np.linspace(-1.0, 1.0, PLACES),) * 3, indexing="ij"), axis=-1
     ).reshape(-1, 3)

@@ -211,8 +211,7 @@ def _unbroken(turns: FloatArray) -> FloatArray:
     return np.asarray(turns + (turns < turns.max(axis=1, keepdims=True) - 0.5))
 
 
-LEAF = "leaf:"
-"""Begin of the names of the geoms of leaves and petioles."""
+LEAF = "leaf:"  # Begin of the names of the geoms of leaves and petioles
 FORMS, COATS = 6, 3  # different leaves, and paintings of them, in a picture: choices
 ACROSS, ALONG = 4, 20  # faces of a leaflet: choices
 TEETH = 0.08  # depth of the teeth of its edge over its width: a choice
@@ -229,11 +228,7 @@ DEPTH = 0.05, 0.35  # [m] choice: of a leaf behind the fruits
 
 
 def leafy(spec: Any, scene: Scene, camera: Pose, rng: np.random.Generator) -> None:
-    """Add leaves to a world's ``spec``. They touch nothing and weigh nothing.
-
-    ``spec``: of MuJoCo. ``scene``: with the fruits. ``camera``: that takes the picture. ``rng``: of
-    all that is random.
-    """
+    """Add leaves to a world's ``spec`` (MuJoCo). They touch nothing and weigh nothing."""
     fruits = [item for item in scene.objects if item.stem is not None]
     if not fruits:
         return

@@ -9,9 +9,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from optipromp.core.errors import InvalidRequestError
 from optipromp.core.parameters import Checked, Parameter, parameter
 from optipromp.core.parameters import catalogue as listed
+from optipromp.core.planning.options import require
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.scenes.crops import Crop
 
@@ -20,9 +20,7 @@ from optipromp.core.scenes.crops import Crop
 class FruitParameters(Checked):
     """Fruits: objects with role target or pushable."""
 
-    density: float = parameter(
-        PUSH.beam.fruit_density, "kg/m^3", "reported", "strawberries float barely: 0.9-1.0 g/cm^3"
-    )
+    density: float = parameter(PUSH.beam.fruit_density, "kg/m^3", "reported", "0.9-1.0 g/cm^3")
     friction: float = parameter(0.4, "1", "guess", "fruit skin on plastics; 0.2-0.6 reported")
     rolling_friction: float = parameter(1e-4, "m", "guess", "of objects without a stem")
     contact_time: float = parameter(0.006, "s", "guess", "flesh gives about 1 mm at 10 N")
@@ -33,41 +31,27 @@ class StemParameters(Checked):
     """Stems: peduncles as chains of capsules with elastic ball joints."""
 
     diameter: float = parameter(PUSH.beam.diameter, "m", "reported", "2-3 mm; of the elastic beam")
-    truss_diameter: float = parameter(
-        PUSH.beam.truss_diameter, "m", "reported", "3-5 mm; of a stem that others grow from"
-    )
-    youngs_modulus: float = parameter(
-        PUSH.beam.youngs_modulus, "Pa", "guess", "green stems: some 10 to some 100 MPa reported"
-    )
+    truss_diameter: float = parameter(PUSH.beam.truss_diameter, "m", "reported", "3-5 mm")
+    youngs_modulus: float = parameter(PUSH.beam.youngs_modulus, "Pa", "guess", "10 to 100 MPa")
     density: float = parameter(1000.0, "kg/m^3", "guess", "turgid green tissue: mostly water")
     # A stem that its scene shows off the vertical holds its fruit there: it is as stiff as this
     # turn implies, where its modulus alone would need more turn to have grown in
-    grown_turn: float = parameter(
-        PUSH.beam.grown_turn, "rad", "guess", "how far a stem turns, root to tip, once unloaded"
-    )
-    damping_time: float = parameter(
-        0.06, "s", "guess", "damping over stiffness (Kelvin-Voigt): swings die in a second"
-    )
+    grown_turn: float = parameter(PUSH.beam.grown_turn, "rad", "guess", "root to tip, if unloaded")
+    damping_time: float = parameter(0.06, "s", "guess", "damping over stiffness (Kelvin-Voigt)")
     swing_damping: float = parameter(2e-4, "N m s/rad", "guess", "at the root: leaves brake it")
     damping_ratio: float = parameter(
         0.0, "1", "choice", "of a fruit's swing, in place of both dampings; 0: those hold"
     )
-    bow_least: float = parameter(
-        PUSH.beam.bow_least, "1", "guess", "of a straight stem's middle off its line, over length"
-    )
+    bow_least: float = parameter(PUSH.beam.bow_least, "1", "guess", "of a straight stem's middle")
     bow_most: float = parameter(PUSH.beam.bow_most, "1", "guess", "drawn evenly between both")
     segment_length: float = parameter(0.025, "m", "choice", "of one capsule of the chain")
     least_segments: int = parameter(3, "1", "choice", "of the shortest stem")
     most_segments: int = parameter(10, "1", "choice", "of the longest stem")
     armature: float = parameter(2e-6, "kg m^2", "choice", "of each joint; stems are stable without")
     friction: float = parameter(0.3, "1", "guess", "green stem on plastics")
-    abscission_force: float = parameter(
-        5.0, "N", "reported", "pull along the stem that tears a fruit off; less if ripe or across"
-    )
+    abscission_force: float = parameter(5.0, "N", "reported", "pull that tears a fruit off")
 
-    calyx: Literal["rigid", "free"] = parameter(
-        "rigid", "", "choice", "whether the fruit turns with the end of its stem"
-    )
+    calyx: Literal["rigid", "free"] = parameter("rigid", "", "choice", "rigid: turns with the stem")
     truss_force: float = parameter(15.0, "N", "guess", "of all its fruits: three times one")
 
     def bending_stiffness(self, diameter: float) -> float:
@@ -79,17 +63,12 @@ class StemParameters(Checked):
 class ThingParameters(Checked):
     """Objects without stems (cans, boxes on a shelf), static objects, neighbouring clusters."""
 
-    density: float = parameter(
-        PUSH.plane.density, "kg/m^3", "guess", "objects without stem or mass: part-filled packs"
-    )
+    density: float = parameter(PUSH.plane.density, "kg/m^3", "guess", "part-filled packs")
     friction: float = parameter(PUSH.plane.friction, "1", "guess", "packs, shelf and tool")
     contact_time: float = parameter(0.004, "s", "choice", "time constant of hard contacts")
-    avoid_as: Literal["soft", "fruits"] = parameter(
-        "soft", "", "choice", "a neighbouring cluster yields as a solid, or is fruits on stems"
-    )
-    cluster_stiffness: float = parameter(
-        200.0, "1/s^2", "guess", "of a soft cluster, per pressing mass"
-    )
+    # a neighbouring cluster yields as a solid, or is fruits on stems
+    avoid_as: Literal["soft", "fruits"] = parameter("soft", "", "choice", "what a cluster is")
+    cluster_stiffness: float = parameter(200.0, "1/s^2", "guess", "of a soft one, by pressing mass")
     cluster_fruits: int = parameter(6, "1", "guess", "fruits of a real neighbouring cluster")
     cluster_stem: float = parameter(0.15, "m", "guess", "length of the stems of a real cluster")
 
@@ -137,9 +116,8 @@ class DisturbanceParameters(Checked):
     sway_frequency: float = parameter(0.3, "Hz", "choice", "lowest: gutter or row as a whole")
     sway_fastest: float = parameter(1.6, "Hz", "choice", "highest: a fruit on 10 cm of stem")
     sway_modes: int = parameter(3, "1", "choice", "harmonic motions that the sway is the sum of")
-    sway_of: Literal["gutter", "roots"] = parameter(
-        "gutter", "", "choice", "roots move alike (gutter), or with phases of their own (roots)"
-    )
+    # roots move alike (gutter), or with phases of their own (roots)
+    sway_of: Literal["gutter", "roots"] = parameter("gutter", "", "choice", "what sways as one")
     gust: float = parameter(0.0, "1", "choice", "share by which the amplitude falls and rises")
     shift: float = parameter(0.0, "m", "choice", "horizontal, from the scene's fruits to the true")
     lower: float = parameter(0.0, "m", "choice", "likewise, downwards")
@@ -164,15 +142,11 @@ class Thresholds(Checked):
     avoid_force: float = parameter(0.5, "N", "choice", "of a cluster by a link but the last")
     stem_force: float = parameter(PUSH.harm.stem_force, "N", "choice", "pressed harder: caught")
     stem_time: float = parameter(0.05, "s", "choice", "and for longer than this")
-    fruit_force: float = parameter(
-        10.0, "N", "reported", "harvesting papers grip with less, so as not to bruise"
-    )
+    fruit_force: float = parameter(10.0, "N", "reported", "papers grip with less, not to bruise")
     inside_margin: float = parameter(0.0, "m", "choice", "of the target's centre below the rim")
     tracking_error: float = parameter(0.02, "m", "choice", "beyond it something stopped the arm")
     placed: float = parameter(0.02, "m", "choice", "largest error of a fruit's place")
-    rest_time: float = parameter(
-        0.3, "s", "choice", "of the target in the tool without a break, up to the end"
-    )
+    rest_time: float = parameter(0.3, "s", "choice", "of the target in the tool, up to the end")
 
 
 @dataclass(frozen=True)
@@ -189,43 +163,26 @@ class SimulationParameters:
     thresholds: Thresholds = field(default_factory=Thresholds)
 
     def __post_init__(self) -> None:
-        def positive(name: str, value: float) -> None:
-            if not value > 0:
-                raise InvalidRequestError(f"{name} is {value}; it must be above 0")
-
-        positive("engine.timestep", self.engine.timestep)
-        positive("control.speed", self.control.speed)
-        positive("control.rate", self.control.rate)
-        positive("stem.segment_length", self.stem.segment_length)
-        positive("stem.least_segments", self.stem.least_segments)
-        if self.stem.most_segments < self.stem.least_segments:
-            raise InvalidRequestError(
-                f"stem.most_segments is {self.stem.most_segments}, below stem.least_segments, "
-                f"{self.stem.least_segments}"
-            )
-        if not 0.0 <= self.stem.bow_least <= self.stem.bow_most <= 0.2:
-            raise InvalidRequestError(
-                f"stem.bow_least is {self.stem.bow_least} and stem.bow_most {self.stem.bow_most}; "
-                "valid: 0 <= least <= most <= 0.2"
-            )
-        d = self.disturbance
-        positive("disturbance.sway_frequency", d.sway_frequency)
-        positive("disturbance.sway_modes", d.sway_modes)
-        if d.sway_fastest < d.sway_frequency:
-            raise InvalidRequestError(
-                f"disturbance.sway_fastest is {d.sway_fastest}, below disturbance.sway_frequency, "
-                f"{d.sway_frequency}"
-            )
-        if d.gust > 1.0:
-            raise InvalidRequestError(f"disturbance.gust is {d.gust}; it must be at most 1")
-        if d.sway_of not in ("gutter", "roots"):
-            raise InvalidRequestError(f"disturbance.sway_of is {d.sway_of!r}; valid: gutter, roots")
-        if self.stem.calyx not in ("rigid", "free"):
-            raise InvalidRequestError(f"stem.calyx is {self.stem.calyx!r}; valid: rigid, free")
-        if self.thing.avoid_as not in ("soft", "fruits"):
-            raise InvalidRequestError(
-                f"thing.avoid_as is {self.thing.avoid_as!r}; valid: soft, fruits"
-            )
+        stem, d = self.stem, self.disturbance
+        bowed = 0.0 <= stem.bow_least <= stem.bow_most <= 0.2
+        most, fastest = stem.most_segments, d.sway_fastest
+        for group, name, ok, wanted in (
+            ("engine", "timestep", self.engine.timestep > 0, "above 0"),
+            ("control", "speed", self.control.speed > 0, "above 0"),
+            ("control", "rate", self.control.rate > 0, "above 0"),
+            ("stem", "segment_length", stem.segment_length > 0, "above 0"),
+            ("stem", "least_segments", stem.least_segments > 0, "above 0"),
+            ("stem", "most_segments", most >= stem.least_segments, "least_segments or more"),
+            ("stem", "bow_least", bowed, "in 0 <= bow_least <= bow_most <= 0.2"),
+            ("stem", "calyx", stem.calyx in ("rigid", "free"), "rigid or free"),
+            ("thing", "avoid_as", self.thing.avoid_as in ("soft", "fruits"), "soft or fruits"),
+            ("disturbance", "sway_frequency", d.sway_frequency > 0, "above 0"),
+            ("disturbance", "sway_modes", d.sway_modes > 0, "above 0"),
+            ("disturbance", "sway_fastest", fastest >= d.sway_frequency, "sway_frequency or more"),
+            ("disturbance", "gust", d.gust <= 1.0, "at most 1"),
+            ("disturbance", "sway_of", d.sway_of in ("gutter", "roots"), "gutter or roots"),
+        ):
+            require(getattr(self, group), f"{group}.", ok, name, wanted)
 
 
 def of_crop(parameters: SimulationParameters, crop: Crop | None) -> SimulationParameters:

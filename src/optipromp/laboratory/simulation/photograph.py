@@ -21,12 +21,12 @@ from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.laboratory.simulation.detector_parameters import MOUNTS, DetectorParameters
 from optipromp.laboratory.simulation.painting import LEAF, furnished, leafy
 from optipromp.laboratory.simulation.parameters import SimulationParameters
-from optipromp.laboratory.simulation.sight import hand_pose, standing_pose, tool_frame
+from optipromp.laboratory.simulation.sight import hand_pose, standing_pose
 from optipromp.laboratory.simulation.simulation import Simulation
 from optipromp.laboratory.simulation.stereo import StereoParameters, sensed
 from optipromp.laboratory.simulation.studio import EYE, Studio
 from optipromp.laboratory.simulation.world import CLUSTER_FRUIT_RADIUS, World, build
-from optipromp.perception.pictures import CameraModel, DepthPicture, Image8
+from optipromp.perception.pictures import CameraModel, DepthPicture, Image8, tool_frame
 
 Kind = Literal["ripe", "unripe", "calyx", "stem", "leaf", "static", "other"]
 Looks = Literal["plain", "rich"]

@@ -24,18 +24,6 @@ STEEP = math.sqrt(0.5)  # sine of the least inclination of a steep approach: a c
 LEAF = 0.002  # [m] thickness: a choice
 
 
-def tool_frame(robot: Robot, q: FloatArray) -> Pose:
-    """The tool axes at the tool point, in the base frame, at ``q`` (n,)."""
-    origins, rotations = robot.segment_frames(q)
-    turn, origin = rotations[-1], origins[-1]
-    axes = (
-        frame_along(robot.tool_axis)
-        if robot.tool is None
-        else robot.flange_rotation @ robot.tool.rotation
-    )
-    return Pose(origin + turn @ robot.tool_point, turn @ axes)
-
-
 def hand_pose(robot: Robot, parameters: DetectorParameters) -> Pose:
     """The hand camera in the tool axes at the tool point.
 

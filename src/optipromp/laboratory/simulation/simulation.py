@@ -192,7 +192,7 @@ class Simulation:
 
     def _first_record(self) -> None:
         if not self._run.records:
-            self._run.begin(self._run.at.q.copy())
+            self._run.begin(self._run.q.copy())
 
     def follow(self, motion: Trajectory) -> tuple[Rollout, Outcome]:
         """Execute a motion that begins where the arm is, and judge all that happened so far.
@@ -233,8 +233,9 @@ class Simulation:
 
     def state(self) -> State:
         """Measured positions and velocities of the joints; the acceleration is the reference's."""
-        drives, at = self._world.drives, self._run.at
-        q, velocity = drives.joints(at.q[None])[0], drives.joints(at.velocity[None], rates=True)[0]
+        drives, run = self._world.drives, self._run
+        q = drives.joints(run.q[None])[0]
+        velocity = drives.joints(run.velocity[None], rates=True)[0]
         return State(q, velocity, self.reference.acceleration)
 
     def fruits(self) -> FruitStates:
@@ -261,16 +262,7 @@ class Simulation:
         now = self._scratch
         now.qpos[:] = self._run.data.qpos
         mujoco.mj_kinematics(model, now)
-        out = []
-        for fruit in self._world.shown:
-            nodes, last = fruit.built.nodes, fruit.last
-            if last < 0:
-                out.append(frozen(np.zeros((0, 3))))
-                continue
-            joints = now.xpos[last + 2 - len(nodes) : last + 1]
-            end = joints[-1] + now.xmat[last].reshape(3, 3) @ (nodes[-1] - nodes[-2])
-            out.append(frozen(np.vstack([joints, end])))
-        return tuple(out)
+        return tuple(frozen(fruit.stem(now)) for fruit in self._world.shown)
 
     def contacts(self) -> tuple[Touch, ...]:
         """The contact points of the last step."""

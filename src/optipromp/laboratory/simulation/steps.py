@@ -3,11 +3,11 @@
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, NamedTuple, Self
+from typing import Any
 
 import numpy as np
 
-from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frozen
+from optipromp.core.arrays import BoolArray, FloatArray, frozen
 from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.simulation.arm import GUARD
 from optipromp.laboratory.simulation.contacts import ContactLog, is_sound, pressing
@@ -103,7 +103,11 @@ class Execution:
         self.waiting: deque[tuple[FloatArray, ...]] = deque()
         self.gains = (p.control.frequency**2, 2.0 * p.control.damping_ratio * p.control.frequency)
         n = world.robot.n_segments
-        self.at = _Views.of(self.data, n)
+        # views of MuJoCo's data that every step reads or writes; from ``q`` on, the robot's alone
+        data = self.data
+        self.warned, self.positions, self.velocities = data.warning.number, data.qpos, data.qvel
+        self.q, self.velocity = data.qpos[:n], data.qvel[:n]
+        self.bias, self.applied = data.qfrc_bias[:n], data.qfrc_applied[:n]
         self.wanted, self.inertial = np.zeros((2, self.model.nv))
         self.torque, self.most_asked, self.worst_error = np.zeros((3, n))
         self.records: list[tuple[Any, ...]] = []
@@ -179,10 +183,10 @@ class Execution:
             if self.breaks > 0.0:
                 self._break_stem()
         self.mujoco.mj_step2(self.model, self.data)
-        if not is_sound(self.at.warnings, self.at.positions, self.at.velocities):
+        if not is_sound(self.warned, self.positions, self.velocities):
             self.warnings = self._warnings()
             return False
-        np.maximum(self.worst_error, np.abs(after - self.at.q), out=self.worst_error)
+        np.maximum(self.worst_error, np.abs(after - self.q), out=self.worst_error)
         self.log.add(self.data)
         self.stems.tear(self.data)
         self.steps += 1
@@ -202,20 +206,20 @@ class Execution:
         return first, np.zeros_like(first), np.zeros_like(first), first
 
     def _control(self, q: FloatArray, rate: FloatArray, acceleration: FloatArray) -> None:
-        at, n = self.at, len(q)
+        n = len(q)
         stiffness, damping = self.gains
-        self.wanted[:n] = acceleration + stiffness * (q - at.q) + damping * (rate - at.velocity)
+        self.wanted[:n] = acceleration + stiffness * (q - self.q) + damping * (rate - self.velocity)
         self.mujoco.mj_mulM(self.model, self.data, self.inertial, self.wanted)
-        asked = self.inertial[:n] + at.bias
+        asked = self.inertial[:n] + self.bias
         limit = self.world.drives.torque
         self.torque = np.minimum(np.maximum(asked, -limit), limit)
         np.maximum(self.most_asked, np.abs(asked), out=self.most_asked)
-        at.applied[:] = self.torque
+        self.applied[:] = self.torque
 
     def _break_stem(self) -> None:
         """Cut the target's stem once the tool point is within ``breaks`` of the target."""
         drives, robot = self.world.drives, self.world.robot
-        point = robot.tool_pose(drives.joints(self.at.q[None])[0])[0]
+        point = robot.tool_pose(drives.joints(self.q[None])[0])[0]
         target = next((fruit for fruit in self.world.shown if fruit.role == "target"), None)
         if target is None:
             self.breaks = 0.0
@@ -243,7 +247,7 @@ class Execution:
         on_stems = forces[self.stem_entities][:, self.robot_entities].max(axis=1)
         self.records.append(
             (
-                data.time, data.qpos.copy(), self.at.velocity.copy(), self.torque, q,
+                data.time, data.qpos.copy(), self.velocity.copy(), self.torque, q,
                 [f.weld >= 0 and bool(data.eq_active[f.weld]) for f in self.world.shown],
                 forces[self.fruit_entities].max(axis=1),
                 np.where(self.stem_entities >= 0, on_stems, 0.0),
@@ -290,25 +294,6 @@ class Execution:
             tracking_error=float(np.linalg.norm(points - goals, axis=1).max()),
             joint_error=float(np.max(self.worst_error, initial=0.0)),
             cut=self.cut,
-        )  # fmt: skip
-
-
-class _Views(NamedTuple):
-    """Views of MuJoCo's data that every step reads or writes; from ``q`` on, the robot's alone."""
-
-    warnings: IntArray
-    positions: FloatArray
-    velocities: FloatArray
-    q: FloatArray
-    velocity: FloatArray
-    bias: FloatArray
-    applied: FloatArray
-
-    @classmethod
-    def of(cls, data: Any, count: int) -> Self:
-        return cls(
-            data.warning.number, data.qpos, data.qvel, data.qpos[:count], data.qvel[:count],
-            data.qfrc_bias[:count], data.qfrc_applied[:count],
         )  # fmt: skip
 
 

@@ -14,13 +14,9 @@ class StereoParameters(Checked):
     """Errors of a stereo camera of short range on a hand."""
 
     baseline: float = parameter(0.018, "m", "published", "imagers of a RealSense D405 (sheet)")
-    subpixel: float = parameter(
-        0.08, "pixel", "published", "deviation of the disparity, of a tuned RealSense (Intel)"
-    )
+    subpixel: float = parameter(0.08, "pixel", "published", "of the disparity; tuned (Intel)")
     window: float = parameter(1.5, "pixel", "guess", "deviation of the noise's filter")
-    scale: float = parameter(
-        0.005, "1", "guess", "deviation of depth over depth; the D405's sheet: < 0.02 at 0.5 m"
-    )
+    scale: float = parameter(0.005, "1", "guess", "of depth; sheet of the D405: < 0.02 at 0.5 m")
     ragged: float = parameter(1.0, "pixel", "guess", "deviation of an edge's place, each axis")
     step: float = parameter(0.015, "m", "choice", "least step of depth that is an edge")
     edge_holes: float = parameter(0.3, "1", "guess", "share of pixels at edges without a depth")

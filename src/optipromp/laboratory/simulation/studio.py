@@ -17,8 +17,7 @@ from optipromp.laboratory.simulation.world import FLOOR, World
 from optipromp.looks.appearance import Part, arm_parts, object_parts, scenery
 from optipromp.perception.pictures import CameraModel, Image8
 
-EYE = "eye"
-"""Name of the camera of photographs in MuJoCo's model."""
+EYE = "eye"  # Name of the camera of photographs in MuJoCo's model
 
 SHOWN, HIDDEN = 2, 4  # MuJoCo's groups of geoms; of these, pictures show the first
 GLOSS = {"target": (0.7, 0.6), "pushable": (0.5, 0.5), "floor": (0.0, 0.0)}  # specular, shininess

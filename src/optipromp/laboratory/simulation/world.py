@@ -29,8 +29,7 @@ from optipromp.laboratory.simulation.parameters import SimulationParameters, of_
 
 STATIC_COLOUR = (0.62, 0.60, 0.57, 1.0)
 AVOID_COLOUR = (0.35, 0.60, 0.30, 0.35)
-FLOOR = "floor"
-"""Name of the plane on which fallen fruits come to rest."""
+FLOOR = "floor"  # Name of the plane on which fallen fruits come to rest
 FLOOR_DEPTH = 0.5  # [m] of the floor below the base and every object, so that none touches it
 SKY = (0.97, 0.95, 0.91), (0.86, 0.79, 0.68)  # warm: cups are pale blue; photographs paint theirs
 PICTURE = 1280, 960  # [pixel] largest off-screen picture
@@ -64,6 +63,16 @@ class Fruit:
     dofs: slice
     last: int
     along: FloatArray
+
+    def stem(self, data: Any) -> FloatArray:
+        """The joints and the end (N+1, 3) of its stem in MuJoCo's ``data``, root first [m]; (0, 3)
+        without a stem."""
+        nodes, last = self.built.nodes, self.last
+        if last < 0:
+            return np.zeros((0, 3))
+        joints = data.xpos[last + 2 - len(nodes) : last + 1]
+        end = joints[-1] + data.xmat[last].reshape(3, 3) @ (nodes[-1] - nodes[-2])
+        return np.vstack([joints, end])
 
 
 class Root(NamedTuple):
@@ -204,15 +213,19 @@ class _Draft:
         self.spec = self._options()
         add_robot(self.spec, robot, parameters, 0)
         self.trusses = trusses_of(scene.objects, parameters, scene.up)
+        p, k = parameters.thing, parameters.thing.cluster_stiffness
         for obj in parents_first(scene.objects):
             if obj.role in ("target", "pushable"):
                 self._fruit(obj)
             elif obj.role == "static":
-                self._static(obj)
-            elif parameters.thing.avoid_as == "soft":
-                self._soft(obj)
+                rough = [obj.physical.get("friction", p.friction), 0.005, 1e-4]
+                solref = [p.contact_time, 1.0]
+                self._solid(obj, rgba=STATIC_COLOUR, friction=rough, solref=solref)
+            elif p.avoid_as == "soft":
+                rough, solref = [0.1, 0.005, 1e-4], [-k, -2.0 * np.sqrt(k)]
+                self._solid(obj, rgba=AVOID_COLOUR, friction=rough, priority=1, solref=solref)
         add_grip(self.spec, scene, robot)
-        if parameters.thing.avoid_as == "fruits":
+        if p.avoid_as == "fruits":
             rng = np.random.default_rng(seed)
             for obj in scene.avoid:
                 self._cluster(obj, rng)
@@ -272,26 +285,14 @@ class _Draft:
         )  # fmt: skip
         self.fruits.append((obj, built, entity, stem))
 
-    def _static(self, obj: SceneObject) -> None:
-        p = self.parameters.thing
-        moves = obj.course is not None
-        body = self.spec.worldbody.add_body(name=f"static:{obj.id}", mocap=moves)
+    def _solid(self, obj: SceneObject, **surface: Any) -> None:
+        """A static object, or a neighbouring cluster that yields as a solid."""
+        kind: Any = obj.role
+        body = self.spec.worldbody.add_body(name=f"{kind}:{obj.id}", mocap=obj.course is not None)
+        entity = float(self._entity(kind, obj.id))
         add_shape(
-            self.spec, body, obj.shape, f"static:{obj.id}", obj.rotation, obj.position,
-            rgba=STATIC_COLOUR, friction=[obj.physical.get("friction", p.friction), 0.005, 1e-4],
-            solref=[p.contact_time, 1.0], condim=3,
-            userdata=[float(self._entity("static", obj.id))], **layers("static"),
-        )  # fmt: skip
-
-    def _soft(self, obj: SceneObject) -> None:
-        k = self.parameters.thing.cluster_stiffness
-        moves = obj.course is not None
-        body = self.spec.worldbody.add_body(name=f"avoid:{obj.id}", mocap=moves)
-        add_shape(
-            self.spec, body, obj.shape, f"avoid:{obj.id}", obj.rotation, obj.position,
-            rgba=AVOID_COLOUR, friction=[0.1, 0.005, 1e-4], condim=3, priority=1,
-            solref=[-k, -2.0 * np.sqrt(k)],
-            userdata=[float(self._entity("avoid", obj.id))], **layers("avoid"),
+            self.spec, body, obj.shape, f"{kind}:{obj.id}", obj.rotation, obj.position, condim=3,
+            userdata=[entity], **layers(kind), **surface,
         )  # fmt: skip
 
     def _cluster(self, obj: SceneObject, rng: np.random.Generator) -> None:

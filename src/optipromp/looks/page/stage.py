@@ -22,13 +22,7 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import load_scene, scene_from_dict, scene_names
 from optipromp.core.scenes.scene import Scene
 from optipromp.laboratory.experiments.rows import ROWS
-from optipromp.laboratory.simulation.files import (
-    NAME,
-    LoopRecord,
-    ellipsoids,
-    read_loop,
-    read_parameters,
-)
+from optipromp.laboratory.simulation import files
 from optipromp.laboratory.simulation.parameters import SimulationParameters
 from optipromp.looks.appearance.scene import rgb
 from optipromp.looks.page.content import GREEN_AT, RED_AT, Bundle, Clearances, between
@@ -211,7 +205,7 @@ class PlanNodes(Nodes):
     def tracks(self, places: FloatArray, covariance: FloatArray, confirmed: BoolArray) -> None:
         """Show ellipsoids of two standard deviations at places (k, 3) [m] by covariances (k, 3, 3)
         [m²]; those not confirmed are grey."""
-        half, turns = ellipsoids(covariance)
+        half, turns = files.ellipsoids(covariance)
         turned = Rotation.from_matrix(turns).as_quat(scalar_first=True) if len(turns) else turns
         node = self._shown.get("tracks|all")
         if node is not None and len(node.batched_positions) != len(places):
@@ -321,10 +315,8 @@ def direction(scene: Scene) -> FloatArray:
 
 
 def free(width: int, height: int, fov: float) -> FloatArray:
-    """Edges (2, 2) of the free part of a picture, right and up: tangents of angles to the axis.
-
-    ``width``, ``height``: of the picture [pixel]. ``fov``: angle of the whole height [rad].
-    """
+    """Edges (2, 2) of the free part of a picture [pixel], right and up: tangents of angles to the
+    axis. ``fov``: angle of the whole height [rad]."""
     low, high = np.array([-1.0, -1.0]), np.array([1.0, 1.0])
     if width <= NARROW:
         low[1] += 2.0 * SHEET
@@ -343,8 +335,7 @@ def framed(
     camera and the edges. These conditions are linear in the camera's position, so the nearest
     position along ``away`` is exact.
 
-    ``away``, ``up``: (3,) unit vectors from the balls (k) to the camera, and upright in the
-    picture. ``edges``: (2, 2) of :func:`free`.
+    ``away``, ``up``: (3,) unit vectors from the balls to the camera, and upright in the picture.
     """
     forward = -away
     right = np.cross(forward, up)
@@ -377,7 +368,7 @@ class Replay:
     success: bool  # whether the target alone was picked and nothing was harmed
     message: str  # of the outcome
     parameters: SimulationParameters  # of the physics
-    record: LoopRecord | None = None  # of the controller; None: executed without looking
+    record: files.LoopRecord | None = None  # of the controller; None: executed without looking
 
     @property
     def duration(self) -> float:
@@ -409,7 +400,7 @@ class Replay:
             told = [self._thought(stage, self.record, now), *told]
         return "  \n".join(filter(None, told))
 
-    def _thought(self, stage: PlanNodes, record: LoopRecord, now: float) -> str:
+    def _thought(self, stage: PlanNodes, record: files.LoopRecord, now: float) -> str:
         """Show tracks and path ahead; returns the stage, and why it began, in words."""
         row = record.row(now)
         stage.tracks(*record.tracks(row))
@@ -435,12 +426,12 @@ def load_replay(folder: Path) -> Replay:
         robot = posed(scene)[0]
         if arrays["contacts"].shape[1] != 9 or arrays["q"].shape[1] != robot.n_joints:
             raise InvalidRequestError(f"{folder}: its arrays do not fit its scene")
-        record = read_loop(folder / NAME) if is_file(folder / NAME) else None
+        record = files.read_loop(folder / files.NAME) if is_file(folder / files.NAME) else None
         if record is not None and not record.belongs(arrays):  # of an earlier run
             record = None
         return Replay(folder.name, scene, robot, int(outcome["seed"]), arrays,
                       bool(outcome["success"]), str(outcome["message"]),
-                      read_parameters(outcome), record)  # fmt: skip
+                      files.read_parameters(outcome), record)  # fmt: skip
 
 
 def execute(plan: Plan, name: str) -> Replay:
@@ -464,10 +455,8 @@ class Source:
 
 
 def open_source(item: str, beside: str | None = None) -> Source:
-    """The source in a scene file, a built-in scene, or a folder of a plan or a rollout.
-
-    ``item``: name or path. ``beside``: a second folder of a rollout, replayed beside the first.
-    """
+    """The source in a scene file, a built-in scene, or a folder of a plan or a rollout; and a
+    second folder of a rollout, which is replayed ``beside`` the first."""
     folder = Path(item)
     replays = tuple(
         load_replay(Path(name))

@@ -33,10 +33,7 @@ _NEEDLE = "#222222"
 
 
 class Plots:
-    """Charts in a container of their own.
-
-    ``gui``: of a client; the charts stay in the container that is current now.
-    """
+    """Charts of a client, in the container of its ``gui`` that is current now."""
 
     def __init__(self, gui: Any) -> None:
         self.gui, self.place = gui, gui.add_folder("over the plan")

@@ -250,10 +250,8 @@ def _tolerant(handler: Handler) -> Handler:
 
 
 def is_own(origin: str | None, asked: str, host: str) -> bool:
-    """Whether a request comes from the page that listens at ``host``, or from no browser.
-
-    ``origin``, ``asked``: the request's headers ``Origin`` and ``Host``.
-    """
+    """Whether a request comes from the page that listens at ``host``, or from no browser; by its
+    headers ``Origin`` and ``Host`` (``asked``)."""
     try:
         name = urlsplit(f"//{asked}").hostname
         own = urlsplit(origin or f"//{asked}").netloc.lower() == asked.lower()

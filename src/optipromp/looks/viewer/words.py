@@ -75,7 +75,7 @@ def seconds(value: float) -> str:
     return f"{1e3 * value:.0f} ms" if value < 1.0 else f"{value:.1f} s"
 
 
-WORDS: Mapping[Code, str] = {
+WORDS: Mapping[Code, str] = {  # Each code as a clause that can begin a sentence
     Code.SUCCESS: "this plan works",
     Code.INVALID_ROBOT: "the robot cannot be used",
     Code.INVALID_SCENE: "the scene cannot be used",
@@ -91,7 +91,6 @@ WORDS: Mapping[Code, str] = {
     Code.TIMEOUT: "the time ran out",
     Code.EXECUTION_FAILED: "the arm did not do it",
 }
-"""Each code as a clause that can begin a sentence."""
 
 MOST = 4  # passed fruits that are told one by one: a choice
 PUSHED = 1e-3  # [m] an object that moves by less is not told as pushed: a choice
@@ -121,10 +120,8 @@ def complaint(found: "Plan | OptiPrompError") -> str:
 
 
 def sentences(plan: "Plan", shifts: Mapping[str, float]) -> tuple[str, ...]:
-    """What the motion of a success does, one fact a sentence: its end, passings, clearances.
-
-    ``shifts``: predicted pushes of objects by id [m].
-    """
+    """What the motion of a success does, one fact a sentence: its end, passings, clearances; with
+    the predicted pushes of objects by id [m], ``shifts``."""
     m = plan.metrics
     end = "the target" if plan.scene.target is not None else "its goal"
     told = [f"Reaches {end} in {m.duration:.1f} s."]

@@ -1,15 +1,26 @@
-"""Pictures with truth as COCO (https://cocodataset.org/#format-data): masks, boxes, key points."""
+"""Pictures with truth as COCO (https://cocodataset.org/#format-data): masks, boxes, key points.
 
+    optipromp render --preset wild --seeds 70000:70010 --out pictures
+    python scripts/coco.py pictures
+
+writes pictures/annotations.json about all pictures of the folder.
+"""
+
+import argparse
+import json
 import math
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from optipromp import load_scene
 from optipromp.core.arrays import BoolArray, FloatArray
+from optipromp.core.files import write_together
 from optipromp.laboratory.simulation.photograph import FRUITS, Kind, Marked, Photograph
-from optipromp.perception.pictures import ENDS, DepthPicture
+from optipromp.perception.pictures import ENDS, DepthPicture, load_picture, read_pixels
 
 FILE = "annotations.json"
 KEYS = "tip", "top", "root"
@@ -107,3 +118,39 @@ def _key_points(keys: FloatArray, own: BoolArray) -> dict[str, Any]:
         seen = own[rows, columns].any()
         told += [round(x, 2), round(y, 2), 1 + int(seen)]
     return {"keypoints": told, "num_keypoints": sum(v > 0 for v in told[2::3])}
+
+
+def photographs(folder: Path) -> list[Labels]:
+    """The records of all pictures that ``optipromp render`` left in a folder, by name."""
+    out = []
+    for path in sorted(folder.glob("*.masks.json")):
+        name = path.name.removesuffix(".masks.json")
+        picture = load_picture(*(folder / (name + end) for end in ENDS))
+        marked = tuple(
+            Marked(each["id"], each["kind"], each.get("visible", math.nan))
+            for each in json.loads(path.read_text(encoding="utf-8"))
+        )
+        scene = load_scene(folder / f"{name}.yaml")
+        fruits = {item.id: item for item in scene.objects}
+        masks = read_pixels(folder / f"{name}.masks.png", "L")
+        out.append(record(name, Photograph(picture, picture.depth, masks, marked, scene, fruits)))
+    return out
+
+
+def write(folder: Path, labels: Iterable[Labels]) -> None:
+    """Write the document of pictures into a folder."""
+    write_together(folder, {FILE: json.dumps(document(labels), separators=(",", ":")).encode()})
+
+
+def main() -> None:
+    """Write the annotations of the pictures of a folder."""
+    ask = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    ask.add_argument("folder", type=Path, metavar="DIR", help="that optipromp render wrote")
+    folder = ask.parse_args().folder
+    labels = photographs(folder)
+    write(folder, labels)
+    print(f"wrote {FILE} about {len(labels)} pictures to {folder}")
+
+
+if __name__ == "__main__":
+    main()
