@@ -12,6 +12,7 @@ import math
 import time as wall
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -50,6 +51,7 @@ from optipromp.core.planning.task import posed
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.core.scenes.trusses import rooted
 from optipromp.core.trajectory import State
 
 
@@ -58,8 +60,8 @@ class LoopStage(StrEnum):
 
     LOOK = "look"  # it stands and looks, or plans
     GO = "go"  # the tool follows a plan, moved with the plant
-    RETREAT = "retreat"  # the tool goes back along its path
-    DONE = "done"  # the tool is at the target
+    RETREAT = "retreat"  # the tool leaves, with the target or without
+    DONE = "done"  # the tool is at the target, or outside with it
     GAVE_UP = "gave_up"  # the tool stands away from the fruits
 
 
@@ -118,8 +120,11 @@ class Controller:
         servo: whether the tool follows the plant from the camera point on, and the push under way
             is predicted again; False: the plan made at the camera point is executed blind.
         real_time: whether a cycle's share of a search is cut by the clock as well as by its steps.
+        leave: whether the pick ends outside of the plant: at the target the tool searches the way
+            out of least harm with what it holds, and follows the plant on that way.
 
     Attributes:
+        holding: whether the tool leaves with the target, from when on its executor may grip.
         stage: what the controller does now.
         events: all decisions so far.
         noticed: what was noticed of the camera and of the target, each in the stage that it was in.
@@ -138,6 +143,7 @@ class Controller:
         parameters: LoopParameters = CONTROL,
         servo: bool = True,
         real_time: bool = False,
+        leave: bool = False,
     ) -> None:
         if moving := [item.id for item, _ in scene.movers if item.role != "pushable"]:
             told = "a closed loop follows fruits alone; leave the motion out, or plan without one"
@@ -145,6 +151,7 @@ class Controller:
         compile_once()
         self.robot, state = posed(scene, robot)
         self.seed, self.parameters, self.servo = seed, parameters, servo
+        self.holding, self._leave = False, leave and self.robot.tool is not None
         self.scene = scene = tracked_at_most(scene, TrackerParameters.most)
         known = [item for item in scene.objects if item.role in ("target", "pushable")]
         self._camera = CameraWatch(self.robot, parameters)
@@ -383,6 +390,17 @@ class Controller:
         if phase >= route.duration + p.hold:
             if outside(self.robot, drive.state(now).q, tracked):
                 return self._retreat(now, route.duration, "the target is not inside")
+            if self._leave:
+                self.holding = True
+                q = self._passed(route, route.duration)
+                self._enter(LoopStage.RETREAT, now, "out with the target")
+                self._job = _Job(Sliced(partial(ways_out, route.plan, q, True)), 1.0)
+                # what is held moves with the tool, and no longer with the plant
+                others = [item for item in route.scene.objects if item.role != "target"]
+                drive.route = replace(
+                    route, scene=replace(route.scene, objects=rooted(others), goal=drive.still.goal)
+                )
+                return drive.go_on(now, tracked)
             self._enter(LoopStage.DONE, now, "at the target")
             return drive.brake(begins)
         if self._at_camera and self.servo:
@@ -402,15 +420,18 @@ class Controller:
         route = drive.route
         assert route is not None
         if self._job is not None:
-            ways = self._worked() if drive.rests(now) else None
+            ways = self._worked() if self.holding or drive.rests(now) else None
             for q in ways or ():
                 back = path_back(self.robot, q, self.parameters.retreat_speed)
                 if drive.safe(back):
                     return drive.set_out(Route.back(self.robot, back, route.scene), now, tracked)
             if ways:
                 self._enter(LoopStage.GAVE_UP, now, "no way out is free")
-            return None
+            return drive.go_on(now, tracked) if self.holding and not ways else None
         if drive.phase(begins) >= route.duration or drive.stuck(now):
+            if self.holding:
+                self._enter(LoopStage.DONE, now, "outside with the target")
+                return drive.brake(begins)
             self._again(now, "looking again after a retreat")
             return drive.brake(begins)
         return drive.go_on(now, tracked)
@@ -470,16 +491,21 @@ class Controller:
         route = self._driver.route
         assert route is not None
         assert route.plan is not None
-        passed = route.trajectory.positions[route.trajectory.times <= phase]
-        if not self._trail:
-            passed = passed[min(route.plan.first, len(passed) - 1) :]
-        q, made = np.concatenate([*self._trail, passed]), route.plan
+        q = self._passed(route, phase)
         self._enter(LoopStage.RETREAT, now, why)
         self._driver.blind = False
         stop = self._driver.brake(now + self.parameters.lead)
         q = np.vstack([q, stop.curve.positions[-1]])
-        self._job = _Job(Sliced(lambda: ways_out(made, q)), 1.0)
+        self._job = _Job(Sliced(partial(ways_out, route.plan, q)), 1.0)
         return stop
+
+    def _passed(self, route: Route, phase: float) -> FloatArray:
+        """Configurations (k, n) of the approach until a ``phase`` of the route."""
+        assert route.plan is not None
+        passed = route.trajectory.positions[route.trajectory.times <= phase]
+        if not self._trail:
+            passed = passed[min(route.plan.first, len(passed) - 1) :]
+        return np.concatenate([*self._trail, passed])
 
     # -- the stems
 
