@@ -29,6 +29,7 @@ from optipromp.control.driver import (
     outside,
     path_back,
     pushed_by,
+    restless,
     rests_known,
     target_row,
     tracked_at_most,
@@ -321,8 +322,10 @@ class Controller:
             return None
         harm = excess_harm(made)
         enough = harm <= 1.0 or (harm < math.inf and not self._at_camera)  # it stops there
+        ahead = now + np.linspace(0.0, p.patient, 9)
+        accepted = p.accepted if restless(tracked, ahead) <= p.restless else 1.0
         if isinstance(made, OptiPrompError) or not (
-            enough or (self.tries <= 0 and harm <= p.accepted)
+            enough or (self.tries <= 0 and harm <= accepted)
         ):
             self._again(now, f"no plan: {made.message}")
             return None
@@ -424,7 +427,9 @@ class Controller:
             for q in ways or ():
                 back = path_back(self.robot, q, self.parameters.retreat_speed)
                 if drive.safe(back):
-                    return drive.set_out(Route.back(self.robot, back, route.scene), now, tracked)
+                    out = Route.back(self.robot, back, route.scene)
+                    out = replace(out, came=(route, drive.phase(now)))
+                    return drive.set_out(out, now, tracked)
             if ways:
                 self._enter(LoopStage.GAVE_UP, now, "no way out is free")
             return drive.go_on(now, tracked) if self.holding and not ways else None
@@ -494,7 +499,7 @@ class Controller:
         q = self._passed(route, phase)
         self._enter(LoopStage.RETREAT, now, why)
         self._driver.blind = False
-        stop = self._driver.brake(now + self.parameters.lead)
+        stop = self._driver.pause(now + self.parameters.lead)
         q = np.vstack([q, stop.curve.positions[-1]])
         self._job = _Job(Sliced(partial(ways_out, route.plan, q)), 1.0)
         return stop
@@ -552,7 +557,7 @@ class Controller:
     def _pushed(self, time: float) -> dict[str, FloatArray]:
         """Displacement of each fruit by the tool at a ``time`` [s], as the push model predicts."""
         route = self._driver.route
-        if route is None or route.plan is None or self.stage is not LoopStage.GO:
+        if route is None or self.stage not in (LoopStage.GO, LoopStage.RETREAT):
             return {}
         return pushed_by(route, self._driver.phase(time))
 

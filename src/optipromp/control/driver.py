@@ -18,6 +18,7 @@ from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning.result import Plan
 from optipromp.core.planning.task import posed, spaced
 from optipromp.core.planning.timing import needs, stopped
+from optipromp.core.pushing.model import PushModel
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject, Stem
@@ -58,6 +59,7 @@ class Route:
         points, axes: (T, 3) of the tool.
         weight: (T,) share of the plant's displacement.
         scene: of the plan.
+        came: of a way out, the route that it leads back from, and the time in that route.
     """
 
     robot: Robot
@@ -67,6 +69,7 @@ class Route:
     weight: FloatArray
     scene: Scene
     plan: Plan | None = None
+    came: tuple[Route, float] | None = None
 
     @classmethod
     def of(cls, plan: Plan) -> Route:
@@ -325,34 +328,51 @@ def changed(planned: Scene, tracked: Tracked) -> float:
     return float(np.linalg.norm(moved - moved.mean(axis=0), axis=1).max(initial=0.0))
 
 
+def restless(tracked: Tracked, times: FloatArray) -> float:
+    """Largest predicted displacement of a fruit from its rest at ``times`` (M,) [s], in [m]."""
+    return float(
+        np.linalg.norm(tracked.moves(times)[:, tracked.confirmed], axis=2).max(initial=0.0)
+    )
+
+
 def push_motion(route: Route, phase: float) -> tuple[FloatArray, FloatArray] | None:
     """Points and axes (P, 3) of the tool on the approach of a route until ``phase`` [s].
 
-    None before the approach, and while the tool surely touches nothing.
+    Of a way out, those of the approach before it, too. None before the approach, and while the tool
+    surely touches nothing.
     """
-    made, times = route.plan, route.trajectory.times
-    model = None if made is None else made.push_model
+    inward, until = route.came or (route, phase)
+    model, times = _pushing(route), inward.trajectory.times
     if model is None:
         return None
-    rows = np.flatnonzero((times >= route.approach) & (times <= phase))
+    rows = np.flatnonzero((times >= inward.approach) & (times <= until))
     if len(rows) < 2:
         return None
-    motion = spaced(route.points[rows], route.axes[rows])
+    points, axes = inward.points[rows], inward.axes[rows]
+    if route.came is not None:
+        out = route.trajectory.times <= phase
+        points, axes = np.vstack([points, route.points[out]]), np.vstack([axes, route.axes[out]])
+    motion = spaced(points, axes)
     return None if model.clear(*motion) else motion
+
+
+def _pushing(route: Route) -> PushModel | None:
+    """The push model of a route, or of that which it leads back from."""
+    inward, _ = route.came or (route, 0.0)
+    return None if inward.plan is None else inward.plan.push_model
 
 
 def pushed_by(route: Route, phase: float) -> dict[str, FloatArray]:
     """Displacement (3,) of each fruit that the push of a route moves until ``phase`` [m], by id."""
-    motion = push_motion(route, phase)
-    if motion is None:
+    motion, model = push_motion(route, phase), _pushing(route)
+    if motion is None or model is None:
         return {}
-    assert route.plan is not None
-    assert route.plan.push_model is not None
-    found = route.plan.push_model.moved(*motion)
+    found = model.moved(*motion)
     places = {item.id: item.position for item in route.scene.objects}
     pushed = {
         name: position - places[name]
         for name, position in zip(found.ids, found.positions, strict=True)
+        if name in places
     }
     return {name: by for name, by in pushed.items() if float(np.linalg.norm(by)) > MOVED}
 

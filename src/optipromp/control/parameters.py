@@ -105,6 +105,9 @@ class LoopParameters(Checked):
         0.4, "m/s", "choice", "downward speed above that of a plant: the target falls"
     )
     dropped: float = parameter(0.02, "m", "choice", "of the target below its place, likewise")
+    restless: float = parameter(
+        0.005, "m", "choice", "predicted swing above which no harm over a success is accepted"
+    )
     retreat_speed: float = parameter(0.1, "m/s", "choice", "of the tool on its way back")
 
 

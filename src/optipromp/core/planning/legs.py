@@ -258,7 +258,13 @@ def ways_out(reach: Plan, q: FloatArray, holding: bool = False) -> list[FloatArr
     if not isinstance(model, Hanging) or len(q) < 3:
         return proposed[:1]
     out = Leaving(model, *tool_motion(reach.robot, q))
-    return sorted(proposed, key=lambda one: out.harm(*tool_motion(reach.robot, one), BACK.screened))
+
+    def harm(one: FloatArray, states: int) -> float:
+        return out.harm(*tool_motion(reach.robot, one), states)
+
+    proposed.sort(key=lambda one: harm(one, BACK.screened))
+    best = sorted(proposed[: BACK.judged], key=lambda one: harm(one, out.states))
+    return best + proposed[BACK.judged :]
 
 
 def _retreats(robot: Robot, q: FloatArray, distance: float) -> Iterator[FloatArray]:
