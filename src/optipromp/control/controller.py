@@ -52,7 +52,6 @@ from optipromp.core.planning.task import posed
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject
-from optipromp.core.scenes.trusses import rooted
 from optipromp.core.trajectory import State
 
 
@@ -398,11 +397,7 @@ class Controller:
                 q = self._passed(route, route.duration)
                 self._enter(LoopStage.RETREAT, now, "out with the target")
                 self._job = _Job(Sliced(partial(ways_out, route.plan, q, True)), 1.0)
-                # what is held moves with the tool, and no longer with the plant
-                others = [item for item in route.scene.objects if item.role != "target"]
-                drive.route = replace(
-                    route, scene=replace(route.scene, objects=rooted(others), goal=drive.still.goal)
-                )
+                drive.hold(tracked)
                 return drive.go_on(now, tracked)
             self._enter(LoopStage.DONE, now, "at the target")
             return drive.brake(begins)

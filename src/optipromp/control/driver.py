@@ -414,6 +414,7 @@ class Driver:
         route: that the course follows, or that the arm waits for; None: there is none.
         still: the scene of what stands still; its goal is the begin.
         blind: whether routes are followed as they are, whatever the plant does.
+        held: (3,) displacement of the target's rest when the tool took it [m]; None: it has not.
     """
 
     def __init__(
@@ -424,6 +425,7 @@ class Driver:
         self.course: Course | None = None
         self.route: Route | None = None
         self.blind = False
+        self.held: FloatArray | None = None
         self._shift = np.zeros((0, 3))
         self._followed = 0.0
 
@@ -484,8 +486,25 @@ class Driver:
     def take(self, route: Route, phase: float, now: float, tracked: Tracked) -> Stretch | None:
         """Follow a route from ``phase`` [s] on; None: nothing leads onto it, the course goes on."""
         begins = now + self._parameters.lead
-        field = field_of(route.scene, tracked, self._parameters.field)
+        field = self._field(route, tracked)
         return self._taken(route, phase, now, field, _ahead(route, phase, begins, field))
+
+    def hold(self, tracked: Tracked) -> None:
+        """From now on follow the sway of the plant alone: what is held moves with the tool."""
+        assert self.route is not None
+        before, row = self.route.scene.target, target_row(tracked)
+        if before is None or row is None:
+            self.held = np.zeros(3)
+        else:
+            self.held = tracked.rest[row] - before.position
+
+    def _field(self, route: Route, tracked: Tracked) -> Displacement:
+        if self.held is None:
+            return field_of(route.scene, tracked, self._parameters.field)
+        offset = self.held
+        return Displacement(
+            np.zeros((1, 3)), lambda times: offset + tracked.sway(times)[0][:, None]
+        )
 
     def go_on(self, now: float, tracked: Tracked) -> Stretch | None:
         """Follow the route where the plant is now; None: the course goes on as it is."""
@@ -495,7 +514,7 @@ class Driver:
         if self.blind and not waits:
             return None
         phase = self.phase(begins)
-        field = field_of(route.scene, tracked, self._parameters.field)
+        field = self._field(route, tracked)
         shift = _ahead(route, phase, begins, field)
         follows = not waits and phase < route.duration
         if follows and np.abs(shift - self._shift).max() < self._parameters.still:
