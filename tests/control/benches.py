@@ -17,7 +17,7 @@ from optipromp.laboratory.simulation.detector import DETECTORS, Detector, Eye, T
 AFTER = {
     LoopStage.LOOK: {LoopStage.LOOK, LoopStage.GO, LoopStage.GAVE_UP},
     LoopStage.GO: {LoopStage.LOOK, LoopStage.RETREAT, LoopStage.DONE, LoopStage.GAVE_UP},
-    LoopStage.RETREAT: {LoopStage.LOOK, LoopStage.GAVE_UP},
+    LoopStage.RETREAT: {LoopStage.LOOK, LoopStage.DONE, LoopStage.GAVE_UP},
 }
 """Stages that may follow a stage; no stage follows another."""
 

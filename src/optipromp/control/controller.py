@@ -12,6 +12,7 @@ import math
 import time as wall
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -43,8 +44,8 @@ class LoopStage(StrEnum):
 
     LOOK = "look"  # it stands and looks, or plans
     GO = "go"  # the tool follows a plan, moved with the plant
-    RETREAT = "retreat"  # the tool goes back along its path
-    DONE = "done"  # the tool is at the target
+    RETREAT = "retreat"  # the tool leaves, with the target or without
+    DONE = "done"  # the tool is at the target, or outside with it
     GAVE_UP = "gave_up"  # the tool stands away from the fruits
 
 
@@ -103,8 +104,11 @@ class Controller:
         servo: whether the tool follows the plant from the camera point on, and the push under way
             is predicted again; False: the plan made at the camera point is executed blind.
         real_time: whether a cycle's share of a search is cut by the clock as well as by its steps.
+        leave: whether the pick ends outside of the plant: at the target the tool searches the way
+            out of least harm with what it holds, and follows the plant on that way.
 
     Attributes:
+        holding: whether the tool leaves with the target, from when on its executor may grip.
         stage: what the controller does now.
         events: all decisions so far.
         noticed: what was noticed of the camera and of the target, each in the stage that it was in.
@@ -123,6 +127,7 @@ class Controller:
         parameters: LoopParameters = CONTROL,
         servo: bool = True,
         real_time: bool = False,
+        leave: bool = False,
     ) -> None:
         if moving := [item.id for item, _ in scene.movers if item.role != "pushable"]:
             told = "a closed loop follows fruits alone; leave the motion out, or plan without one"
@@ -130,6 +135,7 @@ class Controller:
         compile_once()
         self.robot, state = posed(scene, robot)
         self.seed, self.parameters, self.servo = seed, parameters, servo
+        self.holding, self._leave = False, leave and self.robot.tool is not None
         self.scene = scene = driver.tracked_at_most(scene, TrackerParameters.most)
         known = [item for item in scene.objects if item.role in ("target", "pushable")]
         self._camera = CameraWatch(self.robot, parameters)
@@ -299,8 +305,10 @@ class Controller:
             return None
         harm = excess_harm(made)
         enough = harm <= 1.0 or (harm < math.inf and not self._at_camera)  # it stops there
+        ahead = now + np.linspace(0.0, p.patient, 9)
+        accepted = p.accepted if driver.restless(tracked, ahead) <= p.restless else 1.0
         if isinstance(made, OptiPrompError) or not (
-            enough or (self.tries <= 0 and harm <= p.accepted)
+            enough or (self.tries <= 0 and harm <= accepted)
         ):
             self._again(now, f"no plan: {made.message}")
             return None
@@ -368,6 +376,13 @@ class Controller:
         if phase >= route.duration + p.hold:
             if driver.outside(self.robot, drive.state(now).q, tracked):
                 return self._retreat(now, route.duration, "the target is not inside")
+            if self._leave:
+                self.holding = True
+                q = self._passed(route, route.duration)
+                self._enter(LoopStage.RETREAT, now, "out with the target")
+                self._job = _Job(Sliced(partial(ways_out, route.plan, q, True)), 1.0)
+                drive.hold(now, tracked)
+                return drive.go_on(now, tracked)
             self._enter(LoopStage.DONE, now, "at the target")
             return drive.brake(begins)
         if self._at_camera and self.servo:
@@ -387,15 +402,20 @@ class Controller:
         route = drive.route
         assert route is not None
         if self._job is not None:
-            ways = self._worked() if drive.rests(now) else None
+            ways = self._worked() if self.holding or drive.rests(now) else None
             for q in ways or ():
                 back = driver.path_back(self.robot, q, self.parameters.retreat_speed)
                 if drive.safe(back):
-                    return drive.set_out(Route.back(self.robot, back, route.scene), now, tracked)
+                    out = Route.back(self.robot, back, route.scene)
+                    out = replace(out, came=(route, drive.phase(now)))
+                    return drive.set_out(out, now, tracked)
             if ways:
                 self._enter(LoopStage.GAVE_UP, now, "no way out is free")
-            return None
+            return drive.go_on(now, tracked) if self.holding and not ways else None
         if drive.phase(begins) >= route.duration or drive.stuck(now):
+            if self.holding:
+                self._enter(LoopStage.DONE, now, "outside with the target")
+                return drive.brake(begins)
             self._again(now, "looking again after a retreat")
             return drive.brake(begins)
         return drive.go_on(now, tracked)
@@ -455,16 +475,21 @@ class Controller:
         route = self._driver.route
         assert route is not None
         assert route.plan is not None
+        q = self._passed(route, phase)
+        self._enter(LoopStage.RETREAT, now, why)
+        self._driver.blind = False
+        stop = self._driver.pause(now + self.parameters.lead)
+        q = np.vstack([q, stop.curve.positions[-1]])
+        self._job = _Job(Sliced(partial(ways_out, route.plan, q)), 1.0)
+        return stop
+
+    def _passed(self, route: Route, phase: float) -> FloatArray:
+        """Configurations (k, n) of the approach until a ``phase`` of the route."""
+        assert route.plan is not None
         passed = route.trajectory.positions[route.trajectory.times <= phase]
         if not self._trail:
             passed = passed[min(route.plan.first, len(passed) - 1) :]
-        q, made = np.concatenate([*self._trail, passed]), route.plan
-        self._enter(LoopStage.RETREAT, now, why)
-        self._driver.blind = False
-        stop = self._driver.brake(now + self.parameters.lead)
-        q = np.vstack([q, stop.curve.positions[-1]])
-        self._job = _Job(Sliced(lambda: ways_out(made, q)), 1.0)
-        return stop
+        return np.concatenate([*self._trail, passed])
 
     # -- the stems
 
@@ -511,7 +536,7 @@ class Controller:
     def _pushed(self, time: float) -> dict[str, FloatArray]:
         """Displacement of each fruit by the tool at a ``time`` [s], as the push model predicts."""
         route = self._driver.route
-        if route is None or route.plan is None or self.stage is not LoopStage.GO:
+        if route is None or self.stage not in (LoopStage.GO, LoopStage.RETREAT):
             return {}
         return driver.pushed_by(route, self._driver.phase(time))
 

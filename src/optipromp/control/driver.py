@@ -18,6 +18,7 @@ from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning.result import Plan
 from optipromp.core.planning.task import posed, spaced
 from optipromp.core.planning.timing import needs, stopped
+from optipromp.core.pushing.model import PushModel
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.objects import rooted
@@ -57,6 +58,7 @@ class Route:
         points, axes: (T, 3) of the tool.
         weight: (T,) share of the plant's displacement.
         scene: of the plan.
+        came: of a way out, the route that it leads back from, and the time in that route.
     """
 
     robot: Robot
@@ -66,6 +68,7 @@ class Route:
     weight: FloatArray
     scene: Scene
     plan: Plan | None = None
+    came: tuple[Route, float] | None = None
 
     @classmethod
     def of(cls, plan: Plan) -> Route:
@@ -318,34 +321,51 @@ def changed(planned: Scene, tracked: Tracked) -> float:
     return float(np.linalg.norm(moved - moved.mean(axis=0), axis=1).max(initial=0.0))
 
 
+def restless(tracked: Tracked, times: FloatArray) -> float:
+    """Largest predicted displacement of a fruit from its rest at ``times`` (M,) [s], in [m]."""
+    return float(
+        np.linalg.norm(tracked.moves(times)[:, tracked.confirmed], axis=2).max(initial=0.0)
+    )
+
+
 def push_motion(route: Route, phase: float) -> tuple[FloatArray, FloatArray] | None:
     """Points and axes (P, 3) of the tool on the approach of a route until ``phase`` [s].
 
-    None before the approach, and while the tool surely touches nothing.
+    Of a way out, those of the approach before it, too. None before the approach, and while the tool
+    surely touches nothing.
     """
-    made, times = route.plan, route.trajectory.times
-    model = None if made is None else made.push_model
+    inward, until = route.came or (route, phase)
+    model, times = _pushing(route), inward.trajectory.times
     if model is None:
         return None
-    rows = np.flatnonzero((times >= route.approach) & (times <= phase))
+    rows = np.flatnonzero((times >= inward.approach) & (times <= until))
     if len(rows) < 2:
         return None
-    motion = spaced(route.points[rows], route.axes[rows])
+    points, axes = inward.points[rows], inward.axes[rows]
+    if route.came is not None:
+        out = route.trajectory.times <= phase
+        points, axes = np.vstack([points, route.points[out]]), np.vstack([axes, route.axes[out]])
+    motion = spaced(points, axes)
     return None if model.clear(*motion) else motion
+
+
+def _pushing(route: Route) -> PushModel | None:
+    """The push model of a route, or of that which it leads back from."""
+    inward, _ = route.came or (route, 0.0)
+    return None if inward.plan is None else inward.plan.push_model
 
 
 def pushed_by(route: Route, phase: float) -> dict[str, FloatArray]:
     """Displacement (3,) of each fruit that the push of a route moves until ``phase`` [m], by id."""
-    motion = push_motion(route, phase)
-    if motion is None:
+    motion, model = push_motion(route, phase), _pushing(route)
+    if motion is None or model is None:
         return {}
-    assert route.plan is not None
-    assert route.plan.push_model is not None
-    found = route.plan.push_model.moved(*motion)
+    found = model.moved(*motion)
     places = {item.id: item.position for item in route.scene.objects}
     pushed = {
         name: position - places[name]
         for name, position in zip(found.ids, found.positions, strict=True)
+        if name in places
     }
     return {name: by for name, by in pushed.items() if float(np.linalg.norm(by)) > MOVED}
 
@@ -382,6 +402,7 @@ class Driver:
         route: that the course follows, or that the arm waits for; None: there is none.
         still: the scene of what stands still; its goal is the begin.
         blind: whether routes are followed as they are, whatever the plant does.
+        held: (3,) displacement of the target's rest when the tool took it [m]; None: it has not.
     """
 
     def __init__(
@@ -392,6 +413,7 @@ class Driver:
         self.course: Course | None = None
         self.route: Route | None = None
         self.blind = False
+        self.held: FloatArray | None = None
         self._shift = np.zeros((0, 3))
         self._followed = 0.0
 
@@ -452,8 +474,34 @@ class Driver:
     def take(self, route: Route, phase: float, now: float, tracked: Tracked) -> Stretch | None:
         """Follow a route from ``phase`` [s] on; None: nothing leads onto it, the course goes on."""
         begins = now + self._parameters.lead
-        field = field_of(route.scene, tracked, self._parameters.field)
+        field = self._field(route, tracked)
         return self._taken(route, phase, now, field, _ahead(route, phase, begins, field))
+
+    def hold(self, now: float, tracked: Tracked) -> None:
+        """From now on the target moves with the tool, and tells nothing of the plant.
+
+        Where the tool presses all other fruits, the common sway of the plant is followed alone.
+        """
+        route = self.route
+        assert route is not None
+        before, row = route.scene.target, target_row(tracked)
+        others = [item for item in route.scene.objects if item.role != "target"]
+        fruits = {item.id for item in others if item.role == "pushable"}
+        if fruits <= set(pushed_by(route, self.phase(now))):
+            self.held = np.zeros(3)
+            if before is not None and row is not None:
+                self.held = tracked.rest[row] - before.position
+        else:
+            scene = replace(route.scene, objects=rooted(others), goal=self.still.goal)
+            self.route = replace(route, scene=scene)
+
+    def _field(self, route: Route, tracked: Tracked) -> Displacement:
+        if self.held is None:
+            return field_of(route.scene, tracked, self._parameters.field)
+        offset = self.held
+        return Displacement(
+            np.zeros((1, 3)), lambda times: offset + tracked.sway(times)[0][:, None]
+        )
 
     def go_on(self, now: float, tracked: Tracked) -> Stretch | None:
         """Follow the route where the plant is now; None: the course goes on as it is."""
@@ -463,7 +511,7 @@ class Driver:
         if self.blind and not waits:
             return None
         phase = self.phase(begins)
-        field = field_of(route.scene, tracked, self._parameters.field)
+        field = self._field(route, tracked)
         shift = _ahead(route, phase, begins, field)
         follows = not waits and phase < route.duration
         if follows and np.abs(shift - self._shift).max() < self._parameters.still:

@@ -52,6 +52,7 @@ class LoopParameters(Checked):
     remembered: float = parameter(4.0, "s", "choice", "of the arm's motion, for looks")
     fall: float = parameter(0.4, "m/s", "choice", "downwards, above that of a plant: it falls")
     dropped: float = parameter(0.02, "m", "choice", "of the target below its place, likewise")
+    restless: float = parameter(0.005, "m", "choice", "swing above which accepted is 1")
     retreat_speed: float = parameter(0.1, "m/s", "choice", "of the tool on its way back")
 
 

@@ -242,20 +242,29 @@ def _leg(
     return leg(task, shortest(task.robot, q, 0, speed), clock() - began)
 
 
-def ways_out(reach: Plan, q: FloatArray) -> list[FloatArray]:
-    """Waypoints (T, n) of retreats of a tool that left its target, the least harmful first.
+def ways_out(reach: Plan, q: FloatArray, holding: bool = False) -> list[FloatArray]:
+    """Waypoints (T, n) of ways out of the plant, the least harmful first.
 
-    ``reach``: the plan that is given up. ``q``: (k, n) configurations on it so far. Where no model
-    of fruits on stems applies, the way back along ``q`` alone.
+    ``reach``: the plan that was followed. ``q``: (k, n) configurations on it so far. ``holding``:
+    whether the tool leaves with its target, else without. Where no model of fruits on stems
+    applies, the way back along ``q`` alone.
     """
-    model = reach.push_model
-    model = model.lead if isinstance(model, Continued) else model
+    model, distance = reach.push_model, length(reach.robot.tool_pose(q)[0])
+    if holding:
+        model, distance = _full(reach, held(reach)[1]), _distance(reach)
+    elif isinstance(model, Continued):
+        model = model.lead
+    proposed = list(_retreats(reach.robot, q, distance))
     if not isinstance(model, Hanging) or len(q) < 3:
-        return [q[::-1]]
-    points, axes = tool_motion(reach.robot, q)
-    out = Leaving(model, points, axes)
-    proposed = _retreats(reach.robot, q, length(points))
-    return sorted(proposed, key=lambda one: out.harm(*tool_motion(reach.robot, one), BACK.screened))
+        return proposed[:1]
+    out = Leaving(model, *tool_motion(reach.robot, q))
+
+    def harm(one: FloatArray, states: int) -> float:
+        return out.harm(*tool_motion(reach.robot, one), states)
+
+    proposed.sort(key=lambda one: harm(one, BACK.screened))
+    best = sorted(proposed[: BACK.judged], key=lambda one: harm(one, out.states))
+    return best + proposed[BACK.judged :]
 
 
 def _retreats(robot: Robot, q: FloatArray, distance: float) -> Iterator[FloatArray]:
@@ -480,9 +489,19 @@ def lifts(reach: Plan, robot: Robot, distance: float) -> Iterator[tuple[FloatArr
 
 
 def retreat_model(reach: Plan, robot: Robot) -> PushModel | None:
-    """The push model of the retreat: the tool is full, so that it is a solid body among fruits.
+    """The push model of the retreat, which knows the push of the reach; see :func:`_full`."""
+    model, before = _full(reach, robot), reach.push_model
+    if model is None or before is None:
+        q = reach.trajectory.positions[reach.first :]
+        return model and Leaving(model, *tool_motion(reach.robot, q))
+    points, axes, *_ = led(reach.task, before, reach.trajectory)
+    return Leaving(model, points, axes)
 
-    The model knows the push of the reach. None where nothing else hangs.
+
+def _full(reach: Plan, robot: Robot) -> Hanging | None:
+    """The model of a tool that is full, and so a solid body among fruits; ``robot`` holds it.
+
+    None where nothing else hangs.
     """
     scene, target = reach.scene, reach.scene.target
     assert target is not None
@@ -506,11 +525,6 @@ def retreat_model(reach: Plan, robot: Robot) -> PushModel | None:
     )  # fmt: skip
     left = tuple(item for item in reach.task.neighbours if item.id not in (first.id, target.id))
     full = replace(Mounted.of(robot.tool), full=True)
-    model = Hanging(
+    return Hanging(
         seen, full, left, reach.task.camera, robot.gripper_radius, flange_of(robot), reach.risk,
     )  # fmt: skip
-    before = reach.push_model
-    if before is None:
-        return Leaving(model, *tool_motion(reach.robot, reach.trajectory.positions[reach.first :]))
-    points, axes, *_ = led(reach.task, before, reach.trajectory)
-    return Leaving(model, points, axes)

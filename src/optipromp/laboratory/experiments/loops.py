@@ -44,7 +44,8 @@ def loop_figures(done: Loop) -> dict[str, Any]:
 
 def picked(setting: Situation, seed: int, servo: bool = True) -> Loop:
     """A pick in closed loop; without ``servo``, two looks."""
-    controller = Controller(setting.seen, servo=servo)
+    leave = servo and setting.seen.place is None
+    controller = Controller(setting.seen, servo=servo, leave=leave)
     simulation = Simulation(setting.scene, seed, setting.parameters)
     eye = Eye(setting.camera(setting.scene, controller.robot, setting.detector, seed))
     return closed_loop(simulation, controller, eye)

@@ -83,7 +83,8 @@ def closed_loop(
     reference = State(state.q)
     for _ in range(round(simulation.parameters.engine.settle / simulation.tick)):
         state = simulation.step(reference)
-    begin = simulation.time
+    begin, gripped = simulation.time, False
+    target = None if simulation.scene.target is None else simulation.scene.target.id
     while simulation.time < begin + LONGEST:
         now, fruits = simulation.time, simulation.fruits()
         eye.see(
@@ -95,6 +96,10 @@ def closed_loop(
         if wrench:
             controller.feel(simulation.wrench()[:3])
         stretch = controller(now, state, reference)
+        if controller.holding and not gripped:
+            gripped = True
+            if target in simulation.held():
+                simulation.grip()
         if stretch is not None:
             line.coming.append(stretch)
             stretches.append(stretch)
@@ -112,7 +117,7 @@ def closed_loop(
             break
     moved = simulation.time
     outcome, rollout, picked = simulation.outcome(), simulation.rollout(moved), None
-    if outcome.picked is not None and controller.robot.tool is not None:
+    if outcome.picked is not None and controller.robot.tool is not None and not gripped:
         set_out = max((e.time for e in controller.events if e.stage is LoopStage.GO), default=0.0)
         q = rollout.reference[rollout.times >= set_out]
         q = np.vstack([q, simulation.reference.q])
