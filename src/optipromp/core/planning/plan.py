@@ -17,7 +17,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from optipromp.core import judging
-from optipromp.core.arrays import rotation
+from optipromp.core.arrays import FloatArray, lengths, rotation
 from optipromp.core.budget import Budget, clock
 from optipromp.core.compiled import in_cache
 from optipromp.core.errors import Code, InvalidRequestError
@@ -41,6 +41,9 @@ from optipromp.core.planning.verdict import Verdict, judged, predicted
 from optipromp.core.processes import cores
 from optipromp.core.promp.model import ProMP
 from optipromp.core.pushing.model import PushModel
+from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.pushing.stems.cup import fits
+from optipromp.core.pushing.stems.hanging import takes_in
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene
@@ -48,6 +51,7 @@ from optipromp.core.trajectory import Trajectory, chained
 
 DEFAULTS = PlanOptions()
 WARM_UP = "scenario-3"
+SAME = 1e-6  # 1 less the cosine between two directions that are one: 0.1 degrees
 RETRIED = Code.HARM_PREDICTED, Code.INVALID_PLAN, Code.GOAL_IN_COLLISION, Code.GOAL_UNREACHABLE
 """Statuses with which other approaches are tried."""
 
@@ -392,9 +396,11 @@ def other_approaches(task: Task, end: float = np.inf) -> Iterator[Task]:
     """The task with each of the most promising approaches that its scene allows.
 
     The tool ends no farther beside the target's centre than its mouth leaves room, so that the cup
-    stays round the target. To a target that stands the tool comes level, from a little to either
-    side. Where the scene states no cone or no lateral distance, ``APPROACH`` does. No approach is
-    looked at after ``end`` [s], a time of the plan's clock.
+    stays round the target. To a long target it comes first from where the target is narrowest, and
+    ends at the middle of its outline, as low as its length asks for. To a target that stands the
+    tool comes level, from a little to either side. Where the scene states no cone or no lateral
+    distance, ``APPROACH`` does. No approach is looked at after ``end`` [s], a time of the plan's
+    clock.
     """
     scene = task.scene
     tool, target = task.robot.tool, scene.target
@@ -413,12 +419,24 @@ def other_approaches(task: Task, end: float = np.inf) -> Iterator[Task]:
         level = float(np.linalg.norm(side))
         flats = [side / level, -side / level] if level > 0.5 else []  # over 30° off the vertical
         shares, reach = (APPROACH.inner,), 0.0
-    directions = [
-        (rotation(np.cross(z_g, flat), float(share * cone)) @ z_g, scene.approach.shift)
+    tilts = [
+        rotation(np.cross(z_g, flat), float(share * cone)) @ z_g
         for share in shares
         if cone > 0.0
         for flat in flats
     ]
+    directions = [(axis, scene.approach.shift) for axis in tilts]
+    if target.stem is not None and takes_in(tool, target) and not scene.approach.shift.any():
+        first = narrowest(scene, cone)
+        axes = np.array([first, z_g, *(axis for axis in tilts if axis @ first < 1.0 - SAME)])
+        room = fits(target, axes, tool)
+        shifts = room.aside - np.maximum(APPROACH.room - room.floor, 0.0)[:, None] * axes
+        shifts *= np.minimum(1.0, aside / np.maximum(lengths(shifts), 1e-9))[:, None]
+        directions = [
+            (axis, shift)
+            for axis, shift in zip(axes, shifts, strict=True)
+            if (axis != z_g).any() or shift.any()
+        ]
     directions += [(z_g, scene.approach.shift + reach * flat) for flat in flats if reach > 0.0]
     left, best = APPROACH.tried, list[tuple[float, int, Task]]()
     for k, (direction, shift) in enumerate(directions):
@@ -439,6 +457,46 @@ def other_approaches(task: Task, end: float = np.inf) -> Iterator[Task]:
         else:
             best = sorted([*best, (harm, k, other)])[:left]
     yield from (other for _, _, other in best)
+
+
+def narrowest(scene: Scene, cone: float) -> FloatArray:
+    """The direction (3,) of a cone of ``cone`` [rad] across which the target is narrowest."""
+    target, (x_g, y_g, z_g) = scene.target, scene.frame
+    assert target is not None
+    turn, tilt = np.meshgrid(
+        np.linspace(0.0, 2.0 * np.pi, APPROACH.turns, endpoint=False),
+        np.linspace(0.0, cone, APPROACH.rings + 1),
+    )
+    flat = np.cos(turn)[..., None] * x_g + np.sin(turn)[..., None] * y_g
+    axes = (np.cos(tilt)[..., None] * z_g + np.sin(tilt)[..., None] * flat).reshape(-1, 3)
+    radius, _, _ = target.shape.outlines(axes @ target.rotation)
+    return np.asarray(axes[np.argmin(radius.round(6))])  # of equal ones that of the least tilt
+
+
+def misfit(task: Task) -> str:
+    """In words, how much wider the target is than a round mouth, and what fits; empty if it fits.
+
+    The room that it needs is that of the push model.
+    """
+    scene, tool = task.scene, task.robot.tool
+    target, approach, needed = scene.target, scene.approach, PUSH.harm.fit
+    if target is None or target.stem is None or tool is None:
+        return ""
+    if tool.fingers or tool.mouth[0] <= 0.0:
+        return ""
+    cone = np.deg2rad(APPROACH.cone if approach.cone is None else approach.cone)
+    axes = np.array([scene.frame[2], narrowest(scene, cone)])
+    here, least = (tool.mouth[0] - fits(target, axes, tool).width).tolist()
+    if here + needed <= tool.mouth[0]:
+        return ""
+    words = (
+        f"{target.id} is {2e3 * here:.1f} mm wide across the approach, the tool's opening "
+        f"{2e3 * tool.mouth[0]:.1f} mm is too narrow: one of {2e3 * (here + needed):.1f} mm fits"
+    )
+    tilt = np.rad2deg(np.arccos(min(float(axes[0] @ axes[1]), 1.0)))
+    if least + needed <= tool.mouth[0]:
+        return f"{words}; {tilt:.0f} degrees off the approach it is {2e3 * least:.1f} mm wide: fits"
+    return f"{words}; in the cone of the approach it is nowhere narrower than {2e3 * least:.1f} mm"
 
 
 def _least_harm(scene: Scene, model: PushModel, most: float) -> float:

@@ -9,10 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optipromp.core.arrays import lengths
+from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.compiled import inner
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.robots.model import Robot
+from optipromp.core.robots.tool_protocol import Tool
+from optipromp.core.robots.tools import WALL
+from optipromp.core.scenes.objects import SceneObject
 
 SWING = PUSH.swing
 ABOVE = 1.0  # [m] added to the gap of a piece of stem over the rim, which touches nothing
@@ -76,6 +79,21 @@ def flange_of(robot: Robot) -> tuple[float, float, float]:
     off = np.linalg.norm(0.7 * wide * toward[:, None] - aside, axis=2)
     top = np.where(off < radius, height + np.sqrt(np.maximum(radius**2 - off**2, 0.0)), -np.inf)
     return wide, float(np.median(top.max(axis=1))), float((height - radius).min())
+
+
+class Fit(NamedTuple):
+    """The room of a fruit in a cup, whose axis has M directions."""
+
+    width: FloatArray  # (M,) inner radius of the mouth less the fruit's half width across [m]
+    floor: FloatArray  # (M,) from the cup's floor to the fruit, whose centre is at the tool point
+    aside: FloatArray  # (M, 3) from the fruit's centre to the middle of its outline [m]
+
+
+def fits(fruit: SceneObject, axes: FloatArray, tool: Tool) -> Fit:
+    """The room of ``fruit`` in a tool with a round mouth along unit vectors ``axes`` (M, 3)."""
+    radius, middle, below = fruit.shape.outlines(axes @ fruit.rotation)
+    floor = tool.reach - tool.front - WALL - below
+    return Fit(tool.mouth[0] - radius, floor, middle @ fruit.rotation.T)
 
 
 @inner

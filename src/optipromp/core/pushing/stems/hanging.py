@@ -39,7 +39,7 @@ from optipromp.core.pushing.stems.bending import (
     stems,
     stems_moved,
 )
-from optipromp.core.pushing.stems.cup import Mouth
+from optipromp.core.pushing.stems.cup import Mouth, fits
 from optipromp.core.pushing.stems.harm import Harm, score_of
 from optipromp.core.pushing.stems.swinging import NEVER, Led, clear, led, steps_inside, summed_score
 from optipromp.core.robots.cup_cover import NECK_RADIUS
@@ -276,6 +276,7 @@ class Hanging(PushModel):
         self.searched = HANGING.screened_states if detected else HANGING.screened_known
         self.states = HANGING.detected_states if detected else HANGING.states
         self.stems = sampled(fruits, self.searched, self.states, tuple(scene.up.tolist()))
+        self._unfit = unfit(scene, tool, self.stems.axes[:: self.count, 2])
         self._by: FloatArray | None = None  # (N, P, 3) drifts of the roots [m]
         self._leaves = NEVER
         self.candidates = PathsPast(
@@ -288,9 +289,10 @@ class Hanging(PushModel):
         """See :class:`PushModel`; the parts are those of :class:`Harm`."""
         every = HANGING.screened_every if states == 1 else HANGING.every
         told = states > self.searched
-        some, motion = self._steps(self.searched if told else 0, states, points, axes, every)
+        begin = self.searched if told else 0
+        some, motion = self._steps(begin, states, points, axes, every)
         hopeless, leaves = PUSH.harm.hopeless, self._leaves // every
-        total, worst = 0.0, limit * states
+        total, worst = float(self._unfit[begin : begin + states].sum()), limit * states
         for first in range(0, states, TOGETHER):
             part = first, min(first + TOGETHER, states)
             total = summed_score(
@@ -320,6 +322,7 @@ class Hanging(PushModel):
         """The model of motions whose points from the ``first`` on lead the tool out again."""
         out = copy.copy(self)
         out._leaves, out.cup = first, self.cup._replace(rubbing=PUSH.swing.leaving)
+        out._unfit = np.zeros_like(self._unfit)  # the target is inside, or it was not picked
         return out
 
     def clear(self, points: FloatArray, axes: FloatArray) -> bool:
@@ -346,6 +349,8 @@ class Hanging(PushModel):
                 if steps * dt > PUSH.harm.inside_time or steps == most
             )
             return first, f"and {' and '.join(others)} are swallowed" if others else "is swallowed"
+        if self._unfit.mean() > 0.5:  # in most states
+            return names[0], "does not fit into the tool's mouth"
         if found.missed:
             place = "between the blades" if self.cup.cut else "inside"
             return names[0], f"is not {place} at the end"
@@ -444,6 +449,29 @@ def _hanging(
     others = sorted(others, key=away)[: HANGING.most - len(known)]
     hanging = [fruit for fruit in neighbours if fruit.stem is not None]
     return sorted([*hanging, *others], key=lambda fruit: fruit.id)
+
+
+def takes_in(tool: Tool, target: SceneObject) -> bool:
+    """Whether a long fruit goes into a round mouth: two balls show too little of its width."""
+    return not tool.fingers and tool.mouth[0] > 0.0 and hanging_balls(target).apart > 0.0
+
+
+def unfit(scene: Scene, tool: Tool, lines: FloatArray) -> FloatArray:
+    """Harm (S,) of a long target in S states: 1 where it does not fit into the mouth.
+
+    ``lines`` (S, 3) are the directions of its stem, with which it turns; the first is the perceived
+    one. 0 for other targets: the contacts of a single ball show what does not fit.
+    """
+    target, fit = scene.target, PUSH.harm.fit
+    assert target is not None
+    if not takes_in(tool, target):
+        return np.zeros(len(lines))
+    axis, seen, both = scene.frame[2], lines[0], lines + lines[0]
+    # the approach as the perceived fruit meets it: turned back with the stem
+    turned = axis - both * (both @ axis / (1.0 + lines @ seen))[:, None]
+    room = fits(target, turned + 2.0 * (lines @ axis)[:, None] * seen, tool)
+    floor = room.floor - scene.approach.shift @ axis + fit
+    return np.asarray(np.clip(1.0 - np.minimum(room.width, floor) / fit, 0.0, 1.0))
 
 
 def _cut(scene: Scene, tool: Tool) -> tuple[float, ...]:
