@@ -150,8 +150,8 @@ def fitted(task: Task) -> tuple[float, float]:
     scene, tool = task.scene, task.robot.tool
     assert scene.target is not None
     assert tool is not None
-    room = fits(scene.target, scene.frame[2][None], tool)
-    return float(room.width[0]), float(room.floor[0] - scene.approach.shift @ scene.frame[2])
+    width, floor, _ = fits(scene.target, scene.frame[2][None], tool)
+    return float(width[0]), float(floor[0] - scene.approach.shift @ scene.frame[2])
 
 
 def test_the_direction_across_which_a_long_target_is_narrowest_comes_first() -> None:
@@ -186,7 +186,7 @@ def test_the_room_beside_a_leaning_cone_is_shared() -> None:
     task = resolve(untold(generate("wild", 175047)))
     target, axis = task.scene.target, task.scene.frame[2]
     assert target is not None
-    middle = fits(target, axis[None], task.robot.tool).aside[0]
+    middle = fits(target, axis[None], task.robot.tool)[2][0]
     assert np.linalg.norm(middle) > 0.002
     assert middle @ axis == pytest.approx(0.0, abs=1e-9)
     vertices = target.shape.mesh(48).vertices @ target.rotation.T

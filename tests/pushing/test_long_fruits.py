@@ -243,7 +243,7 @@ def test_the_harm_rises_as_the_opening_narrows(degrees: float, shape: Shape) -> 
     mean, harm = [], []
     for room in (0.006, 0.001, 0.0005, 0.0, -0.001, -0.003):
         model = fitting(target, wide + room)
-        mean.append(float(model._unfit[model.searched :].mean()))
+        mean.append(model.least)
         harm.append(model.harm(points, axes, model.states))
     assert mean == sorted(mean)
     assert mean[0] == 0.0
@@ -256,12 +256,12 @@ def test_a_target_that_reaches_below_the_floor_is_pressed() -> None:
     """A floor lifts a fruit by a millimetre, not by 4; a deeper cup leaves it alone."""
     target = leaning(0.0, Ellipsoid((0.017, 0.017, 0.032)))
     lifted, deeper = fitting(target, 0.025, height=0.05), fitting(target, 0.025, height=0.06)
-    assert lifted._unfit[0] == 1.0
-    assert not deeper._unfit.any()
+    assert lifted.least == 1.0
+    assert deeper.least == 0.0
 
 
 def test_the_contacts_of_a_ball_say_what_does_not_fit() -> None:
-    assert not fitting(leaning(30.0, Sphere(0.02)), 0.018)._unfit.any()
+    assert not fitting(leaning(30.0, Sphere(0.02)), 0.018).least
 
 
 def test_the_cause_names_a_target_that_does_not_fit() -> None:

@@ -118,6 +118,18 @@ class Shape(ABC):
 
     def support(self, directions: FloatArray) -> FloatArray:
         """Largest extents (...) from the origin along unit vectors ``directions`` (..., 3) [m]."""
+        match self:
+            case Sphere(radius=r):
+                return np.full(directions.shape[:-1], r)
+            case Capsule(radius=r, length=length):
+                return np.asarray(r + 0.5 * length * np.abs(directions[..., 2]))
+            case Cone(radius=r, tip=tip, length=length):
+                up = 0.5 * length * directions[..., 2]
+                return np.maximum(r + up, tip - up)
+            case Ellipsoid(radii=radii):
+                return np.asarray(np.sqrt(directions**2 @ np.square(radii)))
+            case PointCloudShape(points=points, radius=r):
+                return np.asarray((directions @ points.T).max(axis=-1) + r)
         return np.asarray((directions @ self._hull.T).max(axis=-1))
 
     def outlines(self, axes: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -127,16 +139,15 @@ class Shape(ABC):
         shape against the axes, all from the shape's origin [m]. A circle is the smallest one where
         the outline is symmetric: of solids of revolution, of ellipsoids, of boxes.
         """
-        turns = 2.0 * np.pi / RAYS * np.arange(RAYS)
-        plane = frame_along(axes)[..., :2]
-        rays = np.einsum("mij,jk->mki", plane, [np.cos(turns), np.sin(turns)])
+        turns = 2.0 * np.pi / RAYS * np.arange(RAYS)[:, None]
+        rays = np.hstack([np.cos(turns), np.sin(turns)]) @ frame_along(axes)[..., :2].swapaxes(1, 2)
         far, half, rows = self.support(rays), RAYS // 2, np.arange(len(axes))
         widest = (far + np.roll(far, half, axis=1)).argmax(axis=1)
         middle = np.zeros((len(axes), 3))
         for k in (widest, (widest + half // 2) % RAYS):  # two directions at right angles
             off = 0.5 * (far[rows, k] - far[rows, (k + half) % RAYS])
             middle += off[:, None] * rays[rows, k]
-        radius = (far - np.einsum("mki,mi->mk", rays, middle)).max(axis=1)
+        radius = (far - (rays @ middle[..., None])[..., 0]).max(axis=1)
         return radius, middle, self.support(-axes)
 
     def surface(self, cut: float = np.inf) -> FloatArray:
@@ -195,10 +206,6 @@ class Sphere(Primitive):
         r = self.radius
         return Measure(SPHERE, (r, 0.0, 0.0), r, (r, r, r), 4.0 / 3.0 * np.pi * r**3)
 
-    def support(self, directions: FloatArray) -> FloatArray:
-        """See :class:`Shape`."""
-        return np.full(directions.shape[:-1], self.radius)
-
     def _faces(self, cut: float) -> FloatArray:
         return faces.sphere(np.zeros(3), self.radius, ROUND)
 
@@ -250,10 +257,6 @@ class Capsule(Primitive):
         volume = np.pi * r**2 * self.length + 4.0 / 3.0 * np.pi * r**3
         return Measure(CAPSULE, (r, half, 0.0), r + half, (r, r, r + half), volume)
 
-    def support(self, directions: FloatArray) -> FloatArray:
-        """See :class:`Shape`."""
-        return np.asarray(self.radius + 0.5 * self.length * np.abs(directions[..., 2]))
-
     def _faces(self, cut: float) -> FloatArray:
         half = np.array([0.0, 0.0, 0.5 * self.length])
         return faces.tube(np.stack([-half, half]), self.radius, 24)
@@ -273,10 +276,6 @@ class Ellipsoid(Primitive):
         x, y, z = self.radii
         volume = 4.0 / 3.0 * np.pi * (x * y * z)
         return Measure(ELLIPSOID, self.radii, max(self.radii), self.radii, volume)
-
-    def support(self, directions: FloatArray) -> FloatArray:
-        """See :class:`Shape`."""
-        return np.asarray(np.linalg.norm(directions * self.radii, axis=-1))
 
     def _faces(self, cut: float) -> FloatArray:
         return np.asarray(faces.sphere(np.zeros(3), 1.0, ROUND) * np.array(self.radii))
@@ -317,11 +316,6 @@ class Cone(Primitive):
     def _measured(self) -> Measure:
         half, wide = 0.5 * self.length, max(self.radius, self.tip)
         return Measure(CONE, (self.radius, half, self.tip), wide + half, (wide, wide, wide + half))
-
-    def support(self, directions: FloatArray) -> FloatArray:
-        """See :class:`Shape`."""
-        up = 0.5 * self.length * directions[..., 2]
-        return np.maximum(self.radius + up, self.tip - up)
 
     def _faces(self, cut: float) -> FloatArray:
         slope, half = np.arcsin((self.tip - self.radius) / self.length), 0.5 * self.length
@@ -430,10 +424,6 @@ class PointCloudShape(Shape):
         x, y, z = (np.abs(self.points).max(axis=0) + self.radius).tolist()
         volume = float(np.prod(np.ptp(self.points, axis=0) + 2.0 * self.radius))
         return Measure(GRID, NO_SIZE, bound, (x, y, z), volume)
-
-    def support(self, directions: FloatArray) -> FloatArray:
-        """See :class:`Shape`."""
-        return np.asarray((directions @ self.points.T).max(axis=-1) + self.radius)
 
     def _faces(self, cut: float) -> FloatArray:
         """A ball at each point, or at every k-th of too many points."""

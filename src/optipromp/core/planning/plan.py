@@ -43,10 +43,10 @@ from optipromp.core.promp.model import ProMP
 from optipromp.core.pushing.model import PushModel
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems.cup import fits
-from optipromp.core.pushing.stems.hanging import takes_in
 from optipromp.core.robots.model import Robot
+from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.scenes.io import load_scene
-from optipromp.core.scenes.scene import Scene
+from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.trajectory import Trajectory, chained
 
 DEFAULTS = PlanOptions()
@@ -425,19 +425,13 @@ def other_approaches(task: Task, end: float = np.inf) -> Iterator[Task]:
         if cone > 0.0
         for flat in flats
     ]
-    directions = [(axis, scene.approach.shift) for axis in tilts]
-    if target.stem is not None and takes_in(tool, target) and not scene.approach.shift.any():
-        first = narrowest(scene, cone)
-        axes = np.array([first, z_g, *(axis for axis in tilts if axis @ first < 1.0 - SAME)])
-        room = fits(target, axes, tool)
-        shifts = room.aside - np.maximum(APPROACH.room - room.floor, 0.0)[:, None] * axes
-        shifts *= np.minimum(1.0, aside / np.maximum(lengths(shifts), 1e-9))[:, None]
-        directions = [
-            (axis, shift)
-            for axis, shift in zip(axes, shifts, strict=True)
-            if (axis != z_g).any() or shift.any()
-        ]
-    directions += [(z_g, scene.approach.shift + reach * flat) for flat in flats if reach > 0.0]
+    straight = None if target.stem is None else task.push_model(task.robot.home)
+    if straight is not None and straight.least > 0.0 and not scene.approach.shift.any():
+        directions = _fitting(task, tool, target, np.array([narrowest(scene, cone), z_g, *tilts]))
+    else:
+        directions = [(axis, scene.approach.shift) for axis in tilts]
+        beside = (reach * flat for flat in flats if reach > 0.0)
+        directions += [(z_g, scene.approach.shift + shift) for shift in beside]
     left, best = APPROACH.tried, list[tuple[float, int, Task]]()
     for k, (direction, shift) in enumerate(directions):
         if clock() > end:
@@ -459,6 +453,27 @@ def other_approaches(task: Task, end: float = np.inf) -> Iterator[Task]:
     yield from (other for _, _, other in best)
 
 
+def _fitting(
+    task: Task, tool: Tool, target: SceneObject, axes: FloatArray
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Those of the directions ``axes`` (M, 3) along which a long target fits, with their shifts.
+
+    The tool ends at the middle of the target's outline, and as low as the target's length asks for,
+    within the lateral distance that the scene allows. A direction of the first is left out: the
+    first is the narrowest one.
+    """
+    aside = task.scene.approach.aside
+    aside = APPROACH.aside if aside is None else aside
+    axes = axes[[True, *(axes[1:] @ axes[0] < 1.0 - SAME)]]
+    width, floor, shifts = fits(target, axes, tool)
+    shifts = shifts - np.maximum(APPROACH.room - floor, 0.0)[:, None] * axes
+    shifts *= np.minimum(1.0, aside / np.maximum(lengths(shifts), 1e-9))[:, None]
+    floor = floor - np.einsum("mi,mi->m", shifts, axes) + PUSH.harm.fit
+    straight = (axes == task.scene.frame[2]).all(axis=1) & ~shifts.any(axis=1)
+    fit = (np.minimum(width, floor) > 0.0) & ~straight
+    return list(zip(axes[fit], shifts[fit], strict=True))
+
+
 def narrowest(scene: Scene, cone: float) -> FloatArray:
     """The direction (3,) of a cone of ``cone`` [rad] across which the target is narrowest."""
     target, (x_g, y_g, z_g) = scene.target, scene.frame
@@ -474,29 +489,27 @@ def narrowest(scene: Scene, cone: float) -> FloatArray:
 
 
 def misfit(task: Task) -> str:
-    """In words, how much wider the target is than a round mouth, and what fits; empty if it fits.
+    """In words, how much wider a hanging target is than a round mouth, and what fits; else empty.
 
     The room that it needs is that of the push model.
     """
-    scene, tool = task.scene, task.robot.tool
-    target, approach, needed = scene.target, scene.approach, PUSH.harm.fit
-    if target is None or target.stem is None or tool is None:
+    scene, tool, target = task.scene, task.robot.tool, task.scene.target
+    if target is None or target.stem is None or tool is None or tool.fingers:
         return ""
-    if tool.fingers or tool.mouth[0] <= 0.0:
-        return ""
-    cone = np.deg2rad(APPROACH.cone if approach.cone is None else approach.cone)
+    cone, opening, needed = scene.approach.cone, 2e3 * tool.mouth[0], 2e3 * PUSH.harm.fit
+    cone = np.deg2rad(APPROACH.cone if cone is None else cone)
     axes = np.array([scene.frame[2], narrowest(scene, cone)])
-    here, least = (tool.mouth[0] - fits(target, axes, tool).width).tolist()
-    if here + needed <= tool.mouth[0]:
+    here, least = opening - 2e3 * fits(target, axes, tool)[0]
+    if opening <= 0.0 or here + needed <= opening:
         return ""
-    words = (
-        f"{target.id} is {2e3 * here:.1f} mm wide across the approach, the tool's opening "
-        f"{2e3 * tool.mouth[0]:.1f} mm is too narrow: one of {2e3 * (here + needed):.1f} mm fits"
+    off = f"in the cone of the approach it is nowhere narrower than {least:.1f} mm"
+    if least + needed <= opening:
+        tilt = np.rad2deg(np.arccos(axes[0] @ axes[1]))
+        off = f"{tilt:.0f} degrees off the approach it is {least:.1f} mm wide: fits"
+    return (
+        f"{target.id} is {here:.1f} mm wide across the approach, the tool's opening "
+        f"{opening:.1f} mm is too narrow: one of {here + needed:.1f} mm fits; {off}"
     )
-    tilt = np.rad2deg(np.arccos(min(float(axes[0] @ axes[1]), 1.0)))
-    if least + needed <= tool.mouth[0]:
-        return f"{words}; {tilt:.0f} degrees off the approach it is {2e3 * least:.1f} mm wide: fits"
-    return f"{words}; in the cone of the approach it is nowhere narrower than {2e3 * least:.1f} mm"
 
 
 def _least_harm(scene: Scene, model: PushModel, most: float) -> float:

@@ -81,19 +81,18 @@ def flange_of(robot: Robot) -> tuple[float, float, float]:
     return wide, float(np.median(top.max(axis=1))), float((height - radius).min())
 
 
-class Fit(NamedTuple):
-    """The room of a fruit in a cup, whose axis has M directions."""
+def fits(
+    fruit: SceneObject, axes: FloatArray, tool: Tool
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The room of a fruit in a tool with a round mouth along unit vectors ``axes`` (M, 3).
 
-    width: FloatArray  # (M,) inner radius of the mouth less the fruit's half width across [m]
-    floor: FloatArray  # (M,) from the cup's floor to the fruit, whose centre is at the tool point
-    aside: FloatArray  # (M, 3) from the fruit's centre to the middle of its outline [m]
-
-
-def fits(fruit: SceneObject, axes: FloatArray, tool: Tool) -> Fit:
-    """The room of ``fruit`` in a tool with a round mouth along unit vectors ``axes`` (M, 3)."""
+    Returns: The inner radius of the mouth less the fruit's half width across each axis (M,), the
+    height of its lower end over the cup's floor (M,) where its centre is at the tool point, and the
+    middle (M, 3) of its outline from its centre [m].
+    """
     radius, middle, below = fruit.shape.outlines(axes @ fruit.rotation)
     floor = tool.reach - tool.front - WALL - below
-    return Fit(tool.mouth[0] - radius, floor, middle @ fruit.rotation.T)
+    return tool.mouth[0] - radius, floor, middle @ fruit.rotation.T
 
 
 @inner
