@@ -88,15 +88,14 @@ def _in_mouth(
     stands = target.stem is None and abs(float(axis @ scene.up)) < SIDEWAYS
     if tool is None or tool.fingers or tool.mouth[0] <= 0.0 or stands:
         return [], []
-    half = half_width(target, axis)
-    room = tool.mouth[0] - half
+    half, inner = half_width(target, axis), tool.mouth[0]
     text = (
         f"the half width of {target.id} across the approach is {1e3 * half:.1f} mm, that of the "
-        f"tool's opening {1e3 * tool.mouth[0]:.1f} mm"
+        f"tool's opening {1e3 * inner:.1f} mm"
     )
-    if room < -BORDER:
-        return [Violation("opening", text, target.id, time, -room, "m")], []
-    return [], [text] if room < MOUTH_ROOM else []
+    if half > inner + BORDER:
+        return [Violation("opening", text, target.id, time, half - inner, "m")], []
+    return [], [text] if half > inner - MOUTH_ROOM else []
 
 
 def half_width(item: SceneObject, axis: FloatArray) -> float:
@@ -105,23 +104,22 @@ def half_width(item: SceneObject, axis: FloatArray) -> float:
     Nothing narrower than twice this lets it through; of ellipsoids, boxes and solids of revolution
     it is the radius of a circle that does.
     """
-    local, shape = axis @ item.rotation, item.shape
-    sine = math.hypot(local[0], local[1])
-    match shape:
-        case Sphere(radius=r):
-            return r
-        case Capsule(radius=r, length=length):
-            return r + 0.5 * length * sine
-        case Cone(radius=r, tip=tip, length=length):
-            return max(r, tip, 0.5 * (r + tip + length * sine))
     turn = np.linspace(0.0, np.pi, ACROSS, endpoint=False)
-    rays = frame_along(local)[:, :2] @ [np.cos(turn), np.sin(turn)]  # (3, ACROSS)
-    match shape:
+    rays = frame_along(axis @ item.rotation)[:, :2] @ [np.cos(turn), np.sin(turn)]  # (3, ACROSS)
+    match item.shape:
+        case Sphere(radius=r):
+            half = np.full(1, r)
+        case Capsule(radius=r, length=length):
+            half = r + 0.5 * length * np.abs(rays[2])
+        case Cone(radius=r, tip=tip, length=length):
+            half = np.maximum(max(r, tip), 0.5 * (r + tip + length * np.abs(rays[2])))
         case Ellipsoid(radii=radii):
-            return float(lengths((np.array(radii)[:, None] * rays).T).max())
+            half = lengths(rays.T * radii)
         case PointCloudShape(points=points, radius=r):
-            return float(0.5 * np.ptp(points @ rays, axis=0).max()) + r
-    return float(0.5 * np.ptp(shape.mesh(FINE).vertices @ rays, axis=0).max())
+            half = r + 0.5 * np.ptp(points @ rays, axis=0)
+        case shape:
+            half = 0.5 * np.ptp(shape.mesh(FINE).vertices @ rays, axis=0)
+    return float(half.max())
 
 
 def _against(

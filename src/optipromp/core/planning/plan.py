@@ -44,9 +44,8 @@ from optipromp.core.pushing.model import PushModel
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems.cup import fits
 from optipromp.core.robots.model import Robot
-from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.scenes.io import load_scene
-from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory, chained
 
 DEFAULTS = PlanOptions()
@@ -396,11 +395,11 @@ def other_approaches(task: Task, end: float = np.inf) -> Iterator[Task]:
     """The task with each of the most promising approaches that its scene allows.
 
     The tool ends no farther beside the target's centre than its mouth leaves room, so that the cup
-    stays round the target. To a long target it comes first from where the target is narrowest, and
-    ends at the middle of its outline, as low as its length asks for. To a target that stands the
-    tool comes level, from a little to either side. Where the scene states no cone or no lateral
-    distance, ``APPROACH`` does. No approach is looked at after ``end`` [s], a time of the plan's
-    clock.
+    stays round the target. To a long target that does not fit in every state, it comes only from
+    where the target fits, from where that is narrowest first; it ends at the middle of its outline,
+    as low as its length asks for. To a target that stands the tool comes level, from a little to
+    either side. Where the scene states no cone or no lateral distance, ``APPROACH`` does. No
+    approach is looked at after ``end`` [s], a time of the plan's clock.
     """
     scene = task.scene
     tool, target = task.robot.tool, scene.target
@@ -427,7 +426,15 @@ def other_approaches(task: Task, end: float = np.inf) -> Iterator[Task]:
     ]
     straight = None if target.stem is None else task.push_model(task.robot.home)
     if straight is not None and straight.least > 0.0 and not scene.approach.shift.any():
-        directions = _fitting(task, tool, target, np.array([narrowest(scene, cone), z_g, *tilts]))
+        first = narrowest(scene, cone)
+        axes = np.array([first, *(axis for axis in (z_g, *tilts) if axis @ first < 1.0 - SAME)])
+        width, floor, shifts = fits(target, axes, tool)
+        shifts = shifts - np.maximum(APPROACH.room - floor, 0.0)[:, None] * axes
+        shifts *= np.minimum(1.0, aside / np.maximum(lengths(shifts), 1e-9))[:, None]
+        floor += PUSH.harm.fit - np.einsum("mi,mi->m", shifts, axes)
+        other = (axes != z_g).any(axis=1) | shifts.any(axis=1)
+        fit = other & (np.minimum(width, floor) > 0.0)
+        directions = list(zip(axes[fit], shifts[fit], strict=True))
     else:
         directions = [(axis, scene.approach.shift) for axis in tilts]
         beside = (reach * flat for flat in flats if reach > 0.0)
@@ -453,38 +460,14 @@ def other_approaches(task: Task, end: float = np.inf) -> Iterator[Task]:
     yield from (other for _, _, other in best)
 
 
-def _fitting(
-    task: Task, tool: Tool, target: SceneObject, axes: FloatArray
-) -> list[tuple[FloatArray, FloatArray]]:
-    """Those of the directions ``axes`` (M, 3) along which a long target fits, with their shifts.
-
-    The tool ends at the middle of the target's outline, and as low as the target's length asks for,
-    within the lateral distance that the scene allows. A direction of the first is left out: the
-    first is the narrowest one.
-    """
-    aside = task.scene.approach.aside
-    aside = APPROACH.aside if aside is None else aside
-    axes = axes[[True, *(axes[1:] @ axes[0] < 1.0 - SAME)]]
-    width, floor, shifts = fits(target, axes, tool)
-    shifts = shifts - np.maximum(APPROACH.room - floor, 0.0)[:, None] * axes
-    shifts *= np.minimum(1.0, aside / np.maximum(lengths(shifts), 1e-9))[:, None]
-    floor = floor - np.einsum("mi,mi->m", shifts, axes) + PUSH.harm.fit
-    straight = (axes == task.scene.frame[2]).all(axis=1) & ~shifts.any(axis=1)
-    fit = (np.minimum(width, floor) > 0.0) & ~straight
-    return list(zip(axes[fit], shifts[fit], strict=True))
-
-
 def narrowest(scene: Scene, cone: float) -> FloatArray:
     """The direction (3,) of a cone of ``cone`` [rad] across which the target is narrowest."""
-    target, (x_g, y_g, z_g) = scene.target, scene.frame
-    assert target is not None
-    turn, tilt = np.meshgrid(
-        np.linspace(0.0, 2.0 * np.pi, APPROACH.turns, endpoint=False),
-        np.linspace(0.0, cone, APPROACH.rings + 1),
-    )
-    flat = np.cos(turn)[..., None] * x_g + np.sin(turn)[..., None] * y_g
-    axes = (np.cos(tilt)[..., None] * z_g + np.sin(tilt)[..., None] * flat).reshape(-1, 3)
-    radius, _, _ = target.shape.outlines(axes @ target.rotation)
+    assert scene.target is not None
+    turns = 2.0 * np.pi / APPROACH.turns * np.arange(APPROACH.turns)
+    tilt, turn = np.meshgrid(np.linspace(0.0, cone, APPROACH.rings + 1), turns, indexing="ij")
+    local = np.stack([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+    axes = local.reshape(3, -1).T @ np.array(scene.frame)
+    radius, _, _ = scene.target.shape.outlines(axes @ scene.target.rotation)
     return np.asarray(axes[np.argmin(radius.round(6))])  # of equal ones that of the least tilt
 
 
@@ -499,7 +482,7 @@ def misfit(task: Task) -> str:
     cone, opening, needed = scene.approach.cone, 2e3 * tool.mouth[0], 2e3 * PUSH.harm.fit
     cone = np.deg2rad(APPROACH.cone if cone is None else cone)
     axes = np.array([scene.frame[2], narrowest(scene, cone)])
-    here, least = opening - 2e3 * fits(target, axes, tool)[0]
+    here, least = 2e3 * target.shape.outlines(axes @ target.rotation)[0]
     if opening <= 0.0 or here + needed <= opening:
         return ""
     off = f"in the cone of the approach it is nowhere narrower than {least:.1f} mm"

@@ -84,15 +84,14 @@ def flange_of(robot: Robot) -> tuple[float, float, float]:
 def fits(
     fruit: SceneObject, axes: FloatArray, tool: Tool
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The room of a fruit in a tool with a round mouth along unit vectors ``axes`` (M, 3).
+    """The room of a fruit in a round mouth that comes along unit vectors ``axes`` (M, 3) [m].
 
-    Returns: The inner radius of the mouth less the fruit's half width across each axis (M,), the
-    height of its lower end over the cup's floor (M,) where its centre is at the tool point, and the
-    middle (M, 3) of its outline from its centre [m].
+    Returns: (M,) beside the fruit, (M,) from the floor to the fruit whose centre is at the tool
+    point, and (M, 3) from its centre to the middle of its outline.
     """
     radius, middle, below = fruit.shape.outlines(axes @ fruit.rotation)
-    floor = tool.reach - tool.front - WALL - below
-    return tool.mouth[0] - radius, floor, middle @ fruit.rotation.T
+    floor = tool.reach - tool.front - WALL
+    return tool.mouth[0] - radius, floor - below, middle @ fruit.rotation.T
 
 
 @inner
