@@ -75,8 +75,6 @@ def pick(
         for path, good in paths:
             if sparing and solver.searched and path.harm > solver.searched.threshold:
                 refused.append(path)
-                if solver.searched.least > solver.searched.threshold:
-                    return
                 continue
             attempt = follow_path(solver, path, promp, goals, rng)
             if attempt is None:
