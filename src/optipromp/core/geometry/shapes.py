@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, IntArray, frame_along, frozen, lengths
+from optipromp.core.arrays import FloatArray, IntArray, frozen, lengths
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry import faces
 
@@ -33,6 +33,7 @@ ROUND = 28  # faces around a drawn ball
 FINE = 48  # points around a round shape whose mesh is measured, weighed or simulated
 MOST_POINTS = 1500  # drawn of a point cloud
 RAYS = 72  # directions about an outline, a multiple of 4: its radius is exact to 0.1 %
+_LEVEL = np.array([[math.cos(k), math.sin(k), 0.0] for k in np.arange(RAYS) * 2.0 * np.pi / RAYS])
 CONVEX = 0.02  # [-] share of the hull's volume that a convex mesh may lack
 
 
@@ -139,8 +140,9 @@ class Shape(ABC):
         shape against the axes, all from the shape's origin [m]. A circle is the smallest one where
         the outline is symmetric: of solids of revolution, of ellipsoids, of boxes.
         """
-        turns = 2.0 * np.pi / RAYS * np.arange(RAYS)[:, None]
-        rays = np.hstack([np.cos(turns), np.sin(turns)]) @ frame_along(axes)[..., :2].swapaxes(1, 2)
+        mirror = axes + np.copysign([0.0, 0.0, 1.0], axes)  # takes the level rays across the axis
+        share = axes @ _LEVEL.T / np.abs(mirror[:, 2:])
+        rays = _LEVEL - share[..., None] * mirror[:, None]
         far, half, rows = self.support(rays), RAYS // 2, np.arange(len(axes))
         widest = (far + np.roll(far, half, axis=1)).argmax(axis=1)
         middle = np.zeros((len(axes), 3))

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optipromp.core.arrays import BoolArray, FloatArray, frame_along, lengths
+from optipromp.core.arrays import BoolArray, FloatArray, frame_along
 from optipromp.core.compiled import kernel
 from optipromp.core.geometry.shapes import FINE, Capsule, Cone, Ellipsoid, PointCloudShape, Sphere
 from optipromp.core.judging.kinematics import body_of, segments
@@ -46,7 +46,7 @@ GOAL_TOLERANCE = 1e-3  # [m], or [rad] for a goal in joints; method §5
 AXIS_TOLERANCE = np.deg2rad(2.0)  # [rad]; method §5
 SIDEWAYS = 0.5  # sine of the slope below which an approach comes from the side: 30 degrees
 MOUTH_ROOM = 1e-3  # [m] chosen: of a target in the mouth, below which a note says its width
-ACROSS = 90  # directions across an axis in half a turn: an ellipse of 1:2 is exact to 0.03 %
+ACROSS = 90  # directions across an axis in half a turn: an extent is exact to 0.02 %
 BORDER = 1e-6  # [m or rad] beyond the border of a tolerance region: rounding
 
 
@@ -104,22 +104,25 @@ def half_width(item: SceneObject, axis: FloatArray) -> float:
     Nothing narrower than twice this lets it through; of ellipsoids, boxes and solids of revolution
     it is the radius of a circle that does.
     """
-    turn = np.linspace(0.0, np.pi, ACROSS, endpoint=False)
-    rays = frame_along(axis @ item.rotation)[:, :2] @ [np.cos(turn), np.sin(turn)]  # (3, ACROSS)
-    match item.shape:
+    local, shape = axis @ item.rotation, item.shape
+    sine = math.hypot(local[0], local[1])
+    match shape:
         case Sphere(radius=r):
-            half = np.full(1, r)
+            return r
         case Capsule(radius=r, length=length):
-            half = r + 0.5 * length * np.abs(rays[2])
+            return r + 0.5 * length * sine
         case Cone(radius=r, tip=tip, length=length):
-            half = np.maximum(max(r, tip), 0.5 * (r + tip + length * np.abs(rays[2])))
-        case Ellipsoid(radii=radii):
-            half = lengths(rays.T * radii)
-        case PointCloudShape(points=points, radius=r):
-            half = r + 0.5 * np.ptp(points @ rays, axis=0)
-        case shape:
-            half = 0.5 * np.ptp(shape.mesh(FINE).vertices @ rays, axis=0)
-    return float(half.max())
+            return max(r, tip, 0.5 * (r + tip + length * sine))
+        case Ellipsoid(radii=radii):  # the larger semi-axis of an ellipse of this sum and product
+            square = np.square(radii)
+            half = 0.5 * float(square.sum() - square @ local**2)
+            product = float(square.prod() * (local**2 / square).sum())
+            return math.sqrt(half + math.sqrt(max(half**2 - product, 0.0)))
+    turn = np.linspace(0.0, np.pi, ACROSS, endpoint=False)
+    rays = frame_along(local)[:, :2] @ [np.cos(turn), np.sin(turn)]  # (3, ACROSS)
+    if isinstance(shape, PointCloudShape):
+        return float(0.5 * np.ptp(shape.points @ rays, axis=0).max()) + shape.radius
+    return float(0.5 * np.ptp(shape.mesh(FINE).vertices @ rays, axis=0).max())
 
 
 def _against(
