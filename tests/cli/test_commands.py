@@ -84,6 +84,36 @@ def test_check_tells_the_kind_of_built_in_objects(item: str, kind: str) -> None:
     assert (document["status"], document["kind"]) == ("success", kind)
 
 
+@pytest.mark.parametrize(
+    ("opening", "told"),
+    [
+        (0.06, ""),
+        (0.046, "; 25 degrees off the approach it is 39.6 mm wide: fits"),
+        (0.03, "in the cone of the approach it is nowhere narrower than 3"),
+    ],
+)
+def test_check_says_that_a_cup_is_too_narrow(tmp_path: Path, opening: float, told: str) -> None:
+    """A fruit of 36 x 60 mm leans by 45 degrees: it is 49.5 mm wide across the vertical."""
+    path = tmp_path / "narrow.yaml"
+    path.write_text(
+        "name: narrow\nrobot: panda\n"
+        f"tool: {{kind: cup, radius: 0.032, opening: {opening}}}\n"
+        "objects:\n"
+        "  - {id: ripe, role: target, shape: {ellipsoid: {radii: [0.018, 0.018, 0.03]}},\n"
+        "     position: [0.45, 0.0, 0.89], orientation: [0.92388, 0.0, 0.382683, 0.0],\n"
+        "     stem: {root: [0.55, 0.0, 0.99]}}\n",
+        encoding="utf-8",
+    )
+    result = runner.invoke(app, ["check", str(path)])
+    assert result.exit_code == 0, result.stderr
+    said = " ".join(result.stderr.split())
+    assert ("too narrow" in said) is bool(told)
+    if told:
+        wide = "ripe is 49.5 mm wide across the approach, the tool's opening"
+        assert f"{wide} {1e3 * opening:.1f} mm is too narrow: one of 51.5 mm fits" in said
+        assert told in said
+
+
 def test_check_tells_the_body_of_a_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ball = '<collision><geometry><box size="0.1 0.1 0.2"/></geometry></collision>'
     joints = "".join(

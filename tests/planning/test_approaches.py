@@ -1,19 +1,25 @@
 """Ways to come at an angle and beside the target's centre, where the straight way harms."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from optipromp import load_scene, save_scene
 from optipromp.core.errors import Code, InvalidSceneError
+from optipromp.core.geometry import Cone
 from optipromp.core.judging import judge
 from optipromp.core.planning import plan, plan_many
 from optipromp.core.planning.parameters import APPROACH
 from optipromp.core.planning.plan import other_approaches
-from optipromp.core.planning.task import resolve
+from optipromp.core.planning.task import Task, resolve
+from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.pushing.stems.cup import fits
+from optipromp.core.pushing.stems.hanging import Hanging
 from optipromp.core.scenes import Approach, Pose, Scene
 from optipromp.laboratory.generate import generate
+from optipromp.laboratory.generate.plants import untold
 from optipromp.laboratory.simulation import simulate
 
 REFUSED = "cluster", 32018  # harm is predicted on the straight way
@@ -140,3 +146,87 @@ def test_the_cone_outlives_a_file_and_a_transformation(tmp_path, refused: Scene)
 def test_what_no_approach_can_be_is_refused(name: str, value: float) -> None:
     with pytest.raises(InvalidSceneError, match=f"approach.{name}"):
         Approach(**{name: value})
+
+
+def fitted(task: Task) -> tuple[float, float]:
+    """Room of the target in the mouth, aside and over the floor, at the end of an approach [m]."""
+    scene, tool = task.scene, task.robot.tool
+    assert scene.target is not None
+    assert tool is not None
+    width, floor, _ = fits(scene.target, scene.frame[2][None], tool)
+    return float(width[0]), float(floor[0] - scene.approach.shift @ scene.frame[2])
+
+
+def test_the_direction_across_which_a_long_target_is_narrowest_comes_first() -> None:
+    """It leans by 32 degrees: along the vertical it is wider than the mouth."""
+    task = resolve(untold(generate("wild", 175047)))
+    assert fitted(task)[0] < 0.0
+    first, *others = other_approaches(task)
+    room, _ = fitted(first)
+    assert room > 0.002
+    assert all(fitted(other)[0] <= room + 1e-4 for other in others)
+    made = plan(untold(generate("wild", 175047)))
+    assert made.success
+    assert fitted(made.task)[0] > 0.002
+    straight = plan(allowed(untold(generate("wild", 175047)), **STRAIGHT))
+    assert straight.status == Code.HARM_PREDICTED or not straight.valid
+
+
+def test_the_tool_ends_lower_below_a_target_that_is_longer_than_the_cup() -> None:
+    scene = untold(generate("wild", 175042))
+    _, floor = fitted(resolve(scene))
+    assert floor < -0.004
+    made = plan(scene)
+    assert made.success
+    assert fitted(made.task)[1] > -PUSH.harm.fit
+    shift, axis = made.scene.approach.shift, made.scene.frame[2]
+    assert -APPROACH.aside - 1e-9 <= shift @ axis < 0.0
+    assert simulate(made, generate("wild", 175042)).outcome.success
+
+
+def test_the_room_beside_a_leaning_cone_is_shared() -> None:
+    """The tool ends under the middle of the outline, which is not under the target's centre."""
+    task = resolve(untold(generate("wild", 175047)))
+    target, axis = task.scene.target, task.scene.frame[2]
+    assert target is not None
+    middle = fits(target, axis[None], task.robot.tool)[2][0]
+    assert np.linalg.norm(middle) > 0.002
+    assert middle @ axis == pytest.approx(0.0, abs=1e-9)
+    vertices = target.shape.mesh(48).vertices @ target.rotation.T
+    centred, as_is = (
+        vertices - off - np.outer((vertices - off) @ axis, axis) for off in (middle, 0 * middle)
+    )
+    assert np.linalg.norm(centred, axis=1).max() < np.linalg.norm(as_is, axis=1).max() - 0.002
+
+
+def test_a_long_target_that_fits_is_approached_as_a_ball_is() -> None:
+    """No direction is added to the search, and no place of the tool's end is moved."""
+    task = resolve(generate("field", 300005))
+    model, target = task.push_model(task.robot.home), task.scene.target
+    assert isinstance(model, Hanging)
+    assert target is not None
+    assert isinstance(target.shape, Cone)
+    assert model.least == 0.0
+    for other in other_approaches(task):
+        axis, shift = other.scene.frame[2], other.scene.approach.shift
+        tilt = np.rad2deg(np.arccos(min(float(axis @ task.scene.frame[2]), 1.0)))
+        assert tilt == pytest.approx(25.0) or tilt == pytest.approx(12.5) or tilt < 1e-3
+        assert not shift.any() or tilt < 1e-3
+
+
+def test_the_search_ends_at_once_where_no_path_along_the_approach_can_do(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The target is 67 mm wide across the vertical, the opening 53 mm."""
+    tried = 0
+    harm = Hanging.harm
+
+    def counted(model: Hanging, *args: Any) -> float:
+        nonlocal tried
+        tried += 1
+        return harm(model, *args)
+
+    monkeypatch.setattr(Hanging, "harm", counted)
+    made = plan(allowed(generate("wild", 310004), **STRAIGHT))
+    assert not made.success
+    assert 0 < tried < 20

@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from tests.pushing.fruits import CUP, DT, TARGET, UP, along, hung
 
-from optipromp.core.arrays import FloatArray
+from optipromp.core.arrays import FloatArray, frame_along
 from optipromp.core.geometry import (
     Box,
     Capsule,
@@ -23,8 +25,10 @@ from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems import swinging
 from optipromp.core.pushing.stems.bending import Stems, hanging_balls
 from optipromp.core.pushing.stems.cup import cup_distance
+from optipromp.core.pushing.stems.hanging import Hanging
 from optipromp.core.pushing.stems.swinging import push
-from optipromp.core.scenes import SceneObject, Stem
+from optipromp.core.robots.tools import Cup
+from optipromp.core.scenes import Scene, SceneObject, Stem
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import simulate
 
@@ -210,3 +214,59 @@ def test_a_lone_target_is_reached_along_the_axis() -> None:
         made = plan(replace(lone, objects=(wide, *lone.objects[1:])))
         assert made.prediction is not None
         assert made.success == picked, made.message
+
+
+def leaning(degrees: float, shape: Shape) -> SceneObject:
+    """A ripe fruit whose stem and long axis lean by an angle."""
+    turn = frame_along(np.array([np.sin(np.deg2rad(degrees)), 0.0, np.cos(np.deg2rad(degrees))]))
+    stem = Stem(TARGET + np.outer([0.0, 0.15], turn[:, 2]))
+    return SceneObject("ripe", "target", shape, TARGET, turn, stem=stem)
+
+
+def fitting(target: SceneObject, opening: float, height: float = 0.1) -> Hanging:
+    """A model of a cup whose mouth has the inner radius ``opening``."""
+    cup = Cup(opening + 0.002, height=height, opening=2.0 * opening)
+    camera = TARGET - np.array([0.0, 0.0, 0.25])
+    return Hanging(Scene("lean", "panda", (target,)), cup, (), camera, cup.gripper_radius)
+
+
+@given(
+    degrees=st.floats(0.0, 70.0),
+    shape=st.sampled_from([Ellipsoid((0.017, 0.017, 0.03)), Cone(0.018, 0.008, 0.02)]),
+)
+@settings(max_examples=15, deadline=None)
+def test_the_harm_rises_as_the_opening_narrows(degrees: float, shape: Shape) -> None:
+    target = leaning(degrees, shape)
+    wide = float(shape.outlines(UP[None] @ target.rotation)[0][0])
+    points = along((0, 0, -0.2), (0, 0, 0))
+    axes = np.tile(UP, (len(points), 1))
+    mean, harm = [], []
+    for room in (0.006, 0.001, 0.0005, 0.0, -0.001, -0.003):
+        model = fitting(target, wide + room)
+        mean.append(model.least)
+        harm.append(model.harm(points, axes, model.states))
+    assert mean == sorted(mean)
+    assert mean[0] == 0.0
+    assert mean[-1] > 0.95
+    assert min(harm[-2:]) > 0.8 > 0.6 > harm[0]
+    assert all(own >= part - 1e-9 for own, part in zip(harm, mean, strict=True))
+
+
+def test_a_target_that_reaches_below_the_floor_is_pressed() -> None:
+    """A floor lifts a fruit by a millimetre, not by 4; a deeper cup leaves it alone."""
+    target = leaning(0.0, Ellipsoid((0.017, 0.017, 0.032)))
+    lifted, deeper = fitting(target, 0.025, height=0.05), fitting(target, 0.025, height=0.06)
+    assert lifted.least == 1.0
+    assert deeper.least == 0.0
+
+
+def test_the_contacts_of_a_ball_say_what_does_not_fit() -> None:
+    assert not fitting(leaning(30.0, Sphere(0.02)), 0.018).least
+
+
+def test_the_cause_names_a_target_that_does_not_fit() -> None:
+    model = fitting(leaning(50.0, Ellipsoid((0.017, 0.017, 0.03))), 0.0235)
+    points = along((0, 0, -0.2), (0, 0, 0))
+    made = model.predict(points, np.tile(UP, (len(points), 1)))
+    assert made.harmful
+    assert (made.object, made.cause) == ("ripe", "does not fit into the tool's mouth")

@@ -161,6 +161,7 @@ def _words(value: object) -> str:
 
 
 def _scene(item: str) -> dict[str, Any]:
+    from optipromp.core.planning.plan import misfit
     from optipromp.core.planning.task import resolve
     from optipromp.core.robots.model import warn_of_gravity
     from optipromp.looks.appearance.scene import ground_of
@@ -176,6 +177,8 @@ def _scene(item: str) -> dict[str, Any]:
             "under the base, which no plan keeps clear of: state start: or a static floor",
             stacklevel=1,
         )
+    if narrow := misfit(bound):
+        warnings.warn(narrow, stacklevel=1)
     by_role = {
         role: [item.id for item in scene.objects if item.role == role]
         for role in ("target", "pushable", "avoid", "static")

@@ -410,12 +410,7 @@ def _figures(pixel: float, metre: float, degree: float) -> tuple[str, ...]:
 
 @command()
 def measure_crop(
-    measured: list[str],
-    /,
-    *,
-    out: Path,
-    name: str | None = None,
-    like: str = "strawberry",
+    measured: list[str], /, *, out: Path, name: str | None = None, like: str = "strawberry"
 ) -> Report:
     """Make a crop file from measurements with a ruler, a kitchen scale and a phone.
 

@@ -11,7 +11,7 @@ import math
 from abc import ABC, abstractmethod
 from contextlib import suppress
 from dataclasses import dataclass, fields
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,6 +32,8 @@ GRID_PADDING = 3  # least cells between a grid's border and the bounding box of 
 ROUND = 28  # faces around a drawn ball
 FINE = 48  # points around a round shape whose mesh is measured, weighed or simulated
 MOST_POINTS = 1500  # drawn of a point cloud
+RAYS = 72  # directions about an outline, a multiple of 4: its radius is exact to 0.1 %
+_LEVEL = np.array([[math.cos(k), math.sin(k), 0.0] for k in np.arange(RAYS) * 2.0 * np.pi / RAYS])
 CONVEX = 0.02  # [-] share of the hull's volume that a convex mesh may lack
 
 
@@ -108,6 +110,47 @@ class Shape(ABC):
             hash(self)
             return BallPair(line, *_fitted(self, key))
         return BallPair(line, *_fitted.__wrapped__(self, key))
+
+    @cached_property
+    def _hull(self) -> FloatArray:
+        """Corners (V, 3) of the convex hull of the mesh [m]."""
+        points = self.mesh(FINE).vertices
+        return np.asarray(points[np.unique(hull_faces(points))])
+
+    def support(self, directions: FloatArray) -> FloatArray:
+        """Largest extents (...) from the origin along unit vectors ``directions`` (..., 3) [m]."""
+        match self:
+            case Sphere(radius=r):
+                return np.full(directions.shape[:-1], r)
+            case Capsule(radius=r, length=length):
+                return np.asarray(r + 0.5 * length * np.abs(directions[..., 2]))
+            case Cone(radius=r, tip=tip, length=length):
+                up = 0.5 * length * directions[..., 2]
+                return np.maximum(r + up, tip - up)
+            case Ellipsoid(radii=radii):
+                return np.asarray(np.sqrt(directions**2 @ np.square(radii)))
+            case PointCloudShape(points=points, radius=r):
+                return np.asarray((directions @ points.T).max(axis=-1) + r)
+        return np.asarray((directions @ self._hull.T).max(axis=-1))
+
+    def outlines(self, axes: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Circles round the outlines across unit vectors ``axes`` (M, 3).
+
+        Returns: Radii (M,) of the circles and their middles (M, 3), and the extents (M,) of the
+        shape against the axes, all from the shape's origin [m]. A circle is the smallest one where
+        the outline is symmetric: of solids of revolution, of ellipsoids, of boxes.
+        """
+        mirror = axes + np.copysign([0.0, 0.0, 1.0], axes)  # takes the level rays across the axis
+        share = axes @ _LEVEL.T / np.abs(mirror[:, 2:])
+        rays = _LEVEL - share[..., None] * mirror[:, None]
+        far, half, rows = self.support(rays), RAYS // 2, np.arange(len(axes))
+        widest = (far + np.roll(far, half, axis=1)).argmax(axis=1)
+        middle = np.zeros((len(axes), 3))
+        for k in (widest, (widest + half // 2) % RAYS):  # two directions at right angles
+            off = 0.5 * (far[rows, k] - far[rows, (k + half) % RAYS])
+            middle += off[:, None] * rays[rows, k]
+        radius = (far - (rays @ middle[..., None])[..., 0]).max(axis=1)
+        return radius, middle, self.support(-axes)
 
     def surface(self, cut: float = np.inf) -> FloatArray:
         """Faces (F, 4, 3) of the surface [m], see :mod:`optipromp.core.geometry.faces`.

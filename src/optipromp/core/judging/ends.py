@@ -16,11 +16,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optipromp.core.arrays import BoolArray, FloatArray, IntArray
+from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frame_along
 from optipromp.core.compiled import kernel
+from optipromp.core.geometry.shapes import FINE, Capsule, Cone, Ellipsoid, PointCloudShape, Sphere
 from optipromp.core.judging.curve import along
 from optipromp.core.judging.kinematics import body_of, fitting, segments
 from optipromp.core.robots.model import Robot
+from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.scenes.goals import (
     Goal,
     JointGoal,
@@ -30,7 +32,7 @@ from optipromp.core.scenes.goals import (
     axes_of,
     pose_name,
 )
-from optipromp.core.scenes.scene import Scene
+from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.trajectory import Trajectory
 
 
@@ -41,7 +43,7 @@ class Violation:
     Args:
         kind: ``contact``, ``unchecked``, ``goal``, ``axis``, ``stem side``, ``limit``,
             ``velocity``, ``acceleration``, ``jerk``, ``speed``, ``start``, ``motion``, ``drift``,
-            ``stem``, ``upright``, ``plane``, ``line`` or ``line speed``.
+            ``stem``, ``upright``, ``plane``, ``line``, ``line speed`` or ``opening``.
         message: the reason as a sentence, which is also ``str(violation)``.
         subject: the link, joint or object concerned; empty where there is none.
         time: of the largest amount [s]; None where the violation has no time.
@@ -62,6 +64,9 @@ class Violation:
 
 GOAL_TOLERANCE = 1e-3  # [m], or [rad] for a goal in joints; method §5
 AXIS_TOLERANCE = np.deg2rad(2.0)  # [rad]; method §5
+SIDEWAYS = 0.5  # sine of the slope below which an approach comes from the side: 30 degrees
+MOUTH_ROOM = 1e-3  # [m] chosen: of a target in the mouth, below which a note says its width
+ACROSS = 90  # directions across an axis in half a turn: an extent is exact to 0.02 %
 BORDER = 1e-6  # [m or rad] beyond the border of a tolerance region: rounding
 
 
@@ -84,11 +89,60 @@ def ends(
     """
     if scene.target is not None:
         aim = scene.target.position + scene.approach.shift
-        return _pose(aim, scene.frame[2], tip, axis, time), []
+        end = _pose(aim, scene.frame[2], tip, axis, time)
+        wide, notes = _in_mouth(scene, scene.target, robot.tool, axis, time)
+        return end._replace(missed=[*end.missed, *wide]), notes
     found = [_against(goal, robot, last, tip, axis, time) for goal in scene.goals]
     best = min(range(len(found)), key=lambda k: (len(found[k].missed), found[k].error))
     several = len(found) > 1 and not found[best].missed
     return found[best], [f"ends at goal {best + 1} of {len(found)}"] if several else []
+
+
+def _in_mouth(
+    scene: Scene, target: SceneObject, tool: Tool | None, axis: FloatArray, time: float
+) -> tuple[list[Violation], list[str]]:
+    """What is wrong with a target that is wider across ``axis`` (3,) than a round mouth; notes.
+
+    A target that stands and is met from the side is not taken in: the tool comes to its front.
+    """
+    stands = target.stem is None and abs(float(axis @ scene.up)) < SIDEWAYS
+    if tool is None or tool.fingers or tool.mouth[0] <= 0.0 or stands:
+        return [], []
+    half, inner = half_width(target, axis), tool.mouth[0]
+    text = (
+        f"the half width of {target.id} across the approach is {1e3 * half:.1f} mm, that of the "
+        f"tool's opening {1e3 * inner:.1f} mm"
+    )
+    if half > inner + BORDER:
+        return [Violation("opening", text, target.id, time, half - inner, "m")], []
+    return [], [text] if half > inner - MOUTH_ROOM else []
+
+
+def half_width(item: SceneObject, axis: FloatArray) -> float:
+    """Half of the largest extent of an object across ``axis`` (3,) [m].
+
+    Nothing narrower than twice this lets it through; of ellipsoids, boxes and solids of revolution
+    it is the radius of a circle that does.
+    """
+    local, shape = axis @ item.rotation, item.shape
+    sine = math.hypot(local[0], local[1])
+    match shape:
+        case Sphere(radius=r):
+            return r
+        case Capsule(radius=r, length=length):
+            return r + 0.5 * length * sine
+        case Cone(radius=r, tip=tip, length=length):
+            return max(r, tip, 0.5 * (r + tip + length * sine))
+        case Ellipsoid(radii=radii):  # the larger semi-axis of an ellipse of this sum and product
+            square = np.square(radii)
+            half = 0.5 * float(square.sum() - square @ local**2)
+            product = float(square.prod() * (local**2 / square).sum())
+            return math.sqrt(half + math.sqrt(max(half**2 - product, 0.0)))
+    turn = np.linspace(0.0, np.pi, ACROSS, endpoint=False)
+    rays = frame_along(local)[:, :2] @ [np.cos(turn), np.sin(turn)]  # (3, ACROSS)
+    if isinstance(shape, PointCloudShape):
+        return float(0.5 * np.ptp(shape.points @ rays, axis=0).max()) + shape.radius
+    return float(0.5 * np.ptp(shape.mesh(FINE).vertices @ rays, axis=0).max())
 
 
 def _against(

@@ -163,6 +163,7 @@ class Approach:
     cone = 25.0  # [deg] largest tilt to a hanging target, where the scene states none
     aside = 0.01  # [m] beside the target, where the scene states none
     inner = 0.5  # [1] share of the cone, for a second ring of tilts
+    turns, rings = 24, 4  # [1] directions of the cone across which a long target is measured
     room = 0.002  # [m] between target and mouth at the end
     tried = 3  # [1] measured: approaches that are planned; with 6, 2 % more succeed, but later
     candidates = 5  # [1] first paths of a push model that are tried

@@ -17,7 +17,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from optipromp.core import judging
-from optipromp.core.arrays import rotation
+from optipromp.core.arrays import FloatArray, lengths, rotation
 from optipromp.core.budget import Budget, clock
 from optipromp.core.compiled import in_cache
 from optipromp.core.errors import Code, InvalidRequestError
@@ -33,6 +33,8 @@ from optipromp.core.planning.verdict import Verdict, judged, predicted
 from optipromp.core.processes import cores
 from optipromp.core.promp.model import ProMP
 from optipromp.core.pushing.model import PushModel
+from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.pushing.stems.cup import fits
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene
@@ -40,6 +42,7 @@ from optipromp.core.trajectory import Trajectory, chained
 
 DEFAULTS = PlanOptions()
 WARM_UP = "scenario-3"
+SAME = 1e-6  # 1 less the cosine between two directions that are one: 0.1 degrees
 RETRIED = Code.HARM_PREDICTED, Code.INVALID_PLAN, Code.GOAL_IN_COLLISION, Code.GOAL_UNREACHABLE
 """Statuses with which other approaches are tried."""
 
@@ -385,9 +388,11 @@ def other_approaches(task: Task, end: float = np.inf) -> Iterator[Task]:
     """The task with each of the most promising approaches that its scene allows.
 
     The tool ends no farther beside the target's centre than its mouth leaves room, so that the cup
-    stays round the target. To a target that stands the tool comes level, from a little to either
-    side. Where the scene states no cone or no lateral distance, ``APPROACH`` does. No approach is
-    looked at after ``end`` [s], a time of the plan's clock.
+    stays round the target. To a long target that does not fit in every state, it comes only from
+    where the target fits, from where that is narrowest first; it ends at the middle of its outline,
+    as low as its length asks for. To a target that stands the tool comes level, from a little to
+    either side. Where the scene states no cone or no lateral distance, ``APPROACH`` does. No
+    approach is looked at after ``end`` [s], a time of the plan's clock.
     """
     scene = task.scene
     tool, target = task.robot.tool, scene.target
@@ -406,13 +411,27 @@ def other_approaches(task: Task, end: float = np.inf) -> Iterator[Task]:
         level = float(np.linalg.norm(side))
         flats = [side / level, -side / level] if level > 0.5 else []  # over 30° off the vertical
         shares, reach = (APPROACH.inner,), 0.0
-    directions = [
-        (rotation(np.cross(z_g, flat), float(share * cone)) @ z_g, scene.approach.shift)
+    tilts = [
+        rotation(np.cross(z_g, flat), float(share * cone)) @ z_g
         for share in shares
         if cone > 0.0
         for flat in flats
     ]
-    directions += [(z_g, scene.approach.shift + reach * flat) for flat in flats if reach > 0.0]
+    straight = None if target.stem is None else task.push_model(task.robot.home)
+    if straight is not None and straight.least > 0.0 and not scene.approach.shift.any():
+        first = narrowest(scene, cone)
+        axes = np.array([first, *(axis for axis in (z_g, *tilts) if axis @ first < 1.0 - SAME)])
+        width, floor, shifts = fits(target, axes, tool)
+        shifts = shifts - np.maximum(APPROACH.room - floor, 0.0)[:, None] * axes
+        shifts *= np.minimum(1.0, aside / np.maximum(lengths(shifts), 1e-9))[:, None]
+        floor += PUSH.harm.fit - np.einsum("mi,mi->m", shifts, axes)
+        other = (axes != z_g).any(axis=1) | shifts.any(axis=1)
+        fit = other & (np.minimum(width, floor) > 0.0)
+        directions = list(zip(axes[fit], shifts[fit], strict=True))
+    else:
+        directions = [(axis, scene.approach.shift) for axis in tilts]
+        beside = (reach * flat for flat in flats if reach > 0.0)
+        directions += [(z_g, scene.approach.shift + shift) for shift in beside]
     left, best = APPROACH.tried, list[tuple[float, int, Task]]()
     for k, (direction, shift) in enumerate(directions):
         if clock() > end:
@@ -432,6 +451,41 @@ def other_approaches(task: Task, end: float = np.inf) -> Iterator[Task]:
         else:
             best = sorted([*best, (harm, k, other)])[:left]
     yield from (other for _, _, other in best)
+
+
+def narrowest(scene: Scene, cone: float) -> FloatArray:
+    """The direction (3,) of a cone of ``cone`` [rad] across which the target is narrowest."""
+    assert scene.target is not None
+    turns = 2.0 * np.pi / APPROACH.turns * np.arange(APPROACH.turns)
+    tilt, turn = np.meshgrid(np.linspace(0.0, cone, APPROACH.rings + 1), turns, indexing="ij")
+    local = np.stack([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+    axes = local.reshape(3, -1).T @ np.array(scene.frame)
+    radius, _, _ = scene.target.shape.outlines(axes @ scene.target.rotation)
+    return np.asarray(axes[np.argmin(radius.round(6))])  # of equal ones that of the least tilt
+
+
+def misfit(task: Task) -> str:
+    """In words, how much wider a hanging target is than a round mouth, and what fits; else empty.
+
+    The room that it needs is that of the push model.
+    """
+    scene, tool, target = task.scene, task.robot.tool, task.scene.target
+    if target is None or target.stem is None or tool is None or tool.fingers:
+        return ""
+    cone, opening, needed = scene.approach.cone, 2e3 * tool.mouth[0], 2e3 * PUSH.harm.fit
+    cone = np.deg2rad(APPROACH.cone if cone is None else cone)
+    axes = np.array([scene.frame[2], narrowest(scene, cone)])
+    here, least = 2e3 * target.shape.outlines(axes @ target.rotation)[0]
+    if opening <= 0.0 or here + needed <= opening:
+        return ""
+    off = f"in the cone of the approach it is nowhere narrower than {least:.1f} mm"
+    if least + needed <= opening:
+        tilt = np.rad2deg(np.arccos(axes[0] @ axes[1]))
+        off = f"{tilt:.0f} degrees off the approach it is {least:.1f} mm wide: fits"
+    return (
+        f"{target.id} is {here:.1f} mm wide across the approach, the tool's opening "
+        f"{opening:.1f} mm is too narrow: one of {here + needed:.1f} mm fits; {off}"
+    )
 
 
 def _least_harm(scene: Scene, model: PushModel, most: float) -> float:

@@ -150,6 +150,7 @@ class PushModel(ABC):
 
     Attributes:
         good: harm below which the search ends.
+        least: harm that no path avoids, part of every harm.
         threshold: largest harm of a success, for the share of promises that may be broken.
         calibration: of the harm; None where the harm was never compared with runs.
         states: number of states of the scene; the first is the perceived one.
@@ -157,6 +158,7 @@ class PushModel(ABC):
     """
 
     good: float
+    least: float = 0.0
     threshold: float
     calibration: Calibration | None = None
     states: int
@@ -224,6 +226,7 @@ class _Guided(PushModel):
     def __init__(self, lead: PushModel) -> None:
         self.lead, self.candidates, self.states = lead, lead.candidates, lead.states
         self.good, self.threshold, self.calibration = lead.good, lead.threshold, lead.calibration
+        self.least = lead.least
 
 
 class Combined(_Guided):

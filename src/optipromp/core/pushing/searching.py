@@ -53,6 +53,7 @@ def search(
     seen: list[Judged] = []
     tried: set[ToolPath] = set()  # paths that were tried in all states of the search
     judged = _judging(model, axes)
+    rounds = schedule.rounds if model.least <= model.threshold else schedule.rounds[:1]
 
     def late() -> bool:
         begun = found is not None or len(seen) > 0
@@ -77,8 +78,8 @@ def search(
     for run in range(schedule.runs):
         mean, spread = candidates.spread(run)
         seen = []
-        for turn, step in enumerate(schedule.rounds):
-            if turn and step.states != schedule.rounds[turn - 1].states:
+        for turn, step in enumerate(rounds):
+            if turn and step.states != rounds[turn - 1].states:
                 again = [(judged(x, p, step.states, np.inf), x, p) for _, x, p in seen]
                 seen = sorted(again, key=lambda item: item[0])
             new = _sampled(candidates, mean, spread, seen, step.candidates, rng)

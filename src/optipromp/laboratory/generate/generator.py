@@ -91,31 +91,7 @@ def generate_with_report(
 ) -> tuple[Scene, GenerationReport]:  # fmt: skip
     """Sample a random scene.
 
-    Presets (lengths in metres; every number uniform in its range):
-
-    - ``cluster``: 1 to 4 pushables 0.03 to 0.15 before the target along the approach (upwards),
-      offset by up to R_gripper along each lateral direction; stems 0.10 to 0.30 long, inclined by
-      up to 25 degrees in any direction; R_gripper 0.02 to 0.03; fruits of 30 to 40 mm, the target
-      smaller where the cup asks for it.
-    - ``side-clusters``: also a neighbouring cluster on either side, 0.12 to 0.25 away.
-    - ``table-top``: a cluster, and a gutter 0.03 to 0.08 from the target's centre on any side but
-      the approach.
-    - ``mixed``: all of these at once.
-    - ``tight``: 2 to 4 pushables, each 0 to 12 mm from the target or from another pushable, surface
-      to surface, and no higher or lower than the target by more than 12 mm; otherwise as
-      ``cluster``.
-    - ``limp``: as ``cluster``, but the stems hang plumb, to 2 degrees. Nothing then implies that a
-      stem is stiffer than green tissue (:data:`optipromp.core.pushing.parameters.PUSH`).
-    - ``elongated``: as ``cluster``, but the fruits are capsules along their stems, 1.2 to 1.4 times
-      as long as wide; each stem begins at the upper end.
-    - ``truss``: the target and 2 to 4 pushables on one truss of 0.12 to 0.28; any of the fruits
-      may be at its end.
-    - ``field``: as ``cluster``, ``tight`` or ``truss``, of all shapes, with sampled physical
-      parameters (:mod:`optipromp.laboratory.generate.plants`) that a study hides from the planner.
-    - ``wild``: as fruits in pictures of plantations: long, crooked, near one another, on stems that
-      lean by 18 degrees in the median (:mod:`optipromp.laboratory.generate.plants`).
-    - ``shelf``: a can behind 2 to 6 upright cans and boxes on a shelf; horizontal approach with
-      the Franka hand.
+    docs/reference/scenes.md describes the presets.
 
     A scene is sampled again only where objects interpenetrate, or where no arm could solve it: the
     target out of reach, inside something static, a stem rooted where the cup must pass, or every
@@ -125,10 +101,8 @@ def generate_with_report(
         preset: one of :data:`PRESETS`.
         seed: not negative; the same seed gives the same scene.
         robot: name or path. The base of any but the built-in Panda is placed so that the robot
-            reaches the scene (:mod:`optipromp.laboratory.generate.placing`). The sampled world is
-            the same, in the frame of that base. For an arm that no one place serves, the base is
-            placed for each scene, and scenes at which the arm can work from no place are sampled
-            again (:mod:`optipromp.laboratory.generate.placing`).
+            reaches the scene (:mod:`optipromp.laboratory.generate.placing`), where no one place
+            serves for each scene anew. The sampled world is the same, in the frame of that base.
         choice: of the arm in the robot's file.
         crop: whose fruits take the place of the preset's
             (:func:`optipromp.laboratory.generate.plants.with_fruits_of`); None: the preset's.

@@ -9,10 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optipromp.core.arrays import lengths
+from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.compiled import inner
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.robots.model import Robot
+from optipromp.core.robots.tool_protocol import Tool
+from optipromp.core.robots.tools import WALL
+from optipromp.core.scenes.objects import SceneObject
 
 SWING = PUSH.swing
 ABOVE = 1.0  # [m] added to the gap of a piece of stem over the rim, which touches nothing
@@ -76,6 +79,19 @@ def flange_of(robot: Robot) -> tuple[float, float, float]:
     off = np.linalg.norm(0.7 * wide * toward[:, None] - aside, axis=2)
     top = np.where(off < radius, height + np.sqrt(np.maximum(radius**2 - off**2, 0.0)), -np.inf)
     return wide, float(np.median(top.max(axis=1))), float((height - radius).min())
+
+
+def fits(
+    fruit: SceneObject, axes: FloatArray, tool: Tool
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The room of a fruit in a round mouth that comes along unit vectors ``axes`` (M, 3) [m].
+
+    Returns: (M,) beside the fruit, (M,) from the floor to the fruit whose centre is at the tool
+    point, and (M, 3) from its centre to the middle of its outline.
+    """
+    radius, middle, below = fruit.shape.outlines(axes @ fruit.rotation)
+    floor = tool.reach - tool.front - WALL
+    return tool.mouth[0] - radius, floor - below, middle @ fruit.rotation.T
 
 
 @inner

@@ -23,7 +23,7 @@ from optipromp.core.pushing.model import Candidates, Continued, Moved, PushModel
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP, ToolPath, length, through
 from optipromp.core.pushing.stems import bending, swinging
-from optipromp.core.pushing.stems.cup import Mouth
+from optipromp.core.pushing.stems.cup import Mouth, fits
 from optipromp.core.robots.cup_cover import NECK_RADIUS
 from optipromp.core.robots.grippers import Scissor
 from optipromp.core.robots.ik import uniform
@@ -231,8 +231,6 @@ class Hanging(PushModel):
         risk: share of promised successes that may be broken.
     """
 
-    good = PUSH.harm.good
-
     def __init__(
         self, scene: Scene, tool: Tool, neighbours: Sequence[SceneObject], camera: FloatArray,
         gripper_radius: float, flange: tuple[float, float, float] = (0.0, -1.0, -1.0),
@@ -258,6 +256,8 @@ class Hanging(PushModel):
         self.searched = HANGING.screened_states if detected else HANGING.screened_known
         self.states = HANGING.detected_states if detected else HANGING.states
         self.stems = sampled(fruits, self.searched, self.states, tuple(scene.up.tolist()))
+        self.least = unfit(scene, tool, self.stems.axes[:: self.count, 2], self.searched)
+        self.good = PUSH.harm.good + self.least
         self._by: FloatArray | None = None  # (N, P, 3) drifts of the roots [m]
         self._leaves = swinging.NEVER
         self.candidates = PathsPast(
@@ -268,10 +268,12 @@ class Hanging(PushModel):
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
         every = HANGING.screened_every if states == 1 else HANGING.every
+        if self.least > limit:
+            return self.least
         told = states > self.searched
         some, motion = self._steps(self.searched if told else 0, states, points, axes, every)
         hopeless, leaves = PUSH.harm.hopeless, self._leaves // every
-        total, worst = 0.0, limit * states
+        total, worst = 0.0, (limit - self.least) * states
         for first in range(0, states, TOGETHER):
             which = first, min(first + TOGETHER, states)
             total = swinging.summed_score(
@@ -279,11 +281,11 @@ class Hanging(PushModel):
                 leaves, total,
             )  # fmt: skip
             if not told and first == 0 and total >= hopeless:
-                return float(total)
+                return self.least + float(total)
             if total > worst:
                 break
             step(WEIGHT)
-        return float(total / states)
+        return self.least + float(total / states)
 
     def led(self, state: int, points: FloatArray, axes: FloatArray) -> swinging.Led:
         """Effect of a motion of the tool on the fruits in one state."""
@@ -300,6 +302,7 @@ class Hanging(PushModel):
         """The model of motions whose points from the ``first`` on lead the tool out again."""
         out = copy.copy(self)
         out._leaves, out.cup = first, self.cup._replace(rubbing=PUSH.swing.leaving)
+        out.least = 0.0  # the target is inside, or it was not picked
         return out
 
     def clear(self, points: FloatArray, axes: FloatArray) -> bool:
@@ -325,6 +328,8 @@ class Hanging(PushModel):
                 if steps * dt > PUSH.harm.inside_time or steps == most
             )
             return first, f"and {' and '.join(others)} are swallowed" if others else "is swallowed"
+        if self.least > 0.5:  # in most states
+            return names[0], "does not fit into the tool's mouth"
         if found.missed:
             place = "between the blades" if self.cup.cut else "inside"
             return names[0], f"is not {place} at the end"
@@ -411,6 +416,26 @@ def _hanging(
     others = sorted(others, key=away)[: HANGING.most - len(known)]
     hanging = [fruit for fruit in neighbours if fruit.stem is not None]
     return sorted([*hanging, *others], key=lambda fruit: fruit.id)
+
+
+def unfit(scene: Scene, tool: Tool, lines: FloatArray, first: int) -> float:
+    """Share of the states from the ``first`` on in which a long target does not fit into the mouth.
+
+    ``lines`` (S, 3) are the directions of its stem, with which it turns; that of state 0 is the
+    perceived one. 0 for other targets and mouths: the contacts of a ball show what does not fit,
+    those of two balls show too little of a fruit's width.
+    """
+    target, fit = scene.target, PUSH.harm.fit
+    assert target is not None
+    if tool.fingers or tool.mouth[0] <= 0.0 or not bending.hanging_balls(target).apart:
+        return 0.0
+    axis, seen, lines = scene.frame[2], lines[0], lines[first:]
+    both = lines + seen
+    # the approach as the perceived fruit meets it: turned back with the stem
+    turned = axis - both * (both @ axis / (1.0 + lines @ seen))[:, None]
+    aside, below, _ = fits(target, turned + 2.0 * (lines @ axis)[:, None] * seen, tool)
+    room = np.minimum(aside, below - scene.approach.shift @ axis + fit)
+    return float(np.clip(1.0 - room / fit, 0.0, 1.0).mean())
 
 
 def _cut(scene: Scene, tool: Tool) -> tuple[float, ...]:
