@@ -35,7 +35,7 @@ READERS = [
     "yaml", "defusedxml", "optipromp.core.documents", "optipromp.core.files",
     "optipromp.core.geometry.loading", "optipromp.core.shown", "optipromp.core.output",
     "optipromp.core.trajectory", "optipromp.core.promp.demonstrations",
-    "optipromp.core.promp.checks", "optipromp.core.promp.model", "optipromp.core.scenes.reading",
+    "optipromp.core.promp.checks", "optipromp.core.promp.model", "optipromp.core.scenes.io",
     "optipromp.core.scenes.schema", "optipromp.core.scenes.objects", "optipromp.core.scenes.values",
     "optipromp.core.scenes.pose", "optipromp.core.scenes.io", "optipromp.readers.urdf",
     "optipromp.readers.urdf", "optipromp.readers.robot_file",

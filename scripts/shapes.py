@@ -25,8 +25,7 @@ from optipromp.cli.generate import write_shot
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.files import check_folder
 from optipromp.core.scenes.pose import Pose
-from optipromp.laboratory.simulation.photograph import Kind, Marked
-from optipromp.laboratory.simulation.stereo import StereoParameters, sensed
+from optipromp.laboratory.simulation.photograph import Kind, Marked, StereoParameters, sensed
 from optipromp.perception.pictures import CameraModel, DepthPicture
 
 SIZE = 640, 480  # [pixel], as of photographs

@@ -14,8 +14,12 @@ from optipromp import load_scene
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.laboratory.generate import generate
-from optipromp.laboratory.simulation.photograph import Photograph, photograph
-from optipromp.laboratory.simulation.stereo import StereoParameters, sensed
+from optipromp.laboratory.simulation.photograph import (
+    Photograph,
+    StereoParameters,
+    photograph,
+    sensed,
+)
 from optipromp.perception import CameraModel, DepthPicture, look_at, seen_scene
 from optipromp.perception.pictures import load_picture, picture_files
 

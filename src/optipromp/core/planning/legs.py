@@ -510,10 +510,7 @@ def _full(reach: Plan, robot: Robot) -> Hanging | None:
     if target.stem is None or not hanging or tool is None or robot.tool is None:
         return None
 
-    def away(item: SceneObject) -> float:
-        return math.dist(item.position, target.position)
-
-    first = min(hanging, key=away)
+    first = min(hanging, key=lambda item: math.dist(item.position, target.position))
     objects = (
         replace(item, role="target") if item.id == first.id else item
         for item in scene.objects
