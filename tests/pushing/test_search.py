@@ -59,7 +59,7 @@ class Bowl(PushModel, Candidates):
         return float(np.mean(np.sum(off**2, axis=1))) / SCALE**2
 
     @property
-    def least(self) -> tuple[np.ndarray, float]:
+    def deepest(self) -> tuple[np.ndarray, float]:
         """The best entry on all states, and its harm."""
         entry = BEST + self.off.mean(axis=0)
         return entry, self.exact(entry, self.states)
@@ -98,7 +98,7 @@ def test_no_path_is_tried_on_all_states_twice(seed: int) -> None:
 def test_the_best_path_is_found(seed: int) -> None:
     model = Bowl()
     (path, _), *_ = found(model, seed)[::-1]
-    entry, harm = model.least
+    entry, harm = model.deepest
     assert np.linalg.norm(path.points[0, :2] - entry) < 0.1 * SCALE
     assert path.harm == pytest.approx(harm, abs=0.01)
     assert path.harm == model.exact(path.points[0, :2], model.states)  # as all states have it
@@ -163,13 +163,13 @@ def test_a_first_candidate_that_is_good_comes_before_any_is_drawn() -> None:
 def test_first_candidates_that_are_bad_are_no_hindrance() -> None:
     model = Bowl(begin=((0.5, 0.5), (-0.5, 0.5)))
     (path, _), *_ = found(model)[::-1]
-    assert path.harm < model.least[1] + 0.05
+    assert path.harm < model.deepest[1] + 0.05
 
 
 def test_each_round_without_a_good_path_is_easier_to_please() -> None:
     """A path that is not good comes at the end of a run, with the harm that counts as good."""
     model = Bowl(good=0.001)  # less than the variance of the states: never reached
-    assert model.least[1] > model.good * 1.1 ** len(ROUNDS)
+    assert model.deepest[1] > model.good * 1.1 ** len(ROUNDS)
     ((path, good),) = found(model)
     assert good == pytest.approx(0.001 * 1.1 ** len(ROUNDS))
     assert path.harm > good

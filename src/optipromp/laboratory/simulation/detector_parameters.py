@@ -70,7 +70,7 @@ class DetectorParameters(Noise):
         self._set(dict.fromkeys(SIGNED, 0.0))  # Checked refuses negative numbers
         Checked.__post_init__(self)
         self._set(signed)
-        require(self, "", self.mount in MOUNTS, "mount", " or ".join(MOUNTS))
+        require(self, "", self.mount in MOUNTS, "mount", "palm, hand or beside")
         for name in SIGNED:
             require(self, "", math.isfinite(signed[name]), name, "finite")
         for name in SHARES:
