@@ -254,17 +254,17 @@ def ways_out(reach: Plan, q: FloatArray, holding: bool = False) -> list[FloatArr
         model, distance = _full(reach, held(reach)[1]), _distance(reach)
     elif isinstance(model, Continued):
         model = model.lead
-    proposed = list(_retreats(reach.robot, q, distance))
+    proposed = _retreats(reach.robot, q, distance)
     if not isinstance(model, Hanging) or len(q) < 3:
-        return proposed[:1]
+        return [next(proposed)]
     out = Leaving(model, *tool_motion(reach.robot, q))
 
     def harm(one: FloatArray, states: int) -> float:
         return out.harm(*tool_motion(reach.robot, one), states)
 
-    proposed.sort(key=lambda one: harm(one, BACK.screened))
-    best = sorted(proposed[: BACK.judged], key=lambda one: harm(one, out.states))
-    return best + proposed[BACK.judged :]
+    ways = sorted(((harm(one, BACK.screened), one) for one in proposed), key=itemgetter(0))
+    some = [(harm(one, out.states), one) for _, one in ways[: BACK.judged]]
+    return [one for _, one in (*sorted(some, key=itemgetter(0)), *ways[BACK.judged :])]
 
 
 def _retreats(robot: Robot, q: FloatArray, distance: float) -> Iterator[FloatArray]:
