@@ -328,8 +328,8 @@ def calibrate(
         out (FILE.json): The camera, for 'see'.
         poses: YAML or JSON: a picture's name to joints, or to position and orientation (w, x, y, z)
             of the flange in the base.
-        tool: In place of pictures, YAML or JSON: a name to camera, the tool's centre as the camera
-            sees it [m], and joints, or the centre's position in the base.
+        tool: In place of pictures, YAML or JSON: a name to camera, the tool's centre in m as the
+            camera sees it, and joints, or the centre's position in the base.
         mount: hand: the camera is on it, the board stands; base: the other way.
         known (SCENE): Whose robot has these joints, and tool.
     """
@@ -414,17 +414,15 @@ def measure_crop(
 ) -> Report:
     """Make a crop file from measurements with a ruler, a kitchen scale and a phone.
 
-    Of each fruit: width, length, stem_length, stem_diameter [mm], mass [g]; sag [mm] of the tip of
-    its level stem under sag_load [g]; swings in a film, from swing_first to swing_last [mm] aside;
-    pull_along and pull_across the stem [g] at which it comes off. All other rows are of the crop
-    that yours is like, and stay guesses where they are guesses.
+    Of each fruit, in mm: width, length, stem_length, stem_diameter; sag of the tip of its level
+    stem under sag_load; swings in a film, from swing_first to swing_last aside. In g: mass,
+    sag_load; pull_along and pull_across the stem at which it comes off. All other rows are of the
+    crop that yours is like, and stay guesses where they are guesses.
 
-    [bold]Examples[/bold]
-
-    \b
-    optipromp measure-crop fruits.csv --like tomato --out my-crop.yaml
-    optipromp measure-crop width=31,29,34 length=42,40,45 mass=19,16,24 --out my-crop.yaml
-    optipromp study --preset cluster --crop my-crop.yaml --vary crop --out guesses
+    Examples:
+        optipromp measure-crop fruits.csv --like tomato --out my-crop.yaml
+        optipromp measure-crop width=31,29,34 length=42,40,45 mass=19,16,24 --out my-crop.yaml
+        optipromp study --preset cluster --crop my-crop.yaml --vary crop --out guesses
 
     Args:
         measured (TABLE.csv|NAME=NUMBERS): A column each, whose cells may be empty; or

@@ -18,7 +18,6 @@ from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning.result import Plan
 from optipromp.core.planning.task import posed, spaced
 from optipromp.core.planning.timing import needs, stopped
-from optipromp.core.pushing.model import PushModel
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.objects import rooted
@@ -328,37 +327,23 @@ def restless(tracked: Tracked, times: FloatArray) -> float:
     )
 
 
-def push_motion(route: Route, phase: float) -> tuple[FloatArray, FloatArray] | None:
-    """Points and axes (P, 3) of the tool on the approach of a route until ``phase`` [s].
+def pushed_by(route: Route, phase: float) -> dict[str, FloatArray]:
+    """Displacement (3,) of each fruit that the push of a route moves until ``phase`` [m], by id.
 
-    Of a way out, those of the approach before it, too. None before the approach, and while the tool
-    surely touches nothing.
+    A way out goes on with the push of the approach before it. None is moved before the approach,
+    and while the tool surely touches nothing.
     """
     inward, until = route.came or (route, phase)
-    model, times = _pushing(route), inward.trajectory.times
-    if model is None:
-        return None
+    model, times = None if inward.plan is None else inward.plan.push_model, inward.trajectory.times
     rows = np.flatnonzero((times >= inward.approach) & (times <= until))
-    if len(rows) < 2:
-        return None
+    if model is None or len(rows) < 2:
+        return {}
     points, axes = inward.points[rows], inward.axes[rows]
     if route.came is not None:
         out = route.trajectory.times <= phase
         points, axes = np.vstack([points, route.points[out]]), np.vstack([axes, route.axes[out]])
     motion = spaced(points, axes)
-    return None if model.clear(*motion) else motion
-
-
-def _pushing(route: Route) -> PushModel | None:
-    """The push model of a route, or of that which it leads back from."""
-    inward, _ = route.came or (route, 0.0)
-    return None if inward.plan is None else inward.plan.push_model
-
-
-def pushed_by(route: Route, phase: float) -> dict[str, FloatArray]:
-    """Displacement (3,) of each fruit that the push of a route moves until ``phase`` [m], by id."""
-    motion, model = push_motion(route, phase), _pushing(route)
-    if motion is None or model is None:
+    if model.clear(*motion):
         return {}
     found = model.moved(*motion)
     places = {item.id: item.position for item in route.scene.objects}
