@@ -1,16 +1,28 @@
 """Cycles of the closed loop: the time of each, in picks in the simulation on one core."""
 
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from benchmarks.registry import SUITE, Context, Measured, Metric, Value, Values
+from benchmarks.registry import RATIO, SUITE, Context, Measured, Metric, Value, Values
 from benchmarks.timing import median, percentile
+from optipromp.core.geometry import Sphere
+from optipromp.core.scenes import Pose, Scene, SceneObject
+from optipromp.core.trajectory import State
 from optipromp.laboratory.generate import NOISES, Preset, generate, noisy
+
+if TYPE_CHECKING:
+    from optipromp.control import Look
 
 CONDITIONS = "still plant", "swaying plant"
 PRESETS: tuple[Preset, ...] = ("cluster", "mixed", "field")
 FIRST, COUNT = 61_000, 5_000  # seed of the first scene, cycles of a condition
 SWAY = 0.01  # [m] of the roots
 DEADLINE = 20.0  # [ms] of a cycle at 50 Hz
+FEW, MANY = 10, 400  # false fruits of a look
+LOW, HIGH = [0.2, -0.4, 0.6], [0.7, 0.4, 1.1]  # [m] where false fruits are
 
 
 def metrics() -> list[Metric]:
@@ -24,6 +36,8 @@ def metrics() -> list[Metric]:
             Metric(f"{name}/99th percentile", "ms", target=DEADLINE),
             Metric(f"{name}/late", "%", target=0.0, about="over 20 ms, the period at 50 Hz"),
         ]
+    about = f"cycles that only look, among {MANY} false fruits by those among {FEW}"
+    out.append(Metric("cycles/false fruits/many by few", RATIO, tolerance=0.5, about=about))
     return out
 
 
@@ -61,4 +75,36 @@ def cycles(context: Context) -> Values:
         out[f"{name}/median"] = Measured(median(times), quantiles)
         out[f"{name}/99th percentile"] = percentile(times, 0.99)
         out[f"{name}/late"] = 100.0 * float(np.mean(np.array(times) > DEADLINE))
+    spent = {false: _looking(false) for false in (FEW, MANY, FEW, MANY)}  # the first time compiles
+    out["cycles/false fruits/many by few"] = spent[MANY] / spent[FEW]
     return out
+
+
+def _looking(false: int) -> float:
+    """Seconds of the process that a cycle takes while the arm stands, the median of 0.4 s."""
+    from optipromp.control import Controller
+
+    scene, rng = generate("cluster", FIRST), np.random.default_rng(FIRST)
+    controller, times = Controller(scene), []
+    state = State(np.asarray(scene.start))
+    for k in range(21):
+        if k % 3 == 0:
+            controller.see(_cluttered(0.02 * k, scene, rng, false))
+        began = time.process_time()
+        controller(0.02 * k, state, state)
+        times.append(time.process_time() - began)
+    return median(times)
+
+
+def _cluttered(when: float, scene: Scene, rng: np.random.Generator, false: int) -> "Look":
+    """A look at the scene's fruits among false ones."""
+    from optipromp.control import Look
+
+    true = [
+        replace(item, position=item.position + rng.normal(0.0, 0.001, 3),
+                covariance=1e-6 * np.eye(3), stem=None)
+        for item in scene.objects if item.role in ("target", "pushable")
+    ]  # fmt: skip
+    ball, places = Sphere(0.015), rng.uniform(LOW, HIGH, (false, 3))
+    wrong = (SceneObject(f"f{k}", "pushable", ball, places[k], sigma=0.003) for k in range(false))
+    return Look(when, Pose(), (*true, *wrong), view=3.1)

@@ -1,6 +1,5 @@
-"""Looks with hundreds of false fruits: tracks are bounded, and a cycle keeps its time."""
+"""Looks with hundreds of false fruits: tracks are bounded, in number and in memory."""
 
-import time
 import tracemalloc
 from dataclasses import replace
 
@@ -11,7 +10,6 @@ from optipromp.control import Controller, Look, Tracker, TrackerParameters
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry import Sphere
 from optipromp.core.scenes import Pose, Scene, SceneObject
-from optipromp.core.trajectory import State
 from optipromp.laboratory.generate import generate
 
 MOST = TrackerParameters.most
@@ -59,22 +57,6 @@ def test_tracks_are_bounded_and_the_true_fruits_among_them(scene: Scene) -> None
         assert found.confirmed[row]
         assert found.existence[row] > 0.99
         assert (found.roles[row] == "target") == (item.role == "target")
-
-
-def test_a_cycle_keeps_its_time_among_false_fruits(scene: Scene) -> None:
-    spent = {}
-    for false in (10, 400):
-        rng, controller = np.random.default_rng(4), Controller(scene)
-        state, cycles = State(np.asarray(scene.start)), []
-        for k in range(21):  # 0.4 s, in which the controller only looks
-            if k % 3 == 0:
-                controller.see(cluttered(0.02 * k, scene, rng, false)[0])
-            begin = time.process_time()
-            controller(0.02 * k, state, state)
-            cycles.append(time.process_time() - begin)
-        spent[false] = float(np.median(cycles))
-        assert len(controller.tracker.at(0.4).ids) <= MOST
-    assert spent[400] < spent[10] + 0.010  # [s] of the 20 ms of a cycle
 
 
 def test_fruits_beyond_the_bound_are_avoided_and_not_tracked(scene: Scene) -> None:
