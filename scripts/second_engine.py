@@ -38,7 +38,7 @@ def main() -> None:
                 if made.trajectory is None:
                     continue
                 rows = made.trajectory.resample(1000.0)
-                word = execute(scene_to_dict(scene), rows.times, rows.positions, seed)
+                word = execute(scene_to_dict(scene), (rows.times, rows.positions), seed)
                 outcome = simulate(made.trajectory, scene, seed=seed).outcome
                 both[outcome.success, word.success] += 1
                 if made.status == "success":

@@ -51,7 +51,7 @@ def main() -> None:
                 scene = generate(preset, seed)
                 setting = CONDITIONS[condition](scene, seed)
                 done = picked(setting, seed)
-                word = execute(scene_to_dict(setting.scene), *commanded(done), seed)
+                word = execute(scene_to_dict(setting.scene), commanded(done), seed)
                 harmed = bool(word.harm or word.swallowed)
                 second = "clean" if word.success else "harmed" if harmed else "not picked"
                 both[done.result, second] += 1

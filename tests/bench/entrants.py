@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from optipromp import Scene, Trajectory, plan
+from optipromp import Picked, Scene, Trajectory, plan, plan_pick
 from optipromp.bench.episode import Observation
 from optipromp.core.arrays import FloatArray
 
@@ -45,9 +45,8 @@ class Broken:
 class Ours:
     """The default planner."""
 
-    def plan(self, scene: Scene, seed: int) -> Trajectory | None:
-        made = plan(scene, seed=seed)
-        return made.trajectory if made.success else None
+    def plan(self, scene: Scene, seed: int) -> Picked:
+        return plan_pick(scene, seed=seed)
 
 
 class Hasty:

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from optipromp import plan
 from optipromp.bench.results import BenchRun, run_bench, submission, verify
-from optipromp.bench.running import Exercise, attempted
+from optipromp.bench.running import Exercise, attempted, executed_rows, situated
 from optipromp.bench.sets import FIRST, PRESETS, SceneSet, frozen_digests, scene_of
 from optipromp.bench.table import leaderboard, markdown, paired
 from optipromp.bench.tracks import against
@@ -123,6 +123,22 @@ def test_pictures_come_in() -> None:
     rows, _ = attempted(Exercise(entry(Seer), "picture", "field", 110_000))
     assert {row.result for row in rows} <= {"clean", "harmed", "missed"}
     assert rows[0].picked
+
+
+def test_an_entry_leaves_as_it_says_or_as_it_came() -> None:
+    """The same reach: by its own way out it is clean, back the way it came it tears a fruit."""
+    setting = {"preset": "cluster", "seed": 173100, "word": "development"}
+    ours = Exercise("opti-promp", "plan", engines=("arm",), **setting)
+    (row,), deeds = attempted(ours)
+    assert row.result == "clean", row
+    motion = deeds["arm"]
+    assert motion.back is not None
+    situation, digest = situated(ours)
+    (again,) = executed_rows(ours, situation, digest, {"arm": motion})
+    assert again.having(thought=row.thought) == row
+    came = {"arm": replace(motion, back=None)}
+    (torn,) = executed_rows(ours, situation, digest, came)
+    assert (torn.result, torn.cause) == ("harmed", "torn")
 
 
 def test_a_table_orders_entries(ours: Path, tmp_path: Path) -> None:

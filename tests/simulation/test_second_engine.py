@@ -39,7 +39,7 @@ def test_both_engines_pick_what_is_planned(preset: str, seed: int, tmp_path: Pat
     write_plan(made, tmp_path)
     rows = np.loadtxt(tmp_path / "trajectory.csv", delimiter=",", skiprows=1)
     document = json.loads((tmp_path / "plan.json").read_text())["scene_file"]
-    word = second.execute(document, rows[:, 0], rows[:, 1:8])
+    word = second.execute(document, (rows[:, 0], rows[:, 1:8]))
     assert word.success, word
 
 
@@ -47,9 +47,42 @@ def test_both_engines_see_what_a_straight_way_harms() -> None:
     scene = generate("cluster", 20001)
     made = attempt(scene, "straight")
     rows = made.trajectory.resample(1000.0)
-    word = second.execute(scene_to_dict(scene), rows.times, rows.positions)
+    word = second.execute(scene_to_dict(scene), (rows.times, rows.positions))
     assert not word.success
     assert not simulate(made.trajectory, scene).success
+
+
+def test_a_target_that_is_taken_leaves_with_the_cup_and_the_others_stay() -> None:
+    made = plan(generate("tight", 20000))
+    own = made.trajectory.resample(1000.0)
+    flown = second.Flight(scene_to_dict(made.scene), own.positions[0])
+    assert flown.along(own.times, own.positions).success
+    places = {name: flown.place(name)[0] for name in flown.ids}
+    flown.take()
+    for name, place in places.items():
+        np.testing.assert_allclose(flown.place(name)[0], place, atol=1e-6)
+    flown.to(own.positions[-1], 0.005)
+    for name in set(flown.ids) - {flown.target}:
+        assert np.linalg.norm(flown.place(name)[0] - places[name]) < 1e-3
+    back = own.positions[::-1][:2000]  # 2 s of the way it came
+    word = flown.along(np.arange(len(back)) * 0.001, back)
+    assert word.picked
+    assert flown.place(flown.target)[0] @ made.scene.frame[2] < (
+        places[flown.target] @ made.scene.frame[2] - 0.05
+    )
+
+
+def test_a_fruit_that_the_floor_draws_along_its_stem_is_harmed() -> None:
+    """The cup stands beside a fruit's stem, with its floor above the fruit, and goes down."""
+    scene = generate("field", 174016)
+    made = plan(scene)
+    down = made.robot.tool_pose(made.trajectory.positions)[0]
+    far = int(np.argmax(np.linalg.norm(down - down[-1], axis=1) < 0.1))
+    back = np.ascontiguousarray(made.trajectory.positions[far:][::-1])
+    reach = made.trajectory.resample(1000.0)
+    way = np.linspace(0.0, 2.0, len(back)), back
+    word = second.execute(scene_to_dict(scene), (reach.times, reach.positions), 0, way)
+    assert any("n1 pulled by" in cause for cause in word.harm), word
 
 
 def test_it_hangs_a_fruit_where_the_scene_shows_it() -> None:
@@ -57,11 +90,11 @@ def test_it_hangs_a_fruit_where_the_scene_shows_it() -> None:
     scene = generate("cluster", 20000)
     start = resolve(scene).start
     times, q = np.array([0.0, 1.0]), np.array([start, start])
-    word = second.execute(scene_to_dict(scene), times, q)
+    word = second.execute(scene_to_dict(scene), (times, q))
     assert (word.picked, word.swallowed, word.harm) == (False, (), ())
     far = replace(scene, robot="gen3")
     with pytest.raises(ValueError, match="Panda"):
-        second.execute(scene_to_dict(far), times, q)
+        second.execute(scene_to_dict(far), (times, q))
 
 
 def test_the_cup_is_as_deep_as_the_scene_says() -> None:

@@ -18,7 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.planning import Plan
+from optipromp.core.planning import Picked, Plan
+from optipromp.core.planning.legs import RETREAT
 from optipromp.core.scenes.values import suggest
 from optipromp.core.trajectory import Trajectory
 
@@ -27,6 +28,13 @@ class Refused(NamedTuple):
     """An answer without a motion, and why."""
 
     why: str = "refused"
+
+
+class Motion(NamedTuple):
+    """What an entry does in a scene."""
+
+    reach: Trajectory
+    back: Trajectory | None = None  # out of the plant with the target; None: as the tool came
 
 
 def parts(spec: str) -> tuple[str, str]:
@@ -63,16 +71,23 @@ def loaded(spec: str, track: str) -> Any:
     return entry
 
 
-def motion_of(answer: object) -> Trajectory | Refused:
+def motion_of(answer: object) -> Motion | Refused:
     """The motion of an entry's answer."""
+    if isinstance(answer, Plan | Picked) and not answer.success:
+        return Refused(f"{answer.status}: {answer.message}")
+    if isinstance(answer, Picked):
+        back = answer.legs.get(RETREAT)
+        return Motion(answer.reach.trajectory, None if back is None else back.trajectory)
     if isinstance(answer, Plan):
-        told = f"{answer.status}: {answer.message}"
-        return answer.trajectory if answer.success else Refused(told)
+        return Motion(answer.trajectory)
+    if isinstance(answer, Trajectory):
+        return Motion(answer)
     if answer is None:
         return Refused()
-    if not isinstance(answer, Trajectory | Refused):
+    if not isinstance(answer, Motion | Refused):
         raise InvalidRequestError(
-            f"the entry gave a {type(answer).__name__}; must be a Trajectory, a Plan or None"
+            f"the entry gave a {type(answer).__name__}; must be a Trajectory, a Plan, a Picked or "
+            "None"
         )
     return answer
 
@@ -83,13 +98,16 @@ def answered(entry: Any, call: str, given: list[Any]) -> tuple[Any, Mapping[str,
         here, *named = given
         if here not in sys.path:
             sys.path.insert(0, here)
-        return loaded(*named), {}, b""
+        entry = loaded(*named)
+        return entry, {"leaves": getattr(entry, "leaves", False) is True}, b""
     if call == "plan":
         made = motion_of(entry.plan(*given))
         if isinstance(made, Refused):
             return entry, {"refused": made.why[:2000]}, b""
-        table = np.column_stack([made.times, *made.rows()]).astype("<f8")
-        return entry, {"rows": len(table), "names": made.joint_names}, table.tobytes()
+        curves = [each for each in made if each is not None]
+        tables = [np.column_stack([each.times, *each.rows()]).astype("<f8") for each in curves]
+        line = {"rows": [len(table) for table in tables], "names": made.reach.joint_names}
+        return entry, line, b"".join(table.tobytes() for table in tables)
     told = getattr(entry, call)(*given)
     velocity = np.array(told, dtype=np.float64).tolist() if call == "act" else []
     return entry, {"velocity": velocity}, b""

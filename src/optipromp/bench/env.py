@@ -211,8 +211,9 @@ class PickEnv(_Scenes):
     the camera in the tool's mouth. Actions, each between -1 and 1: ``tool``: velocity of the tool
     point along x_g, y_g, z_g of the approach, whose axis the tool keeps; ``joints``: velocities.
     An episode ends when the tool has held a fruit for 0.3 s, when something is harmed, or after
-    20 s. Its last ``info`` has ``is_success``, ``cause`` and ``outcome``, as the simulation judges.
-    The rewards of an episode add up to its score (1 clean, -1 harmed, 0 missed) less 0.01 a second.
+    20 s; unlike one of the board it has no way out. Its last ``info`` has ``is_success``, ``cause``
+    and ``outcome``, as the simulation judges. The rewards of an episode add up to its score
+    (1 clean, -1 harmed, 0 missed) less 0.01 a second.
 
     Args:
         presets, condition, seeds, render_mode: see :class:`_Scenes`.
@@ -276,7 +277,7 @@ class PickEnv(_Scenes):
         self._potential = potential
         if terminated or truncated:
             self._begun = False
-            outcome = episode.outcome()
+            outcome = episode.outcome(out=False)
             assert isinstance(outcome, Outcome)
             info |= _told(outcome)
             reward += score(outcome)

@@ -6,14 +6,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from optipromp.control.driver import path_back
 from optipromp.control.look import Look
-from optipromp.core.arrays import BoolArray, FloatArray, frozen
+from optipromp.core.arrays import BoolArray, FloatArray, frozen, lengths
 from optipromp.core.errors import ExecutionError, InvalidRequestError
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.held import RETREAT
 from optipromp.core.scenes.io import scene_to_dict
 from optipromp.core.scenes.scene import Scene, SceneObject
-from optipromp.core.trajectory import State
+from optipromp.core.trajectory import State, Trajectory
 from optipromp.laboratory.experiments.situations import Situation
 from optipromp.laboratory.simulation import Detector, Eye, Outcome, Simulation
 from optipromp.laboratory.simulation.contacts import HarmSoFar
@@ -45,6 +47,7 @@ class Observation:
     age: float  # time since they were seen [s]
     # (3,) of the world on the tool [N]
     force: FloatArray = field(default_factory=lambda: np.zeros(3))
+    holding: bool = False  # whether the target's stem is cut, and the tool leaves with the target
     # the last one that was delivered, with its camera; its time is since the beginning
     look: Look | None = None
 
@@ -117,6 +120,14 @@ class FlightWorld:
         static = 2.0 * any(word.endswith("touched") for word in words)
         return HarmSoFar(fruit, stem, static)
 
+    def grip(self) -> None:
+        """Cut the target off its stem, and fix the fruit in the cup where it is."""
+        self._flight.take()
+
+    def follow(self, motion: Trajectory) -> tuple[None, "Word"]:
+        """Lead the cup along a motion that begins where the arm is, and judge all so far."""
+        return None, self._flight.along(motion.times, motion.positions)
+
     def outcome(self) -> "Word":
         """Stand still for a moment, and judge all that happened."""
         from optipromp.bench.flight import Word
@@ -154,6 +165,8 @@ class Episode:
         for _ in range(round(situation.parameters.engine.settle / self.simulation.tick)):
             self.state = self.simulation.step(self.reference)
         self._begin, self._held = self.simulation.time, dict[str, float]()
+        self._path = [self.reference.q]
+        self._taken: FloatArray | None = None  # the tool point where the target was taken
         self._see()
 
     @property
@@ -182,9 +195,37 @@ class Episode:
         return self.broken or self.time >= LONGEST - 1e-9
 
     @property
+    def holding(self) -> bool:
+        """Whether the target's stem is cut, and the tool leaves with the target."""
+        return self._taken is not None
+
+    @property
     def done(self) -> bool:
-        """Whether a fruit was held for a while, something was harmed, or the physics broke."""
-        return self.broken or any(t >= HELD for t in self._held.values()) or self.harm().done
+        """Whether a fruit was held for a while, something was harmed, or the physics broke.
+
+        With a target that is taken: whether the tool is away, in place of the first.
+        """
+        if self.broken or self.harm().done:
+            return True
+        if self._taken is not None:
+            return bool(np.linalg.norm(self._point() - self._taken) >= RETREAT)
+        return any(t >= HELD for t in self._held.values())
+
+    def over(self, leaving: bool) -> bool:
+        """Whether nobody acts any more. A policy that is ``leaving`` goes on with its target."""
+        if leaving and self.done and not (self.ended or self.holding or self.harm().done):
+            self.take()
+        return self.done or self.ended
+
+    def take(self) -> None:
+        """Cut the stem of a target that was held for a while, and hold the target in the tool."""
+        target = self.situation.scene.target
+        if target is not None and self._held.get(target.id, 0.0) >= HELD:
+            self.simulation.grip()
+            self._taken = self._point()
+
+    def _point(self) -> FloatArray:
+        return self.robot.tool_pose(self.state.q)[0]
 
     def observe(self) -> Observation:
         """What a policy knows now."""
@@ -193,7 +234,7 @@ class Episode:
         since = self.time if look is None else self.simulation.time - look.time
         return Observation(
             self.time, self.state.q, self.state.velocity, point, axis, self._fruits, since,
-            self.simulation.wrench()[:3],
+            self.simulation.wrench()[:3], self.holding,
             None if look is None else replace(look, time=look.time - self._begin),
         )  # fmt: skip
 
@@ -210,6 +251,7 @@ class Episode:
                 self.state = self.simulation.step(each)
         except ExecutionError:  # the simulation is broken, and the outcome tells of it
             pass
+        self._path.append(self.reference.q)
         held = self.simulation.held()
         self._held = {name: self._held.get(name, 0.0) + self.period for name in held}
         self._see()
@@ -228,14 +270,33 @@ class Episode:
         others = len(kept) - (target is not None and target.id in kept)
         return replace(self.simulation.harm(), swallowed=others)
 
-    def outcome(self) -> "Outcome | Word":
-        """Stand still for a moment, and judge all that happened."""
-        return self.simulation.outcome()
+    def outcome(self, out: bool = True) -> "Outcome | Word":
+        """Stand still for a moment, and judge all that happened.
+
+        A target that is picked, and not ``out`` of the plant yet, leaves by :func:`as_it_came`.
+        """
+        word = self.simulation.outcome()
+        if self.holding or not out or word.result != "clean":
+            return word
+        self.simulation.grip()
+        _, word = self.simulation.follow(as_it_came(self.robot, np.array(self._path)))
+        return word
 
 
 def score(outcome: "Outcome | Word") -> int:
     """An outcome as the benchmark counts it: 1 clean, -1 harmed, 0 missed; harm comes first."""
     return {"clean": 1, "missed": 0, "harmed": -1}[outcome.result]
+
+
+SPEED = 0.1  # [m/s] of the tool back along the way it came: that of pushes
+
+
+def as_it_came(robot: Robot, q: FloatArray) -> Trajectory:
+    """The way back along the last 10 cm of a tool's way, where it came by ``q`` (k, n)."""
+    points, _ = robot.tool_pose(q)
+    gone = np.append(np.cumsum(lengths(np.diff(points, axis=0))[::-1])[::-1], 0.0)
+    first = int(np.argmin(np.maximum(gone - RETREAT, 0.0)))  # RETREAT before the end, or less
+    return path_back(robot, q[first:][::-1], SPEED)
 
 
 BRAKE = 0.9  # share of the acceleration limit that brakes before the end of a range: a choice

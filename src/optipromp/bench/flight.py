@@ -5,8 +5,9 @@ library, reads what scene files hold, and has numbers of its own. There is no ar
 a cup with its neck and the arm's last link follows the flange, which the Panda's published
 Denavit-Hartenberg parameters place. Stems are chains of capsules with ball joints, and the fruit
 turns about its calyx. A run succeeds if the target alone ends in the cup and no fruit or stem is
-pressed beyond what the docs say that it bears. Density, friction and stiffness that a scene's
-objects tell are taken from there. Hanging fruits and static boxes, built-in Panda with a cup only.
+pressed or pulled beyond what the docs say that it bears, also while the cup leaves. Density,
+friction and stiffness that a scene's objects tell are taken from there. Hanging fruits and static
+boxes, built-in Panda with a cup only.
 """
 
 import os
@@ -47,6 +48,7 @@ WALLS, WALL, NECK = 20, 0.002, 0.010  # pieces of the wall; [m] its thickness, r
 HOLD = 0.6  # [s] at the end
 # What a fruit bears: a matter of the question, not of the engine
 FRUIT_FORCE, STEM_FORCE, STEM_TIME, STATIC_FORCE = 10.0, 2.0, 0.05, 0.5  # [N], [N], [s], [N]
+TEAR_FORCE = 5.0  # [N] along its stem
 SMOOTH = 0.005  # [s] time constant of the filter of forces
 
 
@@ -140,11 +142,12 @@ def _arc(line: np.ndarray, name: str, seed: int) -> np.ndarray:
 
 
 def _hanging(
-    item: Mapping[str, Any], others: list[Mapping[str, Any]], seed: int
+    item: Mapping[str, Any], others: list[Mapping[str, Any]], seed: int, taken: str = ""
 ) -> tuple[str, float]:
     """A fruit on its stem as nested bodies from the root down, and their mass [kg].
 
-    Among the ``others`` are those whose stems grow from this one.
+    Among the ``others`` are those whose stems grow from this one. ``taken``: the id of the fruit
+    that is off its stem.
     """
     calyx, root = _ends(item)
     shape, mass = _shape(item, np.array(item["position"], dtype=float) - calyx)
@@ -158,7 +161,7 @@ def _hanging(
         _, begins = _ends(other)
         share = float((begins - root) @ (calyx - root)) / length**2
         k = int(np.clip(share * SEGMENTS, 0, SEGMENTS - 1))
-        text, more = _hanging({**other, "begins": begins - root - k * line}, others, seed)
+        text, more = _hanging({**other, "begins": begins - root - k * line}, others, seed, taken)
         grown[k], held = grown.get(k, "") + text, held + more
     thick = TRUSS if grown else THICK
     lean = float(np.linalg.norm((calyx - root)[:2])) / length
@@ -176,6 +179,7 @@ def _hanging(
         + shape
         + f'<site name="{name}" pos="{_text(np.array(item["position"]) - calyx)}"/></body>'
     )
+    out = "" if name == taken else out
     for k in reversed(range(SEGMENTS)):
         stiffness = 2.0 * stiff if k == 0 else stiff
         place = item.get("begins", root) if k == 0 else pieces[k - 1]
@@ -199,11 +203,30 @@ def _static(item: Mapping[str, Any]) -> str:
     )
 
 
-def model_of(scene: Mapping[str, Any], seed: int = 0) -> mujoco.MjModel:
-    """The world of a scene's document: a cup led by a mocap body, fruits, static boxes."""
+Pose = tuple[np.ndarray, np.ndarray]
+"""Place (3,) and quaternion (4,)."""
+
+
+def model_of(
+    scene: Mapping[str, Any], seed: int = 0, held: tuple[str, Pose] | None = None
+) -> mujoco.MjModel:
+    """The world of a scene's document: a cup led by a mocap body, fruits, static boxes.
+
+    ``held``: id and pose in the cup of the fruit that was taken.
+    """
+    taken, inside = "", ""
+    if held is not None:
+        taken, (place, turn) = held
+        item = next(item for item in scene["objects"] if item["id"] == taken)
+        middle = np.array(item["position"], dtype=float) - _ends(item)[0]
+        inside = (
+            f'<body name="{taken}" pos="{_text(place)}" quat="{_text(turn)}">'
+            f'{_shape(item, middle)[0]}<site name="{taken}" pos="{_text(middle)}"/></body>'
+        )
     fruits = [item for item in scene["objects"] if item["role"] in ("target", "pushable")]
     bodies = "".join(_static(item) for item in scene["objects"] if item["role"] == "static")
-    bodies += "".join(_hanging(i, fruits, seed)[0] for i in fruits if not i["stem"].get("parent"))
+    roots = [item for item in fruits if not item["stem"].get("parent")]
+    bodies += "".join(_hanging(item, fruits, seed, taken)[0] for item in roots)
     return mujoco.MjModel.from_xml_string(
         f"""<mujoco><compiler angle="radian"/>
         <option timestep="{STEP}" integrator="implicitfast" cone="pyramidal" iterations="50"/>
@@ -211,7 +234,7 @@ def model_of(scene: Mapping[str, Any], seed: int = 0) -> mujoco.MjModel:
         <default><geom friction="{FRICTION} 0.003 0.0001" solref="{SOFT} 1"/></default>
         <worldbody><body name="lead" mocap="true"/>
         <body name="cup" gravcomp="1"><freejoint/><inertial pos="0 0 0" mass="3"
-          diaginertia="0.02 0.02 0.02"/>{_cup(scene["tool"])}</body>{bodies}</worldbody>
+          diaginertia="0.02 0.02 0.02"/>{_cup(scene["tool"])}{inside}</body>{bodies}</worldbody>
         <equality><weld body1="lead" body2="cup" solref="0.002 1"
           solimp="0.999 0.9999 0.001"/></equality></mujoco>"""
     )
@@ -256,7 +279,19 @@ class _Watch:
         n = len(self.labels)
         self.of_geom: np.ndarray = self.owner[model.geom_bodyid]
         self.force, self.peak, self.long = np.zeros((3, n, n))
+        self.net, self.pull = np.zeros((n, 3)), np.zeros(n)  # on each; away from its stem's root
         self.pressed = False  # whether any force is not zero yet
+        hanging = [name for name in ids if f"{name}:{SEGMENTS - 1}" in names and name in names]
+        hanging = [k for k in hanging if model.body(k).parentid[0] != model.body("cup").id]
+        self.rows: list[int] = [self.labels.index(name) for name in hanging]
+        self.calyx = [model.body(name).id for name in hanging]
+
+    def goes_on(self, before: "_Watch") -> None:
+        """Take over what was measured before in a model of other bodies."""
+        rows = [before.labels.index(label) for label in self.labels]
+        for name in ("force", "peak", "long"):
+            setattr(self, name, getattr(before, name)[np.ix_(rows, rows)])
+        self.net, self.pull, self.pressed = before.net[rows], before.pull[rows], before.pressed
 
     def add(self, data: mujoco.MjData) -> None:
         owners = self.of_geom[data.contact.geom] if data.ncon else np.zeros((0, 2), dtype=int)
@@ -264,11 +299,20 @@ class _Watch:
         if not (self.pressed or len(watched)):
             return
         now, wrench, self.pressed = np.zeros_like(self.force), np.zeros(6), True
+        net = np.zeros_like(self.net)
         for k in watched:
             mujoco.mj_contactForce(self.model, data, k, wrench)
             (a, b), size = owners[k], float(np.linalg.norm(wrench[:3]))
             now[a, b] += size
             now[b, a] += size
+            force = data.contact.frame[k].reshape(3, 3).T @ wrench[:3]
+            net[b] += force
+            net[a] -= force
+        self.net += (net - self.net) * (STEP / SMOOTH)
+        along = data.xpos[self.calyx] - data.xpos[self.model.body_parentid[self.calyx]]
+        along /= np.linalg.norm(along, axis=1, keepdims=True)
+        pull = np.sum(self.net[self.rows] * along, axis=1)
+        self.pull[self.rows] = np.maximum(self.pull[self.rows], pull)
         self.force += (now - self.force) * (STEP / SMOOTH)
         np.maximum(self.peak, self.force, out=self.peak)
         self.long += STEP * (self.force > STEM_FORCE)
@@ -280,6 +324,8 @@ class _Watch:
             most = float(self.peak[i].max())
             if label in ids and most > FRUIT_FORCE:
                 out.append(f"{label} pressed by {most:.1f} N")
+            if label in ids and self.pull[i] > TEAR_FORCE:
+                out.append(f"{label} pulled by {self.pull[i]:.1f} N")
             if label.startswith("stem of ") and self.long[i, 0] > STEM_TIME:
                 out.append(f"{label} pressed by {self.peak[i, 0]:.1f} N")
             if label in statics and self.peak[i, 0] > STATIC_FORCE:
@@ -307,9 +353,14 @@ class Flight:
         self.statics = [item["id"] for item in things if item["role"] == "static"]
         (self.target,) = (item["id"] for item in things if item["role"] == "target")
         self.tool, self.time = scene["tool"], 0.0
-        self.model = model = model_of(scene, seed)
-        self.data = data = mujoco.MjData(model)
+        self._scene, self._seed = scene, seed
         self._lead = self._posed(q, np.zeros(4))
+        self._build()
+
+    def _build(self, held: tuple[str, Pose] | None = None) -> None:
+        """The world as it is at rest, with the cup at its lead."""
+        self.model = model = model_of(self._scene, self._seed, held)
+        self.data = data = mujoco.MjData(model)
         self._place, self._turn = data.mocap_pos[0], data.mocap_quat[0]  # views
         start = model.joint(model.body("cup").jntadr[0]).qposadr[0]
         data.qpos[start : start + 7] = np.concatenate(self._lead)
@@ -319,8 +370,27 @@ class Flight:
         data.qfrc_applied[stems] = data.qfrc_bias[stems]  # as grown: at rest where the scene is
         self._watch = _Watch(model, self.ids, self.statics)
 
+    def take(self) -> None:
+        """Cut the target off its stem, and fix the fruit in the cup where it is."""
+        before, data, watch = self.model, self.data, self._watch
+        cup, fruit = data.body("cup"), data.body(self.target)
+        turn, quaternion = cup.xmat.reshape(3, 3), np.zeros(4)
+        mujoco.mju_mat2Quat(quaternion, (turn.T @ fruit.xmat.reshape(3, 3)).ravel())
+        self._build((self.target, (turn.T @ (fruit.xpos - cup.xpos), quaternion)))
+        for body in map(self.model.body, range(self.model.nbody)):
+            if body.dofnum[0]:  # each has one joint: the cup is free, all others are balls
+                then = before.body(body.name)
+                p, v = before.jnt_qposadr[then.jntadr[0]], then.dofadr[0]
+                q = self.model.jnt_qposadr[body.jntadr[0]]
+                wide = body.dofnum[0] + 1
+                self.data.qpos[q : q + wide] = data.qpos[p : p + wide]
+                self.data.qvel[body.dofadr[0] :][: wide - 1] = data.qvel[v : v + wide - 1]
+        self._place[:], self._turn[:] = self._lead
+        mujoco.mj_forward(self.model, self.data)
+        self._watch.goes_on(watch)
+
     @staticmethod
-    def _posed(q: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _posed(q: np.ndarray, near: np.ndarray) -> Pose:
         """The flange's place (3,) and quaternion (4,), of the two the one closer to ``near``."""
         place, turn = flange(q)
         quaternion = np.zeros(4)
@@ -341,6 +411,14 @@ class Flight:
         for self._place[:], self._turn[:] in zip(places, turns, strict=True):
             mujoco.mj_step(self.model, self.data)
             self._watch.add(self.data)
+
+    def along(self, times: np.ndarray, q: np.ndarray) -> Word:
+        """Lead the cup along configurations (T, 7) at times (T,) [s], and judge all so far."""
+        period = 10 * STEP  # the lead moves in steps of 5 ms, in between by interpolation
+        at = np.arange(1, int(np.ceil(times[-1] / period - 1e-9)) + 1) * period
+        for row in np.column_stack([np.interp(at, times, column) for column in q.T]):
+            self.to(row, period)
+        return self.outcome()
 
     def inside(self, id_: str) -> bool:
         """Whether a fruit's middle is in the cup."""
@@ -399,14 +477,20 @@ class Flight:
         return Word(inside[self.target], swallowed, self.harm(), self._watch.most(others))
 
 
-def execute(scene: Mapping[str, Any], times: np.ndarray, q: np.ndarray, seed: int = 0) -> Word:
-    """Fly the cup along a plan: configurations (T, 7) at times (T,) [s], in a scene's document.
+Curve = tuple[np.ndarray, np.ndarray]
+"""Times (T,) [s] and configurations (T, 7)."""
 
-    ``seed`` draws to which side each stem is bowed.
+
+def execute(
+    scene: Mapping[str, Any], reach: Curve, seed: int = 0, back: Curve | None = None
+) -> Word:
+    """Fly the cup along a reach in a scene's document and, with the target alone, back out.
+
+    ``seed`` draws to which side each stem is bowed. ``back``: None: the run ends with the reach.
     """
-    period = 10 * STEP  # the lead moves in steps of 5 ms, in between by interpolation
-    flown = Flight(scene, q[0], seed)
-    at = np.arange(1, int(np.ceil(times[-1] / period - 1e-9)) + 1) * period
-    for row in np.column_stack([np.interp(at, times, column) for column in q.T]):
-        flown.to(row, period)
-    return flown.outcome()
+    flown = Flight(scene, reach[1][0], seed)
+    word = flown.along(*reach)
+    if back is not None and word.success:
+        flown.take()
+        word = flown.along(*back)
+    return word

@@ -10,11 +10,13 @@ from typing import Literal, cast
 
 import numpy as np
 
-from optipromp.bench.episode import Episode, FlightWorld
+from optipromp.bench.entrant import Motion
+from optipromp.bench.episode import Episode, FlightWorld, as_it_came
 from optipromp.bench.flight import Word, execute
 from optipromp.bench.serve import Apart, Entry, hired
 from optipromp.bench.sets import BITS, DEVELOPMENT, SHORT, drawn, scene_of
 from optipromp.bench.tracks import (
+    BACK,
     MOTION_FILE,
     PATIENCE,
     Deed,
@@ -22,11 +24,10 @@ from optipromp.bench.tracks import (
     Patience,
     Track,
     acted,
-    against,
     asked,
     photographed,
+    refusal,
     replayed,
-    too_long,
     words,
 )
 from optipromp.core.arrays import FloatArray
@@ -40,7 +41,7 @@ from optipromp.laboratory.experiments.eyes import aimed_at, without_fruits
 from optipromp.laboratory.experiments.rows import Key, Row
 from optipromp.laboratory.experiments.situations import CONDITIONS, Situation, varied
 from optipromp.laboratory.generate.plants import untold
-from optipromp.laboratory.simulation import Outcome, simulate
+from optipromp.laboratory.simulation import Outcome, Simulation
 
 Engine = Literal["arm", "flight"]
 ENGINES: tuple[Engine, ...] = ("arm", "flight")
@@ -158,16 +159,32 @@ def _episode(task: Exercise, setting: Situation, engine: Engine) -> Episode:
 def _flown(row: Row, task: Exercise, setting: Situation, motion: Deed, engine: Engine) -> Row:
     assert motion.trajectory is not None
     truth = _aimed(setting.scene, motion) if task.track == "picture" else setting.scene
-    seed = task.drawn("physics")
+    seed, reach = task.drawn("physics"), motion.trajectory
     try:
+        back = motion.back or as_it_came(posed(truth)[0], reach.positions)
         if engine == "arm":
-            run = simulate(motion.trajectory, truth, parameters=setting.parameters, seed=seed)
-            return _judged(row, run.outcome, motion.trajectory.duration)
-        rows = motion.trajectory.resample(1000.0)
-        word = execute(scene_to_dict(truth), rows.times, rows.positions, seed)
+            word: Outcome | Word = _by_arm(truth, setting, reach, back, seed)
+        else:
+            fine = [each.resample(1000.0) for each in (reach, back)]
+            curves = [(each.times, each.positions) for each in fine]
+            word = execute(scene_to_dict(truth), curves[0], seed, curves[1])
     except (OptiPrompError, RuntimeError, ValueError) as error:
         return row.having(result="error", cause=words(str(error)))
-    return _judged(row, word, motion.trajectory.duration)
+    return _judged(row, word, reach.duration)
+
+
+def _by_arm(
+    truth: Scene, setting: Situation, reach: Trajectory, back: Trajectory, seed: int
+) -> Outcome:
+    """The outcome of a reach and, with the target alone in the tool, of the way out."""
+    parameters = setting.parameters
+    slower = 1.0 / parameters.control.speed
+    simulation = Simulation(truth, seed, parameters, q=reach.positions[0])
+    _, outcome = simulation.follow(reach.slowed(slower))
+    if outcome.result == "clean":
+        simulation.grip()
+        _, outcome = simulation.follow(back.slowed(slower))
+    return outcome
 
 
 def _aimed(scene: Scene, motion: Deed) -> Scene:
@@ -214,7 +231,7 @@ def rows_and_arrays(task: Exercise) -> tuple[list[Row], dict[str, FloatArray]]:
 def again(task: Exercise, content: bytes, where: str) -> list[Row]:
     """The rows of a motion from a file's content, executed once more."""
     arrays = read_npz(where, content=content, most=MOTION_FILE)
-    wanted = set(task.engines if task.track == "policy" else CURVE)
+    wanted = set(task.engines if task.track == "policy" else (*CURVE, *BACK))
     for name, array in arrays.items():
         if name not in wanted or array.dtype != np.float64 or not np.isfinite(array).all():
             raise InvalidRequestError(
@@ -233,10 +250,13 @@ def again(task: Exercise, content: bytes, where: str) -> list[Row]:
         return executed_rows(task, setting, digest, motions)
     if not arrays:
         return []
-    if set(arrays) != wanted:
-        raise InvalidRequestError(f"{where} has {', '.join(arrays)}; must have {CURVE}")
-    given = Trajectory(**arrays, joint_names=posed(setting.seen)[0].joint_names)
-    wrong = too_long(given.times) or against(given, setting.seen)
-    if wrong:
+    if set(arrays) not in (set(CURVE), wanted):
+        told = f"must have {CURVE}, and {BACK} or none of these"
+        raise InvalidRequestError(f"{where} has {', '.join(arrays)}; {told}")
+    names = posed(setting.seen)[0].joint_names
+    parts = (CURVE, BACK)[: len(arrays) // len(CURVE)]
+    named = [{own: arrays[name] for own, name in zip(CURVE, part, strict=True)} for part in parts]
+    given = Motion(*(Trajectory(**curve, joint_names=names) for curve in named))
+    if wrong := refusal(given, setting.seen):
         raise InvalidRequestError(f"{where} holds a motion that no controller takes: {wrong}")
-    return executed_rows(task, setting, digest, dict.fromkeys(task.engines, Deed(given)))
+    return executed_rows(task, setting, digest, dict.fromkeys(task.engines, Deed(*given)))

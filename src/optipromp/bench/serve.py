@@ -3,17 +3,18 @@
 A policy at an address is sent a line of JSON for each call over a socket, and answers with a line.
 
 ===================================================================  =============================
-``{"call": "reset", "scene": {…}, "seed": 7}``                       ``{}``
+``{"call": "reset", "scene": {…}, "seed": 7}``                       ``{}``; ``{"leaves": true}``
 ``{"call": "act", "time": 0.02, "q": […], "velocity": […],           ``{"velocity": […]}`` of the
 "tool_point": […], "tool_axis": […], "force": […], "age": 0.06,      joints [rad/s or m/s]
-"objects": […]}``
+"holding": false, "objects": […]}``
 ===================================================================  =============================
 
 A scene is a scene file's document (docs/scene-format.md), and so are objects: the fruits as last
-seen. An answer ``{"error": "…"}`` ends the episode, and so does one that is late
-(:class:`optipromp.bench.tracks.Patience`) or longer than 100,000 bytes. ``optipromp bench run
---entry tcp:HOST:PORT --track policy`` asks such a policy; :func:`serve` makes one of a Python
-class.
+seen. A policy that ``leaves`` acts until its target is out of the plant
+(:class:`optipromp.bench.tracks.Acting`). An answer ``{"error": "…"}`` ends the episode, and so does
+one that is late (:class:`optipromp.bench.tracks.Patience`) or longer than 100,000 bytes.
+``optipromp bench run --entry tcp:HOST:PORT --track policy`` asks such a policy; :func:`serve` makes
+one of a Python class.
 """
 
 import json
@@ -33,7 +34,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from optipromp.bench.entrant import Refused
+from optipromp.bench.entrant import Motion, Refused
 from optipromp.bench.episode import Observation
 from optipromp.bench.tracks import (
     ACTION,
@@ -117,10 +118,12 @@ class Remote:
         return answer
 
     def _bytes(self, count: int) -> bytes:
-        """The bytes after the line of an answer."""
+        """The next bytes after the line of an answer."""
         while len(self._rest) < count:
             self._hear()
-        return bytes(self._rest[:count])
+        out = bytes(self._rest[:count])
+        del self._rest[:count]
+        return out
 
     def _hear(self) -> None:
         left = self._until - time.monotonic()
@@ -168,13 +171,13 @@ class Served(Remote):
         """See :class:`optipromp.bench.tracks.Acting`."""
         self._scene = scene
         told = {"call": "reset", "scene": scene_to_dict(scene), "seed": seed}
-        self._ask(_packed(told), self.patience.reset, bool)
+        self.leaves = self._ask(_packed(told), self.patience.reset, _leaves)
 
     def act(self, seen: Observation) -> FloatArray:
         """See :class:`optipromp.bench.tracks.Acting`."""
         assert self._scene is not None
         told = {
-            "call": "act", "time": seen.time, "age": seen.age,
+            "call": "act", "time": seen.time, "age": seen.age, "holding": seen.holding,
             **{
                 name: getattr(seen, name).tolist()
                 for name in ("q", "velocity", "tool_point", "tool_axis", "force")
@@ -182,6 +185,10 @@ class Served(Remote):
             "objects": _objects((*seen.fruits, *self._scene.static), self._scene),
         }  # fmt: skip
         return self._ask(_packed(told), self.patience.act, velocity_of)
+
+
+def _leaves(answer: dict[str, Any]) -> bool:
+    return answer.get("leaves") is True
 
 
 def _objects(items: Sequence[SceneObject], scene: Scene) -> list[dict[str, Any]]:
@@ -215,6 +222,7 @@ def serve(policy: Acting, port: int = 0, host: str = "127.0.0.1", calls: int | N
                         if message["call"] == "reset":
                             scene = scene_from_dict(message["scene"])
                             policy.reset(scene, message["seed"])
+                            answer = {"leaves": getattr(policy, "leaves", False) is True}
                         else:
                             assert scene is not None, "act came before reset"
                             answer = {"velocity": policy.act(_seen(message, scene)).tolist()}
@@ -235,7 +243,8 @@ def _seen(message: dict[str, Any], scene: Scene) -> Observation:
     )
     fruits = tuple(item for item in items if item.role != "static")
     return Observation(
-        message["time"], q, velocity, point, axis, fruits, message["age"], force
+        message["time"], q, velocity, point, axis, fruits, message["age"], force,
+        message["holding"],
     )  # fmt: skip
 
 
@@ -264,24 +273,30 @@ class Apart(Remote):
             self.close()
             self._start()
         told = pickled(("make", str(Path.cwd()), self.spec, self.track))
-        self._ask(told, self.patience.start, bool)
+        self.leaves = self._ask(told, self.patience.start, _leaves)
 
-    def plan(self, *given: Any) -> Trajectory | Refused:
+    def plan(self, *given: Any) -> Motion | Refused:
         """The answer of the entry's ``plan``. Raises EntryError where there is none."""
         return self._ask(pickled(("plan", *given)), self.patience.plan, self._motion)
 
-    def _motion(self, answer: dict[str, Any]) -> Trajectory | Refused:
+    def _motion(self, answer: dict[str, Any]) -> Motion | Refused:
         if isinstance(answer.get("refused"), str):
             return Refused(answer["refused"])
-        rows, names = answer.get("rows"), answer.get("names")
-        if type(rows) is not int or not isinstance(names, list) or not 2 <= rows <= ROWS:
-            raise ValueError(f"the motion has {rows} rows; must have 2 to {ROWS}")
+        counts, names = answer.get("rows"), answer.get("names")
+        if not (isinstance(counts, list) and 1 <= len(counts) <= 2 and isinstance(names, list)):
+            raise ValueError(f"rows are {counts}; must be one count or two, with names of joints")
         wide = 3 * len(names) + 1
-        if 8 * rows * wide > MOTION_FILE:
-            raise ValueError(f"the motion has {rows} rows of {len(names)} joints: too large")
+        for rows in counts:
+            if type(rows) is not int or not 2 <= rows <= ROWS:
+                raise ValueError(f"the motion has {rows} rows; must have 2 to {ROWS}")
+        if 8 * sum(counts) * wide > MOTION_FILE:
+            raise ValueError(f"the motion has {sum(counts)} rows of {len(names)} joints: too large")
+        return Motion(*(self._curve(rows, wide, tuple(map(str, names))) for rows in counts))
+
+    def _curve(self, rows: int, wide: int, names: tuple[str, ...]) -> Trajectory:
         table = np.frombuffer(self._bytes(8 * rows * wide), dtype="<f8").reshape(rows, wide)
         q, velocities, accelerations = np.split(table[:, 1:], 3, axis=1)
-        return Trajectory(table[:, 0], q, velocities, accelerations, tuple(map(str, names)))
+        return Trajectory(table[:, 0], q, velocities, accelerations, names)
 
     def reset(self, scene: Scene, seed: int) -> None:
         """See :class:`optipromp.bench.tracks.Acting`."""

@@ -7,6 +7,9 @@
              scene as known before any picture (robot, tool, approach, start, static objects)
 ===========  ======================================================================================
 
+A scene ends when the tool is out of the plant. Once the target alone is in the tool and nothing is
+harmed, its stem is cut. The tool then leaves as the entry says, else back along the way it came.
+
 An entry is a class without arguments, in a process of its own (:mod:`optipromp.bench.serve`). A
 motion is all that an entry did, so both engines execute it, and ``bench verify`` does so again.
 """
@@ -18,13 +21,13 @@ from typing import Any, Literal, Protocol, cast
 
 import numpy as np
 
-from optipromp.bench.entrant import Refused, motion_of
+from optipromp.bench.entrant import Motion, Refused, motion_of
 from optipromp.bench.episode import LONGEST, Episode, Observation
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.judging import extremes
 from optipromp.core.parameters import parameter
-from optipromp.core.planning import Plan
+from optipromp.core.planning import Picked, Plan
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.shown import printable
@@ -80,6 +83,8 @@ Track = Literal["plan", "policy", "picture"]
 TRACKS: tuple[Track, ...] = ("plan", "policy", "picture")
 CONDITION: Mapping[Track, str] = {"plan": "none", "policy": "sway", "picture": "none"}
 """Of each track by default; see :mod:`optipromp.laboratory.experiments.situations`."""
+BACK = tuple(f"back_{name}" for name in CURVE)
+"""Names of the way out's arrays in a file."""
 LIMIT = 1.001  # share of a joint's limit that counts as within: rounding of files
 AT_START = 1e-4  # [rad or m] of the trajectory's begin off the scene's start: rounding of files
 
@@ -87,12 +92,19 @@ AT_START = 1e-4  # [rad or m] of the trajectory's begin off the scene's start: r
 class Planning(Protocol):
     """An entry of the track ``plan``."""
 
-    def plan(self, scene: Scene, seed: int) -> Trajectory | Plan | None:
-        """A motion from the scene's start; None, or a plan without success: refused."""
+    def plan(self, scene: Scene, seed: int) -> Trajectory | Plan | Picked | None:
+        """A motion from the scene's start; None, or a plan without success: refused.
+
+        The way out of a ``Picked`` is its leg ``retreat``.
+        """
 
 
 class Acting(Protocol):
-    """An entry of the track ``policy``."""
+    """An entry of the track ``policy``.
+
+    Where the class says ``leaves = True``, it goes on once its target is taken
+    (``Observation.holding``), until the tool is 10 cm from where it took the target.
+    """
 
     def reset(self, scene: Scene, seed: int) -> None:
         """A new episode in a scene, as first seen."""
@@ -104,7 +116,9 @@ class Acting(Protocol):
 class Seeing(Protocol):
     """An entry of the track ``picture``."""
 
-    def plan(self, picture: DepthPicture, known: Scene, seed: int) -> Trajectory | Plan | None:
+    def plan(
+        self, picture: DepthPicture, known: Scene, seed: int
+    ) -> Trajectory | Plan | Picked | None:
         """A motion from the scene's start that picks a ripe fruit; None: refused."""
 
 
@@ -114,6 +128,7 @@ class Deed:
 
     # of the tracks ``plan`` and ``picture``; None: refused, or another track
     trajectory: Trajectory | None = None
+    back: Trajectory | None = None  # the way out; None: as the tool came
     # (k, n) joint velocities of the track ``policy``; None: another track
     actions: FloatArray | None = None
     thought: float = 0.0  # wall time of the entry [s]; of a policy, the median of a call
@@ -125,9 +140,12 @@ class Deed:
         return self.trajectory is None and self.actions is None
 
     def arrays(self) -> dict[str, FloatArray]:
-        """The trajectory as arrays by name, for a file; empty without one."""
-        own = self.trajectory
-        return {} if own is None else dict(zip(CURVE, (own.times, *own.rows()), strict=True))
+        """The trajectories as arrays by name, for a file; empty without one."""
+        out: dict[str, FloatArray] = {}
+        for names, own in ((CURVE, self.trajectory), (BACK, self.back)):
+            if own is not None:
+                out |= zip(names, (own.times, *own.rows()), strict=True)
+        return out
 
 
 def asked(call: Callable[[], Any], scene: Scene) -> Deed:
@@ -137,23 +155,38 @@ def asked(call: Callable[[], Any], scene: Scene) -> Deed:
     thought = time.perf_counter() - began
     if isinstance(answer, Refused):
         return Deed(thought=thought, why=answer.why)
-    wrong = too_long(answer.times) or against(answer, scene) or misnamed(answer, scene)
-    return Deed(None if wrong else answer, thought=thought, why=wrong)
+    wrong = refusal(answer, scene)
+    return Deed(thought=thought, why=wrong) if wrong else Deed(*answer, thought=thought)
 
 
-def against(trajectory: Trajectory, scene: Scene) -> str:
+def refusal(motion: Motion, scene: Scene) -> str:
+    """Why a motion from a scene's start is not executed; empty: it is."""
+    begin = None
+    for each in motion:
+        if each is None:
+            continue
+        wrong = too_long(each.times) or against(each, scene, begin) or misnamed(each, scene)
+        if wrong:
+            return wrong if each is motion.reach else f"the way out: {wrong}"
+        begin = each.positions[-1]
+    return ""
+
+
+def against(trajectory: Trajectory, scene: Scene, begins: FloatArray | None = None) -> str:
     """What a controller of the scene's robot would refuse a trajectory for; empty: nothing.
 
     The words have joint, value, limit and time of the gravest excess, and what would be right.
+    ``begins``: configuration (n,) at which it has to begin, the end of a reach; None: the start.
     """
     robot, state = posed(scene)
+    words, start = ("the start", state.q) if begins is None else ("the reach's end", begins)
     names, turns = robot.joint_names, robot.kinematics
     if (count := trajectory.positions.shape[1]) != len(names):
         return f"the motion has {count} joints; {robot.name} has {len(names)}: {', '.join(names)}"
-    k = int(np.argmax(np.abs(trajectory.positions[0] - state.q)))
+    k = int(np.argmax(np.abs(trajectory.positions[0] - start)))
     begin = trajectory.positions[0, k]
-    if abs(begin - state.q[k]) > AT_START:
-        return f"{names[k]} begins at {begin:.6g}; the start is {state.q[k]:.6g}: begin there"
+    if abs(begin - start[k]) > AT_START:
+        return f"{names[k]} begins at {begin:.6g}; {words} is {start[k]:.6g}: begin there"
     most = extremes(trajectory)
     values = np.stack([most.lowest, most.highest, *most.largest[:2]])
     limits = np.stack([robot.lower, robot.upper, robot.velocity, robot.acceleration])
@@ -182,7 +215,7 @@ def acted(policy: Acting, episode: Episode, seed: int) -> Deed:
     """Let a policy act until the episode is over. Raises EntryError where it gave no velocities."""
     policy.reset(episode.scene, seed)
     actions, times = [], []
-    while not (episode.done or episode.ended):
+    while not episode.over(getattr(policy, "leaves", False)):
         seen = episode.observe()
         began = time.perf_counter()
         velocity = policy.act(seen)
@@ -203,13 +236,13 @@ def replayed(motion: Deed, episode: Episode) -> None:
     """The episode once more, with the actions that a policy took."""
     actions = cast(FloatArray, motion.actions)
     for count, velocity in enumerate(actions):
-        if episode.done or episode.ended:
+        if episode.over(leaving=True):
             raise InvalidRequestError(
                 f"{len(actions)} actions; the episode is over after {count}, and lasts {LONGEST:g} "
                 "s at most"
             )
         episode.act(velocity)
-    if not (episode.done or episode.ended):
+    if not episode.over(leaving=False):
         raise InvalidRequestError(f"{len(actions)} actions, after which the episode goes on")
 
 

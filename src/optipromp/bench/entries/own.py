@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from optipromp.bench.entrant import Motion, Refused
+from optipromp.bench.entries.planners import with_way_out
 from optipromp.bench.episode import Observation
 from optipromp.control.controller import Controller
 from optipromp.core.arrays import FloatArray
@@ -32,11 +34,13 @@ class Blind:
 
 
 class Closed:
-    """The closed loop: look, plan, go, look again, and follow the plant to the end."""
+    """The closed loop: look, plan, go, look again, and follow the plant to the end and out."""
+
+    leaves = True
 
     def reset(self, scene: Scene, seed: int) -> None:
         """See :class:`optipromp.bench.tracks.Acting`."""
-        self.controller = Controller(scene, seed=seed)
+        self.controller = Controller(scene, seed=seed, leave=True)
         self.running: Stretch | None = None
         self.coming: list[Stretch] = []
         self.newest = -np.inf
@@ -63,7 +67,9 @@ class Closed:
 class ByEyes:
     """See one picture by geometry, and plan in the scene that it shows."""
 
-    def plan(self, picture: DepthPicture, known: Scene, seed: int) -> Plan | None:
+    def plan(
+        self, picture: DepthPicture, known: Scene, seed: int
+    ) -> Plan | Motion | Refused | None:
         """See :class:`optipromp.bench.tracks.Seeing`."""
         from optipromp.perception.eyes import look_at, seen_scene
 
@@ -71,4 +77,4 @@ class ByEyes:
             scene, _ = seen_scene(look_at(picture, up=known.up), known)
         except InvalidRequestError:  # no ripe fruit is seen
             return None
-        return plan(scene, seed=seed)
+        return with_way_out(plan(scene, seed=seed))

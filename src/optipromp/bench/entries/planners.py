@@ -4,7 +4,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from optipromp.core.planning import Plan, plan
+from optipromp.bench.entrant import Motion, Refused
+from optipromp.core.planning import Picked, Plan, plan
+from optipromp.core.planning.legs import REACH, RETREAT, way_out
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
 from optipromp.timing import LEAST, gentle
@@ -23,15 +25,29 @@ def gentle_plan(made: Plan, scene: Scene) -> Trajectory | None:
     return gentle(scene, q)
 
 
+UNLIKELY = 0.5  # of a failed pick, which costs as much as a clean one counts
+
+
+def with_way_out(made: Plan) -> Plan | Motion | Refused:
+    """A pick that leaves by the way of least harm; refused where it is rather not clean."""
+    if not made.success:
+        return made
+    legs = Picked({REACH: made, **way_out(made)})
+    if legs.failure > UNLIKELY:
+        return Refused(f"{legs.status}: {legs.message}")
+    back = legs.legs.get(RETREAT)
+    return Motion(made.trajectory, None if back is None or not back.valid else back.trajectory)
+
+
 class OfPlanner:
     """A registered planner as an entry."""
 
     planner: ClassVar[str]
 
-    def plan(self, scene: Scene, seed: int) -> Plan | Trajectory | None:
+    def plan(self, scene: Scene, seed: int) -> Plan | Motion | Refused | Trajectory | None:
         """See :class:`optipromp.bench.tracks.Planning`."""
         made = plan(scene, planner=self.planner, seed=seed)
-        return made if self.planner in PREDICTING else gentle_plan(made, scene)
+        return with_way_out(made) if self.planner in PREDICTING else gentle_plan(made, scene)
 
 
 def __getattr__(name: str) -> Any:

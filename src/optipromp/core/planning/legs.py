@@ -87,6 +87,12 @@ class Picked:
         return self.status == Code.SUCCESS
 
     @property
+    def failure(self) -> float:
+        """Probability that the pick is not clean, of all legs; nan where one does not tell."""
+        told = [leg.prediction.probability for leg in self.legs.values() if leg.prediction]
+        return 1.0 - math.prod(1.0 - each for each in told) if told else math.nan
+
+    @property
     def duration(self) -> float:
         """Of all legs [s]."""
         return sum(leg.trajectory.duration for leg in self.legs.values())
@@ -102,6 +108,7 @@ class Picked:
         return self.reach.to_dict() | {
             "status": self.status,
             "message": self.message,
+            "failure": None if math.isnan(self.failure) else self.failure,
             "legs": {name: leg.to_dict() for name, leg in self.legs.items()},
         }
 

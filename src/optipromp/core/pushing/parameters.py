@@ -38,16 +38,28 @@ class Calibration(NamedTuple):
 
 KNOWN = Calibration(
     harm=(0.0, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 2.0, 3.0),
-    failed=(0.002, 0.011, 0.025, 0.052, 0.084, 0.144, 0.208, 0.438, 0.598),
+    failed=(0.007, 0.034, 0.063, 0.122, 0.199, 0.356, 0.521, 0.897, 0.977),
     threshold=(0.05, 0.2, 0.5, 0.9, 2.0),
 )
-"""Fruits on stems with exactly known positions."""
+"""A way in among fruits on stems with exactly known positions."""
 DETECTED = Calibration(
     harm=(0.0, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 2.0, 3.0),
-    failed=(0.006, 0.022, 0.042, 0.074, 0.106, 0.160, 0.212, 0.386, 0.510),
+    failed=(0.029, 0.054, 0.070, 0.093, 0.116, 0.155, 0.195, 0.367, 0.531),
     threshold=(0.05, 0.3, 0.65, 1.1, 2.0),
 )
-"""Fruits on stems with detected positions, which have errors."""
+"""A way in among fruits on stems with detected positions, which have errors."""
+KNOWN_OUT = Calibration(
+    harm=KNOWN.harm,
+    failed=(0.017, 0.064, 0.107, 0.183, 0.270, 0.424, 0.568, 0.888, 0.969),
+    threshold=(0.02, 0.15, 0.2, 0.5, 1.0),
+)
+"""The way out after it, of the model in which pulls count."""
+DETECTED_OUT = Calibration(
+    harm=DETECTED.harm,
+    failed=(0.034, 0.076, 0.104, 0.147, 0.190, 0.264, 0.340, 0.611, 0.787),
+    threshold=(0.02, 0.05, 0.2, 0.28, 0.8),
+)
+"""The way out among fruits whose positions were detected."""
 PACKS = Calibration(
     harm=(0.0, 1.0, 2.0, 4.0, 8.0, 15.0, 30.0, 60.0),
     failed=(0.016, 0.035, 0.053, 0.090, 0.159, 0.262, 0.425, 0.609),
@@ -271,6 +283,8 @@ class PushParameters(NamedTuple):
     harm: HarmParameters = HarmParameters()
     known: Calibration = KNOWN
     detected: Calibration = DETECTED
+    known_out: Calibration = KNOWN_OUT
+    detected_out: Calibration = DETECTED_OUT
     packs: Calibration = PACKS
     hanging: HangingParameters = HangingParameters()
     plane: PlaneParameters = PlaneParameters()

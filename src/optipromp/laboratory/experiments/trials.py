@@ -92,17 +92,19 @@ def attempt(scene: Scene, planner: str, *, seed: int = 0, risk: float = PlanOpti
     made = plan(scene, planner=solver, seed=seed, options=PlanOptions(risk=risk))
     moves = bool(np.ptp(made.trajectory.positions, axis=0).max() > 0.0)
     told, legs, status, message = made.prediction, None, made.status, made.message
+    failure = math.nan if told is None else told.probability
     if moves and takes_out(made):
         legs = Picked({REACH: made})
         with suppress(OptiPrompError):  # a target that cannot be lifted stays
             legs = Picked(legs.legs | way_out(made))
+        failure = legs.failure
         if made.success and len(legs.legs) > 1:
             status, message = legs.status, legs.message
     return Answer(
         planner, status, message, made.trajectory if moves else None, made.time["total"],
         None if told is None else told.harm,
         pushed(made) if getattr(solver, "guard", False) else 0.0,
-        None if told is None or math.isnan(told.probability) else told.probability,
+        None if math.isnan(failure) else failure,
         float(np.rad2deg(np.arccos(min(made.scene.frame[2] @ scene.frame[2], 1.0)))), legs,
     )  # fmt: skip
 

@@ -252,7 +252,8 @@ class Hanging(PushModel):
         detected = hidden or any(fruit.covariance is not None for fruit in fruits)
         self.fruits, self.count = fruits, len(fruits)
         self.calibration = PUSH.detected if detected else PUSH.known
-        self.threshold = self.calibration.allowed(risk)
+        self.on_leaving = PUSH.detected_out if detected else PUSH.known_out
+        self.risk, self.threshold = risk, self.calibration.allowed(risk)
         self.searched = HANGING.screened_states if detected else HANGING.screened_known
         self.states = HANGING.detected_states if detected else HANGING.states
         self.stems = sampled(fruits, self.searched, self.states, tuple(scene.up.tolist()))
@@ -389,6 +390,8 @@ class Leaving(Continued):
     def __init__(self, model: Hanging, points: FloatArray, axes: FloatArray) -> None:
         super().__init__(model, points, axes)
         self._model, self._length = model, length(points)
+        self.calibration = model.on_leaving
+        self.threshold = self.calibration.allowed(model.risk)
 
     def _led(
         self, points: FloatArray, axes: FloatArray
