@@ -29,7 +29,6 @@ class OfPlanner:
     planner: ClassVar[str]
 
     def plan(self, scene: Scene, seed: int) -> Plan | Trajectory | None:
-        """See :class:`optipromp.bench.tracks.Planning`."""
         made = plan(scene, planner=self.planner, seed=seed)
         return made if self.planner in PREDICTING else gentle_plan(made, scene)
 

@@ -215,10 +215,10 @@ def conditioned(
 ) -> FloatArray:
     """Mean weights (n, K) of the ProMP given start, goal and tool poses at stations.
 
-    ``robot``: the arm with its tool. ``promp``: the prior. ``start``: (n,) at phase 0; ``goal``
-    (n,) at phase 1; both at rest. ``points``: (S, 3) tool points at the stations [m]; the last is
-    at the goal. ``axes``: (S, 3) tool axes at the stations. ``near``: (S, n) configurations at the
-    stations, with which the iteration begins. ``phases``: (S,) of the stations.
+    ``start``: (n,) at phase 0; ``goal`` (n,) at phase 1; both at rest. ``points``: (S, 3) tool
+    points at the stations [m]; the last is at the goal. ``axes``: (S, 3) tool axes at the stations.
+    ``near``: (S, n) configurations at the stations, with which the iteration begins. ``phases``:
+    (S,) of the stations.
     """
     n, stations = promp.n_joints, len(points) - 1
     values, cross, joint = _prior_at(promp, tuple(phases[:-1].tolist()))

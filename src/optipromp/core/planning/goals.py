@@ -126,10 +126,9 @@ def choose(
 ) -> tuple[FloatArray, bool, str]:
     """Goal configurations to plan to.
 
-    ``task``: scene and robot. ``seed``: of the random starts of inverse kinematics. ``starts``:
-    their number at first; more are tried where too few goals are free, while the ``budget`` lasts.
-    ``begin``: (n,) a configuration; a free goal configuration on its branch is the only one.
-    ``budget``: of the plan.
+    ``seed``: of the random starts of inverse kinematics. ``starts``: their number at first; more
+    are tried where too few goals are free, while the ``budget`` lasts. ``begin``: (n,) a
+    configuration; a free goal configuration on its branch is the only one.
 
     Returns: Configurations (m, n), at most ``GOAL.enough`` where they are free; whether they touch
     nothing; and the reason where all of them touch an object or none exists.

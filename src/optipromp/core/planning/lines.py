@@ -236,8 +236,8 @@ def _wrong(made: Planned) -> int:
 def timed_line(task: Task, leg: StraightLine, q: FloatArray, lines: Lines) -> Trajectory:
     """The shortest trajectory along a line, from rest to rest, near enough and slow enough.
 
-    ``task``: with the robot. ``leg``: the line. ``q``: (m, n) waypoints; twice as many are taken
-    while the curve leaves the line. ``lines``: with the largest distance and speed.
+    ``q``: (m, n) waypoints; twice as many are taken while the curve leaves the line. ``lines``:
+    with the largest distance and speed.
     """
     robot, speed = task.robot, lines.speed
     for left in reversed(range(LINE.refinements)):

@@ -49,10 +49,8 @@ def pick(
 ) -> Planned | Harmful:  # fmt: skip
     """The valid trajectory of least predicted harm; without a valid one, the best of the others.
 
-    ``task``: to be solved. ``promp``: the primitive. ``options``: see :class:`Searched`. ``goals``:
-    configurations (m, n), best first. ``budget``: of the plan. ``sparing``: a path whose
-    predicted harm is above the threshold is not followed. The answer is :class:`Harmful` where all
-    paths are such.
+    ``goals``: configurations (m, n), best first. ``sparing``: a path whose predicted harm is above
+    the threshold is not followed. The answer is :class:`Harmful` where all paths are such.
     """
     began = clock()
     rng = np.random.default_rng(task.seed)

@@ -223,10 +223,10 @@ def goal_configurations(
 ) -> Chosen:
     """Goal configurations of a task.
 
-    ``task``: scene and robot. ``budget``: of the plan. ``starts``: number of random starts of
-    inverse kinematics; None: ``GOAL.starts``, or ``GOAL.few_starts`` where the budget is spent.
-    ``near``: (n,) a configuration; a free goal configuration on its branch is the only one. The
-    start takes its place where the tool has begun its approach.
+    ``starts``: number of random starts of inverse kinematics; None: ``GOAL.starts``, or
+    ``GOAL.few_starts`` where the budget is spent. ``near``: (n,) a configuration; a free goal
+    configuration on its branch is the only one. The start takes its place where the tool has begun
+    its approach.
     """
     budget.say("inverse kinematics")
     began = clock()
@@ -254,7 +254,6 @@ class OptiProMP(Searched):
         return self.prediction
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
-        """See :class:`optipromp.core.planning.planners.Planner`."""
         promp = learnt(task, task.demonstrations)
         if task.scene.waypoints is not None:
             return along_lines(task, promp, self, budget)
@@ -289,7 +288,6 @@ class ConditionedProMP(Timed):
         require(self, "", self.via_deviation >= 0, "via_deviation", "not negative [m]")
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
-        """See :class:`optipromp.core.planning.planners.Planner`."""
         promp = learnt(task, task.demonstrations)
         chosen = goal_configurations(task, budget, GOAL.few_starts, primitive.end(promp))
         if not len(chosen.q):

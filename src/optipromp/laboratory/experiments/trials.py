@@ -85,8 +85,8 @@ def attempt(scene: Scene, planner: str, *, seed: int = 0, risk: float = PlanOpti
     A pick is promised with its way out. It is the same for all planners, and ends with the tool
     away from the plant.
 
-    ``scene``: as detected. ``planner``: one of :func:`study_planners`. ``seed``: of everything
-    random. ``risk``: share of promised successes that may be broken, see :class:`PlanOptions`.
+    ``scene``: as detected. ``planner``: one of :func:`study_planners`. ``risk``: share of promised
+    successes that may be broken, see :class:`PlanOptions`.
     """
     solver = make(planner)
     made = plan(scene, planner=solver, seed=seed, options=PlanOptions(risk=risk))

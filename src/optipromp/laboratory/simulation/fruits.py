@@ -145,7 +145,6 @@ def add_fruit(
 ) -> BuiltFruit:
     """Add a target or pushable: a free body, welded to the end of its stem where it has one.
 
-    ``spec``: the model. ``obj``: the target or pushable. ``parameters``: of the physics.
     ``entity``, ``stem_entity``: user data of the geoms of fruit and stem. ``up``: (3,) unit,
     opposite to gravity. ``key``: in the names of the bodies; None: the object's id. ``kind``: None
     for an object of the scene. ``truss``: loads that its stem shares with others. ``bow``: (3,)

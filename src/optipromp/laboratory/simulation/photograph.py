@@ -389,8 +389,7 @@ def sensed(
     :math:`\sigma_z = z^2 \sigma_d / (f b)` of depth. A pixel that the second imager does not see is
     a hole.
 
-    ``depth``: true depth along the optical axis [m]. ``focal``: length [pixel]. ``parameters``: of
-    the camera. ``rng``: of the errors.
+    ``depth``: true depth along the optical axis [m]. ``focal``: length [pixel].
     """
     p, size = parameters, depth.shape
     rows, columns = np.indices(size)

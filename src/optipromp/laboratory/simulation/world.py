@@ -150,9 +150,8 @@ def build(
     that overlap (a fruit and the stem of another, in the paper's scenes) would burst apart at the
     first step, so they do not collide (``World.overlapping``). The robot collides with everything.
 
-    ``scene``: robot and objects. ``robot``: whose frame is the world's. ``parameters``: physical
-    numbers. ``seed``: of the bows of stems, the fruits of real neighbouring clusters, and
-    disturbances.
+    ``robot``: whose frame is the world's. ``seed``: of the bows of stems, the fruits of real
+    neighbouring clusters, and disturbances.
     """
     parameters = of_crop(parameters or SimulationParameters(), scene.crop)
     scene, parted = apart(grown(scene, seed))
