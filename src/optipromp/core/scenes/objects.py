@@ -334,12 +334,24 @@ class SceneObject(
         Raises:
             InvalidSceneError: a position of another shape, or one that is not finite.
         """
-        to, stem = array("position", position, 3), self.stem
-        if stem is not None:
-            stem = replace(stem, points=stem.points + (to - self.position))
-        motion = self.motion and self.motion.shifted(to - self.position)
+        to = array("position", position, 3)
         name = self.id if id is None else id
-        return replace(self, id=name, position=to, stem=stem, motion=motion)
+        return replace(self.shifted(to - self.position), id=name, position=to)
+
+    def shifted(self, by: FloatArray, part: str = "whole") -> SceneObject:
+        """The object displaced ``by`` (3,) [m].
+
+        ``part``: ``whole``; ``object`` with the end of the stem that is at it; or the stem's
+        ``root`` alone.
+        """
+        position, stem, motion = self.position, self.stem, self.motion
+        if part != "root":
+            position, motion = position + by, motion and motion.shifted(by)
+        if stem is not None:
+            points = np.array(stem.points)
+            points[{"whole": slice(None), "object": slice(1), "root": slice(-1, None)}[part]] += by
+            stem = replace(stem, points=points)
+        return replace(self, position=position, stem=stem, motion=motion)
 
     @property
     def course(self) -> ObjectMotion | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -26,7 +26,7 @@ from optipromp.core.scenes.goals import (
     RegionGoal,
     check_lines,
 )
-from optipromp.core.scenes.held import Attached, Pair, Place, checked
+from optipromp.core.scenes.held import Attached, Pair, Place, checked, pairs_among
 from optipromp.core.scenes.objects import (
     ROLES,
     STEM_RADIUS,
@@ -35,6 +35,7 @@ from optipromp.core.scenes.objects import (
     SceneObject,
     Stem,
     check_trusses,
+    rooted,
 )
 from optipromp.core.scenes.pose import DIRECTION, PART, SPAN, Framed, Pose
 from optipromp.core.scenes.values import array, keep, limited, named, suggest
@@ -345,8 +346,28 @@ class Scene(
         """The scene whose objects stand where they are at times ``when`` [s], by id."""
         if not when:
             return self
-        objects = (o.standing(when[o.id]) if o.id in when else o for o in self.objects)
-        return replace(self, objects=tuple(objects))
+        return self.each(lambda item: item.standing(when[item.id]) if item.id in when else item)
+
+    def each(self, change: Callable[[SceneObject], SceneObject]) -> Scene:
+        """The scene whose objects are as ``change`` returns them."""
+        return replace(self, objects=tuple(change(item) for item in self.objects))
+
+    def aimed(self, target: str, picked: Collection[str] = ()) -> Scene:
+        """The scene with this ``target``, without ``picked`` fruits; other fruits are pushables."""
+        roles: dict[str, Role] = {i.id: "pushable" for i in self.objects if i.role == "target"}
+        roles[target] = "target"
+        objects = (
+            replace(item, role=roles.get(item.id, item.role))
+            for item in self.objects
+            if item.id not in picked
+        )
+        return replace(
+            self,
+            name=f"{self.name}-{target}",
+            objects=rooted(objects),
+            goal=None,
+            may_touch=pairs_among(self.may_touch, picked),
+        )
 
     def transformed(self, pose: Pose) -> Scene:
         """The same world in another frame, in which the present base has the ``pose``.

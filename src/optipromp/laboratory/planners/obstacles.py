@@ -62,14 +62,10 @@ class Chomp:
 
     The objective is F_s + F_d over all body spheres + ``smoothness`` · ½∫‖ξ̈‖² dt. The start and
     the goal configuration stay.
-
-    Attributes:
-        epsilon: ε, the safety distance of the obstacle cost [m].
-        smoothness: weight of ½∫‖ξ̈‖² dt beside the obstacle functionals; a choice.
     """
 
-    epsilon: float = PaperOptions.epsilon
-    smoothness: float = 1e-5
+    epsilon: float = PaperOptions.epsilon  # ε, the safety distance of the obstacle cost [m]
+    smoothness: float = 1e-5  # weight of ½∫‖ξ̈‖² dt beside the obstacle functionals; a choice
     name: ClassVar[str] = "chomp"
     ignores: ClassVar[tuple[str, ...]] = WAY
 
@@ -103,10 +99,7 @@ def avoiding(task: Task) -> Task:
 
 def as_obstacles(scene: Scene) -> Scene:
     """The scene with every pushable in the role of a neighbour to be avoided."""
-    objects = tuple(
-        replace(item, role="avoid") if item.role == "pushable" else item for item in scene.objects
-    )
-    return replace(scene, objects=objects)
+    return scene.each(lambda item: replace(item, role="avoid") if item.role == "pushable" else item)
 
 
 def descend(problem: Problem, q: FloatArray, budget: Budget, iterations: int = 100) -> Result:
