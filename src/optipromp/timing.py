@@ -21,7 +21,7 @@ from optipromp.core.arrays import FloatArray, evenly_along, lengths
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.parameters import TIMING
 from optipromp.core.planning.task import robot_of
-from optipromp.core.planning.timing import Limits, fastest, ramped, shortest
+from optipromp.core.planning.timing import JointLimits, fastest, ramped, shortest
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import GREATEST, Trajectory, chained
@@ -87,7 +87,7 @@ def timed(
             "it among stops"
         )
     given = {"velocity": velocity, "acceleration": acceleration, "jerk": jerk}
-    limits = Limits(names, **{name: _limit(name, one, count) for name, one in given.items()})
+    limits = JointLimits(names, **{name: _limit(name, one, count) for name, one in given.items()})
     for stop in stops:
         if not 0 < stop < len(q) - 1:
             raise InvalidRequestError(f"stop is {stop}: must be from 1 to {len(q) - 2}")
@@ -135,7 +135,7 @@ def _limit(name: str, value: ArrayLike, count: int) -> FloatArray:
     return np.broadcast_to(limit, (count,))
 
 
-def _between(limits: Limits, q: FloatArray, chords: FloatArray) -> Trajectory:
+def _between(limits: JointLimits, q: FloatArray, chords: FloatArray) -> Trajectory:
     """The fastest curve found through waypoints (m, n) without a stop."""
     at = np.append(0.0, np.cumsum(chords))
     path = Trajectory(at, q, *_slopes(q, at), limits.joint_names)

@@ -88,7 +88,7 @@ def pick(
             rest(task, options),
             follow.free_starts(solver.cleared, options, promp, goals, rng, budget),
         )
-        best = first_valid(solver, follow.constrained_starts(solver.cleared, free))
+        best = first_valid(solver, (follow.constrained(solver.cleared, start) for start in free))
         assert best is not None  # there is at least one goal configuration
     else:
         judgement = passed_over(best.judgement, solver.without_margin)
@@ -243,18 +243,15 @@ class Solver:
     before the arm comes (``cleared``); the judge sees all. ``options``: see :class:`Searched`.
     ``budget``: of the plan. ``model``: of the push. Without a model, passing a stem on its side is
     a fault (:func:`judging.judge`).
-
-    Attributes:
-        searched: the push model in which tool paths are searched; None without prediction.
-        without_margin: judgements of valid trajectories that lack the margin from static objects.
     """
 
     def __init__(
         self, task: Task, options: Searched, budget: Budget, model: PushModel | None
     ) -> None:
         self.task, self.options, self.budget, self.model = task, options, budget, model
-        self.searched = model if options.prediction else None
+        self.searched = model if options.prediction else None  # for tool paths
         self.cleared = follow.uprighted(pushed_aside(task))
+        # of valid trajectories that lack the margin from static objects
         self.without_margin: list[Judgement] = []
         self._arrays: dict[int, Evaluation] = {}
 

@@ -257,7 +257,7 @@ _FINE = 2001  # times from which those of waypoints that are not evenly spaced a
 
 
 @dataclass(frozen=True, eq=False)
-class Limits:
+class JointLimits:
     """Names and limits (n,) of joints."""
 
     joint_names: tuple[str, ...]
@@ -266,7 +266,7 @@ class Limits:
     jerk: FloatArray  # [rad/s³ or m/s³]
 
 
-Limited = Robot | Limits
+Limited = Robot | JointLimits
 
 
 def fastest(

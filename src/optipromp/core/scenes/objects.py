@@ -14,7 +14,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray, frame_along, frozen, lengths
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.shapes import Box, Capsule, Cylinder, Shape
-from optipromp.core.scenes.pose import PART, POINT, TURN, Framed, Kind, Pose
+from optipromp.core.scenes.pose import PART, POINT, TURN, Framed, Pose, Quantity
 from optipromp.core.scenes.rotations import IDENTITY, from_quaternion, unit_quaternion
 from optipromp.core.scenes.values import array, keep, limited, named, suggest, unit
 
@@ -224,7 +224,7 @@ def _spread(pose: Pose, covariance: FloatArray) -> FloatArray:
     return np.asarray(0.5 * (turned + turned.T))
 
 
-SPREAD = Kind(PART.checked, _spread)
+SPREAD = Quantity(PART.checked, _spread)
 
 
 @dataclass(frozen=True, eq=False)

@@ -64,7 +64,7 @@ class Pose:
         return frozen(np.asarray(other) @ self.rotation.T + self.position)
 
 
-class Kind(NamedTuple):
+class Quantity(NamedTuple):
     """What a value in a frame is: how it is checked, and how it changes with the frame."""
 
     checked: Callable[[str, Any], Any]
@@ -77,11 +77,11 @@ def _each(pose: Pose, part: Any) -> Any:
     return part.transformed(pose)
 
 
-POINT = Kind(lambda name, point: array(name, point, 3), lambda pose, point: pose @ point)
-SPAN = Kind(POINT.checked, lambda pose, span: pose.rotation @ span)
-DIRECTION = Kind(unit, SPAN.moved)
-TURN = Kind(lambda _, turn: unit_quaternion(turn), lambda pose, q: product(pose.orientation, q))
-PART = Kind(lambda _, part: part, _each)
+POINT = Quantity(lambda name, point: array(name, point, 3), lambda pose, point: pose @ point)
+SPAN = Quantity(POINT.checked, lambda pose, span: pose.rotation @ span)
+DIRECTION = Quantity(unit, SPAN.moved)
+TURN = Quantity(lambda _, turn: unit_quaternion(turn), lambda pose, q: product(pose.orientation, q))
+PART = Quantity(lambda _, part: part, _each)
 """A :class:`Framed`, or a tuple of such."""
 
 
@@ -91,10 +91,10 @@ class Framed:
     A subclass states the kind of each of them, and the ``label`` before their names in messages.
     """
 
-    kinds: ClassVar[Mapping[str, Kind]]
+    kinds: ClassVar[Mapping[str, Quantity]]
     label: ClassVar[str]
 
-    def __init_subclass__(cls, label: str = "", **kinds: Kind) -> None:
+    def __init_subclass__(cls, label: str = "", **kinds: Quantity) -> None:
         cls.label, cls.kinds = label, kinds
 
     def __post_init__(self) -> None:
