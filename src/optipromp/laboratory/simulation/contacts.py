@@ -112,15 +112,15 @@ class ContactLog:
     are symmetric.
 
     ``threshold``: of the spells in ``hard`` [N].
-
-    Attributes:
-        torn: why fruits came off, in words, by key; empty without a crop.
     """
 
     def __init__(self, world: World, threshold: float) -> None:
         count = len(world.entities)
         self._owners, self._timestep = world.geom_entity, float(world.model.opt.timestep)
-        self._world, self._threshold, self.torn = world, threshold, dict[str, str]()
+        self._world, self._threshold = world, threshold
+        self.torn: dict[
+            str, str
+        ] = {}  # why fruits came off, in words, by key; empty without a crop
         self._pairs = pairs = np.zeros((count, count), _PAIR)
         pairs["first"] = np.nan
         self.peak: FloatArray = pairs["peak"]  # (E, E) largest force [N]
