@@ -62,10 +62,14 @@ class Chomp:
 
     The objective is F_s + F_d over all body spheres + ``smoothness`` · ½∫‖ξ̈‖² dt. The start and
     the goal configuration stay.
+
+    Attributes:
+        epsilon: ε, the safety distance of the obstacle cost [m].
+        smoothness: weight of ½∫‖ξ̈‖² dt beside the obstacle functionals; a choice.
     """
 
-    epsilon: float = PaperOptions.epsilon  # ε, the safety distance of the obstacle cost [m]
-    smoothness: float = 1e-5  # weight of ½∫‖ξ̈‖² dt beside the obstacle functionals; a choice
+    epsilon: float = PaperOptions.epsilon
+    smoothness: float = 1e-5
     name: ClassVar[str] = "chomp"
     ignores: ClassVar[tuple[str, ...]] = WAY
 
