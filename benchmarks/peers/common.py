@@ -37,8 +37,8 @@ def goal_configurations(setup: Task, seed: int) -> FloatArray:
 
     Its time counts for whoever calls it. Goals that touch what they must not are left out.
     """
-    found, free, _ = goals.choose(setup, seed)
-    return found if free else found[:0]
+    found, touching = goals.choose(setup, seed)
+    return found[:0] if touching else found
 
 
 def timed(setup: Task, path: FloatArray) -> Trajectory:

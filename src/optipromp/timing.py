@@ -12,7 +12,6 @@ in the hull of their control points.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -22,7 +21,7 @@ from optipromp.core.arrays import FloatArray, evenly_along, lengths
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.parameters import TIMING
 from optipromp.core.planning.task import robot_of
-from optipromp.core.planning.timing import fastest, ramped, shortest
+from optipromp.core.planning.timing import JointLimits, fastest, ramped, shortest
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import GREATEST, Trajectory, chained
@@ -36,16 +35,6 @@ EACH = 4  # intervals between two waypoints that are tried, too, chosen
 NEAR = 0.12  # [m] of the tool point from a fruit's surface, within which the tool is slow: a choice
 LEAST = 250  # waypoints of a gentle motion, at least: a choice
 RATE = 1000.0  # [Hz] at which the curve through fewer is sampled, to space them evenly: a choice
-
-
-@dataclass(frozen=True, eq=False)
-class _Limits:
-    """Names and limits (n,) of joints."""
-
-    joint_names: tuple[str, ...]
-    velocity: FloatArray
-    acceleration: FloatArray
-    jerk: FloatArray
 
 
 def timed(
@@ -98,7 +87,7 @@ def timed(
             "it among stops"
         )
     given = {"velocity": velocity, "acceleration": acceleration, "jerk": jerk}
-    limits = _Limits(names, **{name: _limit(name, one, count) for name, one in given.items()})
+    limits = JointLimits(names, **{name: _limit(name, one, count) for name, one in given.items()})
     for stop in stops:
         if not 0 < stop < len(q) - 1:
             raise InvalidRequestError(f"stop is {stop}: must be from 1 to {len(q) - 2}")
@@ -146,7 +135,7 @@ def _limit(name: str, value: ArrayLike, count: int) -> FloatArray:
     return np.broadcast_to(limit, (count,))
 
 
-def _between(limits: _Limits, q: FloatArray, chords: FloatArray) -> Trajectory:
+def _between(limits: JointLimits, q: FloatArray, chords: FloatArray) -> Trajectory:
     """The fastest curve found through waypoints (m, n) without a stop."""
     at = np.append(0.0, np.cumsum(chords))
     path = Trajectory(at, q, *_slopes(q, at), limits.joint_names)

@@ -42,7 +42,7 @@ def seen() -> Scene:
 def test_an_entry_learns_neither_word_nor_seeds_nor_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(running, "words", str)  # the whole text
+    monkeypatch.setattr(running.tracks, "words", str)  # the whole text
     run = BenchRun.of(entry(entries.Spy), "plan", SceneSet("a secret", ("limp",), 1))
     (arm, _) = run_bench(run, tmp_path / "results", workers=1)
     task = next(iter(run.tasks()))

@@ -11,7 +11,6 @@ from optipromp import load_plan, plan, plan_sequence, simulate
 from optipromp.cli.main import app
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.geometry import Sphere
-from optipromp.core.planning.sequence import aimed
 from optipromp.core.scenes import Scene, save_scene
 from optipromp.laboratory.generate import generate
 
@@ -38,7 +37,7 @@ def test_three_ripe_fruits_are_picked_and_nothing_is_harmed(bunch: Scene) -> Non
 
 def test_the_first_pick_is_the_least_harmful_one_and_then_the_quickest(bunch: Scene) -> None:
     found = plan_sequence(bunch, RIPE)
-    alone = {id_: plan(aimed(bunch, id_)) for id_ in RIPE}
+    alone = {id_: plan(bunch.aimed(id_)) for id_ in RIPE}
     assert all(made.prediction and made.prediction.harm < 0.05 for made in alone.values())
     quickest = min(RIPE, key=lambda id_: alone[id_].trajectory.duration)
     assert found.order[0] == quickest

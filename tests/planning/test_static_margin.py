@@ -87,7 +87,7 @@ def test_a_target_close_to_a_wall_is_not_searched_for_room() -> None:
 def test_what_is_lacking_is_measured_against_what_may_be() -> None:
     """A link in mid-motion 1 mm from a board: lacking are 4 mm, less the tolerance."""
     task = resolve(load_scene("paper-4"))
-    q, _, _ = goals.choose(task, 0)
+    q, _ = goals.choose(task, 0)
     fake = judging.Overlap("link5", "table-top", "static", -1e-3)
     made = plan(task.scene)
     judgement = judging.judge(task.scene, task.robot, made.trajectory, task.state)

@@ -24,14 +24,13 @@ from tests.simulation.eyes import (
 
 from optipromp.control.look import Look
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.geometry.shapes import Box, Cylinder
+from optipromp.core.geometry.shapes import Cylinder
 from optipromp.core.scenes.scene import SceneObject
 from optipromp.laboratory.simulation.detector import (
     DETECTORS,
     Detector,
     DetectorParameters,
     Eye,
-    perceived_scene,
 )
 
 ONE = seen_by(fruit("ripe", [0.05, -0.03, 0.6], "target"))
@@ -206,7 +205,6 @@ def test_nothing_hangs_where_things_stand():
     look = looks(scene, replace(WHITE, false=3.0))[0]
     assert len(look.detections) > 1
     assert all(item.stem is None for item in look.detections)
-    assert all(item.stem is None for item in perceived_scene(look, scene).objects)
 
 
 def test_ids_are_exchanged():
@@ -278,30 +276,6 @@ def test_miscalibration_moves_with_the_camera():
     assert np.linalg.norm(errors[0].position) > 1e-3
     assert errors[0].position == pytest.approx(errors[1].position, abs=1e-12)
     assert errors[0].rotation == pytest.approx(errors[1].rotation, abs=1e-12)
-
-
-def test_the_first_scene_to_plan_in():
-    wall = SceneObject("wall", "static", Box((0.1, 0.1, 0.1)), [0.0, 1.0, 0.0])
-    scene = replace(TWO, objects=(*TWO.objects, wall))
-    look = looks(scene, replace(WHITE, stem_seen=0.5), 0, 40, 0.5)
-    mixed = next(x for x in look if {o.stem is None for o in x.detections} == {True, False})
-    found = perceived_scene(mixed, scene)
-    assert [(o.id, o.role) for o in found.objects] == [
-        ("ripe", "target"), ("n1", "pushable"), ("wall", "static"),
-    ]  # fmt: skip
-    assert all(o.stem.length == pytest.approx(0.15) for o in found.objects[:2])
-    blind = next(o.id for o in mixed.detections if o.stem is None)
-    stem = next(o.stem for o in found.objects if o.id == blind)
-    assert stem.vector == pytest.approx([0.0, 0.0, 0.15])
-    assert found.objects[0].position == pytest.approx(TWO.target.position, abs=0.03)
-    assert found.robot == scene.robot
-    assert found.approach is scene.approach
-
-
-def test_no_scene_without_the_target():
-    gone = looks(seen_by(fruit("ripe", [0, 0, -1], "target"), fruit("n1", [0, 0, 0.5])), WHITE)[0]
-    with pytest.raises(InvalidRequestError, match=r"target is not seen.*n1"):
-        perceived_scene(gone, TWO)
 
 
 @pytest.mark.parametrize(

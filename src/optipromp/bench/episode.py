@@ -314,8 +314,7 @@ def driven(
     that the joint can brake before the end of its range.
 
     ``robot``: whose limits are kept. ``before``: the last reference. ``wanted``: (n,) velocity at
-    the end [rad/s or m/s]. ``period``: time from ``before`` to the last tick [s]. ``count``: number
-    of ticks.
+    the end [rad/s or m/s]. ``period``: time from ``before`` to the last tick [s].
 
     Returns: The references, a tick apart, the last one ``period`` after ``before``.
     """
@@ -356,8 +355,8 @@ def joints_for(
 
     Damped least squares on the Jacobians of tool point and axis.
 
-    ``robot``: with its tool. ``q``: (n,) configuration. ``linear``: (3,) velocity of the tool point
-    [m/s]. ``axis``: (3,) to which the tool's axis turns; None: it keeps its direction.
+    ``linear``: (3,) velocity of the tool point [m/s]. ``axis``: (3,) to which the tool's axis
+    turns; None: it keeps its direction.
     """
     _, now, along, turning = robot.tool_map(q)
     turn = np.zeros(3) if axis is None else GAIN * (axis - now)

@@ -30,6 +30,7 @@ from optipromp.core.planning.task import tool_motion
 from optipromp.core.processes import cores
 from optipromp.laboratory.experiments.cluster import over
 from optipromp.laboratory.experiments.rows import source_version
+from optipromp.perception.pictures import png_file
 
 AnyArray = NDArray[Any]
 Format = Literal["minari", "lerobot"]
@@ -133,9 +134,9 @@ def collected(
     """The first ``count`` episodes, in the order of what is asked; the same on any number of cores.
 
     ``asks``: more than ``count``: some scenes have no plan, and some episodes are not clean.
-    ``count``: of episodes. ``keep``: ``clean`` leaves out episodes that picked nothing or harmed
-    something. ``workers``, ``ray``: see :func:`optipromp.laboratory.experiments.cluster.over`.
-    ``progress``: called with the number of episodes kept, of all, and words.
+    ``keep``: ``clean`` leaves out episodes that picked nothing or harmed something. ``workers``,
+    ``ray``: see :func:`optipromp.laboratory.experiments.cluster.over`. ``progress``: called with
+    the number of episodes kept, of all, and words.
     """
     kept: dict[int, EpisodeData] = {}
     low = 0
@@ -300,19 +301,11 @@ def _is_picture(name: str) -> bool:
 
 def _column(name: str, value: AnyArray, pa: Any) -> Any:
     if _is_picture(name):
-        return pa.array([{"bytes": _png(each), "path": None} for each in value])
+        return pa.array([{"bytes": png_file(each), "path": None} for each in value])
     if value.ndim == 1:
         return pa.array(value)
     flat = pa.array(np.ascontiguousarray(value, dtype=np.float32).ravel())
     return pa.FixedSizeListArray.from_arrays(flat, value.shape[1])
-
-
-def _png(picture: AnyArray) -> bytes:
-    from PIL import Image
-
-    stream = io.BytesIO()
-    Image.fromarray(picture).save(stream, format="PNG")
-    return stream.getvalue()
 
 
 def _feature(name: str, value: AnyArray) -> dict[str, Any]:

@@ -75,6 +75,5 @@ class OfWeights(OptiProMP):
         return False
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
-        """See :class:`optipromp.core.planning.planners.Planner`."""
         given = np.zeros((2, COUNT)) if self.weights is None else self.weights
         return super().solve(replace(task, only=path_of(task, given), sparing=False), budget)

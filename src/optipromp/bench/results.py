@@ -25,21 +25,10 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
+from optipromp.bench import tracks
 from optipromp.bench.running import ENGINES, STEADY, Engine, Exercise, again, rows_and_arrays
 from optipromp.bench.serve import SERVED, dismissed, hired
 from optipromp.bench.sets import Round, SceneSet, entry_digest
-from optipromp.bench.tracks import (
-    CONDITION,
-    MEMBERS,
-    MOTION_FILE,
-    PATIENCE,
-    ROW_FILE,
-    RUN_FILE,
-    SUBMISSION,
-    Patience,
-    Track,
-    words,
-)
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import (
     check_folder,
@@ -77,7 +66,7 @@ class BenchRun:
     """A run of the benchmark."""
 
     entry: str  # name, MODULE:CLASS or tcp:HOST:PORT
-    track: Track  # one of TRACKS
+    track: tracks.Track  # one of TRACKS
     scenes: SceneSet  # the set
     condition: str = "none"  # of CONDITIONS
     # of VARIATIONS; empty: none
@@ -111,18 +100,18 @@ class BenchRun:
 
     @classmethod
     def of(
-        cls, entry: str, track: Track, scenes: SceneSet, condition: str | None = None,
+        cls, entry: str, track: tracks.Track, scenes: SceneSet, condition: str | None = None,
         variation: str = "", round: Round | None = None,
     ) -> "BenchRun":  # fmt: skip
         """A run on this machine: the track's condition by default, and all engines that have it."""
-        condition = CONDITION[track] if condition is None else condition
+        condition = tracks.CONDITION[track] if condition is None else condition
         return cls(
             entry, track, scenes, condition, variation, engines_of(condition, variation),
             source_version(), f"{platform.system()} {platform.machine()}", entry_digest(entry),
             round,
         )  # fmt: skip
 
-    def tasks(self, patience: Patience = PATIENCE) -> Iterator[Exercise]:
+    def tasks(self, patience: tracks.Patience = tracks.PATIENCE) -> Iterator[Exercise]:
         """One for each scene."""
         for preset, seed in self.scenes.scenes():
             yield Exercise(
@@ -138,7 +127,10 @@ def engines_of(condition: str, variation: str) -> tuple[Engine, ...]:
 
 @contextmanager
 def staffed(
-    entry: str, track: Track, workers: int | None, patience: Patience = PATIENCE
+    entry: str,
+    track: tracks.Track,
+    workers: int | None,
+    patience: tracks.Patience = tracks.PATIENCE,
 ) -> Iterator[None]:
     """Entries in processes that end with the context. Raises InvalidRequestError where the entry
     cannot be made, or lacks the track's methods."""
@@ -158,7 +150,7 @@ def run_bench(
     workers: int | None = None,
     ray: str | None = None,
     progress: Progress | None = None,
-    patience: Patience = PATIENCE,
+    patience: tracks.Patience = tracks.PATIENCE,
 ) -> list[Row]:
     """Run the scenes that a folder does not hold yet; see :mod:`optipromp.bench.results`.
 
@@ -174,7 +166,7 @@ def run_bench(
         stack.enter_context(locked(folder / LOCK))
         _check_run(run, folder / RUN)
         stack.enter_context(staffed(run.entry, run.track, workers, patience))
-        file = RowFile(folder, BENCH, ROW_FILE)
+        file = RowFile(folder, BENCH, tracks.ROW_FILE)
         write_atomically(folder / RUN, json_text(asdict(run)).encode())
         done = {row.key for row in file.rows}
         all_ = list(run.tasks(patience))
@@ -204,7 +196,7 @@ def _hands(entry: str, workers: int | None, ray: str | None) -> dict[str, Any]:
 
 def _check_run(run: BenchRun, path: Path) -> None:
     if is_there(path):
-        found = _run_of(read_bytes(path, InvalidRequestError, RUN_FILE), str(path))
+        found = _run_of(read_bytes(path, InvalidRequestError, tracks.RUN_FILE), str(path))
         alike = replace(found, scenes=replace(found.scenes, count=run.scenes.count))
         if alike != run or found.scenes.count > run.scenes.count:  # a larger set begins alike
             name = next(f for f in vars(run) if getattr(found, f) != getattr(run, f))
@@ -219,7 +211,7 @@ def _run_of(content: bytes, where: str) -> BenchRun:
     try:
         return TypeAdapter(BenchRun).validate_json(content)
     except (ValidationError, InvalidRequestError) as error:
-        told = words(str(error))
+        told = tracks.words(str(error))
         raise InvalidRequestError(f"{where} holds no run of the benchmark: {told}") from None
 
 
@@ -239,8 +231,8 @@ def _zipped(run: BenchRun, folder: Path, rows: Sequence[Row]) -> None:
         put(ROWS, lines_of(rows, BENCH, header=True))
         for task in run.tasks():
             put(f"{MOTIONS}/{_file(task)}", (folder / MOTIONS / _file(task)).read_bytes())
-    if len(content := stream.getvalue()) > SUBMISSION:
-        told = f"{len(content)} bytes; at most {SUBMISSION}"
+    if len(content := stream.getvalue()) > tracks.SUBMISSION:
+        told = f"{len(content)} bytes; at most {tracks.SUBMISSION}"
         raise InvalidRequestError(f"the submission of {folder} has {told}")
     write_atomically(folder / ZIP, content)
 
@@ -343,7 +335,7 @@ def verify(
 def asked_again(task: Exercise, content: bytes, where: str) -> list[Row]:
     """The rows of an entry that is asked again, if its motion is the one of the content."""
     rows, arrays = rows_and_arrays(task)
-    told = read_npz(where, content=content, most=MOTION_FILE)
+    told = read_npz(where, content=content, most=tracks.MOTION_FILE)
     if told.keys() == arrays.keys() and all(
         np.shape(told[k]) == np.shape(each) and np.allclose(told[k], each, rtol=0.0, atol=SAME)
         for k, each in arrays.items()
@@ -356,7 +348,7 @@ def asked_again(task: Exercise, content: bytes, where: str) -> list[Row]:
 def recorded(path: Path, sha256: str, run: BenchRun) -> Means:
     """How the submission of a path was verified, by the record beside it."""
     try:
-        content = read_bytes(path.with_suffix(RECORD), InvalidRequestError, RUN_FILE)
+        content = read_bytes(path.with_suffix(RECORD), InvalidRequestError, tracks.RUN_FILE)
         record = TypeAdapter(Record).validate_json(content)
     except (ValidationError, InvalidRequestError):
         return "no"
@@ -380,18 +372,18 @@ class Submission(NamedTuple):
 
 def submission(path: Path) -> Submission:
     """A submission's file."""
-    content = read_bytes(path, InvalidRequestError, SUBMISSION)
-    sizes = {RUN: RUN_FILE, ROWS: ROW_FILE}
+    content = read_bytes(path, InvalidRequestError, tracks.SUBMISSION)
+    sizes = {RUN: tracks.RUN_FILE, ROWS: tracks.ROW_FILE}
     try:
-        if content.count(b"PK\x01\x02") > MEMBERS:
-            raise ValueError(f"more than {MEMBERS} files")
+        if content.count(b"PK\x01\x02") > tracks.MEMBERS:
+            raise ValueError(f"more than {tracks.MEMBERS} files")
         with zipfile.ZipFile(io.BytesIO(content)) as file:
 
             def held(name: str) -> bytes:
                 told = file.getinfo(name)
                 if told.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
                     raise ValueError(f"{name} is packed as {told.compress_type}; must be deflated")
-                most = sizes.get(name, MOTION_FILE)
+                most = sizes.get(name, tracks.MOTION_FILE)
                 if told.file_size > most:
                     raise ValueError(f"{name} has {told.file_size} bytes; at most {most}")
                 return file.read(told)
@@ -402,7 +394,7 @@ def submission(path: Path) -> Submission:
     except InvalidRequestError:
         raise
     except Exception as error:  # zipfile and zlib raise whatever goes wrong in them
-        raise InvalidRequestError(f"{path} is no submission: {words(str(error))}") from None
+        raise InvalidRequestError(f"{path} is no submission: {tracks.words(str(error))}") from None
     if {row.key for row in rows} != {key for task in run.tasks() for key in task.keys}:
         raise InvalidRequestError(f"{path}: rows and scenes differ")
     return Submission(run, rows, motions, hashlib.sha256(content).hexdigest())

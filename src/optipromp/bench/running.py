@@ -10,26 +10,12 @@ from typing import Literal, cast
 
 import numpy as np
 
+from optipromp.bench import tracks
 from optipromp.bench.entrant import Motion
 from optipromp.bench.episode import Episode, FlightWorld, as_it_came
 from optipromp.bench.flight import Word, execute
 from optipromp.bench.serve import Apart, Entry, hired
 from optipromp.bench.sets import BITS, DEVELOPMENT, SHORT, drawn, scene_of
-from optipromp.bench.tracks import (
-    BACK,
-    MOTION_FILE,
-    PATIENCE,
-    Deed,
-    EntryError,
-    Patience,
-    Track,
-    acted,
-    asked,
-    photographed,
-    refusal,
-    replayed,
-    words,
-)
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.files import read_npz
@@ -57,7 +43,7 @@ class Exercise:
     """What is asked of an entry."""
 
     entry: str  # name, or MODULE:CLASS
-    track: Track  # one of TRACKS
+    track: tracks.Track  # one of TRACKS
     # of the scene
     preset: str
     seed: int
@@ -66,7 +52,7 @@ class Exercise:
     variation: str = ""
     engines: tuple[Engine, ...] = ENGINES  # that execute the motion
     word: str = DEVELOPMENT  # of the set, which the entry does not get
-    patience: Patience = PATIENCE  # the time that the entry has
+    patience: tracks.Patience = tracks.PATIENCE  # the time that the entry has
 
     @property
     def keys(self) -> list[Key]:
@@ -87,7 +73,7 @@ def situated(task: Exercise) -> tuple[Situation, str]:
     return varied(setting, task.variation, seed), digest
 
 
-Deeds = Mapping[Engine, Deed]
+Deeds = Mapping[Engine, tracks.Deed]
 """By engine: a policy acts anew in each, one trajectory is executed in all."""
 
 
@@ -105,11 +91,11 @@ def attempted(task: Exercise) -> tuple[list[Row], Deeds]:
     given = (setting.seen, seed)
     if task.track == "picture":
         known = replace(without_fruits(setting.scene), name=NEUTRAL)
-        given = (photographed(setting, task.drawn("physics")), known, seed)  # type: ignore[assignment]
+        given = (tracks.photographed(setting, task.drawn("physics")), known, seed)  # type: ignore[assignment]
     try:
         entry.begin()
-        motion = asked(lambda: entry.plan(*given), setting.seen)
-    except EntryError as error:
+        motion = tracks.asked(lambda: entry.plan(*given), setting.seen)
+    except tracks.EntryError as error:
         return _errors(task, digest, error), {}
     motions = dict.fromkeys(task.engines, motion)
     return executed_rows(task, setting, digest, motions), motions
@@ -121,10 +107,10 @@ def executed_rows(task: Exercise, setting: Situation, digest: str, motions: Deed
     for engine, motion in motions.items():
         row = _row(task, digest, engine, "refused", thought=motion.thought)
         if motion.refused:
-            rows.append(row.having(cause=words(motion.why)))
+            rows.append(row.having(cause=tracks.words(motion.why)))
         elif motion.actions is not None:
             episode = _episode(task, setting, engine)
-            replayed(motion, episode)
+            tracks.replayed(motion, episode)
             rows.append(_judged(row, episode.outcome(), episode.time))
         else:
             rows.append(_flown(row, task, setting, motion, engine))
@@ -135,13 +121,13 @@ def _by_policy(
     entry: Entry, task: Exercise, setting: Situation, digest: str, seed: int
 ) -> tuple[list[Row], Deeds]:
     """The rows of a policy, which acts anew in every engine."""
-    rows, motions = list[Row](), dict[Engine, Deed]()
+    rows, motions = list[Row](), dict[Engine, tracks.Deed]()
     for engine in task.engines:
         episode = _episode(task, setting, engine)
         try:
             entry.begin()
-            motion = acted(entry, episode, seed)
-        except EntryError as error:
+            motion = tracks.acted(entry, episode, seed)
+        except tracks.EntryError as error:
             rows += _errors(replace(task, engines=(engine,)), digest, error)
             continue
         motions[engine] = motion
@@ -156,10 +142,15 @@ def _episode(task: Exercise, setting: Situation, engine: Engine) -> Episode:
     return Episode(setting, seed, world=world)
 
 
-def _flown(row: Row, task: Exercise, setting: Situation, motion: Deed, engine: Engine) -> Row:
+def _flown(
+    row: Row, task: Exercise, setting: Situation, motion: tracks.Deed, engine: Engine
+) -> Row:
     assert motion.trajectory is not None
-    truth = _aimed(setting.scene, motion) if task.track == "picture" else setting.scene
-    seed, reach = task.drawn("physics"), motion.trajectory
+    seed, reach, truth = task.drawn("physics"), motion.trajectory, setting.scene
+    if task.track == "picture":  # the target is the ripe fruit nearest to the tool at the end
+        point, _ = posed(truth)[0].tool_pose(motion.trajectory.positions[-1])
+        ripe = [item.id for item in truth.objects if item.role == "target"]
+        truth = aimed_at(truth, ripe, np.asarray(point))
     try:
         back = motion.back or as_it_came(posed(truth)[0], reach.positions)
         if engine == "arm":
@@ -169,7 +160,7 @@ def _flown(row: Row, task: Exercise, setting: Situation, motion: Deed, engine: E
             curves = [(each.times, each.positions) for each in fine]
             word = execute(scene_to_dict(truth), curves[0], seed, curves[1])
     except (OptiPrompError, RuntimeError, ValueError) as error:
-        return row.having(result="error", cause=words(str(error)))
+        return row.having(result="error", cause=tracks.words(str(error)))
     return _judged(row, word, reach.duration)
 
 
@@ -187,14 +178,6 @@ def _by_arm(
     return outcome
 
 
-def _aimed(scene: Scene, motion: Deed) -> Scene:
-    """The true scene, whose target is the ripe fruit nearest to the tool at the motion's end."""
-    assert motion.trajectory is not None
-    point, _ = posed(scene)[0].tool_pose(motion.trajectory.positions[-1])
-    ripe = [item.id for item in scene.objects if item.role == "target"]
-    return aimed_at(scene, ripe, np.asarray(point))
-
-
 def _judged(row: Row, outcome: Outcome | Word, duration: float) -> Row:
     """A row with the word of an engine; harm counts before success."""
     if isinstance(outcome, Word):
@@ -203,7 +186,7 @@ def _judged(row: Row, outcome: Outcome | Word, duration: float) -> Row:
     else:
         cause, force = " ".join(outcome.causes), outcome.unripe_peak_force
     return row.having(
-        result=outcome.result, picked=bool(outcome.picked), cause=words(cause),
+        result=outcome.result, picked=bool(outcome.picked), cause=tracks.words(cause),
         force=round(float(force), 3), duration=round(duration, 4),
     )  # fmt: skip
 
@@ -216,8 +199,8 @@ def _row(
     return row.having(digest=digest, thought=thought)
 
 
-def _errors(task: Exercise, digest: str, error: EntryError) -> list[Row]:
-    return [_row(task, digest, e, "error", cause=words(str(error))) for e in task.engines]
+def _errors(task: Exercise, digest: str, error: tracks.EntryError) -> list[Row]:
+    return [_row(task, digest, e, "error", cause=tracks.words(str(error))) for e in task.engines]
 
 
 def rows_and_arrays(task: Exercise) -> tuple[list[Row], dict[str, FloatArray]]:
@@ -230,8 +213,8 @@ def rows_and_arrays(task: Exercise) -> tuple[list[Row], dict[str, FloatArray]]:
 
 def again(task: Exercise, content: bytes, where: str) -> list[Row]:
     """The rows of a motion from a file's content, executed once more."""
-    arrays = read_npz(where, content=content, most=MOTION_FILE)
-    wanted = set(task.engines if task.track == "policy" else (*CURVE, *BACK))
+    arrays = read_npz(where, content=content, most=tracks.MOTION_FILE)
+    wanted = set(task.engines if task.track == "policy" else (*CURVE, *tracks.BACK))
     for name, array in arrays.items():
         if name not in wanted or array.dtype != np.float64 or not np.isfinite(array).all():
             raise InvalidRequestError(
@@ -246,17 +229,17 @@ def again(task: Exercise, content: bytes, where: str) -> list[Row]:
                 raise InvalidRequestError(
                     f"{where}: {name} has shape {array.shape}; must be k actions of {count} joints"
                 )
-        motions = {e: Deed(actions=arrays[e]) for e in task.engines if e in arrays}
+        motions = {e: tracks.Deed(actions=arrays[e]) for e in task.engines if e in arrays}
         return executed_rows(task, setting, digest, motions)
     if not arrays:
         return []
     if set(arrays) not in (set(CURVE), wanted):
-        told = f"must have {CURVE}, and {BACK} or none of these"
+        told = f"must have {CURVE}, and {tracks.BACK} or none of these"
         raise InvalidRequestError(f"{where} has {', '.join(arrays)}; {told}")
     names = posed(setting.seen)[0].joint_names
-    parts = (CURVE, BACK)[: len(arrays) // len(CURVE)]
+    parts = (CURVE, tracks.BACK)[: len(arrays) // len(CURVE)]
     named = [{own: arrays[name] for own, name in zip(CURVE, part, strict=True)} for part in parts]
     given = Motion(*(Trajectory(**curve, joint_names=names) for curve in named))
-    if wrong := refusal(given, setting.seen):
+    if wrong := tracks.refusal(given, setting.seen):
         raise InvalidRequestError(f"{where} holds a motion that no controller takes: {wrong}")
-    return executed_rows(task, setting, digest, dict.fromkeys(task.engines, Deed(*given)))
+    return executed_rows(task, setting, digest, dict.fromkeys(task.engines, tracks.Deed(*given)))

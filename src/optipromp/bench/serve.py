@@ -168,13 +168,11 @@ class Served(Remote):
             ) from None
 
     def reset(self, scene: Scene, seed: int) -> None:
-        """See :class:`optipromp.bench.tracks.Acting`."""
         self._scene = scene
         told = {"call": "reset", "scene": scene_to_dict(scene), "seed": seed}
         self.leaves = self._ask(_packed(told), self.patience.reset, _leaves)
 
     def act(self, seen: Observation) -> FloatArray:
-        """See :class:`optipromp.bench.tracks.Acting`."""
         assert self._scene is not None
         told = {
             "call": "act", "time": seen.time, "age": seen.age, "holding": seen.holding,
@@ -205,8 +203,8 @@ def _packed(message: dict[str, Any]) -> bytes:
 def serve(policy: Acting, port: int = 0, host: str = "127.0.0.1", calls: int | None = None) -> None:
     """Serve a Python policy, one caller after the other; prints the address first.
 
-    ``policy``: of the track ``policy``. ``port``: to listen at; 0: any free one. ``host``: to
-    listen at. ``calls``: number of callers, after which it ends; None: it never ends.
+    ``port``: to listen at; 0: any free one. ``calls``: number of callers, after which it ends;
+    None: it never ends.
     """
     with socket.create_server((host, port)) as listening:
         print(f"tcp:{host}:{listening.getsockname()[1]}", flush=True)  # noqa: T201 (for the caller)
@@ -299,11 +297,9 @@ class Apart(Remote):
         return Trajectory(table[:, 0], q, velocities, accelerations, names)
 
     def reset(self, scene: Scene, seed: int) -> None:
-        """See :class:`optipromp.bench.tracks.Acting`."""
         self._ask(pickled(("reset", scene, seed)), self.patience.reset, bool)
 
     def act(self, seen: Observation) -> FloatArray:
-        """See :class:`optipromp.bench.tracks.Acting`."""
         return self._ask(pickled(("act", seen)), self.patience.act, velocity_of)
 
     def _start(self) -> None:

@@ -175,7 +175,7 @@ def tracked_scene(
     if stems is not None:
         seen = [stems.told(item, base.up) for item in seen]
     if offset is not None:
-        seen = [shifted(item, -offset) for item in seen]
+        seen = [item.shifted(-offset) for item in seen]
     return replace(base, objects=rooted([*still, *seen]), goal=None)
 
 
@@ -202,14 +202,6 @@ def _as_grown(item: SceneObject, known: Stem | None) -> SceneObject:
     if len(known.points) > 2:
         points = known.points + (item.position - known.points[0])
     return replace(item, stem=replace(item.stem, points=points, parent=known.parent))
-
-
-def shifted(item: SceneObject, by: FloatArray) -> SceneObject:
-    """An object and its stem, shifted ``by`` (3,) [m]."""
-    stem = item.stem
-    if stem is not None:
-        stem = replace(stem, points=stem.points + by)
-    return replace(item, position=item.position + by, stem=stem)
 
 
 def target_row(tracked: Tracked) -> int | None:

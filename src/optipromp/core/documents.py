@@ -53,8 +53,8 @@ _WORDS: dict[str, Any] = {
 def read_document(path: Path, error: type[OptiPrompError], holds: str) -> Any:
     """Read a YAML or (by suffix ``.json``) JSON file into plain values.
 
-    ``path``: of the file. ``error``: type of the error that is raised. ``holds``: the required
-    content of the file, in words.
+    ``error``: type of the error that is raised. ``holds``: the required content of the file, in
+    words.
     """
     text = ""
     try:

@@ -307,8 +307,8 @@ def reading(
 ) -> Iterator[None]:
     """Errors in the content of a file that this library wrote become one line that names the file.
 
-    ``path``: of the file. ``wrong``: what the file is not, in words. ``error``: type of the error
-    that is raised. ``passes``: types of errors that are raised as they are.
+    ``wrong``: what the file is not, in words. ``passes``: types of errors that are raised as they
+    are.
     """
     try:
         yield

@@ -12,7 +12,7 @@ metadata (:func:`catalogue` lists them):
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, is_dataclass
-from typing import Any, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
@@ -47,8 +47,10 @@ class Settings:
 
 @dataclass(frozen=True)
 class Checked(Settings):
-    """Base of groups whose numbers must be finite (or infinite if the unit says so) and not
-    negative."""
+    """Base of groups whose numbers must be finite (or infinite if the unit says so) and, unless
+    they are ``signed``, not negative."""
+
+    signed: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -56,7 +58,9 @@ class Checked(Settings):
             if isinstance(value, bool) or not isinstance(value, int | float):
                 continue
             unlimited = "or inf" in item.metadata.get("unit", "")
-            if not (np.isfinite(value) or (unlimited and value == np.inf)) or value < 0:
+            if not (np.isfinite(value) or (unlimited and value == np.inf)) or (
+                value < 0 and item.name not in self.signed
+            ):
                 raise InvalidRequestError(
                     f"{type(self).__name__}.{item.name} is {value}; it must be finite and not "
                     f"negative [{item.metadata.get('unit', '')}]"

@@ -389,8 +389,7 @@ def joint_columns(names: Sequence[str], joints: Sequence[str], what: str) -> lis
     Drivers put a prefix before all names of an arm (``fr3_joint1``). If the joints are not among
     the names, they are searched behind a prefix that all of them share.
 
-    ``names``: in any order. ``joints``: of the robot, in its order. ``what``: the owner of the
-    names, which begins the error.
+    ``what``: the owner of the names, which begins the error.
     """
     names = list(names)
     if not joints:

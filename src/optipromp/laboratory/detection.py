@@ -45,11 +45,8 @@ NOISES: dict[str, Noise] = {
     "missed": Noise(0.005, 5.0, missed=0.05, hidden=0.5),
     "detector": Noise(0.005, 5.0, lower=0.010, missed=0.05, hidden=0.5),
 }
-"""Noise by name. Centres of strawberries from what one RGB-D view shows of them are 8.9 mm off,
-with the shape completed 5.7 mm (Ge, Xiong, From 2020, doi 10.1016/j.biosystemseng.2020.07.003):
-hence 10 mm, and 5 mm a coordinate. Recall is 95.4 % of strawberries (Yu et al. 2019, Mask R-CNN)
-and 90.5 % of greenhouse tomatoes (Gao et al. 2022, doi 10.18280/ts.390130): hence 5 %. The half of
-those that are wholly hidden is a guess."""
+"""Noise by name, with the sources of
+:data:`optipromp.laboratory.simulation.detector_parameters.DETECTORS`."""
 
 
 def displaced(

@@ -22,11 +22,9 @@ class Blind:
     """Plan once in what was seen first, and follow that plan whatever is seen later."""
 
     def reset(self, scene: Scene, seed: int) -> None:
-        """See :class:`optipromp.bench.tracks.Acting`."""
         self.motion: Trajectory = plan(scene, seed=seed).trajectory
 
     def act(self, seen: Observation) -> FloatArray:
-        """See :class:`optipromp.bench.tracks.Acting`."""
         q, velocity, _ = (
             row[0] for row in self.motion.sample(min(seen.time, self.motion.duration))
         )
@@ -39,14 +37,12 @@ class Closed:
     leaves = True
 
     def reset(self, scene: Scene, seed: int) -> None:
-        """See :class:`optipromp.bench.tracks.Acting`."""
         self.controller = Controller(scene, seed=seed, leave=True)
         self.running: Stretch | None = None
         self.coming: list[Stretch] = []
         self.newest = -np.inf
 
     def act(self, seen: Observation) -> FloatArray:
-        """See :class:`optipromp.bench.tracks.Acting`."""
         if seen.look is not None and seen.look.time > self.newest:
             self.controller.see(seen.look)
             self.newest = seen.look.time
@@ -70,7 +66,6 @@ class ByEyes:
     def plan(
         self, picture: DepthPicture, known: Scene, seed: int
     ) -> Plan | Motion | Refused | None:
-        """See :class:`optipromp.bench.tracks.Seeing`."""
         from optipromp.perception.eyes import look_at, seen_scene
 
         try:

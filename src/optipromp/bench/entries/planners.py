@@ -45,7 +45,6 @@ class OfPlanner:
     planner: ClassVar[str]
 
     def plan(self, scene: Scene, seed: int) -> Plan | Motion | Refused | Trajectory | None:
-        """See :class:`optipromp.bench.tracks.Planning`."""
         made = plan(scene, planner=self.planner, seed=seed)
         return with_way_out(made) if self.planner in PREDICTING else gentle_plan(made, scene)
 

@@ -52,14 +52,14 @@ def advance(body, objects, q, points, axes, closest, core, depth, deepest, apart
     and a small distance that is found early spares later measurements.
 
     ``body``: see :class:`optipromp.core.judging.kinematics.Body`. ``objects``: see
-    :class:`optipromp.core.judging.distances.Objects`. ``q``: configurations. ``points``, ``axes``:
-    (M, 3) tool points [m] and tool axes. ``closest``: (5,) smallest distances [m]: of all spheres
-    to static objects, of B_d to avoid objects, of the last link and the tool to avoid objects, of
-    B_d to pushables and stems. ``core``: (1,) the paper's M_c [m] over static and avoid objects.
-    ``depth``: (K,) smallest distance [m] of each object to the spheres that must not touch the
-    object; exact where negative. ``deepest``: (2, K) index of the sphere and of the configuration
-    at that distance. ``apart``: (4,) smallest distance [m] between links that are not neighbours,
-    the indices of the two spheres and of the configuration.
+    :class:`optipromp.core.judging.distances.Objects`. ``points``, ``axes``: (M, 3) tool points [m]
+    and tool axes. ``closest``: (5,) smallest distances [m]: of all spheres to static objects, of
+    B_d to avoid objects, of the last link and the tool to avoid objects, of B_d to pushables and
+    stems. ``core``: (1,) the paper's M_c [m] over static and avoid objects. ``depth``: (K,)
+    smallest distance [m] of each object to the spheres that must not touch the object; exact where
+    negative. ``deepest``: (2, K) index of the sphere and of the configuration at that distance.
+    ``apart``: (4,) smallest distance [m] between links that are not neighbours, the indices of the
+    two spheres and of the configuration.
     """
     n_segments, n_links, n_objects = body.driver.shape[0], body.reach.shape[0], objects.kind.size
     frames, origins = np.zeros((2, n_segments, 3, 3)), np.empty((n_segments, 3))
@@ -433,11 +433,11 @@ def pushed_away(
 def enter(objects, k, spheres, radius, distal, so_far):
     """Update the largest depth of the arm in object ``k`` that the tool has not reached before.
 
-    ``objects``: see :class:`optipromp.core.judging.distances.Objects`. ``k``: index of the object.
-    ``spheres``: (M, B, 3) centres at successive configurations [m]. ``radius``, ``distal``: (B,)
-    radii [m]; whether a sphere is of the last link or the tool. ``so_far``: (3,) largest depth of
-    the tool [m]; largest depth of the arm where the tool had not been so deep before [m]; index of
-    that sphere of the arm.
+    ``objects``: see :class:`optipromp.core.judging.distances.Objects`. ``spheres``: (M, B, 3)
+    centres at successive configurations [m]. ``radius``, ``distal``: (B,) radii [m]; whether a
+    sphere is of the last link or the tool. ``so_far``: (3,) largest depth of the tool [m]; largest
+    depth of the arm where the tool had not been so deep before [m]; index of that sphere of the
+    arm.
     """
     size, p = objects.size[k], objects.position
     pushed, depth, deepest = so_far[0], so_far[1], so_far[2]

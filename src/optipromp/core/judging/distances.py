@@ -246,8 +246,8 @@ def nearest(
 ) -> tuple[float, int, int]:
     """Smallest distance of moving spheres to a mesh or a point cloud.
 
-    ``item``: the object. ``spheres``, ``radius``: (M, B, 3) centres and (B,) radii [m]. ``limit``:
-    distances above it, and above 0, need not be exact [m].
+    ``spheres``, ``radius``: (M, B, 3) centres and (B,) radii [m]. ``limit``: distances above it,
+    and above 0, need not be exact [m].
 
     Returns: The distance [m] (an upper bound where it need not be exact), the index of the sphere,
     and that of the configuration.

@@ -83,9 +83,8 @@ def ends(
 ) -> tuple[End, list[str]]:
     """The end against the goal that it reaches, or else misses least; and notes.
 
-    ``scene``: with the goals, or a target. ``robot``: with the scene's tool. ``last``: (n,)
-    configuration at the end. ``tip``: (3,) tool point there [m]. ``axis``: (3,) tool axis there.
-    ``time``: of the end [s].
+    ``scene``: with the goals, or a target. ``last``: (n,) configuration at the end. ``tip``: (3,)
+    tool point there [m]. ``axis``: (3,) tool axis there. ``time``: of the end [s].
     """
     if scene.target is not None:
         aim = scene.target.position + scene.approach.shift
@@ -268,8 +267,7 @@ class Deviation(NamedTuple):
 def left_path(scene: Scene, robot: Robot, times: FloatArray, q: FloatArray) -> list[Violation]:
     """Violations of the path's constraints, each at its largest amount.
 
-    ``scene``: with the constraints, if any. ``robot``: with the scene's tool. ``times``: (M,) of
-    the checks [s]. ``q``: (M, n) configurations at the checks.
+    ``times``: (M,) of the checks [s]. ``q``: (M, n) configurations at the checks.
     """
     out: list[Violation] = []
     if scene.path is None:
@@ -306,9 +304,8 @@ def left_lines(
 ) -> list[Violation]:
     """Violations of the straight lines between the scene's way points, at their largest amount.
 
-    ``scene``: with the way points, if any. ``robot``: with the scene's tool. ``trajectory``: that
-    is judged. ``points``: (M, 3) tool points at the judge's checks [m]. ``waypoints``: (T,) indices
-    of the trajectory's waypoints among the checks.
+    ``points``: (M, 3) tool points at the judge's checks [m]. ``waypoints``: (T,) indices of the
+    trajectory's waypoints among the checks.
     """
     lines = scene.waypoints
     if lines is None:

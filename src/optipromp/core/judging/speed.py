@@ -120,8 +120,8 @@ def passages(scene: Scene, tips: FloatArray, rims: FloatArray, gripper_radius: f
     nearest the camera point. They concern pushables that the tool passes then, within two gripper
     radii, or that a straight approach would push.
 
-    ``scene``: with the pushables and the frame F_g. ``tips``, ``rims``: (T, 3) tool points and
-    centres of the rim at the waypoints [m]. ``gripper_radius``: R_gripper [m].
+    ``tips``, ``rims``: (T, 3) tool points and centres of the rim at the waypoints [m].
+    ``gripper_radius``: R_gripper [m].
     """
     objects = pushables_of(scene, gripper_radius)
     if not objects.ids:
@@ -291,7 +291,6 @@ def among_fruits(
     The tool counts as a cylinder of the gripper's radius from flange to rim. The tool is among
     fruits where the distance to one of them, in its first place, is below :data:`NEAR`.
 
-    ``scene``: with the fruits. ``robot``: with the scene's tool. ``trajectory``: of the robot.
     ``rows``: (T,) indices of the waypoints among the checks. ``points``, ``axes``: (M, 3) tool
     points [m] and tool axes at the checks.
 

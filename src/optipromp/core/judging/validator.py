@@ -439,7 +439,6 @@ def entered(
     An object in the tool's mouth, or before the mouth, does not touch the tool. Depths up to
     :data:`BRUSHED` do not count.
 
-    ``scene``: with the objects. ``robot``: with the scene's tool. ``q``: (n,) configuration.
     ``point``, ``axis``: (3,) tool point [m] and tool axis at ``q``.
     """
     distal = np.flatnonzero(robot.spheres.distal)

@@ -222,9 +222,8 @@ def way(
 
     Objects to push are obstacles of the last link and the tool too, unless that leaves no way.
 
-    ``task``: the arm, its start and its obstacles. ``goals``: (m, n) configurations, free.
-    ``seeds``: (s, n) configurations, near which a share of the samples is drawn; may be empty.
-    ``rng``: of the samples. ``budget``: asked before each batch of samples.
+    ``goals``: (m, n) configurations, free. ``seeds``: (s, n) configurations, near which a share of
+    the samples is drawn; may be empty. ``budget``: asked before each batch of samples.
     """
     around = task.surroundings
     for pushed in sorted({around.shared, len(around.dynamic.kind)}, reverse=True):

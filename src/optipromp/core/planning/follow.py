@@ -215,10 +215,10 @@ def conditioned(
 ) -> FloatArray:
     """Mean weights (n, K) of the ProMP given start, goal and tool poses at stations.
 
-    ``robot``: the arm with its tool. ``promp``: the prior. ``start``: (n,) at phase 0; ``goal``
-    (n,) at phase 1; both at rest. ``points``: (S, 3) tool points at the stations [m]; the last is
-    at the goal. ``axes``: (S, 3) tool axes at the stations. ``near``: (S, n) configurations at the
-    stations, with which the iteration begins. ``phases``: (S,) of the stations.
+    ``start``: (n,) at phase 0; ``goal`` (n,) at phase 1; both at rest. ``points``: (S, 3) tool
+    points at the stations [m]; the last is at the goal. ``axes``: (S, 3) tool axes at the stations.
+    ``near``: (S, n) configurations at the stations, with which the iteration begins. ``phases``:
+    (S,) of the stations.
     """
     n, stations = promp.n_joints, len(points) - 1
     values, cross, joint = _prior_at(promp, tuple(phases[:-1].tolist()))
@@ -306,7 +306,9 @@ def keeps_path(task: Task, q: FloatArray) -> FloatArray:
 
 
 def constrained(task: Task, start: Start) -> Start:
-    """The start, led to the nearest poses of the tool that keep the constraints."""
+    """The start, led to the nearest poses of the tool that keep the constraints, if any."""
+    if task.scene.path is None:
+        return start
     q = start.followed
     points, axes = task.robot.tool_pose(q)
     points, axes = _allowed(task.scene.path, points, axes, CONSTRAINT.share)
@@ -314,13 +316,6 @@ def constrained(task: Task, start: Start) -> Start:
     if errors.max(initial=0.0) > CONSTRAINT.reached:
         return start
     return replace(start, followed=np.vstack([q[:1], allowed, q[-1:]]))
-
-
-def constrained_starts(task: Task, proposed: Iterator[Start]) -> Iterator[Start]:
-    """The starts, led where the scene has constraints of a path."""
-    if task.scene.path is None:
-        return proposed
-    return (constrained(task, start) for start in proposed)
 
 
 def _allowed(

@@ -123,20 +123,19 @@ def choose(
     starts: int = GOAL.starts,
     begin: FloatArray | None = None,
     budget: Budget | None = None,
-) -> tuple[FloatArray, bool, str]:
+) -> tuple[FloatArray, str]:
     """Goal configurations to plan to.
 
-    ``task``: scene and robot. ``seed``: of the random starts of inverse kinematics. ``starts``:
-    their number at first; more are tried where too few goals are free, while the ``budget`` lasts.
-    ``begin``: (n,) a configuration; a free goal configuration on its branch is the only one.
-    ``budget``: of the plan.
+    ``seed``: of the random starts of inverse kinematics. ``starts``: their number at first; more
+    are tried where too few goals are free, while the ``budget`` lasts. ``begin``: (n,) a
+    configuration; a free goal configuration on its branch is the only one.
 
-    Returns: Configurations (m, n), at most ``GOAL.enough`` where they are free; whether they touch
-    nothing; and the reason where all of them touch an object or none exists.
+    Returns: Configurations (m, n), at most ``GOAL.enough`` where they are free; and the reason
+    where all of them touch an object or none exists, else empty.
     """
     branch = None if begin is None else nearest(task, begin)
     if branch is not None:
-        return branch, True, ""
+        return branch, ""
     goals = find(task, seed, starts)
     clear, blocked = free(task, goals)
     budget = Budget() if budget is None else budget
@@ -153,11 +152,9 @@ def choose(
         at, how = task.goal.position, " along its axis"
         if isinstance(task.goal, RegionGoal) and task.goal.axis is None:
             how = "" if task.goal.orientation is None else " in its orientation"
-        return (
-            goals,
-            False,
+        return goals, (
             f"no configuration within the joint limits has the tool at {np.round(at, 4).tolist()}"
-            f"{how} ({np.linalg.norm(at):.3g} m from the base)",
+            f"{how} ({np.linalg.norm(at):.3g} m from the base)"
         )
     if not len(clear) and not isinstance(task.goal, JointGoal) and not budget.spent():
         goals = find(task, seed, GOAL.many_starts)
@@ -167,12 +164,9 @@ def choose(
             order = np.argsort(-clearance(task, turned), kind="stable")
             clear, _ = free(task, turned[order[: GOAL.many_starts]])
     if len(clear):
-        return clear, True, ""
-    return (
-        goals[: GOAL.enough],
-        False,
-        f"every one of {len(goals)} configurations found at the goal touches: {blocked}",
-    )
+        return clear, ""
+    told = f"every one of {len(goals)} configurations found at the goal touches: {blocked}"
+    return goals[: GOAL.enough], told
 
 
 def narrow(task: Task, judgement: Judgement, goal: FloatArray) -> float:

@@ -42,7 +42,7 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.robots.mounted import Mounted
 from optipromp.core.robots.self_collision import letting_touch
 from optipromp.core.scenes.held import RETREAT as RETREAT_LENGTH
-from optipromp.core.scenes.held import Attached, Place, pairs_among
+from optipromp.core.scenes.held import Attached, Place
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.objects import rooted
 from optipromp.core.scenes.rotations import to_quaternion
@@ -518,15 +518,7 @@ def _full(reach: Plan, robot: Robot) -> Hanging | None:
         return None
 
     first = min(hanging, key=lambda item: math.dist(item.position, target.position))
-    objects = (
-        replace(item, role="target") if item.id == first.id else item
-        for item in scene.objects
-        if item.id != target.id
-    )
-    seen = replace(
-        scene, objects=rooted(objects), place=None,
-        may_touch=pairs_among(scene.may_touch, [target.id]),
-    )  # fmt: skip
+    seen = replace(scene.aimed(first.id, [target.id]), place=None)
     left = tuple(item for item in reach.task.neighbours if item.id not in (first.id, target.id))
     full = replace(Mounted.of(robot.tool), full=True)
     return Hanging(

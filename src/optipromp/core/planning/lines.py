@@ -107,8 +107,8 @@ def along_lines(task: Task, promp: ProMP, options: Searched, budget: Budget) -> 
     budget.say("inverse kinematics along the lines")
     begins = free(first, goals.find(first, task.seed, GOAL.many_starts), LINE.branches)
     if not len(begins):
-        begins, clear, reason = goals.choose(first, task.seed, budget=budget)
-        if not clear:
+        begins, reason = goals.choose(first, task.seed, budget=budget)
+        if reason:
             code = Code.GOAL_IN_COLLISION if len(begins) else Code.GOAL_UNREACHABLE
             return Failed(code, f"waypoints[0]: {reason}")
     near = np.abs(begins - task.start).max(axis=1) < LINE.near
@@ -236,8 +236,8 @@ def _wrong(made: Planned) -> int:
 def timed_line(task: Task, leg: StraightLine, q: FloatArray, lines: Lines) -> Trajectory:
     """The shortest trajectory along a line, from rest to rest, near enough and slow enough.
 
-    ``task``: with the robot. ``leg``: the line. ``q``: (m, n) waypoints; twice as many are taken
-    while the curve leaves the line. ``lines``: with the largest distance and speed.
+    ``q``: (m, n) waypoints; twice as many are taken while the curve leaves the line. ``lines``:
+    with the largest distance and speed.
     """
     robot, speed = task.robot, lines.speed
     for left in reversed(range(LINE.refinements)):

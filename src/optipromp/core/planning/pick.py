@@ -49,10 +49,8 @@ def pick(
 ) -> Planned | Harmful:  # fmt: skip
     """The valid trajectory of least predicted harm; without a valid one, the best of the others.
 
-    ``task``: to be solved. ``promp``: the primitive. ``options``: see :class:`Searched`. ``goals``:
-    configurations (m, n), best first. ``budget``: of the plan. ``sparing``: a path whose
-    predicted harm is above the threshold is not followed. The answer is :class:`Harmful` where all
-    paths are such.
+    ``goals``: configurations (m, n), best first. ``sparing``: a path whose predicted harm is above
+    the threshold is not followed. The answer is :class:`Harmful` where all paths are such.
     """
     began = clock()
     rng = np.random.default_rng(task.seed)
@@ -90,7 +88,7 @@ def pick(
             rest(task, options),
             follow.free_starts(solver.cleared, options, promp, goals, rng, budget),
         )
-        best = first_valid(solver, follow.constrained_starts(solver.cleared, free))
+        best = first_valid(solver, (follow.constrained(solver.cleared, start) for start in free))
         assert best is not None  # there is at least one goal configuration
     else:
         judgement = passed_over(best.judgement, solver.without_margin)
@@ -245,18 +243,15 @@ class Solver:
     before the arm comes (``cleared``); the judge sees all. ``options``: see :class:`Searched`.
     ``budget``: of the plan. ``model``: of the push. Without a model, passing a stem on its side is
     a fault (:func:`judging.judge`).
-
-    Attributes:
-        searched: the push model in which tool paths are searched; None without prediction.
-        without_margin: judgements of valid trajectories that lack the margin from static objects.
     """
 
     def __init__(
         self, task: Task, options: Searched, budget: Budget, model: PushModel | None
     ) -> None:
         self.task, self.options, self.budget, self.model = task, options, budget, model
-        self.searched = model if options.prediction else None
+        self.searched = model if options.prediction else None  # for tool paths
         self.cleared = follow.uprighted(pushed_aside(task))
+        # of valid trajectories that lack the margin from static objects
         self.without_margin: list[Judgement] = []
         self._arrays: dict[int, Evaluation] = {}
 

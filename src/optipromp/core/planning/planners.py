@@ -201,8 +201,7 @@ class Chosen:
     """Goal configurations of a task."""
 
     q: FloatArray  # configurations (m, n), best first
-    free: bool  # whether the configurations touch nothing
-    reason: str  # why none is free, in words
+    reason: str  # why none is free, in words; else empty
     seconds: float  # wall time of inverse kinematics [s]
 
     def told(self, made: Planned | Harmful) -> Planned | Failed | Harmful:
@@ -210,7 +209,7 @@ class Chosen:
         if isinstance(made, Harmful):
             return made
         made = replace(made, time={"inverse kinematics": self.seconds, **made.time})
-        return made if self.free else Failed(Code.GOAL_IN_COLLISION, self.reason, made)
+        return Failed(Code.GOAL_IN_COLLISION, self.reason, made) if self.reason else made
 
     @property
     def failed(self) -> Failed:
@@ -223,10 +222,10 @@ def goal_configurations(
 ) -> Chosen:
     """Goal configurations of a task.
 
-    ``task``: scene and robot. ``budget``: of the plan. ``starts``: number of random starts of
-    inverse kinematics; None: ``GOAL.starts``, or ``GOAL.few_starts`` where the budget is spent.
-    ``near``: (n,) a configuration; a free goal configuration on its branch is the only one. The
-    start takes its place where the tool has begun its approach.
+    ``starts``: number of random starts of inverse kinematics; None: ``GOAL.starts``, or
+    ``GOAL.few_starts`` where the budget is spent. ``near``: (n,) a configuration; a free goal
+    configuration on its branch is the only one. The start takes its place where the tool has begun
+    its approach.
     """
     budget.say("inverse kinematics")
     began = clock()
@@ -234,11 +233,12 @@ def goal_configurations(
         starts = GOAL.few_starts if budget.spent() else GOAL.starts
     if task.entry is not None:
         near = task.start
-    found, free, reason = goals.choose(task, task.seed, starts, near, budget)
+    found, reason = goals.choose(task, task.seed, starts, near, budget)
     if task.scene.path is not None and len(found):
         found = found[keeps_path(task, found)]
-        reason = reason or "no configuration found at the goal keeps the path's constraints"
-    return Chosen(found, free, reason, clock() - began)
+        if not len(found):
+            reason = reason or "no configuration found at the goal keeps the path's constraints"
+    return Chosen(found, reason, clock() - began)
 
 
 @dataclass(frozen=True)
@@ -254,7 +254,6 @@ class OptiProMP(Searched):
         return self.prediction
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
-        """See :class:`optipromp.core.planning.planners.Planner`."""
         promp = learnt(task, task.demonstrations)
         if task.scene.waypoints is not None:
             return along_lines(task, promp, self, budget)
@@ -262,7 +261,7 @@ class OptiProMP(Searched):
         if not len(chosen.q):
             return chosen.failed
         budget.say("optimising (joint)")
-        sparing = task.sparing and chosen.free
+        sparing = task.sparing and not chosen.reason
         return chosen.told(pick(task, promp, self, chosen.q, budget, sparing))
 
 
@@ -289,7 +288,6 @@ class ConditionedProMP(Timed):
         require(self, "", self.via_deviation >= 0, "via_deviation", "not negative [m]")
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
-        """See :class:`optipromp.core.planning.planners.Planner`."""
         promp = learnt(task, task.demonstrations)
         chosen = goal_configurations(task, budget, GOAL.few_starts, primitive.end(promp))
         if not len(chosen.q):
@@ -299,7 +297,7 @@ class ConditionedProMP(Timed):
         ends = np.linalg.norm(chosen.q - primitive.end(promp), axis=1)
         made = self.conditioned(task, promp, chosen.q[int(np.argmin(ends))])
         made = replace(made, time={self.name: clock() - began})
-        return replace(chosen, free=True).told(made)  # the judge reports contacts at the goal
+        return replace(chosen, reason="").told(made)  # the judge reports contacts at the goal
 
     def conditioned(self, task: Task, promp: ProMP, goal: FloatArray) -> Planned:
         """The ProMP, conditioned on start, camera point, :meth:`passed` and the ``goal`` (n,).

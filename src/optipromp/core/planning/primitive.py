@@ -102,11 +102,10 @@ def _built_in(name: str, basis: Basis) -> ProMP:
 def learnt(task: Task, demonstrations: ProMP | str | Path | None, basis: Basis = BASIS) -> ProMP:
     """The ProMP of a plan, widened by a little of the smooth prior.
 
-    ``task``: the scene and its robot. ``demonstrations``: a ProMP; a file of a ProMP or of
-    demonstrations (``.npz``, CSV, a folder of CSVs); or None: the built-in demonstrations of the
-    robot's joints (:func:`optipromp.core.robots.library.built_in_twin`). Where there are none, the
-    smooth prior about the start takes their place, with a warning. ``basis``: of a ProMP that is
-    learnt here.
+    ``demonstrations``: a ProMP; a file of a ProMP or of demonstrations (``.npz``, CSV, a folder of
+    CSVs); or None: the built-in demonstrations of the robot's joints
+    (:func:`optipromp.core.robots.library.built_in_twin`). Where there are none, the smooth prior
+    about the start takes their place, with a warning.
     """
     robot = task.robot
     if demonstrations is not None:
@@ -178,10 +177,9 @@ def led_through(
 ) -> FloatArray:
     """Mean (T, n) of ``promp`` at ``count`` waypoints, conditioned on configurations.
 
-    ``promp``: the primitive. ``start``: (n,) at phase 0, exact. ``phases``: (m,) of the
-    configurations. ``values``: (m, n) the configurations. ``variances``: (m,) of the configurations
-    [rad²]; 0 is exact. ``count``: number T of waypoints. ``pause``: a phase at which the arm stands
-    still; None: none.
+    ``start``: (n,) at phase 0, exact. ``phases``: (m,) of the configurations. ``values``: (m, n)
+    the configurations. ``variances``: (m,) of the configurations [rad²]; 0 is exact. ``count``:
+    number T of waypoints. ``pause``: a phase at which the arm stands still; None: none.
     """
     places, spread = [(0.0, 0)], [0.0]
     targets = [start[None], values]

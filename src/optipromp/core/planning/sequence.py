@@ -16,10 +16,8 @@ from optipromp.core.planning.result import Plan, best_of
 from optipromp.core.planning.task import Task
 from optipromp.core.processes import cores, run_each
 from optipromp.core.promp.model import ProMP
-from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.io import load_scene
-from optipromp.core.scenes.objects import rooted
-from optipromp.core.scenes.scene import Role, Scene
+from optipromp.core.scenes.scene import Scene
 from optipromp.core.scenes.values import suggest
 
 HARMLESS = 0.05
@@ -135,7 +133,7 @@ def plan_sequence(
                 continue
             if progress is not None:
                 progress(f"pick {len(picks) + 1}: {id_}")
-            tried.append(plan(aimed(scene, id_, picked), **request))
+            tried.append(plan(scene.aimed(id_, picked), **request))
         good = [made for made in tried if made.success]
         good.sort(key=lambda made: (max(made.harm, HARMLESS), made.duration))
         whole: dict[str, Plan | Picked] = {_target(made): made for made in tried}
@@ -163,24 +161,6 @@ def _completed(
         if made.scene.place is not None:
             whole[_target(made)] = after(made, progress, **request)
         yield whole[_target(made)]
-
-
-def aimed(scene: Scene, target: str, picked: Sequence[str] = ()) -> Scene:
-    """The scene with this ``target``, without the ``picked`` fruits; other fruits are pushables."""
-    roles: dict[str, Role] = {i.id: "pushable" for i in scene.objects if i.role == "target"}
-    roles[target] = "target"
-    objects = (
-        replace(item, role=roles.get(item.id, item.role))
-        for item in scene.objects
-        if item.id not in picked
-    )
-    return replace(
-        scene,
-        name=f"{scene.name}-{target}",
-        objects=rooted(objects),
-        goal=None,
-        may_touch=pairs_among(scene.may_touch, picked),
-    )
 
 
 def _check(scene: Scene, targets: Sequence[str]) -> None:

@@ -543,9 +543,8 @@ def specials(
 ) -> Iterator[Special]:
     """The special obstacles of the optimisation, by rooms that are alike.
 
-    ``scene``: of the objects. ``robot``: of the links. ``body``: of the robot. ``static``: rows of
-    special static objects. ``dynamic``: rows of special objects to avoid and then to push, and the
-    number of the first.
+    ``static``: rows of special static objects. ``dynamic``: rows of special objects to avoid and
+    then to push, and the number of the first.
     """
     sizes = np.diff(body.link_start)
     for name, rows, shared in (("static", static, len(static)), ("dynamic", *dynamic)):

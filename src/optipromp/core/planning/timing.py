@@ -12,8 +12,8 @@ derivative by :math:`c^k`, so the least stretch is
 import functools
 import math
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from operator import attrgetter
-from typing import Protocol
 
 import numpy as np
 
@@ -256,24 +256,17 @@ def _phases(
 _FINE = 2001  # times from which those of waypoints that are not evenly spaced are interpolated
 
 
-class Limited(Protocol):
-    """Names and limits of joints: a robot, or limits alone."""
+@dataclass(frozen=True, eq=False)
+class JointLimits:
+    """Names and limits (n,) of joints."""
 
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """The n names."""
+    joint_names: tuple[str, ...]
+    velocity: FloatArray  # [rad/s or m/s]
+    acceleration: FloatArray  # [rad/s² or m/s²]
+    jerk: FloatArray  # [rad/s³ or m/s³]
 
-    @property
-    def velocity(self) -> FloatArray:
-        """Limit (n,) [rad/s or m/s]."""
 
-    @property
-    def acceleration(self) -> FloatArray:
-        """Limit (n,) [rad/s² or m/s²]."""
-
-    @property
-    def jerk(self) -> FloatArray:
-        """Limit (n,) [rad/s³ or m/s³]."""
+Limited = Robot | JointLimits
 
 
 def fastest(

@@ -226,8 +226,7 @@ def later(scene: Scene, time: float) -> Scene:
     if not motions:
         return scene
     there = scene.standing(dict.fromkeys(motions, time))
-    objects = (replace(o, motion=motions.get(o.id, o.motion)) for o in there.objects)
-    return replace(scene, objects=tuple(objects))
+    return there.each(lambda item: replace(item, motion=motions.get(item.id, item.motion)))
 
 
 def plan_in_time(task: Task, made_for: Callable[[Task], Plan], late: float = np.inf) -> Plan:

@@ -167,18 +167,12 @@ def predicted(task: Task, trajectory: Trajectory) -> Prediction | None:
 
 
 class PushMotion(NamedTuple):
-    """The motion of the tool whose push a model predicts.
+    """The motion of the tool whose push a model predicts."""
 
-    Attributes:
-        points, axes: (P, 3) of the tool.
-        struck: the deepest overlap of the tool or the last link before the approach; None: none.
-        drift: displacements (P, 3) of the roots that move, by id [m].
-    """
-
-    points: FloatArray
-    axes: FloatArray
-    struck: Overlap | None
-    drift: Mapping[str, FloatArray]
+    points: FloatArray  # (P, 3) of the tool [m]
+    axes: FloatArray  # (P, 3) of the tool
+    struck: Overlap | None  # deepest of the tool or the last link before the approach
+    drift: Mapping[str, FloatArray]  # displacements (P, 3) of the roots that move, by id [m]
 
     def among(self, model: PushModel) -> PushModel:
         """The model whose roots drift as they do in this motion."""

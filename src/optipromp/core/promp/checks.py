@@ -110,8 +110,7 @@ def unnamed(names: Sequence[str]) -> bool:
 def matching_columns(names: Sequence[str], joints: Sequence[str], what: str) -> list[int]:
     """Indices of the columns with the names of the ``joints``.
 
-    ``names``: of the columns. ``joints``: names of the robot's joints, in its order. ``what``:
-    owner of the columns; begins the error message.
+    ``what``: owner of the columns; begins the error message.
     """
     unknown = [name for name in names if name not in joints]
     missing = [joint for joint in joints if joint not in names]

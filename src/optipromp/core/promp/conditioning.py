@@ -150,9 +150,9 @@ def conditioned_mean(
 
     The part that does not depend on ``values`` is cached.
 
-    ``promp``: the prior. ``places``: phase and order of derivative of each of P points. ``values``:
-    (P, n) joint positions or their derivatives. ``variances``: of each point, the same for all
-    joints; 0 is exact.
+    ``places``: phase and order of derivative of each of P points. ``values``: (P, n) joint
+    positions or their derivatives. ``variances``: of each point, the same for all joints; 0 is
+    exact.
     """
     update = _update(promp, places, variances)
     if update.inverse.null is None:

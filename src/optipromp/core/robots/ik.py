@@ -184,9 +184,8 @@ def each(
 ) -> tuple[FloatArray, FloatArray]:
     """The configuration nearest to each row of ``near`` (m, n) with the tool at that row's pose.
 
-    ``robot``: the arm and its tool. ``positions``: (m, 3) world [m]. ``axes``: (m, 3) unit, or (m,
-    2, 3); see :func:`solve`. ``near``: (m, n) configurations the descents start from.
-    ``iterations``: of each descent, at most.
+    ``positions``: (m, 3) world [m]. ``axes``: (m, 3) unit, or (m, 2, 3); see :func:`solve`.
+    ``near``: (m, n) configurations the descents start from.
 
     Returns: Configurations (m, n) and errors (m,); see :func:`track`.
     """
@@ -327,9 +326,9 @@ def track(
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Follow task points in their order from a known configuration, on its branch.
 
-    ``robot``: the arm and its tool. ``positions``: (m, 3) world [m], in the order they are
-    followed. ``axes``: (m, 3) unit, or (m, 2, 3); see :func:`solve`. None leaves the axis free.
-    ``begin``: (n,) configuration the first solution starts from. ``iterations``: of each descent.
+    ``positions``: (m, 3) world [m], in the order they are followed. ``axes``: (m, 3) unit, or (m,
+    2, 3); see :func:`solve`. None leaves the axis free. ``begin``: (n,) configuration the first
+    solution starts from.
 
     Returns: Configurations (m, n) and errors (m,) [m]: position error plus :data:`AXIS_LENGTH`
     times the axis error. An error above 1e-6 is a miss.
@@ -351,10 +350,9 @@ def level(robot: Robot, q: FloatArray, normal: FloatArray, *, path: bool = False
 
     .. math:: φ = \operatorname{atan2}(-h·n,\ (a×h)·n) + kπ.
 
-    ``robot``: the arm and its tool. ``q``: (m, n) configurations [rad or m]. ``normal``: (3,) unit;
-    x_g of a target frame keeps the fingers side by side on the level. ``path``: whether the rows of
-    ``q`` are consecutive points of a path; their rolls are then continuous, as far as the joint's
-    limits allow.
+    ``normal``: (3,) unit; x_g of a target frame keeps the fingers side by side on the level.
+    ``path``: whether the rows of ``q`` are consecutive points of a path; their rolls are then
+    continuous, as far as the joint's limits allow.
 
     Returns: (m, n) configurations with the roll within the limits that is nearest to that of ``q``.
     A copy of ``q`` if the tool has no fingers or the last joint does more than roll it.

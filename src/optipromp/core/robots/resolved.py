@@ -147,8 +147,7 @@ def _from(folder: Path, urdf: Path) -> str:
 def read_resolved(path: Path, check: Callable[[Path], Path] = Path) -> Robot:
     """The robot of a resolved file.
 
-    ``path``: of the file. ``check``: called with each mesh file that the robot names and that
-    exists.
+    ``check``: called with each mesh file that the robot names and that exists.
     """
     data = read_npz(path, InvalidRobotError)
     with reading(path, "no resolved robot file", InvalidRobotError):

@@ -13,8 +13,8 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import InvalidSceneError
-from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.rotations import IDENTITY, from_quaternion, product, unit_quaternion
+from optipromp.core.scenes.pose import DIRECTION, PART, POINT, TURN, Framed, Pose
+from optipromp.core.scenes.rotations import IDENTITY, from_quaternion
 from optipromp.core.scenes.values import array, limited, unit
 
 WITHIN = 1e-3  # [m] distance of the tool point from a goal without a tolerance; method §5
@@ -23,10 +23,10 @@ _MOST_ANGLE = 180.0  # [degrees] a larger tolerance has no meaning
 
 
 @dataclass(frozen=True, eq=False)
-class JointGoal:
+class JointGoal(Framed):
     """A goal in joint space: ``joints`` (n,) [rad or m].
 
-    A joint without limits may end any number of full turns away.
+    A joint without limits may end any number of full turns away. Joints are of no frame.
     """
 
     joints: FloatArray
@@ -34,13 +34,9 @@ class JointGoal:
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", array("goal.joints", self.joints, None))
 
-    def transformed(self, pose: Pose) -> JointGoal:
-        """Itself: joints are the same in every frame."""
-        return self
-
 
 @dataclass(frozen=True, eq=False)
-class PoseGoal:
+class PoseGoal(Framed, label="goal", position=POINT, axis=DIRECTION):
     """A goal for the tool, in the base frame; the roll about the tool axis is free.
 
     Args:
@@ -51,17 +47,9 @@ class PoseGoal:
     position: FloatArray
     axis: FloatArray
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "position", array("goal.position", self.position, 3))
-        object.__setattr__(self, "axis", unit("goal.axis", self.axis))
-
-    def transformed(self, pose: Pose) -> PoseGoal:
-        """The same goal in another frame, in which its present frame has the ``pose``."""
-        return PoseGoal(pose @ self.position, pose.rotation @ self.axis)
-
 
 @dataclass(frozen=True, eq=False)
-class RegionGoal:
+class RegionGoal(Framed, label="goal", position=POINT, axis=DIRECTION, orientation=TURN, box=TURN):
     """A goal for the tool, in the base frame: a region of tool points and of orientations.
 
     The tool's frame has its origin at the tool point and its z axis along the tool axis; its y axis
@@ -106,14 +94,9 @@ class RegionGoal:
             )
         if self.box is not None and len(sizes) == 1:
             raise InvalidSceneError("goal.tolerance.orientation: goes with half extents [x, y, z]")
-        object.__setattr__(self, "position", array("goal.position", self.position, 3))
+        super().__post_init__()
         if len(sizes) == 3:
             object.__setattr__(self, "within", frozen(sizes))
-        if self.axis is not None:
-            object.__setattr__(self, "axis", unit("goal.axis", self.axis))
-        for name in ("orientation", "box"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, unit_quaternion(getattr(self, name)))
 
     @property
     def rotation(self) -> FloatArray | None:
@@ -147,16 +130,10 @@ class RegionGoal:
 
     def transformed(self, pose: Pose) -> RegionGoal:
         """The same goal in another frame, in which its present frame has the ``pose``."""
-        box = None if self.box is None else product(pose.orientation, self.box)
-        if box is None and self.orientation is None and isinstance(self.within, np.ndarray):
-            box = pose.orientation
-        turned = self.orientation
-        return RegionGoal(
-            pose @ self.position,
-            None if self.axis is None else pose.rotation @ self.axis,
-            None if turned is None else product(pose.orientation, turned),
-            self.within, self.angle, box,
-        )  # fmt: skip
+        along = self.box is None and self.orientation is None  # the box is along the frame's axes
+        if along and isinstance(self.within, np.ndarray):
+            return replace(self, box=IDENTITY).transformed(pose)
+        return super().transformed(pose)
 
 
 Goal = JointGoal | PoseGoal | RegionGoal
@@ -171,7 +148,7 @@ def _z() -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class HeldUpright:
+class HeldUpright(Framed, label="path.upright", direction=DIRECTION):
     """An axis of the tool stays within an angle of a direction, as that of a full cup.
 
     Args:
@@ -188,11 +165,11 @@ class HeldUpright:
     def __post_init__(self) -> None:
         limited("path.upright.angle", self.angle, "degrees", _MOST_LEAN)
         object.__setattr__(self, "axis", unit("path.upright.axis", self.axis))
-        object.__setattr__(self, "direction", unit("path.upright.direction", self.direction))
+        super().__post_init__()
 
 
 @dataclass(frozen=True, eq=False)
-class OnPlane:
+class OnPlane(Framed, label="path.plane", point=POINT, normal=DIRECTION):
     """The tool point stays near a plane.
 
     Args:
@@ -207,26 +184,15 @@ class OnPlane:
 
     def __post_init__(self) -> None:
         limited("path.plane.within", self.within, "m")
-        object.__setattr__(self, "point", array("path.plane.point", self.point, 3))
-        object.__setattr__(self, "normal", unit("path.plane.normal", self.normal))
+        super().__post_init__()
 
 
 @dataclass(frozen=True, eq=False)
-class PathConstraints:
+class PathConstraints(Framed, upright=PART, plane=PART):
     """What the tool keeps from the start to the goal; None: nothing of the kind."""
 
     upright: HeldUpright | None = None
     plane: OnPlane | None = None
-
-    def transformed(self, pose: Pose) -> PathConstraints:
-        """The same constraints in another frame, in which their frame has the ``pose``."""
-        upright, plane = self.upright, self.plane
-        if upright is not None:
-            upright = replace(upright, direction=pose.rotation @ upright.direction)
-        if plane is not None:
-            normal = pose.rotation @ plane.normal
-            plane = OnPlane(pose @ plane.point, normal, plane.within)
-        return PathConstraints(upright, plane)
 
 
 LINE_WITHIN = 5e-4  # [m] distance from the lines where the scene states none: a choice
@@ -235,7 +201,7 @@ _LEAST = 1e-6  # [m, rad] a line that is shorter in both is none
 
 
 @dataclass(frozen=True, eq=False)
-class Lines:
+class Lines(Framed, points=PART):
     """The tool goes freely to the first point, then along straight lines to the goal.
 
     The orientation turns evenly with the way along a line, about one axis. Where the lines meet,
@@ -270,10 +236,6 @@ class Lines:
     def to(self, goal: Goal) -> tuple[RegionGoal, ...]:
         """The points and the ``goal``, which is a pose of the tool or a region of poses."""
         return *self.points, _region(goal, "goal")
-
-    def transformed(self, pose: Pose) -> Lines:
-        """The same lines in another frame, in which their frame has the ``pose``."""
-        return replace(self, points=tuple(point.transformed(pose) for point in self.points))
 
 
 def _region(pose: object, name: str) -> RegionGoal:

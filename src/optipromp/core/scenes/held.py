@@ -14,9 +14,9 @@ from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.shapes import MeshShape, PointCloudShape, Shape, is_convex, parted
 from optipromp.core.robots.mounted import Load
 from optipromp.core.robots.tool_geometry import Solid
-from optipromp.core.scenes.pose import Pose
+from optipromp.core.scenes.pose import DIRECTION, POINT, Framed
 from optipromp.core.scenes.rotations import IDENTITY, unit_quaternion
-from optipromp.core.scenes.values import array, keep, limited, named, suggest, unit
+from optipromp.core.scenes.values import array, keep, limited, named, suggest
 
 TOOL = "tool"
 """Name of the tool in ``may_touch``."""
@@ -81,7 +81,7 @@ class Attached:
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class Place(Framed, label="place", position=POINT, axis=DIRECTION):
     """Where the tool brings the target after the pick, in the base frame.
 
     Args:
@@ -95,15 +95,10 @@ class Place:
     retreat: float = RETREAT
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "position", array("place.position", self.position, 3))
-        object.__setattr__(self, "axis", unit("place.axis", self.axis))
+        super().__post_init__()
         object.__setattr__(self, "retreat", keep("place.retreat", self.retreat))
         if not self.retreat > 0.0:
             raise InvalidSceneError("place.retreat is 0: must be above 0 [m]")
-
-    def transformed(self, pose: Pose) -> Place:
-        """The same place in another frame, in which its present frame has the ``pose``."""
-        return Place(pose @ self.position, pose.rotation @ self.axis, self.retreat)
 
 
 def checked(

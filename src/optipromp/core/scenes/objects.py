@@ -14,8 +14,8 @@ import numpy as np
 from optipromp.core.arrays import FloatArray, frame_along, frozen, lengths
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.shapes import Box, Capsule, Cylinder, Shape
-from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.rotations import IDENTITY, from_quaternion, product, unit_quaternion
+from optipromp.core.scenes.pose import PART, POINT, TURN, Framed, Pose, Quantity
+from optipromp.core.scenes.rotations import IDENTITY, from_quaternion, unit_quaternion
 from optipromp.core.scenes.values import array, keep, limited, named, suggest, unit
 
 FOR_EVER = 600.0  # [s] a choice: for so long an object with a velocity moves
@@ -113,7 +113,7 @@ STEM_SLACK = 0.005  # [m] chosen: largest distance of a stem's ends from its fru
 
 
 @dataclass(frozen=True, eq=False)
-class Stem:
+class Stem(Framed, points=POINT):
     """The stem of a fruit.
 
     Args:
@@ -192,10 +192,6 @@ class Stem:
             way = axes[:, 2] + lean * aside
             yield Stem.along(self.points[0], way, self.length, self.radius)
 
-    def transformed(self, pose: Pose) -> Stem:
-        """The same stem in another frame, in which its present frame has the ``pose``."""
-        return replace(self, points=pose @ self.points)
-
     def pieces(self) -> Iterator[tuple[Capsule, FloatArray, FloatArray]]:
         """Each straight piece: a capsule, its middle (3,) [m], and its rotation (3, 3)."""
         for low, high in pairwise(self.points):
@@ -222,8 +218,19 @@ class Stem:
         return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
 
 
+def _spread(pose: Pose, covariance: FloatArray) -> FloatArray:
+    """A covariance (3, 3) in another frame."""
+    turned = pose.rotation @ covariance @ pose.rotation.T
+    return np.asarray(0.5 * (turned + turned.T))
+
+
+SPREAD = Quantity(PART.checked, _spread)
+
+
 @dataclass(frozen=True, eq=False)
-class SceneObject:
+class SceneObject(
+    Framed, position=POINT, orientation=TURN, stem=PART, covariance=SPREAD, motion=PART
+):
     """One object of the scene.
 
     Args:
@@ -314,25 +321,6 @@ class SceneObject:
         """(3, 3), local to base: the ``orientation`` as a matrix."""
         return from_quaternion(self.orientation)
 
-    def transformed(self, pose: Pose) -> SceneObject:
-        """The same object in another frame, in which its present frame has the ``pose``.
-
-        Position, orientation, stem and covariance are transformed. An object in the frame of a
-        camera is transformed to the base frame by ``detected.transformed(camera)``.
-        """
-        spread = self.covariance
-        if spread is not None:
-            spread = pose.rotation @ spread @ pose.rotation.T
-            spread = 0.5 * (spread + spread.T)
-        return replace(
-            self,
-            position=pose @ self.position,
-            orientation=product(pose.orientation, self.orientation),
-            stem=None if self.stem is None else self.stem.transformed(pose),
-            covariance=spread,
-            motion=None if self.motion is None else self.motion.transformed(pose),
-        )
-
     def at(self, position: FloatArray, id: str | None = None) -> SceneObject:
         """A copy of the object at another position; its stem and its motion are moved along.
 
@@ -346,12 +334,24 @@ class SceneObject:
         Raises:
             InvalidSceneError: a position of another shape, or one that is not finite.
         """
-        to, stem = array("position", position, 3), self.stem
-        if stem is not None:
-            stem = replace(stem, points=stem.points + (to - self.position))
-        motion = self.motion and self.motion.shifted(to - self.position)
+        to = array("position", position, 3)
         name = self.id if id is None else id
-        return replace(self, id=name, position=to, stem=stem, motion=motion)
+        return replace(self.shifted(to - self.position), id=name, position=to)
+
+    def shifted(self, by: FloatArray, part: str = "whole") -> SceneObject:
+        """The object displaced ``by`` (3,) [m].
+
+        ``part``: ``whole``; ``object`` with the end of the stem that is at it; or the stem's
+        ``root`` alone.
+        """
+        position, stem, motion = self.position, self.stem, self.motion
+        if part != "root":
+            position, motion = position + by, motion and motion.shifted(by)
+        if stem is not None:
+            points = np.array(stem.points)
+            points[{"whole": slice(None), "object": slice(1), "root": slice(-1, None)}[part]] += by
+            stem = replace(stem, points=points)
+        return replace(self, position=position, stem=stem, motion=motion)
 
     @property
     def course(self) -> ObjectMotion | None:

@@ -1,16 +1,17 @@
-"""The pose of one frame in another."""
+"""The pose of one frame in another, and values that a frame has."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import overload
+from typing import Any, ClassVar, NamedTuple, Self, overload
 
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.scenes.rotations import IDENTITY, from_quaternion, product, unit_quaternion
-from optipromp.core.scenes.values import array
+from optipromp.core.scenes.values import array, unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,3 +62,51 @@ class Pose:
         if isinstance(other, Pose):
             return Pose(self @ other.position, product(self.orientation, other.orientation))
         return frozen(np.asarray(other) @ self.rotation.T + self.position)
+
+
+class Quantity(NamedTuple):
+    """What a value in a frame is: how it is checked, and how it changes with the frame."""
+
+    checked: Callable[[str, Any], Any]
+    moved: Callable[[Pose, Any], Any]
+
+
+def _each(pose: Pose, part: Any) -> Any:
+    if isinstance(part, tuple):
+        return tuple(one.transformed(pose) for one in part)
+    return part.transformed(pose)
+
+
+POINT = Quantity(lambda name, point: array(name, point, 3), lambda pose, point: pose @ point)
+SPAN = Quantity(POINT.checked, lambda pose, span: pose.rotation @ span)
+DIRECTION = Quantity(unit, SPAN.moved)
+TURN = Quantity(lambda _, turn: unit_quaternion(turn), lambda pose, q: product(pose.orientation, q))
+PART = Quantity(lambda _, part: part, _each)
+"""A :class:`Framed`, or a tuple of such."""
+
+
+class Framed:
+    """Base of dataclasses with values in a frame, which may be None.
+
+    A subclass states the kind of each of them, and the ``label`` before their names in messages.
+    """
+
+    kinds: ClassVar[Mapping[str, Quantity]]
+    label: ClassVar[str]
+
+    def __init_subclass__(cls, label: str = "", **kinds: Quantity) -> None:
+        cls.label, cls.kinds = label, kinds
+
+    def __post_init__(self) -> None:
+        for name, kind in self.kinds.items():
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, kind.checked(f"{self.label}.{name}", value))
+
+    def moved(self, pose: Pose) -> dict[str, Any]:
+        """The values in another frame, in which their present frame has the ``pose``, by name."""
+        stated = {name: getattr(self, name) for name in self.kinds}
+        return {k: self.kinds[k].moved(pose, v) for k, v in stated.items() if v is not None}
+
+    def transformed(self, pose: Pose) -> Self:
+        """The same in another frame, in which its present frame has the ``pose``."""
+        return replace(self, **self.moved(pose))  # type: ignore[type-var]

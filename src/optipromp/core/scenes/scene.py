@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -26,7 +26,7 @@ from optipromp.core.scenes.goals import (
     RegionGoal,
     check_lines,
 )
-from optipromp.core.scenes.held import Attached, Pair, Place, checked
+from optipromp.core.scenes.held import Attached, Pair, Place, checked, pairs_among
 from optipromp.core.scenes.objects import (
     ROLES,
     STEM_RADIUS,
@@ -35,9 +35,10 @@ from optipromp.core.scenes.objects import (
     SceneObject,
     Stem,
     check_trusses,
+    rooted,
 )
-from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.values import array, keep, limited, named, suggest, unit
+from optipromp.core.scenes.pose import DIRECTION, PART, SPAN, Framed, Pose
+from optipromp.core.scenes.values import array, keep, limited, named, suggest
 from optipromp.core.shown import Shown
 
 __all__ = [
@@ -57,7 +58,9 @@ _FARTHEST_CAMERA = 20.0  # [m] chosen
 
 
 @dataclass(frozen=True, eq=False)
-class Approach:
+class Approach(
+    Framed, label="approach", direction=DIRECTION, lateral=DIRECTION, shift=SPAN, lead=DIRECTION
+):
     """The direction from which the tool comes to the target.
 
     Args:
@@ -85,8 +88,8 @@ class Approach:
     lead: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        z = unit("approach.direction", self.direction)
-        y = unit("approach.lateral", self.lateral)
+        super().__post_init__()
+        z, y, lead = self.direction, self.lateral, self.lead
         if np.linalg.norm(np.cross(y, z)) < _PARALLEL:
             raise InvalidSceneError(
                 f"approach.lateral {y.tolist()} is parallel to direction {z.tolist()}: "
@@ -95,17 +98,11 @@ class Approach:
         limited("approach.camera_distance", self.camera_distance, "m", _FARTHEST_CAMERA)
         limited("approach.cone", self.cone, "degrees", WIDEST_CONE, zero=True)
         limited("approach.aside", self.aside, "m", zero=True)
-        object.__setattr__(self, "direction", z)
-        object.__setattr__(self, "lateral", y)
-        object.__setattr__(self, "shift", array("approach.shift", self.shift, 3))
-        if self.lead is not None:
-            lead = unit("approach.lead", self.lead)
-            if lead @ z < math.cos(math.radians(WIDEST_CONE)) - 1e-9:
-                raise InvalidSceneError(
-                    f"approach.lead {lead.tolist()} is more than {WIDEST_CONE:g} degrees off the "
-                    f"direction {z.tolist()}: must be less"
-                )
-            object.__setattr__(self, "lead", lead)
+        if lead is not None and lead @ z < math.cos(math.radians(WIDEST_CONE)) - 1e-9:
+            raise InvalidSceneError(
+                f"approach.lead {lead.tolist()} is more than {WIDEST_CONE:g} degrees off the "
+                f"direction {z.tolist()}: must be less"
+            )
 
     @cached_property
     def frame(self) -> FloatArray:
@@ -114,17 +111,6 @@ class Approach:
         x = np.cross(self.lateral, z)
         x /= np.linalg.norm(x)
         return frozen([x, np.cross(z, x), z])
-
-    def transformed(self, pose: Pose) -> Approach:
-        """The same approach in another frame, in which its present frame has the ``pose``."""
-        turn = pose.rotation
-        return replace(
-            self,
-            direction=turn @ self.direction,
-            lateral=turn @ self.lateral,
-            shift=turn @ self.shift,
-            lead=None if self.lead is None else turn @ self.lead,
-        )
 
 
 @dataclass(frozen=True)
@@ -143,7 +129,9 @@ class ToolSpec:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Scene(Shown):
+class Scene(
+    Shown, Framed, objects=PART, approach=PART, goal=PART, path=PART, waypoints=PART, place=PART
+):
     """A scene: robot, objects, and a target or goal, in the frame of the robot's base.
 
     Args:
@@ -358,8 +346,28 @@ class Scene(Shown):
         """The scene whose objects stand where they are at times ``when`` [s], by id."""
         if not when:
             return self
-        objects = (o.standing(when[o.id]) if o.id in when else o for o in self.objects)
-        return replace(self, objects=tuple(objects))
+        return self.each(lambda item: item.standing(when[item.id]) if item.id in when else item)
+
+    def each(self, change: Callable[[SceneObject], SceneObject]) -> Scene:
+        """The scene whose objects are as ``change`` returns them."""
+        return replace(self, objects=tuple(change(item) for item in self.objects))
+
+    def aimed(self, target: str, picked: Collection[str] = ()) -> Scene:
+        """The scene with this ``target``, without ``picked`` fruits; other fruits are pushables."""
+        roles: dict[str, Role] = {i.id: "pushable" for i in self.objects if i.role == "target"}
+        roles[target] = "target"
+        objects = (
+            replace(item, role=roles.get(item.id, item.role))
+            for item in self.objects
+            if item.id not in picked
+        )
+        return replace(
+            self,
+            name=f"{self.name}-{target}",
+            objects=rooted(objects),
+            goal=None,
+            may_touch=pairs_among(self.may_touch, picked),
+        )
 
     def transformed(self, pose: Pose) -> Scene:
         """The same world in another frame, in which the present base has the ``pose``.
@@ -367,18 +375,9 @@ class Scene(Shown):
         The robot stands at the origin of the new frame. To move the robot by ``moved``, a pose in
         its present base frame, transform by ``moved.inverse()``. Joint values do not change.
         """
-        moved = tuple(goal.transformed(pose) for goal in self.goals)
-        return replace(
-            self,
-            objects=tuple(item.transformed(pose) for item in self.objects),
-            approach=self.approach.transformed(pose),
-            goal=moved if isinstance(self.goal, tuple) else next(iter(moved), None),
-            path=None if self.path is None else self.path.transformed(pose),
-            waypoints=None if self.waypoints is None else self.waypoints.transformed(pose),
-            base=self.base @ pose.inverse(),
-            camera=None if self.camera is None else pose @ self.camera,
-            place=None if self.place is None else self.place.transformed(pose),
-        )
+        camera = self.camera and pose @ self.camera
+        base = self.base @ pose.inverse()
+        return replace(self, base=base, camera=camera, **self.moved(pose))
 
     @cached_property
     def _touching(self) -> frozenset[frozenset[str]]:

@@ -24,7 +24,7 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject
+from optipromp.core.scenes.scene import JointGoal, Role, Scene, SceneObject
 from optipromp.core.shown import check_one_of
 from optipromp.laboratory.experiments.situations import CONDITIONS, Situation
 from optipromp.laboratory.simulation.detector import Detector, Truth
@@ -103,11 +103,9 @@ def aimed_at(scene: Scene, ripe: Collection[str], place: FloatArray) -> Scene:
     aim = min(fruits, key=lambda item: float(np.linalg.norm(middle(item) - place)))
     if aim.role == "target":
         return scene
-    roles = {aim.id: "target", **({scene.target.id: "pushable"} if scene.target else {})}
-    return replace(
-        scene,
-        objects=tuple(replace(o, role=roles.get(o.id, o.role)) for o in scene.objects),  # type: ignore[arg-type]
-    )
+    roles: dict[str, Role] = {i.id: "pushable" for i in scene.objects if i.role == "target"}
+    roles[aim.id] = "target"
+    return scene.each(lambda item: replace(item, role=roles.get(item.id, item.role)))
 
 
 def cameras(scene: Scene) -> tuple[Pose, ...]:
@@ -139,7 +137,10 @@ def _looked(
     while len(taken) < len(places) and (len(taken) < views or seen is None):
         shown = replace(scene, camera=places[len(taken)])
         taken.append(see(shown, seed + OTHER * len(taken)))
-        seen = _scene_of([each.sight for each in taken], scene)
+        try:
+            seen = seen_scene([each.sight for each in taken], scene)[0]
+        except InvalidRequestError:  # no ripe fruit is seen
+            seen = None
     told = {
         **{name: sum(each.told[name] for each in taken) for name in taken[-1].told},
         "pictures": len(taken),
@@ -152,14 +153,6 @@ def _looked(
             _looked, see, scene, seed, eye, detector, places, len(taken) + 1, taken
         )
     return Situation(truth, seen or without_fruits(scene), detector, physics, eye, told, further)
-
-
-def _scene_of(sights: Sequence[Sighting], known: Scene) -> Scene | None:
-    """The scene that pictures show; None: no ripe fruit is seen."""
-    try:
-        return seen_scene(sights, known)[0]
-    except InvalidRequestError:
-        return None
 
 
 def _by_picture(scene: Scene, seed: int, finder: Finder) -> _Sight:

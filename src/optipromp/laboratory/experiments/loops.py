@@ -74,7 +74,8 @@ def executed(
     ends = [*(one.begins for one in taken[1:]), until][: len(taken)]
     for k, (stretch, end) in enumerate(zip(taken, ends, strict=True)):
         before = start if k == 0 else taken[k - 1].at(stretch.begins)
-        jumps = np.maximum(jumps, _jumps(before, stretch.at(stretch.begins)))
+        both = (vars(state).values() for state in (before, stretch.at(stretch.begins)))
+        jumps = np.maximum(jumps, [np.abs(b - a).max() for a, b in zip(*both, strict=True)])
         part = cut(stretch.curve, end - stretch.begins)
         if part is not None:
             shares = np.maximum(shares, (extremes(part).largest / limits).max(axis=1))
@@ -94,8 +95,3 @@ def cut(curve: Trajectory, length: float) -> Trajectory | None:
         for whole, end in zip(curve.rows(), curve.sample(length), strict=True)
     )
     return Trajectory(np.append(times, length), q, v, a, curve.joint_names)
-
-
-def _jumps(before: State, after: State) -> FloatArray:
-    names = "q", "velocity", "acceleration"
-    return np.array([np.abs(getattr(after, k) - getattr(before, k)).max() for k in names])

@@ -194,8 +194,8 @@ def run_scenarios(
 ) -> tuple[ScenarioRow, ...]:
     """Run every case of the paper's scenarios I to IV.
 
-    ``seed``: of every plan. ``demonstrations``: of the Panda's primitive in scenarios III and IV.
-    ``progress``: called with a line about the case that begins.
+    ``demonstrations``: of the Panda's primitive in scenarios III and IV. ``progress``: called with
+    a line about the case that begins.
     """
     rows = []
     for case in CASES:

@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from optipromp.control.driver import shifted
 from optipromp.core.arrays import FloatArray, frame_along
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.planning.task import posed
@@ -164,15 +163,7 @@ def _wider(item: SceneObject, factor: float) -> SceneObject:
 
 def _moved(scene: Scene, by: FloatArray, roots: bool) -> Scene:
     """The fruits shifted ``by`` (3,) [m]; with ``roots``, the roots of their stems too."""
-
-    def change(item: SceneObject) -> SceneObject:
-        assert item.stem is not None
-        points = np.array(item.stem.points)
-        points[slice(None) if roots else slice(1)] += by
-        stem = replace(item.stem, points=points)
-        return replace(item, position=item.position + by, stem=stem)
-
-    return _fruits(scene, change)
+    return _fruits(scene, lambda item: item.shifted(by, "whole" if roots else "object"))
 
 
 def _beside(scene: Scene, rng: np.random.Generator) -> FloatArray:
@@ -224,12 +215,7 @@ def miscalibrated(seen: Scene, scene: Scene, detector: DetectorParameters, seed:
     approach = scene.frame[2]
     camera = Pose(target.position - LOOK * approach, frame_along(approach))
     moved = camera @ error @ camera.inverse()
-    return replace(
-        seen,
-        objects=tuple(
-            item if item.role == "static" else item.transformed(moved) for item in seen.objects
-        ),
-    )
+    return seen.each(lambda item: item if item.role == "static" else item.transformed(moved))
 
 
 def seen_at_once(seen: Scene, scene: Scene, seed: int, parameters: SimulationParameters) -> Scene:
@@ -247,7 +233,7 @@ def seen_at_once(seen: Scene, scene: Scene, seed: int, parameters: SimulationPar
     return replace(
         seen,
         objects=rooted(
-            shifted(item, moved[item.id]) if item.stem is not None and item.id in moved else item
+            item.shifted(moved[item.id]) if item.stem is not None and item.id in moved else item
             for item in seen.objects
         ),
     )

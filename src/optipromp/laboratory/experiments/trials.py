@@ -27,16 +27,10 @@ from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.shown import check_one_of
 from optipromp.core.trajectory import Trajectory
+from optipromp.laboratory.experiments import situations
 from optipromp.laboratory.experiments.eyes import NOT_SEEN, check_eyes, situation
 from optipromp.laboratory.experiments.loops import LOOP_PLANNER, LOOPS, loop_figures, picked
 from optipromp.laboratory.experiments.rows import ERROR, NO_PLAN, Key, Row, source_version
-from optipromp.laboratory.experiments.situations import (
-    CONDITIONS,
-    VARIATIONS,
-    Situation,
-    crop_variations,
-    varied,
-)
 from optipromp.laboratory.generate import (
     NOISES,
     PANDA,
@@ -85,8 +79,8 @@ def attempt(scene: Scene, planner: str, *, seed: int = 0, risk: float = PlanOpti
     A pick is promised with its way out. It is the same for all planners, and ends with the tool
     away from the plant.
 
-    ``scene``: as detected. ``planner``: one of :func:`study_planners`. ``seed``: of everything
-    random. ``risk``: share of promised successes that may be broken, see :class:`PlanOptions`.
+    ``scene``: as detected. ``planner``: one of :func:`study_planners`. ``risk``: share of promised
+    successes that may be broken, see :class:`PlanOptions`.
     """
     solver = make(planner)
     made = plan(scene, planner=solver, seed=seed, options=PlanOptions(risk=risk))
@@ -198,7 +192,7 @@ class Study:
                 raise InvalidRequestError("conditions are of loops: state loops, too")
             return
         _check_names("loop", self.loops, LOOPS)
-        _check_names("condition", self.eyes or self.conditions, self.eyes or CONDITIONS)
+        _check_names("condition", self.eyes or self.conditions, self.eyes or situations.CONDITIONS)
         if self.planners != (LOOP_PLANNER,):
             raise InvalidRequestError(
                 f"planners are {', '.join(self.planners)}; loops have one, {LOOP_PLANNER}"
@@ -228,8 +222,8 @@ class Study:
     def variations(self) -> tuple[str, ...]:
         """Names of the variations; an empty one for none."""
         if self.vary == "crop":
-            return tuple(crop_variations(self.grown))
-        return tuple(VARIATIONS) if self.vary else ("",)
+            return tuple(situations.crop_variations(self.grown))
+        return tuple(situations.VARIATIONS) if self.vary else ("",)
 
     def __len__(self) -> int:
         return len(self.keys())
@@ -380,12 +374,12 @@ def again(
     if not _executable(made, study):
         return None
     assert made is not None
-    return _executed(made, varied(setting, row.variation, row.seed), row.seed)
+    return _executed(made, situations.varied(setting, row.variation, row.seed), row.seed)
 
 
 def setting_of(
     row: Row, robot: str = PANDA, source: Source | None = None, crop: Crop | None = None
-) -> Situation:
+) -> situations.Situation:
     """What a row's trial was made of.
 
     The robot's name is from a study's file, so it is untrusted; see
@@ -399,13 +393,13 @@ def setting_of(
     return _assumed(scene, detected(source, scene, row.seed, noise))
 
 
-def _assumed(scene: Scene, seen: Scene) -> Situation:
-    return CONDITIONS["none"](scene, 0)._replace(seen=seen)
+def _assumed(scene: Scene, seen: Scene) -> situations.Situation:
+    return situations.CONDITIONS["none"](scene, 0)._replace(seen=seen)
 
 
 def _planned(
-    setting: Situation, planner: str, seed: int, study: Study
-) -> tuple[Answer | None, Situation]:
+    setting: situations.Situation, planner: str, seed: int, study: Study
+) -> tuple[Answer | None, situations.Situation]:
     """A plan in the scene as first seen, or after one picture more, and that situation.
 
     The plan is None where loops see no ripe fruit. In loops all plans have the seed 0.
@@ -430,7 +424,7 @@ def _executable(made: Answer | None, study: Study) -> bool:
 
 
 def _opened(
-    made: Answer | None, setting: Situation, variation: str, seed: int, study: Study
+    made: Answer | None, setting: situations.Situation, variation: str, seed: int, study: Study
 ) -> dict[str, Any]:
     """The values of a row for a plan that is executed blind in the true scene."""
     if made is None:
@@ -447,7 +441,7 @@ def _opened(
         result = "refused" if study.loops else ""
         return {**values, "cause": NO_PLAN, "message": made.message, "result": result}
     began = time.perf_counter()
-    outcome = _executed(made, varied(setting, variation, seed), seed).outcome
+    outcome = _executed(made, situations.varied(setting, variation, seed), seed).outcome
     return {
         **values,
         **outcome_values(outcome, setting.scene.target),
@@ -456,7 +450,7 @@ def _opened(
     }
 
 
-def _executed(made: Answer, setting: Situation, seed: int) -> Run:
+def _executed(made: Answer, setting: situations.Situation, seed: int) -> Run:
     assert made.trajectory is not None
     p = setting.parameters
     p = replace(p, robot=replace(p.robot, guard_until=made.guard))
@@ -464,7 +458,7 @@ def _executed(made: Answer, setting: Situation, seed: int) -> Run:
     return simulate(motion, setting.scene, parameters=p, seed=seed, failed_leg=True)
 
 
-def _looped(setting: Situation, loop: str, seed: int) -> dict[str, Any]:
+def _looped(setting: situations.Situation, loop: str, seed: int) -> dict[str, Any]:
     """The values of a row for a pick that looks again; ``seed``: of physics and looks."""
     began = time.perf_counter()
     done = picked(setting, seed, servo=loop == "closed")

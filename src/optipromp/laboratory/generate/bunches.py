@@ -116,10 +116,7 @@ def tight(name: str, count: int, rng: np.random.Generator) -> Scene:
 def elongated(name: str, count: int, rng: np.random.Generator) -> Scene:
     """One sample of fruits that are long along their stems, which begin at the upper ends."""
     scene = sample(name, count, rng)
-    return replace(
-        scene,
-        objects=tuple(item if item.stem is None else _longer(item, rng) for item in scene.objects),
-    )
+    return scene.each(lambda item: item if item.stem is None else _longer(item, rng))
 
 
 def upward(rng: np.random.Generator, lean: float) -> FloatArray:

@@ -62,7 +62,9 @@ KINDS: Mapping[Preset, Kind] = {
     "truss": Kind(plants.truss, 2),
     "field": Kind(plants.field, 2, plants=(bunches.sample, bunches.tight, plants.truss)),
     "shelf": Kind(shelves.sample, 2, 6, panda_only=True),
-    "wild": Kind(plants.wild, number=plants.wild_count),
+    "wild": Kind(
+        plants.wild, number=lambda rng: round(plants.of_quantiles(rng, plants.WILD_FRUITS))
+    ),
 }
 
 

@@ -192,12 +192,11 @@ def fitted(
 ) -> Scene:  # fmt: skip
     """The ``scene`` of the Panda before another arm, whose base is placed for this scene.
 
-    ``scene``: of a preset. ``arm``: without a tool. ``named``: name or path of the arm. ``choice``:
-    of the arm in its file. ``turned``: whether the tool is turned to the last joint's axis
-    (:func:`mount_of`); False: the flange's z is the tool's axis. ``rounds``: in which places that
-    almost fit are varied where none fits, such as :data:`ROUNDS`, which takes some seconds. The
-    generator draws another scene instead. ``neck``: least length of the cup's neck [m]; it is
-    longer where links would reach fruits.
+    ``scene``: of a preset. ``arm``: without a tool. ``turned``: whether the tool is turned to the
+    last joint's axis (:func:`mount_of`); False: the flange's z is the tool's axis. ``rounds``: in
+    which places that almost fit are varied where none fits, such as :data:`ROUNDS`, which takes
+    some seconds. The generator draws another scene instead. ``neck``: least length of the cup's
+    neck [m]; it is longer where links would reach fruits.
     """
     assert scene.tool is not None
     work = work_of(scene, arm)
@@ -398,8 +397,8 @@ def place(robot: Robot, way: FloatArray, axis: FloatArray) -> Standpoint:
     inverse kinematics. They are ranked by :func:`spare`; a candidate that collides with itself at
     the start is left out.
 
-    ``robot``: with its tool. ``way``: tool points (P, 3) from the start, in the frame of the
-    preset's base [m]. ``axis``: (3,) tool axis at all of them.
+    ``way``: tool points (P, 3) from the start, in the frame of the preset's base [m]. ``axis``:
+    (3,) tool axis at all of them.
     """
     middle = 0.5 * (way.min(axis=0) + way.max(axis=0))
     far = float(np.linalg.norm(robot.kinematics.translation, axis=1).sum()) + BEYOND

@@ -140,12 +140,7 @@ def untold(scene: Scene) -> Scene:
     if not any(item.physical for item in scene.objects):
         return scene
     fruits = ("target", "pushable")
-    return replace(
-        scene,
-        objects=tuple(
-            replace(item, physical={}) if item.role in fruits else item for item in scene.objects
-        ),
-    )
+    return scene.each(lambda item: replace(item, physical={}) if item.role in fruits else item)
 
 
 def _stiffness(stem: Stem, mass: float, carries: bool, rng: np.random.Generator) -> float:
@@ -207,11 +202,6 @@ PLACES_TRIED = 60  # tries to place a fruit before the scene is sampled again: a
 def of_quantiles(rng: np.random.Generator, values: FloatArray | tuple[float, ...]) -> float:
     """A number whose quantiles at :data:`WILD_SHARES` are ``values``."""
     return float(np.interp(rng.random(), WILD_SHARES, values))
-
-
-def wild_count(rng: np.random.Generator) -> int:
-    """Number of pushables."""
-    return round(of_quantiles(rng, WILD_FRUITS))
 
 
 def wild(name: str, pushables: int, rng: np.random.Generator) -> Scene:

@@ -50,7 +50,6 @@ class Avoiding(OptiProMP):
         return False
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
-        """See :class:`optipromp.core.planning.planners.Planner`."""
         made = super().solve(avoiding(task), budget)
         if isinstance(made, Harmful):  # there is no other approach
             made = super().solve(made.task, budget)
@@ -75,7 +74,6 @@ class Chomp:
     ignores: ClassVar[tuple[str, ...]] = WAY
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed:
-        """See :class:`optipromp.core.planning.planners.Planner`."""
         made = ConditionedProMP().solve(task, budget)
         if not isinstance(made, Planned):
             assert isinstance(made, Failed)
@@ -105,10 +103,7 @@ def avoiding(task: Task) -> Task:
 
 def as_obstacles(scene: Scene) -> Scene:
     """The scene with every pushable in the role of a neighbour to be avoided."""
-    objects = tuple(
-        replace(item, role="avoid") if item.role == "pushable" else item for item in scene.objects
-    )
-    return replace(scene, objects=objects)
+    return scene.each(lambda item: replace(item, role="avoid") if item.role == "pushable" else item)
 
 
 def descend(problem: Problem, q: FloatArray, budget: Budget, iterations: int = 100) -> Result:

@@ -26,7 +26,6 @@ class Paper(PaperSettings):
     functionals = staticmethod(reported)
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
-        """See :class:`optipromp.core.planning.planners.Planner`."""
         from optipromp.laboratory.planners.paper_stages import solve  # with SciPy's optimisers
 
         promp = learnt(task, task.demonstrations, PAPER_BASIS)

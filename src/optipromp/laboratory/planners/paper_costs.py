@@ -185,7 +185,6 @@ class PushCost(Cost):
             raise InvalidRequestError(f"push is {self.form!r}; use 'quadratic' or 'reciprocal'")
 
     def add(self, e: Evaluation, scale: float) -> float:
-        """See :class:`Cost`."""
         if self.form == "reciprocal":
             return e.at_points(
                 push_reciprocal, scale, self.goal, self.frame[1], self.softening, self.first

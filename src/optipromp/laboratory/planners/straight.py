@@ -35,7 +35,6 @@ class Straight:
     ignores: ClassVar[tuple[str, ...]] = WAY
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed:
-        """See :class:`optipromp.core.planning.planners.Planner`."""
         parts = _parts(task)
         if parts is None:
             away = "no configuration follows the approach line to the target"

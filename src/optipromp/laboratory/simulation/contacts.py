@@ -111,16 +111,16 @@ class ContactLog:
     The force of an instant is the length of the sum of the pair's contact forces [N]. All arrays
     are symmetric.
 
-    ``world``: of the entities. ``threshold``: of the spells in ``hard`` [N].
-
-    Attributes:
-        torn: why fruits came off, in words, by key; empty without a crop.
+    ``threshold``: of the spells in ``hard`` [N].
     """
 
     def __init__(self, world: World, threshold: float) -> None:
         count = len(world.entities)
         self._owners, self._timestep = world.geom_entity, float(world.model.opt.timestep)
-        self._world, self._threshold, self.torn = world, threshold, dict[str, str]()
+        self._world, self._threshold = world, threshold
+        self.torn: dict[
+            str, str
+        ] = {}  # why fruits came off, in words, by key; empty without a crop
         self._pairs = pairs = np.zeros((count, count), _PAIR)
         pairs["first"] = np.nan
         self.peak: FloatArray = pairs["peak"]  # (E, E) largest force [N]
@@ -164,8 +164,7 @@ class Pressing(NamedTuple):
 def pressing(data: Any, world: World, among: BoolArray | None = None) -> Pressing:
     """The contact points of ``data`` between entities of ``world``.
 
-    ``data``: of MuJoCo. ``world``: of the entities. ``among``: (E,) which entities count; None:
-    all.
+    ``among``: (E,) which entities count; None: all.
     """
     found, force = data.contact, data.efc_force
     at = np.asarray(found.efc_address)
@@ -225,8 +224,8 @@ def _most(values: FloatArray) -> float:
 def in_tool(world: World, q: FloatArray, centers: FloatArray) -> BoolArray:
     """Whether the tool holds an object, or, without a tool, the object is near the tool point.
 
-    ``world``: with the robot and its tool. ``q``: (R, n) configurations of the joints. ``centers``:
-    (R, 3) positions of the object's centre at these [m].
+    ``q``: (R, n) configurations of the joints. ``centers``: (R, 3) positions of the object's centre
+    at these [m].
 
     Returns: (R,).
     """

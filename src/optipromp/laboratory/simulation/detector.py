@@ -2,7 +2,6 @@
 
 :class:`Detector` turns the truth of one moment into a :class:`~optipromp.control.look.Look`.
 :class:`Eye` takes pictures at the detector's rate and delivers looks after its latency.
-:func:`perceived_scene` makes of a look the first scene to plan in.
 """
 
 import math
@@ -17,7 +16,6 @@ from optipromp.core.arrays import FloatArray, frame_along
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene, SceneObject, Stem
 from optipromp.laboratory.detection import displaced, tilt, turned
@@ -355,31 +353,3 @@ class Eye:
             look = self._waiting.popleft()
             out.append(look if stamp == 0.0 else self._stamped(look))
         return tuple(out)
-
-
-def perceived_scene(look: Look, scene: Scene) -> Scene:
-    """The first scene to plan in: what a look shows, among what is known.
-
-    Known are static objects, robot, tool, start, approach and base of ``scene``. The detections
-    keep their ids and roles. Where fruits hang (a detection or an object of ``scene`` has a stem),
-    targets and pushables whose stem was not seen get an upright one, as long as the median of
-    those seen, or 0.15 m.
-    """
-    found = look.in_base()
-    if scene.target is not None and not any(item.role == "target" for item in found):
-        raise InvalidRequestError(
-            f"the target is not seen: the look at {look.time:g} s has "
-            f"{', '.join(item.id for item in found) or 'no detections'}; look again, or elsewhere"
-        )
-    lengths = [item.stem.length for item in found if item.stem is not None]
-    hanging = bool(lengths) or any(item.stem is not None for item in scene.objects)
-    long = float(np.median(lengths)) if lengths else STEM_LENGTH
-    fruits = [
-        replace(item, stem=Stem.along(item.position, scene.up, long))
-        if hanging and item.stem is None and item.role in ("target", "pushable")
-        else item
-        for item in found
-    ]
-    objects = (*fruits, *scene.static)
-    unseen = {item.id for item in scene.objects} - {item.id for item in objects}
-    return replace(scene, objects=objects, may_touch=pairs_among(scene.may_touch, unseen))

@@ -9,7 +9,6 @@ from optipromp.core.planning.options import require
 from optipromp.laboratory.detection import Noise
 
 MOUNTS = "palm", "hand", "beside"
-SIGNED = "bias", "lower", "stamp"  # may be negative
 SHARES = (
     "steady", "missed", "hidden", "hidden_from", "hidden_to", "missed_steadily", "swapped",
     "stem_seen", "leaf",
@@ -28,6 +27,7 @@ class DetectorParameters(Noise):
         InvalidRequestError: a number that is not finite, out of its range, or an unknown mount.
     """
 
+    signed = "bias", "lower", "stamp"
     # palm: on the tool's axis; hand: on the flange; beside: standing
     mount: Literal["palm", "hand", "beside"] = parameter("palm", "", "choice", "its place")
     view: float = parameter(1.4, "rad", "choice", "full angle of the view; RGB-D: 42-87 degrees")
@@ -66,23 +66,14 @@ class DetectorParameters(Noise):
     stand_below: float = parameter(0.15, "m", "choice", "the same, behind or above the target")
 
     def __post_init__(self) -> None:
-        signed = {name: getattr(self, name) for name in SIGNED}
-        self._set(dict.fromkeys(SIGNED, 0.0))  # Checked refuses negative numbers
         Checked.__post_init__(self)
-        self._set(signed)
         require(self, "", self.mount in MOUNTS, "mount", "palm, hand or beside")
-        for name in SIGNED:
-            require(self, "", math.isfinite(signed[name]), name, "finite")
         for name in SHARES:
             require(self, "", getattr(self, name) <= 1.0, name, "at most 1")
         for name in ABOVE_ZERO:
             require(self, "", getattr(self, name) > 0.0, name, "above 0")
         require(self, "", self.hidden_from < self.hidden_to, "hidden_from", "below hidden_to")
         require(self, "", self.view <= math.pi, "view", "at most pi [rad]")
-
-    def _set(self, values: dict[str, float]) -> None:
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
 
     def sigma(self, distance: float) -> float:
         """Standard deviation [m] of each coordinate at a ``distance`` [m], white and steady."""

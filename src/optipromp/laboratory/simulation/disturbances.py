@@ -1,7 +1,7 @@
 """Disturbances that the planner is not told of: plants that move, fruits that stand elsewhere."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -52,9 +52,7 @@ def disturbed(scene: Scene, given: DisturbanceParameters, seed: int) -> tuple[Sc
     chances, pose = Chances.of(seed), Pose()
     by = given.shift * chances.shift @ horizontal(scene.up) - given.lower * scene.up
     if by.any():
-        moved = Pose(by)
-        objects = (item.transformed(moved) if item.stem else item for item in scene.objects)
-        scene = replace(scene, objects=tuple(objects))
+        scene = scene.each(lambda item: item.shifted(by) if item.stem else item)
     if given.arm_offset > 0.0 or given.arm_turn > 0.0:
         turn = rotation(chances.turn, float(np.radians(given.arm_turn)))
         pose = Pose(given.arm_offset * chances.offset, turn)

@@ -175,20 +175,10 @@ def simulate(
     simulation = Simulation(
         scene, seed, parameters, robot=robot, q=motion.positions[0], record_rate=record_rate
     )
-    if picked is None:
-        rollout, outcome = simulation.follow(motion)
-    else:
-        rollout, outcome = follow_legs(simulation, picked, failed_leg)
+    rollout, outcome = simulation.follow(motion)
+    if picked is not None:
+        rollout, outcome = go_on(simulation, picked, rollout, outcome, failed_leg)
     return Run(scene, robot, parameters, seed, rollout, outcome, time.perf_counter() - began)
-
-
-def follow_legs(
-    simulation: Simulation, picked: Picked, failed_leg: bool = False
-) -> tuple[Rollout, Outcome]:
-    """Execute the legs of a pick one after the other, and judge the whole; see :func:`go_on`."""
-    slower = 1.0 / simulation.parameters.control.speed
-    done = simulation.follow(picked.reach.trajectory.slowed(slower))
-    return go_on(simulation, picked, *done, failed_leg)
 
 
 def go_on(

@@ -15,6 +15,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from optipromp.core.arrays import FloatArray, frame_along
 from optipromp.core.errors import InvalidSceneError
@@ -143,18 +144,13 @@ def relaxed(spec: Any, built: BuiltFruit) -> list[tuple[str, FloatArray]]:
         return out
     for k, torque in enumerate(built.grown):
         joint = spec.joint(f"bend:{built.key}:{k}")
-        bend = _quaternion(-torque / joint.stiffness[0])
+        turn = Rotation.from_rotvec(-torque / joint.stiffness[0])
+        bend = turn.as_quat(scalar_first=True)
         spec.body(f"stem:{built.key}:{k}").quat = bend * [1.0, -1.0, -1.0, -1.0]
         out.append((joint.name, bend))
     weld = spec.equality(f"weld:{built.key}")  # states the stem's end in its last piece
     weld.data[3:10] = [*(built.nodes[-1] - built.nodes[-2]), *spec.body(f"fruit:{built.key}").quat]
     return out
-
-
-def _quaternion(turn: FloatArray) -> FloatArray:
-    """Quaternion (4,) of a rotation vector (3,) [rad]."""
-    angle = float(np.linalg.norm(turn))
-    return np.append(np.cos(0.5 * angle), 0.5 * np.sinc(0.5 * angle / np.pi) * turn)
 
 
 def _add_marks(spec: Any, scene: Scene, robot: Robot) -> None:

@@ -188,9 +188,9 @@ def frames(
 ) -> Iterator[Image8]:
     """Pictures of a run at ``times``, each of the last record until then.
 
-    ``run``: to be shown. ``times``: (N,) [s]. ``view``: place of the camera. ``caption``: whether
-    time, largest force so far and, from the motion's end, the outcome are written at the lower
-    edge. ``fine``: whether edges are smoothed, which takes twice as long without a graphics card.
+    ``times``: (N,) [s]. ``caption``: whether time, largest force so far and, from the motion's end,
+    the outcome are written at the lower edge. ``fine``: whether edges are smoothed, which takes
+    twice as long without a graphics card.
     """
     view = view or View()
     world = build(run.scene, run.robot, run.parameters, run.seed)

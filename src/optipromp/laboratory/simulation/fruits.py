@@ -77,22 +77,6 @@ def carried(
     return stems, fruits
 
 
-def tops(objects: Sequence[SceneObject]) -> dict[str, str]:
-    """The id of the object whose stem holds the whole truss, by id of each fruit on a truss."""
-    above = {
-        item.id: item.stem.parent
-        for item in objects
-        if item.stem is not None and item.stem.parent is not None
-    }
-    out = {}
-    for name in above:
-        top = name
-        while top in above:
-            top = above[top]
-        out[name] = out[top] = top
-    return out
-
-
 RIPE = (0.80, 0.08, 0.10, 1.0)
 UNRIPE = (0.55, 0.72, 0.30, 1.0)
 STEM_COLOUR = (0.30, 0.50, 0.18, 1.0)
@@ -145,7 +129,6 @@ def add_fruit(
 ) -> BuiltFruit:
     """Add a target or pushable: a free body, welded to the end of its stem where it has one.
 
-    ``spec``: the model. ``obj``: the target or pushable. ``parameters``: of the physics.
     ``entity``, ``stem_entity``: user data of the geoms of fruit and stem. ``up``: (3,) unit,
     opposite to gravity. ``key``: in the names of the bodies; None: the object's id. ``kind``: None
     for an object of the scene. ``truss``: loads that its stem shares with others. ``bow``: (3,)
@@ -366,7 +349,8 @@ def _stiffness(obj: SceneObject, load: float, stem: StemParameters, *, carries: 
     if "stem_stiffness" in obj.physical:
         return max(float(obj.physical["stem_stiffness"]), load / STATED_TURN)
     thickness = stem.truss_diameter if carries else stem.diameter
-    return max(stem.bending_stiffness(thickness), load / max(stem.grown_turn, 1e-6))
+    round_beam = stem.youngs_modulus * np.pi * thickness**4 / 64.0
+    return max(round_beam, load / max(stem.grown_turn, 1e-6))
 
 
 def damping_time(

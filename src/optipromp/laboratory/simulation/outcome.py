@@ -63,21 +63,15 @@ class Contact:
 
 @dataclass(frozen=True)
 class CropVerdict:
-    """What a run did to fruits in a crop's units.
+    """What a run did to fruits in a crop's units."""
 
-    Attributes:
-        name: of the crop.
-        figures: largest figure of each row that limits harm, by fruit and row [the row's unit].
-        decided: rows whose value a fruit did not bear.
-        guesses: of these, those that nobody measured.
-        hangs_on: guessed limits on which the verdict hangs: their range holds values that bear the
-            largest figure, and others that do not.
-    """
-
-    name: str
+    name: str  # of the crop
+    # largest figure of each row that limits harm, by fruit and row [the row's unit]
     figures: Mapping[str, Mapping[str, float]]
-    decided: tuple[str, ...]
-    guesses: tuple[str, ...]
+    decided: tuple[str, ...]  # rows whose value a fruit did not bear
+    guesses: tuple[str, ...]  # of these, those that nobody measured
+    # guessed limits on which the verdict hangs: their range holds values that bear the largest
+    # figure, and others that do not
     hangs_on: tuple[str, ...]
 
 

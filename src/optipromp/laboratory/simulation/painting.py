@@ -32,9 +32,9 @@ def skin(colour: FloatArray, ripe: bool, rng: np.random.Generator) -> Image8:
     polar = np.pi * (np.arange(rows) + 0.5) / rows
     turn = 2.0 * np.pi * (np.arange(columns) + 0.5) / columns
     way = _directions(polar[:, None], turn[None])
-    out = colour * (1.0 + 0.08 * _noise(SKIN, 4.0, rng)[:, :, None])
+    out = colour * (1.0 + 0.08 * noise(SKIN, 4.0, rng)[:, :, None])
     if ripe:
-        edge = polar[:, None] / np.pi + 0.05 * _noise(SKIN, 6.0, rng)
+        edge = polar[:, None] / np.pi + 0.05 * noise(SKIN, 6.0, rng)
         out = _mixed(out, PALE, rng.uniform(0.0, 0.8) * np.clip(1.0 - edge / 0.22, 0.0, 1.0))
     elif rng.random() < 0.3:
         side = way @ _directions(rng.uniform(0.5, 2.5), rng.uniform(0.0, 2.0 * np.pi))
@@ -57,9 +57,9 @@ def blade(rng: np.random.Generator) -> Image8:
     veins = np.maximum(0.35 * side_veins, 0.6 * (aside < 0.06))
     tint = GREENS[1] + rng.uniform(0.0, 0.7) * (GREENS[2] - GREENS[1])
     green = np.clip(tint * (1.0 + 0.12 * rng.standard_normal(3)), 0.0, 1.0)
-    upper = green * (1.0 + 0.12 * _noise((BLADE, BLADE), 5.0, rng)[:, :, None])
+    upper = green * (1.0 + 0.12 * noise((BLADE, BLADE), 5.0, rng)[:, :, None])
     if rng.random() < 0.3:  # old
-        dry = np.clip(_noise((BLADE, BLADE), 8.0, rng) - 0.6 + 0.8 * aside, 0.0, 1.0)
+        dry = np.clip(noise((BLADE, BLADE), 8.0, rng) - 0.6 + 0.8 * aside, 0.0, 1.0)
         upper = _mixed(upper, np.array([0.55, 0.45, 0.18]), 0.8 * dry)
     upper = _mixed(upper, np.array([0.50, 0.62, 0.32]), veins)
     lower = _mixed(upper, np.array([0.55, 0.62, 0.45]), 0.5)
@@ -74,9 +74,9 @@ def background(width: int, height: int, rng: np.random.Generator) -> Image8:
     pool = EARTH if chance < 0.85 else rng.uniform(0.1, 0.9, (3, 3))
     out = np.broadcast_to(pool[rng.integers(len(pool))], (height, width, 3))
     for _ in range(2):
-        share = 1.0 / (1.0 + np.exp(-3.0 * _noise((height, width), rng.uniform(1.0, 30.0), rng)))
+        share = 1.0 / (1.0 + np.exp(-3.0 * noise((height, width), rng.uniform(1.0, 30.0), rng)))
         out = _mixed(out, pool[rng.integers(len(pool))], share)
-    fine = 1.0 + rng.uniform(0.0, 0.06) * _noise((height, width), 0.8, rng)
+    fine = 1.0 + rng.uniform(0.0, 0.06) * noise((height, width), 0.8, rng)
     return _bytes(out * fine[:, :, None])
 
 
@@ -120,7 +120,7 @@ def _directions(polar: object, turn: object) -> FloatArray:
     return np.stack([flat * np.cos(turn), flat * np.sin(turn), np.cos(polar)], axis=-1)
 
 
-def _noise(size: tuple[int, int], width: float, rng: np.random.Generator) -> FloatArray:
+def noise(size: tuple[int, ...], width: float, rng: np.random.Generator) -> FloatArray:
     """Noise of unit deviation, correlated over ``width`` texels, that repeats without a seam."""
     rough = gaussian_filter(rng.standard_normal(size), width, mode="wrap")
     return np.asarray(rough / rough.std())

@@ -4,7 +4,6 @@ The groups have the form of :mod:`optipromp.core.parameters`; :func:`catalogue` 
 Parameters that the push models have too are taken from there.
 """
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -51,10 +50,6 @@ class StemParameters(Checked):
 
     calyx: Literal["rigid", "free"] = parameter("rigid", "", "choice", "rigid: turns with the stem")
     truss_force: float = parameter(15.0, "N", "guess", "of all its fruits: three times one")
-
-    def bending_stiffness(self, diameter: float) -> float:
-        """EI of a round beam, E π d⁴ / 64 [N m²]."""
-        return self.youngs_modulus * math.pi * diameter**4 / 64.0
 
 
 @dataclass(frozen=True)

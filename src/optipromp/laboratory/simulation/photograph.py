@@ -21,7 +21,7 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.laboratory.simulation.detector_parameters import MOUNTS, DetectorParameters
-from optipromp.laboratory.simulation.painting import LEAF, furnished, leafy
+from optipromp.laboratory.simulation.painting import LEAF, furnished, leafy, noise
 from optipromp.laboratory.simulation.parameters import SimulationParameters
 from optipromp.laboratory.simulation.sight import hand_pose, standing_pose
 from optipromp.laboratory.simulation.simulation import Simulation
@@ -389,23 +389,22 @@ def sensed(
     :math:`\sigma_z = z^2 \sigma_d / (f b)` of depth. A pixel that the second imager does not see is
     a hole.
 
-    ``depth``: true depth along the optical axis [m]. ``focal``: length [pixel]. ``parameters``: of
-    the camera. ``rng``: of the errors.
+    ``depth``: true depth along the optical axis [m]. ``focal``: length [pixel].
     """
     p, size = parameters, depth.shape
     rows, columns = np.indices(size)
-    ragged = [p.ragged * _smooth(size, p.window, rng) for _ in range(2)]
+    ragged = [p.ragged * noise(size, p.window, rng) for _ in range(2)]
     low = np.clip(np.rint(rows + ragged[0]).astype(int), 0, size[0] - 1)
     right = np.clip(np.rint(columns + ragged[1]).astype(int), 0, size[1] - 1)
     moved = depth[low, right]
     disparity = focal * p.baseline / np.maximum(moved, 1e-3)
     holes = _unseen(disparity)
-    disparity = disparity + p.subpixel * _smooth(size, p.window, rng)
+    disparity = disparity + p.subpixel * noise(size, p.window, rng)
     measured = focal * p.baseline / np.maximum(disparity, 1e-3)
     measured *= 1.0 + p.scale * rng.standard_normal()
     steps = maximum_filter(moved, 3) - minimum_filter(moved, 3) > p.step
     holes |= steps & (rng.random(size) < p.edge_holes)
-    blobs = _smooth(size, p.hole_size, rng)
+    blobs = noise(size, p.hole_size, rng)
     holes |= blobs > np.quantile(blobs, 1.0 - p.holes)
     holes |= (measured < p.nearest) | (measured > p.farthest)
     return np.where(holes, 0.0, measured)
@@ -418,9 +417,3 @@ def _unseen(disparity: FloatArray) -> BoolArray:
     beyond = np.full_like(there, np.inf)
     beyond[:, :-1] = least[:, 1:]
     return np.asarray(beyond <= there - 1.0)
-
-
-def _smooth(size: tuple[int, ...], width: float, rng: np.random.Generator) -> FloatArray:
-    """Gaussian noise of unit standard deviation, correlated over ``width`` pixels."""
-    noise = gaussian_filter(rng.standard_normal(size), width, mode="wrap")
-    return np.asarray(noise / noise.std())

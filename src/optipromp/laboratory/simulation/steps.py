@@ -1,6 +1,6 @@
 """The steps of a run: the joint controller, MuJoCo, and the records."""
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -11,9 +11,8 @@ from optipromp.core.arrays import BoolArray, FloatArray, frozen
 from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.simulation.arm import GUARD
 from optipromp.laboratory.simulation.contacts import ContactLog, is_sound, pressing
-from optipromp.laboratory.simulation.disturbances import CARRIAGE_MASS
+from optipromp.laboratory.simulation.disturbances import CARRIAGE_MASS, roots_of
 from optipromp.laboratory.simulation.engine import engine
-from optipromp.laboratory.simulation.fruits import tops
 from optipromp.laboratory.simulation.grasps import between_blades, carried_by, scissor_of
 from optipromp.laboratory.simulation.harms import HarmLog
 from optipromp.laboratory.simulation.rollout import Rollout, StemCut, used
@@ -314,18 +313,17 @@ class StemWatch:
     """The stems that hold a fruit, the largest pull along each, and the fruits that came off.
 
     ``harm``: by whose crop fruits come off; None: by the pull along the stem alone.
-
-    Attributes:
-        torn: time at which each torn fruit came off, by key [s].
     """
 
     def __init__(self, world: World, harm: HarmLog | None = None) -> None:
         self._world, self._harm = world, harm
-        self.torn: dict[str, float] = {}
+        self.torn: dict[str, float] = {}  # time at which each torn fruit came off, by key [s]
         self._torn_by: dict[str, float] = {}
         fruits = [fruit for fruit in world.fruits if fruit.weld >= 0]
         self._by_id = {fruit.id: fruit for fruit in fruits}
-        self._tops = tops(world.scene.objects)
+        roots = roots_of(world.scene.objects)
+        size = Counter(roots.values())
+        self._tops = {name: top for name, top in roots.items() if size[top] > 1}  # of trusses
         self._truss_force = world.parameters.stem.truss_force
         self._hold(fruits, np.zeros(len(fruits)))
 

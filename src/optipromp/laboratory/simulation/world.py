@@ -38,31 +38,20 @@ CLUSTER_FRUIT_RADIUS = 0.015  # [m] of a real neighbouring cluster: a small stra
 
 @dataclass(frozen=True, eq=False)
 class Fruit:
-    """The places of a target or pushable in the model.
+    """The places of a target or pushable in the model."""
 
-    Attributes:
-        id, role: of the scene's object.
-        built: how it was built.
-        entity, stem_entity: indices into ``World.entities``; the latter -1 without a stem.
-        body, position, spin: its body, and first indices into qpos and qvel.
-        weld: its equality, -1 without a stem.
-        dofs: of its stem's joints, in qvel.
-        last: body of the stem's last segment, -1 without a stem.
-        along: (3,) unit, in that body's frame, from the fruit up the stem.
-    """
-
-    id: str
+    id: str  # of the scene's object
     role: str
     built: BuiltFruit
-    entity: int
-    stem_entity: int
+    entity: int  # index into ``World.entities``
+    stem_entity: int  # likewise; -1 without a stem
     body: int
-    position: int
-    spin: int
-    weld: int
-    dofs: slice
-    last: int
-    along: FloatArray
+    position: int  # first index into qpos
+    spin: int  # first index into qvel
+    weld: int  # its equality, -1 without a stem
+    dofs: slice  # of its stem's joints, in qvel
+    last: int  # body of the stem's last segment, -1 without a stem
+    along: FloatArray  # (3,) unit, in that body's frame, from the fruit up the stem
 
     def stem(self, data: Any) -> FloatArray:
         """The joints and the end (N+1, 3) of its stem in MuJoCo's ``data``, root first [m]; (0, 3)
@@ -76,53 +65,35 @@ class Fruit:
 
 
 class Root(NamedTuple):
-    """The places of a moving root in the model.
+    """The places of a moving root in the model."""
 
-    Attributes:
-        position, spin: first indices of its slides into qpos and qvel.
-        fruits: indices into ``World.fruits`` of those that hang on it.
-        course: of the scene, as displacements; None: it moves by the world's motion alone.
-    """
-
-    position: int
-    spin: int
-    fruits: tuple[int, ...]
+    position: int  # first index of its slides into qpos
+    spin: int  # likewise into qvel
+    fruits: tuple[int, ...]  # indices into ``World.fruits`` of those that hang on it
+    # of the scene, as displacements; None: it moves by the world's motion alone
     course: ObjectMotion | None
 
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """A compiled model, and what its parts stand for.
+    """A compiled model, and what its parts stand for."""
 
-    Attributes:
-        model: the ``MjModel``.
-        scene: the true one, of which it was built: with its disturbances, and fruits parted.
-        robot, parameters: of which it was built.
-        drives: of the robot's segments; their qpos and qvel are the first S.
-        entities: of which contacts are counted.
-        geom_entity: (ngeom,) index into ``entities``.
-        fruits: targets and pushables, then the fruits of real neighbouring clusters.
-        overlapping: pairs of labels of entities that overlap in the scene and so do not collide.
-        parted: distance by which fruits that overlapped were moved apart, by id [m].
-        spec: the ``MjSpec`` that the model was compiled from.
-        roots: that move, by the scene, or by a sway or jump.
-        motion: of the roots, in their order, beside the scene's; None without a sway or jump.
-        miscalibration: of the arm; true places are ``miscalibration @ believed``.
-    """
-
-    model: Any
-    scene: Scene
+    model: Any  # MjModel
+    scene: Scene  # the true one, of which it was built: with its disturbances, and fruits parted
     robot: Robot
     parameters: SimulationParameters
-    drives: Drives
-    entities: tuple[Entity, ...]
-    geom_entity: IntArray
-    fruits: tuple[Fruit, ...]
+    drives: Drives  # of the robot's segments; their qpos and qvel are the first S
+    entities: tuple[Entity, ...]  # of which contacts are counted
+    geom_entity: IntArray  # (ngeom,) index into ``entities``
+    fruits: tuple[Fruit, ...]  # targets and pushables, then those of real neighbouring clusters
+    # pairs of labels of entities that overlap in the scene and so do not collide
     overlapping: tuple[tuple[str, str], ...]
-    parted: Mapping[str, float]
-    spec: Any
-    roots: tuple[Root, ...] = ()
+    parted: Mapping[str, float]  # distance by which overlapping fruits were moved apart, by id [m]
+    spec: Any  # the MjSpec that the model was compiled from
+    roots: tuple[Root, ...] = ()  # that move, by the scene, or by a sway or jump
+    # of the roots, in their order, beside the scene's; None without a sway or jump
     motion: RootMotion | None = None
+    # of the arm; true places are ``miscalibration @ believed``
     miscalibration: Pose = field(default_factory=Pose)
 
     @property
@@ -150,9 +121,8 @@ def build(
     that overlap (a fruit and the stem of another, in the paper's scenes) would burst apart at the
     first step, so they do not collide (``World.overlapping``). The robot collides with everything.
 
-    ``scene``: robot and objects. ``robot``: whose frame is the world's. ``parameters``: physical
-    numbers. ``seed``: of the bows of stems, the fruits of real neighbouring clusters, and
-    disturbances.
+    ``robot``: whose frame is the world's. ``seed``: of the bows of stems, the fruits of real
+    neighbouring clusters, and disturbances.
     """
     parameters = of_crop(parameters or SimulationParameters(), scene.crop)
     scene, parted = apart(grown(scene, seed))
@@ -432,15 +402,9 @@ def apart(scene: Scene) -> tuple[Scene, dict[str, float]]:
     far = {name: size for name, size in far.items() if size > 0.0}
     if not far:
         return scene, {}
-    objects = []
-    for item in scene.objects:
-        if item.id in far and item.stem is not None:
-            points, shift = np.array(item.stem.points), by[item.id]
-            points[0] += shift
-            stem, motion = replace(item.stem, points=points), item.motion
-            motion = motion and motion.shifted(shift)
-            item = replace(item, position=item.position + shift, stem=stem, motion=motion)
-        objects.append(item)
+    objects = (
+        item.shifted(by[item.id], "object") if item.id in far else item for item in scene.objects
+    )
     return replace(scene, objects=rooted(objects)), far
 
 

@@ -25,8 +25,8 @@ def shape_faces(
 ) -> FloatArray:
     """Faces (F, 4, 3) of a shape placed in the world.
 
-    ``shape``: the shape in its local frame. ``position``: (3,) [m]. ``rotation``: (3, 3), world
-    from local. ``cut``: largest edge of a flat face [m], unless an edge takes too many faces.
+    ``rotation``: (3, 3), world from local. ``cut``: largest edge of a flat face [m], unless an edge
+    takes too many faces.
     """
     return np.asarray(shape.surface(cut) @ np.asarray(rotation).T + np.asarray(position))
 

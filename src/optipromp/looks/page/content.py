@@ -303,22 +303,9 @@ def moved(scene: Scene, grip: Grip, to: FloatArray) -> Scene:
     """The scene with a grip at ``to`` (3,) [m]."""
     shift = np.asarray(to) - place(scene, grip)
     objects = (
-        _shifted(item, shift, grip.part) if item.id in grip.ids else item for item in scene.objects
+        item.shifted(shift, grip.part) if item.id in grip.ids else item for item in scene.objects
     )
     return replace(scene, objects=rooted(objects))
-
-
-def _shifted(item: SceneObject, shift: FloatArray, part: str) -> SceneObject:
-    position, stem = item.position, item.stem
-    if part != "root":
-        position = position + shift
-    if stem is not None:
-        points = np.array(stem.points)
-        rows = {"object": slice(0, 1), "root": slice(-1, None), "whole": slice(None)}[part]
-        points[rows] += shift
-        stem = replace(stem, points=points)
-    motion = item.motion and item.motion.shifted(position - item.position)
-    return replace(item, position=position, stem=stem, motion=motion)
 
 
 def tool_radius(scene: Scene) -> float | None:
@@ -348,13 +335,13 @@ def sigma(scene: Scene) -> float:
 
 def with_sigma(scene: Scene, value: float) -> Scene:
     """The scene whose target and pushables were detected with this standard deviation [m]."""
-    objects = (
-        replace(item, covariance=None, sigma=value or None)
-        if item.role in ("target", "pushable")
-        else item
-        for item in scene.objects
-    )
-    return replace(scene, objects=tuple(objects))
+
+    def detected(item: SceneObject) -> SceneObject:
+        if item.role not in ("target", "pushable"):
+            return item
+        return replace(item, covariance=None, sigma=value or None)
+
+    return scene.each(detected)
 
 
 def culprit(scene: Scene, found: Plan | OptiPrompError, dragged: Grip | None) -> FloatArray:

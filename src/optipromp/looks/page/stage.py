@@ -120,13 +120,8 @@ class PlanNodes(Nodes):
         for name, motion in found.items():
             q = motion.trajectory.positions
             rows = np.unique(np.linspace(0, len(q) - 1, _LINE_POINTS).round().astype(int))
-            self._shown[f"trajectories|{name}"] = self.line(
-                f"trajectories/{name}",
-                plan.robot.tool_pose(q[rows])[0],
-                motion.colour,
-                _WIDTH[name],
-                visible=self.visible("trajectories"),
-            )
+            points = plan.robot.tool_pose(q[rows])[0]
+            self._add(f"trajectories|{name}", self.line, points, motion.colour, _WIDTH[name])
 
     def bundle(self, found: Bundle | None, layer: str = "initial bundle") -> None:
         """Show a primitive's tube of two standard deviations, and its samples."""
@@ -235,9 +230,7 @@ class PlanNodes(Nodes):
         self.drop("path ahead")
         if len(points) > 1:
             colour = BACK if retreat else AHEAD[plan % len(AHEAD)]
-            self._shown["path ahead|line"] = self.line(
-                "path ahead", points, colour, 4.0, visible=self.visible("path ahead")
-            )
+            self._add("path ahead", self.line, points, colour, 4.0)
 
     def say(self, text: str, at: FloatArray | None) -> None:
         """Show a label at a point (3,) of the scene [m]; without text or point, none."""

@@ -150,9 +150,8 @@ class Nodes:
         """A line through points (k, 3), ``width`` pixels wide."""
         pieces = np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
         return self.api.add_line_segments(
-            f"{self.root}/{name}", pieces, rgb(colour), thickness=width, thickness_units="screen",
-            **options,
-        )  # fmt: skip
+            name, pieces, rgb(colour), thickness=width, thickness_units="screen", **options
+        )
 
 
 def tube(points: FloatArray, radius: FloatArray, around: int = 14) -> tuple[FloatArray, IntArray]:
@@ -284,7 +283,8 @@ def plan_page(plan: Plan) -> str:
     with recording(plan.scene, plan.robot) as (nodes, record):
         for k, motion in enumerate(reversed(motions(plan))):
             points = plan.robot.tool_pose(motion.trajectory.resample(FRAME_RATE).positions)[0]
-            nodes.line(motion.name, points, motion.colour, 3.0 if k else 6.0)
+            name = f"{nodes.root}/{motion.name}"
+            nodes.line(name, points, motion.colour, 3.0 if k else 6.0)
         count = min(max(round(FRAME_RATE * curve.duration), 1), FRAMES)
         for time in np.linspace(0.0, curve.duration, count + 1):
             nodes.pose(curve.sample(time)[0][0])

@@ -205,11 +205,11 @@ def _sweep(bench, bodies, step, pairs, n, hit):
 def pushed(bench, path, state, slip, most, hardest, report):
     """Move the hand along a path, and the objects with it.
 
-    ``bench``: objects, walls and hand. ``path``: (T, 3) of the tool point: u, v [m] and turn [rad],
-    in steps of 1 to 5 mm. ``state``: (B, 3) poses of the objects: u, v [m], turn [rad], in and out.
-    ``slip``: coefficient of friction between objects, and with the hand. ``most``: motion of the
-    first object at which the push is stopped [m]. ``hardest``: force at which the push is stopped
-    [N]. ``report``: (3,) out: force, jam and done, see :class:`Pushed`.
+    ``path``: (T, 3) of the tool point: u, v [m] and turn [rad], in steps of 1 to 5 mm. ``state``:
+    (B, 3) poses of the objects: u, v [m], turn [rad], in and out. ``slip``: coefficient of friction
+    between objects, and with the hand. ``most``: motion of the first object at which the push is
+    stopped [m]. ``hardest``: force at which the push is stopped [N]. ``report``: (3,) out: force,
+    jam and done, see :class:`Pushed`.
     """
     first_u, first_v = state[0, 0], state[0, 1]
     count, parts = len(state), len(bench.hand.size)

@@ -110,10 +110,10 @@ def cost_of(bench, corners, states, slips, so_far, limit):
     force is large, or a wall or the board's edge is near. The trials of the largest cost for
     earlier paths come first: they end a bad path soon.
 
-    ``bench``: objects, walls and hand. ``corners``: (k, 2) of the path. ``states``: (N, B, 3) poses
-    of the objects in each trial. ``slips``: (N,) coefficients of friction between objects, and with
-    the tool. ``so_far``: (N,) summed cost of each trial for earlier paths; changed in place.
-    ``limit``: largest mean cost of interest.
+    ``corners``: (k, 2) of the path. ``states``: (N, B, 3) poses of the objects in each trial.
+    ``slips``: (N,) coefficients of friction between objects, and with the tool. ``so_far``: (N,)
+    summed cost of each trial for earlier paths; changed in place. ``limit``: largest mean cost of
+    interest.
     """
     path = stepped(corners)
     always = 0.001 * len(path) + wall_cost(room_of(bench, path))

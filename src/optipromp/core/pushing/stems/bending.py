@@ -271,8 +271,8 @@ def _carried(
 ) -> tuple[FloatArray, FloatArray]:
     """The load of each stem: its fruit, and the stems that grow from it.
 
-    ``t``: the tree. ``weight``: (N,) of the fruits [N]. ``up``: (3,) opposite to gravity.
-    ``count``: number of elements of a stem.
+    ``weight``: (N,) of the fruits [N]. ``up``: (3,) opposite to gravity. ``count``: number of
+    elements of a stem.
 
     Returns: Weight (N, count) that hangs beyond each element [N], and the integral (N,) of the
     bending moment along each stem [N m²].
@@ -306,8 +306,8 @@ def bent_by_weight(t: StemTree, stiffness: FloatArray, tension: FloatArray) -> B
     slope of its parent, of stiffness sᵀBs - (Bs)ᵀA⁻¹Bs with the places s of the grid's points, the
     whole stiffness A and the stiffness B of the tension.
 
-    ``t``: the tree. ``stiffness``: (N, n, n) of the grid's points of each single stem [N/m].
-    ``tension``: (N, n, n) part of the stiffness that is due to the tension [N/m].
+    ``stiffness``: (N, n, n) of the grid's points of each single stem [N/m]. ``tension``: (N, n, n)
+    part of the stiffness that is due to the tension [N/m].
     """
     count, n = len(t.parent), stiffness.shape[1]
     influence, turned = np.zeros((count, n, n)), np.zeros((count, n + 1))

@@ -43,10 +43,10 @@ NOTHING = swinging.Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
 class PathsPast(Candidates):
     """Paths that pass each of N neighbours on a side: x has N angles, then N clearances.
 
-    ``scene``: with a target. ``neighbours``: pushables in the way, first met first. ``cup``: led
-    along the paths. ``obstacles``: static objects, and objects to avoid. ``camera``: (3,) where a
-    path begins [m]. ``gripper_radius``: R_gripper [m]. ``states``: number of states on which the
-    best candidates are tried.
+    ``neighbours``: pushables in the way, first met first. ``cup``: led along the paths.
+    ``obstacles``: static objects, and objects to avoid. ``camera``: (3,) where a path begins [m].
+    ``gripper_radius``: R_gripper [m]. ``states``: number of states on which the best candidates are
+    tried.
     """
 
     indifferent = HANGING.stem_side

@@ -528,12 +528,12 @@ def summed_score(
 ):
     """Sum of the scores of a path over sampled states of the same fruits.
 
-    ``s``: the stems, one state after the other. ``count``: number of fruits in a state. ``states``:
-    the first state of the sum, and the last plus one. ``points``: see :func:`push`, as for the
-    arguments up to ``solid``. ``hopeless``: largest score of a single state. ``worst``: largest sum
-    of interest; a larger sum may be returned as any number above it. ``seen``: whether the first
-    state is the perceived one; a hopeless perceived state ends the sum. ``leaves``: first step of
-    the way out, in which a pull counts (:func:`pulled`). ``total``: the sum over the states before.
+    ``s``: the stems, one state after the other. ``states``: the first state of the sum, and the
+    last plus one. ``points``: see :func:`push`, as for the arguments up to ``solid``. ``hopeless``:
+    largest score of a single state. ``worst``: largest sum of interest; a larger sum may be
+    returned as any number above it. ``seen``: whether the first state is the perceived one; a
+    hopeless perceived state ends the sum. ``leaves``: first step of the way out, in which a pull
+    counts (:func:`pulled`). ``total``: the sum over the states before.
     """
     steps = len(points)
     positions, forces = np.zeros((steps, count, 3)), np.zeros((steps, count))
