@@ -1,8 +1,8 @@
 """An FR3 in MuJoCo behind the arm's own network protocol (franky-sim), with the arm's reflexes.
 
-``python server.py HOST`` serves until it is ended; :func:`serving` does so in a process. franky-sim
-knows no errors; this server compares each millisecond with the published conditions, and aborts the
-motion as an arm would, by name:
+``python server.py HOST PACE`` serves until it is ended; :func:`serving` does so in a process.
+franky-sim knows no errors; this server compares each millisecond with the published conditions, and
+aborts the motion as an arm would, by name:
 
 - ``controller_torque_discontinuity``: a commanded torque changes by more than 1000 N m/s;
 - ``tau_J_range_violation``: a commanded torque is beyond 87 N m (joints 1 to 4) or 12 N m;
@@ -12,10 +12,13 @@ motion as an arm would, by name:
 - ``cartesian_reflex``: the arm touches something else, here the floor.
 
 Time of the arm stands still while an answer to its state is outstanding, for 50 ms at most: a busy
-machine loses no packet. The arm's own controller, which holds it between motions, is softer than
-franky-sim's: at 200 N m s/rad the wrist chatters at 0.05 to 0.08 rad/s for ever after a motion.
+machine loses no packet. At rest and under torque control it also runs slower than the world's, by
+PACE: a busy machine lets a thread of the client wait. The arm's own controller, which holds it
+between motions, is softer than franky-sim's: at 200 N m s/rad the wrist chatters at 0.05 to 0.08
+rad/s for ever after a motion.
 """
 
+import os
 import select
 import subprocess
 import sys
@@ -60,6 +63,7 @@ NUMBERS = {  # of libfranka's errors
 }
 COUNT = 41
 LONGEST_WAIT = 0.05  # [s]
+PACE = float(os.environ.get("FRANKA_PACE", "2"))  # of the tests, as a choice
 
 
 class Recovery(AutomaticErrorRecoveryCommand):
@@ -87,6 +91,11 @@ class Arm(FrankaRobotServer):
             raise ValueError(f"recover from {self.reflex} first")
         super().start_motion(*of)
         self.torque = np.zeros(7)
+
+    @property
+    def led(self):
+        """Whether a client commands torques."""
+        return self._FrankaRobotServer__control_mode.value == "torque"
 
     def _process_udp_commands(self):
         if self.current_motion_id and self.udp_connected:
@@ -118,7 +127,7 @@ class Arm(FrankaRobotServer):
         if (velocity < -fall[0]).any() or (velocity > fall[1]).any():
             return "joint_velocity_violation"
         command = self._FrankaRobotServer__current_control_command
-        if self._FrankaRobotServer__control_mode.value == "torque":
+        if self.led:
             torque = np.array(command.tau_J_d)
             step, self.torque = torque - self.torque, torque
             if (np.abs(step) > TORQUE_STEP).any():
@@ -146,7 +155,7 @@ class Arm(FrankaRobotServer):
 @contextmanager
 def serving(host):
     """A server in a process of its own; yields the list of reflexes, which grows."""
-    command = [sys.executable, __file__, host]
+    command = [sys.executable, __file__, host, str(PACE)]
     reflexes = []
 
     def read():
@@ -163,7 +172,7 @@ def serving(host):
             process.kill()
 
 
-def serve(host):
+def serve(host, pace):
     simulator = MujocoSimulator()
     simulator.add_robot(initial_q=STANDS, **HOLD)
     simulator.init()
@@ -177,8 +186,9 @@ def serve(host):
         simulator.step()
         arm.check()
         arm.send_state()
-        time.sleep(max(0.0, 0.001 - (time.perf_counter() - began)))
+        least = 0.001 * pace if arm.led or not arm.current_motion_id else 0.0
+        time.sleep(max(0.0, least - (time.perf_counter() - began)))
 
 
 if __name__ == "__main__":
-    serve(sys.argv[1])
+    serve(sys.argv[1], float(sys.argv[2]))
