@@ -1,6 +1,7 @@
 """An FR3 in MuJoCo behind the arm's own network protocol (franky-sim), with the arm's reflexes.
 
-``python server.py HOST PACE`` serves until it is ended; :func:`serving` does so in a process.
+``python server.py HOST PACE Q1 ... Q7`` serves an arm that stands at Q [rad] until it is ended;
+:func:`serving` does so in a process.
 franky-sim knows no errors; this server compares each millisecond with the published conditions, and
 aborts the motion as an arm would, by name:
 
@@ -153,9 +154,9 @@ class Arm(FrankaRobotServer):
 
 
 @contextmanager
-def serving(host):
+def serving(host, stands=STANDS):
     """A server in a process of its own; yields the list of reflexes, which grows."""
-    command = [sys.executable, __file__, host, str(PACE)]
+    command = [sys.executable, __file__, host, *(str(value) for value in (PACE, *stands))]
     reflexes = []
 
     def read():
@@ -172,9 +173,9 @@ def serving(host):
             process.kill()
 
 
-def serve(host, pace):
+def serve(host, pace, stands):
     simulator = MujocoSimulator()
-    simulator.add_robot(initial_q=STANDS, **HOLD)
+    simulator.add_robot(initial_q=stands, **HOLD)
     simulator.init()
     arm = Arm(simulator, host)
     arm.init()
@@ -191,4 +192,4 @@ def serve(host, pace):
 
 
 if __name__ == "__main__":
-    serve(sys.argv[1], float(sys.argv[2]))
+    serve(sys.argv[1], float(sys.argv[2]), [float(value) for value in sys.argv[3:]])

@@ -106,6 +106,23 @@ def test_nobody_listens_at_another_address() -> None:
         Franky("127.0.48.99", realtime_config=franky.RealtimeConfig.Ignore)
 
 
+@pytest.mark.parametrize("name", ["scenario-3", "cluster"])
+def test_a_plan_is_followed_without_a_reflex(name: str) -> None:
+    from scripts.franka_plans import streamed
+
+    from optipromp import load_scene, plan
+    from optipromp.laboratory.generate import generate
+
+    scene = generate("cluster", 30000) if name == "cluster" else load_scene(name)
+    row = streamed(plan(scene), "127.0.48.11")
+    assert row["foreseen"] == []
+    assert row["reflexes"] == []
+    assert row["finished"], row["message"]
+    assert row["joint_error"] < 0.01
+    assert row["tool_error"] < 0.006
+    assert row["end_error"] < 0.003
+
+
 def test_a_reflex_is_told_by_name_and_recovered_from(reflexes: list[str]) -> None:
     """The built-in Panda's joint 1 goes to 2.897 rad, an FR3's to 2.744 rad."""
     with connected() as arm:
