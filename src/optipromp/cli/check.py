@@ -1,5 +1,6 @@
 """``optipromp check``: is this file right? ``optipromp validate``: is this trajectory?"""
 
+import math
 import warnings
 from collections import Counter
 from dataclasses import is_dataclass, replace
@@ -404,7 +405,10 @@ def describe(found: "Verdict", curve: "Trajectory", scene: "Scene", risk: float)
 
 def _foreseen(aborts: "Foreseen") -> Shown:
     yield from (f"{each} ({each.kind})" for each in aborts.violations)
-    used = ", ".join(f"{what} {share:.0%}" for what, share in aborts.shares.items())
+    used = ", ".join(
+        f"{what} {share:.0%}" if math.isfinite(share) else f"{what} where none is allowed"
+        for what, share in aborts.shares.items()
+    )
     yield f"limits of an FR3 in use: {used}; power at most {aborts.power:.3g} W"
 
 

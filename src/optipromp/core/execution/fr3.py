@@ -57,7 +57,8 @@ class Foreseen(NamedTuple):
     """What an FR3 would make of a motion.
 
     ``violations``: reasons to abort it, each of libfranka's name, the largest of each joint.
-    ``shares``: largest share of the limits of velocity, acceleration, jerk, torque, torque rate.
+    ``shares``: largest share of the limits of velocity, acceleration, jerk, torque, torque rate;
+    infinite where a joint moves and none is allowed.
     ``power``: largest mechanical power of the joints together [W].
     """
 
@@ -122,15 +123,15 @@ def foreseen(robot: Robot, curve: Trajectory, up: FloatArray) -> Foreseen:
         share = np.divide(sizes, limits, out=np.where(sizes > 0.0, np.inf, 0.0), where=limits > 0.0)
         shares[what] = float(share.max())
         for joint in np.flatnonzero(share.max(axis=0) > 1.0 + TIE):
-            row, name = int(np.argmax(share[:, joint])), robot.joint_names[joint]
+            over, name = (sizes - limits)[:, joint], robot.joint_names[joint]
+            row = int(np.argmax(over))
             most = np.broadcast_to(limits, sizes.shape)[row, joint]
             there = f" at {q[row, joint]:.4f} rad" if what == "velocity" else ""
             told = (
                 f"the {what} of {name} is {sizes[row, joint]:.4g} {unit} at {times[row]:.3f} s; "
                 f"an FR3 allows {most:.4g} {unit}{there}"
             )
-            amount = float(sizes[row, joint] - most)
-            broken.append(Violation(kind, told, name, float(times[row]), amount, unit))
+            broken.append(Violation(kind, told, name, float(times[row]), float(over[row]), unit))
     return Foreseen(tuple(broken), shares, float((needed * velocity).sum(axis=1).max()))
 
 
