@@ -2,16 +2,20 @@
 
     python -m scripts.franka_plans ROWS.jsonl
 
-Plans the paper's scenarios (each row of ``optipromp scenarios``) and 20 generated clusters, says
-what an FR3 would abort, streams each plan at its own speed from the arm at rest at its begin, and
-prints the reflexes and the tracking error. Rows that the file has are not run again. It needs
-franky-control and franky-sim. The arm of scenarios 1 and 2 is no Franka.
+Plans the paper's scenarios (each row of ``optipromp scenarios``) and 20 generated clusters, and
+says what an FR3 would abort; such a scene is planned again with an FR3's limits. Streams each plan
+at its own speed from the arm at rest at its begin, and prints the reflexes and the tracking error.
+Rows that the file has are not run again. It needs franky-control and franky-sim. The arm of
+scenarios 1 and 2 is no Franka.
 """
 
 import json
+import os
+import re
 import sys
+import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,15 +24,21 @@ import franky
 import numpy as np
 from tests.franka.server import serving
 
+import optipromp
 from optipromp import Plan, PlanOptions, load_scene, plan
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.execution import Franky
 from optipromp.core.execution.fr3 import foreseen
+from optipromp.core.scenes import Scene
 from optipromp.laboratory.experiments.scenarios import CASES
 from optipromp.laboratory.generate import generate
 
 HOST = "127.0.48.20"
 SEEDS = range(30000, 30020)
+SUGGESTED = (  # [rad], [rad/s] rectangular limits inside of which no velocity depends on a position
+    (-2.3093, 2.3093, 2.0), (-1.5133, 1.5133, 1.0), (-2.4937, 2.4937, 1.5),
+    (-2.7478, -0.4461, 1.25), (-2.4800, 2.4800, 3.0), (0.8521, 4.2094, 1.5), (-2.6895, 2.6895, 3.0),
+)  # fmt: skip
 
 
 def streamed(made: Plan, host: str) -> dict[str, Any]:
@@ -62,24 +72,54 @@ def streamed(made: Plan, host: str) -> dict[str, Any]:
         }
 
 
-def cases() -> Iterator[tuple[str, Callable[[], Plan]]]:
-    """Names of the rows, and how each is planned."""
+def narrow(folder: Path) -> str:
+    """A robot file: the built-in Panda with the limits that are suggested for an FR3."""
+    data = Path(optipromp.__file__).parent / "core/robots/data"
+    urdf = (data / "panda.urdf").read_text()
+    for joint, (lower, upper, velocity) in enumerate(SUGGESTED, start=1):
+        begin, end = urdf.split(f'<joint name="joint{joint}"')
+        limit = f'<limit lower="{lower}" upper="{upper}" velocity="{velocity}"'
+        end = re.sub(r'<limit lower="\S+" upper="\S+" velocity="\S+"', limit, end, count=1)
+        urdf = f'{begin}<joint name="joint{joint}"{end}'
+    (folder / "panda.urdf").write_text(urdf)
+    text = (data / "panda.yaml").read_text()
+    for what, most in (("acceleration", 10), ("jerk", 5000)):
+        text = re.sub(rf"^{what}: .*$", f"{what}: {[most] * 7}", text, flags=re.MULTILINE)
+    (folder / "panda.yaml").write_text(text)
+    return str(folder / "panda.yaml")
+
+
+def cases() -> Iterator[tuple[str, Scene, dict[str, Any]]]:
+    """Names of the rows, scenes, and how each is planned."""
     for case in CASES:
         scene = load_scene(case.scene)
         if case.start is not None:
             scene = replace(scene, start=np.array(case.start))
         if scene.robot == "panda":
             options = PlanOptions(**case.options)
-            yield (
-                case.key,
-                lambda case=case, scene=scene, options=options: plan(
-                    scene, planner=case.planner, strategy=case.strategy, options=options
-                ),
-            )
+            settings = {"planner": case.planner, "strategy": case.strategy, "options": options}
+            yield case.key, scene, settings
         else:
             print(f"{case.key}: not streamed, its arm is {scene.robot}")
     for seed in SEEDS:
-        yield f"cluster {seed}", lambda seed=seed: plan(generate("cluster", seed))
+        yield f"cluster {seed}", generate("cluster", seed), {}
+
+
+def streamed_row(name: str, scene: Scene, settings: dict[str, Any]) -> dict[str, Any]:
+    """The row of a case; where an FR3 would abort the Panda's plan, of one with narrower limits."""
+    made = plan(scene, **settings)
+    aborts = foreseen(made.robot, made.trajectory, scene.up).violations
+    row: dict[str, Any] = {"name": name, "panda": [str(each) for each in aborts]}
+    if not aborts:
+        return row | streamed(made, HOST)
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["OPTIPROMP_FOLDERS"] = folder
+        try:
+            made = plan(replace(scene, robot=narrow(Path(folder))), **settings)
+        except OptiPrompError as error:
+            return row | {"status": str(error.code), "duration": 0.0, "foreseen": [],
+                          "reflexes": [], "message": error.message}  # fmt: skip
+        return row | streamed(made, HOST)
 
 
 def main(path: Path) -> None:
@@ -88,10 +128,10 @@ def main(path: Path) -> None:
     if path.exists():
         known = {row["name"]: row for row in map(json.loads, path.read_text().splitlines())}
     print("plan | status | s | foreseen | reflexes | joint mrad | tool mm, at the end | v a j | W")
-    for name, planned in cases():
+    for name, scene, settings in cases():
         if name not in known:
             began = time.perf_counter()
-            row = {"name": name, **streamed(planned(), HOST)}
+            row = streamed_row(name, scene, settings)
             row["took"] = time.perf_counter() - began
             with path.open("a") as file:
                 file.write(json.dumps(row) + "\n")
