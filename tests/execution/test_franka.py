@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optipromp.core.errors import ExecutionError
+from optipromp.core.errors import ExecutionError, InvalidRequestError
 from optipromp.core.execution import Executor, Franky, Guard, PandaPy
 from optipromp.core.execution.contract import ExecutorContract
 from optipromp.core.robots.library import load_robot
@@ -28,12 +28,14 @@ class IdealArm:
 
     def __init__(self) -> None:
         self.q, self.dq, self.calls = np.array(HOME), np.zeros(7), list[str]()
+        self.ordinary = False  # the kernel of its computer
 
     def ask(self, q: Any, dq: Any = None) -> None:
         self.q, self.dq = np.array(q), np.zeros(7) if dq is None else np.array(dq)
 
     def read(self) -> Any:
-        return SimpleNamespace(q=self.q.tolist(), dq=self.dq.tolist(), ddq_d=[0.0] * 7)
+        clock = SimpleNamespace(to_sec=time.perf_counter)
+        return SimpleNamespace(q=self.q.tolist(), dq=self.dq.tolist(), ddq_d=[0.0] * 7, time=clock)
 
 
 class Context:
@@ -87,8 +89,12 @@ def franky(arm: IdealArm) -> dict[str, ModuleType]:
     """The module ``franky``."""
 
     class Robot:
-        def __init__(self, fci_hostname: str) -> None:
+        def __init__(self, fci_hostname: str, realtime_config: Any = "Enforce") -> None:
             arm.calls.append(fci_hostname)
+            if realtime_config == "Enforce" and arm.ordinary:
+                raise RealtimeException("the kernel has no real-time capabilities")
+            if fci_hostname == "silent.local":
+                time.sleep(60.0)
 
         @property
         def state(self) -> Any:
@@ -165,10 +171,40 @@ class TestPandaPy(Adapter):
             return PandaPy("arm.local", guard=BUSY)
 
 
+class RealtimeException(Exception):  # noqa: N818
+    """As franky's."""
+
+
 class TestFranky(Adapter):
     def make(self, arm: IdealArm) -> Executor:
         with standing_in(franky(arm)):
             return Franky("arm.local", guard=BUSY)
+
+    def test_an_ordinary_kernel_connects_where_it_is_told_to(self) -> None:
+        arm = IdealArm()
+        arm.ordinary = True
+        with pytest.raises(InvalidRequestError, match=r"RealtimeConfig\.Ignore connects"):
+            self.make(arm)
+        with standing_in(franky(arm)):
+            assert Franky("arm.local", realtime_config="Ignore").state().q.shape == (7,)
+
+    def test_after_it_is_closed_nothing_can_be_asked(self) -> None:
+        with standing_in(franky(IdealArm())), Franky("arm.local") as arm:
+            curve = self.curve(arm)
+        with pytest.raises(ExecutionError, match="the connection to the arm is closed"):
+            arm.state()
+        with pytest.raises(ExecutionError, match=r"closed.*the arm has not moved"):
+            arm.execute(curve)
+
+    def test_an_arm_that_does_not_answer_is_not_waited_for(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr("optipromp.core.execution.franka.CONNECT", 0.1)
+        with (
+            standing_in(franky(IdealArm())),
+            pytest.raises(ExecutionError, match="is another connection to it open"),
+        ):
+            Franky("silent.local")
 
 
 del Adapter  # only its subclasses are tests
@@ -190,5 +226,8 @@ def test_the_names_are_those_of_franky() -> None:
     assert hasattr(module.Robot, "state")
     for name in ("tick", "set_target", "__enter__", "__exit__"):
         assert hasattr(module.JointImpedanceTracker, name)
-    for name in ("q", "dq", "ddq_d"):
+    for name in ("q", "dq", "ddq_d", "time"):
         assert hasattr(module.RobotState, name)
+    assert hasattr(module.Duration, "to_sec")
+    assert "realtime_config" in module.Robot.__init__.__doc__
+    assert module.RealtimeException.__name__ == RealtimeException.__name__

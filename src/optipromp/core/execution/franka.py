@@ -4,23 +4,30 @@ Both stream joint references to an impedance controller at up to 1 kHz. Making a
 the package.
 """
 
+import queue
+import threading
 import time
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
-from optipromp.core.errors import InvalidRequestError
-from optipromp.core.execution.executor import Follower, Guard
+from optipromp.core.errors import ExecutionError, InvalidRequestError
+from optipromp.core.execution.executor import Follower, Guard, in_words
 from optipromp.core.robots.library import load_robot
 from optipromp.core.robots.model import Robot
 from optipromp.core.trajectory import State
 
 STIFFNESS = (600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0)  # [N m/rad] default of panda-python
 DAMPING = (50.0, 50.0, 50.0, 20.0, 20.0, 20.0, 10.0)  # [N m s/rad] default of panda-python
+# [N m/rad], [N m s/rad] with a stiffer wrist: dry friction of 0.76, 0.44 and 0.25 N m in
+# joints 5 to 7 (the FR3 of franky-sim) leaves at most 2 mrad at rest
+FRANKY_STIFFNESS = (600.0, 600.0, 600.0, 600.0, 400.0, 250.0, 150.0)
+FRANKY_DAMPING = (50.0, 50.0, 50.0, 30.0, 25.0, 25.0, 17.0)
 FRANKY_RATE = 500.0  # [Hz] of franky's references, chosen
+CONNECT = 10.0  # [s] longest wait for an arm to answer, chosen
 
 
 def _module(name: str, package: str) -> Any:
@@ -117,25 +124,91 @@ class PandaPy(_Franka):
 class Franky(_Franka):
     """By ``franky-control`` (extra ``franky``): ``JointImpedanceTracker``.
 
-    It takes the arguments of :class:`PandaPy`.
+    An arm serves one connection: :meth:`close` it, or use ``with``, before the next. Ticks have
+    the arm's own time.
+
+    Args:
+        host: of the arm.
+        robot: joints and limits; None: the built-in Panda.
+        guard: limits for refusing and stopping.
+        stiffness: (7,) [N m/rad].
+        damping: (7,) [N m s/rad].
+        realtime_config: ``franky.RealtimeConfig``; None: ``Enforce``. A kernel without PREEMPT_RT
+            needs ``Ignore``.
 
     Raises:
-        InvalidRequestError: franky is not installed.
+        InvalidRequestError: franky is not installed, or the kernel is no real-time one.
+        ExecutionError: the arm cannot be connected to, or does not answer within 10 s.
     """
 
+    def __init__(
+        self,
+        host: str,
+        robot: Robot | None = None,
+        guard: Guard | None = None,
+        *,
+        stiffness: Sequence[float] = FRANKY_STIFFNESS,
+        damping: Sequence[float] = FRANKY_DAMPING,
+        realtime_config: Any = None,
+    ) -> None:
+        self._options = {} if realtime_config is None else {"realtime_config": realtime_config}
+        super().__init__(host, robot, guard, stiffness=stiffness, damping=damping)
+
     def _connect(self, host: str) -> None:
-        self._franky = _module("franky", "franky-control")
-        self.arm = self._franky.Robot(host)
+        self._franky = franky = _module("franky", "franky-control")
+        answer = queue.SimpleQueue[Any]()
+
+        def connect() -> None:
+            try:
+                answer.put(franky.Robot(host, **self._options))
+            except Exception as error:
+                answer.put(error)
+
+        threading.Thread(target=connect, daemon=True).start()
+        try:
+            found = answer.get(timeout=CONNECT)
+        except queue.Empty:
+            told = f"{host} does not answer within {CONNECT:g} s"
+            raise ExecutionError(f"{told}; is another connection to it open?") from None
+        if isinstance(found, Exception):
+            told = in_words(f"{host} cannot be connected to", found)
+            if type(found).__name__ == "RealtimeException":
+                hint = "realtime_config=franky.RealtimeConfig.Ignore connects all the same"
+                raise InvalidRequestError(f"{told}; {hint}") from found
+            raise ExecutionError(told) from found
+        self.arm: Any = found
         self._tracker: Any = None
 
+    def close(self) -> None:
+        """Abort a motion, and end the connection once it is at rest; then nothing can be asked."""
+        self.abort()
+        with self._busy:
+            self.arm = self._tracker = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def _read(self) -> Any:
+        if self.arm is None:
+            raise ExecutionError("the connection to the arm is closed")
         return self.arm.state
 
     @contextmanager
     def stream(self) -> Iterator[Iterator[float]]:
         made = self._franky.JointImpedanceTracker(self.arm, period=1.0 / FRANKY_RATE, **self._gains)
         with made as self._tracker:
-            yield _since(lambda: self._tracker.tick() is not None)
+            yield self._ticks()
+
+    def _ticks(self) -> Iterator[float]:
+        """Times of the arm since the first tick [s], until control is lost."""
+        began = None
+        while self._tracker.tick() is not None:
+            now = self.arm.state.time.to_sec()
+            began = now if began is None else began
+            yield now - began
 
     def command(self, reference: State) -> None:
         self._tracker.set_target(reference.q, reference.velocity)

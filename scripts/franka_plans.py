@@ -1,0 +1,159 @@
+"""Streams plans to a simulated FR3 with reflexes (``tests/franka/server.py``), by franky.
+
+    python -m scripts.franka_plans ROWS.jsonl
+
+Plans the paper's scenarios (each row of ``optipromp scenarios``) and 20 generated clusters, and
+says what an FR3 would abort; such a scene is planned again with an FR3's limits. Streams each plan
+at its own speed from the arm at rest at its begin, and prints the reflexes and the tracking error.
+Rows that the file has are not run again. It needs franky-control and franky-sim. The arm of
+scenarios 1 and 2 is no Franka.
+"""
+
+import json
+import os
+import re
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import franky
+import numpy as np
+from tests.franka.server import serving
+
+import optipromp
+from optipromp import Plan, PlanOptions, load_scene, plan
+from optipromp.core.errors import OptiPrompError
+from optipromp.core.execution import Franky
+from optipromp.core.execution.fr3 import foreseen
+from optipromp.core.scenes import Scene
+from optipromp.laboratory.experiments.scenarios import CASES
+from optipromp.laboratory.generate import generate
+
+HOST = "127.0.48.20"
+SEEDS = range(30000, 30020)
+SUGGESTED = (  # [rad], [rad/s] rectangular limits inside of which no velocity depends on a position
+    (-2.3093, 2.3093, 2.0), (-1.5133, 1.5133, 1.0), (-2.4937, 2.4937, 1.5),
+    (-2.7478, -0.4461, 1.25), (-2.4800, 2.4800, 3.0), (0.8521, 4.2094, 1.5), (-2.6895, 2.6895, 3.0),
+)  # fmt: skip
+
+
+def streamed(made: Plan, host: str) -> dict[str, Any]:
+    """Stream a plan to an arm that stands at its begin; the reflexes and the errors.
+
+    The errors are of the records (100 Hz): of the joints [rad], of the tool point [m] on the way
+    and at the end.
+    """
+    curve, robot = made.trajectory, made.robot
+    row: dict[str, Any] = {"status": str(made.status), "duration": curve.duration}
+    aborts = foreseen(robot, curve, made.scene.up)
+    row |= {"foreseen": [each.kind for each in aborts.violations], "power": aborts.power}
+    row["shares"] = aborts.shares
+    with (
+        serving(host, curve.positions[0]) as reflexes,
+        Franky(host, robot, realtime_config=franky.RealtimeConfig.Ignore) as arm,
+    ):
+        try:
+            done = arm.execute(curve)
+        except OptiPrompError as error:
+            return row | {"reflexes": list(reflexes), "message": error.message}
+        points = [robot.tool_pose(q)[0] for q in (done.positions, done.reference)]
+        last = [robot.tool_pose(q)[0] for q in (arm.state().q, curve.positions[-1])]
+        return row | {
+            "reflexes": list(reflexes),
+            "finished": done.finished,
+            "message": done.reason,
+            "joint_error": done.largest_error,
+            "tool_error": float(np.linalg.norm(points[0] - points[1], axis=1).max()),
+            "end_error": float(np.linalg.norm(last[0] - last[1])),
+        }
+
+
+def narrow(folder: Path) -> str:
+    """A robot file: the built-in Panda with the limits that are suggested for an FR3."""
+    data = Path(optipromp.__file__).parent / "core/robots/data"
+    urdf = (data / "panda.urdf").read_text()
+    for joint, (lower, upper, velocity) in enumerate(SUGGESTED, start=1):
+        begin, end = urdf.split(f'<joint name="joint{joint}"')
+        limit = f'<limit lower="{lower}" upper="{upper}" velocity="{velocity}"'
+        end = re.sub(r'<limit lower="\S+" upper="\S+" velocity="\S+"', limit, end, count=1)
+        urdf = f'{begin}<joint name="joint{joint}"{end}'
+    (folder / "panda.urdf").write_text(urdf)
+    text = (data / "panda.yaml").read_text()
+    for what, most in (("acceleration", 10), ("jerk", 5000)):
+        text = re.sub(rf"^{what}: .*$", f"{what}: {[most] * 7}", text, flags=re.MULTILINE)
+    (folder / "panda.yaml").write_text(text)
+    return str(folder / "panda.yaml")
+
+
+def cases() -> Iterator[tuple[str, Scene, dict[str, Any]]]:
+    """Names of the rows, scenes, and how each is planned."""
+    for case in CASES:
+        scene = load_scene(case.scene)
+        if case.start is not None:
+            scene = replace(scene, start=np.array(case.start))
+        if scene.robot == "panda":
+            options = PlanOptions(**case.options)
+            settings = {"planner": case.planner, "strategy": case.strategy, "options": options}
+            yield case.key, scene, settings
+        else:
+            print(f"{case.key}: not streamed, its arm is {scene.robot}")
+    for seed in SEEDS:
+        yield f"cluster {seed}", generate("cluster", seed), {}
+
+
+def streamed_row(name: str, scene: Scene, settings: dict[str, Any]) -> dict[str, Any]:
+    """The row of a case; where an FR3 would abort the Panda's plan, of one with narrower limits."""
+    made = plan(scene, **settings)
+    aborts = foreseen(made.robot, made.trajectory, scene.up).violations
+    row: dict[str, Any] = {"name": name, "panda": [str(each) for each in aborts]}
+    if not aborts:
+        return row | streamed(made, HOST)
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["OPTIPROMP_FOLDERS"] = folder
+        try:
+            made = plan(replace(scene, robot=narrow(Path(folder))), **settings)
+        except OptiPrompError as error:
+            return row | {"status": str(error.code), "duration": 0.0, "foreseen": [],
+                          "reflexes": [], "message": error.message}  # fmt: skip
+        return row | streamed(made, HOST)
+
+
+def main(path: Path) -> None:
+    """Run the rows that the file lacks, and print all."""
+    known = {}
+    if path.exists():
+        known = {row["name"]: row for row in map(json.loads, path.read_text().splitlines())}
+    print("plan | status | s | foreseen | reflexes | joint mrad | tool mm, at the end | v a j | W")
+    for name, scene, settings in cases():
+        if name not in known:
+            began = time.perf_counter()
+            row = streamed_row(name, scene, settings)
+            row["took"] = time.perf_counter() - began
+            with path.open("a") as file:
+                file.write(json.dumps(row) + "\n")
+            known[name] = row
+        print(line(known[name]), flush=True)
+    aborted = sum(bool(row["reflexes"]) for row in known.values())
+    print(f"{len(known)} plans, {aborted} aborted by a reflex")
+
+
+def line(row: dict[str, Any]) -> str:
+    """A row of the table."""
+    told = [", ".join(sorted(set(row[which]))) or "none" for which in ("foreseen", "reflexes")]
+    head = f"{row['name']} | {row['status']} | {row['duration']:.2f} | {told[0]} | {told[1]} | "
+    if "tool_error" not in row:
+        return head + row["message"]
+    shares = " ".join(f"{row['shares'][what]:.2f}" for what in ("velocity", "acceleration", "jerk"))
+    return head + (
+        f"{1e3 * row['joint_error']:.1f} | {1e3 * row['tool_error']:.1f}, "
+        f"{1e3 * row['end_error']:.1f} | {shares} | {row['power']:.0f}"
+        f"{'' if row['finished'] else ' | ' + row['message']}"
+    )
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
