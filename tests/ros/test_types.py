@@ -103,6 +103,7 @@ def test_a_bag_that_a_python_node_wrote_is_read(tmp_path: Path) -> None:
 def test_a_message_of_another_library_is_copied() -> None:
     """Its fields are those of its type; a byte is bytes of one, as in rclpy."""
     part = SimpleNamespace(**vars(message("moveit_msgs/msg/CollisionObject", id="box")))
+    del part.__msgtype__
     part.operation = b"\x01"
     part.header = SimpleNamespace(stamp=SimpleNamespace(sec=3, nanosec=4), frame_id="world")
     link = SimpleNamespace(x=0.25, y=0.0, z=0.0)
