@@ -70,7 +70,8 @@ class Node:
         self.timer = period, callback
 
     def get_clock(self) -> Any:
-        return SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=self.now))
+        now = SimpleNamespace(nanoseconds=self.now)
+        return SimpleNamespace(now=lambda: now, ros_time_is_active=True)
 
     def get_logger(self) -> Any:
         return SimpleNamespace(warning=lambda text, **_: self.warnings.append(text))

@@ -5,6 +5,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from multiprocessing import get_context
+from time import monotonic_ns
 from typing import TYPE_CHECKING, Any
 
 import optipromp
@@ -209,7 +210,9 @@ def _pick(loop: "PickLoop", seen: dict[str, str], moved: str) -> None:
     from optipromp.ros.trajectories import JOINT_TRAJECTORY
 
     def tick() -> None:
-        made = loop.tick(node.get_clock().now().nanoseconds)
+        clock = node.get_clock()
+        steady = None if clock.ros_time_is_active else monotonic_ns()  # a simulation's may be slow
+        made = loop.tick(clock.now().nanoseconds, steady)
         if made is not None:
             curve(made)
         status(loop.status())
