@@ -1,4 +1,4 @@
-"""Build the message packages of ROS 2 that have no wheel into this environment: ``python build_messages.py``
+"""Build the message packages of ROS 2 that have no wheel, into the environment that runs this.
 
 The generators of the wheels make them (cmake and a C++ compiler are needed). The definitions are
 those that the project reads messages by; an action and a service are written here.

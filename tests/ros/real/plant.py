@@ -3,7 +3,8 @@
 The simulation is behind them: the arm follows what comes on ``/arm/joint_trajectory`` and says on
 ``/joint_states`` where it is; the camera sends detections on ``/camera/fruits``, and where it is on
 ``/tf_static``. Of every two looks the later is sent first, and every tenth joint state comes after
-the next. At SIGTERM it prints the outcome. Where the machine is slow the fruits swing slowly; the arm keeps the time of the clock.
+the next. At SIGTERM it prints the outcome. Where the machine is slow the fruits swing slowly; the
+arm keeps the time of the clock.
 """
 
 import sys
