@@ -225,7 +225,7 @@ def _pick(loop: "PickLoop", seen: dict[str, str], moved: str) -> None:
     status = _publisher(node, "~/status", "diagnostic_msgs/msg/DiagnosticStatus")
     kept = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # as tf2 sends it
     _listen(node, "/tf_static", "tf2_msgs/msg/TFMessage", loop.heard, kept)
-    _listen(node, "joint_states", "sensor_msgs/msg/JointState", loop.heard)
+    _listen(node, "joint_states", "sensor_msgs/msg/JointState", loop.heard, 1)  # the newest
     for topic, name in seen.items():
         qos = qos_profile_sensor_data if name in PICTURES else 10
         _listen(node, topic, name, loop.heard, qos)

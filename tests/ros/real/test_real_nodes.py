@@ -45,7 +45,8 @@ NAMES = [f"fr3_joint{k}" for k in range(1, 8)]
 ROOT = Path(__file__).parents[3]
 DURABLE = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LONGEST = 150.0  # [s] of a wait, on a machine that is busy and compiles
-MESSAGES = ["--role", "ripe=target:stem", "--role", "unripe=pushable:stem"]
+CAMERA = ["--role", "ripe=target:stem", "--role", "unripe=pushable:stem"]
+CAMERA += ["--detections", "/camera/fruits", "--ros-args", "-p", "use_sim_time:=true"]
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -69,7 +70,7 @@ def node() -> Iterator[Any]:
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
     """Starts processes, and ends them with the test."""
-    running = list[subprocess.Popen[str]]()
+    running = list[tuple[subprocess.Popen[str], Any]]()
 
     def begin(*call: str) -> subprocess.Popen[str]:
         path = os.pathsep.join([str(ROOT), str(ROOT / "src")])
@@ -78,13 +79,14 @@ def start(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
             [sys.executable, *call], stdout=log, stderr=log, text=True, cwd=tmp_path,
             env=os.environ | {"PYTHONPATH": path},
         )  # fmt: skip
-        running.append(process)
+        running.append((process, log))
         return process
 
     yield begin
-    for process in running:
+    for process, log in running:
         process.kill()
         process.wait()
+        log.close()
     for log in sorted(tmp_path.glob("*.log")):
         print(log.name, log.read_text())
 
@@ -164,8 +166,13 @@ class Heard:
     def __init__(self, node: Any) -> None:
         self.said: list[DiagnosticStatus] = []
         self.curves: list[JointTrajectory] = []
-        node.create_subscription(DiagnosticStatus, "/optipromp/status", self.said.append, 10)
+        node.create_subscription(DiagnosticStatus, "/optipromp/status", self.hear, 10)
         node.create_subscription(JointTrajectory, "/arm/joint_trajectory", self.curves.append, 10)
+
+    def hear(self, item: DiagnosticStatus) -> None:
+        if not self.said or self.said[-1].message != item.message:
+            print(f"{time.time():.2f}", item.level[0], item.message, len(self.curves))
+        self.said.append(item)
 
     def value(self, key: str) -> str:
         """Of the last status."""
@@ -197,8 +204,7 @@ def test_a_pick_between_processes(node: Any, start: Any, scene_file: Path) -> No
     """The arm and the camera are other nodes; states and looks come late and out of order."""
     heard = Heard(node)
     plant = start(str(Path(__file__).parent / "plant.py"), str(scene_file))
-    loop = start("-m", "optipromp", "ros-node", str(scene_file), *LOOP, *MESSAGES,
-                 "--detections", "/camera/fruits")  # fmt: skip
+    loop = start("-m", "optipromp", "ros-node", str(scene_file), *LOOP, *CAMERA)
     until(node, lambda: loop.poll() is not None)
     assert loop.returncode == 0
     assert heard.value("stage") == "done", heard.said[-1].message
@@ -212,8 +218,7 @@ def test_a_node_that_is_killed_is_started_again_and_picks(
     """The curve that runs when it is killed ends at rest; the next node begins from there."""
     heard = Heard(node)
     plant = start(str(Path(__file__).parent / "plant.py"), str(scene_file))
-    call = ["-m", "optipromp", "ros-node", str(scene_file), *LOOP, *MESSAGES,
-            "--detections", "/camera/fruits"]  # fmt: skip
+    call = ["-m", "optipromp", "ros-node", str(scene_file), *LOOP, *CAMERA]
     first = start(*call)
     until(node, lambda: len(heard.curves) > 5)
     first.kill()
