@@ -3,8 +3,8 @@
 The simulation is behind them: the arm follows what comes on ``/arm/joint_trajectory`` and says on
 ``/joint_states`` where it is; the camera sends detections on ``/camera/fruits``, and where it is on
 ``/tf_static``. Of every two looks the later is sent first, and every tenth joint state comes after
-the next. The time is that of ``/clock``, slower than the wall's, so that a busy machine keeps up. At
-SIGTERM it prints the outcome.
+the next. The time is that of ``/clock``, slower than the wall's, so that a busy machine keeps up.
+At SIGTERM it prints the outcome.
 """
 
 import signal
