@@ -18,6 +18,8 @@ from optipromp.laboratory.simulation import (
     Eye,
     Loop,
     SimulatedArm,
+    Simulation,
+    closed_loop,
 )
 from optipromp.laboratory.simulation.detector import Truth
 

@@ -166,23 +166,24 @@ class ExecutorContract(ABC):
                 if isinstance(arm, Follower):
                     arm.guard = replace(arm.guard, tracking=tracking)
 
+        done: object = None
         try:
             done = arm.execute(self.curve(arm), watch)
         except ExecutionError as error:
-            assert error.executed is not None
             done = error.executed
         vars(arm).pop("state")
+        assert isinstance(done, Executed)
         self._ended(arm, done)
         assert done.times[-1] < 0.5 * self.duration + self.stopping
         return done
 
     def test_an_arm_away_from_its_curve_comes_to_rest(self) -> None:
-        """Its state is 1 mrad (or mm) off, of which the guard allows the half."""
+        """Its state is 1 mrad (or mm) off, of which the guard allows a twentieth."""
         arm = self.executor()
         if not isinstance(arm, Follower):
             raise SkipTest("it has no guard that could be made narrower")
         state = arm.state
-        done = self._faulty(arm, 5e-4, lambda: State(state().q + 1e-3, state().velocity))
+        done = self._faulty(arm, 5e-5, lambda: State(state().q + 1e-3, state().velocity))
         assert "from the curve" in done.reason
 
     def test_an_arm_without_a_state_comes_to_rest(self) -> None:
