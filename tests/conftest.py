@@ -53,6 +53,7 @@ LONG = {
         "refusals spheres untrusted xacro"
     ),
     "ros": "bags loop pictures recordings",
+    "ros/real": "real_nodes",
     "scenes": "generate placing trusses wild",
     "simulation": (
         "coco covers crops disturbances export grasps hand live_camera loop loop_film physics "

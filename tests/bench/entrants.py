@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from optipromp import Picked, Scene, Trajectory, plan, plan_pick
+from optipromp import Picked, PlanOptions, Scene, Trajectory, plan, plan_pick
 from optipromp.bench.episode import Observation
 from optipromp.core.arrays import FloatArray
 
@@ -46,7 +46,7 @@ class Ours:
     """The default planner."""
 
     def plan(self, scene: Scene, seed: int) -> Picked:
-        return plan_pick(scene, seed=seed)
+        return plan_pick(scene, seed=seed, options=PlanOptions(risk=0.1))
 
 
 class Hasty:

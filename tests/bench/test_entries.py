@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import optipromp
-from optipromp import Plan, Trajectory, plan, robot_of
-from optipromp.bench.entrant import loaded
+from optipromp import Trajectory, plan, robot_of
+from optipromp.bench.entrant import Refused, loaded, motion_of
 from optipromp.bench.entries import ENTRIES
 from optipromp.bench.sets import scene_of
 from optipromp.bench.tracks import against
@@ -20,8 +20,9 @@ from optipromp.timing import NEAR, gentle
 PLAN = [name for name, each in ENTRIES.items() if each.track == "plan"]
 
 
-def curve(answer: Trajectory | Plan | None) -> Trajectory | None:
-    return answer.trajectory if isinstance(answer, Plan) else answer
+def curve(answer: object) -> Trajectory | None:
+    made = motion_of(answer)
+    return None if isinstance(made, Refused) else made.reach
 
 
 @pytest.mark.parametrize("name", PLAN)

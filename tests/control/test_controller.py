@@ -23,6 +23,7 @@ from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
 from optipromp.laboratory.experiments.loops import executed
 from optipromp.laboratory.generate import generate
+from optipromp.laboratory.simulation.detector import Truth
 
 LOOK, GO, RETREAT = LoopStage.LOOK, LoopStage.GO, LoopStage.RETREAT
 DONE, GAVE_UP = LoopStage.DONE, LoopStage.GAVE_UP
@@ -161,11 +162,11 @@ def lost(looks: tuple[Look, ...]) -> Iterable[Look]:
     ]
 
 
-def none(_: tuple[Look, ...]) -> Iterable[Look]:
-    return ()
+def blank(looks: tuple[Look, ...]) -> Iterable[Look]:
+    return [replace(one, detections=()) for one in looks]
 
 
-@pytest.mark.parametrize(("filtered", "known"), [(lost, True), (none, False)])
+@pytest.mark.parametrize(("filtered", "known"), [(lost, True), (blank, False)])
 def test_without_a_target_it_gives_up_away_from_the_fruits(
     scene: Scene, filtered: Any, known: bool
 ) -> None:
@@ -195,6 +196,101 @@ def test_a_target_that_is_gone_when_the_tool_is_there_is_not_picked(scene: Scene
     assert RETREAT in done.stages
     assert done.stages[-1] is GAVE_UP
     assert away(done, scene) > 0.04
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_without_a_look_nothing_moves_and_the_fault_says_why(scene: Scene, known: bool) -> None:
+    first = scene if known else without_fruits(scene)
+    done = pick(Controller(first), scene, eye_of(scene), still, 5.0, lambda _: ())
+    assert done.stages == []
+    assert all(not np.ptp(one.curve.positions, axis=0).any() for one in done.stretches)
+    assert done.controller.fault == "no look has come for 1 s"
+    (said,) = done.controller.noticed
+    assert (said.why, said.time) == (done.controller.fault, pytest.approx(1.02))
+
+
+def rests(done: Picked, begin: float, end: float) -> bool:
+    """Whether the arm stands from a time to another [s]."""
+    period = done.controller.parameters.period
+    states = done.references[round(begin / period) : round(end / period)]
+    return not any(state.moving for state in states)
+
+
+@pytest.mark.parametrize(("servo", "gone"), [(True, 1.0), (True, 3.5), (False, 3.5)])
+def test_while_no_look_comes_the_arm_stands_and_then_it_goes_on(
+    scene: Scene, servo: bool, gone: float
+) -> None:
+    """None for 4 s, on the way to the camera point or in the push."""
+
+    def silent(looks: tuple[Look, ...]) -> Iterable[Look]:
+        return [look for look in looks if not gone < look.time < gone + 4.0]
+
+    done = pick(Controller(scene, servo=servo), scene, eye_of(scene), filtered=silent)
+    assert_sound(done)
+    fault = gone + CONTROL.look_age + 0.15  # the last look came 0.06 s after its time, or less
+    assert not rests(done, gone, fault)
+    assert rests(done, fault + 0.2, gone + 4.0)
+    assert [one.why for one in done.controller.noticed] == ["no look has come for 1 s"]
+    assert done.controller.fault == ""
+    assert done.stages[-1] is DONE
+    assert away(done, scene) < 0.012
+
+
+def test_an_arm_that_does_not_follow_is_stopped_where_it_is(scene: Scene) -> None:
+    controller, eye = Controller(scene), eye_of(scene)
+    stuck, running, coming = posed(scene)[1], None, list[Any]()
+    fruits = [o for o in scene.objects if o.role != "static"]
+    truth = Truth(
+        tuple(o.id for o in fruits), np.array([o.position for o in fruits]),
+        np.array([o.rotation for o in fruits]), tuple(np.zeros((0, 3)) for _ in fruits),
+    )  # fmt: skip
+    fault = None
+    for now in np.arange(0.0, 4.0, 0.02):
+        while coming and coming[0].begins <= now + 1e-9:
+            running = coming.pop(0)
+        reference = stuck if running is None else running.at(now)
+        eye.see(now, stuck.q, truth)
+        for look in eye.delivered(now):
+            controller.see(look)
+        made = controller(now, stuck, reference)
+        far = float(np.abs(reference.q - stuck.q).max())
+        if fault is None and controller.fault:
+            fault = now
+            assert CONTROL.off_curve < far < CONTROL.off_curve + 0.02
+            assert made.at(made.begins).near(State(stuck.q), 1e-9)
+            assert not made.curve.at(made.curve.duration).moving
+        assert fault is None or now < fault + 0.2 or far < 1e-9
+        coming += [] if made is None else [made]
+    assert fault is not None
+    assert controller.lost
+    assert not controller.ended
+    assert "from the curve (at most 0.1)" in controller.fault
+    assert controller.noticed[-1].why == controller.fault
+
+
+def test_a_cycle_without_a_state_comes_to_rest_and_the_next_goes_on(scene: Scene) -> None:
+    """Of an arm in motion and of one that stands; time goes on."""
+    controller = Controller(scene)
+    assert controller.hold(0.0, "no state") is None  # it stands
+
+    class Blinded:
+        """The controller, whose arm tells no state from 1.5 to 3 s."""
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(controller, name)
+
+        def __call__(self, now: float, measured: State, reference: State) -> Any:
+            if 1.5 <= now < 3.0:
+                return controller.hold(now, "no state")
+            return controller(now, measured, reference)
+
+    done = pick(Blinded(), scene, eye_of(scene))
+    period = CONTROL.period
+    assert done.references[round(1.5 / period)].moving
+    assert not any(r.moving for r in done.references[round(1.7 / period) : round(3.0 / period)])
+    assert [one.why for one in controller.noticed] == ["no state", "no state"]
+    assert controller.stage is DONE
+    assert away(done, scene) < 0.012
 
 
 class Shuffled:

@@ -298,15 +298,15 @@ def test_a_run_that_breaks_off_is_a_row_too(monkeypatch) -> None:
 
 
 def test_the_risk_of_a_study_sets_what_its_rows_promise(tmp_path: Path) -> None:
-    """The reach is the same; the probability that it fails is told by the row."""
+    """The reach is the same; the probability that the pick fails is told by the row."""
     pytest.importorskip("mujoco")
     rows = []
     for risk in (0.01, 0.1):
         chosen = Study(("table-top",), ("straight",), (7, 8), risk=risk)
         rows += run_study(chosen, tmp_path / str(risk), workers=1)
     assert [row.plan_status for row in rows] == ["HARM_PREDICTED", "success"]
-    assert rows[0].predicted_failure == rows[1].predicted_failure
-    assert 0.0 < rows[0].predicted_failure < 1.0
+    assert rows[0].predicted_harm == rows[1].predicted_harm
+    assert all(0.0 < row.predicted_failure < 1.0 for row in rows)
 
 
 def test_plans_that_are_refused_are_not_executed_where_so_asked() -> None:

@@ -52,7 +52,7 @@ def picked() -> Picked:
 
 @pytest.fixture(scope="module")
 def caught() -> Picked:
-    return plan_pick(placing("elongated", 2))
+    return plan_pick(placing("elongated", 2), options=PlanOptions(risk=0.1))
 
 
 def test_the_legs_join_and_the_judge_accepts_each(picked: Picked) -> None:

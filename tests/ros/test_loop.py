@@ -1,6 +1,9 @@
 """A pick in closed loop with messages only, against the simulation; and what messages are read."""
 
-from dataclasses import replace
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -90,7 +93,28 @@ def joints(state, stamp):
     )  # fmt: skip
 
 
-def test_a_pick_by_messages_alone() -> None:
+@dataclass
+class Told:
+    """A pick by messages: the loop, the outcome, and the jumps of the reference [rad]."""
+
+    loop: PickLoop
+    outcome: Any
+    begun: float = 0.0  # when the first curve took over [s]
+    joins: list[float] = field(default_factory=list)
+    away: list[float] = field(default_factory=list)  # begins of curves from the measured arm [rad]
+    said: list[tuple[float, int, str]] = field(default_factory=list)  # time [s], level, message
+    speeds: list[tuple[float, float]] = field(default_factory=list)  # of the reference [rad/s]
+
+
+def by_messages(
+    shift: float = 0.0, steady: bool = False, silent: Callable[[float], bool] = lambda _: False
+) -> Told:
+    """A pick by messages alone, against the simulation.
+
+    ``shift``: by which the clock of all stamps is set, 1 s after the arm began to move [s];
+    ``steady``: whether the loop has another clock; ``silent``: whether no state comes, so long
+    after the arm began to move [s].
+    """
     simulation_of = pytest.importorskip("optipromp.laboratory.simulation")
     scene = generate("cluster", 3)
     robot, start = posed(scene)
@@ -109,21 +133,28 @@ def test_a_pick_by_messages_alone() -> None:
     camera = eye.detector.camera(start.q)
     tool = tool_frame(robot, start.q)
     loop.heard(sent(frames(0, ("tool", "camera", tool.inverse() @ camera))))
-    state, runs, begins = simulation.state(), None, 0.0
-    coming, joins = [], []
+    state, runs, begins, was = simulation.state(), None, 0.0, EPOCH
+    coming, done = [], Told(loop, None)
     for _ in range(1500):
         now = simulation.time
-        stamp = EPOCH + round(now * 1e9)
-        loop.heard(sent(joints(state, stamp)))
+        ticks = EPOCH + round(now * 1e9)
+        since = now - done.begun if done.begun else 0.0
+        was = EPOCH + (round(shift * 1e9) if since > 1.0 else 0)  # the stamp of time 0
+        if not silent(since):
+            loop.heard(sent(joints(state, was + round(now * 1e9))))
         f = simulation.fruits()
         eye.see(now, state.q, Truth(f.ids, f.positions, f.rotations, f.stem_ends))
         for look in eye.delivered(now):
-            loop.heard(sent(array_of(look, EPOCH + round(look.time * 1e9))))
-        curve = loop.tick(stamp)
+            with suppress(InvalidRequestError):  # where the arm was is unknown
+                loop.heard(sent(array_of(look, was + round(look.time * 1e9))))
+        curve = loop.tick(was + round(now * 1e9), ticks if steady else None)
+        status = loop.status()
+        done.said.append((now, int(status.level), status.message))
         if curve is not None:
             assert curve.joint_names == NAMES
             (motion,) = read_trajectories(sent(curve), robot.joint_names)
-            coming.append((motion, (nanoseconds(curve.header.stamp) - EPOCH) / 1e9))
+            coming.append((motion, (nanoseconds(curve.header.stamp) - was) / 1e9))
+            done.away.append(np.abs(motion.positions[0] - state.q).max())
         if loop.ended and runs is not None and now > begins + runs.duration:
             break
         for _ in range(round(0.02 / simulation.tick)):
@@ -132,16 +163,97 @@ def test_a_pick_by_messages_alone() -> None:
                 before = None if runs is None else runs.at(coming[0][1] - begins)
                 runs, begins = coming.pop(0)
                 if before is not None:
-                    joins.append(np.abs(runs.at(0.0).q - before.q).max())
-            simulation.step(State(start.q) if runs is None else runs.at(at - begins))
+                    done.joins.append(np.abs(runs.at(0.0).q - before.q).max())
+                done.begun = done.begun or at
+            reference = State(start.q) if runs is None else runs.at(at - begins)
+            simulation.step(reference)
             state = simulation.state()
-    status = sent(loop.status())
-    assert loop.controller.stage is LoopStage.DONE, loop.controller.events
-    assert simulation.outcome().success, simulation.outcome().message
-    assert len(joins) > 20
-    assert max(joins) < 1e-6
+        done.speeds.append((now, float(np.abs(reference.velocity).max())))
+    done.outcome = simulation.outcome()
+    return done
+
+
+def test_a_pick_by_messages_alone() -> None:
+    done = by_messages()
+    status = sent(done.loop.status())
+    assert done.loop.controller.stage is LoopStage.DONE, done.loop.controller.events
+    assert done.outcome.success, done.outcome.message
+    assert len(done.joins) > 20
+    assert max(done.joins) < 1e-6
+    assert {level for _, level, _ in done.said} == {0}
     assert (status.name, status.message) == ("optipromp/loop", "at the target")
     assert {one.key: one.value for one in status.values}["stage"] == "done"
+
+
+@pytest.mark.parametrize(
+    ("shift", "steady"), [(-1.0, False), (1.0, False), (-0.3, True), (1.0, True)]
+)
+def test_a_clock_that_is_set_stops_the_arm_and_the_pick_goes_on(shift: float, steady: bool) -> None:
+    done = by_messages(shift, steady)
+    way = "back" if shift < 0.0 else "forward"
+    words = f"the clock was set {way} by {abs(shift):.3f} s"
+    begin, end = (ends(now for now, _, why in done.said if why == words) for ends in (min, max))
+    assert begin == pytest.approx(done.begun + 1.0, abs=0.05)
+    assert end - begin < 0.3
+    assert all((level == 1) == (why == words) for _, level, why in done.said)
+    speed = dict(done.speeds)
+    assert speed[begin] > 0.01
+    assert min(one for now, one in done.speeds if begin < now < begin + 0.2) == 0.0
+    assert max(done.joins) < 0.005  # where the next begins from what is measured
+    assert max(done.away) < 0.05
+    assert done.loop.controller.stage is LoopStage.DONE
+    assert done.outcome.success, done.outcome.message
+
+
+def test_where_no_state_comes_the_arm_stops_on_its_curve() -> None:
+    done = by_messages(silent=lambda since: 1.0 < since < 2.0)
+    begin, end = (
+        ends(now for now, _, why in done.said if why == "joint states are old") - done.begun
+        for ends in (min, max)
+    )
+    assert 1.08 < begin < 1.16  # the last state and 0.1 s
+    assert end == pytest.approx(2.0, abs=0.05)
+    assert all((level == 1) == (why == "joint states are old") for _, level, why in done.said)
+    later = [one for now, one in done.speeds if begin + 0.2 < now - done.begun < end]
+    assert max(later) == 0.0
+    assert max(done.joins) < 1e-6
+    assert done.outcome.success, done.outcome.message
+
+
+def test_clocks_that_are_set_while_the_arm_stands_leave_no_old_state() -> None:
+    """The next cycle has the newest state, whatever its stamp, and not one that lies ahead."""
+    used = []
+
+    class Spy:
+        """Notes which states the controller gets."""
+
+        def __init__(self, real: Controller) -> None:
+            self.real = real
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self.real, name)
+
+        def __call__(self, time: float, measured: State, reference: State) -> Stretch | None:
+            used.append((time, measured.q[0] - START.q[0]))
+            return self.real(time, measured, reference)
+
+    loop = PickLoop(SCENE, prefix="fr3_")
+    loop.controller = Spy(loop.controller)
+    for k in range(200):
+        stamp = EPOCH + k * 20_000_000 - (3_000_000_000 if k >= 20 else 0)
+        loop.heard(joints(State(START.q + 0.001 * k * np.eye(7)[0]), stamp))
+        if k == 20:  # one from before comes late, and looks as if it were ahead
+            loop.heard(joints(START, EPOCH + k * 20_000_000))
+        loop.tick(stamp + 1_000_000)
+    times, places = np.array(used).T
+    assert len(used) >= 197
+    np.testing.assert_allclose(places, 0.05 * (times - 0.001), atol=1e-9)
+    loop.heard(joints(START, EPOCH + 60_000_000_000))
+    assert loop.tick(stamp + 21_000_000) is None
+    assert (loop.status().level, loop.status().message) == (
+        1,
+        "joint states are ahead of the clock",
+    )
 
 
 def test_detections_become_a_look() -> None:

@@ -2,12 +2,15 @@
 
 import builtins
 import sys
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rosbags.rosbag2 import Writer
 
 from optipromp.core.errors import InvalidRequestError
-from optipromp.ros import from_bytes, message, to_bytes, types, typestore
+from optipromp.ros import copied, from_bytes, message, read_bag, to_bytes, types, typestore
 
 # MD5 sums that ROS 1 publishes for types that kept their fields in ROS 2. A field of another name,
 # type or place gives another sum. Types with a Header, whose fields changed, have none here.
@@ -67,6 +70,52 @@ def test_unknown_types_and_fields_are_refused(name: str, fields, words: str) -> 
 def test_bytes_that_are_no_message_are_refused(data: bytes) -> None:
     with pytest.raises(InvalidRequestError, match=r"bytes are no std_msgs/msg/String"):
         from_bytes(data, "std_msgs/msg/String")
+
+
+# A JointState of three joints of the ROS 2 node in tests/ros/real, with Fast DDS: what a raw
+# subscription has of it, and what ``rclpy.serialization.serialize_message`` makes of it.
+SENT = bytes.fromhex(
+    "00010000803bb16a000000000100000000000000030000000b0000006672335f6a6f696e743100000b000000"
+    "6672335f6a6f696e743200000b0000006672335f6a6f696e7433000003000000000000000000e03f00000000"
+    "0000d0bf000000000000f03f0000000000000000"
+)
+SERIALISED = SENT + bytes.fromhex("643b643520010000")
+
+
+@pytest.mark.parametrize("data", [SENT, SERIALISED])
+def test_bytes_of_a_real_node_are_read(data: bytes) -> None:
+    back = from_bytes(data, "sensor_msgs/msg/JointState")
+    assert back.header.stamp.sec == 1_790_000_000
+    assert back.name == ["fr3_joint1", "fr3_joint2", "fr3_joint3"]
+    assert back.position.tolist() == [0.5, -0.25, 1.0]
+    assert not len(back.velocity) + len(back.effort)
+
+
+def test_a_bag_that_a_python_node_wrote_is_read(tmp_path: Path) -> None:
+    """rosbag2_py writes what serialize_message gives."""
+    with Writer(tmp_path / "bag", version=8) as writer:
+        to = writer.add_connection("/a", "sensor_msgs/msg/JointState", typestore=typestore())
+        writer.write(to, 7, SERIALISED)
+    ((topic, item, stamp),) = read_bag(tmp_path / "bag")
+    assert (topic, stamp, item.position.tolist()) == ("/a", 7, [0.5, -0.25, 1.0])
+
+
+def test_a_message_of_another_library_is_copied() -> None:
+    """Its fields are those of its type; a byte is bytes of one, as in rclpy."""
+    part = SimpleNamespace(**vars(message("moveit_msgs/msg/CollisionObject", id="box")))
+    del part.__msgtype__
+    part.operation = b"\x01"
+    part.header = SimpleNamespace(stamp=SimpleNamespace(sec=3, nanosec=4), frame_id="world")
+    link = SimpleNamespace(x=0.25, y=0.0, z=0.0)
+    part.pose = SimpleNamespace(position=link, orientation=message("geometry_msgs/msg/Quaternion"))
+    world = SimpleNamespace(
+        collision_objects=[part], octomap=message("octomap_msgs/msg/OctomapWithPose")
+    )
+    back = copied(world, "moveit_msgs/msg/PlanningSceneWorld")
+    back = from_bytes(to_bytes(back), "moveit_msgs/msg/PlanningSceneWorld")
+    (found,) = back.collision_objects
+    assert (found.id, found.operation, found.header.stamp.nanosec) == ("box", 1, 4)
+    assert (found.header.frame_id, found.pose.position.x) == ("world", 0.25)
 
 
 def test_without_rosbags_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from optipromp.bench.running import Exercise, attempted
 from optipromp.core.output import write_plan
 from optipromp.core.planning import plan
 from optipromp.core.planning.task import resolve
@@ -73,16 +74,11 @@ def test_a_target_that_is_taken_leaves_with_the_cup_and_the_others_stay() -> Non
 
 
 def test_a_fruit_that_the_floor_draws_along_its_stem_is_harmed() -> None:
-    """The cup stands beside a fruit's stem, with its floor above the fruit, and goes down."""
-    scene = generate("field", 174016)
-    made = plan(scene)
-    down = made.robot.tool_pose(made.trajectory.positions)[0]
-    far = int(np.argmax(np.linalg.norm(down - down[-1], axis=1) < 0.1))
-    back = np.ascontiguousarray(made.trajectory.positions[far:][::-1])
-    reach = made.trajectory.resample(1000.0)
-    way = np.linspace(0.0, 2.0, len(back)), back
-    word = second.execute(scene_to_dict(scene), (reach.times, reach.positions), 0, way)
-    assert any("n1 pulled by" in cause for cause in word.harm), word
+    """The floor of a cup that is drawn back along its reach lies on a pushed fruit."""
+    task = Exercise("push-aside", "plan", "mixed", 173105, engines=("flight",))
+    (row,), _ = attempted(task)
+    assert row.result == "harmed"
+    assert "pulled by" in row.cause
 
 
 def test_it_hangs_a_fruit_where_the_scene_shows_it() -> None:

@@ -140,4 +140,6 @@ def main(number: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    from optipromp.bench.entrant import main as main_of_module
+
+    main_of_module(int(sys.argv[1]))  # whose classes are those that entries import

@@ -213,7 +213,8 @@ def _ready_streams() -> None:
 def _run() -> None:
     try:
         try:
-            app()
+            further = sys.argv.index("--ros-args") if "--ros-args" in sys.argv else None
+            app(sys.argv[1:further])  # what follows is read by rclpy
         finally:
             sys.stdout.flush()
     except OSError as error:  # files raise typed errors: this is standard output

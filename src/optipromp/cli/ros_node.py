@@ -5,6 +5,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from multiprocessing import get_context
+from time import monotonic_ns
 from typing import TYPE_CHECKING, Any
 
 import optipromp
@@ -14,7 +15,7 @@ from optipromp.core.errors import InvalidRequestError, OptiPrompError
 
 if TYPE_CHECKING:
     from optipromp.perception.watcher import Watcher
-    from optipromp.ros import DetectionParameters, LiveScene, PickLoop
+    from optipromp.ros import DetectionParameters, LiveScene, Message, PickLoop
 
 
 @command(reports=False)
@@ -88,52 +89,73 @@ def _serve(world: "LiveScene", settings: dict[str, Any], execute: str | None) ->
     """Carry messages between ROS and :func:`optipromp.ros.answer` until the node is shut down."""
     import rclpy
     from control_msgs.action import FollowJointTrajectory
-    from moveit_msgs.msg import CollisionObject, DisplayTrajectory, PlanningScene
     from moveit_msgs.srv import GetMotionPlan
     from rclpy.action import ActionClient
     from rclpy.executors import ExternalShutdownException
-    from rclpy.serialization import deserialize_message, serialize_message
-    from sensor_msgs.msg import JointState
-    from trajectory_msgs.msg import JointTrajectory
+    from rclpy.serialization import deserialize_message
 
-    from optipromp.ros import answer, from_bytes, to_bytes
+    from optipromp.ros import Message, answer, copied, to_bytes
+    from optipromp.ros.trajectories import JOINT_TRAJECTORY
 
-    def listen(kind: Any, name: str, topic: str) -> None:
-        def heard(item: Any) -> None:
-            nonlocal world
-            try:
-                world = world.heard(from_bytes(serialize_message(item), name))
-            except OptiPrompError as error:
-                node.get_logger().warning(f"{topic}: {error}", throttle_duration_sec=5.0)
-
-        node.create_subscription(kind, topic, heard, 10)
+    def heard(item: Message, _: str) -> None:
+        nonlocal world
+        world = world.heard(item)
 
     def plan(request: Any, response: Any) -> Any:
-        data = serialize_message(request.motion_plan_request)
-        asked = from_bytes(data, "moveit_msgs/msg/MotionPlanRequest")
+        asked = copied(request.motion_plan_request, "moveit_msgs/msg/MotionPlanRequest")
         found = answer(world, asked, **settings)
         kind = type(response.motion_plan_response)
         response.motion_plan_response = deserialize_message(to_bytes(found.response), kind)
         if found.display is not None:
-            displays.publish(deserialize_message(to_bytes(found.display), DisplayTrajectory))
+            display(found.display)
         if found.trajectory is not None:
-            motion = deserialize_message(to_bytes(found.trajectory), JointTrajectory)
-            trajectories.publish(motion)
+            publish(found.trajectory)
             if controller is not None:
+                motion = deserialize_message(to_bytes(found.trajectory), _kind(JOINT_TRAJECTORY))
                 controller.send_goal_async(FollowJointTrajectory.Goal(trajectory=motion))
         return response
 
     rclpy.init()
     node = rclpy.create_node("optipromp")
-    trajectories = node.create_publisher(JointTrajectory, "~/joint_trajectory", 10)
-    displays = node.create_publisher(DisplayTrajectory, "display_planned_path", 10)
+    publish = _publisher(node, "~/joint_trajectory", JOINT_TRAJECTORY)
+    display = _publisher(node, "display_planned_path", "moveit_msgs/msg/DisplayTrajectory")
     controller = ActionClient(node, FollowJointTrajectory, execute) if execute else None
-    listen(PlanningScene, "moveit_msgs/msg/PlanningScene", "planning_scene")
-    listen(CollisionObject, "moveit_msgs/msg/CollisionObject", "collision_object")
-    listen(JointState, "sensor_msgs/msg/JointState", "joint_states")
+    _listen(node, "planning_scene", "moveit_msgs/msg/PlanningScene", heard)
+    _listen(node, "collision_object", "moveit_msgs/msg/CollisionObject", heard)
+    _listen(node, "joint_states", "sensor_msgs/msg/JointState", heard)
     node.create_service(GetMotionPlan, "~/plan", plan)
     with suppress(ExternalShutdownException):
         rclpy.spin(node)
+
+
+def _kind(name: str) -> Any:
+    """The class that ROS made of a message type."""
+    package, _, last = name.split("/")
+    return getattr(import_module(f"{package}.msg"), last)
+
+
+def _publisher(node: Any, topic: str, name: str) -> Callable[["Message"], None]:
+    """What publishes messages of the type ``name``."""
+    from optipromp.ros import to_bytes
+
+    made = node.create_publisher(_kind(name), topic, 10)
+    return lambda item: made.publish(to_bytes(item))
+
+
+def _listen(
+    node: Any, topic: str, name: str, take: Callable[["Message", str], None], qos: Any = 10
+) -> None:
+    """Let ``take`` have the messages of a topic, as they came: rclpy's ``serialize_message`` puts
+    bytes of no meaning behind them."""
+    from optipromp.ros import from_bytes
+
+    def heard(data: bytes) -> None:
+        try:
+            take(from_bytes(data, name), topic)
+        except OptiPrompError as error:
+            node.get_logger().warning(f"{topic}: {error}", throttle_duration_sec=5.0)
+
+    node.create_subscription(_kind(name), topic, heard, qos, raw=True)
 
 
 def _meaning(given: list[str]) -> "DetectionParameters":
@@ -183,30 +205,14 @@ def _pick(loop: "PickLoop", seen: dict[str, str], moved: str) -> None:
     import rclpy
     from rclpy.executors import ExternalShutdownException
     from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
-    from rclpy.serialization import deserialize_message, serialize_message
 
-    from optipromp.ros import Message, from_bytes, to_bytes
     from optipromp.ros.images import PICTURES
-
-    def kind(name: str) -> Any:
-        package, _, last = name.split("/")
-        return getattr(import_module(f"{package}.msg"), last)
-
-    def publish(topic: str, name: str) -> Callable[[Message], None]:
-        made = node.create_publisher(kind(name), topic, 10)
-        return lambda item: made.publish(deserialize_message(to_bytes(item), kind(name)))
-
-    def listen(name: str, topic: str, qos: Any) -> None:
-        def heard(item: Any) -> None:
-            try:
-                loop.heard(from_bytes(serialize_message(item), name), topic)
-            except OptiPrompError as error:
-                node.get_logger().warning(f"{topic}: {error}", throttle_duration_sec=5.0)
-
-        node.create_subscription(kind(name), topic, heard, qos)
+    from optipromp.ros.trajectories import JOINT_TRAJECTORY
 
     def tick() -> None:
-        made = loop.tick(node.get_clock().now().nanoseconds)
+        clock = node.get_clock()
+        steady = None if clock.ros_time_is_active else monotonic_ns()  # a simulation's may be slow
+        made = loop.tick(clock.now().nanoseconds, steady)
         if made is not None:
             curve(made)
         status(loop.status())
@@ -215,13 +221,14 @@ def _pick(loop: "PickLoop", seen: dict[str, str], moved: str) -> None:
 
     rclpy.init()
     node = rclpy.create_node("optipromp")
-    curve = publish(moved, "trajectory_msgs/msg/JointTrajectory")
-    status = publish("~/status", "diagnostic_msgs/msg/DiagnosticStatus")
+    curve = _publisher(node, moved, JOINT_TRAJECTORY)
+    status = _publisher(node, "~/status", "diagnostic_msgs/msg/DiagnosticStatus")
     kept = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # as tf2 sends it
-    listen("tf2_msgs/msg/TFMessage", "/tf_static", kept)
-    listen("sensor_msgs/msg/JointState", "joint_states", 10)
+    _listen(node, "/tf_static", "tf2_msgs/msg/TFMessage", loop.heard, kept)
+    _listen(node, "joint_states", "sensor_msgs/msg/JointState", loop.heard, 1)  # the newest
     for topic, name in seen.items():
-        listen(name, topic, qos_profile_sensor_data if name in PICTURES else 10)
+        qos = qos_profile_sensor_data if name in PICTURES else 10
+        _listen(node, topic, name, loop.heard, qos)
     node.create_timer(loop.controller.parameters.period, tick)
     with suppress(ExternalShutdownException):
         rclpy.spin(node)

@@ -109,6 +109,8 @@ class Controller:
 
     Attributes:
         holding: whether the tool leaves with the target, from when on its executor may grip.
+        fault: why the arm is held where it is, whatever the stage; empty: it is not.
+        lost: whether that is for good, as the arm did not follow its curve.
         stage: what the controller does now.
         events: all decisions so far.
         noticed: what was noticed of the camera and of the target, each in the stage that it was in.
@@ -135,6 +137,7 @@ class Controller:
         compile_once()
         self.robot, state = posed(scene, robot)
         self.seed, self.parameters, self.servo = seed, parameters, servo
+        self.fault, self.lost = "", False
         self.holding, self._leave = False, leave and self.robot.tool is not None
         self.scene = scene = driver.tracked_at_most(scene, TrackerParameters.most)
         known = [item for item in scene.objects if item.role in ("target", "pushable")]
@@ -151,6 +154,8 @@ class Controller:
         self._seconds = parameters.slice_seconds if real_time else math.inf
         self._known, self._at_camera = bool(known), False
         self._inbox: list[Look] = []
+        self._newest = -math.inf  # time of the newest look [s]
+        self._looked: float | None = None  # when it came, or the first cycle began [s]
         self._eye: FloatArray | None = None  # place of the camera at the last look
         self._since, self._seen = 0.0, 0  # begin of the stage, and looks since
         self._job: _Job | None = None
@@ -193,33 +198,99 @@ class Controller:
         Args:
             time: by the clock of the looks [s].
             measured: state of the arm.
-            reference: the last commanded state.
+            reference: the commanded state at the time of the measured one.
 
         Returns:
             The stretch; None: the running curve goes on. Before the controller has
-            :attr:`ended`, an arm that stands gets stretches that stand.
+            :attr:`ended`, an arm that stands gets stretches that stand. Where no look has come for
+            ``parameters.look_age`` the arm comes to rest, and waits for one. Where it is farther
+            from the reference than ``parameters.off_curve`` it comes to rest where it is measured,
+            and stays: :attr:`lost`.
         """
         began = wall.perf_counter()
         self._driver.stands_at(reference.q)
         self._camera.follow(time, measured.q)
         due = [look for look in self._inbox if look.time <= time]
         self._inbox = [look for look in self._inbox if look.time > time]
+        newest = max((look.time for look in due), default=-math.inf)
+        if self._looked is None or newest > self._newest:
+            self._newest, self._looked = newest, time
         for look in due:
             self._take(look, time)
-        tracked = self.tracker.at(time)
-        made = None
-        if why := self._trouble(time):
-            made = self._break_off(time, tracked, why)
-        elif self.stage is LoopStage.LOOK:
-            made = self._look(time, tracked)
-        elif self.stage is LoopStage.GO:
-            made = self._go(time, tracked)
-        elif self.stage is LoopStage.RETREAT:
-            made = self._go_back(time, tracked)
+        made, age = None, self.parameters.look_age
+        if self.ended:
+            pass
+        elif away := self._away(measured, reference):
+            made = self._stop(time, measured, away)
+        elif self.lost:
+            pass
+        elif time - self._looked > age:
+            made = self._hold(time, f"no look has come for {age:g} s")
+        else:
+            self.fault = ""
+            made = self._staged(time, self.tracker.at(time))
         if made is None and not self.ended and self._driver.rests(time):
             made = self._driver.stand(time + self.parameters.lead)
         self.cycles.append(wall.perf_counter() - began)
         return made
+
+    def _staged(self, time: float, tracked: Tracked) -> Stretch | None:
+        """What the stage asks for."""
+        if why := self._trouble(time):
+            return self._break_off(time, tracked, why)
+        if self.stage is LoopStage.LOOK:
+            return self._look(time, tracked)
+        return (self._go if self.stage is LoopStage.GO else self._go_back)(time, tracked)
+
+    # -- holds
+
+    def hold(self, time: float, why: str) -> Stretch | None:
+        """A cycle without a state of the arm: come to rest on the running curve, and wait.
+
+        Looks that come meanwhile are dropped. The next cycle goes on.
+
+        Args:
+            time: as for a cycle [s].
+            why: for :attr:`fault`.
+        """
+        if self._inbox:
+            self._looked = time
+        self._inbox.clear()
+        return None if self.ended or self.lost else self._hold(time, why)
+
+    def begin_anew(self, time: float, measured: State) -> None:
+        """Let the next curve of an arm at rest begin where it is measured, at a ``time`` [s]."""
+        self._driver.stands_at(measured.q, time)
+
+    def _hold(self, now: float, why: str) -> Stretch | None:
+        if why != self.fault:
+            self._notice(now, why)
+        self.fault = why
+        if self.stage is LoopStage.GO and self._driver.blind:
+            self._enter(LoopStage.LOOK, now, why)  # a blind route has no way back onto it
+        if self.stage is not LoopStage.RETREAT:
+            self._drop()
+        if self.stage is LoopStage.LOOK:
+            self._since, self._seen = now, 0
+        return self._driver.halt(now)
+
+    def _away(self, measured: State, reference: State) -> str:
+        """Which joint is too far from the curve; empty: none is."""
+        away, most = np.abs(measured.q - reference.q), self.parameters.off_curve
+        joint = int(np.argmax(away))
+        name = self.robot.joint_names[joint]
+        told = f"{name} is {away[joint]:.3g} from the curve (at most {most:g})"
+        return told if away[joint] > most else ""
+
+    def _stop(self, now: float, measured: State, why: str) -> Stretch:
+        """Come to rest from where the arm is, and wait for good: it does not follow."""
+        if not self.lost:
+            self._notice(now, why)
+            self.fault, self.lost = why, True
+        self._drop()
+        fastest = self.robot.velocity
+        state = State(measured.q, np.clip(measured.velocity, -fastest, fastest))
+        return self._driver.brake(now + self.parameters.lead, state)
 
     # -- looks
 
@@ -266,7 +337,7 @@ class Controller:
 
     def _trouble(self, now: float) -> str:
         """Why the arm must not go on; empty: it may."""
-        if self.ended or self.stage is LoopStage.RETREAT:
+        if self.stage is LoopStage.RETREAT:
             return ""
         since, p = self._camera.standing, self.parameters
         if since is None or now - since <= p.picture_still + p.picture_wait:
@@ -327,7 +398,7 @@ class Controller:
     def _seen_enough(self, now: float, tracked: Tracked) -> bool:
         """Whether the arm has looked for long enough for a plan."""
         p, looked = self.parameters, now - self._since
-        if driver.target_row(tracked) is None:
+        if driver.target_row(tracked) is None or math.isinf(self._newest):
             return False
         if not self._at_camera:
             return (self._seen >= 3 and self._known) or (
@@ -425,6 +496,10 @@ class Controller:
     def _enter(self, stage: LoopStage, now: float, why: str) -> None:
         self.stage, self._since, self._seen = stage, now, 0
         self.events.append(Decision(now, stage, why))
+        self._drop()
+
+    def _drop(self) -> None:
+        """Leave the job."""
         if self._job is not None:
             self._job.work.drop()
             self._job = None

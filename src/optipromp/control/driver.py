@@ -394,10 +394,16 @@ class Driver:
         self._shift = np.zeros((0, 3))
         self._followed = 0.0
 
-    def stands_at(self, q: FloatArray) -> None:
-        """Note where an arm that has not moved yet stands, ``q`` (n,)."""
+    def stands_at(self, q: FloatArray, begins: float | None = None) -> None:
+        """Note where an arm that has not moved yet stands, ``q`` (n,).
+
+        ``begins``: also of an arm that has, which from this time on waits there in its route [s].
+        """
         if self.course is None:
             self._rest = State(q)
+        elif begins is not None:
+            phase = self.phase(begins)
+            self.course = Course(self._standing(q), begins, phase, math.inf)
 
     def state(self, time: float) -> State:
         """Commanded state at a ``time`` [s]."""
@@ -422,12 +428,15 @@ class Driver:
 
     def stand(self, begins: float) -> Stretch:
         """The curve of an arm that stands."""
-        q = self.state(begins).q
-        still = np.zeros((2, len(q)))
-        curve = Trajectory(
-            np.array([0.0, self._parameters.tail]), q + still, still, still, self.robot.joint_names
-        )
-        return Stretch(curve, begins)
+        return Stretch(self._standing(self.state(begins).q), begins)
+
+    def _standing(self, q: FloatArray) -> Trajectory:
+        return Trajectory.still(q, (0.0, self._parameters.tail), self.robot.joint_names)
+
+    def halt(self, now: float) -> Stretch | None:
+        """Come to rest at once, and wait there for as long as this is asked; None: it does."""
+        self._followed = now
+        return None if self.waits or self.rests(now) else self.pause(now + self._parameters.lead)
 
     def pause(self, begins: float) -> Stretch:
         """The curve that comes to rest at once; the arm then waits where it is in its route."""
@@ -435,9 +444,12 @@ class Driver:
         self.course = replace(self.brake(begins), phase=phase)
         return self.course
 
-    def brake(self, begins: float) -> Course:
-        """The curve that comes to rest at once; the arm then waits at the begin of its route."""
-        curve = stopped(self.robot, self.state(begins))
+    def brake(self, begins: float, state: State | None = None) -> Course:
+        """The curve that comes to rest at once; the arm then waits at the begin of its route.
+
+        ``state``: to begin in; None: that of the course.
+        """
+        curve = stopped(self.robot, state or self.state(begins))
         self.course = Course(curve, begins, 0.0, math.inf)
         return self.course
 

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from optipromp.control.controller import Controller
+from optipromp.control.controller import Controller, LoopStage
 from optipromp.control.driver import without_fruits
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
-from optipromp.core.execution.streaming import Line
+from optipromp.core.execution.streaming import Line, Stretch
 from optipromp.core.planning import Plan, PlanOptions, plan
 from optipromp.core.planning.planners import factory
 from optipromp.core.promp.model import ProMP
@@ -105,15 +105,16 @@ class Frames:
         return up, Pose(place, a.rotation @ Rotation.from_rotvec(turn).as_matrix())
 
 
-STALE = 0.1  # [s] age of joint states above which the loop does nothing: five cycles, a choice
 KEPT = 2.0  # [s] of joint states, to tell where a camera on the hand was: a choice
-OK, WARN = 0, 1  # levels of a diagnostic_msgs/DiagnosticStatus
+OK, WARN, ERROR = 0, 1, 2  # levels of a diagnostic_msgs/DiagnosticStatus
 
 
 class PickLoop:
     """A pick in closed loop by messages.
 
-    All times are those of the messages' stamps and of :meth:`tick`, which must share a clock.
+    All times are those of the messages' stamps and of :meth:`tick`, which must share a clock. Where
+    that clock is set, the arm comes to rest on the running curve, the states so far are dropped,
+    and the next curve begins where the arm is measured then.
 
     Args:
         scene: robot, tool, approach, and what stands still. Its fruits are left out: the camera
@@ -149,9 +150,10 @@ class PickLoop:
         self._rate, self._prefix = rate, prefix
         self._mounts = Frames()
         self._states = deque[tuple[float, State]]()
-        self._origin: int | None = None
+        self._origin: int | None = None  # the stamp of the loop's time 0, as the clock is set now
+        self._ticked: tuple[int, int] | None = None  # the last cycle by both clocks [ns]
         self._line: Line | None = None
-        self._trouble = "no joint states"
+        self._trouble, self._set = "no joint states", ""  # why nothing goes on; that of the clock
 
     @property
     def ended(self) -> bool:
@@ -205,39 +207,96 @@ class PickLoop:
                     "Detection3DArray or a TFMessage"
                 )
 
-    def tick(self, now: int) -> Message | None:
+    def tick(self, now: int, steady: int | None = None) -> Message | None:
         """One cycle of the controller, to be called every ``controller.parameters.period``.
 
         Args:
             now: by the clock of the stamps [ns].
+            steady: by a clock that nobody sets, such as ``time.monotonic_ns()``, by which the clock
+                of the stamps is judged; None: by the period of the cycles and by the joint states.
 
         Returns:
             The ``trajectory_msgs/JointTrajectory`` that takes over at its time stamp,
-            ``controller.parameters.lead`` from now. None: what runs goes on or the arm stands,
-            also where joint states are missing or old.
+            ``controller.parameters.lead`` from now. None: what runs goes on or the arm stands.
+            Where joint states are missing, older than ``controller.parameters.state_age`` or ahead,
+            or the clock was set, that trajectory comes to rest.
         """
+        p, by = self.controller.parameters, self._set_by(now, steady)
         time = self._time(now)
-        if not self._states or time - self._states[-1][0] > STALE:
+        if by:
+            self._states.clear()
+            self._set = f"the clock was set {'back' if by < 0.0 else 'forward'} by {abs(by):.3f} s"
+        age = time - self._states[-1][0] if self._states else math.inf
+        fresh = abs(age) <= p.state_age
+        if self._set and fresh and (self._line is None or self._line.ended(time)):
+            self.controller.begin_anew(time, self._states[-1][1])
+            self._line, self._set = None, ""
+        self._trouble = self._set
+        if not (fresh or self._trouble):
             self._trouble = "joint states are old" if self._states else "no joint states"
-            return None
-        self._trouble = ""
+            if age < 0.0:
+                self._trouble = "joint states are ahead of the clock"
+                self._states.clear()
+        if self._trouble:
+            return self._sent(self.controller.hold(time, self._trouble), time)
         for look in () if self.watcher is None else self.watcher.looks():
             self.controller.see(look)
-        measured = self._states[-1][1]
-        reference = State(measured.q) if self._line is None else self._line.at(time)
-        stretch = self.controller(time, measured, reference)
-        if stretch is None or not np.ptp(stretch.curve.positions, axis=0).any():
-            return None  # a controller of the arm holds it where it stands
+        at, measured = self._states[-1]
+        reference = State(measured.q) if self._line is None else self._line.at(at)
+        return self._sent(self.controller(time, measured, reference), time)
+
+    def _set_by(self, now: int, steady: int | None) -> float:
+        """By how much the clock of the stamps was set since the last cycle [s]; 0: it was not.
+
+        The loop's own time goes on as if it had not been.
+        """
+        before, self._ticked = self._ticked, (now, now if steady is None else steady)
+        if before is None or self._origin is None:
+            return 0.0
+        gone = (now - before[0]) / trajectories.NANO
+        true = gone if steady is None else (steady - before[1]) / trajectories.NANO
+        p = self.controller.parameters
+        if steady is None and (gone < 0.0 or self._jumped(before[0], gone)):
+            true = p.period
+        self._origin += round((gone - true) * trajectories.NANO)
+        return gone - true if abs(gone - true) > p.clock_step else 0.0
+
+    def _jumped(self, before: int, gone: float) -> bool:
+        """Whether the arm is where it was to be a period, and not ``gone`` [s], after a cycle."""
+        p, then = self.controller.parameters, self._time(before)
+        if gone - p.period <= p.clock_step or not self._states:
+            return False
+        at, state = self._states[-1]
+        if abs(then + gone - at) > p.state_age:
+            return False  # nothing was heard: it may have waited
         if self._line is None:
+            return True
+        one, other = (self._line.at(then + after).q - state.q for after in (p.period, gone))
+        return bool(np.abs(one).max() <= np.abs(other).max())
+
+    def _sent(self, stretch: Stretch | None, time: float) -> Message | None:
+        """The message of a stretch; None where it changes nothing for an arm that stands."""
+        if stretch is None:
+            return None
+        since = min(time, self._states[-1][0]) if self._states else time
+        running = None if self._line is None else self._line.until(stretch.begins, since)
+        if not np.ptp(stretch.curve.positions, axis=0).any() and (
+            running is None or running.at(stretch.begins).near(stretch.at(stretch.begins), 1e-9)
+        ):
+            return None  # a controller of the arm holds it where it stands
+        if running is None:
             self._line = Line.of(stretch.curve, stretch.begins)
         else:
-            self._line = self._line.until(stretch.begins, time).then(stretch, stretch.begins)
+            self._line = running.then(stretch, stretch.begins)
         assert self._origin is not None
         return trajectories.stretch_trajectory(stretch, self._origin, self._rate, self._prefix)
 
     def status(self) -> Message:
         """A ``diagnostic_msgs/DiagnosticStatus``: the last decision, the stage and the fruits."""
         loop = self.controller
+        trouble = self._trouble or loop.fault
+        failed = loop.lost or loop.stage is LoopStage.GAVE_UP
+        level = ERROR if failed else WARN if trouble else OK
         tracked = None if self._origin is None else loop.tracker.at(max(loop.tracker.time, 0.0))
         count = 0 if tracked is None else int(tracked.confirmed.sum())
         told = {
@@ -251,9 +310,9 @@ class PickLoop:
         values = [message(kind, key=key, value=value) for key, value in told.items()]
         return message(
             "diagnostic_msgs/msg/DiagnosticStatus",
-            level=WARN if self._trouble else OK,
+            level=level,
             name="optipromp/loop",
-            message=self._trouble or (loop.events[-1].why if loop.events else "looking"),
+            message=trouble or (loop.events[-1].why if loop.events else "looking"),
             hardware_id=loop.robot.name,
             values=values,
         )
@@ -266,12 +325,13 @@ class PickLoop:
 
     def _at(self, time: float) -> FloatArray:
         """(n,) where the arm was, linear between joint states."""
-        if not self._states or time < self._states[0][0] - STALE:
+        most = self.controller.parameters.state_age
+        if not self._states or time < self._states[0][0] - most:
             raise InvalidRequestError("where the arm was is unknown: joint states must come first")
         ahead = time - self._states[-1][0]
-        if ahead > STALE:
+        if ahead > most:
             raise InvalidRequestError(
-                f"header.stamp is {ahead:.3f} s after the newest joint states: must be {STALE:g} s "
+                f"header.stamp is {ahead:.3f} s after the newest joint states: must be {most:g} s "
                 "at most, by the same clock"
             )
         times = [at for at, _ in self._states]

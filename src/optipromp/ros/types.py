@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 import os
 import shutil
+import struct
 import tempfile
 import warnings
 from collections.abc import Collection, Iterable, Iterator
@@ -72,6 +73,12 @@ def message(name: str, /, **fields: Any) -> Message:
     return made
 
 
+def copied(item: Any, name: str) -> Message:
+    """A message of the type ``name`` with the fields of another library's message, as rclpy's."""
+    fields = typestore().fielddefs[name][1]
+    return message(name, **{key: getattr(item, key) for key, _ in fields})
+
+
 def constants(name: str) -> dict[str, int]:
     """The constants of a message type by name."""
     return {key: int(value) for key, _, value in typestore().fielddefs[name][0]}
@@ -91,9 +98,22 @@ def from_bytes(data: bytes | memoryview, name: str) -> Message:
     from rosbags.serde import SerdeError
 
     try:
-        return typestore().deserialize_cdr(data, name)
-    except (SerdeError, KeyError, IndexError) as error:
+        return _decoded(typestore(), data, name)
+    except (SerdeError, ValueError, KeyError, IndexError, struct.error) as error:
         raise InvalidRequestError(f"{len(data)} bytes are no {name} ({error})") from None
+
+
+def _decoded(store: Typestore, data: bytes | memoryview, name: str) -> Message:
+    """The message in ``data``; what lies behind it is left.
+
+    rclpy's ``serialize_message``, with which Python programs write bags, gives as many bytes as the
+    message was estimated to need, and rosbags refuses more than three that are too many.
+    """
+    if bytes(data[:2]) not in (b"\0\0", b"\0\1"):
+        raise ValueError(f"they begin with {bytes(data[:2])!r}, not as CDR")
+    kind = store.get_msgdef(name)
+    decode = kind.deserialize_cdr_le if data[1] else kind.deserialize_cdr_be
+    return decode(data[4:], 0, kind.cls, store)[0]
 
 
 def _value(kind: Any, given: Any) -> Any:
@@ -102,17 +122,21 @@ def _value(kind: Any, given: Any) -> Any:
 
     form, what = kind
     if form == Nodetype.NAME:
-        return message(what) if given is None else given
+        if given is None or hasattr(given, "__msgtype__"):
+            return message(what) if given is None else given
+        return copied(given, what)
     if form == Nodetype.BASE:
         plain: Any = {"string": str, "bool": bool}.get(
             what[0], float if "float" in what[0] else int
         )
+        if isinstance(given, bytes):  # a byte, as rclpy has it
+            return given[0]
         return plain() if given is None else plain(given)
     (inner, of), size = what
     if inner == Nodetype.BASE and of[0] != "string":
         zeros = np.zeros(size if form == Nodetype.ARRAY else 0)
         return np.array(zeros if given is None else given, dtype=_NUMPY.get(of[0], of[0]))
-    return [] if given is None else list(given)
+    return [] if given is None else [_value((inner, of), one) for one in given]
 
 
 _METADATA_VERSION: Literal[8] = 8  # that of ROS 2 Iron and later
@@ -198,7 +222,7 @@ def read_bag(
                 return
             stores = {connection.msgtype: _types_of(connection) for connection in chosen}
             for connection, stamp, data in reader.messages(chosen):
-                item = stores[connection.msgtype].deserialize_cdr(data, connection.msgtype)
+                item = _decoded(stores[connection.msgtype], data, connection.msgtype)
                 yield Recorded(connection.topic, item, stamp)
     except OptiPrompError:
         raise

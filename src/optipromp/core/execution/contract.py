@@ -14,13 +14,16 @@ and by 0.075 rad where a second curve replaces the first.
 import threading
 import time
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
+from unittest import SkipTest
 
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import ExecutionError, InvalidRequestError
-from optipromp.core.execution.executor import Executed, Executor, Source, Stretch
+from optipromp.core.execution.executor import Executed, Executor, Follower, Source, Stretch
 from optipromp.core.trajectory import State, Trajectory
 
 MOVED = 0.05  # [rad or m] motion of every joint, chosen
@@ -57,6 +60,9 @@ class ExecutorContract(ABC):
 
     late = 0.5
     """Longest time beyond a curve's duration, and longest time to come to rest [s]."""
+
+    stopping = 0.2
+    """Longest time from a fault to the end of the reference at rest [s]."""
 
     lead = 0.2
     """Time from a call of a source to the begin of the stretch that it returns [s]."""
@@ -151,6 +157,44 @@ class ExecutorContract(ABC):
             done = error.executed
         assert isinstance(done, Executed)
         self._ended(arm, done)
+
+    def _faulty(self, arm: Executor, tracking: float, state: Callable[[], State]) -> Executed:
+        """A motion in which midway ``state`` is what the arm says, and its guard is narrower."""
+
+        def watch(now: float, _: State) -> None:
+            if now > 0.5 * self.duration:
+                vars(arm)["state"] = state
+                if isinstance(arm, Follower):
+                    arm.guard = replace(arm.guard, tracking=tracking)
+
+        done: object = None
+        try:
+            done = arm.execute(self.curve(arm), watch)
+        except ExecutionError as error:
+            done = error.executed
+        vars(arm).pop("state")
+        assert isinstance(done, Executed)
+        self._ended(arm, done)
+        assert done.times[-1] < 0.5 * self.duration + self.stopping
+        return done
+
+    def test_an_arm_away_from_its_curve_comes_to_rest(self) -> None:
+        """Its state is 1 mrad (or mm) off, of which the guard allows a twentieth."""
+        arm = self.executor()
+        if not isinstance(arm, Follower):
+            raise SkipTest("it has no guard that could be made narrower")
+        state = arm.state
+        done = self._faulty(arm, 5e-5, lambda: State(state().q + 1e-3, state().velocity))
+        assert "from the curve" in done.reason
+
+    def test_an_arm_without_a_state_comes_to_rest(self) -> None:
+        """Its state cannot be read any more."""
+
+        def gone() -> State:
+            raise ConnectionError
+
+        arm = self.executor()
+        assert self._faulty(arm, 0.1, gone).reason
 
     def test_another_thread_can_abort(self) -> None:
         """``abort`` ends ``execute``; then the next curve can be executed."""
