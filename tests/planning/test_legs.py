@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from optipromp import load_pick, plan, plan_pick, simulate
+from optipromp import PlanOptions, load_pick, plan, plan_pick, simulate
 from optipromp.cli.main import app
 from optipromp.core.errors import Code, InvalidPlanError, InvalidRequestError, InvalidSceneError
 from optipromp.core.geometry import Box
