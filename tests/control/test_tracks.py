@@ -252,9 +252,6 @@ def test_stems_are_means_of_what_was_seen_and_upright_where_not() -> None:
     assert objects[one].position == pytest.approx(tracked.rest[one])
     assert objects[one].role == "target"
     assert objects[one].covariance == pytest.approx(tracked.rest_covariance[one])
-    now = tracked.objects_now()
-    assert now[other].position == pytest.approx(tracked.positions[other])
-    assert now[other].covariance == pytest.approx(tracked.covariance[other])
 
 
 def test_first_objects_are_tracks_with_their_ids() -> None:

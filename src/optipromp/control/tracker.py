@@ -107,32 +107,9 @@ class Tracked:
         """
         return self._belief.state.moves(self._ahead(times))
 
-    def sway_deviation(self, times: FloatArray) -> FloatArray:
-        """(M,) standard deviation of the common displacement along its most uncertain horizontal
-        axis [m] at ``times`` (M,) [s]."""
-        state = self._belief.state
-        count, half = 2 * state.layout.bank, state.layout.half
-        bank = state.oscillators.first(count)
-        a, b, _, _ = steps = bank.transition(self._ahead(times)[:, None])
-        moving = np.concatenate([np.arange(count), half + np.arange(count)])
-        spread = state.covariance[np.ix_(moving, moving)]
-        both = np.zeros((len(a), 2, 2 * count))
-        for axis in range(2):
-            both[:, axis, axis:count:2] = a[:, axis::2]
-            both[:, axis, count + axis :: 2] = b[:, axis::2]
-        fresh = bank.noise(steps)[0].reshape(len(a), -1, 2).sum(axis=1)
-        joint = both @ spread @ both.transpose(0, 2, 1) + fresh[:, :, None] * np.eye(2)
-        return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(joint)[:, 1], 0.0)))
-
     def objects(self) -> tuple[SceneObject, ...]:
         """The confirmed fruits at rest, each with its stem and the covariance of its rest."""
-        return self._objects(self.rest, self.rest_covariance)
-
-    def objects_now(self) -> tuple[SceneObject, ...]:
-        """The confirmed fruits where they are now, each with its stem and its covariance."""
-        return self._objects(self.positions, self.covariance)
-
-    def _objects(self, places: FloatArray, spread: FloatArray) -> tuple[SceneObject, ...]:
+        places, spread = self.rest, self.rest_covariance
         return tuple(
             SceneObject(
                 self.ids[k],
