@@ -18,15 +18,14 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from optipromp.control.look import Look
 from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.errors import InvalidRequestError, installed_by
-from optipromp.core.scenes.pose import Pose
 from optipromp.core.shown import check_one_of
 from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.execute import Run
 from optipromp.laboratory.simulation.files import LoopRecord, ellipsoids, record_of
 from optipromp.laboratory.simulation.loop import Loop
-from optipromp.laboratory.simulation.studio import SHOWN, Studio
+from optipromp.laboratory.simulation.studio import EYE, SHOWN, Studio
 from optipromp.laboratory.simulation.world import World, build
-from optipromp.perception.pictures import Image8
+from optipromp.perception.pictures import CameraModel, Image8
 
 # choices for the eye
 AROUND = (150.0, 210.0, 125.0, 235.0, 100.0, 260.0, 60.0, 300.0, 30.0, 330.0)  # [deg], in turn
@@ -73,7 +72,7 @@ def shot(world: World, model: Any, run: Run, times: FloatArray, view: View) -> S
     The picture holds the tool from flange to tip, and targets and pushables with the lower ends of
     their stems, at all times. A fruit that falls is not followed.
     """
-    rows = np.maximum(np.searchsorted(run.rollout.times, times + 1e-9) - 1, 0)
+    rows = _rows(run, times)
     seen, tan = _seen(world, run, rows), float(np.tan(0.5 * np.deg2rad(model.vis.global_.fovy)))
     focus = run.rollout.fruit_positions[0] if world.shown else run.rollout.tool_point[-1:]
     x, y, _ = focus.mean(axis=0)
@@ -196,16 +195,15 @@ def frames(
     world = build(run.scene, run.robot, run.parameters, run.seed)
     with Studio(world, fine=fine) as studio:
         camera = shot(world, studio.model, run, times, view)
-        for k, time in enumerate(times.tolist()):
-            index = _index(run, time)
+        for k, index in enumerate(_rows(run, times).tolist()):
             studio.stand(run.rollout.states[index])
             picture = studio.colours(camera.at(k), view.width, view.height)
             yield captioned(picture, run, index) if caption else picture
 
 
-def _index(run: Run, time: float) -> int:
-    """The last record of the rollout until a time [s]; the first before."""
-    return max(int(np.searchsorted(run.rollout.times, time + 1e-9) - 1), 0)
+def _rows(run: Run, times: FloatArray) -> IntArray:
+    """The last records (N,) of the rollout until ``times`` (N,) [s]; before all, the first."""
+    return np.maximum(np.searchsorted(run.rollout.times, times + 1e-9) - 1, 0)
 
 
 class Onlooker(Studio):
@@ -344,8 +342,8 @@ BEHIND = 300  # points of the path behind, at most
 INSET, MARGIN = 0.40, 0.02  # side of the inset and its distance from the edge, of the height
 BAR = 2.0 / 26.0  # of the height, the caption's
 RECENT = 0.25  # [s] for which the detections of a look are shown
-FRUIT, TARGET, RING = (255, 240, 120), (255, 70, 70), (240, 243, 245)
-NEAR = 0.01  # [m] from the camera, within which nothing is drawn
+FRUIT, TARGET = (255, 240, 120), (255, 70, 70)
+NEAR = 0.01  # [m] from the camera, within which no detection is drawn
 
 
 def loop_frames(
@@ -361,25 +359,26 @@ def loop_frames(
     view, run, record = view or View(), loop.run, record_of(loop, SMOOTH)
     world = build(run.scene, run.robot, run.parameters, run.seed)
     side = round(INSET * view.height)
-    with Studio(world, fine=fine) as studio:
+    focal = 0.5 * side / math.tan(0.5 * loop.detector.view)
+    lens = CameraModel(side, side, focal, focal, 0.5 * side, 0.5 * side)
+    with Studio(world, fine=fine, lens=lens) as studio:
         model = studio.model
         camera = shot(world, model, run, times, view)
         top, left = _corner(loop, camera, times, view, model)
         solid, glass = model.mat_rgba.copy(), _glass(model)
-        for k, time in enumerate(times.tolist()):
-            index = _index(run, time)
+        for k, (time, index) in enumerate(zip(times.tolist(), _rows(run, times), strict=True)):
             studio.stand(run.rollout.states[index])
             model.mat_rgba[:] = glass
             tracks = functools.partial(_draw, loop=loop, record=record, index=index)
             picture = studio.colours(camera.at(k), view.width, view.height, tracks)
-            look = _last(loop, time)
-            seen = index if look is None else _index(run, look.time)
+            recent = [e for e in loop.trace.looks if time - RECENT < e.time <= time + 1e-9]
+            look = recent[-1] if recent else None
+            seen = index if look is None else _rows(run, np.array(look.time))
             studio.stand(run.rollout.states[seen])
             model.mat_rgba[:] = solid
-            pose = loop.detector.camera(run.rollout.q[seen])
-            aimed = functools.partial(_look_from, pose=pose, view=loop.detector.view)
-            inset = studio.colours(-1, side, side, aimed)
-            picture[top : top + side, left : left + side] = _circled(inset, loop, look)
+            studio.aim(loop.detector.camera(run.rollout.q[seen]))
+            inset = studio.colours(EYE, side, side)
+            picture[top : top + side, left : left + side] = _circled(inset, lens, look)
             said = f"     {record.words(record.row(time))}"
             yield captioned(picture, run, index, said)
 
@@ -392,12 +391,6 @@ def _glass(model: Any) -> FloatArray:
             if model.mat(k).name.startswith(f"look:-1:{role}:"):
                 colours[k, 3] = opacity
     return colours
-
-
-def _last(loop: Loop, time: float) -> Look | None:
-    """The last look whose picture was taken until a time [s]; None if that was long ago."""
-    recent = [each for each in loop.trace.looks if time - RECENT < each.time <= time + 1e-9]
-    return recent[-1] if recent else None
 
 
 def _draw(scene: Any, loop: Loop, record: LoopRecord, index: int) -> None:
@@ -444,47 +437,30 @@ def _next(scene: Any) -> Any:
     return geom
 
 
-def _look_from(scene: Any, pose: Pose, view: float) -> None:
-    """Move the cameras of MuJoCo's scene to a pose, whose z points forward and y down."""
-    high = NEAR * math.tan(0.5 * view)
-    for camera in scene.camera:
-        camera.pos[:] = pose.position
-        camera.forward[:], camera.up[:] = pose.rotation[:, 2], -pose.rotation[:, 1]
-        camera.frustum_center = camera.frustum_width = 0.0
-        camera.frustum_bottom, camera.frustum_top = -high, high
-        camera.frustum_near = NEAR
-    for light in scene.lights[: scene.nlight]:
-        if light.headlight:
-            light.pos[:], light.dir[:] = pose.position, pose.rotation[:, 2]
-
-
-def _circled(picture: Image8, loop: Loop, look: Look | None) -> Image8:
-    """The camera's picture with a circle around each detection of a look."""
+def _circled(picture: Image8, lens: CameraModel, look: Look | None) -> Image8:
+    """The picture of a camera with a circle around each detection of a look."""
     from PIL import Image, ImageDraw, ImageFont
 
     side = len(picture)
     wide = max(side // 130, 1)
     image = Image.fromarray(picture)
     pen = ImageDraw.Draw(image)
-    scale = 0.5 * side / math.tan(0.5 * loop.detector.view)
     for item in () if look is None else look.detections:
-        x, y, z = item.position
-        if z <= NEAR:
+        if item.position[2] <= NEAR:
             continue
-        u, v, r = (0.5 * side + scale * x / z, 0.5 * side + scale * y / z, scale * item.radius / z)
+        (u, v), r = lens.pixels(item.position), lens.fx * item.radius / item.position[2]
         colour = TARGET if item.role == "target" else FRUIT
         pen.ellipse((u - r, v - r, u + r, v + r), outline=colour, width=2 * wide)
     font = ImageFont.load_default(max(side // 18, 9))
-    pen.text((0.03 * side, 0.97 * side), "camera", RING, font, anchor="ld", stroke_width=wide,
-             stroke_fill=(18, 22, 26))  # fmt: skip
-    pen.rectangle((0, 0, side - 1, side - 1), outline=RING, width=wide)
+    pen.text((0.03 * side, 0.97 * side), "camera", PALE, font, anchor="ld", stroke_width=wide,
+             stroke_fill=DARK)  # fmt: skip
+    pen.rectangle((0, 0, side - 1, side - 1), outline=PALE, width=wide)
     return np.asarray(image)
 
 
 def _corner(loop: Loop, camera: Shot, times: FloatArray, view: View, model: Any) -> tuple[int, int]:
     """Row and column of the inset: of four corners that which hides tool and fruits least."""
-    rollout = loop.run.rollout
-    rows = np.maximum(np.searchsorted(rollout.times, times + 1e-9) - 1, 0)
+    rollout, rows = loop.run.rollout, _rows(loop.run, times)
     points = np.concatenate([rollout.tool_point[rows][:, None], rollout.fruit_positions[rows]], 1)
     right, up, back = axes(camera.azimuth, camera.elevation)
     away = points - camera.lookat[:, None]
