@@ -24,7 +24,7 @@ from optipromp.core.scenes.scene import Scene
 from optipromp.laboratory.experiments.rows import ROWS
 from optipromp.laboratory.simulation import files
 from optipromp.laboratory.simulation.parameters import SimulationParameters
-from optipromp.looks.appearance.scene import rgb
+from optipromp.looks.appearance import rgb
 from optipromp.looks.page.content import GREEN_AT, RED_AT, Bundle, Clearances, between
 from optipromp.looks.viewer.drawn import PRIMITIVE, RED, STILL, Placed, motions
 from optipromp.looks.viewer.serving import FLAT, Nodes, tube
