@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from optipromp.cli.catalogue import documented, settings
+from optipromp.cli.catalogue import asked, documented
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning import PlanOptions
@@ -21,6 +21,11 @@ def call(*arguments: str) -> tuple[int, str, str]:
 
 def read(text: str) -> Any:
     return json.loads(text, parse_constant=pytest.fail)
+
+
+def settings(pairs: list[str], **stated: Any) -> PlanOptions:
+    options: PlanOptions = asked("opti-promp", "joint", pairs, stated)["options"]
+    return options
 
 
 # --- from text ---------------------------------------------------------------------------------

@@ -12,8 +12,15 @@ from optipromp.core.planning.task import resolve
 from optipromp.core.robots import load_robot
 from optipromp.core.robots.tools import TOOL_LINK, TOOLS, with_tool
 from optipromp.core.scenes import SceneObject, Stem, load_scene
-from optipromp.looks.appearance import arm_parts, object_parts, scene_parts, scenery
-from optipromp.looks.appearance.scene import coarser, shape_faces, triangles
+from optipromp.looks.appearance import (
+    arm_parts,
+    coarser,
+    object_parts,
+    scene_parts,
+    scenery,
+    shape_faces,
+    triangles,
+)
 
 SCENES = [f"scenario-{k}" for k in (1, 2, 3, 4)]
 

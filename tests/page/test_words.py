@@ -12,8 +12,7 @@ from optipromp.core.judging import Violation
 from optipromp.core.planning import Plan, plan
 from optipromp.core.scenes.io import load_scene
 from optipromp.laboratory.generate import generate
-from optipromp.looks.appearance import object_parts
-from optipromp.looks.appearance.scene import hex_colour
+from optipromp.looks.appearance import hex_colour, object_parts
 from optipromp.looks.page import content, stage, tabs
 from optipromp.looks.page.tabs import legend, planned, replayed, things
 from optipromp.looks.viewer.words import WORDS, complaint, head, sentences, without_codes

@@ -6,8 +6,8 @@ from tests.loaded import script
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.laboratory.generate import generate
-from optipromp.laboratory.simulation.painting import _unbroken
 from optipromp.laboratory.simulation.photograph import PhotoParameters, photograph
+from optipromp.laboratory.simulation.studio import _unbroken
 
 shapes = script("shapes").shapes
 

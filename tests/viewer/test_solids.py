@@ -13,7 +13,7 @@ from optipromp.core.geometry.shapes import (
     PointCloudShape,
     Sphere,
 )
-from optipromp.looks.appearance.scene import shape_faces
+from optipromp.looks.appearance import shape_faces
 from optipromp.looks.viewer.reach import Camera, Picture
 
 ROTATION = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])

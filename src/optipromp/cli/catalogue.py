@@ -66,13 +66,16 @@ def asked(
 
     promp, i-promp and opti-promp take the settings of a plan. Another planner takes its own
     settings, and time, effort and risk of the plan. ``stated`` are settings that have their own
-    command-line option.
+    command-line option; None: not stated. A setting of the paper's planners is ``paper.key``.
     """
     from optipromp.core.planning import planners
     from optipromp.core.planning.planners import JOINT, OF_A_PLAN
 
     if planner in planners.PLANNERS:
-        return {"planner": planner, "strategy": strategy, "options": settings(pairs, **stated)}
+        known = {name: value for name, value in stated.items() if value is not None}
+        known |= _values(pairs, [*documented(optipromp.PlanOptions)], nested=True)
+        options = optipromp.PlanOptions(**known)
+        return {"planner": planner, "strategy": strategy, "options": options}
     kind = planners.factory(planner)
     usual = {"strategy": JOINT, "constraints": optipromp.PlanOptions.constraints}
     found = {k: v for k, v in {"strategy": strategy, **stated}.items() if v != usual.get(k)}
@@ -81,17 +84,6 @@ def asked(
     options = optipromp.PlanOptions(**{k: v for k, v in found.items() if k in OF_A_PLAN})
     own = {k: v for k, v in found.items() if k not in OF_A_PLAN}
     return {"planner": planners.make(planner, **own), "strategy": JOINT, "options": options}
-
-
-def settings(pairs: Sequence[str], **given: Any) -> Any:
-    """:class:`optipromp.core.planning.PlanOptions` of ``key=value`` texts; values are read as YAML.
-
-    A setting of the paper's planners is ``paper.key``. ``given`` are settings that have their own
-    command-line option; None: not stated.
-    """
-    known = {name: value for name, value in given.items() if value is not None}
-    names = list(documented(optipromp.PlanOptions))
-    return optipromp.PlanOptions(**known | _values(pairs, names, nested=True))
 
 
 def _values(pairs: Sequence[str], names: list[str], nested: bool) -> dict[str, Any]:

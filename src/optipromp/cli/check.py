@@ -167,7 +167,7 @@ def _scene(item: str) -> dict[str, Any]:
     from optipromp.core.planning.plan import misfit
     from optipromp.core.planning.task import resolve
     from optipromp.core.robots.model import warn_of_gravity
-    from optipromp.looks.appearance.scene import ground_of
+    from optipromp.looks.appearance import ground_of
     from optipromp.looks.viewer.reach import tool_faces
 
     scene = optipromp.load_scene(item)

@@ -121,8 +121,7 @@ def waiting(message: str, progress: bool | None = None) -> Iterator[Callable[[st
         return
     step = [message]
     done = threading.Event()
-    show = _spin if sys.stderr.isatty() else _tell
-    ticker = threading.Thread(target=show, args=(step, done, time.monotonic()), daemon=True)
+    ticker = threading.Thread(target=_tell, args=(step, done, time.monotonic()), daemon=True)
     ticker.start()
     try:
         yield lambda words: step.__setitem__(0, words)
@@ -131,20 +130,16 @@ def waiting(message: str, progress: bool | None = None) -> Iterator[Callable[[st
         ticker.join()
 
 
-def _spin(step: Sequence[str], done: threading.Event, began: float) -> None:
-    """Show a spinner with the step and the seconds since it all began, until ``done``."""
+def _tell(step: Sequence[str], done: threading.Event, began: float) -> None:
+    """Show the step and the seconds since it all began, until ``done``."""
     if done.wait(_PATIENCE):
         return
-    from rich.status import Status
+    if sys.stderr.isatty():
+        from rich.status import Status
 
-    with Status("", console=stderr()) as status:
-        while not done.wait(_TICK):
-            status.update(headline(f"{step[0]} {time.monotonic() - began:.0f} s"))
-
-
-def _tell(step: Sequence[str], done: threading.Event, began: float) -> None:
-    """Write a line for each step, and every ten seconds, until ``done``."""
-    if done.wait(_PATIENCE):
+        with Status("", console=stderr()) as status:
+            while not done.wait(_TICK):
+                status.update(headline(f"{step[0]} {time.monotonic() - began:.0f} s"))
         return
     told, last = "", -math.inf
     while True:

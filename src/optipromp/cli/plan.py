@@ -325,12 +325,6 @@ def scene_files(folder: Path) -> list[Path]:
     return scenes
 
 
-def outputs(files: Sequence[Path], folder: Path) -> list[Path]:
-    """A folder for the plan of each file: its stem, or its whole name where two share a stem."""
-    stems = [path.stem for path in files]
-    return [folder / (path.name if stems.count(path.stem) > 1 else path.stem) for path in files]
-
-
 def plan_folder(
     folder: Path,
     request: Request,
@@ -341,7 +335,9 @@ def plan_folder(
 ) -> Report:
     """Plan every scene in ``folder``, with the robot that is named, and write each plan."""
     files, out = scene_files(folder), output.out
-    homes: Sequence[Path | None] = [None] * len(files) if out is None else outputs(files, out)
+    stems = [path.stem for path in files]  # a folder's name; of files that share it, the whole
+    names = [path.name if stems.count(path.stem) > 1 else path.stem for path in files]
+    homes = [None if out is None else out / name for name in names]
     console.say_if_compiling(progress)
     began = time.perf_counter()
     done_so_far, good = 0, 0
@@ -377,7 +373,7 @@ def plan_folder(
 
 def table(entries: Sequence[Entry]) -> "Table":
     """The status and the main figures of each scene; the motion is that of all its legs."""
-    from optipromp.looks.viewer.words import nearest
+    from optipromp.looks.viewer.words import least
 
     out = console.grid(("scene", "status"), ("time, ms", "room, mm", "off, mm", "motion, s"))
     for entry in entries:
@@ -385,7 +381,10 @@ def table(entries: Sequence[Entry]) -> "Table":
         if not isinstance(entry.result, OptiPrompError):
             made = entry.result
             reach = made if isinstance(made, optipromp.Plan) else made.reach
-            room = nearest(reach)
+            m = reach.metrics
+            room = least(
+                m.clearance_static, m.clearance_avoid, m.clearance_pushable, m.clearance_self
+            )
             cells = [
                 f"{1e3 * reach.time['total']:.0f}",
                 "–" if room is None else f"{1e3 * room:.1f}",

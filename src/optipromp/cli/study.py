@@ -264,21 +264,12 @@ def causes(cells: Sequence["Cell"], names: Sequence[str]) -> "Table":
 
 def reliability(found: "Reliability") -> "Table":
     """Predicted probabilities against outcomes: the rate of failure in each bin."""
-    from optipromp.laboratory.experiments.statistics import percent
-
     title = (
         f"not clean, predicted and counted [%]; AUC {found.auc:.2f}; of {found.successes} plans "
         f"that promise success {found.failed} failed"
     )
     head = "predicted", "n", "mean", "failed", "%", "95 %"
     out = grid((), head, title=title, padding=(0, 0))
-    for item in found.bins:
-        out.add_row(
-            f"{100 * item.low:g}–{100 * item.high:g}",
-            str(item.runs),
-            f"{100 * item.predicted:.1f}",
-            str(item.failures),
-            f"{100 * item.rate:.1f}",
-            percent(item.rate_low, item.rate_high),
-        )
+    for row in found.rows():
+        out.add_row(*row)
     return out

@@ -357,14 +357,9 @@ def _prediction(found: statistics.Reliability | None) -> list[str]:
         "a larger predicted probability than a successful one with probability "
         f"{found.auc:.2f} (AUC)."
     )
-    rows = [
-        (f"{100 * b.low:g} to {100 * b.high:g} %", str(b.runs), f"{100 * b.predicted:.1f} %",
-         str(b.failures), f"{100 * b.rate:.1f} %",
-         f"{statistics.percent(b.rate_low, b.rate_high)} %")
-        for b in found.bins
-    ]  # fmt: skip
-    head = "not clean, predicted", "runs", "mean", "failed", "rate", "95 %"
-    return [section("Predicted probability and what happened", paragraph(words), table(rows, head))]
+    head = "not clean, predicted [%]", "runs", "mean [%]", "failed", "rate [%]", "95 % [%]"
+    shown = table(found.rows(), head)
+    return [section("Predicted probability and what happened", paragraph(words), shown)]
 
 
 def worst_of(rows: Sequence[Row], count: int) -> list[Row]:

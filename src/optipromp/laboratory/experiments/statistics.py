@@ -210,6 +210,14 @@ class Reliability:
     successes: int  # number of plans whose status was success
     failed: int  # number of these that failed in the simulation
 
+    def rows(self) -> list[tuple[str, ...]]:
+        """Of each bin [%]: its bounds, runs, mean prediction, failures, their rate and interval."""
+        return [
+            (f"{100 * b.low:g}–{100 * b.high:g}", str(b.runs), f"{100 * b.predicted:.1f}",
+             str(b.failures), f"{100 * b.rate:.1f}", percent(b.rate_low, b.rate_high))
+            for b in self.bins
+        ]  # fmt: skip
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return {**vars(self), "bins": [each.to_dict() for each in self.bins]}

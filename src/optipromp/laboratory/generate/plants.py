@@ -183,7 +183,7 @@ def _cone(wide: float, tip: float, length: float) -> tuple[Shape, float]:
 # 2022), as a standing camera sees them: across is y, up is z. Many of those fruits lie on beds,
 # whose stems may be level. A fruit that hangs pulls its stem down, so the tail of the inclinations
 # (73 degrees at 90 %) ends at STEEPEST; the quantiles up to 75 % hold. Leaves of rich pictures hide
-# ends of stems (laboratory/simulation/painting.py).
+# ends of stems (laboratory/simulation/studio.py).
 STEEPEST = np.deg2rad(60.0)  # [rad] of a hanging stem off the vertical, as seen: a choice
 WILD_SHARES = (0.0, 0.10, 0.25, 0.50, 0.75, 0.90, 1.0)
 LONGER = (1.05, 1.12, 1.23, 1.37, 1.56, 1.89, 2.0)  # length over width; the ends: choices

@@ -13,19 +13,17 @@ from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 from scipy.spatial import ConvexHull
 
 from optipromp.core.arrays import BoolArray, FloatArray
-from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.parameters import Checked, parameter
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene, SceneObject
-from optipromp.laboratory.simulation.detector_parameters import MOUNTS, DetectorParameters
-from optipromp.laboratory.simulation.painting import LEAF, furnished, leafy, noise
+from optipromp.laboratory.simulation.detector_parameters import DetectorParameters
 from optipromp.laboratory.simulation.parameters import SimulationParameters
 from optipromp.laboratory.simulation.sight import hand_pose, standing_pose
 from optipromp.laboratory.simulation.simulation import Simulation
-from optipromp.laboratory.simulation.studio import EYE, Studio
+from optipromp.laboratory.simulation.studio import EYE, LEAF, Studio, furnished, leafy, noise
 from optipromp.laboratory.simulation.world import CLUSTER_FRUIT_RADIUS, World, build
 from optipromp.perception.pictures import CameraModel, DepthPicture, Image8, tool_frame
 
@@ -214,8 +212,6 @@ class LiveCamera(Studio):
 
 def _mounted(mount: str, scene: Scene, robot: Robot) -> Pose:
     """The pose of a camera by its mount: in the base frame, or in the tool axes on the hand."""
-    if mount not in MOUNTS:
-        raise InvalidRequestError(f"mount is {mount!r}; valid are {', '.join(MOUNTS)}")
     detector = DetectorParameters(mount=mount)  # type: ignore[arg-type]
     if mount == "beside":
         return upright(standing_pose(scene, detector), scene.up)

@@ -24,7 +24,7 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.robots.tools import TOOLS
 from optipromp.core.scenes.objects import rooted
 from optipromp.core.scenes.scene import PoseGoal, Role, Scene, SceneObject, ToolSpec
-from optipromp.looks.appearance.scene import rgb
+from optipromp.looks.appearance import rgb
 from optipromp.looks.viewer.drawn import FOLLOWED, GREEN, OPTIMISED, RED, Moment, Placed, placed
 
 # choices for the eye
@@ -191,11 +191,8 @@ class PushedPlaces:
 
     def shifts(self) -> dict[str, float]:
         """The largest distance by which each object is pushed, by id [m]."""
-        found: dict[str, float] = {}
-        for row in self.places:
-            for each in row:
-                found[each.item.id] = max(found.get(each.item.id, 0.0), each.shift)
-        return found
+        of_each = zip(*self.places, strict=True)  # object, in time
+        return {row[0].item.id: max(each.shift for each in row) for row in of_each}
 
 
 def pushed(plan: Plan) -> PushedPlaces:

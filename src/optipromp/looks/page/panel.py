@@ -18,6 +18,8 @@ from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.files import check_folder, file_name
 from optipromp.core.planning import STRATEGIES, planner_names
 from optipromp.core.planning.task import posed
+from optipromp.core.promp import Basis, fit
+from optipromp.core.promp.demonstrations import save_demonstrations
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.shown import is_name
 from optipromp.looks.page import content, tabs
@@ -93,9 +95,7 @@ class Panel:
             self.recording = RecordTab(self)
         with self.tabs.add_tab("Replay"):
             self.replaying = ReplayTab(self)
-        window.told.append(self._refresh)
-        window.clocked.append(self._mark)
-        window.staged.append(self._explain)
+        window.told, window.clocked, window.staged = self._refresh, self._mark, self._explain
 
     def _occupy(self, on: bool) -> None:
         for button in self.buttons:
@@ -182,12 +182,12 @@ class Panel:
             for name, (label, factor, least, most, step) in _NUMBERS.items():
                 default = round(getattr(window.options, name) * factor, 6)
                 number = gui.add_number(label, default, min=least, max=most, step=step)
-                self.on(number, name, self._scaled(name, factor))
+                self.on(number, name, functools.partial(self._scaled, name, factor))
         self.button("plan again", window.replan)
         self.table = gui.add_html("")
 
-    def _scaled(self, name: str, factor: float) -> Callable[[float], None]:
-        return lambda value: self._option(**{name: value / factor})
+    def _scaled(self, name: str, factor: float, value: float) -> None:
+        self._option(**{name: value / factor})
 
     def _change(self, changed: Callable[[Scene, float], Scene], value: float) -> None:
         self.window.change(changed(self.window.scene, 1e-3 * value))
@@ -292,6 +292,7 @@ class Panel:
             self.choice.value = window.selected.name
             self.place.value = tuple(content.place(window.scene, window.selected).tolist())
         self.plots.mark(window.now, CHART_EVERY * window.speed if window.worker.running else 0.0)
+        self.replaying.follow()
 
 
 def plain_name(text: str) -> str:
@@ -378,7 +379,7 @@ class RecordTab:
         name = self.panel.named()
         check_folder(self.window.out)
         path = self.window.out / f"{name}-demonstrations.npz"
-        self._recorder().save(path)
+        save_demonstrations(self._recorder().demonstrations, path)
         self._tell(f"wrote {path}, for 'optipromp learn'")
 
     def learn(self) -> None:
@@ -386,7 +387,7 @@ class RecordTab:
         recorder, window = self._recorder(), self.window
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
-            promp = recorder.learn()
+            promp = fit(recorder.demonstrations, Basis())
         window.stage.bundle(content.bundle(promp, recorder.robot), LEARNT)
         notes = "".join(f"  \n{one.message}" for one in said)
         self._tell(f"learnt from {len(recorder.kept)} demonstrations; plans begin from it{notes}")
@@ -417,7 +418,6 @@ class ReplayTab:
             panel.on(control, "replay", lambda _: self.show())
         self.forces = gui.add_markdown("")
         self.sight = gui.add_html("")
-        self.window.clocked.append(self.follow)
 
     def show(self) -> None:
         """Replay the chosen runs; with none, show the plan."""
@@ -477,13 +477,13 @@ class Page:
     async def _leave(self, client: Any) -> None:
         window = self.windows.pop(client.client_id, None)
         if window is not None:
-            await asyncio.to_thread(window.close)
+            await asyncio.to_thread(window.worker.stop)
         self.panels.pop(client.client_id, None)
 
     def stop(self) -> None:
         """Close every window and the server."""
         for window in list(self.windows.values()):
-            window.close()
+            window.worker.stop()
         with redirect_stdout(io.StringIO()):
             self.server.stop()
 

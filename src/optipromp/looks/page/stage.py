@@ -24,7 +24,7 @@ from optipromp.core.scenes.scene import Scene
 from optipromp.laboratory.experiments.rows import ROWS
 from optipromp.laboratory.simulation import files
 from optipromp.laboratory.simulation.parameters import SimulationParameters
-from optipromp.looks.appearance.scene import rgb
+from optipromp.looks.appearance import rgb
 from optipromp.looks.page.content import GREEN_AT, RED_AT, Bundle, Clearances, between
 from optipromp.looks.viewer.drawn import PRIMITIVE, RED, STILL, Placed, motions
 from optipromp.looks.viewer.serving import FLAT, Nodes, tube
@@ -113,12 +113,9 @@ class PlanNodes(Nodes):
 
     def trajectories(self, plan: Plan) -> None:
         """Show the tool path of each trajectory of the plan."""
-        found = {motion.name: motion for motion in motions(plan)}
-        for name in _WIDTH.keys() - found.keys():
-            if (old := self._shown.pop(f"trajectories|{name}", None)) is not None:
-                old.remove()
-        for name, motion in found.items():
-            q = motion.trajectory.positions
+        self.drop("trajectories")
+        for motion in motions(plan):
+            name, q = motion.name, motion.trajectory.positions
             rows = np.unique(np.linspace(0, len(q) - 1, _LINE_POINTS).round().astype(int))
             points = plan.robot.tool_pose(q[rows])[0]
             self._add(f"trajectories|{name}", self.line, points, motion.colour, _WIDTH[name])
@@ -201,22 +198,14 @@ class PlanNodes(Nodes):
         """Show ellipsoids of two standard deviations at places (k, 3) [m] by covariances (k, 3, 3)
         [m²]; those not confirmed are grey."""
         half, turns = files.ellipsoids(covariance)
-        turned = Rotation.from_matrix(turns).as_quat(scalar_first=True) if len(turns) else turns
-        node = self._shown.get("tracks|all")
-        if node is not None and len(node.batched_positions) != len(places):
-            self.drop("tracks")
-            node = None
-        if not len(places):
-            return
-        colours = np.where(confirmed[:, None], SURE, UNSURE).astype(np.uint8)
-        if node is None:
+        self.drop("tracks")
+        if len(places):
+            turned = Rotation.from_matrix(turns).as_quat(scalar_first=True)
+            colours = np.where(confirmed[:, None], SURE, UNSURE).astype(np.uint8)
             ball = _ball()
             self._add("tracks|all", self.api.add_batched_meshes_simple, ball.vertices, ball.faces,
                       turned, places, batched_scales=2.0 * half, batched_colors=colours,
                       opacity=0.75, lod="off", **FLAT)  # fmt: skip
-            return
-        node.batched_positions, node.batched_wxyzs = places, turned
-        node.batched_scales, node.batched_colors = 2.0 * half, colours
 
     def glass(self, on: bool) -> None:
         """Let fruits be seen through, so that the ellipsoids inside them are seen; or not."""

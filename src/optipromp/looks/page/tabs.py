@@ -5,7 +5,6 @@ import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,13 +12,13 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.planning import Plan
-from optipromp.core.promp import Basis, Demonstrations, ProMP, fit
-from optipromp.core.promp.demonstrations import Demonstration, save_demonstrations
+from optipromp.core.promp import Demonstrations
+from optipromp.core.promp.demonstrations import Demonstration
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
 from optipromp.laboratory.simulation.files import LoopRecord
-from optipromp.looks.appearance.scene import SEE_THROUGH, colour_of, hex_colour
+from optipromp.looks.appearance import SEE_THROUGH, colour_of, hex_colour
 from optipromp.looks.page.content import GREEN_AT, Chart
 from optipromp.looks.page.stage import AHEAD, BACK, SIDE, SPREAD, SURE, UNSURE, Replay
 from optipromp.looks.viewer.drawn import GREEN, OPTIMISED, PRIMITIVE, RED, motions
@@ -129,7 +128,8 @@ def planned(plan: Plan, shown: Collection[str]) -> list[Entry]:
     if "initial bundle" in shown:
         found.append((disc(PRIMITIVE, SPREAD), "spread of the learnt motion"))
     if "pushed objects" in shown and plan.push_model is not None:
-        found.append((label("n, 9 mm"), "predicted push"))
+        sign = '<span style="border:1px solid #bbb;padding:0 0.3em;font-size:0.85em">n, 9 mm</span>'
+        found.append((sign, "predicted push"))
     if "passing sides" in shown and any(plan.metrics.passage.values()):
         found.append((arrow(hex_colour(SIDE)), "side on which it passes"))
     if "candidate paths" in shown and plan.push_model is not None:
@@ -192,11 +192,6 @@ def scale(first: str, last: str) -> str:
 def arrow(colour: str) -> str:
     """An arrow's colour."""
     return f'<span style="color:{colour};font-weight:700">→</span>'
-
-
-def label(words: str) -> str:
-    """A label in the picture."""
-    return f'<span style="border:1px solid #bbb;padding:0 0.3em;font-size:0.85em">{words}</span>'
 
 
 def _sign(width: str, height: str, style: str) -> str:
@@ -284,14 +279,6 @@ class Recorder:
         """The accepted demonstrations."""
         return Demonstrations(tuple(self.kept), self.robot.joint_names)
 
-    def learn(self) -> ProMP:
-        """A primitive learnt from the accepted demonstrations."""
-        return fit(self.demonstrations, Basis())
-
-    def save(self, path: Path) -> None:
-        """Write the demonstrations as ``optipromp learn`` reads them."""
-        save_demonstrations(self.demonstrations, path)
-
 
 _WRONG = {  # rows of the table by the kinds of violation that concern them
     "target": {"goal", "axis"},
@@ -332,11 +319,6 @@ class Told:
             f"border-left:4px solid {self.tone};font-size:0.9em;line-height:1.35;"
             f'max-height:12em;overflow-y:auto"><b>{html.escape(self.head)}</b>{lines}</div>'
         )
-
-
-def busy(words: str) -> Told:
-    """A message that something is under way."""
-    return Told(f"{words} …", tone=Tone.BUSY)
 
 
 def of_error(error: OptiPrompError) -> Told:

@@ -20,7 +20,7 @@ from optipromp.core.planning.task import posed
 from optipromp.core.scenes.scene import Scene
 from optipromp.looks.page import content
 from optipromp.looks.page.stage import ROLLOUTS_APART, PlanNodes, Replay, Source, execute, look
-from optipromp.looks.page.tabs import Told, Tone, busy, of_error, of_plan, of_runs
+from optipromp.looks.page.tabs import Told, Tone, of_error, of_plan, of_runs
 from optipromp.looks.viewer.drawn import conditioned_on, moment
 from optipromp.looks.viewer.words import complaint, seconds, without_codes
 
@@ -44,9 +44,10 @@ class Window:
         self.plan: Plan | None = None
         self.now, self.speed = 0.0, 1.0
         self.selected: content.Grip | None = None
+        self.worker = Worker(self._tick, self._failed)
+        self.post = self.worker.post
         self.stage = PlanNodes(client.scene)
         self.stage.on_click = lambda name: self.post("select", lambda: self.select(name))
-        self.worker = Worker(self._tick, self._failed)
         self.near: content.Clearances | None = None
         self.chart_times: FloatArray = np.zeros(0)
         self._pushed: content.PushedPlaces | None = None
@@ -57,16 +58,12 @@ class Window:
         # callbacks of the panel
         self.say: Callable[[Told], None] = lambda told: None
         self.occupy: Callable[[bool], None] = lambda on: None  # before and after long work
-        self.staged: list[Callable[[], None]] = []  # after a change of what is shown
-        self.told: list[Callable[[], None]] = []  # after a plan and all that belongs to it
-        self.clocked: list[Callable[[], None]] = []  # after a change of the time
+        self.staged: Callable[[], None] = lambda: None  # after a change of what is shown
+        self.told: Callable[[], None] = lambda: None  # after a plan and all that belongs to it
+        self.clocked: Callable[[], None] = lambda: None  # after a change of the time
         self.replays: list[Replay] = list(source.replays)
         self.replayed: tuple[tuple[Replay, PlanNodes], ...] = ()
         self.forces = ""  # of the replay, in words
-
-    def post(self, kind: str, job: Callable[[], None]) -> None:
-        """Queue a job of the window's thread."""
-        self.worker.post(kind, job)
 
     def start(self) -> None:
         """Show the first scene, and a plan."""
@@ -102,17 +99,13 @@ class Window:
                 self.stage.show(scene, robot)
                 self.stage.pose(state.q)
             look(self.client.camera, scene, tool)
-            self._stage()
-
-    def _stage(self) -> None:
-        for staged in self.staged:
-            staged()
+            self.staged()
 
     @contextlib.contextmanager
     def working(self, words: str = "") -> Iterator[None]:
         """Say that something is under way, and :attr:`occupy` the controls until it ends."""
         if words:
-            self.say(busy(words))
+            self.say(Told(f"{words} …", tone=Tone.BUSY))
         self.occupy(True)
         self.client.flush()
         try:
@@ -163,7 +156,7 @@ class Window:
                 self.stage.via(conditioned_on(plan))
                 if self.now == 0.0:
                     self.now = moment(plan).time
-                self._stage()
+                self.staged()
             self.go(self.now)
             self.say(of_plan(plan, words, {}))
 
@@ -188,8 +181,7 @@ class Window:
             self.stage.ghosts(self._pushed.places[-1])
             if not self.replayed:
                 self.say(of_plan(plan, self._how, self._pushed.shifts()))
-            for told in self.told:
-                told()
+            self.told()
             self.go(self.now)
 
     # -- the clock ------------------------------------------------------------------------------
@@ -213,8 +205,7 @@ class Window:
                 self.stage.place(self._pushed.at(self.now))
             if self.near is not None:
                 self.stage.colour(int(np.abs(self.chart_times - self.now).argmin()))
-        for clocked in self.clocked:
-            clocked()
+        self.clocked()
 
     def play(self, running: bool) -> None:
         """Start the clock, at the end again from the beginning; or stop it."""
@@ -266,12 +257,12 @@ class Window:
                     stage.say(replay.message, None)
                 self.replayed = tuple(zip(chosen, stages, strict=True))
                 self.say(of_runs(chosen))
-                self._stage()
+                self.staged()
                 self.go(0.0)
         elif self.plan is not None:
             self.stage.show(self.plan.scene, self.plan.robot)
             self.say(of_plan(self.plan, self._how, self._pushed.shifts() if self._pushed else {}))
-            self._stage()
+            self.staged()
             self.go(self.now)
 
     # -- moving things --------------------------------------------------------------------------
@@ -283,8 +274,7 @@ class Window:
         self.release()
         if self.selected is not None:
             self.hold(content.place(self.scene, self.selected), self._dragged)
-        for clocked in self.clocked:
-            clocked()
+        self.clocked()
 
     def hold(self, at: FloatArray, dragged: Callable[[FloatArray, str], None]) -> None:
         """Show a handle at a point (3,); ``dragged`` gets its place, and ``update`` or ``end``."""
@@ -340,10 +330,6 @@ class Window:
 
     def _failed(self, error: Exception) -> None:
         self.say(Told("Something broke", (f"error: {type(error).__name__}: {error}",), Tone.BAD))
-
-    def close(self) -> None:
-        """End the window's thread."""
-        self.worker.stop()
 
 
 Job = Callable[[], None]

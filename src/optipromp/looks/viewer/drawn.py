@@ -12,7 +12,7 @@ from optipromp.core.planning import Plan
 from optipromp.core.planning.task import tool_motion
 from optipromp.core.scenes.scene import SceneObject
 from optipromp.core.trajectory import Trajectory
-from optipromp.looks.appearance.scene import PUSHABLES, ROLES
+from optipromp.looks.appearance import PUSHABLES, ROLES
 
 PRIMITIVE, FOLLOWED, OPTIMISED = "#f0a33a", "#a0449c", "#1f5fb4"
 RED, GREEN = "#c8322b", "#2f8f4e"  # wrong, right

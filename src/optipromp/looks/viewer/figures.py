@@ -19,13 +19,12 @@ from optipromp.core.planning.plan import plan as make_plan
 from optipromp.core.planning.result import Planned
 from optipromp.core.planning.task import Task
 from optipromp.core.promp import Demonstrations, ProMP
-from optipromp.core.robots.description import rotation_of
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
+from optipromp.looks.appearance import arm_parts
 from optipromp.looks.viewer.drawn import FOLLOWED, OPTIMISED, PRIMITIVE, RED, motions
 from optipromp.looks.viewer.reach import reach_figure, title
-from optipromp.readers.packages import triangles
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -290,16 +289,23 @@ _COLOURS = ("#2f6db3", "#c8662b", "#3f8f4f")  # of neighbouring links
 
 
 def cover_figure(robot: Robot) -> Figure:
-    """Three views of the arm at home: its meshes grey, its body spheres as circles."""
+    """Three views of the arm at home: its looks grey, its body spheres as circles."""
     from matplotlib.collections import EllipseCollection, PolyCollection
     from matplotlib.figure import Figure
 
     centers, radius = robot.sphere_centers(robot.home), np.asarray(robot.spheres.radius)
-    surface = surfaces(robot)
+    origins, rotations = robot.segment_frames(robot.home)
+    surface: list[FloatArray] = []
+    for part in arm_parts(robot):
+        if part.segment >= 0:
+            part = part.placed(origins[part.segment], rotations[part.segment])
+        surface += list(part.vertices[part.faces])
     colours = [_COLOURS[link % len(_COLOURS)] for link in robot.spheres.link]
     figure = Figure(figsize=(len(_VIEWS) * _SIZE, _SIZE), layout="constrained", facecolor="white")
     for axes, view in zip(figure.subplots(1, len(_VIEWS)), _VIEWS, strict=True):
-        solid = PolyCollection(list(surface[:, :, view]), facecolors=SOLID, linewidths=0.0)
+        solid = PolyCollection(
+            [face[:, view] for face in surface], facecolors=SOLID, linewidths=0.0
+        )
         axes.add_collection(solid)
         axes.add_collection(
             EllipseCollection(
@@ -317,25 +323,6 @@ def cover_figure(robot: Robot) -> Figure:
     reach = f", at most {1000.0 * most:.0f} mm beyond the links" if robot.excess else ""
     figure.suptitle(f"{robot.name}: {count} body spheres{reach}")
     return figure
-
-
-def surfaces(robot: Robot) -> FloatArray:
-    """The triangles (f, 3, 3) of the meshes of all links at home, in the base's frame [m].
-
-    Raises InvalidRobotError for a mesh that cannot be read.
-    """
-    origins, rotations = robot.segment_frames(robot.home)
-    out = [np.zeros((0, 3, 3))]
-    for link in robot.geometry:
-        for shape in link.shapes:
-            if shape.kind != "mesh":
-                continue
-            local = triangles(link.urdf, link.link, shape) @ rotation_of(shape.rpy).T + shape.xyz
-            placed = local @ link.rotation.T + link.translation
-            if link.segment >= 0:
-                placed = placed @ rotations[link.segment].T + origins[link.segment]
-            out.append(placed)
-    return np.concatenate(out)
 
 
 class _Standing:

@@ -15,10 +15,11 @@ from optipromp.core.geometry.faces import sphere, tube
 from optipromp.core.planning import Plan
 from optipromp.core.pushing.path import evenly, length
 from optipromp.core.robots.model import Robot
-from optipromp.looks.appearance.scene import PUSHABLES, shape_faces
+from optipromp.looks.appearance import PUSHABLES, shape_faces
 from optipromp.looks.viewer import drawn
 from optipromp.looks.viewer.drawn import COLOURS, OPTIMISED, STILL, Moment, Motion, Placed
 from optipromp.looks.viewer.words import author
+from optipromp.perception.pictures import flange_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -109,7 +110,9 @@ def _draw_wide(axes: Axes, plan: Plan, objects: Sequence[Placed], now: Moment) -
     views = [
         Camera.orbit(middle, heading + turn, 0.28, 3.5 * reach) for turn in (-1.0, 1.0, -2.1, 2.1)
     ]
-    picture = Picture(min(views, key=lambda view: _hidden(view, plan, focus)))
+    items = [item.position - focus for item in plan.scene.static if np.isfinite(item.radius)]
+    before = [sum(max(0.0, float(view.axes[2] @ at)) for at in items) for view in views]
+    picture = Picture(views[int(np.argmin(before))])  # static objects hide the focus least
     for item in objects:
         _add_object(picture, item, 0.3 if item.item.role == "avoid" else 1.0)
     when = now.waypoint / (len(plan.trajectory.positions) - 1)
@@ -152,14 +155,9 @@ def tool_faces(robot: Robot, q: FloatArray) -> FloatArray:
         cover, centers = robot.spheres, robot.sphere_centers(q)
         last = np.flatnonzero(cover.link == cover.link.max())
         return np.concatenate([sphere(centers[k], cover.radius[k], 12) for k in last])
-    origins, rotations = robot.segment_frames(q)
-    flange = origins[-1] + rotations[-1] @ robot.flange_translation
-    turned = rotations[-1] @ robot.flange_rotation
-    faces = []
-    for solid in robot.tool.solids():
-        place, turn = flange + turned @ solid.position, turned @ solid.rotation
-        faces.append(shape_faces(solid.shape, place, turn))
-    return np.concatenate(faces)
+    hand, solids = flange_of(robot, q), robot.tool.solids()
+    turned = [(one.shape, hand @ one.position, hand.rotation @ one.rotation) for one in solids]
+    return np.concatenate([shape_faces(*each) for each in turned])
 
 
 def _add_object(picture: Picture, placed: Placed, alpha: float) -> None:
@@ -172,9 +170,8 @@ def _add_object(picture: Picture, placed: Placed, alpha: float) -> None:
 
 def _bones(robot: Robot, q: FloatArray) -> FloatArray:
     """Points (k, 3) from the base through the joints to the flange [m]."""
-    origins, rotations = robot.segment_frames(q)
     corners = [np.zeros(3)]
-    for corner in (*origins, origins[-1] + rotations[-1] @ robot.flange_translation):
+    for corner in (*robot.segment_frames(q)[0], flange_of(robot, q).position):
         if np.linalg.norm(corner - corners[-1]) > 1e-6:
             corners.append(corner)
     return np.stack(corners)
@@ -194,16 +191,6 @@ def _focus(plan: Plan) -> FloatArray:
     if plan.scene.target is not None:
         return np.asarray(plan.scene.target.position, dtype=float)
     return np.asarray(plan.robot.tool_pose(plan.trajectory.positions[-1])[0])
-
-
-def _hidden(view: Camera, plan: Plan, focus: FloatArray) -> float:
-    """Sum of the distances of static objects before the focus, along the view [m]."""
-    nearer = [
-        float(view.axes[2] @ (item.position - focus))
-        for item in plan.scene.static
-        if np.isfinite(item.radius)
-    ]
-    return sum(max(0.0, distance) for distance in nearer)
 
 
 def _frame(camera: Camera, plan: Plan, objects: Sequence[Placed]) -> FloatArray:

@@ -23,8 +23,15 @@ from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.shown import printable
-from optipromp.looks.appearance import Part, arm_parts, object_parts, scenery
-from optipromp.looks.appearance.scene import STEM, box_distance, rgb
+from optipromp.looks.appearance import (
+    STEM,
+    Part,
+    arm_parts,
+    box_distance,
+    object_parts,
+    rgb,
+    scenery,
+)
 from optipromp.looks.viewer.drawn import Moment, motions, placed
 
 FLAT = {"cast_shadow": False, "receive_shadow": False}  # slow without a graphics card

@@ -59,12 +59,6 @@ def _mm(value: float | None) -> str:
     return f"{1e3 * value:.1f} mm" if abs(value) < 1.0 else f"{value:.3f} m"
 
 
-def nearest(plan: "Plan") -> float | None:
-    """The smallest clearance of a plan [m]; None where nothing is near."""
-    m = plan.metrics
-    return least(m.clearance_static, m.clearance_avoid, m.clearance_pushable, m.clearance_self)
-
-
 def author(plan: "Plan") -> str:
     """The planner of a plan, and its strategy where it has one."""
     return plan.planner + (f", {plan.strategy}" if plan.strategy else "")
