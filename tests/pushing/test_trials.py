@@ -6,6 +6,7 @@ import pytest
 from optipromp.core.pushing.packs import standing
 from optipromp.core.pushing.packs.standing import plane
 from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.pushing.path import stepped
 from optipromp.core.robots.tools import FrankaHand
 from optipromp.laboratory.generate import generate
 
@@ -24,14 +25,15 @@ def tried():
 def ways(board, count=40):
     rng = np.random.default_rng(1)
     for _ in range(count):
-        middle = np.column_stack([rng.uniform(board.entry, 0.0, 3), rng.normal(0.0, 0.05, 3)])
-        yield np.vstack([[board.entry, 0.0], middle, [0.0, 0.0]])
+        along, aside = rng.uniform(board.entry, 0.0, 3), rng.normal(0.0, 0.05, 3)
+        middle = np.column_stack([along, aside, np.zeros(3)])
+        yield np.vstack([[board.entry, 0.0, 0.0], middle, np.zeros(3)])
 
 
 def test_steps_are_equal_and_meet_the_ends():
-    corners = np.array([[-0.2, 0.05], [-0.1, -0.02], [-0.1, -0.02], [0.0, 0.0]])
-    path = standing.stepped(corners)
-    np.testing.assert_array_equal(path[[0, -1], :2], corners[[0, -1]])
+    corners = np.array([[-0.2, 0.05, 0.0], [-0.1, -0.02, 0.0], [-0.1, -0.02, 0.0], [0.0, 0.0, 0.0]])
+    path = stepped(corners, PUSH.pack.step)
+    np.testing.assert_array_equal(path[[0, -1]], corners[[0, -1]])
     steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
     assert steps.max() <= 0.004 + 1e-12
     assert np.quantile(steps, 0.9) == pytest.approx(steps.max())  # a corner is cut in one step

@@ -189,9 +189,5 @@ def _cut(c, times, rows, at, fine):
             s = i / count
             at[rows[t] + i] = times[t] + s * (times[t + 1] - times[t])
             for j in range(c.shape[1]):
-                p = c[t, j]
-                out = p[5]
-                for k in range(4, -1, -1):
-                    out = out * s + p[k]
-                fine[rows[t] + i, j] = out
+                fine[rows[t] + i, j] = _value(c[t, j], 5, s)
     at[rows[-1]] = times[-1]

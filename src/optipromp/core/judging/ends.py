@@ -17,10 +17,9 @@ from typing import NamedTuple
 import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frame_along
-from optipromp.core.compiled import kernel
 from optipromp.core.geometry.shapes import FINE, Capsule, Cone, Ellipsoid, PointCloudShape, Sphere
 from optipromp.core.judging.curve import along
-from optipromp.core.judging.kinematics import body_of, fitting, segments
+from optipromp.core.judging.kinematics import body_of, fitting, last_poses
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.scenes.goals import (
@@ -230,22 +229,9 @@ def unlimited(robot: Robot) -> BoolArray:
 
 def poses_of_tool(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Tool points (M, 3) [m], axes (M, 3, 3) of the tool's frame in columns, at ``q`` (M, n)."""
-    turns, origins, body = np.empty((len(q), 3, 3)), np.empty((len(q), 3)), body_of(robot)
-    last_poses(body, np.array(q, dtype=np.float64, order="C"), turns, origins)
+    points, turns = last_poses(robot, q)
     turn = np.eye(3) if robot.tool is None else np.asarray(robot.tool.rotation)
-    frames = np.asarray(turns @ robot.flange_rotation @ turn)
-    return np.asarray(origins + turns @ body.tool[0]), frames
-
-
-@kernel
-def last_poses(body, q, out, at):
-    """Rotations (M, 3, 3) and origins (M, 3) of the last segment at ``q`` (M, n), in place."""
-    count = body.driver.shape[0]
-    turns, origins = np.empty((count, 3, 3)), np.empty((count, 3))
-    for m in range(len(q)):
-        segments(body, q[m], turns, origins)
-        out[m] = turns[count - 1]
-        at[m] = origins[count - 1]
+    return points, np.asarray(turns @ robot.flange_rotation @ turn)
 
 
 STEP = 1e-3  # [m] of the tool between two checks: a choice

@@ -251,3 +251,20 @@ def divisions(body, q, parts):
             if squared > worst * allowed:
                 worst = squared / allowed
         parts[t] = max(1.0, math.ceil(1.1 * math.sqrt(worst)))
+
+
+def last_poses(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Tool points (M, 3) [m], rotations (M, 3, 3) of the last segment at ``q`` (M, n)."""
+    points, turns = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
+    _last_poses(body_of(robot), np.array(q, dtype=np.float64, order="C"), points, turns)
+    return points, turns
+
+
+@kernel
+def _last_poses(body, q, points, out):
+    last = body.driver.shape[0] - 1
+    turns, origins = np.empty((last + 1, 3, 3)), np.empty((last + 1, 3))
+    for m in range(len(q)):
+        segments(body, q[m], turns, origins)
+        points[m, 0], points[m, 1], points[m, 2] = carried(turns, origins, last, body.tool, 0)
+        out[m] = turns[last]

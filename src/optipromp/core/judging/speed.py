@@ -15,7 +15,7 @@ from optipromp.core.arrays import BoolArray, FloatArray, IntArray, joined, lengt
 from optipromp.core.compiled import inner, kernel
 from optipromp.core.judging import distances
 from optipromp.core.judging.curve import along
-from optipromp.core.judging.kinematics import body_of, carried, centers, segments
+from optipromp.core.judging.kinematics import centers, last_poses
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
@@ -126,7 +126,8 @@ def passages(scene: Scene, tips: FloatArray, rims: FloatArray, gripper_radius: f
     objects = pushables_of(scene, gripper_radius)
     if not objects.ids:
         return Passing({}, {}, {}, {}, {}, [])
-    (across, lateral, up), places = scene.frame, objects.places
+    across, lateral, up = map(np.array, scene.frame)
+    tips, rims, places = np.array(tips), np.array(rims), np.array(objects.places)
     waypoint, tip = last_passages(tips, places, up)
     rim_waypoint, rim = last_passages(rims, places, up)
     closely_under = objects.under < float((rims[-1] - tips[-1]) @ up)
@@ -147,10 +148,8 @@ def passages(scene: Scene, tips: FloatArray, rims: FloatArray, gripper_radius: f
     first = len(tips) - 1 - int(np.argmin(lengths(tips - objects.camera)[::-1]))  # the last of them
     first = 0 if scene.target is None else first
     passed = tip_asked & (waypoint >= first)
-    window(
-        np.array(tips), first, np.flatnonzero(passed), waypoint, side, np.array(lateral),
-        np.array(up), stems, least, gap,
-    )  # fmt: skip
+    rows = np.flatnonzero(passed)
+    window(tips, first, rows, waypoint, side, lateral, up, stems, least, gap)
     return Passing(
         _known(objects.ids, m_p, waypoint >= 0),
         dict(objects.projection),
@@ -172,22 +171,16 @@ def _known(ids: list[str], values: FloatArray, known: BoolArray) -> ById:
     return {name: value if is_known else None for name, value, is_known in found}
 
 
-def last_passages(
-    path: FloatArray, places: FloatArray, up: FloatArray
-) -> tuple[IntArray, FloatArray]:
+@kernel
+def last_passages(path, places, up):
     """The last crossings of a path (T, 3) with the level planes of ``places`` (K, 3).
+
+    Places above or below the whole path are skipped.
 
     Returns: The waypoint (K,) nearest each crossing, -1 where there is no crossing; and the
     horizontal offset (K, 3) of this waypoint from the place [m], 0 where there is no crossing.
     """
     waypoint, at = np.full(len(places), -1), np.zeros((len(places), 3))
-    _last_passages(np.array(path), np.array(places), np.array(up), waypoint, at)
-    return waypoint, at
-
-
-@inner
-def _last_passages(path, places, up, waypoint, at):
-    """:func:`last_passages` in place; places above or below the whole path are skipped."""
     lowest, highest = math.inf, -math.inf
     for t in range(path.shape[0]):
         height = path[t, 0] * up[0] + path[t, 1] * up[1] + path[t, 2] * up[2]
@@ -208,6 +201,7 @@ def _last_passages(path, places, up, waypoint, at):
                     at[k, i] = path[waypoint[k], i] - p[i] - off * up[i]
                 break
             after = height
+    return waypoint, at
 
 
 @inner
@@ -327,7 +321,10 @@ def _fastest(
     if not near.any():
         return None
     times, q, _ = along(trajectory, PARTS * np.diff(rows))
-    fast = speeds(body_of(robot), times, q, np.repeat(near[1:] | near[:-1], PARTS))
+    asked = np.repeat(near[1:] | near[:-1], PARTS)
+    some, points = np.append(asked, False) | np.append(False, asked), np.zeros((len(q), 3))
+    points[some], _ = last_poses(robot, q[some])
+    fast = np.where(asked, lengths(np.diff(points, axis=0)) / np.diff(times), 0.0)
     worst = int(np.argmax(fast))
     return float(fast[worst]), float(times[worst])
 
@@ -406,23 +403,3 @@ def mark(points, axes, places, reach, radius, behind, ahead, near):
             ):
                 near[m] = True
                 break
-
-
-@kernel
-def speeds(body, times, q, asked):
-    """Mean speeds (M-1,) of the tool point between configurations ``q`` (M, n) [m/s].
-
-    Intervals that are not ``asked`` (M-1,) get 0.
-    """
-    count = body.driver.shape[0]
-    turns, origins = np.empty((count, 3, 3)), np.empty((count, 3))
-    out, here, before = np.zeros(len(asked)), np.zeros(3), np.zeros(3)
-    for m in range(len(q)):
-        if not (m < len(asked) and asked[m]) and not (m > 0 and asked[m - 1]):
-            continue
-        segments(body, q[m], turns, origins)
-        before[:] = here
-        here[0], here[1], here[2] = carried(turns, origins, count - 1, body.tool, 0)
-        if m > 0 and asked[m - 1]:
-            out[m - 1] = np.sqrt(((here - before) ** 2).sum()) / (times[m] - times[m - 1])
-    return out

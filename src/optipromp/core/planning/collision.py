@@ -17,7 +17,7 @@ import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, lengths
 from optipromp.core.budget import Budget
-from optipromp.core.compiled import inlined, inner
+from optipromp.core.compiled import inlined, inner, kernel
 from optipromp.core.geometry.distances import distance_and_gradient
 from optipromp.core.geometry.obstacles import Obstacles, appended, pack
 from optipromp.core.planning.parameters import TREE
@@ -280,11 +280,8 @@ def _back(nodes: FloatArray, parent: IntArray, index: int) -> FloatArray:
 
 
 def _shortened(body: Collider, corners: FloatArray, rng: np.random.Generator) -> FloatArray:
-    room = np.empty((len(corners) + 2 * TREE.shortcuts, corners.shape[1]))
-    room[: len(corners)] = corners
-    places, along = rng.random((TREE.shortcuts, 2)), np.empty(len(room))
-    left = shorten(body, room, len(corners), places, along, *np.empty((3, corners.shape[1])))
-    return room[:left].copy()
+    places = np.sort(rng.random((TREE.shortcuts, 2)), axis=1)
+    return np.asarray(shorten(body, corners, places, np.empty(corners.shape[1])))
 
 
 @inner
@@ -336,49 +333,30 @@ def grow(body, samples, nodes, parent, count, reach, room):
     return False
 
 
-@inner
-def shorten(body, path, count, places, along, a, b, room):
-    """Replace parts of a path (the first ``count`` rows) by straight lines between two places.
+@kernel
+def shorten(body, path, places, room):
+    """The path (k, n) with parts replaced by straight lines between two places, where free.
 
-    ``places`` (p, 2) are shares of the path's length. Work arrays are ``along``, with as many rows
-    as ``path``, and ``a``, ``b`` and ``room`` (n,). Returns the new number of rows.
+    A row of ``places`` (p, 2) has two shares of the path's length, the smaller one first. ``room``
+    (n,) is a work array.
     """
-    n = path.shape[1]
     for k in range(places.shape[0]):
-        along[0] = 0.0
-        for i in range(1, count):
-            squared = 0.0
-            for j in range(n):
-                squared += (path[i, j] - path[i - 1, j]) ** 2
+        along = np.zeros(len(path))
+        for i in range(1, len(path)):
+            _, squared = nearest(path[i - 1 : i], 1, path[i])
             along[i] = along[i - 1] + np.sqrt(squared)
-        low = min(places[k, 0], places[k, 1]) * along[count - 1]
-        high = max(places[k, 0], places[k, 1]) * along[count - 1]
-        i, i2 = 0, count - 2  # pieces that hold the two places
-        while i < count - 2 and along[i + 1] < low:
-            i += 1
-        while i2 > i and along[i2] > high:
-            i2 -= 1
-        if i2 == i:
+        low, high = places[k, 0] * along[-1], places[k, 1] * along[-1]
+        i = np.searchsorted(along[1:-1], low)  # pieces that hold the two places
+        j = np.searchsorted(along[1:-1], high, side="right")
+        if i == j:
             continue
         u = (low - along[i]) / max(along[i + 1] - along[i], 1e-12)
-        v = (high - along[i2]) / max(along[i2 + 1] - along[i2], 1e-12)
-        straight = 0.0
-        for j in range(n):
-            a[j] = path[i, j] + u * (path[i + 1, j] - path[i, j])
-            b[j] = path[i2, j] + v * (path[i2 + 1, j] - path[i2, j])
-            straight += (b[j] - a[j]) ** 2
-        if np.sqrt(straight) > (high - low) * (1.0 - 1e-3) or not open_edge(body, a, b, room):
-            continue
-        shift = i + 3 - (i2 + 1)  # rows i + 1 … i2 become two
-        if count + shift > path.shape[0]:
-            break
-        for j in range(n):
-            if shift > 0:
-                for r in range(count - 1, i2, -1):
-                    path[r + shift, j] = path[r, j]
-            else:
-                for r in range(i2 + 1, count):
-                    path[r + shift, j] = path[r, j]
-            path[i + 1, j], path[i + 2, j] = a[j], b[j]
-        count += shift
-    return count
+        v = (high - along[j]) / max(along[j + 1] - along[j], 1e-12)
+        ends = np.empty((2, path.shape[1]))
+        ends[0] = path[i] + u * (path[i + 1] - path[i])
+        ends[1] = path[j] + v * (path[j + 1] - path[j])
+        _, straight = nearest(ends[:1], 1, ends[1])
+        shorter = np.sqrt(straight) <= (high - low) * (1.0 - 1e-3)
+        if shorter and open_edge(body, ends[0], ends[1], room):
+            path = np.concatenate((path[: i + 1], ends, path[j + 1 :]))
+    return path

@@ -68,10 +68,15 @@ def shortest(robot: Robot, q: FloatArray, slow: Slow = None, speed: float = np.i
     even = np.arange(count, dtype=np.float64)
     dt = max(float(least.max()), TIMING.least_dt)
     made = Trajectory.through(q, dt * even, names)
-    if not single and needs(robot, made).max() <= 1.0:
-        return _calmed(robot, made, slow, speed)
-    made = fastest(robot, q, least, ramped(np.linspace(0.0, 1.0, count)))
-    return _calmed(robot, made, slow, speed)
+    if single or needs(robot, made).max() > 1.0:
+        made = fastest(robot, q, least, ramped(np.linspace(0.0, 1.0, count)))
+    for _ in range(TIMING.refinements):
+        fast = tool_speeds(robot, made, slow, TIMING.parts) / speed
+        if fast.max() <= 1.0 + TIMING.spare:
+            break
+        widths = np.diff(made.times) * np.maximum(fast, 1.0)
+        made = within(robot, q, np.append(0.0, np.cumsum(widths)), widths)
+    return made
 
 
 def intervals(slow: Slow, count: int) -> BoolArray:
@@ -79,17 +84,6 @@ def intervals(slow: Slow, count: int) -> BoolArray:
     if isinstance(slow, np.ndarray):
         return slow
     return np.arange(count - 1) >= (count if slow is None else slow)
-
-
-def _calmed(robot: Robot, made: Trajectory, slow: BoolArray, speed: float) -> Trajectory:
-    """A trajectory, with intervals widened in which the tool is too fast."""
-    for _ in range(TIMING.refinements):
-        fast = tool_speeds(robot, made, slow, TIMING.parts) / speed
-        if fast.max() <= 1.0 + TIMING.spare:
-            break
-        widths = np.diff(made.times) * np.maximum(fast, 1.0)
-        made = within(robot, made.positions, np.append(0.0, np.cumsum(widths)), widths)
-    return made
 
 
 def joined(

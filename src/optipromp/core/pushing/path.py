@@ -64,21 +64,9 @@ def rounded(corners, step, width):
 
     Each average is over ``width`` of the arc [m], and over less near the ends, which stay in place.
     """
-    total = length(corners)
-    count = max(2, math.ceil(total / step) + 1)
-    points, sums = np.empty((count, 3)), np.zeros((count + 1, 3))
-    gone, i, half = 0.0, 1, int(0.5 * width / step)
-    for m in range(3):
-        points[0, m], points[count - 1, m] = corners[0, m], corners[len(corners) - 1, m]
-    for k in range(1, len(corners)):
-        piece = _step(corners, k)
-        while i < count - 1 and i * total / (count - 1) <= gone + piece:
-            share = (i * total / (count - 1) - gone) / piece
-            for m in range(3):
-                low, high = corners[k - 1, m], corners[k, m]
-                points[i, m] = low + share * (high - low)
-            i += 1
-        gone += piece
+    points, half = stepped(corners, step), int(0.5 * width / step)
+    count = len(points)
+    sums = np.zeros((count + 1, 3))
     for _ in range(2):
         for i in range(count):
             for m in range(3):
@@ -87,6 +75,26 @@ def rounded(corners, step, width):
             h = min(half, i, count - 1 - i)
             for m in range(3):
                 points[i, m] = (sums[i + h + 1, m] - sums[i - h, m]) / (2 * h + 1)
+    return points
+
+
+@kernel
+def stepped(corners, step):
+    """Points (P, 3) about ``step`` apart, evenly along the polyline ``corners`` (k, 3)."""
+    total = length(corners)
+    count = max(2, math.ceil(total / step) + 1)
+    points, gone, i = np.empty((count, 3)), 0.0, 1
+    for m in range(3):
+        points[0, m], points[count - 1, m] = corners[0, m], corners[len(corners) - 1, m]
+    for k in range(1, len(corners)):
+        piece = _step(corners, k)
+        while i < count - 1 and i * total / (count - 1) <= gone + piece:
+            share = (i * total / (count - 1) - gone) / max(piece, 1e-12)
+            for m in range(3):
+                low, high = corners[k - 1, m], corners[k, m]
+                points[i, m] = low + share * (high - low)
+            i += 1
+        gone += piece
     return points
 
 

@@ -21,35 +21,14 @@ from optipromp.core.pushing.model import Candidates, Moved, PushModel, Round, Sc
 from optipromp.core.pushing.packs.flat import clear_ahead, shapes
 from optipromp.core.pushing.packs.quasi_static import Bench, Pushed, push_once, pushed
 from optipromp.core.pushing.parameters import PUSH
-from optipromp.core.pushing.path import STEP, ToolPath, through
+from optipromp.core.pushing.path import STEP, ToolPath, stepped, through
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.tool_geometry import hull
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.scenes.scene import Scene, SceneObject
 
 PACK = PUSH.pack
-
-
-@kernel
-def stepped(corners):
-    """Poses (T, 3) along a path (k, 2), in equal steps of the model, without a turn."""
-    total = 0.0
-    for k in range(1, len(corners)):
-        total += math.hypot(corners[k, 0] - corners[k - 1, 0], corners[k, 1] - corners[k - 1, 1])
-    count = max(2, math.ceil(total / PACK.step) + 1)
-    out = np.zeros((count, 3))
-    out[0, :2], out[-1, :2] = corners[0], corners[-1]
-    gone, t = 0.0, 1
-    for k in range(1, len(corners)):
-        du, dv = corners[k, 0] - corners[k - 1, 0], corners[k, 1] - corners[k - 1, 1]
-        length = math.hypot(du, dv)
-        while t < count - 1 and total * t / (count - 1) <= gone + length:
-            share = (total * t / (count - 1) - gone) / max(length, 1e-12)
-            out[t, 0] = corners[k - 1, 0] + share * du
-            out[t, 1] = corners[k - 1, 1] + share * dv
-            t += 1
-        gone += length
-    return out
+WALLS_EVERY = 5  # poses of a path for one at which its distance from the walls is measured
 
 
 @inner
@@ -89,12 +68,6 @@ def wall_cost(room):
     return _excess(PACK.wide, room, PACK.tight)
 
 
-@kernel
-def room_of(bench, path):
-    """Least distance of the hand from the walls along a path (T, 3) [m], at most ``PACK.wide``."""
-    return clear_ahead(path, 5, bench.hand, bench.walls, PACK.wide)
-
-
 @inner
 def _taken(bench, u, v):
     """Whether an object ends between the fingers."""
@@ -110,13 +83,14 @@ def cost_of(bench, corners, states, slips, so_far, limit):
     force is large, or a wall or the board's edge is near. The trials of the largest cost for
     earlier paths come first: they end a bad path soon.
 
-    ``corners``: (k, 2) of the path. ``states``: (N, B, 3) poses of the objects in each trial.
-    ``slips``: (N,) coefficients of friction between objects, and with the tool. ``so_far``: (N,)
-    summed cost of each trial for earlier paths; changed in place. ``limit``: largest mean cost of
-    interest.
+    ``corners``: (k, 3) of the path in (u, v), the last column 0. ``states``: (N, B, 3) poses of the
+    objects in each trial. ``slips``: (N,) coefficients of friction between objects, and with the
+    tool. ``so_far``: (N,) summed cost of each trial for earlier paths; changed in place. ``limit``:
+    largest mean cost of interest.
     """
-    path = stepped(corners)
-    always = 0.001 * len(path) + wall_cost(room_of(bench, path))
+    path = stepped(corners, PACK.step)
+    room = clear_ahead(path, WALLS_EVERY, bench.hand, bench.walls, PACK.wide)
+    always = 0.001 * len(path) + wall_cost(room)
     total, trials = 0.0, len(slips)
     costs = np.full(trials, -1.0)  # of the trials so far; -1: not made yet
     hardest = PACK.light + PACK.heavy * math.sqrt(PACK.worst)
@@ -328,7 +302,9 @@ class Standing(PushModel):
         assert scene.target is not None
         self.threshold = self.calibration.allowed(risk)
         self.target, self.frame = scene.target.position, scene.frame
-        self._flat, self._rings = scene.frame[[2, 1]].T, rings
+        self._rings = rings
+        # (3, 3) to (u, v) and a turn of the hand, of 0
+        self._flat = np.vstack([scene.frame[[2, 1]], np.zeros(3)]).T
         self.board = plane(scene, tool, behind)
         self.bench = self.board.bench
         self.candidates = PathsBetween(scene, self.board)
@@ -350,7 +326,7 @@ class Standing(PushModel):
         )
 
     def _corners(self, points: FloatArray) -> FloatArray:
-        """Every EVERY-th of the points (P, 3), and the last one, in (u, v)."""
+        """Every EVERY-th of the points (P, 3), and the last one, as poses in (u, v)."""
         chosen = np.concatenate([points[:-1:EVERY], points[-1:]])
         return (chosen - self.target) @ self._flat
 
@@ -382,7 +358,7 @@ class Standing(PushModel):
             cost_of(self.bench, flat, place[None], np.array([slip]), np.zeros(1), np.inf)
             for place, slip in zip(self._places, self._slips, strict=True)
         ]
-        worst, bench, path = int(np.argmax(one)), self.bench, stepped(flat)
+        worst, bench, path = int(np.argmax(one)), self.bench, stepped(flat, PACK.step)
         before, end = self._places[worst], self._end(path, worst)
         for name, (u, v, _) in zip(self.names[1:], end.state[1:], strict=True):
             if _taken(bench, u, v):
@@ -395,7 +371,7 @@ class Standing(PushModel):
         behind = float(end.state[over, 0]) - bench.edge
         if behind < 0.0:
             return self.names[over], "is pushed off the board"
-        room = room_of(bench, path)
+        room = clear_ahead(path, WALLS_EVERY, bench.hand, bench.walls, PACK.wide)
         costs = (
             (depth_cost(bench, end.state), target,
              f"is {1e3 * end.state[0, 0]:.0f} mm beyond the tool point at the end"),
@@ -412,14 +388,14 @@ class Standing(PushModel):
 
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
         flat = (points - self.target) @ self._flat
-        end = self._end(stepped(flat), 0)
-        shift = (end.state - self._places[0])[:, :2] @ self._flat.T
+        end = self._end(stepped(flat, PACK.step), 0)
+        shift = (end.state - self._places[0]) @ self._flat.T
         return Moved(tuple(self.names), self._seen + shift, end.state[:, 2])
 
     def pushing(self, points: FloatArray, axes: FloatArray) -> BoolArray:
         """See :class:`PushModel`; where an object moves in a step of the model."""
         flat = (points - self.target) @ self._flat
-        path, state = stepped(flat), self._places[0]
+        path, state = stepped(flat, PACK.step), self._places[0]
         moves = np.zeros(len(path), dtype=bool)
         for step in range(1, len(path)):
             end = push_once(
