@@ -28,7 +28,7 @@ from optipromp.core.planning.task import posed
 @pytest.fixture(scope="module")
 def ours(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("ours")
-    scenes = SceneSet("another word", ("cluster",), 2)
+    scenes = SceneSet("a third word", ("field",), 2)
     rows = run_bench(BenchRun.of(entry(Ours), "plan", scenes), folder, workers=1)
     assert [row.engine for row in rows] == ["arm", "flight"] * 2
     assert "clean" in {row.result for row in rows}
