@@ -4,12 +4,22 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from queue import Queue
 from typing import Any
 
 import pytest
 
 PATIENCE = 180.0  # [s] pictures are drawn by the processor here, beside all else
 SMALL, TALL = {"width": 400, "height": 300}, {"width": 390, "height": 844}  # [pixel] of a tab
+
+
+def idle(worker: Any) -> None:
+    """Wait until a window's thread has done its jobs, and those that they have posted."""
+    left: Queue[int] = Queue()
+    while True:
+        worker.post("idle", lambda: left.put(len(worker._jobs)))
+        if not left.get(timeout=PATIENCE):
+            return
 
 
 @dataclass
@@ -48,7 +58,7 @@ class Opened:
 
     def settle(self) -> None:
         """Wait until the window's thread has nothing left to do."""
-        assert self.window.worker.wait(PATIENCE)
+        idle(self.window.worker)
         assert "error: " not in self.panel.status.content  # a job broke off
 
     def do(self, job: Callable[[], None]) -> None:

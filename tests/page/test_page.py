@@ -12,7 +12,7 @@ import pytest
 
 pytest.importorskip("viser")
 
-from tests.page.conftest import SMALL, TALL, Opened
+from tests.page.conftest import SMALL, TALL, Opened, idle
 
 from optipromp.core.output import load_plan, write_plan
 from optipromp.core.planning import plan
@@ -37,7 +37,7 @@ def opened(shared: Opened) -> Iterator[Opened]:
         shared.window.settings["planner"] = "opti-promp"
         shared.window.post("restore", lambda: shared.window.open(load_scene("scenario-3")))
     shared.window.post("last", shared.window.reset)
-    shared.window.worker.wait()
+    idle(shared.window.worker)
 
 
 def node(opened: Opened, name: str):

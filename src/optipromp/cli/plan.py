@@ -325,6 +325,12 @@ def scene_files(folder: Path) -> list[Path]:
     return scenes
 
 
+def outputs(files: Sequence[Path], folder: Path) -> list[Path]:
+    """A folder for the plan of each file: its stem, or its whole name where two share a stem."""
+    stems = [path.stem for path in files]
+    return [folder / (path.name if stems.count(path.stem) > 1 else path.stem) for path in files]
+
+
 def plan_folder(
     folder: Path,
     request: Request,
@@ -335,9 +341,7 @@ def plan_folder(
 ) -> Report:
     """Plan every scene in ``folder``, with the robot that is named, and write each plan."""
     files, out = scene_files(folder), output.out
-    stems = [path.stem for path in files]  # a folder's name; of files that share it, the whole
-    names = [path.name if stems.count(path.stem) > 1 else path.stem for path in files]
-    homes = [None if out is None else out / name for name in names]
+    homes: Sequence[Path | None] = [None] * len(files) if out is None else outputs(files, out)
     console.say_if_compiling(progress)
     began = time.perf_counter()
     done_so_far, good = 0, 0

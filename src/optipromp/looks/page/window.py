@@ -347,7 +347,7 @@ class Worker:
         self._tick, self._failed = tick, failed
         self._jobs: dict[str, Job] = {}
         self._ready = threading.Condition()
-        self._alive, self._busy = True, False
+        self._alive = True
         self.running = False
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -363,11 +363,6 @@ class Worker:
         """Forget a waiting job."""
         with self._ready:
             self._jobs.pop(kind, None)
-
-    def wait(self, seconds: float = 60.0) -> bool:
-        """Wait until no job is left; False where the time runs out first."""
-        with self._ready:
-            return self._ready.wait_for(lambda: not (self._jobs or self._busy), seconds)
 
     def stop(self) -> None:
         """End the thread after its present job."""
@@ -386,9 +381,7 @@ class Worker:
                     self._ready.wait(1.0 / CLOCK_RATE if self.running else None)
                 if not self._alive:
                     return
-                kind = next(iter(self._jobs), None)
-                job = None if kind is None else self._jobs.pop(kind)
-                self._busy = job is not None
+                job = self._jobs.pop(next(iter(self._jobs))) if self._jobs else None
             now = time.monotonic()
             try:
                 if job is not None:
@@ -399,6 +392,3 @@ class Worker:
                 traceback.print_exc(file=sys.stderr)
                 self._failed(error)
             last = now
-            with self._ready:
-                self._busy = False
-                self._ready.notify_all()
