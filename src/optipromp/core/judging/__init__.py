@@ -5,9 +5,7 @@ from optipromp.core.judging.clearance import clearances as clearances
 from optipromp.core.judging.clearance import nearest_static as nearest_static
 from optipromp.core.judging.clearance import pushed_away as pushed_away
 from optipromp.core.judging.clearance import swept as swept
-from optipromp.core.judging.curve import Extremes as Extremes
 from optipromp.core.judging.curve import extremes as extremes
-from optipromp.core.judging.ends import AXIS_TOLERANCE as AXIS_TOLERANCE
 from optipromp.core.judging.ends import GOAL_TOLERANCE as GOAL_TOLERANCE
 from optipromp.core.judging.ends import Violation as Violation
 from optipromp.core.judging.ends import left_path as left_path

@@ -87,8 +87,9 @@ def find_extremes(c, times, values, when):
                     lowest = order
             count = 0  # of places where the next derivative has its extremes
             for order in range(3, lowest - 1, -1):
+                _derived(c[t, j], order + 1, h, p)
+                count = _roots(p, 4 - order, places, count, turning)
                 _derived(c[t, j], order, h, p)
-                count = _roots_of_slope(p, 5 - order, places, count, turning)
                 for i in range(count):
                     s = places[i] = turning[i]
                     _noted(_value(p, 5 - order, s), order, times[t] + s * h, j, values, when)
@@ -132,31 +133,22 @@ def _value(p, degree, s):
 
 
 @inner
-def _slope(p, degree, s):
-    """Derivative at s of the polynomial with coefficients ``p``."""
-    out = degree * p[degree]
-    for k in range(degree - 1, 0, -1):
-        out = out * s + k * p[k]
-    return out
+def _roots(p, degree, places, count, out):
+    """Write the roots in (0, 1) of the polynomial ``p`` to ``out``; return their number.
 
-
-@inner
-def _roots_of_slope(p, degree, places, count, out):
-    """Write the roots in (0, 1) of the derivative of ``p`` to ``out``; return their number.
-
-    ``places`` are the ``count`` roots of the second derivative, in ascending order: the derivative
-    is monotone between them.
+    ``places`` are the ``count`` roots of its derivative, in ascending order: the polynomial is
+    monotone between them.
     """
     found, low = 0, 0.0
-    before = _slope(p, degree, 0.0)
+    before = _value(p, degree, 0.0)
     for i in range(count + 1):
         high = places[i] if i < count else 1.0
-        after = _slope(p, degree, high)
+        after = _value(p, degree, high)
         if before * after < 0.0:
             a, b = low, high
             for _ in range(60):
                 middle = 0.5 * (a + b)
-                if _slope(p, degree, middle) * before > 0.0:
+                if _value(p, degree, middle) * before > 0.0:
                     a = middle
                 else:
                     b = middle

@@ -191,7 +191,8 @@ def _region(
     if goal.axis is not None:
         angle = _between(axis.tolist(), goal.axis.tolist())
     elif goal.rotation is not None:
-        angle, what = turned_by(poses_of_tool(robot, last[None])[1][0], goal.rotation), "tool"
+        frames = poses_of_tool(robot, last[None])[1]
+        angle, what = float(_angles(frames, goal.rotation)[0]), "tool"
     most = AXIS_TOLERANCE if goal.angle is None else math.radians(goal.angle)
     if angle is not None and angle > most + BORDER:
         text = (
@@ -206,16 +207,6 @@ def _between(a: list[float], b: list[float]) -> float:
     """Angle between two vectors [rad], exact for small angles too."""
     cross = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
     return math.atan2(math.hypot(*cross), a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
-
-
-def turned_by(a: FloatArray, b: FloatArray) -> float:
-    """Angle of the rotation between two frames (3, 3) [rad], exact for small angles too.
-
-    Its sine and cosine follow from the antisymmetric part and the trace of R = a bᵀ.
-    """
-    r = a @ b.T
-    twice = r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]
-    return math.atan2(math.hypot(*twice), float(np.trace(r)) - 1.0)
 
 
 def unlimited(robot: Robot) -> BoolArray:

@@ -38,15 +38,13 @@ class BodyPoints:
         self.link_start: IntArray = frozen(
             np.append(np.searchsorted(link, links), len(link)), np.int64
         )
-        bound_centers, bound_radii, bound_segments, distal = [], [], [], []
-        for low, high in zip(self.link_start[:-1], self.link_start[1:], strict=True):
+        bound_centers, bound_radii, begins = [], [], self.link_start[:-1]
+        for low, high in zip(begins, self.link_start[1:], strict=True):
             own, around = center[low:high], radius[low:high, None]
             middle = 0.5 * ((own - around).min(axis=0) + (own + around).max(axis=0))
             reach = np.linalg.norm(own - middle, axis=1) + radius[low:high]
             bound_centers.append(middle)
             bound_radii.append(reach.max())
-            bound_segments.append(segment[low])
-            distal.append(bool(self.distal[low]))
         last = robot.n_segments - 1
         tool = np.stack([robot.tool_point, robot.tool_point + LEVER * robot.tool_axis])
         self.tool = len(radius)
@@ -54,13 +52,13 @@ class BodyPoints:
             np.vstack([center, tool, np.reshape(bound_centers, (-1, 3))])
         )
         self.segment: IntArray = frozen(
-            np.concatenate([segment, [last, last], bound_segments]), np.int64
+            np.concatenate([segment, [last, last], segment[begins]]), np.int64
         )
         kept, apart = np.zeros(len(links)), robot.self_slack < 0.0
         paired = np.searchsorted(links, spheres.link[robot.self_pairs[apart]])
         np.maximum.at(kept, paired, -robot.self_slack[apart, None])
         self.link_bound: FloatArray = frozen(np.add(bound_radii, kept))
-        self.link_distal: BoolArray = frozen(distal, np.bool_)
+        self.link_distal: BoolArray = frozen(self.distal[begins], np.bool_)
         self.groups, self.pairs, by = _grouped_pairs(robot.self_pairs, order, link, links)
         self.slack: FloatArray = frozen(robot.self_slack[by])
 

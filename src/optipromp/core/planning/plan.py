@@ -379,9 +379,10 @@ def _cut(budget: Budget) -> tuple[str, ...]:
 def _stay(task: Task) -> Planned:
     """A trajectory that stays at the start; where the arm moves, a trajectory that stops it."""
     if task.state.moving:
-        return Planned(stopped(task.robot, task.state), 1, optimised=False)
-    still = Trajectory.still(task.start, STILL, task.robot.joint_names)
-    return Planned(still, 1, optimised=False)
+        made = stopped(task.robot, task.state)
+    else:
+        made = Trajectory.still(task.start, STILL, task.robot.joint_names)
+    return Planned(made, 1, optimised=False)
 
 
 def other_approaches(task: Task, end: float = np.inf) -> Iterator[Task]:
@@ -541,11 +542,10 @@ def detour(scene: Scene, previous: Plan, at: float, options: PlanOptions | None 
         InvalidRequestError: a time outside of the running plan.
         OptiPrompError: what :func:`plan` raises.
     """
-    end = previous.trajectory.duration
-    if not 0.0 <= at <= end:
-        raise InvalidRequestError(f"at is {at:g} s; the running plan lasts from 0 to {end:g} s")
+    state = begun(None, previous, at)
+    assert state is not None  # that of the running plan
     robot, now = previous.robot, later(scene, at)
-    left, state = running(previous, at), previous.trajectory.at(at)
+    left = running(previous, at)
     if left is not None and not _contacts(now, previous, left):
         return Detour(left, None, None)
     if not state.moving:

@@ -254,6 +254,8 @@ def _among(task: Task, made_for: Callable[[Task], Plan], late: float) -> Plan:
     scenes = [_swept(task), ended]
     if len(task.scene.movers) > len(task.scene.drifting):
         scenes.insert(1, replace(task.scene, objects=_standing(task.scene)))
+    longest = 0.0 if task.state.moving else IN_TIME.longest  # an arm that moves cannot wait
+    waits = np.arange(0.0, longest + 1e-9, IN_TIME.wait).tolist()  # at the start [s]
     cut = False
 
     def judged() -> Iterator[tuple[tuple[bool, bool, bool], Plan]]:
@@ -263,7 +265,7 @@ def _among(task: Task, made_for: Callable[[Task], Plan], late: float) -> Plan:
             seen, when = replace(task, scene=scene), dict.fromkeys(scene.drifting, IN_TIME.met)
             for _ in range(IN_TIME.rounds if when else 1):
                 made = made_for(as_of(seen, when))
-                for wait in _waits(task):
+                for wait in waits:
                     q, names = made.trajectory.positions[0], made.trajectory.joint_names
                     stay = Trajectory.still(q, (0.0, wait), names) if wait else None
                     one = _in(task, made, stay)
@@ -339,13 +341,6 @@ def _swept(task: Task) -> Scene:
         pairs += [(name, copy.id) for name in touching for copy in copies]
         out += copies
     return replace(task.scene, objects=tuple(out), may_touch=tuple(pairs))
-
-
-def _waits(task: Task) -> Iterator[float]:
-    """Times to wait at the start [s]; an arm that moves cannot wait."""
-    yield 0.0
-    if not task.state.moving:
-        yield from np.arange(IN_TIME.wait, IN_TIME.longest + 1e-9, IN_TIME.wait).tolist()
 
 
 def _in(task: Task, made: Plan, before: Trajectory | None) -> Plan:
