@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pinocchio
 import pytest
+from scripts import fr3
+from scripts.fr3 import Foreseen, foreseen
 
 import optipromp
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.execution import fr3
-from optipromp.core.execution.fr3 import Foreseen, foreseen
 from optipromp.core.robots.library import load_robot
 from optipromp.core.trajectory import Trajectory
 

@@ -1,13 +1,11 @@
 """``optipromp check``: is this file right? ``optipromp validate``: is this trajectory?"""
 
-import math
 import warnings
 from collections import Counter
 from dataclasses import is_dataclass, replace
 from enum import StrEnum
-from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import optipromp
 from optipromp.cli.command import OK, Report, Shown, command, exit_code
@@ -17,7 +15,6 @@ from optipromp.core import files
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
 
 if TYPE_CHECKING:
-    from optipromp.core.execution.fr3 import Foreseen
     from optipromp.core.planning import Plan, Verdict
     from optipromp.core.robots.description import Arm
     from optipromp.core.robots.model import Robot
@@ -311,7 +308,6 @@ def validate(
     out: Path | None = None,
     *,
     risk: float | None = None,
-    controller: Literal["franka"] | None = None,
 ) -> Report:
     """Judge TRAJECTORY in a scene: what is violated, where, when and by how much.
 
@@ -324,7 +320,6 @@ def validate(
         optipromp validate recorded.csv --scene scenario-3
         optipromp validate reach
         optipromp validate moveit.mcap --scene my-scene.yaml --out verdict --json
-        optipromp validate reach --controller franka
 
     Args:
         trajectory (TRAJECTORY): A .csv or .npz file, a bag or .mcap with a JointTrajectory, or a
@@ -332,8 +327,6 @@ def validate(
         scene (SCENE): A scene file or built-in scene; a plan's own.
         out (DIR): Leave verdict.json and limits.png there.
         risk: Share of promised successes that may be broken; a plan's own, or 0.03.
-        controller: Also say whether this controller would abort the motion: franka, a Franka
-            Research 3.
     """
     from optipromp.core.planning import verdict_of
     from optipromp.core.planning.task import posed
@@ -357,24 +350,13 @@ def validate(
         told = f"{curve.duration:.0f} s with {100 * slow:.2g} % of the velocity limits"
         warnings.warn(f"{trajectory} takes {told}: are its times milliseconds?", stacklevel=1)
     document = describe(found, curve, loaded, risk)
-    shown, code = [_judged(found, loaded, curve)], exit_code(found.status)
-    if controller is not None:
-        from optipromp.core.execution.fr3 import foreseen
-
-        aborts = foreseen(robot, curve, loaded.up)
-        document["controller"] = files.plain({
-            "name": controller, "violations": [vars(each) for each in aborts.violations],
-            "shares": aborts.shares, "power": aborts.power,
-        })  # fmt: skip
-        shown.append(_foreseen(aborts))
-        code = code or exit_code(Code.INVALID_PLAN if aborts.violations else Code.SUCCESS)
     if out is not None:
         from optipromp.looks.viewer.figures import limits_figure, png
 
         figure = limits_figure(curve, robot, found.judgement.violations, loaded.name)
         verdict = files.json_text(document).encode("utf-8")
         files.write_together(out, {"limits.png": png(figure), "verdict.json": verdict})
-    return Report(document, chain.from_iterable(shown), code)
+    return Report(document, _judged(found, loaded, curve), exit_code(found.status))
 
 
 def read(path: Path, robot: "Robot") -> "Trajectory":
@@ -401,15 +383,6 @@ def describe(found: "Verdict", curve: "Trajectory", scene: "Scene", risk: float)
         "rows": curve.n_waypoints,
         "metrics": found.judgement.metrics.to_dict(),
     }))  # fmt: skip
-
-
-def _foreseen(aborts: "Foreseen") -> Shown:
-    yield from (f"{each} ({each.kind})" for each in aborts.violations)
-    used = ", ".join(
-        f"{what} {share:.0%}" if math.isfinite(share) else f"{what} where none is allowed"
-        for what, share in aborts.shares.items()
-    )
-    yield f"limits of an FR3 in use: {used}; power at most {aborts.power:.3g} W"
 
 
 def _judged(found: "Verdict", scene: "Scene", curve: "Trajectory") -> Shown:
