@@ -139,7 +139,5 @@ def main(number: int) -> None:
             stream.flush()
 
 
-if __name__ == "__main__":
-    from optipromp.bench.entrant import main as main_of_module
-
-    main_of_module(int(sys.argv[1]))  # whose classes are those that entries import
+if __name__ == "__main__":  # by the name of the module, whose classes are those of entries
+    importlib.import_module("optipromp.bench.entrant").main(int(sys.argv[1]))
