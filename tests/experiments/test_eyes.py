@@ -30,7 +30,7 @@ SEED = 60011
 
 def test_a_study_sees_plans_executes_and_goes_on(tmp_path: Path) -> None:
     words = ["study", "--preset", "cluster", "--eyes", "rendered", "--workers", "1", "--out",
-             str(tmp_path), "--seeds"]  # fmt: skip
+             str(tmp_path), "--risk", "0.1", "--seeds"]  # fmt: skip
     first = CliRunner().invoke(app, [*words, f"{SEED}:{SEED + 1}"])
     assert first.exit_code == 0, first.output
     assert "recall" in first.stdout

@@ -26,7 +26,8 @@ def crop(tmp_path: Path) -> Path:
 
 
 def test_rows_name_the_files_and_a_study_goes_on(crop: Path, tmp_path: Path) -> None:
-    words = "--scenes", crop, "--planners", "opti-promp", "--workers", 1, "--out", tmp_path / "out"
+    words = "--scenes", crop, "--planners", "opti-promp", "--workers", 1, "--risk", 0.1
+    words += "--out", tmp_path / "out"
     code, stdout, _ = study(*words, "--json")
     assert code == 0
     assert json.loads(stdout)["runs"] == 2

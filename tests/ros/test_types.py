@@ -10,7 +10,8 @@ import pytest
 from rosbags.rosbag2 import Writer
 
 from optipromp.core.errors import InvalidRequestError
-from optipromp.ros import copied, from_bytes, message, read_bag, to_bytes, types, typestore
+from optipromp.ros import from_bytes, message, read_bag, to_bytes, types, typestore
+from optipromp.ros.types import copied
 
 # MD5 sums that ROS 1 publishes for types that kept their fields in ROS 2. A field of another name,
 # type or place gives another sum. Types with a Header, whose fields changed, have none here.

@@ -213,8 +213,8 @@ def _ready_streams() -> None:
 def _run() -> None:
     try:
         try:
-            further = sys.argv.index("--ros-args") if "--ros-args" in sys.argv else None
-            app(sys.argv[1:further])  # what follows is read by rclpy
+            further = sys.argv.index("--ros-args") if "--ros-args" in sys.argv else 0
+            app(*([sys.argv[1:further]] if further else []))  # what follows is read by rclpy
         finally:
             sys.stdout.flush()
     except OSError as error:  # files raise typed errors: this is standard output

@@ -94,8 +94,9 @@ def _serve(world: "LiveScene", settings: dict[str, Any], execute: str | None) ->
     from rclpy.executors import ExternalShutdownException
     from rclpy.serialization import deserialize_message
 
-    from optipromp.ros import Message, answer, copied, to_bytes
+    from optipromp.ros import Message, answer, to_bytes
     from optipromp.ros.trajectories import JOINT_TRAJECTORY
+    from optipromp.ros.types import copied
 
     def heard(item: Message, _: str) -> None:
         nonlocal world

@@ -360,6 +360,8 @@ class Controller:
         if not self._driver.rests(now):
             self._since, self._seen = now, 0
             return None
+        if math.isinf(self._newest):  # no look has come yet
+            return None
         p = self.parameters
         if self._job is None:
             if not self._seen_enough(now, tracked):
@@ -398,7 +400,7 @@ class Controller:
     def _seen_enough(self, now: float, tracked: Tracked) -> bool:
         """Whether the arm has looked for long enough for a plan."""
         p, looked = self.parameters, now - self._since
-        if driver.target_row(tracked) is None or math.isinf(self._newest):
+        if driver.target_row(tracked) is None:
             return False
         if not self._at_camera:
             return (self._seen >= 3 and self._known) or (

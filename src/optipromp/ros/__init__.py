@@ -32,7 +32,6 @@ from optipromp.ros.trajectories import robot_trajectory as robot_trajectory
 from optipromp.ros.trajectories import stretch_trajectory as stretch_trajectory
 from optipromp.ros.types import Message as Message
 from optipromp.ros.types import Recorded as Recorded
-from optipromp.ros.types import copied as copied
 from optipromp.ros.types import from_bytes as from_bytes
 from optipromp.ros.types import message as message
 from optipromp.ros.types import read_bag as read_bag
