@@ -8,9 +8,11 @@ import numpy as np
 
 from optipromp.control.driver import path_back
 from optipromp.control.look import Look
-from optipromp.core.arrays import BoolArray, FloatArray, frozen, lengths
+from optipromp.core.arrays import BoolArray, FloatArray, frozen
 from optipromp.core.errors import ExecutionError, InvalidRequestError
+from optipromp.core.planning.legs import back_along
 from optipromp.core.planning.task import posed
+from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.held import RETREAT
 from optipromp.core.scenes.io import scene_to_dict
@@ -78,7 +80,6 @@ class FlightWorld:
     def step(self, reference: State) -> State:
         """Lead the cup to a reference within one tick; returns the state after it."""
         self.reference = reference
-
         try:
             self._flight.to(reference.q, TICK)
         except RuntimeError as error:
@@ -213,9 +214,11 @@ class Episode:
 
     def over(self, leaving: bool) -> bool:
         """Whether nobody acts any more. A policy that is ``leaving`` goes on with its target."""
-        if leaving and self.done and not (self.ended or self.holding or self.harm().done):
+        done = self.done or self.ended
+        if done and leaving and not (self.ended or self.holding or self.harm().done):
             self.take()
-        return self.done or self.ended
+            return self.done
+        return done
 
     def take(self) -> None:
         """Cut the stem of a target that was held for a while, and hold the target in the tool."""
@@ -288,15 +291,10 @@ def score(outcome: "Outcome | Word") -> int:
     return {"clean": 1, "missed": 0, "harmed": -1}[outcome.result]
 
 
-SPEED = 0.1  # [m/s] of the tool back along the way it came: that of pushes
-
-
 def as_it_came(robot: Robot, q: FloatArray) -> Trajectory:
     """The way back along the last 10 cm of a tool's way, where it came by ``q`` (k, n)."""
-    points, _ = robot.tool_pose(q)
-    gone = np.append(np.cumsum(lengths(np.diff(points, axis=0))[::-1])[::-1], 0.0)
-    first = int(np.argmin(np.maximum(gone - RETREAT, 0.0)))  # RETREAT before the end, or less
-    return path_back(robot, q[first:][::-1], SPEED)
+    back = back_along(q, robot.tool_pose(q)[0], RETREAT)
+    return path_back(robot, back, PUSH.hanging.speed)
 
 
 BRAKE = 0.9  # share of the acceleration limit that brakes before the end of a range: a choice

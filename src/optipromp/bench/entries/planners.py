@@ -5,8 +5,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from optipromp.bench.entrant import Motion, Refused
-from optipromp.core.planning import Picked, Plan, plan
-from optipromp.core.planning.legs import REACH, RETREAT, way_out
+from optipromp.core.planning import Plan, plan
+from optipromp.core.planning.legs import RETREAT, after
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
 from optipromp.timing import LEAST, gentle
@@ -32,7 +32,7 @@ def with_way_out(made: Plan) -> Plan | Motion | Refused:
     """A pick that leaves by the way of least harm; refused where it is rather not clean."""
     if not made.success:
         return made
-    legs = Picked({REACH: made, **way_out(made)})
+    legs = after(made)
     if legs.failure > UNLIKELY:
         return Refused(f"{legs.status}: {legs.message}")
     back = legs.legs.get(RETREAT)

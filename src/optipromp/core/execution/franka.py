@@ -73,11 +73,13 @@ class _Franka(Follower):
         return State(np.array(found.q), np.array(found.dq), np.array(found.ddq_d))
 
 
-def _since(ticks: Callable[[], bool]) -> Iterator[float]:
-    """Times since the first tick [s], until ``ticks`` returns False."""
+def _since(
+    ticks: Callable[[], bool], clock: Callable[[], float] = time.perf_counter
+) -> Iterator[float]:
+    """Times of a ``clock`` since the first tick [s], until ``ticks`` returns False."""
     began = None
     while ticks():
-        now = time.perf_counter()
+        now = clock()
         began = now if began is None else began
         yield now - began
 
@@ -200,15 +202,9 @@ class Franky(_Franka):
     def stream(self) -> Iterator[Iterator[float]]:
         made = self._franky.JointImpedanceTracker(self.arm, period=1.0 / FRANKY_RATE, **self._gains)
         with made as self._tracker:
-            yield self._ticks()
-
-    def _ticks(self) -> Iterator[float]:
-        """Times of the arm since the first tick [s], until control is lost."""
-        began = None
-        while self._tracker.tick() is not None:
-            now = self.arm.state.time.to_sec()
-            began = now if began is None else began
-            yield now - began
+            yield _since(
+                lambda: self._tracker.tick() is not None, lambda: self.arm.state.time.to_sec()
+            )
 
     def command(self, reference: State) -> None:
         self._tracker.set_target(reference.q, reference.velocity)

@@ -296,9 +296,7 @@ def _retreats(robot: Robot, q: FloatArray, distance: float) -> Iterator[FloatArr
         if errors.max() < judging.GOAL_TOLERANCE:
             yield np.vstack([q[-1:], made[1:]])
 
-    gone = np.append(0.0, np.cumsum(lengths(np.diff(tips[::-1], axis=0))))
-    last = min(int(np.searchsorted(gone, distance)) + 1, len(q))
-    yield q[::-1][: max(last, 3)]
+    yield back_along(q, tips, distance)
     yield from through(-distance * axis)
     around = 2.0 * np.pi * np.arange(BACK.around) / BACK.around
     sides = [turn @ np.array([math.cos(one), math.sin(one), 0.0]) for one in around]
@@ -309,6 +307,13 @@ def _retreats(robot: Robot, q: FloatArray, distance: float) -> Iterator[FloatArr
     for size in BACK.aside:
         for side in sides:
             yield from through(size * wide * side, size * wide * side - distance * axis)
+
+
+def back_along(q: FloatArray, tips: FloatArray, distance: float) -> FloatArray:
+    """The end of a motion ``q`` (k, n) backwards, by ``distance`` [m] of its ``tips`` (k, 3)."""
+    gone = np.append(0.0, np.cumsum(lengths(np.diff(tips[::-1], axis=0))))
+    last = min(int(np.searchsorted(gone, distance)) + 1, len(q))
+    return q[::-1][: max(last, 3)]
 
 
 def leg(task: Task, trajectory: Trajectory, seconds: float) -> Plan:
