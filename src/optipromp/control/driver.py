@@ -289,12 +289,6 @@ def displaced(planned: Scene, tracked: Tracked) -> tuple[FloatArray, FloatArray,
     return places, tracked.rest[rows] - places, rows
 
 
-def field_of(planned: Scene, tracked: Tracked, length: float) -> Displacement:
-    """The displacement of the plant against a plan's scene."""
-    places, moved, rows = displaced(planned, tracked)
-    return Displacement(places, lambda times: moved + tracked.moves(times)[:, rows], length)
-
-
 def appeared(planned: Scene, tracked: Tracked) -> list[str]:
     """The confirmed fruits that a plan's scene does not have."""
     before = {item.id for item in planned.objects}
@@ -486,7 +480,9 @@ class Driver:
 
     def _field(self, route: Route, tracked: Tracked) -> Displacement:
         if self.held is None:
-            return field_of(route.scene, tracked, self._parameters.field)
+            places, moved, rows = displaced(route.scene, tracked)
+            length = self._parameters.field
+            return Displacement(places, lambda times: moved + tracked.moves(times)[:, rows], length)
         offset = self.held
         return Displacement(
             np.zeros((1, 3)), lambda times: offset + tracked.sway(times)[0][:, None]
