@@ -174,10 +174,7 @@ class _Fit:
     def split(self) -> None:
         """Put a second centre into the loosest sphere, and let all centres settle."""
         excess, chosen = self._split(self.chosen)
-        self.done = len(chosen) in (
-            len(self.chosen),
-            MOST_SPHERES,
-        )  # of no use, or as many as may be
+        self.done = len(chosen) in (len(self.chosen), MOST_SPHERES)  # no use, or no more allowed
         self.excess, self.chosen = excess, chosen
 
     def finished(self) -> tuple[FloatArray, float]:

@@ -20,8 +20,7 @@ from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.scenes.values import suggest
 
-HARMLESS = 0.05
-"""[1] harm below which plans are equally good: 1 % of them fail (docs/studies.md)."""
+HARMLESS = 0.05  # [1] harm below which plans are equally good: 1 % of them fail (docs/studies.md)
 
 
 @dataclass(frozen=True)

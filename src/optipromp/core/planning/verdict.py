@@ -26,8 +26,7 @@ from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory, read_trajectory
 
-BELOW = PlanOptions.corridor
-"""[m] a height this little below the entry counts as the entry's."""
+BELOW = PlanOptions.corridor  # [m] a height this little below the entry counts as the entry's
 VALID = "reaches the target, keeps all limits, touches nothing it must not"
 COARSE = 0.01
 """[m] where the tool moves farther between two waypoints, the curve between them is sampled."""

@@ -23,15 +23,12 @@ from optipromp.core.promp.model import ProMP, made
 DemonstrationsLike = Demonstrations | Sequence[Demonstration] | Sequence[ArrayLike] | FloatArray
 """Demonstrations, a sequence of arrays (m_i, n), or one array (N, T, n)."""
 
-NOISE_FLOOR = 1e-10
-"""[rad² or m²] Smallest observation variance learnt: (1e-5 rad or m) squared."""
-RIDGE = 1e-10
-"""[-] λ of :func:`fit`, too small to move a weight that the samples determine."""
+NOISE_FLOOR = 1e-10  # [rad² or m²] smallest observation variance learnt: (1e-5 rad or m) squared
+RIDGE = 1e-10  # [-] λ of :func:`fit`, too small to move a weight that the samples determine
 COUNTS = range(4, 21)
 """Numbers of bases tried: from the smallest with one outside on each side to 20, where the held-out
 residual of every tried set has risen again (docs/demonstrations.md)."""
-FOLDS = 10
-"""Parts into which demonstrations are divided; ten is the usual choice (Kohavi, 1995)."""
+FOLDS = 10  # parts into which demonstrations are divided; ten is the usual choice (Kohavi, 1995)
 
 
 @dataclass(frozen=True, eq=False)
