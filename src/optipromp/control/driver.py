@@ -212,11 +212,6 @@ def target_row(tracked: Tracked) -> int | None:
     return None
 
 
-def deviation(tracked: Tracked, row: int) -> float:
-    """Largest standard deviation of the position of a track along any direction [m]."""
-    return float(np.sqrt(np.linalg.eigvalsh(tracked.covariance[row])[-1]))
-
-
 def outside(robot: Robot, q: FloatArray, tracked: Tracked) -> bool:
     """Whether the target is outside of the tool at ``q`` (n,), as far as the looks tell."""
     tool, row = robot.tool, target_row(tracked)
@@ -226,7 +221,7 @@ def outside(robot: Robot, q: FloatArray, tracked: Tracked) -> bool:
     away = tracked.positions[row] - point
     along = float(away @ axis)
     aside = float(np.linalg.norm(away - along * axis))
-    spread = deviation(tracked, row)
+    spread = float(np.sqrt(np.linalg.eigvalsh(tracked.covariance[row])[-1]))  # along any direction
     return aside > max(tool.mouth[1], 0.01) + spread or along > tool.depth + spread
 
 

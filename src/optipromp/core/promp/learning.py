@@ -158,7 +158,6 @@ def distribution(weights: FloatArray) -> tuple[FloatArray, FloatArray]:
 def ridge_weights(samples: Samples, basis: Basis, ridge: float = RIDGE) -> FloatArray:
     """Weights (N, n, K) by ridge regression, as in :func:`fit`."""
     count = basis.count
-    weights: FloatArray
     if samples.stacked is not None:
         y = samples.stacked
         demos, size, n = y.shape
@@ -169,15 +168,14 @@ def ridge_weights(samples: Samples, basis: Basis, ridge: float = RIDGE) -> Float
         right = (values.T / size) @ (y - middle)
         flat = right.transpose(1, 0, 2).reshape(count, demos * n)
         solved = np.linalg.solve(gram, flat).reshape(count, demos, n)
-        weights = solved.transpose(1, 2, 0) + middle.transpose(0, 2, 1)
-        return weights
+        return np.asarray(solved.transpose(1, 2, 0) + middle.transpose(0, 2, 1))
     pairs = list(zip(samples.bases(basis), samples.positions, strict=True))
     grams = np.stack([values.T @ values / len(values) for values, _ in pairs])
     grams += ridge * np.eye(count)
     means = np.stack([y.mean(axis=0) for y in samples.positions])
     rights = np.stack([v.T @ (y - c) / len(v) for (v, y), c in zip(pairs, means, strict=True)])
-    weights = np.linalg.solve(grams, rights).transpose(0, 2, 1) + means[:, :, None]
-    return weights
+    solved = np.linalg.solve(grams, rights).transpose(0, 2, 1)
+    return np.asarray(solved + means[:, :, None])
 
 
 def residuals_of(samples: Samples, basis: Basis, weights: FloatArray) -> FloatArray:
