@@ -8,7 +8,7 @@ from tests.control.plants import UP, camera, detection, hanging
 
 from optipromp.control.belief import common_shift, pairing, target_of, visible
 from optipromp.control.look import Look
-from optipromp.control.motion import Oscillators, Plant, PlantState
+from optipromp.control.motion import Oscillators, PlantState, bare_plant
 from optipromp.control.tracks import Frame, Seen, Track, TrackerParameters, new_track
 from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry.obstacles import pack
@@ -17,7 +17,7 @@ from optipromp.core.scenes.pose import Pose
 
 NONE = np.zeros((0, 4)), None
 GIVEN = TrackerParameters()
-PLANT = Plant(UP, GIVEN.frequencies, GIVEN.damping, GIVEN.sway)
+PLANT = bare_plant(UP, GIVEN.frequencies, GIVEN.damping, GIVEN.sway)
 
 
 def of(places: FloatArray, confirmed: bool = True) -> tuple[PlantState, tuple[Track, ...]]:
@@ -25,9 +25,9 @@ def of(places: FloatArray, confirmed: bool = True) -> tuple[PlantState, tuple[Tr
     count, same = len(places), np.ones(2 * len(places))
     spread = np.tile(25e-6 * np.eye(3), (count, 1, 1))
     swings = Oscillators(8.0 * same, 0.15 * same, 0.002 * same)
-    state = PLANT.still().with_fruits(swings, places, spread)
+    state = PLANT.with_fruits(swings, places, spread)
     look = look_at(places)
-    frame = Frame(UP, PLANT.axes)
+    frame = Frame(UP, PLANT.layout.axes)
     tracks = [new_track(f"t{k}", d, np.eye(3), None, frame) for k, d in enumerate(look.detections)]
     return state, tuple(tracks)
 

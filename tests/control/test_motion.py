@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from optipromp.control.motion import Oscillators, Plant, PlantState, coupling
+from optipromp.control.motion import Oscillators, PlantState, bare_plant, coupling
 from optipromp.core.arrays import FloatArray
 
-PLANT = Plant(np.array([0.0, 0.6, 0.8]), (0.4, 1.1), 0.03, 0.006)
+UP = np.array([0.0, 0.6, 0.8])
+PLANT = bare_plant(UP, (0.4, 1.1), 0.03, 0.006)
 
 
 def swings(count: int) -> Oscillators:
@@ -19,7 +20,7 @@ def some(count: int = 3) -> PlantState:
     """A state of a few fruits, some time after they were seen."""
     rng = np.random.default_rng(5)
     spread = np.tile(25e-6 * np.eye(3), (count, 1, 1))
-    state = PLANT.still().with_fruits(swings(count), rng.normal(size=(count, 3)), spread)
+    state = PLANT.with_fruits(swings(count), rng.normal(size=(count, 3)), spread)
     return state.after(0.3, 0.001)
 
 
@@ -48,7 +49,7 @@ def test_a_transition_is_the_exponential_and_its_noise_the_integral(dt: float) -
 
 
 def test_a_still_state_stays_as_it_is() -> None:
-    state = PLANT.still()
+    state = PLANT
     later = state.after(3.7, 0.001)
     assert np.allclose(later.covariance, state.covariance, rtol=1e-12, atol=1e-18)
     total = state.covariance[:4, :4].trace() / 2
@@ -108,7 +109,7 @@ def test_motion_ahead_is_that_of_the_prediction() -> None:
         rest = after.mean[2 * after.layout.half :].reshape(-1, 3)
         whole = (after.layout.position @ after.mean).reshape(-1, 3)
         assert np.allclose(moved, whole - rest, atol=1e-12)
-    assert np.allclose(ahead @ PLANT.up, 0.0, atol=1e-12)
+    assert np.allclose(ahead @ UP, 0.0, atol=1e-12)
     assert np.abs(ahead[1] - ahead[0]).max() > 0.01
 
 
@@ -198,16 +199,16 @@ def test_amplitudes_follow_the_energy_of_the_posterior() -> None:
     assert half == pytest.approx(0.5 * (own.sigma**2 + whole.oscillators.sigma**2))
     assert (state.learnt(1.0, (np.ones(m), free[1])).oscillators.sigma == 1.0).all()
     assert (state.learnt(1.0, (free[0], np.full(m, 1e-12))).oscillators.sigma == 1e-6).all()
-    still = PLANT.still()
+    still = PLANT
     assert still.learnt(1.0, (np.zeros(4), np.ones(4))).oscillators.sigma == pytest.approx(
-        PLANT.bank.sigma
+        PLANT.oscillators.sigma
     )
 
 
 def test_innovations_of_the_models_own_motion_are_what_it_says() -> None:
     """Truth drawn from the model: squares are χ² of 3, errors of positions too."""
     rng, count, dt = np.random.default_rng(11), 3, 0.05
-    base = PLANT.still()
+    base = PLANT
     truth = rng.multivariate_normal(base.mean, base.covariance)
     spread = np.tile(9e-6 * np.eye(3), (count, 1, 1))
     rest = rng.normal(size=(count, 3))

@@ -14,7 +14,7 @@ from optipromp.core.planning.task import resolve
 from optipromp.core.scenes import load_scene
 from optipromp.laboratory.generate import generate
 
-MARGIN = judging.JUDGE.static_margin
+MARGIN = judging.STATIC_MARGIN
 
 
 def room(made: Plan) -> float:

@@ -35,12 +35,6 @@ class Pairing:
     # standard deviation of an innovation along an axis, the median of all pairs [m]
     scale: float = 0.0
 
-    def surprised(self, tracks: int, detections: int) -> bool:
-        """Whether a third of the tracks, and as many detections, two at least, found none that is
-        well within the gate."""
-        good = int((~self.loose).sum())
-        return min(tracks, detections) - good >= max(2.0, tracks / 3)
-
 
 def pairing(
     state: PlantState,
@@ -68,14 +62,8 @@ def pairing(
     if not count or not found:
         none = np.zeros(0, dtype=np.int64)
         return Pairing(none, none, none.astype(bool), none.astype(bool), np.arange(found))
-    looked = state.layout.position
-    spread = np.einsum(
-        "kin,kjn->kij",
-        (looked @ state.covariance).reshape(count, 3, -1),
-        looked.reshape(count, 3, -1),
-    )
     innovations = seen.positions - expected[:, None]
-    joint = spread[:, None] + noise
+    joint = state.spreads[:, None] + noise
     square = np.einsum(
         "kdi,kdi->kd", innovations, np.linalg.solve(joint, innovations[..., None])[..., 0]
     )
@@ -312,7 +300,10 @@ def after_look(belief: Belief, event: Arrival, world: Setting) -> tuple[Belief, 
     pairs = pairing(state, expected, noise, tracks, seen, given, looked_at)
     shaken = False
     sure = np.array([track.confirmed for track in tracks], dtype=bool)
-    if sure.sum() > 2 and pairs.surprised(int(sure.sum()), len(seen.items)):
+    known = int(sure.sum())
+    # a third of the tracks, and as many detections, have no partner well within the gate
+    missed = min(known, len(seen.items)) - int((~pairs.loose).sum())
+    if known > 2 and missed >= max(2.0, known / 3):
         shift = common_shift(expected[sure], seen.positions, pairs.scale, given)
         if shaken := bool(shift.any()):
             expected = expected + shift

@@ -35,7 +35,7 @@ from optipromp.core.planning.plan import compile_once
 from optipromp.core.planning.task import posed
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
 
 
@@ -56,13 +56,6 @@ class Decision:
     time: float
     stage: LoopStage
     why: str
-
-
-def with_covariance(item: SceneObject, parameters: LoopParameters) -> SceneObject:
-    """A fruit that was seen before, with a covariance."""
-    if item.covariance is not None:
-        return item
-    return replace(item, covariance=parameters.known**2 * np.eye(3))
 
 
 def excess_harm(made: Plan | OptiPrompError) -> float:
@@ -142,9 +135,9 @@ class Controller:
         self.scene = scene = driver.tracked_at_most(scene, TrackerParameters.most)
         known = [item for item in scene.objects if item.role in ("target", "pushable")]
         self._camera = CameraWatch(self.robot, parameters)
-        self.tracker = Tracker(
-            scene, first=[with_covariance(item, parameters) for item in known], tool=self._mouth
-        )
+        assumed = parameters.known**2 * np.eye(3)
+        first = [o if o.covariance is not None else replace(o, covariance=assumed) for o in known]
+        self.tracker = Tracker(scene, first=first, tool=self._mouth)
         self.noticed = list[Decision]()
         self.stage, self.events, self.cycles = LoopStage.LOOK, list[Decision](), list[float]()
         self.plans: list[Plan] = []

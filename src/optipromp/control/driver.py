@@ -212,11 +212,6 @@ def target_row(tracked: Tracked) -> int | None:
     return None
 
 
-def deviation(tracked: Tracked, row: int) -> float:
-    """Largest standard deviation of the position of a track along any direction [m]."""
-    return float(np.sqrt(np.linalg.eigvalsh(tracked.covariance[row])[-1]))
-
-
 def outside(robot: Robot, q: FloatArray, tracked: Tracked) -> bool:
     """Whether the target is outside of the tool at ``q`` (n,), as far as the looks tell."""
     tool, row = robot.tool, target_row(tracked)
@@ -226,7 +221,7 @@ def outside(robot: Robot, q: FloatArray, tracked: Tracked) -> bool:
     away = tracked.positions[row] - point
     along = float(away @ axis)
     aside = float(np.linalg.norm(away - along * axis))
-    spread = deviation(tracked, row)
+    spread = float(np.sqrt(np.linalg.eigvalsh(tracked.covariance[row])[-1]))  # along any direction
     return aside > max(tool.mouth[1], 0.01) + spread or along > tool.depth + spread
 
 
@@ -287,12 +282,6 @@ def displaced(planned: Scene, tracked: Tracked) -> tuple[FloatArray, FloatArray,
     rows = [row for row, name in enumerate(tracked.ids) if name in before]
     places = np.array([before[tracked.ids[row]] for row in rows]).reshape(-1, 3)
     return places, tracked.rest[rows] - places, rows
-
-
-def field_of(planned: Scene, tracked: Tracked, length: float) -> Displacement:
-    """The displacement of the plant against a plan's scene."""
-    places, moved, rows = displaced(planned, tracked)
-    return Displacement(places, lambda times: moved + tracked.moves(times)[:, rows], length)
 
 
 def appeared(planned: Scene, tracked: Tracked) -> list[str]:
@@ -486,7 +475,9 @@ class Driver:
 
     def _field(self, route: Route, tracked: Tracked) -> Displacement:
         if self.held is None:
-            return field_of(route.scene, tracked, self._parameters.field)
+            places, moved, rows = displaced(route.scene, tracked)
+            length = self._parameters.field
+            return Displacement(places, lambda times: moved + tracked.moves(times)[:, rows], length)
         offset = self.held
         return Displacement(
             np.zeros((1, 3)), lambda times: offset + tracked.sway(times)[0][:, None]

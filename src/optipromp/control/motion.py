@@ -49,9 +49,9 @@ class Oscillators:
             square * (stiff - c**2 - d**2 * stiff),
         )
 
-    def first(self, count: int) -> "Oscillators":
-        """The first ``count`` of them."""
-        return Oscillators(self.omega[:count], self.zeta[:count], self.sigma[:count])
+    def some(self, rows: slice | IntArray) -> "Oscillators":
+        """Those at ``rows``."""
+        return Oscillators(self.omega[rows], self.zeta[rows], self.sigma[rows])
 
     def joined(self, other: "Oscillators") -> "Oscillators":
         """These oscillators, then ``other``."""
@@ -178,13 +178,18 @@ class PlantState:
         both[:, :, 0, :, :, 0] = both[:, :, 1, :, :, 1] = one
         return both.reshape(2 * m, 2 * m)
 
+    @property
+    def spreads(self) -> FloatArray:
+        """Covariances (F, 3, 3) of the fruits' positions [m²]."""
+        count, looked = self.layout.count, self.layout.position
+        moved = (looked @ self.covariance).reshape(count, 3, self.layout.size)
+        return np.asarray(np.einsum("kin,kjn->kij", moved, looked.reshape(moved.shape)))
+
     @cached_property
     def drives(self) -> FloatArray:
         """X (F, K, 2, 2), see :func:`coupling`."""
         bank, own = 2 * self.layout.bank, self.oscillators
-        swing = Oscillators(own.omega[bank::2], own.zeta[bank::2], own.sigma[bank::2])
-        sway = Oscillators(own.omega[:bank:2], own.zeta[:bank:2], own.sigma[:bank:2])
-        return coupling(sway, swing)
+        return coupling(own.some(slice(0, bank, 2)), own.some(slice(bank, None, 2)))
 
     def moves(self, ahead: FloatArray) -> FloatArray:
         """Displacements (M, F, 3) of the fruits from their rests, ``ahead`` (M,) [s] from now."""
@@ -208,16 +213,14 @@ class PlantState:
         """The state without the fruits that are not in ``tracks`` (k,)."""
         layout = Layout(self.layout.bank, len(tracks), self.layout.axes)
         kept = self.layout.of(tracks)
-        moving = kept[: layout.half]
-        swung = self.oscillators
-        fewer = Oscillators(swung.omega[moving], swung.zeta[moving], swung.sigma[moving])
+        fewer = self.oscillators.some(kept[: layout.half])
         return PlantState(layout, fewer, self.mean[kept], self.covariance[np.ix_(kept, kept)])
 
     def turned(self, swings: Oscillators) -> "PlantState":
         """The state with other frequencies of its fruits' ``swings``; amplitudes stay."""
         bank = 2 * self.layout.bank
         swings = Oscillators(swings.omega, swings.zeta, self.oscillators.sigma[bank:])
-        oscillators = self.oscillators.first(bank).joined(swings)
+        oscillators = self.oscillators.some(slice(bank)).joined(swings)
         return PlantState(self.layout, oscillators, self.mean, self.covariance)
 
     def learnt(self, share: float, bounds: tuple[FloatArray, FloatArray]) -> "PlantState":
@@ -326,31 +329,19 @@ class PlantState:
         return state, np.asarray((white.reshape(-1, 3) ** 2).sum(axis=1))
 
 
-@dataclass(frozen=True, eq=False)
-class Plant:
-    """The prior of a plant's motion."""
+def bare_plant(
+    up: FloatArray, frequencies: tuple[float, ...], damping: float, sway: float
+) -> PlantState:
+    """The prior of a plant without a fruit: its stationary sway.
 
-    up: FloatArray  # (3,) upward vertical in the base frame
-    frequencies: tuple[float, ...]  # (K,) of the sway [Hz]
-    damping: float  # ratio of the sway
-    sway: float  # prior standard deviation of the common displacement along a horizontal axis [m]
-
-    @cached_property
-    def axes(self) -> FloatArray:
-        """(2, 3) horizontal unit vectors across each other."""
-        return np.asarray(frame_along(self.up).T[:2])
-
-    @cached_property
-    def bank(self) -> Oscillators:
-        """The (2 K,) oscillators of the sway: each has an equal share of its variance."""
-        count = len(self.frequencies)
-        omega = np.repeat(2.0 * np.pi * np.array(self.frequencies), 2)
-        each = self.sway / np.sqrt(count)
-        return Oscillators(omega, np.full(2 * count, self.damping), np.full(2 * count, each))
-
-    def still(self) -> PlantState:
-        """The stationary state without a fruit."""
-        bank = self.bank
-        variances = np.concatenate([bank.sigma**2, (bank.sigma * bank.omega) ** 2])
-        layout = Layout(len(self.frequencies), 0, self.axes)
-        return PlantState(layout, bank, np.zeros(layout.size), np.diag(variances))
+    ``up``: (3,) upward vertical in the base frame. ``frequencies``: (K,) of the sway [Hz], each
+    with an equal share of its variance. ``damping``: ratio of the sway. ``sway``: standard
+    deviation of the common displacement along a horizontal axis [m].
+    """
+    count = len(frequencies)
+    omega = np.repeat(2.0 * np.pi * np.array(frequencies), 2)
+    sigma = np.full(2 * count, sway / np.sqrt(count))
+    bank = Oscillators(omega, np.full(2 * count, damping), sigma)
+    layout = Layout(count, 0, np.asarray(frame_along(up).T[:2]))
+    variances = np.concatenate([sigma**2, (sigma * omega) ** 2])
+    return PlantState(layout, bank, np.zeros(layout.size), np.diag(variances))

@@ -22,7 +22,7 @@ from optipromp.control.belief import (
     target_of,
 )
 from optipromp.control.look import Look
-from optipromp.control.motion import Plant
+from optipromp.control.motion import bare_plant
 from optipromp.control.tracks import ROLES, Frame, Seen, TrackerParameters, push_noise
 from optipromp.core.arrays import BoolArray, FloatArray, read_only
 from optipromp.core.errors import InvalidRequestError
@@ -74,7 +74,6 @@ class Tracked:
     confirmed: BoolArray
     last_seen: FloatArray
     _belief: Belief = field(repr=False)
-    _world: Setting = field(repr=False)
 
     def sway(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The predicted common displacement of the plant.
@@ -87,7 +86,7 @@ class Tracked:
         """
         state = self._belief.state
         count, half = 2 * state.layout.bank, state.layout.half
-        bank = state.oscillators.first(count)
+        bank = state.oscillators.some(slice(count))
         a, b, c, d = bank.transition(self._ahead(times)[:, None])
         begin, rate = state.mean[:count], state.mean[half : half + count]
         x, v = a * begin + b * rate, c * begin + d * rate
@@ -146,12 +145,6 @@ def snapshot(
     state = belief.state.after(max(ahead, 0.0), given.drift)
     tracks, layout = belief.tracks, state.layout
     count = len(tracks)
-    looked = layout.position
-    spread = np.einsum(
-        "kin,kjn->kij",
-        (looked @ state.covariance).reshape(count, 3, layout.size),
-        looked.reshape(count, 3, layout.size),
-    )
     lasting = given.steady * np.array([track.spread for track in tracks]).reshape(-1, 3, 3)
     push = np.array(
         [track.pushed if pushed is None else pushed.get(track.id, np.zeros(3)) for track in tracks]
@@ -166,9 +159,9 @@ def snapshot(
             "target" if best else ROLES[1 + int(track.votes[2] > track.votes[1])]
             for best, track in zip(winner.tolist(), tracks, strict=True)
         ),
-        positions=read_only((looked @ state.mean).reshape(-1, 3) + push),
+        positions=read_only((layout.position @ state.mean).reshape(-1, 3) + push),
         velocities=read_only((layout.velocity @ state.mean).reshape(-1, 3)),
-        covariance=_even(spread + lasting + push_noise(push, given)),
+        covariance=_even(state.spreads + lasting + push_noise(push, given)),
         rest=read_only(state.mean[at]),
         rest_covariance=_even(rest + lasting),
         shapes=tuple(track.shape for track in tracks),
@@ -183,7 +176,6 @@ def snapshot(
         confirmed=read_only(np.array([t.confirmed for t in tracks], dtype=bool)),
         last_seen=read_only(np.array([t.last_seen for t in tracks])),
         _belief=Belief(time, state, tracks),
-        _world=world,
     )
 
 
@@ -268,11 +260,11 @@ class Tracker:
         for item in objects:
             if item.covariance is None:
                 raise InvalidRequestError(f"first object {item.id} has no covariance")
-        plant = Plant(scene.up, given.frequencies, given.damping, given.sway)
+        plant = bare_plant(scene.up, given.frequencies, given.damping, given.sway)
         static = scene.obstacles("static") if scene.static else None
-        self._world = Setting(given, Frame(scene.up, plant.axes), static, names)
+        self._world = Setting(given, Frame(scene.up, plant.layout.axes), static, names)
         self._tool = tool
-        self._start = first_belief(plant.still(), objects, self._world)
+        self._start = first_belief(plant, objects, self._world)
         self._entries: list[_Entry] = []
         self._records: list[LookRecord] = []
         self._dropped = 0
@@ -317,8 +309,14 @@ class Tracker:
         while self._entries and self._entries[-1].event.time > look.time:
             again.append(self._entries.pop().event)
         for event in reversed(again[1:] + again[:1]):
-            self._fold(event)
-        self._forget()
+            before = self._newest
+            self._entries.append(_Entry(before, event, *after_look(before, event, self._world)))
+        oldest = self.time - self.parameters.late  # of looks that a late one could come before
+        while len(self._entries) > 1 and self._entries[1].event.time < oldest:
+            entry = self._entries.pop(0)
+            self._start = entry.after
+            self._records.append(entry.record)
+        del self._records[: -self.parameters.kept]
 
     def at(self, time: float, pushed: Mapping[str, FloatArray] | None = None) -> Tracked:
         """The fruits at ``time`` [s], predicted from the newest look.
@@ -359,20 +357,6 @@ class Tracker:
     @property
     def _newest(self) -> Belief:
         return self._entries[-1].after if self._entries else self._start
-
-    def _fold(self, event: Arrival) -> None:
-        before = self._newest
-        after, record = after_look(before, event, self._world)
-        self._entries.append(_Entry(before, event, after, record))
-
-    def _forget(self) -> None:
-        """Keep the looks that a late look could come before, and one more."""
-        oldest = self.time - self.parameters.late
-        while len(self._entries) > 1 and self._entries[1].event.time < oldest:
-            entry = self._entries.pop(0)
-            self._start = entry.after
-            self._records.append(entry.record)
-        del self._records[: -self.parameters.kept]
 
 
 def _pushes(pushed: Mapping[str, FloatArray]) -> dict[str, FloatArray]:

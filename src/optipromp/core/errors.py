@@ -31,8 +31,7 @@ class Code(StrEnum):
     EXECUTION_FAILED = "EXECUTION_FAILED"
 
 
-LONGEST_MESSAGE = 2000
-"""Most letters of a message; the middle of a longer message is cut out."""
+LONGEST_MESSAGE = 2000  # most letters of a message; the middle of a longer message is cut out
 
 
 class OptiPrompError(Exception):

@@ -20,8 +20,7 @@ from optipromp.core.errors import InvalidRequestError, OptiPrompError
 LARGEST_TEXT = 64_000_000
 """Most bytes of a text file, chosen: a scene of 100,000 obstacles has 11 million, as JSON 22."""
 
-LARGEST_ARRAYS = 256_000_000
-"""Most bytes of an archive of arrays or a mesh, unpacked, chosen."""
+LARGEST_ARRAYS = 256_000_000  # most bytes of an archive of arrays or a mesh, unpacked, chosen
 
 
 def read_bytes(path: Path, error: type[OptiPrompError], most: int = LARGEST_ARRAYS) -> bytes:
@@ -164,14 +163,15 @@ def settle(folder: Path) -> None:
 
 
 @contextmanager
-def _writing(path: Path) -> Iterator[None]:
+def _writing(path: Path, how: str = "") -> Iterator[None]:
     """Turn errors of writing ``path`` into InvalidRequestError."""
     try:
         yield
     except OSError as error:
-        raise InvalidRequestError(f"cannot write {path}: {error.strerror or error}") from error
+        cause = error.strerror or error
+        raise InvalidRequestError(f"cannot write {how}{path}: {cause}") from error
     except ValueError as error:  # a name that no file can have
-        raise InvalidRequestError(f"cannot write {str(path)!r}: {error}") from None
+        raise InvalidRequestError(f"cannot write {how}{str(path)!r}: {error}") from None
 
 
 @contextmanager
@@ -237,15 +237,10 @@ def check_folder(folder: Path) -> None:
     """Test that files can be written in ``folder``, which need not exist; nothing is left there."""
     new = [path for path in (folder, *folder.parents) if not is_there(path)]
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except ValueError as error:  # a name that no file can have
-        raise InvalidRequestError(f"cannot write into {str(folder)!r}: {error}") from None
-    except OSError as error:
-        raise InvalidRequestError(
-            f"cannot write into {folder}: {error.strerror or error}"
-        ) from error
+        with _writing(folder, "into "):
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                pass
     finally:
         for path in new:
             with suppress(OSError, ValueError):  # not created, or another process wrote there

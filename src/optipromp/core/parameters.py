@@ -84,11 +84,6 @@ def catalogue(parameters: Any) -> Iterator[Parameter]:
         branch = getattr(parameters, group.name)
         assert is_dataclass(branch)
         for item in fields(branch):
-            meta = item.metadata
             yield Parameter(
-                f"{group.name}.{item.name}",
-                getattr(branch, item.name),
-                meta["unit"],
-                meta["kind"],
-                meta["source"],
+                f"{group.name}.{item.name}", getattr(branch, item.name), **item.metadata
             )

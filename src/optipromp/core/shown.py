@@ -12,8 +12,7 @@ from optipromp.core.errors import InvalidRequestError
 RENDERERS = "optipromp.renderers"
 """Group of entry points: modules with functions ``rich``, ``plot`` and ``show`` of a value."""
 
-LONGEST_NAME = 1000
-"""Most letters of a name."""
+LONGEST_NAME = 1000  # most letters of a name
 
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = 60

@@ -401,9 +401,7 @@ def _spheroid(
     look: SpheroidViews, k: int, p: EyeParameters,
 ) -> Spheroid:  # fmt: skip
     center, radius = x[:3], math.exp(x[3])
-    whole = np.linalg.inv(
-        hessian
-    )  # of centre, logarithms of radius and of length over width, tilts
+    whole = np.linalg.inv(hessian)  # of centre, logarithms of radius and length over width, tilts
     whole[:3, :3] += p.depth_scale**2 * np.outer(center, center) + p.model**2 * np.eye(3)
     axis = axis_of(x[None], axes)[0][0]
     along = float(axis @ center) / float(np.linalg.norm(center))

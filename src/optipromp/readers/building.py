@@ -29,7 +29,7 @@ from optipromp.core.robots.tool_geometry import cover_box, cover_capsule, cover_
 from optipromp.core.shown import printable
 from optipromp.readers import self_collision
 from optipromp.readers.arm import choose_arm, disabled_pairs, read_srdf, srdf_beside
-from optipromp.readers.chain import Chain, Placement, serial_chain
+from optipromp.readers.chain import Chain, serial_chain
 from optipromp.readers.fit import MOST_SAMPLES, count_samples, finer, fit_covers
 from optipromp.readers.packages import MOST_TRIANGLES, triangles
 from optipromp.readers.robot_file import RobotFile
@@ -130,18 +130,6 @@ def _check_fineness(where: str, surface: FloatArray, count: int) -> None:
         )
 
 
-def finer_cover(model: UrdfModel, link: str, cover: Cover, split: Collection[int]) -> Cover:
-    """The cover of a link with its spheres of indices ``split`` halved."""
-    surface = np.concatenate(
-        [
-            _surface(model, link, shape) @ rotation_of(shape.rpy).T + np.array(shape.xyz)
-            for shape in model.links[link].collisions or model.links[link].visuals
-        ]
-    )
-    spheres, excess = finer(surface, cover.spheres, split)
-    return Cover(spheres, excess, self_collision.parts_of_cover(spheres, surface))
-
-
 def _surface(model: UrdfModel, link: str, shape: LinkShape) -> FloatArray:
     """The triangles (f, 3, 3) [m] of a shape, in its frame."""
     if shape.kind == "mesh":
@@ -152,19 +140,6 @@ def _surface(model: UrdfModel, link: str, shape: LinkShape) -> FloatArray:
         return self_collision.of_rod(shape.size[0], 0.0, shape.size[0])
     radius, length = shape.size
     return self_collision.of_rod(radius, length, radius if shape.kind == "capsule" else 0.0)
-
-
-def stands_on_its_plane(covers: Mapping[str, Cover], places: Mapping[str, Placement]) -> bool:
-    """Whether the lowest point of the fixed links is at z = 0 of the root, within MOUNTED.
-
-    Their covers are then raised: a table that the robot stands on does not count as touched.
-    """
-    lowest = [
-        float((surface @ place.rotation[2]).min() + place.translation[2])
-        for name, place in places.items()
-        if place.segment < 0 and len(surface := covers[name].parts[:, :3])
-    ]
-    return abs(min(lowest, default=np.inf)) <= MOUNTED
 
 
 def _cover(shape: LinkShape, bulge: float) -> tuple[FloatArray, float]:
@@ -297,17 +272,25 @@ def _with_pairs(
         if not {pair, pair[::-1]} & known
     ]
 
-    def finer(robot: Robot, loose: IntArray) -> tuple[Robot, FloatArray]:
+    def halved(robot: Robot, loose: IntArray) -> tuple[Robot, FloatArray]:
         for index in np.unique(robot.spheres.link[loose]):
             link = robot.link_names[index]
+            shapes = model.links[link].collisions or model.links[link].visuals
+            parts = [
+                _surface(model, link, shape) @ rotation_of(shape.rpy).T + np.array(shape.xyz)
+                for shape in shapes
+            ]
             of_link = np.flatnonzero(robot.spheres.link == index)
             split = np.flatnonzero(np.isin(of_link, loose)).tolist()
-            covers[link] = finer_cover(model, link, covers[link], split)
+            surface = np.concatenate(parts)
+            balls, excess = finer(surface, covers[link].spheres, split)
+            own = self_collision.parts_of_cover(balls, surface)
+            covers[link] = Cover(balls, excess, own)
         spheres = _body_spheres(entry, model, chain, covers)
         return replace(robot, spheres=spheres, excess=_excess(covers)), _parts(covers, chain)
 
     allowed = [pair for _, pair in left_out]
-    robot = self_collision.with_self_pairs(robot, allowed, _parts(covers, chain), finer)
+    robot = self_collision.with_self_pairs(robot, allowed, _parts(covers, chain), halved)
     by_choice = [LeftOut(*pair, why) for why, pair in left_out]
     return replace(robot, left_out=(*by_choice, *robot.left_out))
 
@@ -360,7 +343,13 @@ def _body_spheres(
 ) -> BodySpheres:
     """The spheres of all links in the frames of their segments."""
     segment, center, radius, link = [], [np.zeros((0, 3))], [np.zeros(0)], []
-    standing = stands_on_its_plane(covers, chain.placements)
+    lowest = [  # of each fixed link
+        float((surface @ place.rotation[2]).min() + place.translation[2])
+        for name, place in chain.placements.items()
+        if place.segment < 0 and len(surface := covers[name].parts[:, :3])
+    ]
+    # a table that the robot stands on does not count as touched: covers are raised over it
+    standing = abs(min(lowest, default=np.inf)) <= MOUNTED
     for index, (name, place) in enumerate(chain.placements.items()):
         cover = covers[name].spheres
         if not len(cover):

@@ -168,16 +168,12 @@ class _Fit:
         return tuple(np.floor((points - self.origin) / self.voxel).astype(np.int64).T)
 
     def _middle(self, index: IntArray) -> FloatArray:
-        middle: FloatArray = self.origin + (index + 0.5) * self.voxel
-        return middle
+        return np.asarray(self.origin + (index + 0.5) * self.voxel)
 
     def split(self) -> None:
         """Put a second centre into the loosest sphere, and let all centres settle."""
         excess, chosen = self._split(self.chosen)
-        self.done = len(chosen) in (
-            len(self.chosen),
-            MOST_SPHERES,
-        )  # of no use, or as many as may be
+        self.done = len(chosen) in (len(self.chosen), MOST_SPHERES)  # no use, or no more allowed
         self.excess, self.chosen = excess, chosen
 
     def finished(self) -> tuple[FloatArray, float]:
@@ -296,8 +292,7 @@ def spread_points(triangles: FloatArray, step: float) -> FloatArray:
     length, up = length[row] * (1.0 - up), up[:, None]
     start, end = a[row] + up * (c - a)[row], b[row] + up * (c - b)[row]
     point, along = _counted(np.ceil(length / step).astype(np.int64) + 1)
-    out: FloatArray = start[point] + along[:, None] * (end - start)[point]
-    return out
+    return np.asarray(start[point] + along[:, None] * (end - start)[point])
 
 
 def _counted(count: IntArray) -> tuple[IntArray, FloatArray]:
@@ -335,8 +330,7 @@ def _owners(
 
 def _farthest(points: FloatArray, centers: FloatArray) -> FloatArray:
     """Distance (m,) of each centre from its farthest point [m]."""
-    out: FloatArray = np.sqrt(cdist(points, centers, "sqeuclidean").max(axis=0))
-    return out
+    return np.asarray(np.sqrt(cdist(points, centers, "sqeuclidean").max(axis=0)))
 
 
 def cut(
@@ -399,8 +393,7 @@ def enclosed(touched: BoolArray) -> BoolArray:
         before = np.logical_or.accumulate(touched, axis=axis)
         after = np.flip(np.logical_or.accumulate(np.flip(touched, axis), axis=axis), axis)
         axes += before & after
-    solid: BoolArray = touched | (axes >= 2)
-    return solid
+    return np.asarray(touched | (axes >= 2))
 
 
 def _thinned(points: FloatArray | IntArray, edge: float, most: float = np.inf) -> IntArray:

@@ -49,8 +49,7 @@ def of_rod(radius: float, length: float, round_ends: float) -> FloatArray:
 
 
 def _hull(points: FloatArray) -> FloatArray:
-    faces: FloatArray = points[ConvexHull(points).simplices]
-    return faces
+    return np.asarray(points[ConvexHull(points).simplices])
 
 
 def parts_of_cover(spheres: FloatArray, triangles: FloatArray) -> FloatArray:
@@ -410,8 +409,7 @@ class _Sample:
         if segment < 0:
             return np.tile(points, (len(origins), 1, 1))
         turned = np.matmul(points, rotations[:, segment].transpose(0, 2, 1))
-        placed: FloatArray = turned + origins[:, segment, None]
-        return placed
+        return np.asarray(turned + origins[:, segment, None])
 
     def slack(self, pairs: IntArray) -> tuple[FloatArray, float, float]:
         """The slack (P,) [m] of pairs (P, 2) of spheres of two links, infinite where their parts

@@ -195,11 +195,12 @@ def _refuse_unread(item: Message) -> None:
         raise InvalidSceneError(
             f"world.octomap holds {size} bytes: must be empty; give collision objects"
         )
-    for what, links in (("padding", item.link_padding), ("scale", item.link_scale)):
-        usual = 1.0 if what == "scale" else 0.0
+    for what, links, usual in (
+        ("padding", item.link_padding, 0.0),
+        ("scale", item.link_scale, 1.0),
+    ):
         for link in links:
-            value = getattr(link, what)
-            if value != usual:
+            if (value := getattr(link, what)) != usual:
                 raise InvalidSceneError(
                     f"link_{what} of {link.link_name!r} is {value:g}: must be {usual:g}; "
                     "the options of a plan have its clearances"

@@ -492,17 +492,12 @@ def _slowing(request: Message) -> float:
 def _refuse_unread(request: Message) -> None:
     """Refuse constraints that the planner does not keep."""
     path = request.path_constraints
-    kinds = ("joint", "position", "orientation", "visibility")
-    asked = [
-        f"path_constraints.{k}_constraints" for k in kinds if getattr(path, f"{k}_constraints")
-    ]
-    if request.trajectory_constraints.constraints:
-        asked.append("trajectory_constraints")
-    if request.reference_trajectories:
-        asked.append("reference_trajectories")
-    if request.max_cartesian_speed > 0.0:
-        asked.append("max_cartesian_speed")
-    if request.start_state.attached_collision_objects:
-        asked.append("start_state.attached_collision_objects")
-    if asked:
+    kinds = (f"{k}_constraints" for k in ("joint", "position", "orientation", "visibility"))
+    stated = {f"path_constraints.{kind}": getattr(path, kind) for kind in kinds} | {
+        "trajectory_constraints": request.trajectory_constraints.constraints,
+        "reference_trajectories": request.reference_trajectories,
+        "max_cartesian_speed": request.max_cartesian_speed > 0.0,
+        "start_state.attached_collision_objects": request.start_state.attached_collision_objects,
+    }
+    if asked := [name for name, value in stated.items() if value]:
         raise InvalidRequestError(f"{', '.join(asked)}: must be empty; the planner keeps none")

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray
+from optipromp.core.arrays import FloatArray, frame_along
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry import shapes
 from optipromp.core.geometry.grids import check_closed
@@ -193,10 +193,7 @@ def _half_space(plane: Message) -> Pose:
     if not (math.isfinite(length) and length > 0.0):
         raise InvalidSceneError(f"plane {list(plane.coef)} has no normal: must be a, b, c, d")
     z = normal / length
-    other = np.eye(3)[int(np.abs(z).argmin())]
-    x = np.cross(np.cross(z, other), z) if abs(z[2]) < 1.0 else np.array([1.0, 0.0, 0.0])
-    x /= math.hypot(*x)
-    return Pose(-distance / length * z, np.stack([x, np.cross(z, x), z], axis=1))
+    return Pose(-distance / length * z, np.eye(3) if z[2] == 1.0 else frame_along(z))
 
 
 KEY = "optipromp"

@@ -26,8 +26,7 @@ from optipromp.core.errors import InvalidRequestError, InvalidSceneError
 from optipromp.core.files import cache_folder, npz, read_npz, write_atomically
 from optipromp.core.geometry.shapes import FINE, GRID_PADDING, MeshShape, PointCloudShape, Shape
 
-CELLS = 48
-"""Cells along the longest side of a mesh, before refinement."""
+CELLS = 48  # cells along the longest side of a mesh, before refinement
 
 _VERSION = 3  # part of the cache key: raise it when the same input gives other values
 _MESH_NODES = 1_500_000  # at most; 12 MB

@@ -21,10 +21,8 @@ from optipromp.core.arrays import FloatArray, IntArray, frozen, lengths
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry import faces
 
-FARTHEST = 1e6
-"""[m, rad] Largest number in a scene; products of larger ones overflow."""
-LEAST = 1e-7
-"""[m] Least size of a shape, chosen: corners within a nanometre count as one."""
+FARTHEST = 1e6  # [m, rad] largest number in a scene; products of larger ones overflow
+LEAST = 1e-7  # [m] least size of a shape, chosen: corners within a nanometre count as one
 
 SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID, ELLIPSOID, CONE = range(8)
 

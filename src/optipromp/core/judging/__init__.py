@@ -12,9 +12,9 @@ from optipromp.core.judging.ends import left_path as left_path
 from optipromp.core.judging.kinematics import centers as centers
 from optipromp.core.judging.kinematics import refined as refined
 from optipromp.core.judging.speed import too_fast as too_fast
-from optipromp.core.judging.validator import JUDGE as JUDGE
 from optipromp.core.judging.validator import RATES as RATES
 from optipromp.core.judging.validator import ROUNDING as ROUNDING
+from optipromp.core.judging.validator import STATIC_MARGIN as STATIC_MARGIN
 from optipromp.core.judging.validator import Judgement as Judgement
 from optipromp.core.judging.validator import Metrics as Metrics
 from optipromp.core.judging.validator import judge as judge

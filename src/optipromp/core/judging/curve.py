@@ -99,7 +99,10 @@ def find_extremes(c, times, values, when):
 def _derived(c, order, h, p):
     """Coefficients ``p`` (6,) in s of a derivative with respect to time, in place."""
     for k in range(6 - order):
-        p[k] = c[k + order] * _falling(k + order, order) / h**order
+        factor = 1.0
+        for i in range(order):
+            factor *= k + order - i
+        p[k] = c[k + order] * factor / h**order
 
 
 @inner
@@ -112,15 +115,6 @@ def _noted(value, order, time, j, values, when):
             values[1, j], when[1, j] = value, time
     elif abs(value) > values[order + 1, j]:
         values[order + 1, j], when[order + 1, j] = abs(value), time
-
-
-@inner
-def _falling(k, order):
-    """k (k - 1) ... over ``order`` factors."""
-    out = 1.0
-    for i in range(order):
-        out *= k - i
-    return out
 
 
 @inner

@@ -103,13 +103,8 @@ def _nearest(
         part = slice(start, start + clearance.CONFIGURATIONS)
         spheres = centers(robot, q[part])[:, counted]
         relative = spheres - places[part, None]
-        step = np.zeros(len(relative))
-        if len(relative) > 1:
-            step[1:] = (
-                lengths(np.diff(relative, axis=0).reshape(-1, 3))
-                .reshape(len(relative) - 1, -1)
-                .max(axis=1)
-            )
+        step, by = np.zeros(len(relative)), np.diff(relative, axis=0)
+        step[1:] = np.sqrt(np.einsum("mbi,mbi->mb", by, by)).max(axis=1)
         if kind == GRID:
             gap, sphere, at = nearest(item, relative + item.position, radius, np.inf)
             gap -= 0.5 * float(step.max())
@@ -139,17 +134,10 @@ def closest(kind, size, spheres, radius, nearer, out):
 ROUNDING = 1e-6  # [rad, rad/s, rad/s²] of start states, [-] of shares of a limit: files round
 RATES = ("velocity", "acceleration", "jerk")
 
-
-@dataclass(frozen=True)
-class JudgeParameters:
-    """Thresholds of the judge's notes, which make no trajectory invalid."""
-
-    # [m] measured: clearance from static objects that a controller needs: in the simulation the
-    # tool is up to 1 mm off its path in free motion; the rest is for an arm known to some mm
-    static_margin: float = 5e-3
-
-
-JUDGE = JudgeParameters()
+# [m] measured: clearance from static objects that a controller needs, below which there is a note:
+# in the simulation the tool is up to 1 mm off its path in free motion; the rest is for an arm known
+# to some mm
+STATIC_MARGIN = 5e-3
 
 
 @dataclass(frozen=True)
@@ -225,7 +213,7 @@ class Judgement:
         notes: remarks that do not make the trajectory invalid.
         at_start: pairs that touch but must not at the first instant, with their depths then.
         near: the moving link nearest to a static object, where it touches none and is nearer than
-            ``JUDGE.static_margin``; ``depth`` is minus the distance [m].
+            :data:`STATIC_MARGIN`; ``depth`` is minus the distance [m].
     """
 
     metrics: Metrics
@@ -282,22 +270,17 @@ def judge(
     missed += left_lines(scene, robot, trajectory, points, waypoints)
     motion, broken = _motion(robot, trajectory, start)
     instants = trajectory.times.tolist()
-    astray = [
-        Violation(
-            "stem side", f"the tool passes {n} on the side of its stem", n, instants[at], by, "m"
-        )
-        for n, at, by in passed.wrong
-    ]
+    told = "the tool passes {} on the side of its stem"
+    wrong = [(name, instants[at], by) for name, at, by in passed.wrong]
+    astray = [Violation("stem side", told.format(one[0]), *one, "m") for one in wrong]
     violations = [Violation("contact", str(c), c.link, c.time, c.depth, "m") for c in contacts]
     if not complete:
         most = kinematics.MOST_CHECKS
         text = f"it moves too far to be checked between waypoints: {most} checks are not enough"
         violations.append(Violation("unchecked", text))
     violations += [*missed, *(astray if stem_side else []), *broken]
-    fast, when = speed.among_fruits(scene, robot, trajectory, waypoints, points, every) or (
-        None,
-        None,
-    )
+    fastest = speed.among_fruits(scene, robot, trajectory, waypoints, points, every)
+    fast, when = fastest or (None, None)
     if speed.too_fast(scene, fast):
         among = "objects that stand" if speed.stands(scene) else "fruits"
         text = (
@@ -307,12 +290,12 @@ def judge(
         violations.append(Violation("speed", text, "", when, fast, "m/s"))
     notes += at_goal if stem_side else [*at_goal, *map(str, astray)]
     near, room = None, distances["clearance_static"]
-    if room is not None and room < JUDGE.static_margin:
+    if room is not None and room < STATIC_MARGIN:
         near = clearance.nearest_static(scene, robot, fine, times)
-        if near is not None and 0.0 < -near.depth < JUDGE.static_margin:
+        if near is not None and 0.0 < -near.depth < STATIC_MARGIN:
             notes.append(
                 f"{near.link} comes within {-1e3 * near.depth:.1f} mm of {near.other}; a "
-                f"controller needs about {1e3 * JUDGE.static_margin:g} mm"
+                f"controller needs about {1e3 * STATIC_MARGIN:g} mm"
             )
         else:
             near = None

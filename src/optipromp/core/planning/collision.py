@@ -26,8 +26,7 @@ from optipromp.core.robots.kernels import Kinematics, carried_points, chain_fram
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
 
-STRIDE = 8
-"""[1] an edge is checked at every eighth place first, then at the places between."""
+STRIDE = 8  # [1] an edge is checked at every eighth place first, then at the places between
 
 
 class Collider(NamedTuple):
@@ -145,12 +144,8 @@ def blocked(body, q):
             return True
     for g in range(body.groups.shape[0]):
         first, second = body.groups[g, 0], body.groups[g, 1]
-        if not closer(
-            p,
-            spheres + 2 + first,
-            spheres + 2 + second,
-            body.link_bound[first] + body.link_bound[second],
-        ):
+        bounds = body.link_bound[first] + body.link_bound[second]
+        if not closer(p, spheres + 2 + first, spheres + 2 + second, bounds):
             continue
         for k in range(body.groups[g, 2], body.groups[g, 3]):
             i, j = body.pairs[k, 0], body.pairs[k, 1]
@@ -233,7 +228,8 @@ def way(
             corners = _grown(body, task.robot, task.start, goals, seeds, rng, budget)
             if corners is None:
                 break
-            corners = _shortened(body, corners, rng)
+            places = np.sort(rng.random((TREE.shortcuts, 2)), axis=1)
+            corners = np.asarray(shorten(body, corners, places, np.empty(corners.shape[1])))
             if best is None or _length(corners) < _length(best):
                 best = corners
         if best is not None:
@@ -277,11 +273,6 @@ def _back(nodes: FloatArray, parent: IntArray, index: int) -> FloatArray:
         out.append(nodes[index])
         index = parent[index]
     return np.array(out)
-
-
-def _shortened(body: Collider, corners: FloatArray, rng: np.random.Generator) -> FloatArray:
-    places = np.sort(rng.random((TREE.shortcuts, 2)), axis=1)
-    return np.asarray(shorten(body, corners, places, np.empty(corners.shape[1])))
 
 
 @inner

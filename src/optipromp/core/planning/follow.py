@@ -192,15 +192,11 @@ def _follow(
         on_path, errors = ik.each(robot, points, axes, on_path)
         on_path[0], on_path[-1] = task.start, goal
         return Start(q, on_path, waypoints, path) if errors.max() < FOLLOW.tracked else None
-    followed = np.vstack([q[:first] + _lead_in(on_path - q[first:], first), on_path])
-    return Start(q, followed, waypoints, path)
-
-
-def _lead_in(off: FloatArray, count: int) -> FloatArray:
-    """Offsets (count, n) from 0 with slope 0 to ``off[0]`` with its slope; ``off`` (m, n)."""
-    u = np.arange(count)[:, None] / count
-    slope = (off[1] - off[0]) * count
-    return np.asarray(off[0] * u**2 * (3.0 - 2.0 * u) + slope * u**2 * (u - 1.0))
+    off, u = on_path - q[first:], np.arange(first)[:, None] / first
+    slope = (off[1] - off[0]) * first
+    # offsets from 0 with slope 0 to the first on the path with its slope
+    lead_in = off[0] * u**2 * (3.0 - 2.0 * u) + slope * u**2 * (u - 1.0)
+    return Start(q, np.vstack([q[:first] + lead_in, on_path]), waypoints, path)
 
 
 def conditioned(

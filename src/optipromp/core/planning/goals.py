@@ -177,7 +177,7 @@ def narrow(task: Task, judgement: Judgement, goal: FloatArray) -> float:
     """
     if judgement.near is None or isinstance(task.goal, JointGoal):
         return 0.0
-    margin, moving = judging.JUDGE.static_margin, task.body.segment[: task.body.tool] >= 0
+    margin, moving = judging.STATIC_MARGIN, task.body.segment[: task.body.tool] >= 0
     e = Evaluation(task.robot, task.body, 2, 1.0)
     e.move_to(np.array([task.start, goal]))
     task.surroundings.measure(e, margin)

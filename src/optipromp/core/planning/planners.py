@@ -45,8 +45,7 @@ from optipromp.core.scenes.scene import PoseGoal, Scene
 from optipromp.core.shown import suggest
 
 GROUP = "optipromp.planners"
-WAY = "path", "waypoints"
-"""What a scene may say of the whole way to its goal."""
+WAY = "path", "waypoints"  # what a scene may say of the whole way to its goal
 
 
 @runtime_checkable
@@ -380,8 +379,7 @@ PLANNERS = tuple(_OURS)
 for _name, _kind in _OURS.items():
     register(_name, _kind)
 
-USUAL = vars(PlanOptions())
-"""The default of each option."""
+USUAL = vars(PlanOptions())  # the default of each option
 OF_A_PLAN = "timeout", "effort", "risk"  # options of a request, whatever the planner
 
 

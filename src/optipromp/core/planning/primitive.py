@@ -23,8 +23,7 @@ from optipromp.core.robots.library import built_in_twin
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import PoseGoal
 
-BASIS = Basis(count=14, width=2.0, outside=1)
-"""Of the primitives that a plan learns: a choice."""
+BASIS = Basis(count=14, width=2.0, outside=1)  # of the primitives that a plan learns: a choice
 
 
 @functools.lru_cache(maxsize=8)

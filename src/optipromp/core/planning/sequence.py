@@ -1,7 +1,7 @@
 """``plan_sequence``: several ripe fruits, picked one after the other."""
 
 import pickle
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,7 +12,7 @@ from optipromp.core.planning.legs import Picked, after
 from optipromp.core.planning.options import PlanOptions, Strategy, stated
 from optipromp.core.planning.plan import check_request, plan
 from optipromp.core.planning.planners import Planner
-from optipromp.core.planning.result import Plan, best_of
+from optipromp.core.planning.result import Plan
 from optipromp.core.planning.task import Task
 from optipromp.core.processes import cores, run_each
 from optipromp.core.promp.model import ProMP
@@ -20,8 +20,7 @@ from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.scenes.values import suggest
 
-HARMLESS = 0.05
-"""[1] harm below which plans are equally good: 1 % of them fail (docs/studies.md)."""
+HARMLESS = 0.05  # [1] harm below which plans are equally good: 1 % of them fail (docs/studies.md)
 
 
 @dataclass(frozen=True)
@@ -137,30 +136,19 @@ def plan_sequence(
         good = [made for made in tried if made.success]
         good.sort(key=lambda made: (max(made.harm, HARMLESS), made.duration))
         whole: dict[str, Plan | Picked] = {_target(made): made for made in tried}
-        best = best_of(
-            _completed(good, whole, progress, request),
-            rank=lambda made: not made.success,
-            enough=lambda made: made.success,
-        )
+        best: Plan | Picked | None = None
+        for made in good:
+            if made.scene.place is not None:
+                whole[_target(made)] = after(made, progress, **request)
+            best = whole[_target(made)]
+            if best.success:
+                break
         if best is None or not best.success:
             left = tuple(Left(id_, made.status, made.message, made) for id_, made in whole.items())
             return PickSequence(begun, tuple(targets), tuple(picks), left, tuple(placed))
         if isinstance(best, Picked):
             placed.append(best)
         picks.append(best.reach if isinstance(best, Picked) else best)
-
-
-def _completed(
-    good: Sequence[Plan],
-    whole: dict[str, Plan | Picked],
-    progress: Callable[[str], None] | None,
-    request: dict[str, Any],
-) -> Iterator[Plan | Picked]:
-    """The picks of good plans with all their legs, each put into ``whole`` by its target."""
-    for made in good:
-        if made.scene.place is not None:
-            whole[_target(made)] = after(made, progress, **request)
-        yield whole[_target(made)]
 
 
 def _check(scene: Scene, targets: Sequence[str]) -> None:

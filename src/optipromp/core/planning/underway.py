@@ -216,8 +216,7 @@ def straight(task: Task) -> ToolPath:
     return ToolPath(frozen(points), PUSH.hanging.speed)
 
 
-JUDGED = Code.SUCCESS, Code.INVALID_PLAN, Code.HARM_PREDICTED
-"""Statuses that the judge gives anew."""
+JUDGED = Code.SUCCESS, Code.INVALID_PLAN, Code.HARM_PREDICTED  # statuses that the judge gives anew
 
 
 def later(scene: Scene, time: float) -> Scene:

@@ -26,8 +26,7 @@ from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory, read_trajectory
 
-BELOW = PlanOptions.corridor
-"""[m] a height this little below the entry counts as the entry's."""
+BELOW = PlanOptions.corridor  # [m] a height this little below the entry counts as the entry's
 VALID = "reaches the target, keeps all limits, touches nothing it must not"
 COARSE = 0.01
 """[m] where the tool moves farther between two waypoints, the curve between them is sampled."""
@@ -204,7 +203,10 @@ def led(task: Task, model: PushModel, trajectory: Trajectory) -> PushMotion:
 
     if task.back is not None:
         return moved(slice(None))
-    first = _approach(points @ task.scene.frame[2] - model.candidates.entry)
+    heights = points @ task.scene.frame[2] - model.candidates.entry
+    below, level = (np.flatnonzero(heights <= most) for most in (-BELOW, BELOW))
+    first = below[-1] + 1 if len(below) else level[-1] if len(level) else 0
+    first = min(int(first), len(heights) - 2)  # of the tool's last rise from the entry
     struck = None
     before = moved(slice(first + 1)) if first else None
     if before and not before.among(model).clear(before.points, before.axes):
@@ -213,17 +215,6 @@ def led(task: Task, model: PushModel, trajectory: Trajectory) -> PushMotion:
             struck = judging.struck(task.scene, task.robot, q[: first + 1], by)
         first = 0
     return moved(slice(first, None), struck)
-
-
-def _approach(heights: FloatArray) -> int:
-    """The first row of the approach: the tool's last rise from the entry.
-
-    ``heights`` (M,) are those of the tool over the entry [m].
-    """
-    below = np.flatnonzero(heights <= -BELOW)
-    level = np.flatnonzero(heights <= BELOW)
-    last = below[-1] + 1 if len(below) else level[-1] if len(level) else 0
-    return min(int(last), len(heights) - 2)
 
 
 def harm_of(model: PushModel, motion: PushMotion) -> float:

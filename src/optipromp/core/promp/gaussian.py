@@ -11,8 +11,7 @@ from optipromp.core.compiled import kernel
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.promp.checks import finite_array
 
-RANK_TOLERANCE = 1e-11
-"""[-] A direction with a smaller share of the variance counts as having none."""
+RANK_TOLERANCE = 1e-11  # [-] a direction with a smaller share of the variance counts as having none
 
 
 def check_covariance(covariance: ArrayLike, size: int, name: str) -> FloatArray:

@@ -23,15 +23,12 @@ from optipromp.core.promp.model import ProMP, made
 DemonstrationsLike = Demonstrations | Sequence[Demonstration] | Sequence[ArrayLike] | FloatArray
 """Demonstrations, a sequence of arrays (m_i, n), or one array (N, T, n)."""
 
-NOISE_FLOOR = 1e-10
-"""[rad² or m²] Smallest observation variance learnt: (1e-5 rad or m) squared."""
-RIDGE = 1e-10
-"""[-] λ of :func:`fit`, too small to move a weight that the samples determine."""
+NOISE_FLOOR = 1e-10  # [rad² or m²] smallest observation variance learnt: (1e-5 rad or m) squared
+RIDGE = 1e-10  # [-] λ of :func:`fit`, too small to move a weight that the samples determine
 COUNTS = range(4, 21)
 """Numbers of bases tried: from the smallest with one outside on each side to 20, where the held-out
 residual of every tried set has risen again (docs/demonstrations.md)."""
-FOLDS = 10
-"""Parts into which demonstrations are divided; ten is the usual choice (Kohavi, 1995)."""
+FOLDS = 10  # parts into which demonstrations are divided; ten is the usual choice (Kohavi, 1995)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +158,6 @@ def distribution(weights: FloatArray) -> tuple[FloatArray, FloatArray]:
 def ridge_weights(samples: Samples, basis: Basis, ridge: float = RIDGE) -> FloatArray:
     """Weights (N, n, K) by ridge regression, as in :func:`fit`."""
     count = basis.count
-    weights: FloatArray
     if samples.stacked is not None:
         y = samples.stacked
         demos, size, n = y.shape
@@ -172,15 +168,14 @@ def ridge_weights(samples: Samples, basis: Basis, ridge: float = RIDGE) -> Float
         right = (values.T / size) @ (y - middle)
         flat = right.transpose(1, 0, 2).reshape(count, demos * n)
         solved = np.linalg.solve(gram, flat).reshape(count, demos, n)
-        weights = solved.transpose(1, 2, 0) + middle.transpose(0, 2, 1)
-        return weights
+        return np.asarray(solved.transpose(1, 2, 0) + middle.transpose(0, 2, 1))
     pairs = list(zip(samples.bases(basis), samples.positions, strict=True))
     grams = np.stack([values.T @ values / len(values) for values, _ in pairs])
     grams += ridge * np.eye(count)
     means = np.stack([y.mean(axis=0) for y in samples.positions])
     rights = np.stack([v.T @ (y - c) / len(v) for (v, y), c in zip(pairs, means, strict=True)])
-    weights = np.linalg.solve(grams, rights).transpose(0, 2, 1) + means[:, :, None]
-    return weights
+    solved = np.linalg.solve(grams, rights).transpose(0, 2, 1)
+    return np.asarray(solved + means[:, :, None])
 
 
 def residuals_of(samples: Samples, basis: Basis, weights: FloatArray) -> FloatArray:

@@ -237,14 +237,6 @@ def _rotation(axis: FloatArray, target: FloatArray, across: FloatArray) -> Float
     return np.asarray(towards * (angle / np.where(sine < 1e-12, 1.0, sine))[:, None])
 
 
-def _blocks(jacobian: FloatArray) -> FloatArray:
-    """Block-diagonal J (mr, mn) of the blocks (r, n) in ``jacobian`` (m, r, n)."""
-    m, r, n = jacobian.shape
-    rows = np.zeros((m, r, m, n))
-    rows[range(m), :, range(m)] = jacobian
-    return rows.reshape(m * r, m * n)
-
-
 class Iterate(NamedTuple):
     """A point of the iteration."""
 
@@ -305,7 +297,10 @@ class Search:
             own = self.own_variance(jacobian)
             noise = variance + damping * (own + 1e-3 * own.mean())
         right = residual + (jacobian @ offset[:, :, None])[:, :, 0]
-        update = observed(self.covariance, _blocks(jacobian), noise.reshape(-1))
+        m, r, n = jacobian.shape
+        rows = np.zeros((m, r, m, n))  # block-diagonal
+        rows[range(m), :, range(m)] = jacobian
+        update = observed(self.covariance, rows.reshape(m * r, m * n), noise.reshape(-1))
         force = update.force(right.reshape(-1))
         dual = force.reshape(residual.shape)
         a = (dual[:, None, :] @ jacobian)[:, 0]
@@ -318,12 +313,6 @@ class Search:
         m, _, n = jacobian.shape
         each = np.einsum("iaib->iab", self.covariance.reshape(m, n, m, n))
         return np.asarray(((jacobian @ each) * jacobian).sum(axis=2))
-
-    def between(self, state: Iterate, goal: Iterate, share: float) -> Iterate:
-        """The state at a ``share`` of the way from ``state`` to ``goal``."""
-        a = state.multipliers + share * (goal.multipliers - state.multipliers)
-        offset = state.offset + share * (goal.offset - state.offset)
-        return Iterate(a, offset, *self.rows.evaluate(self.task_map, self.mean + offset))
 
     def solve(self, start: FloatArray, iterations: int, tolerance: float) -> Solution:
         """Minimise the merit from a = ``start`` (m, n).
@@ -370,7 +359,10 @@ class Search:
         share = min(1.0, 1.0 / largest) if largest > 0.0 else 1.0
         ceiling = (1.0 + _ROUNDING) * (here[0] + penalty * here[1])
         for _ in range(_HALVINGS if gain >= -_ROUNDING * (1.0 + abs(here[0])) else 0):
-            tried = self.between(state, goal, share)
+            a = state.multipliers + share * (goal.multipliers - state.multipliers)
+            offset = state.offset + share * (goal.offset - state.offset)
+            found = self.rows.evaluate(self.task_map, self.mean + offset)
+            tried = Iterate(a, offset, *found)
             reached = tried.merit(self.rows.variance)
             if reached[0] + penalty * reached[1] <= ceiling - 1e-4 * share * gain:
                 return tried, reached, share

@@ -17,8 +17,7 @@ from optipromp.core.pushing.model import Candidates, PushModel
 from optipromp.core.pushing.path import ToolPath
 
 AxesAt = Callable[[FloatArray], FloatArray]
-Judged = tuple[float, FloatArray, ToolPath]
-"""Harm, numbers and path of a candidate."""
+Judged = tuple[float, FloatArray, ToolPath]  # harm, numbers and path of a candidate
 
 
 def search(

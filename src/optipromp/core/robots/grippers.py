@@ -13,7 +13,7 @@ from optipromp.core.robots.cup_cover import NECK_RADIUS
 from optipromp.core.robots.tool_geometry import Part, Solid, profile
 from optipromp.core.robots.tool_protocol import LARGEST, Tool, check_length
 
-Size = tuple[float, float, float]
+Vector = tuple[float, float, float]
 
 
 class TwoFingers(Tool):
@@ -40,17 +40,17 @@ class TwoFingers(Tool):
         if isinstance(turn, bool) or not (isinstance(turn, int | float) and math.isfinite(turn)):
             raise InvalidRequestError(f"tool {kind}: turn is {turn!r}; it must be a number [rad]")
 
-    def _size(self, part: str, *sides: str) -> Size:
+    def _size(self, part: str, *sides: str) -> Vector:
         x, y, z = (getattr(self, f"{part}_{side}") for side in sides)
         return x, y, z
 
     @property
-    def _finger(self) -> Size:
+    def _finger(self) -> Vector:
         """Size of a finger across the opening, along it, and along the tool axis [m]."""
         return self._size(self.names[1], "width", "thickness", "length")
 
     @property
-    def _body(self) -> Size:
+    def _body(self) -> Vector:
         """Size of the body, likewise [m]."""
         return self._size(self.names[2], "thickness", "width", "length")
 
@@ -83,7 +83,7 @@ class TwoFingers(Tool):
         half = 0.5 * self.turn
         turned = math.cos(half), 0.0, 0.0, math.sin(half)
         aside = 0.5 * (self.mouth[0] + self.mouth[1])
-        boxes: tuple[tuple[str, Size, float, float, Part], ...] = (
+        boxes: tuple[tuple[str, Vector, float, float, Part], ...] = (
             ("palm", self._body, 0.0, 0.5 * self._body[2], "palm"),
             ("left finger", self._finger, aside, 0.5 * (self.front + self.tip), "finger"),
             ("right finger", self._finger, -aside, 0.5 * (self.front + self.tip), "finger"),
@@ -222,9 +222,7 @@ class Suction(Tool):
 
 PRESS = 0.002  # [m] chosen: by which the lip would enter a fruit that did not yield
 
-
 MESH_PLAY = 1e-4  # [m] that a piece may reach into the mouth, chosen: files have single precision
-Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ AXIS_LENGTH = 0.3  # [m] chosen: ℓ, lever that weighs an axis error against a 
 POSITION_SOLVED = 1e-6  # [m] chosen: largest position error of a solution
 WIDE = 0.3  # [rad or m] chosen: margin from limits that counts as much as the clearance ROOMY
 ROOMY = 0.05  # [m] chosen
+TRACKING = 30  # iterations of a descent from a known configuration, chosen
 AXIS_SOLVED = 1e-6  # [rad] chosen: largest axis error of a solution
 
 
@@ -180,7 +181,7 @@ def _descend(
 
 
 def each(
-    robot: Robot, positions: FloatArray, axes: FloatArray, near: FloatArray, iterations: int = 30
+    robot: Robot, positions: FloatArray, axes: FloatArray, near: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """The configuration nearest to each row of ``near`` (m, n) with the tool at that row's pose.
 
@@ -189,13 +190,12 @@ def each(
 
     Returns: Configurations (m, n) and errors (m,); see :func:`track`.
     """
-    return _tracked(robot, positions, axes, np.array(near), iterations, False)
+    return _tracked(robot, positions, axes, np.array(near), False)
 
 
 def _tracked(
-    robot: Robot, positions: FloatArray, axes: FloatArray | None, q: FloatArray, iterations: int,
-    chained: bool,
-) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    robot: Robot, positions: FloatArray, axes: FloatArray | None, q: FloatArray, chained: bool
+) -> tuple[FloatArray, FloatArray]:
     """Descents from ``q`` (m, n), in place, without a pull: damped steps are short."""
     position_error, axis_error = np.empty(len(q)), np.empty(len(q))
     directions = np.zeros((len(q), 3)) if axes is None else np.array(axes, dtype=np.float64)
@@ -204,7 +204,7 @@ def _tracked(
     _descend(
         robot.kinematics, robot.tool_point, _tool_axes(robot, directions.shape[1]),
         np.array(positions, dtype=np.float64), directions, weight, robot.lower.copy(),
-        robot.upper.copy(), q, np.zeros(len(q)), iterations, chained, q, position_error, axis_error,
+        robot.upper.copy(), q, np.zeros(len(q)), TRACKING, chained, q, position_error, axis_error,
     )  # fmt: skip
     return q, position_error + AXIS_LENGTH * axis_error
 
@@ -321,9 +321,8 @@ def _at_rest(robot: Robot, q: FloatArray, rest: FloatArray, with_axis: bool) -> 
 
 
 def track(
-    robot: Robot, positions: FloatArray, axes: FloatArray | None, begin: FloatArray,
-    iterations: int = 30,
-) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    robot: Robot, positions: FloatArray, axes: FloatArray | None, begin: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Follow task points in their order from a known configuration, on its branch.
 
     ``positions``: (m, 3) world [m], in the order they are followed. ``axes``: (m, 3) unit, or (m,
@@ -335,7 +334,7 @@ def track(
     """
     q = np.empty((len(positions), robot.n_joints))
     q[:1] = begin
-    return _tracked(robot, positions, axes, q, iterations, True)
+    return _tracked(robot, positions, axes, q, True)
 
 
 ROLLS = 12  # values of a joint that only rolls the tool, chosen: 30 degrees apart

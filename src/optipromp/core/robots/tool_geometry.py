@@ -205,11 +205,6 @@ def _beyond(shape: Shape, points: FloatArray) -> FloatArray:
     return np.asarray((points @ faces[:, :3].T + faces[:, 3]).max(axis=1))
 
 
-def seen_polygon(corners: FloatArray) -> list[FloatArray]:
-    """A solid seen along x: the convex polygon of its ``corners`` (N, 3) in tool axes."""
-    return [hull(corners[:, [2, 1]].round(15))]  # corners one behind the other are one
-
-
 def swept_polygons(corners: FloatArray) -> list[FloatArray]:
     """The volume that a solid sweeps as it turns about z, seen along x, as convex polygons."""
     low, high, inner, outer = profile(corners)

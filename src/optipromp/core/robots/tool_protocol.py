@@ -12,7 +12,7 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.robots.tool_geometry import (
     Solid,
     cover_solids,
-    seen_polygon,
+    hull,
     solids_inertia,
     swept_polygons,
 )
@@ -133,7 +133,8 @@ def outline_of(
     found = {part.round(6).tobytes(): part for part in outline}
     for solid in solids:
         local = (solid.corners - tool.point) @ tool.rotation
-        parts = seen_polygon(local) if tool.fingers else swept_polygons(local)
+        seen = local[:, [2, 1]].round(15)  # corners one behind the other are one
+        parts = [hull(seen)] if tool.fingers else swept_polygons(local)
         found |= {part.round(6).tobytes(): part for part in parts}  # alike ones count once
     return tuple(found.values())
 

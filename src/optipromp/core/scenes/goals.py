@@ -136,15 +136,10 @@ class RegionGoal(Framed, label="goal", position=POINT, axis=DIRECTION, orientati
         return super().transformed(pose)
 
 
-Goal = JointGoal | PoseGoal | RegionGoal
-"""A goal of a scene without a target."""
+Goal = JointGoal | PoseGoal | RegionGoal  # a goal of a scene without a target
 
 
 _MOST_LEAN = 90.0  # [degrees] a wider cone keeps nothing upright
-
-
-def _z() -> FloatArray:
-    return np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,8 +154,8 @@ class HeldUpright(Framed, label="path.upright", direction=DIRECTION):
     """
 
     angle: float
-    axis: FloatArray = field(default_factory=_z)
-    direction: FloatArray = field(default_factory=_z)
+    axis: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    direction: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
 
     def __post_init__(self) -> None:
         limited("path.upright.angle", self.angle, "degrees", _MOST_LEAN)

@@ -18,8 +18,7 @@ from optipromp.core.scenes.pose import DIRECTION, POINT, Framed
 from optipromp.core.scenes.rotations import IDENTITY, unit_quaternion
 from optipromp.core.scenes.values import array, keep, limited, named, suggest
 
-TOOL = "tool"
-"""Name of the tool in ``may_touch``."""
+TOOL = "tool"  # name of the tool in ``may_touch``
 RETREAT = 0.1
 """Default distance of a retreat [m], chosen: about the length of a tool's path among fruits."""
 Pair = tuple[str, str]

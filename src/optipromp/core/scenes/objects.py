@@ -95,16 +95,13 @@ PHYSICAL = (
 )  # fmt: skip
 """Keys of an object's ``physical``: [kg], [kg/m³], [-], EI [N m²], [-], [N]."""
 
-STEM_RADIUS = 0.003
-"""Default radius of a stem [m], chosen."""
+STEM_RADIUS = 0.003  # default radius of a stem [m], chosen
 
 UNSEEN_TILT = 20.0
 """Standard deviation of each tilt of a stem that nobody saw [degrees]: a choice. In pictures of
 1,704 strawberries, many of them on beds, the median tilt is 18 degrees, of hanging fruit less."""
-UNSEEN_LENGTH = 0.15
-"""Likeliest length of a stem that nobody saw [m]: a choice."""
-UNSEEN_SPREAD = 0.35
-"""Standard deviation of the logarithm of its length: a choice."""
+UNSEEN_LENGTH = 0.15  # likeliest length of a stem that nobody saw [m]: a choice
+UNSEEN_SPREAD = 0.35  # standard deviation of the logarithm of its length: a choice
 STEEPEST = 60.0  # [degrees] chosen: largest standard deviation of a tilt
 
 _LARGEST_SIGMA = 10.0  # [m] chosen

@@ -81,8 +81,7 @@ POINT = Quantity(lambda name, point: array(name, point, 3), lambda pose, point: 
 SPAN = Quantity(POINT.checked, lambda pose, span: pose.rotation @ span)
 DIRECTION = Quantity(unit, SPAN.moved)
 TURN = Quantity(lambda _, turn: unit_quaternion(turn), lambda pose, q: product(pose.orientation, q))
-PART = Quantity(lambda _, part: part, _each)
-"""A :class:`Framed`, or a tuple of such."""
+PART = Quantity(lambda _, part: part, _each)  # a :class:`Framed`, or a tuple of such
 
 
 class Framed:

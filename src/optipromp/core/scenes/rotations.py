@@ -12,8 +12,7 @@ from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.scenes.values import array, numbers
 
-IDENTITY = frozen([1.0, 0.0, 0.0, 0.0])
-"""The quaternion of the identity."""
+IDENTITY = frozen([1.0, 0.0, 0.0, 0.0])  # the quaternion of the identity
 
 _TOLERANCE = 1e-3  # [-] chosen: largest error of a length or of an orthogonality
 _NORMALISED = 4e-16  # [-] largest rounding error of the length of a normalised quaternion

@@ -46,8 +46,7 @@ __all__ = [
     "RegionGoal", "Role", "Scene", "SceneObject", "Stem", "ToolSpec",
 ]  # fmt: skip
 
-WIDEST_CONE = 60.0
-"""Largest angle between an approach and its direction [degrees], chosen."""
+WIDEST_CONE = 60.0  # largest angle between an approach and its direction [degrees], chosen
 
 MOST_GOALS = 1000
 """Most entries of a goal, chosen: the judge holds each end against all, 10 µs each."""

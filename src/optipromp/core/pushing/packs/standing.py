@@ -166,7 +166,10 @@ def plane(scene: Scene, tool: Tool, behind: Sequence[FloatArray] = ()) -> Plane:
         at = part + frame[[2, 1]] @ (obj.position - target.position)
         if abs(height) < half:
             walls.append(at)
-        elif abs(abs(height) - half - bottom) < STANDING.touching and _covers(at):
+        elif (
+            abs(abs(height) - half - bottom) < STANDING.touching
+            and ((at.min(axis=0) <= 0.0) & (at.max(axis=0) >= 0.0)).all()
+        ):  # the target stands on it
             edge = max(edge, float(at[:, 0].min()))
             drop = np.sign(height) * max(0.0, abs(height) - half - thick)
     friction = PUSH.plane.friction * PUSH.plane.density * PUSH.beam.gravity * np.array(area) * tall
@@ -224,11 +227,6 @@ def _footprint(obj: SceneObject, frame: FloatArray) -> tuple[FloatArray | float,
         return outline, area, 0.81 * float(np.linalg.norm(outline, axis=1).mean())
     radius = obj.radius
     return radius, np.pi * radius**2, radius
-
-
-def _covers(corners: FloatArray) -> bool:
-    """Whether the box about ``corners`` (k, 2) contains the origin."""
-    return bool((corners.min(axis=0) <= 0.0).all() and (corners.max(axis=0) >= 0.0).all())
 
 
 class PathsBetween(Candidates):

@@ -13,7 +13,7 @@ from typing import Self
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, frozen, lengths
+from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.budget import step
 from optipromp.core.compiled import kernel
 from optipromp.core.geometry import signed_distance
@@ -472,7 +472,7 @@ def sampled(
     told = [None if fruit.stem is None else fruit.stem.tilt for fruit in fruits]
     turn = np.array([own if own is not None else by for own, by in zip(told, turn, strict=True)])
     turn = np.deg2rad(turn) * seen.length
-    shifted, swung = _normal((samples, len(fruits), 3))
+    shifted, swung = np.random.default_rng(0).standard_normal((2, samples, count, 3))
     shift = spread[..., None] * shifted
     swing = turn[:, None] * (swung - (swung @ up)[..., None] * up)  # level
     place = np.array([bending.hanging_balls(fruit).center for fruit in fruits])
@@ -493,7 +493,10 @@ def _cases(fruits: Sequence[SceneObject], up: FloatArray) -> list[bending.Stems]
 
     The stems of a plant are alike.
     """
-    wide = np.array([_spread(fruit) for fruit in fruits])
+    told = [fruit.physical for fruit in fruits]
+    assumed = [1.0 if "stem_stiffness" in each else BEAM.stiffness_spread for each in told]
+    spreads = zip(told, assumed, strict=True)
+    wide = np.array([each.get("stem_stiffness_spread", usual) for each, usual in spreads])
     if (wide == 1.0).all():
         return [bending.stems(fruits, up)]
     factors = np.stack([np.ones(len(fruits)), 1.0 / wide, wide])
@@ -504,16 +507,3 @@ def _cases(fruits: Sequence[SceneObject], up: FloatArray) -> list[bending.Stems]
         bending.Stems(*(values[k : k + count] for values in every))
         for k in range(0, len(factors) * count, count)
     ]
-
-
-def _spread(fruit: SceneObject) -> float:
-    """Standard deviation of a stem's stiffness as a factor; 1 for a known stiffness."""
-    assumed = 1.0 if "stem_stiffness" in fruit.physical else BEAM.stiffness_spread
-    return fruit.physical.get("stem_stiffness_spread", assumed)
-
-
-@lru_cache(maxsize=16)
-def _normal(shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
-    """Two arrays of standard normal numbers of a fixed seed."""
-    rng = np.random.default_rng(0)
-    return frozen(rng.standard_normal(shape)), frozen(rng.standard_normal(shape))

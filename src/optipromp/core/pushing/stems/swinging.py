@@ -39,7 +39,7 @@ from optipromp.core.pushing.stems.cup import (
     taken,
 )
 
-HARM = PUSH.harm
+SWING, HARM = PUSH.swing, PUSH.harm
 
 
 class Harm(NamedTuple):
@@ -76,7 +76,6 @@ def score_of(stem, fruit, target, inside, pinched, missed):
     return pressed + pinched / HARM.pinched_time + lost
 
 
-SWING, HARM = PUSH.swing, PUSH.harm
 NEVER = 1 << 40  # the first step of the way out, of a motion that has none
 TOUCHES = 1e-3  # [m] gap below which the force on a fruit is the cup's: contacts press fruits apart
 
