@@ -113,15 +113,6 @@ class Acting(Protocol):
         """Joint velocities (n,) [rad/s] for the next 20 ms."""
 
 
-class Seeing(Protocol):
-    """An entry of the track ``picture``."""
-
-    def plan(
-        self, picture: DepthPicture, known: Scene, seed: int
-    ) -> Trajectory | Plan | Picked | None:
-        """A motion from the scene's start that picks a ripe fruit; None: refused."""
-
-
 @dataclass(frozen=True, eq=False)
 class Deed:
     """What an entry did in one scene."""
@@ -165,7 +156,10 @@ def refusal(motion: Motion, scene: Scene) -> str:
     for each in motion:
         if each is None:
             continue
-        wrong = too_long(each.times) or against(each, scene, begin) or misnamed(each, scene)
+        wrong = too_long(each.times) or against(each, scene, begin)
+        names = posed(scene)[0].joint_names
+        if not wrong and each.joint_names != names:
+            wrong = f"joints {', '.join(each.joint_names)}; must be {', '.join(names)}"
         if wrong:
             return wrong if each is motion.reach else f"the way out: {wrong}"
         begin = each.positions[-1]
@@ -201,14 +195,6 @@ def against(trajectory: Trajectory, scene: Scene, begins: FloatArray | None = No
         f"{names[k]} reaches {values[row, k]:.4g} {unit} at {most.when[row, k]:.2f} s; its limit "
         f"is {limits[row, k]:.4g}: {right}"
     )
-
-
-def misnamed(trajectory: Trajectory, scene: Scene) -> str:
-    """What is wrong with the names of a trajectory's joints; empty: nothing."""
-    names = posed(scene)[0].joint_names
-    if trajectory.joint_names == names:
-        return ""
-    return f"joints {', '.join(trajectory.joint_names)}; must be {', '.join(names)}"
 
 
 def acted(policy: Acting, episode: Episode, seed: int) -> Deed:

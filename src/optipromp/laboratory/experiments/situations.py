@@ -107,7 +107,8 @@ class Change:
             seen = seen_at_once(seen, scene, seed, _disturbed(p, sway))
         truth, p = _changed(scene, p, **drawn)
         if self.shift is not None:
-            truth = _moved(truth, self.shift(truth, rng), self.roots)
+            by, part = self.shift(truth, rng), "whole" if self.roots else "object"
+            truth = _fruits(truth, lambda item: item.shifted(by, part))
         if self.detector.camera_offset or self.detector.camera_turn:
             seen = miscalibrated(seen, scene, self.detector, seed)
         if self.unseen:
@@ -146,24 +147,20 @@ def _changed(
             robot=replace(p.robot, tool_friction=friction),
         )
     if size != 1.0:
-        scene = _fruits(scene, lambda item: _wider(item, size))
+        scene = _fruits(
+            scene,
+            lambda item: (
+                replace(item, shape=Sphere(size * item.shape.radius))
+                if isinstance(item.shape, Sphere)
+                else item
+            ),
+        )
     return scene, p
 
 
 def _fruits(scene: Scene, change: Callable[[SceneObject], SceneObject]) -> Scene:
     objects = (change(item) if item.stem is not None else item for item in scene.objects)
     return replace(scene, objects=rooted(objects))
-
-
-def _wider(item: SceneObject, factor: float) -> SceneObject:
-    if not isinstance(item.shape, Sphere):
-        return item
-    return replace(item, shape=Sphere(factor * item.shape.radius))
-
-
-def _moved(scene: Scene, by: FloatArray, roots: bool) -> Scene:
-    """The fruits shifted ``by`` (3,) [m]; with ``roots``, the roots of their stems too."""
-    return _fruits(scene, lambda item: item.shifted(by, "whole" if roots else "object"))
 
 
 def _beside(scene: Scene, rng: np.random.Generator) -> FloatArray:
@@ -230,13 +227,7 @@ def seen_at_once(seen: Scene, scene: Scene, seed: int, parameters: SimulationPar
     now = simulation.fruits()
     true = {item.id: item.position for item in scene.objects}
     moved = {name: now.positions[row] - true[name] for row, name in enumerate(now.ids)}
-    return replace(
-        seen,
-        objects=rooted(
-            item.shifted(moved[item.id]) if item.stem is not None and item.id in moved else item
-            for item in seen.objects
-        ),
-    )
+    return _fruits(seen, lambda item: item.shifted(moved[item.id]) if item.id in moved else item)
 
 
 _WHITE = DETECTORS["zero-mean"]

@@ -185,58 +185,42 @@ def study_figure(cells: Sequence[Cell]) -> "Figure":
     figure = Figure(figsize=(11.0, 4.6), layout="constrained")
     rates, causes = figure.subplots(1, 2, width_ratios=(3, 2))
     many = len({cell.preset for cell in cells}) > 9  # variations: their names are long
-    (_varied if many else _rates)(rates, cells)
+    _rates(rates, cells, many)
     _causes(causes, cells)
     for axes in (rates, causes):
         axes.spines[["top", "right"]].set_visible(False)
     return figure
 
 
-def _rates(axes: "Axes", cells: Sequence[Cell]) -> None:
-    presets = list(dict.fromkeys(cell.preset for cell in cells))
-    planners = list(dict.fromkeys(cell.planner for cell in cells))
-    width = 0.8 / len(planners)
-    for i, planner in enumerate(planners):
-        mine = [cell for cell in cells if cell.planner == planner]
-        x = [presets.index(cell.preset) + (i - 0.5 * (len(planners) - 1)) * width for cell in mine]
-        spans = [[c.rate - c.low for c in mine], [c.high - c.rate for c in mine]]
-        axes.bar(
-            x, [100 * cell.rate for cell in mine], 0.9 * width, color=COLOURS.get(planner),
-            yerr=[[100 * v for v in side] for side in spans], label=planner,
-            error_kw={"elinewidth": 1.0, "capsize": 2.0, "ecolor": "#333333"},
-        )  # fmt: skip
-        axes.plot(x, [100 * c.successes / c.runs for c in mine], "o", color="#333333", ms=2.5)
-    labels = []
-    for preset in presets:
-        runs = sorted({cell.runs for cell in cells if cell.preset == preset})
-        labels.append(f"{preset}\n{'–'.join(map(str, runs))} scenes")
-    axes.set_xticks(range(len(presets)), labels)
-    axes.set_ylim(0.0, 105.0)
-    axes.set_ylabel(RATE)
-    axes.set_title(TITLE, fontsize=10)
-    axes.legend(frameon=False, fontsize=8, ncols=len(planners), **_BELOW)
-
-
-def _varied(axes: "Axes", cells: Sequence[Cell]) -> None:
-    """A line for each variation of the physics, with a rate and its interval for each planner."""
+def _rates(axes: "Axes", cells: Sequence[Cell], level: bool) -> None:
+    """Bars over the presets; ``level``: points beside the names of variations of the physics."""
     names = list(dict.fromkeys(cell.preset for cell in cells))
     planners = list(dict.fromkeys(cell.planner for cell in cells))
+    width = (0.6 if level else 0.8) / len(planners)
     for i, planner in enumerate(planners):
         mine = [cell for cell in cells if cell.planner == planner]
-        beside = 0.6 * (i - 0.5 * (len(planners) - 1)) / len(planners)
-        spans = [[c.rate - c.low for c in mine], [c.high - c.rate for c in mine]]
-        axes.errorbar(
-            [100 * cell.rate for cell in mine], [names.index(c.preset) + beside for c in mine],
-            xerr=[[100 * v for v in side] for side in spans], fmt="s", markersize=4.0,
-            elinewidth=1.0, color=COLOURS.get(planner), label=planner,
-        )  # fmt: skip
-        y = [names.index(cell.preset) + beside for cell in mine]
-        axes.plot([100 * c.successes / c.runs for c in mine], y, "o", color="#333333", ms=2.5)
-    axes.set_yticks(range(len(names)), names)
-    axes.grid(axis="y", linewidth=0.4, color="#dddddd")
-    axes.invert_yaxis()
-    axes.set_xlim(-2.0, 102.0)
-    axes.set_xlabel(f"{RATE}; {'–'.join(map(str, sorted({c.runs for c in cells})))} scenes each")
+        at = [names.index(cell.preset) + (i - 0.5 * (len(planners) - 1)) * width for cell in mine]
+        rates, dots = [100 * c.rate for c in mine], [100 * c.successes / c.runs for c in mine]
+        spans = [[100 * (c.rate - c.low) for c in mine], [100 * (c.high - c.rate) for c in mine]]
+        own: dict[str, Any] = {"color": COLOURS.get(planner), "label": planner}
+        if level:
+            axes.errorbar(rates, at, xerr=spans, fmt="s", markersize=4.0, elinewidth=1.0, **own)
+        else:
+            lines = {"elinewidth": 1.0, "capsize": 2.0, "ecolor": "#333333"}
+            axes.bar(at, rates, 0.9 * width, yerr=spans, error_kw=lines, **own)
+        axes.plot(*((dots, at) if level else (at, dots)), "o", color="#333333", ms=2.5)
+    if level:
+        axes.set_yticks(range(len(names)), names)
+        axes.grid(axis="y", linewidth=0.4, color="#dddddd")
+        axes.invert_yaxis()
+        runs = sorted({cell.runs for cell in cells})
+        axes.set(xlim=(-2.0, 102.0), xlabel=f"{RATE}; {'–'.join(map(str, runs))} scenes each")
+    else:
+        of_each = (sorted({c.runs for c in cells if c.preset == name}) for name in names)
+        counts = ("–".join(map(str, runs)) for runs in of_each)
+        labels = [f"{name}\n{runs} scenes" for name, runs in zip(names, counts, strict=True)]
+        axes.set_xticks(range(len(names)), labels)
+        axes.set(ylim=(0.0, 105.0), ylabel=RATE)
     axes.set_title(TITLE, fontsize=10)
     axes.legend(frameon=False, fontsize=8, ncols=len(planners), **_BELOW)
 

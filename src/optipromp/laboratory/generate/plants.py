@@ -250,17 +250,13 @@ def _hung(
     length = float(rng.uniform(*bunches.STEM_LENGTH))
     stem = Stem(np.array([position, position + length * line]))
     ball = SceneObject(name, role, Sphere(wide), position, stem=stem)  # type: ignore[arg-type]
-    shape, half = _long(wide, of_quantiles(rng, LONGER), rng)
+    half = of_quantiles(rng, LONGER) * wide
+    if rng.random() < 0.5:
+        shape: Shape = Ellipsoid((wide, wide, half))
+    else:
+        shape, half = _cone(wide, wide * float(rng.uniform(*TIP)), 2.0 * half)
     turn = float(rng.uniform(0.0, 2.0 * np.pi))
     across = frame_along(line)[:, :2] @ [np.cos(turn), np.sin(turn)]
     made = bunches.hung(ball, shape, half, rotation(across, of_quantiles(rng, WILD_CROOKED)) @ line)
     assert made.stem is not None
     return replace(made, stem=Stem(made.stem.points[0] + np.outer([0.0, length], line)))
-
-
-def _long(wide: float, longer: float, rng: np.random.Generator) -> tuple[Shape, float]:
-    """An ellipsoid or a cone, ``longer`` times as long as wide, and the half of its length [m]."""
-    half = longer * wide
-    if rng.random() < 0.5:
-        return Ellipsoid((wide, wide, half)), half
-    return _cone(wide, wide * float(rng.uniform(*TIP)), 2.0 * half)

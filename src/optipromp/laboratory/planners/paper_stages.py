@@ -463,9 +463,10 @@ class Spline:
     """
 
     def __init__(
-        self, posed: Posed, q: FloatArray, names: Sequence[str], held: Sequence[Cost] = ()
-    ) -> None:
-        robot = posed.task.robot
+        self, posed: Posed, q: FloatArray, names: Sequence[str], budget: Budget,
+        held: Sequence[Cost] = (),
+    ) -> None:  # fmt: skip
+        robot, self.budget = posed.task.robot, budget
         grid = np.concatenate(
             [[0.0] * 3, np.linspace(0.0, 1.0, PAPER.control_points - 2), [1.0] * 3]
         )
@@ -499,9 +500,11 @@ class Spline:
         gradient = self.basis.T @ self.problem.gradient()
         return value.merit / self.size, gradient.ravel() / self.size
 
-    def record(self, c: FloatArray) -> None:
-        """Record the costs at control points ``c`` after an iteration."""
-        self.history.append(self.problem.evaluate(self.at(c)).costs)
+    def record(self, intermediate_result: optimize.OptimizeResult) -> None:
+        """Record the costs after an iteration of SciPy's, which ends once the budget is spent."""
+        self.history.append(self.problem.evaluate(self.at(intermediate_result.x)).costs)
+        if self.budget.spent():
+            raise StopIteration
 
     def stage(self, name: str, solver: str, message: str, radius: float | None = None) -> Stage:
         """The record of the stage."""
@@ -520,16 +523,10 @@ def _collision(
     tool = np.array(posed.task.body.distal)
     held: list[Cost] = [ClearanceCost("tool avoid", "dynamic", PAPER.wish, 0.0, tool)]
     held += [posed.rows(PAPER.hold)] if hold else []
-    spline = Spline(posed, q, ("static", "avoid", "velocity"), held)
-
-    def record(c: FloatArray) -> None:
-        spline.record(c)
-        if budget.spent():
-            raise StopIteration
-
+    spline = Spline(posed, q, ("static", "avoid", "velocity"), budget, held)
     result = optimize.minimize(
         spline.objective, spline.begin(), jac=True, method="L-BFGS-B",
-        bounds=spline.bounds, callback=record, options={"maxiter": limit},
+        bounds=spline.bounds, callback=spline.record, options={"maxiter": limit},
     )  # fmt: skip
     return spline.at(result.x), spline.stage("collision", "l-bfgs-b", str(result.message))
 
@@ -538,7 +535,7 @@ def _push(
     posed: Posed, q: FloatArray, radius: float, limit: int, budget: Budget
 ) -> tuple[FloatArray, Stage]:
     """Minimise F_p by trust-constr under constraints 1 to 4, from ``q`` (T, n)."""
-    spline, robot = Spline(posed, q, ("push",)), posed.task.robot
+    spline, robot = Spline(posed, q, ("push",), budget), posed.task.robot
     rows = posed.rows(every=PAPER.every, most=PAPER.most)
 
     def values(c: FloatArray) -> FloatArray:
@@ -551,10 +548,6 @@ def _push(
         full = np.einsum("mk,mn->mkn", spline.basis[rows.at], of_joints)
         return np.asarray(full.reshape(len(rows.at), spline.basis.shape[1] * robot.n_joints))
 
-    def record(c: FloatArray, _: object) -> bool:
-        spline.record(c)
-        return budget.spent()
-
     constraint = optimize.NonlinearConstraint(
         values, rows.lower / PAPER.unit, rows.upper / PAPER.unit, jac=jacobian, hess=optimize.BFGS()
     )
@@ -564,7 +557,7 @@ def _push(
             spline.objective, spline.begin(), jac=True, method="trust-constr",
             hess=optimize.BFGS(), bounds=spline.bounds,
             constraints=[constraint] if len(rows.at) else [],  # among a few waypoints none is free
-            callback=record, options={
+            callback=spline.record, options={
                 "maxiter": limit, "initial_tr_radius": radius / PAPER.unit,
                 "initial_barrier_parameter": PAPER.barrier,
                 "initial_barrier_tolerance": PAPER.barrier,

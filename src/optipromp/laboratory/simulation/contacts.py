@@ -211,14 +211,10 @@ def harm_so_far(world: World, log: ContactLog, torn: int) -> HarmSoFar:
     static = [k for k, each in enumerate(entities) if each.kind == "static"]
     return HarmSoFar(
         max((figure / most for _, _, figure, most in log.borne()), default=0.0),
-        _most(log.hard[np.ix_(stems, robot)]) / limits.stem_time,
-        _most(log.peak[np.ix_(static, robot)]) / limits.static_force,
+        float(log.hard[np.ix_(stems, robot)].max(initial=0.0)) / limits.stem_time,
+        float(log.peak[np.ix_(static, robot)].max(initial=0.0)) / limits.static_force,
         torn,
     )
-
-
-def _most(values: FloatArray) -> float:
-    return float(values.max()) if values.size else 0.0
 
 
 def in_tool(world: World, q: FloatArray, centers: FloatArray) -> BoolArray:

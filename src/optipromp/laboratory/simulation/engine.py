@@ -56,28 +56,24 @@ class Layer(IntFlag):
 NOBODY = -1  # Index of an entity that no contact is counted for: the floor's
 
 
-def layers(kind: EntityKind | Literal["foot", "floor"]) -> dict[str, int]:
-    """``contype`` and ``conaffinity`` of a kind.
+_NONE, _MOVERS = Layer(0), Layer.ROBOT | Layer.FRUIT
+_MEETS: dict[EntityKind | Literal["foot", "floor"], tuple[Layer, Layer]] = {
+    "link": (Layer.ROBOT, _NONE), "tool": (Layer.ROBOT, _NONE),
+    "fruit": (Layer.FRUIT, _MOVERS), "thing": (Layer.FRUIT, _MOVERS),
+    "foot": (_NONE, Layer.STATIC), "floor": (_NONE, Layer.FRUIT), "stem": (Layer.STEM, _MOVERS),
+    "static": (Layer.STATIC, _MOVERS), "avoid": (Layer.AVOID, _MOVERS),
+}  # fmt: skip
+"""``contype`` and ``conaffinity`` by kind.
 
-    The robot touches everything but itself. Fruits touch everything. Stems touch the robot and
-    fruits, but neither each other nor static objects. The foot of a can touches only the object
-    that it stands on, the floor only fruits that have fallen.
-    """
-    meets_movers = int(Layer.ROBOT | Layer.FRUIT)
-    match kind:
-        case "link" | "tool":
-            return {"contype": int(Layer.ROBOT), "conaffinity": 0}
-        case "fruit" | "thing":
-            return {"contype": int(Layer.FRUIT), "conaffinity": meets_movers}
-        case "foot":
-            return {"contype": 0, "conaffinity": int(Layer.STATIC)}
-        case "floor":
-            return {"contype": 0, "conaffinity": int(Layer.FRUIT)}
-        case "stem":
-            return {"contype": int(Layer.STEM), "conaffinity": meets_movers}
-        case "static":
-            return {"contype": int(Layer.STATIC), "conaffinity": meets_movers}
-    return {"contype": int(Layer.AVOID), "conaffinity": meets_movers}
+The robot touches everything but itself. Fruits touch everything. Stems touch the robot and fruits,
+but neither each other nor static objects. The foot of a can touches only the object that it stands
+on, the floor only fruits that have fallen.
+"""
+
+
+def layers(kind: EntityKind | Literal["foot", "floor"]) -> dict[str, int]:
+    """``contype`` and ``conaffinity`` of a kind."""
+    return dict(zip(("contype", "conaffinity"), map(int, _MEETS[kind]), strict=True))
 
 
 GEOMS = {  # MuJoCo's geoms of the same sizes, by the kinds of shapes

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -53,21 +53,8 @@ class Moving:
         engine().mj_kinematics(self.world.model, data)
         for fruit in self.world.shown:
             place, turn = np.array(data.xpos[fruit.body]), data.xmat[fruit.body].reshape(3, 3)
-            yield Displaced(self._items[fruit.id], place, turn, self._stem(fruit))
-
-    def _stem(self, fruit: Any) -> FloatArray | None:
-        """The present points (k, 3) of a fruit's stem, root first [m]; None without a stem."""
-        world, data = self.world, self._data
-        if fruit.stem_entity < 0:
-            return None
-        geoms = np.flatnonzero(world.geom_entity == fruit.stem_entity)
-        turns = data.geom_xmat[geoms].reshape(-1, 3, 3)
-        half = world.model.geom_size[geoms, 1:2] * turns[:, :, 2]
-        ends = np.stack([data.geom_xpos[geoms] - half, data.geom_xpos[geoms] + half], axis=1)
-        root = fruit.built.nodes[0]
-        flipped = np.linalg.norm(ends[0, 1] - root) < np.linalg.norm(ends[0, 0] - root)
-        ends = ends[:, ::-1] if flipped else ends
-        return np.asarray(np.concatenate([ends[:, 0], ends[-1:, 1]]))
+            stem = fruit.stem(data) if fruit.built.has_stem else None
+            yield Displaced(self._items[fruit.id], place, turn, stem)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -12,7 +12,6 @@ import numpy as np
 from optipromp.core import files
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
-from optipromp.core.execution.streaming import Stretch
 from optipromp.core.scenes.io import scene_to_dict
 from optipromp.laboratory.simulation.execute import Run
 from optipromp.laboratory.simulation.loop import Loop
@@ -183,7 +182,9 @@ def record_of(loop: Loop, points: int = POINTS) -> LoopRecord:
     for row, time in enumerate(trace.times.tolist()):
         running = int(np.searchsorted(begins, time + 1e-9)) - 1
         if running >= 0:
-            q = _coming(trace.stretches[running], time, points)
+            begin, curve = begins[running], trace.stretches[running].curve
+            now = min(max(time - begin, 0.0), curve.duration)
+            q = curve.sample(np.linspace(now, curve.duration, points))[0]
             ahead[row] = robot.tool_pose(q)[0]
     events = loop.controller.history
     looks = sorted(trace.looks, key=lambda look: look.time)
@@ -202,13 +203,6 @@ def record_of(loop: Loop, points: int = POINTS) -> LoopRecord:
         np.array([(look.time, look.view) for look in looks]).reshape(-1, 2),
         np.array(discs, dtype=float).reshape(-1, 5),
     )  # fmt: skip
-
-
-def _coming(stretch: Stretch, time: float, points: int) -> FloatArray:
-    """Configurations (points, n) of a curve from a ``time`` [s] to its end."""
-    now = min(max(time - stretch.begins, 0.0), stretch.curve.duration)
-    q: FloatArray = stretch.curve.sample(np.linspace(now, stretch.curve.duration, points))[0]
-    return q
 
 
 def write_loop(loop: Loop, folder: Path) -> str:

@@ -1,12 +1,11 @@
 """What a camera without images sees: where it stands, and which share of a fruit is hidden."""
 
 import math
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, frame_along, frozen, lengths
+from optipromp.core.arrays import FloatArray, frame_along, lengths
 from optipromp.core.geometry import distances, pack
 from optipromp.core.geometry.obstacles import measures, packed_shapes
 from optipromp.core.geometry.shapes import Cylinder, Shape
@@ -151,20 +150,16 @@ class Sight:
             going = going[(clear >= NEAREST) & (along[going] < reach[going])]
         return np.asarray(met.reshape(count, RAYS).mean(axis=1))
 
-    @cached_property
-    def _disc(self) -> FloatArray:
-        k = np.arange(RAYS) + 0.5
-        turn = np.pi * (3.0 - np.sqrt(5.0)) * k  # sunflower: even over the disc
-        return frozen(np.sqrt(k / RAYS)[:, None] * np.column_stack([np.cos(turn), np.sin(turn)]))
-
     def _rays(self, eye: FloatArray, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Unit directions (F·RAYS, 3), and the lengths [m] up to the fronts of the objects."""
         way = positions - eye
         away = np.maximum(lengths(way), 1e-9)
         across = frame_along(way / away[:, None])[:, :, :2]
-        ends = way[:, None] + self._radii[:, None, None] * np.einsum(
-            "fik,rk->fri", across, self._disc
-        )
+        k = np.arange(RAYS) + 0.5
+        turn = np.pi * (3.0 - np.sqrt(5.0)) * k  # sunflower: even over the disc
+        disc = np.sqrt(k / RAYS)[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
+        aside = np.einsum("fik,rk->fri", across, disc)
+        ends = way[:, None] + self._radii[:, None, None] * aside
         far = np.linalg.norm(ends, axis=2)
         reach = far * (1.0 - self._radii / away)[:, None]
         return (ends / far[:, :, None]).reshape(-1, 3), reach.ravel()

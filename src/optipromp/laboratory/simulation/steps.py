@@ -252,12 +252,9 @@ class Execution:
                 np.where(self.stem_entities >= 0, on_stems, 0.0),
             )
         )  # fmt: skip
-        self.contacts.append(self._touching(len(self.records) - 1))
-
-    def _touching(self, record: int) -> FloatArray:
-        """The present contacts as rows of ``Rollout.contacts``."""
-        _, pairs, points, forces = pressing(self.data, self.world, self.moving)
-        return np.column_stack([np.full(len(pairs), record), pairs, points, forces])
+        _, pairs, points, pushes = pressing(data, self.world, self.moving)
+        record = np.full(len(pairs), len(self.records) - 1)
+        self.contacts.append(np.column_stack([record, pairs, points, pushes]))
 
     def rollout(self, motion: float) -> Rollout:
         """The records, of a motion that ended at ``motion`` [s]."""
@@ -356,20 +353,17 @@ class StemWatch:
         np.maximum(self._tension, pulls, out=self._tension)
         gone = pulls > self._abscission
         if self._harm is not None:
-            pull, turn = _SIGN * forces[:, 0], self._moments(data)
-            gone = self._harm.pull(self._fruits, pull, up[:, :, 0], turn, self._abscission)
+            turns = data.efc_force[: 6 * count].reshape(-1, 6)[:, 3:]
+            frames = data.xmat.take(self._bodies, axis=0).reshape(-1, 3, 3)
+            # about the calyx; a weld's rows of turning are of half the turn, in the fruit's frame
+            moments = 0.5 * np.einsum("wij,wj->wi", frames, turns)
+            pull = _SIGN * forces[:, 0]
+            gone = self._harm.pull(self._fruits, pull, up[:, :, 0], moments, self._abscission)
         for mine in self._trusses:  # a truss comes off whole where none of its fruits does
             if not (gone & mine).any() and float(pulls[mine].sum()) > self._truss_force:
                 gone = gone | mine
         if gone.any():
             self._cut(data, gone)
-
-    def _moments(self, data: Any) -> FloatArray:
-        """Moments (W, 3) of the stems on their fruits about the calyx [N m]."""
-        turns = data.efc_force[: 6 * len(self._fruits)].reshape(-1, 6)[:, 3:]
-        frames = data.xmat.take(self._bodies, axis=0).reshape(-1, 3, 3)
-        # a weld's rows of turning are of half the turn, in the fruit's frame
-        return np.asarray(0.5 * np.einsum("wij,wj->wi", frames, turns))
 
     def close(self, data: Any) -> StemCut:
         """Close the blades of the scissor: fruits beyond the stems between them come off."""

@@ -110,9 +110,9 @@ class Nodes:
             where = f"{self.root}/arm" + ("" if part.segment < 0 else f"/{part.segment}")
             self._added(where, part)
 
-    def _mesh(self, part: Part) -> Any:
-        """The node of a part of the scene, sent again where its looks differ."""
-        old, node = self._meshes.get(part.name, (None, None))
+    def _mesh(self, part: Part) -> None:
+        """Send a part of the scene where its looks differ from those that were sent."""
+        old, _ = self._meshes.get(part.name, (None, None))
         if (
             old is None
             or (old.colour, old.opacity) != (part.colour, part.opacity)
@@ -123,7 +123,6 @@ class Nodes:
                 told = self.on_click
                 node.on_click(lambda _: told(part.owner))
             self._meshes[part.name] = part, node
-        return node
 
     def _added(self, where: str, part: Part) -> Any:
         return self.api.add_mesh_simple(
