@@ -22,13 +22,13 @@ from typing import Any
 
 import franky
 import numpy as np
-from scripts.fr3 import foreseen
 from tests.franka.server import serving
 
 import optipromp
 from optipromp import Plan, PlanOptions, load_scene, plan
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.execution import Franky
+from optipromp.core.execution.fr3 import foreseen
 from optipromp.core.scenes import Scene
 from optipromp.laboratory.experiments.scenarios import CASES
 from optipromp.laboratory.generate import generate
