@@ -20,15 +20,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import franky
 import numpy as np
-from scripts.fr3 import foreseen
+from tests.franka.paced import Paced
 from tests.franka.server import serving
 
 import optipromp
 from optipromp import Plan, PlanOptions, load_scene, plan
 from optipromp.core.errors import OptiPrompError
-from optipromp.core.execution import Franky
+from optipromp.core.execution.fr3 import foreseen
 from optipromp.core.scenes import Scene
 from optipromp.laboratory.experiments.scenarios import CASES
 from optipromp.laboratory.generate import generate
@@ -54,7 +53,7 @@ def streamed(made: Plan, host: str) -> dict[str, Any]:
     row["shares"] = aborts.shares
     with (
         serving(host, curve.positions[0]) as reflexes,
-        Franky(host, robot, realtime_config=franky.RealtimeConfig.Ignore) as arm,
+        Paced(host, robot) as arm,
     ):
         try:
             done = arm.execute(curve)

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from optipromp import judge, load_scene
+from optipromp import judge, load_scene, plan
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.output import load_plan
+from optipromp.core.output import load_plan, write_plan
+from optipromp.core.robots.library import load_robot
 from optipromp.core.scenes import save_scene
 from optipromp.core.trajectory import Trajectory, arrays, csv, read_trajectory
 from optipromp.ros import Recorded, joint_trajectory, robot_trajectory, write_bag
@@ -181,3 +182,55 @@ def test_check_tells_of_a_start_below_the_floor(tmp_path: Path) -> None:
 def test_the_library_judges_files_too(reach: Path) -> None:
     assert judge("scenario-3", reach / "trajectory.csv").status == "success"
     assert judge(load_scene("scenario-3"), reach).status == "success"
+
+
+STRETCHED = """
+format: 1
+name: stretched
+robot: panda
+start: [0.3, -0.2, 0.1, -1.9, 0.1, 1.7, 0.6]
+goal: {joints: [0.3, -0.2, 0.1, -0.1, 0.1, 1.7, 0.6]}
+objects: []
+"""
+
+
+def test_a_controller_says_what_it_would_abort(tmp_path: Path) -> None:
+    """Joint 4 goes to -0.1 rad: the built-in Panda may (to -0.07), an FR3 may not (to -0.15)."""
+    (tmp_path / "stretched.yaml").write_text(STRETCHED)
+    made = plan(load_scene(tmp_path / "stretched.yaml"))
+    write_plan(made, tmp_path / "made")
+    assert call("validate", str(tmp_path / "made"))[0] == 0
+    code, stdout, _ = call("validate", str(tmp_path / "made"), "--controller", "franka", "--json")
+    assert code == 1
+    document = json.loads(stdout)
+    assert document["status"] == "success"
+    assert document["controller"]["name"] == "franka"
+    broken = {each["kind"]: each for each in document["controller"]["violations"]}
+    place = broken["joint_position_limits_violation"]
+    assert place["subject"] == "joint4"
+    assert place["amount"] == pytest.approx(0.0518)
+    assert place["time"] == pytest.approx(made.trajectory.duration)
+    assert "joint_velocity_violation" in broken
+    _, stdout, _ = call("validate", str(tmp_path / "made"), "--controller", "franka")
+    told = "an FR3 allows -3.0421 to -0.1518 rad (joint_position_limits_violation)"
+    assert told in " ".join(stdout.split())
+
+
+def test_a_controller_allows_a_plan_of_the_paper(reach: Path) -> None:
+    code, stdout, _ = call("validate", str(reach), "--controller", "franka", "--json")
+    assert code == 0
+    found = json.loads(stdout)["controller"]
+    assert found["violations"] == []
+    assert 0.1 < found["shares"]["velocity"] < 1.0
+    assert 1.0 < found["power"] < 100.0
+
+
+def test_an_arm_that_the_controller_cannot_move_is_refused(tmp_path: Path) -> None:
+    still = np.array(load_scene("scenario-1").start)
+    (tmp_path / "still.csv").write_bytes(
+        csv(Trajectory.still(still, (0.0, 1.0), load_robot("scara").joint_names))
+    )
+    words = "validate", str(tmp_path / "still.csv"), "--scene", "scenario-1"
+    code, _, stderr = call(*words, "--controller", "franka")
+    assert code == 2
+    assert "the controller franka moves 7 joints" in " ".join(stderr.split())

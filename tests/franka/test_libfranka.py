@@ -11,10 +11,14 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import ExecutionError, InvalidRequestError
 from optipromp.core.execution import Executor, Franky
 from optipromp.core.execution.contract import ExecutorContract
-from optipromp.core.trajectory import Trajectory
+from optipromp.core.planning.timing import stopped
+from optipromp.core.trajectory import State, Trajectory
 
 franky = pytest.importorskip("franky", exc_type=ImportError)
 pytest.importorskip("franky_sim", exc_type=ImportError)
+
+from tests.franka.paced import Paced  # noqa: E402
+from tests.franka.server import serving  # noqa: E402
 
 HOST = "127.0.48.10"
 HOME = (0.3, -0.2, 0.1, -1.9, 0.1, 1.7, 0.6)  # [rad]
@@ -22,24 +26,27 @@ HOME = (0.3, -0.2, 0.1, -1.9, 0.1, 1.7, 0.6)  # [rad]
 
 @pytest.fixture(scope="module")
 def reflexes() -> Iterator[list[str]]:
-    from tests.franka.server import serving
-
+    """Those of the arm that serves the tests. What they call is compiled before."""
     with serving(HOST) as seen:
+        with connected() as arm:
+            still = arm.state()
+            arm.refusal(step(arm, 0.05), still)
+            stopped(arm.robot, State(still.q, np.full(7, 0.01)))
         yield seen
 
 
-def connected(**settings: object) -> Franky:
-    return Franky(HOST, realtime_config=franky.RealtimeConfig.Ignore, **settings)  # type: ignore[arg-type]
+def connected() -> Paced:
+    return Paced(HOST)
 
 
-def home(arm: Franky, at: tuple[float, ...] = HOME) -> None:
+def home(arm: Paced, at: tuple[float, ...] = HOME) -> None:
     """Move there by franky's own motion, and wait for rest."""
     arm.arm.recover_from_errors()
     arm.arm.relative_dynamics_factor = 0.3
     arm.arm.move(franky.JointMotion(list(at)))
-    end = time.perf_counter() + 20.0
+    end = arm.now + 10.0
     while np.abs(arm.state().velocity).max() > 0.005:
-        assert time.perf_counter() < end
+        assert arm.now < end
 
 
 class TestFrankyOnLibfranka(ExecutorContract):
@@ -54,10 +61,10 @@ class TestFrankyOnLibfranka(ExecutorContract):
         return self.arm
 
     def clock(self) -> float:
-        return float(self.arm.arm.state.time.to_sec())
+        return self.arm.led
 
 
-def step(arm: Franky, by: float | FloatArray) -> Trajectory:
+def step(arm: Paced, by: float | FloatArray) -> Trajectory:
     """By ``by`` [rad] within 2 s."""
     s = np.linspace(0.0, 1.0, 21)[:, None]
     q = arm.state().q + by * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
@@ -72,6 +79,23 @@ def test_the_wrist_is_held_against_dry_friction(reflexes: list[str]) -> None:
         done = arm.execute(curve)
         assert np.abs(done.positions - done.reference).max(axis=0)[6] < 0.003
         assert np.abs(arm.state().q - curve.positions[-1])[4:].max() < 0.002
+
+
+def test_a_machine_that_lets_the_client_wait_changes_nothing(reflexes: list[str]) -> None:
+    """Three times 0.6 s: a guard of 0.1 s of the arm's time ended the motion at the first."""
+    waits = [1.5, 1.0, 0.5]  # [s] in the curve
+    with connected() as arm:
+        home(arm)
+
+        def watch(now: float, _: State) -> None:
+            if waits and now > waits[-1]:
+                waits.pop()
+                time.sleep(0.6)
+
+        done = arm.execute(step(arm, 0.05), watch)
+        assert done.finished, done.reason
+        assert waits == []
+        assert 2.0 <= arm.led < 2.5
 
 
 def test_an_ordinary_kernel_is_told_what_to_do() -> None:
@@ -94,11 +118,9 @@ def test_a_second_connection_is_refused_in_time(
     reflexes: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("optipromp.core.execution.franka.CONNECT", 1.0)
-    with connected():
-        began = time.perf_counter()
-        with pytest.raises(ExecutionError, match="another connection"):
-            connected()
-        assert time.perf_counter() - began < 5.0
+    told = "does not answer within 1 s; is another connection to it open"
+    with connected(), pytest.raises(ExecutionError, match=told):
+        connected()
 
 
 def test_nobody_listens_at_another_address() -> None:

@@ -5,7 +5,7 @@ from collections import Counter
 from dataclasses import is_dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import optipromp
 from optipromp.cli.command import OK, Report, Shown, command, exit_code
@@ -15,6 +15,7 @@ from optipromp.core import files
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
 
 if TYPE_CHECKING:
+    from optipromp.core.execution.fr3 import Foreseen
     from optipromp.core.planning import Plan, Verdict
     from optipromp.core.robots.description import Arm
     from optipromp.core.robots.model import Robot
@@ -308,6 +309,7 @@ def validate(
     out: Path | None = None,
     *,
     risk: float | None = None,
+    controller: Literal["franka"] | None = None,
 ) -> Report:
     """Judge TRAJECTORY in a scene: what is violated, where, when and by how much.
 
@@ -320,6 +322,7 @@ def validate(
         optipromp validate recorded.csv --scene scenario-3
         optipromp validate reach
         optipromp validate moveit.mcap --scene my-scene.yaml --out verdict --json
+        optipromp validate reach --controller franka
 
     Args:
         trajectory (TRAJECTORY): A .csv or .npz file, a bag or .mcap with a JointTrajectory, or a
@@ -327,7 +330,9 @@ def validate(
         scene (SCENE): A scene file or built-in scene; a plan's own.
         out (DIR): Leave verdict.json and limits.png there.
         risk: Share of promised successes that may be broken; a plan's own, or 0.03.
+        controller: Also say what would abort the motion: franka, of a Franka Research 3.
     """
+    from optipromp.core.execution.fr3 import foreseen
     from optipromp.core.planning import verdict_of
     from optipromp.core.planning.task import posed
 
@@ -349,14 +354,19 @@ def validate(
     if curve.duration > _LONG and slow < _SLOW:
         told = f"{curve.duration:.0f} s with {100 * slow:.2g} % of the velocity limits"
         warnings.warn(f"{trajectory} takes {told}: are its times milliseconds?", stacklevel=1)
-    document = describe(found, curve, loaded, risk)
+    document, code = describe(found, curve, loaded, risk), exit_code(found.status)
+    aborts = None if controller is None else foreseen(robot, curve, loaded.up)
+    if aborts is not None:
+        of_arm = aborts._asdict() | {"violations": [vars(each) for each in aborts.violations]}
+        document["controller"] = files.plain({"name": controller} | of_arm)
+        code = code or exit_code(Code.INVALID_PLAN if aborts.violations else Code.SUCCESS)
     if out is not None:
         from optipromp.looks.viewer.figures import limits_figure, png
 
         figure = limits_figure(curve, robot, found.judgement.violations, loaded.name)
         verdict = files.json_text(document).encode("utf-8")
         files.write_together(out, {"limits.png": png(figure), "verdict.json": verdict})
-    return Report(document, _judged(found, loaded, curve), exit_code(found.status))
+    return Report(document, _judged(found, loaded, curve, aborts), code)
 
 
 def read(path: Path, robot: "Robot") -> "Trajectory":
@@ -385,7 +395,9 @@ def describe(found: "Verdict", curve: "Trajectory", scene: "Scene", risk: float)
     }))  # fmt: skip
 
 
-def _judged(found: "Verdict", scene: "Scene", curve: "Trajectory") -> Shown:
+def _judged(
+    found: "Verdict", scene: "Scene", curve: "Trajectory", aborts: "Foreseen | None"
+) -> Shown:
     m = found.judgement.metrics
     colour = "green" if found.status is Code.SUCCESS else "red"
     yield headline(
@@ -408,3 +420,7 @@ def _judged(found: "Verdict", scene: "Scene", curve: "Trajectory") -> Shown:
         f"limits in use: velocity {m.velocity_ratio:.0%}, acceleration {m.acceleration_ratio:.0%}, "
         f"jerk {m.jerk_ratio:.0%}; {off} off the goal"
     )
+    if aborts is not None:
+        yield from (f"{each} ({each.kind})" for each in aborts.violations)
+        used = ", ".join(f"{what} {share:.0%}" for what, share in aborts.shares.items())
+        yield f"limits of an FR3 in use: {used}; power at most {aborts.power:.3g} W"

@@ -45,6 +45,7 @@ class _Franka(Follower):
     """The base of both adapters: joints and limits, gains, and the state of libfranka."""
 
     synchronous = False
+    stiffness, damping = STIFFNESS, DAMPING
 
     def __init__(
         self,
@@ -52,15 +53,19 @@ class _Franka(Follower):
         robot: Robot | None = None,
         guard: Guard | None = None,
         *,
-        stiffness: Sequence[float] = STIFFNESS,
-        damping: Sequence[float] = DAMPING,
+        stiffness: Sequence[float] | None = None,
+        damping: Sequence[float] | None = None,
+        **options: Any,
     ) -> None:
-        self._connect(host)
+        self._connect(host, options)
         super().__init__(robot or load_robot("panda"), guard)
-        self._gains = {"stiffness": np.array(stiffness), "damping": np.array(damping)}
+        self._gains = {
+            "stiffness": np.array(self.stiffness if stiffness is None else stiffness),
+            "damping": np.array(self.damping if damping is None else damping),
+        }
 
     @abstractmethod
-    def _connect(self, host: str) -> None:
+    def _connect(self, host: str, options: dict[str, Any]) -> None:
         """Import the package and connect to the arm."""
 
     @abstractmethod
@@ -87,6 +92,8 @@ def _since(
 class PandaPy(_Franka):
     """By ``panda-python`` (extra ``panda-py``): ``JointPosition``, a joint impedance controller.
 
+    Further keywords are those of ``panda_py.Panda``.
+
     Args:
         host: of the arm.
         robot: joints and limits; None: the built-in Panda.
@@ -98,10 +105,10 @@ class PandaPy(_Franka):
         InvalidRequestError: panda-python is not installed.
     """
 
-    def _connect(self, host: str) -> None:
+    def _connect(self, host: str, options: dict[str, Any]) -> None:
         module = _module("panda_py", "panda-python")
         self._controllers = _module("panda_py.controllers", "panda-python")
-        self.panda = module.Panda(host)
+        self.panda = module.Panda(host, **options)
         self._controller: Any = None
 
     def _read(self) -> Any:
@@ -127,42 +134,24 @@ class Franky(_Franka):
     """By ``franky-control`` (extra ``franky``): ``JointImpedanceTracker``.
 
     An arm serves one connection: :meth:`close` it, or use ``with``, before the next. Ticks have
-    the arm's own time.
-
-    Args:
-        host: of the arm.
-        robot: joints and limits; None: the built-in Panda.
-        guard: limits for refusing and stopping.
-        stiffness: (7,) [N m/rad].
-        damping: (7,) [N m s/rad].
-        realtime_config: ``franky.RealtimeConfig``; None: ``Enforce``. A kernel without PREEMPT_RT
-            needs ``Ignore``.
+    the arm's own time. Arguments are as of :class:`PandaPy`; further keywords are those of
+    ``franky.Robot``. Its ``realtime_config`` is ``franky.RealtimeConfig.Enforce``; a kernel without
+    PREEMPT_RT needs ``Ignore``.
 
     Raises:
         InvalidRequestError: franky is not installed, or the kernel is no real-time one.
         ExecutionError: the arm cannot be connected to, or does not answer within 10 s.
     """
 
-    def __init__(
-        self,
-        host: str,
-        robot: Robot | None = None,
-        guard: Guard | None = None,
-        *,
-        stiffness: Sequence[float] = FRANKY_STIFFNESS,
-        damping: Sequence[float] = FRANKY_DAMPING,
-        realtime_config: Any = None,
-    ) -> None:
-        self._options = {} if realtime_config is None else {"realtime_config": realtime_config}
-        super().__init__(host, robot, guard, stiffness=stiffness, damping=damping)
+    stiffness, damping = FRANKY_STIFFNESS, FRANKY_DAMPING
 
-    def _connect(self, host: str) -> None:
+    def _connect(self, host: str, options: dict[str, Any]) -> None:
         self._franky = franky = _module("franky", "franky-control")
         answer = queue.SimpleQueue[Any]()
 
         def connect() -> None:
             try:
-                answer.put(franky.Robot(host, **self._options))
+                answer.put(franky.Robot(host, **options))
             except Exception as error:
                 answer.put(error)
 

@@ -27,10 +27,10 @@ ENDS = np.array([  # [rad] where the velocity that is allowed comes to 0
 ])  # fmt: skip
 OFFSET = np.array([0.30, 0.20, 0.20, 0.30, 0.35, 0.35, 0.35])  # [rad/s] of that fall
 DECELERATION = np.array([6.0, 2.585, 3.5, 4.0, 17.0, 5.5, 17.0])  # [rad/s^2] of that fall
-ACCELERATION = np.full(7, 10.0)  # [rad/s^2]
-JERK = np.full(7, 5000.0)  # [rad/s^3]
+ACCELERATION = 10.0  # [rad/s^2]
+JERK = 5000.0  # [rad/s^3]
 TORQUE = np.array([87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0])  # [N m]
-TORQUE_RATE = np.full(7, 1000.0)  # [N m/s]
+TORQUE_RATE = 1000.0  # [N m/s]
 
 # of links 1 to 7 and the hand: mass [kg], centre [m], inertia xx yy zz xy xz yz about it [kg m^2]
 BODIES = np.array([
@@ -54,17 +54,11 @@ TIE = 1e-6  # share of a limit by which rounding may exceed it, chosen
 
 
 class Foreseen(NamedTuple):
-    """What an FR3 would make of a motion.
-
-    ``violations``: reasons to abort it, each of libfranka's name, the largest of each joint.
-    ``shares``: largest share of the limits of velocity, acceleration, jerk, torque, torque rate;
-    infinite where a joint moves and none is allowed.
-    ``power``: largest mechanical power of the joints together [W].
-    """
+    """The conditions that a motion breaks, each of libfranka's name, the largest of each joint."""
 
     violations: tuple[Violation, ...]
-    shares: dict[str, float]
-    power: float
+    shares: dict[str, float]  # largest use of each limit that is not 0
+    power: float  # largest mechanical power of the joints together [W]
 
 
 def foreseen(robot: Robot, curve: Trajectory, up: FloatArray) -> Foreseen:
@@ -75,63 +69,53 @@ def foreseen(robot: Robot, curve: Trajectory, up: FloatArray) -> Foreseen:
     Raises:
         InvalidRequestError: the arm is no Franka, by its number of joints or its length.
     """
-    if robot.n_joints != len(LOWER):
+    origins, _ = robot.segment_frames(np.zeros(robot.n_joints))
+    length = float(np.linalg.norm(origins[-1] - origins[0]))
+    if robot.n_joints != len(LOWER) or abs(length - LENGTH) > 1e-3:
         raise InvalidRequestError(
-            f"{robot.name} has {robot.n_joints} joints; the controller franka moves {len(LOWER)}"
-        )
-    origins, _ = robot.segment_frames(np.zeros(len(LOWER)))
-    length = float(np.linalg.norm(origins[6] - origins[0]))
-    if abs(length - LENGTH) > 1e-3:
-        raise InvalidRequestError(
-            f"{robot.name} is {length:.3f} m long from joint 1 to joint 7, stretched; "
-            f"the controller franka moves an arm of {LENGTH:.3f} m"
+            f"{robot.name} has {robot.n_joints} joints, the last {length:.3f} m from the first; "
+            f"the controller franka moves {len(LOWER)} joints, {LENGTH:.3f} m"
         )
     count = min(math.ceil(curve.duration / PERIOD), MOST) + 1
     times = np.linspace(0.0, curve.duration, max(count, 3))
     q, velocity, acceleration = curve.sample(times)
-    room = np.where(velocity < 0.0, q - ENDS[0], ENDS[1] - q)
-    fall = np.sqrt(2.0 * DECELERATION * np.maximum(room, 0.0)) - OFFSET
+    slowest, fastest = (
+        way * np.clip(np.sqrt(2.0 * DECELERATION * np.maximum(room, 0.0)) - OFFSET, 0.0, VELOCITY)
+        for way, room in ((-1.0, q - ENDS[0]), (1.0, ENDS[1] - q))
+    )
     needed = torques(robot, times, q, velocity, up)
-    rates = {
-        "velocity": ("joint_velocity_violation", "rad/s", velocity, np.clip(fall, 0.0, VELOCITY)),
+    jerk, torque_rate = (np.diff(of, axis=0) / times[1] for of in (acceleration, needed))
+    conditions = {
+        "position": ("joint_position_limits_violation", "rad", q, LOWER, UPPER),
+        "velocity": ("joint_velocity_violation", "rad/s", velocity, slowest, fastest),
         "acceleration": (
-            "joint_motion_generator_velocity_discontinuity", "rad/s^2", acceleration, ACCELERATION,
+            "joint_motion_generator_velocity_discontinuity", "rad/s^2",
+            acceleration, -ACCELERATION, ACCELERATION,
         ),
         "jerk": (
-            "joint_motion_generator_acceleration_discontinuity", "rad/s^3",
-            np.diff(acceleration, axis=0) / times[1], JERK,
+            "joint_motion_generator_acceleration_discontinuity", "rad/s^3", jerk, -JERK, JERK,
         ),
-        "torque": ("tau_J_range_violation", "N m", needed, TORQUE),
+        "torque": ("tau_J_range_violation", "N m", needed, -TORQUE, TORQUE),
         "torque rate": (
-            "controller_torque_discontinuity", "N m/s",
-            np.diff(needed, axis=0) / times[1], TORQUE_RATE,
+            "controller_torque_discontinuity", "N m/s", torque_rate, -TORQUE_RATE, TORQUE_RATE,
         ),
     }  # fmt: skip
-    beyond = np.maximum(LOWER - q, q - UPPER)
-    broken = []
-    for joint in np.flatnonzero(beyond.max(axis=0) > 0.0):
-        row, name = int(np.argmax(beyond[:, joint])), robot.joint_names[joint]
-        told = (
-            f"{name} is at {q[row, joint]:.4f} rad at {times[row]:.3f} s; "
-            f"an FR3 allows {LOWER[joint]} to {UPPER[joint]} rad"
-        )
-        kind, amount = "joint_position_limits_violation", float(beyond[row, joint])
-        broken.append(Violation(kind, told, name, float(times[row]), amount, "rad"))
-    shares = {}
-    for what, (kind, unit, values, limits) in rates.items():
-        sizes = np.abs(values)
-        share = np.divide(sizes, limits, out=np.where(sizes > 0.0, np.inf, 0.0), where=limits > 0.0)
-        shares[what] = float(share.max())
-        for joint in np.flatnonzero(share.max(axis=0) > 1.0 + TIE):
-            over, name = (sizes - limits)[:, joint], robot.joint_names[joint]
-            row = int(np.argmax(over))
-            most = np.broadcast_to(limits, sizes.shape)[row, joint]
-            there = f" at {q[row, joint]:.4f} rad" if what == "velocity" else ""
+    broken, shares = [], dict[str, float]()
+    for what, (kind, unit, values, lower, upper) in conditions.items():
+        limits = np.where(values < 0.0, lower, upper)
+        used = np.divide(values, limits, out=np.zeros_like(values), where=limits != 0.0)
+        shares[what] = float(used.max())
+        over = np.maximum(lower - values, values - upper)
+        for joint in np.flatnonzero((over > TIE * np.abs(limits)).any(axis=0)):
+            row, name = int(np.argmax(over[:, joint])), robot.joint_names[joint]
+            least, most = (np.broadcast_to(of, q.shape)[row, joint] for of in (lower, upper))
             told = (
-                f"the {what} of {name} is {sizes[row, joint]:.4g} {unit} at {times[row]:.3f} s; "
-                f"an FR3 allows {most:.4g} {unit}{there}"
+                f"the {what} of {name} is {values[row, joint]:.5g} {unit} at {times[row]:.3f} s "
+                f"and {q[row, joint]:.5g} rad; an FR3 allows {least:.5g} to {most:.5g} {unit}"
             )
-            broken.append(Violation(kind, told, name, float(times[row]), float(over[row]), unit))
+            amount = float(over[row, joint])
+            broken.append(Violation(kind, told, name, float(times[row]), amount, unit))
+    del shares["position"]  # its limits do not lie about 0
     return Foreseen(tuple(broken), shares, float((needed * velocity).sum(axis=1).max()))
 
 
