@@ -359,6 +359,8 @@ def calibrate(
             found = hand_eye(views, model, mount)
     for name in without:
         show_warning(f"{name}: the board was not found")
+    for words in found.doubts:
+        show_warning(f"{words}: the standard deviation counts what that moves")
     write_atomically(out, json_text(found.camera.document()).encode())
     return Report(_document(found, out, without), _shown(found, out))
 
@@ -370,6 +372,7 @@ def _document(found: "HandEye", out: Path, without: tuple[str, ...]) -> dict[str
         "camera": found.camera.document(),
         "sigma": found.sigma.tolist(),
         "sigma_deg": found.sigma_degree,
+        "doubts": list(found.doubts),
         "left_out_moves": found.spread,
         "left_out_turns_deg": found.spread_degree,
         "residual": {name: found.total(name) for name in ("pixel", "metre", "degree")},

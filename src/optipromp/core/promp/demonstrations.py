@@ -20,6 +20,7 @@ BEYOND_LIMITS = 0.05
 """[rad or m] Excess of a demonstration over a joint's limits that is accepted: an arm that is led
 by hand leans into its stops."""
 _LARGEST = 4.0 * np.pi  # [rad or m] larger positions look like degrees or millimetres
+_BLUNDER = 1.0  # [rad or m] farther beyond a limit no arm leans, and degrees are
 _STILL, _IDLE = 0.01, 0.25  # of a joint's range: no motion; of the time without motion: too much
 _BACK = 0.5  # of the distance to the others' ends: the other way round a demonstration is near them
 _LARGEST_JOINT = 1e6  # [rad or m] larger positions overflow in learning
@@ -164,7 +165,7 @@ def check_limits(
     raise InvalidDemonstrationError(
         f"{what}: {names[joint]} is {value:.4g} at sample {sample}: must be within its limits "
         f"[{lower[joint]:.4f}, {upper[joint]:.4f}], or at most {slack[joint]:.4g} beyond"
-        f"{units if abs(value) > _LARGEST else ''}"
+        f"{units if beyond[sample, joint] > _BLUNDER else ''}"
     )
 
 
