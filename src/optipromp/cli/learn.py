@@ -135,9 +135,7 @@ def _read(
                 stacklevel=1,
             )
             recorded = Demonstrations(recorded.items, joints)
-        recorded = recorded.for_joints(joints, str(path))
-        recorded.check_limits(robot.lower, robot.upper, str(path))
-        return recorded, recording
+        return recorded.for_robot(joints, robot.lower, robot.upper, str(path)), recording
     if nameless:
         warnings.warn(f"{path} {NAMELESS}", stacklevel=1)
     return recorded, recording

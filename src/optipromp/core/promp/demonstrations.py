@@ -10,7 +10,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optipromp.core.arrays import FloatArray, read_only
+from optipromp.core.arrays import FloatArray, IntArray, read_only
 from optipromp.core.documents import read_table
 from optipromp.core.errors import InvalidDemonstrationError
 from optipromp.core.files import is_folder, is_there, npz, read_npz, texts, write_atomically
@@ -22,6 +22,10 @@ by hand leans into its stops."""
 _LARGEST = 4.0 * np.pi  # [rad or m] larger positions look like degrees or millimetres
 _BLUNDER = 1.0  # [rad or m] farther beyond a limit no arm leans, and degrees are
 _STILL, _IDLE = 0.01, 0.25  # of a joint's range: no motion; of the time without motion: too much
+TURN = 2.0 * np.pi  # [rad]
+_WRAP = 0.5  # [rad] a step between two samples that is this near a whole turn is no motion
+_JITTER = 5.0  # usual steps by which the time may run back: messages that overtake each other
+_SAME = 0.05  # [rad or m] parts of a recording that differ by less at all times are one
 _BACK = 0.5  # of the distance to the others' ends: the other way round a demonstration is near them
 _LARGEST_JOINT = 1e6  # [rad or m] larger positions overflow in learning
 _FORMS = "Q, time, lengths; or positions (N, T, n) with an optional time (T,) or (N, T)"
@@ -133,12 +137,6 @@ class Demonstrations(Sequence[Demonstration]):
         """Number of joints n."""
         return self.items[0].n_joints
 
-    def check_limits(self, lower: FloatArray, upper: FloatArray, what: str) -> None:
-        """Refuse demonstrations beyond the limits (n,) of the joints, as :func:`check_limits`."""
-        for i, item in enumerate(self):
-            label = f"{what}: demonstration {i}"
-            check_limits(item.positions, self.joint_names, lower, upper, label)
-
     def for_joints(self, joints: Sequence[str], what: str) -> "Demonstrations":
         """The same demonstrations with the columns in the order of ``joints``.
 
@@ -147,6 +145,27 @@ class Demonstrations(Sequence[Demonstration]):
         """
         order = checks.matching_columns(self.joint_names, joints, what)
         items = (Demonstration(d.times, d.positions[:, order], d.span) for d in self)
+        return Demonstrations(tuple(items), tuple(joints))
+
+    def for_robot(
+        self, joints: Sequence[str], lower: FloatArray, upper: FloatArray, what: str
+    ) -> "Demonstrations":
+        """As :meth:`for_joints`, within the limits (n,) of a robot.
+
+        A joint without limits begins at most half a turn from where it begins in the first
+        demonstration.
+
+        Raises:
+            InvalidDemonstrationError: as :meth:`for_joints` and :func:`check_limits`.
+        """
+        ordered = self.for_joints(joints, what)
+        free, first = np.isinf(lower) & np.isinf(upper), ordered[0].positions[0]
+        items = []
+        for i, item in enumerate(ordered):
+            turns = np.where(free, np.round((item.positions[0] - first) / TURN), 0.0)
+            item = Demonstration(item.times, item.positions - TURN * turns, item.span)
+            check_limits(item.positions, joints, lower, upper, f"{what}: demonstration {i}")
+            items.append(item)
         return Demonstrations(tuple(items), tuple(joints))
 
 
@@ -213,6 +232,16 @@ def load_demonstrations(path: str | os.PathLike[str]) -> Demonstrations:
 def _odd(found: Demonstrations) -> list[str]:
     """Demonstrations that run the other way, or stand still for long, in words."""
     told = []
+    starts = np.array([d.positions[0] for d in found])
+    away = starts - np.median(starts, axis=0)
+    turns = np.round(away / TURN)
+    apart = (turns != 0.0) & (np.abs(away - TURN * turns) < _WRAP)
+    if apart.any() and np.abs(starts).max() <= _LARGEST:
+        i, joint = (int(k) for k in np.argwhere(apart)[0])
+        told.append(
+            f"demonstration {i} begins a turn apart from others in {found.joint_names[joint]}: "
+            "'learn --robot ROBOT' puts joints without limits onto one turn"
+        )
     ends = np.array([d.positions[[0, -1]] for d in found])  # (N, 2, n)
     usual = np.median(ends, axis=0)
     away, back = (np.linalg.norm(ends - e, axis=2).sum(axis=1) for e in (usual, usual[::-1]))
@@ -228,6 +257,67 @@ def _odd(found: Demonstrations) -> list[str]:
                 words = f"for the {which} {100 * idle:.0f} % of its time, which is learnt too"
                 told.append(f"demonstration {i} stands still {words}: cut that off")
     return told
+
+
+def in_time_order(times: FloatArray, positions: FloatArray) -> tuple[list[IntArray], list[str]]:
+    """The rows (k,) of each part of a recording, in the order of their times, and what was done.
+
+    Where the time runs back a clock was set, and a part ends: unless messages overtook each other,
+    or the parts say the same of the times that they share. Of rows at one time the first stays.
+
+    Args:
+        times: (m,) as recorded, in any unit.
+        positions: (m, n) [rad or m].
+    """
+    steps = np.diff(times)
+    jitter = _JITTER * np.quantile(np.abs(steps), 0.75) if len(steps) else 0.0
+    back = np.flatnonzero(steps < -jitter) + 1
+    parts: list[IntArray] = []
+    words, dropped = [], 0
+    for rows in np.split(np.arange(len(times)), back):
+        now = rows[np.argsort(times[rows], kind="stable")]
+        for k, part in enumerate(parts):
+            if _agree(times, positions, part, now):
+                both = np.concatenate([part, now])
+                parts[k] = both[np.argsort(times[both], kind="stable")]
+                break
+        else:
+            if parts:
+                words.append(
+                    f"the time runs back by {times[rows[0] - 1] - times[rows[0]]:.6g} at row "
+                    f"{rows[0]}: cut there, and both parts are read"
+                )
+            parts.append(now)
+    for k, part in enumerate(parts):
+        first = np.concatenate([[True], np.diff(times[part]) > 0.0])
+        dropped += int((~first).sum())
+        parts[k] = part[first]
+    if dropped:
+        words.append(f"{dropped} of {len(times)} rows have the time of another: left out")
+    return parts, words
+
+
+def _agree(times: FloatArray, positions: FloatArray, a: IntArray, b: IntArray) -> bool:
+    """Whether two parts share a stretch of time, and have the same positions then."""
+    shared = b[(times[b] >= times[a[0]]) & (times[b] <= times[a[-1]])]
+    if not len(shared):
+        return False
+    there = [np.interp(times[shared], times[a], column) for column in positions[a].T]
+    return bool(np.abs(np.stack(there, axis=1) - positions[shared]).max() < _SAME)
+
+
+def unwrapped(positions: FloatArray) -> FloatArray:
+    """Positions (T, n) without the steps of a whole turn that an encoder makes at its end.
+
+    Only of joints that are reported within one turn: larger values are no angles of an encoder.
+    """
+    if positions.ndim != 2 or not len(positions) or not np.isfinite(positions).all():
+        return positions
+    steps = np.diff(positions, axis=0)
+    turns = np.round(steps / TURN)
+    wraps = (np.abs(steps - TURN * turns) < _WRAP) & (np.ptp(positions, axis=0) < TURN + _SAME)
+    gone = np.cumsum(np.where(wraps, turns, 0.0), axis=0)
+    return np.concatenate([positions[:1], positions[1:] - TURN * gone])
 
 
 def save_demonstrations(demonstrations: Demonstrations, path: str | os.PathLike[str]) -> None:
@@ -256,7 +346,7 @@ def _build(
     items = []
     for label, times, positions in parts:
         try:
-            items.append(Demonstration(np.asarray(times), np.asarray(positions)))
+            items.append(Demonstration(np.asarray(times), unwrapped(np.asarray(positions))))
         except InvalidDemonstrationError as cause:
             raise InvalidDemonstrationError(f"{path}: {label}: {cause.message}") from None
     try:
@@ -325,7 +415,11 @@ def _read_csv(path: Path) -> Demonstrations:
     parts: list[tuple[str, ArrayLike, ArrayLike]] = []
     for label in dict.fromkeys(labels):
         block = values[[other == label for other in labels]]
-        parts.append((f"demo {label}" if label else "rows", block[:, 0], block[:, 1:]))
+        name = f"demo {label}" if label else "rows"
+        pieces, told = in_time_order(block[:, 0], block[:, 1:])
+        for words in told:
+            warnings.warn(f"{path}: {name}: {words}", stacklevel=4)
+        parts += [(name, block[rows, 0], block[rows, 1:]) for rows in pieces]
     return _build(path, parts, [header[i] for i in joints])
 
 
