@@ -106,11 +106,14 @@ def see(
         scene = scene if grown is None else replace(scene, crop=grown)
         picture = _load(each, scene)
         began = time.perf_counter()
-        from optipromp.perception.eyes import look_at
+        from optipromp.perception.eyes import doubt_of, look_at
 
         sight = look_at(picture, up=scene.up, finder=eye)
         took = time.perf_counter() - began
         record, told = _answer(sight, scene, each, took)
+        if record["scene"] is None and (doubt := doubt_of(picture, up=scene.up, finder=eye)):
+            record["message"] += f"; {doubt}"
+            told = [f"{told[0]}; {doubt}", *told[1:]]
         drawn = each.out.with_suffix(OVERLAY)
         write_atomically(drawn, png_file(overlay(picture, sight)))
         records.append({**record, "overlay": str(drawn)})

@@ -359,9 +359,9 @@ def _motion(
     names, out = robot.joint_names, []
     beyond = np.stack([robot.lower - found.lowest, found.highest - robot.upper])
     excess = max(float(beyond.max()), 0.0)
-    if excess > 0.0:
+    if excess > ROUNDING:
         side, joint = divmod(int(np.argmax(beyond)), len(names))
-        text = f"{names[joint]} leaves its limits by {excess:.4f}"
+        text = f"{names[joint]} leaves its limits by {excess:.4g}"
         when = float(found.when[side, joint])
         out.append(Violation("limit", text, names[joint], when, excess, "rad or m"))
     ratios = {}
