@@ -382,13 +382,11 @@ def curve(
         for values in rows
     )
     assert positions is not None
-    rows = _knots(times, positions, joint_names)
-    times = times[rows] - times[:1]
-    positions, velocities, accelerations = (
-        None if values is None else values[rows]
-        for values in (positions, velocities, accelerations)
-    )
-    assert positions is not None
+    stated = velocities is not None and accelerations is not None
+    chosen = _knots(times, positions, joint_names, stated)
+    times, positions = times[chosen] - times[:1], positions[chosen]
+    velocities = None if velocities is None else velocities[chosen]
+    accelerations = None if accelerations is None else accelerations[chosen]
     if velocities is None:
         return Trajectory.through(positions, times, tuple(joint_names))
     if accelerations is None:
@@ -396,13 +394,19 @@ def curve(
     return Trajectory(times, positions, velocities, accelerations, tuple(joint_names))
 
 
-def _knots(times: FloatArray, positions: FloatArray, names: Sequence[str]) -> BoolArray:
+def _knots(
+    times: FloatArray, positions: FloatArray, names: Sequence[str], stated: bool
+) -> BoolArray:
     """Which rows (T,) define a curve: of rows closer than :data:`CLOSE` the first, at the end the
-    last. Refused are such rows between which a joint moves."""
+    last.
+
+    Such rows between which a joint moves are refused, unless velocities and accelerations are
+    ``stated``, too: without these they would be guessed from the step.
+    """
     chosen = np.ones(len(times), dtype=bool)
     if times.ndim != 1 or len(times) != len(positions) or not np.isfinite(times).all():
         return chosen  # which is refused by Trajectory
-    if len(times) > FEW and np.median(np.diff(times)) > SPARSE:
+    if not stated and len(times) > FEW and np.median(np.diff(times)) > SPARSE:
         warnings.warn(
             f"rows are {np.median(np.diff(times)):.3g} s apart: are times in milliseconds? they "
             "must be in seconds",
@@ -415,6 +419,9 @@ def _knots(times: FloatArray, positions: FloatArray, names: Sequence[str]) -> Bo
             continue
         moved = np.abs(positions[row] - positions[before])
         if not moved.max() <= SAME:
+            if stated:
+                before = row
+                continue
             joint = int(np.argmax(moved))
             raise InvalidRequestError(
                 f"waypoints {before} and {row} are {times[row] - times[before]:.3g} s apart, and "

@@ -191,6 +191,11 @@ def read_bag(
     from rosbags.rosbag2 import Reader
 
     path = Path(path)
+    if path.suffix.lower() == ".bag":
+        raise InvalidRequestError(
+            f"{path} is a bag of ROS 1: convert it by 'rosbags-convert --src {path.name} --dst "
+            f"{path.stem}', which comes with the package rosbags"
+        )
     try:
         with Reader(path) as reader:
             chosen = _chosen(path, reader.connections, topics, types)

@@ -3,7 +3,7 @@
 import os
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import overload
 
@@ -106,9 +106,11 @@ class Demonstrations(Sequence[Demonstration]):
 
     items: tuple[Demonstration, ...]
     joint_names: tuple[str, ...] = ()
+    named: bool = field(init=False)  # whether names were stated
 
     def __post_init__(self) -> None:
         items = tuple(self.items)
+        object.__setattr__(self, "named", len(self.joint_names) > 0)
         if not items:
             raise InvalidDemonstrationError("no demonstrations: at least one is needed")
         n = items[0].n_joints
