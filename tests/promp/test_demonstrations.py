@@ -1,3 +1,4 @@
+import json
 import warnings
 from pathlib import Path
 
@@ -283,3 +284,47 @@ def test_a_wrist_that_passes_half_a_turn_is_one_motion(tmp_path: Path) -> None:
     found = load_demonstrations(path).for_robot(("a", "b"), *limits, "here")
     learnt = fit(found).mean_trajectory(101)
     np.testing.assert_allclose(learnt - learnt[0], wanted - wanted[0], atol=0.02)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_episodes_of_lerobot_are_demonstrations(tmp_path: Path, version: int) -> None:
+    pa = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    rng, tables, wanted = np.random.default_rng(0), [], []
+    for k in range(3):
+        q = np.cumsum(rng.normal(0.0, 0.01, (20 + k, 3)), axis=0).astype(np.float32)
+        wanted.append(q[:, :2])
+        tables.append(
+            pa.table({
+                "observation.state": pa.FixedSizeListArray.from_arrays(pa.array(q.ravel()), 3),
+                "timestamp": pa.array(np.arange(len(q)) / 30.0, pa.float32()),
+                "episode_index": pa.array(np.full(len(q), k)),
+            })
+        )  # fmt: skip
+    folder = tmp_path / "set"
+    (folder / "data" / "chunk-000").mkdir(parents=True)
+    (folder / "meta").mkdir()
+    whole = {"file-000": pa.concat_tables(tables)}
+    apart = {f"episode_{k:06d}": table for k, table in enumerate(tables)}
+    for name, table in (whole if version == 3 else apart).items():
+        parquet.write_table(table, folder / "data" / "chunk-000" / f"{name}.parquet")
+    names = ["elbow.pos", "lift.pos", "gripper.pos"]
+    state = {"names": names if version == 3 else {"motors": names}}
+    info = {"features": {"observation.state": state}}
+    (folder / "meta" / "info.json").write_text(json.dumps(info))
+    with pytest.warns(UserWarning, match="gripper: left out"):
+        found = load_demonstrations(folder)
+    assert found.joint_names == ("elbow", "lift")
+    for one, q in zip(found, wanted, strict=True):
+        np.testing.assert_allclose(one.positions, q, atol=1e-6)
+        assert one.times[-1] == pytest.approx((len(q) - 1) / 30.0, abs=1e-5)
+    (folder / "meta" / "info.json").write_text("{}")
+    with pytest.raises(InvalidDemonstrationError, match="no LeRobot dataset with"):
+        load_demonstrations(folder)
+
+
+def test_a_minari_dataset_is_refused_by_name(tmp_path: Path) -> None:
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "metadata.json").write_text("{}")
+    with pytest.raises(InvalidDemonstrationError, match="is a Minari dataset"):
+        load_demonstrations(tmp_path)

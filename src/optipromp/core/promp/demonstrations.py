@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optipromp.core.arrays import FloatArray, IntArray, read_only
-from optipromp.core.documents import read_table
-from optipromp.core.errors import InvalidDemonstrationError
+from optipromp.core.documents import read_document, read_table
+from optipromp.core.errors import InvalidDemonstrationError, installed_by
 from optipromp.core.files import is_folder, is_there, npz, read_npz, texts, write_atomically
 from optipromp.core.promp import checks
 
@@ -200,6 +200,7 @@ def load_demonstrations(path: str | os.PathLike[str]) -> Demonstrations:
       ``<joint>_velocity`` and ``<joint>_acceleration`` are ignored; an optional column ``demo``
       labels the demonstrations.
     - a folder: every ``.csv`` in it, by name, all with the same joints in the same order.
+    - a LeRobot dataset: ``observation.state`` of each episode, without columns of a gripper.
 
     Warns:
         UnitsWarning: a position is beyond 4π, as degrees or millimetres are.
@@ -208,7 +209,9 @@ def load_demonstrations(path: str | os.PathLike[str]) -> Demonstrations:
         InvalidDemonstrationError: the message names the file, and the row or index if any.
     """
     path = Path(path)
-    if is_folder(path):
+    if is_there(path / "meta" / "info.json"):
+        result = _read_lerobot(path)
+    elif is_folder(path):
         result = _read_folder(path)
     elif not is_there(path):
         raise InvalidDemonstrationError(f"{path} does not exist")
@@ -430,6 +433,11 @@ def _read_folder(path: Path) -> Demonstrations:
         files = sorted(file for file in path.iterdir() if file.suffix.lower() == ".csv")
     except OSError as error:
         raise InvalidDemonstrationError(f"{path}: cannot be read: {error.strerror}") from None
+    if is_there(path / "data" / "metadata.json"):
+        raise InvalidDemonstrationError(
+            f"{path} is a Minari dataset, whose observations do not tell which of them are joints: "
+            f"write these as NPZ: {_FORMS}, with joint_names"
+        )
     if not files:
         raise InvalidDemonstrationError(f"{path} holds no .csv file")
     items: list[Demonstration] = []
@@ -444,3 +452,45 @@ def _read_folder(path: Path) -> Demonstrations:
             )
         items.extend(part)
     return Demonstrations(tuple(items), names)
+
+
+STATE = "observation.state"
+
+
+def _read_lerobot(path: Path) -> Demonstrations:
+    """The episodes of a LeRobot dataset, of versions 2 (a file each) and 3 (files of several)."""
+    try:
+        from pyarrow import ArrowException, concat_tables
+        from pyarrow.parquet import read_table as read_parquet
+    except ImportError:
+        raise InvalidDemonstrationError(
+            f"{path} is a LeRobot dataset: reading it needs pyarrow: {installed_by('episodes')}"
+        ) from None
+    about = read_document(path / "meta" / "info.json", InvalidDemonstrationError, "a mapping")
+    files = sorted((path / "data").glob("*/*.parquet"))
+    if not files:
+        raise InvalidDemonstrationError(f"{path} holds no data/*/*.parquet")
+    columns = [STATE, "timestamp", "episode_index"]
+    try:
+        stated = about["features"][STATE]["names"]
+        table = concat_tables([read_parquet(file, columns=columns) for file in files])
+        rows = np.array(table[STATE].to_pylist(), dtype=np.float64)
+        times, episode = (table[name].to_numpy().astype(np.float64) for name in columns[1:])
+    except (ArrowException, OSError, KeyError, TypeError, ValueError) as error:
+        words = " ".join(str(error).split())[:120]
+        raise InvalidDemonstrationError(
+            f"{path}: no LeRobot dataset with {', '.join(columns)} ({words})"
+        ) from None
+    if isinstance(stated, dict):
+        stated = next(iter(stated.values()), None)
+    if rows.ndim != 2 or (stated is not None and len(stated) != rows.shape[1]):
+        raise InvalidDemonstrationError(f"{path}: {STATE} has other columns than its names")
+    names = [str(name).removesuffix(".pos") for name in stated or ()]
+    gone = [k for k, name in enumerate(names) if "gripper" in name.lower()]
+    if gone:
+        listed = ", ".join(names[k] for k in gone)
+        warnings.warn(f"{path}: {listed}: left out, as no joint of an arm", stacklevel=3)
+    names, rows = [n for k, n in enumerate(names) if k not in gone], np.delete(rows, gone, axis=1)
+    order = np.unique(episode)
+    parts = [(f"episode {e:.0f}", times[episode == e], rows[episode == e]) for e in order]
+    return _build(path, parts, names)
