@@ -359,9 +359,10 @@ def _motion(
     names, out = robot.joint_names, []
     beyond = np.stack([robot.lower - found.lowest, found.highest - robot.upper])
     excess = max(float(beyond.max()), 0.0)
-    if excess > ROUNDING:
+    if excess > 0.0:
         side, joint = divmod(int(np.argmax(beyond)), len(names))
-        text = f"{names[joint]} leaves its limits by {excess:.4g}"
+        amount = f"{excess:.4f}" if excess >= 1e-4 else f"{excess:.2g}"  # never by 0.0000
+        text = f"{names[joint]} leaves its limits by {amount}"
         when = float(found.when[side, joint])
         out.append(Violation("limit", text, names[joint], when, excess, "rad or m"))
     ratios = {}
