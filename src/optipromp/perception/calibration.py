@@ -8,7 +8,9 @@ least squares of all corners' pixels ends.
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,14 +20,19 @@ from scipy.spatial.transform import Rotation
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.documents import read_document
-from optipromp.core.errors import InvalidRequestError, OptiPrompError
+from optipromp.core.errors import (
+    InvalidDemonstrationError,
+    InvalidRequestError,
+    OptiPrompError,
+)
 from optipromp.core.files import is_file
 from optipromp.core.parameters import Checked, parameter
+from optipromp.core.promp.demonstrations import check_limits
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.values import suggest
 from optipromp.perception.boards import Board, opencv
-from optipromp.perception.pictures import CameraModel, Mount, flange_of, read_pixels
+from optipromp.perception.pictures import WORKSPACE, CameraModel, Mount, flange_of, read_pixels
 
 OTHER = {"hand": "base", "base": "hand"}  # where the board is, by where the camera is
 
@@ -42,6 +49,12 @@ class CalibrationParameters(Checked):
     # least deviations of the hand's turns about, and of the tool's places along
     turn: float = parameter(4.0, "deg", "choice", "the second of two axes, at least")
     spread: float = parameter(0.03, "m", "choice", "the second of two axes, at least")
+    # a fit that leaves more has failed; a hand that is told in whole degrees leaves 6 mm and 1 deg
+    most_place: float = parameter(0.010, "m", "choice", "root mean square of the views, at most")
+    most_turn: float = parameter(3.0, "deg", "choice", "root mean square of the views, at most")
+    most_sigma: float = parameter(0.05, "m", "choice", "deviation of the camera's place, at most")
+    sure: float = parameter(3.0, "1", "choice", "deviations by which a camera or board is in doubt")
+    doubt: float = parameter(0.01, "1", "choice", "least error of a focal length, a centre, a side")
 
 
 class BoardView(NamedTuple):
@@ -85,11 +98,13 @@ class HandEye:
         camera: with its mount.
         residuals: of each view.
         sigma: (3,) standard deviations of the camera's place along the axes of its mount [m], by
-            the jackknife over views: it counts errors of the arm as well as of pixels.
+            the jackknife over views: it counts errors of the arm as well as of pixels. What the
+            ``doubts`` would move is added.
         sigma_degree: standard deviation of its turn, of all axes together.
         spread: largest change of the place when one view is left out [m].
         spread_degree: largest change of the turn then.
         board: pose of the board, in the other mount; None: no board.
+        doubts: intrinsics of the camera, or sides of the board, that the views contradict.
     """
 
     camera: CameraModel
@@ -99,10 +114,11 @@ class HandEye:
     spread: float
     spread_degree: float
     board: Pose | None = None
+    doubts: tuple[str, ...] = ()
 
     def total(self, what: str) -> float:
         """Root mean square over the views of ``pixel``, ``metre`` or ``degree``."""
-        return math.sqrt(float(np.mean([getattr(each, what) ** 2 for each in self.residuals])))
+        return _root_mean_square(self.residuals, what)
 
 
 def hand_eye(
@@ -129,10 +145,59 @@ def hand_eye(
         raise InvalidRequestError(
             f"the board is in {len(views)} pictures; must be in {p.views} at least: take 10 to 20"
         )
-    moved = [view.hand.inverse() if mount == "hand" else view.hand for view in views]
+    for view in views:
+        if np.linalg.norm(view.hand.position) > WORKSPACE:
+            at = ", ".join(f"{value:.4g}" for value in view.hand.position)
+            raise InvalidRequestError(
+                f"{view.name}: the hand is at {at} m, beyond {WORKSPACE:g} m: millimetres? must be "
+                "metres"
+            )
     _refuse_few_turns([view.hand for view in views], p)
-    seen = [_board_in(view, camera) for view in views]
-    x, z = _linear(moved, seen)
+    fit = _fitted(views, camera, mount, p)
+    if fit.fault(p):
+        raise InvalidRequestError(f"{fit.fault(p)}. {_reason(views, camera, mount, p)}")
+    doubts, better = [], fit
+    for words, other in _other_camera(views, camera, p):
+        doubts.append(words)
+        better = _fitted(views, other, mount, p)
+    for words, scale in _other_side(better, p):
+        doubts.append(words)
+        sized = [view._replace(places=scale * view.places) for view in views]
+        better = _fitted(sized, better.camera, mount, p)
+    each = []
+    for k in range(len(views)):
+        rest = [j for j in range(len(views)) if j != k]
+        part = [fit.moved[j] for j in rest], [fit.seen[j] for j in rest]
+        each.append(_refined(fit.x, fit.z, *part, [fit.weights[j] for j in rest])[0])
+    result = _told(replace(camera, pose=fit.x, mount=mount), fit.residuals, each, fit.z)
+    # what the doubts move is a systematic error, which leaving out views does not show
+    sigma = np.hypot(result.sigma, better.x.position - fit.x.position)
+    turn = math.hypot(result.sigma_degree, _turned(fit.x.inverse() @ better.x))
+    return _checked(replace(result, sigma=sigma, sigma_degree=turn, doubts=tuple(doubts)), p)
+
+
+class _Fit(NamedTuple):
+    """X and Z of some views, with the poses and weights that they come from."""
+
+    camera: CameraModel
+    x: Pose
+    z: Pose
+    moved: list[Pose]
+    seen: list[Pose]
+    weights: list[FloatArray]
+    residuals: list[Residual]
+
+    def fault(self, p: CalibrationParameters) -> str:
+        """Why the fit has failed; empty: it has not."""
+        return _fault(self.residuals, p)
+
+
+def _fitted(
+    views: Sequence[BoardView], camera: CameraModel, mount: Mount, p: CalibrationParameters
+) -> _Fit:
+    moved = [view.hand.inverse() if mount == "hand" else view.hand for view in views]
+    seen, weights = [_board_in(view, camera) for view in views], list[FloatArray]()
+    x, z, _ = _linear(moved, seen)
     for _ in range(2):  # weights, and of two poses of a board the right one, come from the first
         seen, weights = [], []
         for view, g in zip(views, moved, strict=True):
@@ -140,11 +205,6 @@ def hand_eye(
             hand = (x.inverse() @ (Pose() if mount == "hand" else g)).position
             weights.append(_weight(view, seen[-1], hand, camera, p))
         x, z = _refined(x, z, moved, seen, weights)
-    each = []
-    for k in range(len(views)):
-        rest = [j for j in range(len(views)) if j != k]
-        part = [moved[j] for j in rest], [seen[j] for j in rest], [weights[j] for j in rest]
-        each.append(_refined(x, z, *part)[0])
     residuals = []
     for view, g, b in zip(views, moved, seen, strict=True):
         told = x.inverse() @ g @ z
@@ -153,7 +213,143 @@ def hand_eye(
         pixel = math.sqrt(float((off**2).sum(axis=1).mean()))
         away = float(np.linalg.norm(apart.position))
         residuals.append(Residual(view.name, pixel, away, _turned(apart)))
-    return _told(replace(camera, pose=x, mount=mount), residuals, each, z)
+    return _Fit(camera, x, z, moved, seen, weights, residuals)
+
+
+def _root_mean_square(residuals: Sequence[Residual], what: str) -> float:
+    return math.sqrt(float(np.mean([getattr(each, what) ** 2 for each in residuals])))
+
+
+def _fault(residuals: Sequence[Residual], p: CalibrationParameters) -> str:
+    metre, degree = (_root_mean_square(residuals, what) for what in ("metre", "degree"))
+    if metre <= p.most_place and not degree > p.most_turn:
+        return ""
+    turn = "" if math.isnan(degree) else f" and {degree:.3g} degrees (at most {p.most_turn:g})"
+    return (
+        f"no pose of the camera fits: the views leave {1e3 * metre:.3g} mm (must be at most "
+        f"{1e3 * p.most_place:g}){turn}"
+    )
+
+
+def _checked(found: HandEye, p: CalibrationParameters) -> HandEye:
+    """The calibration; refused where its deviation is too large."""
+    sigma = float(np.linalg.norm(found.sigma))
+    if sigma > p.most_sigma:
+        raise InvalidRequestError(
+            f"the views tell the camera's place to {1e3 * sigma:.3g} mm (standard deviation): must "
+            f"be {1e3 * p.most_sigma:g} at most. "
+            + ("; ".join(found.doubts) or "Take more pictures, and turn the hand more between them")
+        )
+    return found
+
+
+def _reason(
+    views: Sequence[BoardView], camera: CameraModel, mount: Mount, p: CalibrationParameters
+) -> str:
+    """What is probably wrong: the fewest usual mistakes without which the views fit."""
+    turned = ("the poses are told the wrong way round: the base in the hand, not the hand in the "
+              "base; or --mount is the other one")  # fmt: skip
+    order = "the orientations are told as x, y, z, w; must be w, x, y, z"
+    tries = [
+        (inverse, xyzw, late)
+        for inverse, xyzw, late in product((False, True), (False, True), (0, 1, -1))
+    ]
+    for inverse, xyzw, late in sorted(tries, key=lambda one: sum(map(bool, one))):
+        hands = [view.hand for view in views]
+        if xyzw:
+            hands = [Pose(hand.position, np.roll(hand.orientation, 1)) for hand in hands]
+        if inverse:
+            hands = [hand.inverse() for hand in hands]
+        ends = slice(max(late, 0), len(hands) + min(late, 0))
+        shown = views[max(-late, 0) : len(views) - max(late, 0)]
+        told = [v._replace(hand=hand) for v, hand in zip(shown, hands[ends], strict=True)]
+        moved = [v.hand.inverse() if mount == "hand" else v.hand for v in told]
+        seen = [_board_in(view, camera) for view in told]
+        scale = max(_linear(moved, seen)[2], SMALLEST)
+        for size in (1.0, scale):
+            sized = [Pose(size * b.position, b.rotation) for b in seen]
+            x, z, _ = _linear(moved, sized)
+            off = [(x @ b).position - (g @ z).position for b, g in zip(sized, moved, strict=True)]
+            far = max(float(np.linalg.norm(one)) for one in off) > ROUGH * p.most_place
+            resized = [v._replace(places=size * v.places) for v in told]
+            if far or len(told) < p.views or not _fits(resized, camera, mount, p):
+                continue
+            shifted = f"the poses are {'late' if late > 0 else 'early'} by one picture"
+            reasons = {turned: inverse, order: xyzw, shifted: late, _sides(size): size != 1.0}
+            return f"Probably {', and '.join(words for words, true in reasons.items() if true)}"
+    for words, other in _other_camera(views, camera, p):
+        if _fits(views, other, mount, p):
+            return f"Probably {words}"
+    return (
+        "Compare --poses with the pictures (their order and times, metres and radians, the hand in "
+        "the base, w, x, y, z), --mount, the sizes of the board and the camera's intrinsics"
+    )
+
+
+def _fits(
+    views: Sequence[BoardView], camera: CameraModel, mount: Mount, p: CalibrationParameters
+) -> bool:
+    with suppress(np.linalg.LinAlgError, OptiPrompError, ValueError):  # a trial may make no sense
+        return not _fitted(views, camera, mount, p).fault(p)
+    return False
+
+
+ROUGH = 5.0
+"""[-] A trial is refined where its linear solution leaves this multiple of the bound at most."""
+SMALLEST = 1e-4
+"""[-] Least factor on a board's sides that is tried: sides told in tenths of a millimetre."""
+
+
+def _sides(size: float) -> str:
+    return f"the board's sides are {size:.3g} times as long as told (--side, --marker)"
+
+
+def _other_side(fit: _Fit, p: CalibrationParameters) -> list[tuple[str, float]]:
+    """The scale of the board that its views tell, if another is beyond doubt (by the jackknife)."""
+    scale, rows = _linear(fit.moved, fit.seen)[2], range(len(fit.seen))
+    each = [
+        _linear([fit.moved[j] for j in rows if j != k], [fit.seen[j] for j in rows if j != k])[2]
+        for k in rows
+    ]
+    sigma = math.sqrt(len(each) - 1) * float(np.std(each))
+    sure = scale > SMALLEST and abs(scale - 1.0) > max(p.sure * sigma, p.doubt)
+    return [(_sides(scale), scale)] if sure else []
+
+
+def _other_camera(
+    views: Sequence[BoardView], camera: CameraModel, p: CalibrationParameters
+) -> list[tuple[str, CameraModel]]:
+    """The intrinsics that the board tells without the arm, if others are beyond doubt."""
+    cv = opencv()
+    places, pixels = (
+        [np.asarray(values, dtype=np.float32) for values in column]
+        for column in ([v.places for v in views], [v.pixels for v in views])
+    )
+    stated = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
+    flags = cv.CALIB_USE_INTRINSIC_GUESS | cv.CALIB_FIX_ASPECT_RATIO | cv.CALIB_ZERO_TANGENT_DIST
+    flags |= cv.CALIB_FIX_K1 | cv.CALIB_FIX_K2 | cv.CALIB_FIX_K3
+    size = camera.width, camera.height
+    try:
+        _, matrix, _, _, _, deviation, *_ = cv.calibrateCameraExtended(
+            places, pixels, size, stated.copy(), np.zeros(5), flags=flags
+        )
+    except cv.error:
+        return []  # the views tell no intrinsics
+    found = {"fx": matrix[0, 0], "fy": matrix[1, 1], "cx": matrix[0, 2], "cy": matrix[1, 2]}
+    sigma = dict(zip(found, deviation.ravel()[:4].tolist(), strict=True))
+    sigma["fy"] = sigma["fx"] = max(sigma["fx"], sigma["fy"])  # they are of one ratio
+    off = {
+        key: value
+        for key, value in found.items()
+        if abs(value - getattr(camera, key)) > max(p.sure * sigma[key], p.doubt * camera.fx)
+    }
+    if not off:
+        return []
+    listed = ", ".join(f"{key} {value:.0f}" for key, value in found.items())
+    told = ", ".join(f"{key} {getattr(camera, key):.0f}" for key in found)
+    words = f"the camera's intrinsics are wrong: the board tells {listed}, the camera file {told}"
+    fx, fy, cx, cy = (float(value) for value in found.values())
+    return [(words, replace(camera, fx=fx, fy=fy, cx=cx, cy=cy))]
 
 
 def by_tool(
@@ -187,7 +383,11 @@ def by_tool(
     residuals = [Residual(one.name, math.nan, miss, math.nan) for one, miss in pairs]
     rows = np.arange(len(seen))
     each = [_rigid(there[rows != k], here[rows != k]) for k in rows]
-    return _told(replace(camera, pose=pose, mount="base"), residuals, each, None)
+    if words := _fault(residuals, p):
+        raise InvalidRequestError(
+            f"{words}. Compare the names with the pictures, and the units: metres, radians"
+        )
+    return _checked(_told(replace(camera, pose=pose, mount="base"), residuals, each, None), p)
 
 
 def _told(
@@ -256,8 +456,11 @@ def _cross(vectors: FloatArray) -> FloatArray:
     return np.cross(vectors[..., None, :], np.eye(3)).swapaxes(-1, -2)
 
 
-def _linear(moved: Sequence[Pose], seen: Sequence[Pose]) -> tuple[Pose, Pose]:
-    """X and Z of X B = G Z: the turns by one singular vector, then the places."""
+def _linear(moved: Sequence[Pose], seen: Sequence[Pose]) -> tuple[Pose, Pose, float]:
+    """X and Z of X B = G Z: the turns by one singular vector, then the places.
+
+    The third is the factor on the places of the board by which the views fit best.
+    """
     sums = sum(
         np.kron(b.rotation, g.rotation) for b, g in zip(seen, moved, strict=True)
     )  # vec(R_X) = (R_B x R_G) vec(R_Z) in each view
@@ -266,7 +469,10 @@ def _linear(moved: Sequence[Pose], seen: Sequence[Pose]) -> tuple[Pose, Pose]:
     rows = [np.hstack([np.eye(3), -g.rotation]) for g in moved]
     shift = [g.position - x @ b.position for b, g in zip(seen, moved, strict=True)]
     places = np.linalg.lstsq(np.vstack(rows), np.concatenate(shift), rcond=None)[0]
-    return Pose(places[:3], x), Pose(places[3:], z)
+    arms = np.concatenate([x @ b.position for b in seen])[:, None]
+    hands = np.concatenate([g.position for g in moved])
+    scale = np.linalg.lstsq(np.hstack([np.vstack(rows), arms]), hands, rcond=None)[0][6]
+    return Pose(places[:3], x), Pose(places[3:], z), float(scale)
 
 
 def _turn(matrix: FloatArray) -> FloatArray:
@@ -391,7 +597,12 @@ def _joints(entry: Mapping[str, Any], robot: Robot | None, what: str) -> tuple[R
     """The robot, and the joints (n,) of an entry."""
     if robot is None:
         raise InvalidRequestError(f"{what}: joints tell nothing without the robot: give --known")
-    return robot, _numbers(entry, "joints", robot.n_joints, what)
+    q = _numbers(entry, "joints", robot.n_joints, what)
+    try:
+        check_limits(q[None], robot.joint_names, robot.lower, robot.upper, what)
+    except InvalidDemonstrationError as error:
+        raise InvalidRequestError(error.message) from None
+    return robot, q
 
 
 def _numbers(entry: Mapping[str, Any], key: str, count: int, what: str) -> FloatArray:

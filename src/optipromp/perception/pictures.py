@@ -147,6 +147,11 @@ class CameraModel:
                 document.get("position", [0.0, 0.0, 0.0]),
                 document.get("orientation", [1.0, 0.0, 0.0, 0.0]),
             )
+            if (away := float(np.linalg.norm(pose.position))) > WORKSPACE:
+                raise InvalidRequestError(
+                    f"position is {away:.4g} m from the robot's base or hand, beyond "
+                    f"{WORKSPACE:g} m: millimetres? must be metres"
+                )
             numbers = {key: document[key] for key in _REQUIRED}
             return cls(**numbers, pose=pose, mount=document.get("mount", "base")), float(scale)
         except OptiPrompError as error:

@@ -15,6 +15,15 @@ Coordinate = Annotated[float, Field(ge=-LENGTH_LIMIT, le=LENGTH_LIMIT, allow_inf
 Radius = Annotated[float, Field(gt=0.0, le=LENGTH_LIMIT, allow_inf_nan=False)]
 
 
+class Mimic(BaseModel):
+    """position = multiplier * position of ``joint`` + offset [rad or m]."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    joint: str
+    multiplier: Finite = 1.0
+    offset: Finite = 0.0
+
+
 class RobotFile(BaseModel):
     """The keys of a robot file; lists of numbers are in the order of the chain's joints.
 
@@ -31,6 +40,7 @@ class RobotFile(BaseModel):
     srdf: str | None = None  # its groups determine the arm
     package_dirs: list[str] = []  # folders that hold the packages of package:// names
     hold: dict[str, Finite] = {}  # values of joints that are not of the arm [rad or m]
+    mimic: dict[str, Mimic] = {}  # couplings of joints that the URDF or MJCF does not state
     args: dict[str, bool | int | Finite | str] = {}  # of a xacro, in place of its defaults
     scale: Positive = 1.0  # metres in one unit of length of the URDF
     velocity: list[Positive] | None = None  # overrides the URDF

@@ -155,7 +155,8 @@ class UrdfJoint:
     """A joint; ``axis`` has unit length; a continuous joint has infinite limits.
 
     ``velocity`` and ``effort`` are infinite if the file has none, or 0. ``fault``: the reason why
-    the joint can be held but not moved, or empty. ``remark``: a warning if the joint moves.
+    the joint can be held but not moved, or empty. ``remark``: a warning if the joint moves, where
+    no other velocity limits are stated. ``told``: a warning if the joint moves.
     """
 
     name: str
@@ -172,6 +173,7 @@ class UrdfJoint:
     effort: float = math.inf
     fault: str = ""
     remark: str = ""
+    told: str = ""
 
 
 @dataclass(frozen=True)
@@ -244,6 +246,8 @@ class _Reader:
         name = self.name(node)
         found: dict[str, list[LinkShape]] = {"collision": [], "visual": []}
         for child in node.children:
+            if child.tag == "visual" and _is_point(child):
+                continue  # it shows nothing
             if child.tag in found:
                 found[child.tag].append(self.geometry(child, f"link '{name}' <{child.tag}>"))
         collisions, visuals = tuple(found["collision"]), tuple(found["visual"])
@@ -306,6 +310,7 @@ class _Reader:
             warnings.warn(self.at(f"{told} 0.001 in a robot file", node), stacklevel=2)
         axis = self.axis(node, owner) if kind != "fixed" else (1.0, 0.0, 0.0)
         lower, upper, velocity, effort, fault = self.limits(node, kind, owner)
+        (lower, upper), soft = self.soft_limits(node, owner, lower, upper, kind)
         mimic = self.mimic(node, owner) if kind != "fixed" else None
         limit, remark = self.only(node, "limit", owner), ""
         if kind != "fixed" and limit is not None and math.isinf(velocity):
@@ -314,8 +319,27 @@ class _Reader:
             remark = self.at(told, limit) if "velocity" in limit.attributes else ""
         return UrdfJoint(
             name, kind, parent, child, xyz, rpy, axis, lower, upper, velocity, mimic, effort,
-            fault, remark,
+            fault, remark, soft,
         )  # fmt: skip
+
+    def soft_limits(
+        self, node: Node, owner: str, lower: float, upper: float, kind: JointKind
+    ) -> tuple[tuple[float, float], str]:
+        """The limits within those of the ``<safety_controller>``, and a warning where they differ.
+
+        Soft limits that leave no range, such as two zeros, are none.
+        """
+        found = self.only(node, "safety_controller", owner)
+        if found is None or kind in ("fixed", "continuous"):
+            return (lower, upper), ""
+        what, unit = f"{owner} <safety_controller>", self.scale if kind == "prismatic" else 1.0
+        keys = ("soft_lower_limit", -math.inf), ("soft_upper_limit", math.inf)
+        low, high = (unit * self.numbers(found, key, 1, what, (none,))[0] for key, none in keys)
+        inner = max(lower, low), min(upper, high)
+        if low >= high or inner[0] >= inner[1] or inner == (lower, upper):
+            return (lower, upper), ""
+        words = f"{what} narrows its limits to [{inner[0]:g}, {inner[1]:g}] from [{lower:g}, "
+        return inner, self.at(f"{words}{upper:g}]", found)
 
     def refuse_kind(self, owner: str, node: Node, why: str = "") -> NoReturn:
         given = node.attributes.get("type", "")
@@ -477,6 +501,16 @@ class _Reader:
                 )
         return tuple(float(word) for word in words)
 
+
+def _is_point(node: Node) -> bool:
+    """Whether an element holds a shape with a size of zero."""
+    shapes = (shape for each in node.children if each.tag == "geometry" for shape in each.children)
+    sizes = (shape.attributes.get(key, "") for shape in shapes for key in _SIZES)
+    words = (word for size in sizes for word in size.split())
+    return any(_NUMBER.fullmatch(word) and float(word) == 0.0 for word in words)
+
+
+_SIZES = "size", "radius", "length", "scale"
 
 Refuse = Callable[[str], NoReturn]
 
