@@ -313,8 +313,10 @@ CHAIN = """<mujoco model="chain"><compiler angle="radian"/><worldbody>
 def test_marks_that_touch_nothing_are_no_obstacles(tmp_path: Path, mocap: str) -> None:
     path = tmp_path / "chain.xml"
     path.write_text(CHAIN.format(mocap=mocap, more=""))
-    with pytest.warns(UserWarning, match="mark: left out, as it touches nothing"):
-        robot = load_robot(path)
+    for _ in range(2):  # as two runs, the second of which could read the robot from the cache
+        reading._held.clear()
+        with pytest.warns(UserWarning, match="mark: left out, as it touches nothing"):
+            robot = load_robot(path)
     assert "mark" not in robot.link_names
     assert {robot.link_names[k] for k in robot.spheres.link} >= {"base", "b1", "b2", "b3", "rod"}
 

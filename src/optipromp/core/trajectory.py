@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optipromp.core.arrays import BoolArray, FloatArray, frozen
+from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.documents import read_table
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import is_folder, read_npz, reading, texts
@@ -396,42 +396,35 @@ def curve(
 
 def _knots(
     times: FloatArray, positions: FloatArray, names: Sequence[str], stated: bool
-) -> BoolArray:
-    """Which rows (T,) define a curve: of rows closer than :data:`CLOSE` the first, at the end the
-    last.
+) -> list[int]:
+    """Rows that define a curve: of rows closer than :data:`CLOSE` the first, at the end the last.
 
     Such rows between which a joint moves are refused, unless velocities and accelerations are
     ``stated``, too: without these they would be guessed from the step.
     """
-    chosen = np.ones(len(times), dtype=bool)
     if times.ndim != 1 or len(times) != len(positions) or not np.isfinite(times).all():
-        return chosen  # which is refused by Trajectory
-    if not stated and len(times) > FEW and np.median(np.diff(times)) > SPARSE:
+        return list(range(len(times)))  # which is refused by Trajectory
+    if not stated and len(times) > FEW and (step := np.median(np.diff(times))) > SPARSE:
         warnings.warn(
-            f"rows are {np.median(np.diff(times)):.3g} s apart: are times in milliseconds? they "
-            "must be in seconds",
+            f"rows are {step:.3g} s apart: are times in milliseconds? they must be in seconds",
             stacklevel=4,
         )
-    before = 0
+    chosen = [0] if len(times) else []
     for row in range(1, len(times)):
-        if not 0.0 <= times[row] - times[before] < CLOSE:
-            before = row
-            continue
+        before = chosen[-1]
         moved = np.abs(positions[row] - positions[before])
-        if not moved.max() <= SAME:
-            if stated:
-                before = row
-                continue
+        one = bool(moved.max() <= SAME)  # not where a position is not a number
+        if not 0.0 <= times[row] - times[before] < CLOSE or (stated and not one):
+            chosen.append(row)
+        elif not one:
             joint = int(np.argmax(moved))
             raise InvalidRequestError(
                 f"waypoints {before} and {row} are {times[row] - times[before]:.3g} s apart, and "
                 f"{names[joint]} differs by {moved[joint]:.3g}: rows closer than {CLOSE:g} s must "
                 "be the same"
             )
-        if row == len(times) - 1 and before > 0:
-            chosen[before] = False
-        else:
-            chosen[row] = False
+        elif row == len(times) - 1 and before > 0:
+            chosen[-1] = row
     return chosen
 
 

@@ -7,10 +7,10 @@ least squares of all corners' pixels ends.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,11 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.documents import read_document
-from optipromp.core.errors import (
-    InvalidDemonstrationError,
-    InvalidRequestError,
-    OptiPrompError,
-)
+from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.files import is_file
 from optipromp.core.parameters import Checked, parameter
 from optipromp.core.promp.demonstrations import check_limits
@@ -32,7 +28,7 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.values import suggest
 from optipromp.perception.boards import Board, opencv
-from optipromp.perception.pictures import WORKSPACE, CameraModel, Mount, flange_of, read_pixels
+from optipromp.perception.pictures import CameraModel, Mount, check_near, flange_of, read_pixels
 
 OTHER = {"hand": "base", "base": "hand"}  # where the board is, by where the camera is
 
@@ -118,7 +114,7 @@ class HandEye:
 
     def total(self, what: str) -> float:
         """Root mean square over the views of ``pixel``, ``metre`` or ``degree``."""
-        return _root_mean_square(self.residuals, what)
+        return math.sqrt(float(np.mean([getattr(each, what) ** 2 for each in self.residuals])))
 
 
 def hand_eye(
@@ -146,64 +142,40 @@ def hand_eye(
             f"the board is in {len(views)} pictures; must be in {p.views} at least: take 10 to 20"
         )
     for view in views:
-        if np.linalg.norm(view.hand.position) > WORKSPACE:
-            at = ", ".join(f"{value:.4g}" for value in view.hand.position)
-            raise InvalidRequestError(
-                f"{view.name}: the hand is at {at} m, beyond {WORKSPACE:g} m: millimetres? must be "
-                "metres"
-            )
+        check_near(view.hand.position, f"{view.name}: the hand")
     _refuse_few_turns([view.hand for view in views], p)
-    fit = _fitted(views, camera, mount, p)
-    if fit.fault(p):
-        raise InvalidRequestError(f"{fit.fault(p)}. {_reason(views, camera, mount, p)}")
-    doubts, better = [], fit
-    for words, other in _other_camera(views, camera, p):
-        doubts.append(words)
-        better = _fitted(views, other, mount, p)
-    for words, scale in _other_side(better, p):
-        doubts.append(words)
-        sized = [view._replace(places=scale * view.places) for view in views]
-        better = _fitted(sized, better.camera, mount, p)
-    each = []
-    for k in range(len(views)):
-        rest = [j for j in range(len(views)) if j != k]
-        part = [fit.moved[j] for j in rest], [fit.seen[j] for j in rest]
-        each.append(_refined(fit.x, fit.z, *part, [fit.weights[j] for j in rest])[0])
-    result = _told(replace(camera, pose=fit.x, mount=mount), fit.residuals, each, fit.z)
+    try:
+        found = _fitted(views, camera, mount, p)
+    except InvalidRequestError as fault:
+        reason = _reason(views, camera, mount, p)
+        raise InvalidRequestError(f"{fault.message}. {reason}") from None
+    doubts, mended = [], found
+    if intrinsics := _other_camera(views, camera, p):
+        doubts.append(intrinsics[0])
+        mended = _fitted(views, intrinsics[1], mount, p)
+    near = mended.camera.pose, mended.board
+    if sides := _other_sides(views, _two_sides(views, mended.camera, mount, near), p):
+        doubts.append(sides[0])
+        mended = _fitted(sides[1], mended.camera, mount, p)
     # what the doubts move is a systematic error, which leaving out views does not show
-    sigma = np.hypot(result.sigma, better.x.position - fit.x.position)
-    turn = math.hypot(result.sigma_degree, _turned(fit.x.inverse() @ better.x))
-    return _checked(replace(result, sigma=sigma, sigma_degree=turn, doubts=tuple(doubts)), p)
-
-
-class _Fit(NamedTuple):
-    """X and Z of some views, with the poses and weights that they come from."""
-
-    camera: CameraModel
-    x: Pose
-    z: Pose
-    moved: list[Pose]
-    seen: list[Pose]
-    weights: list[FloatArray]
-    residuals: list[Residual]
-
-    def fault(self, p: CalibrationParameters) -> str:
-        """Why the fit has failed; empty: it has not."""
-        return _fault(self.residuals, p)
+    pose, other = found.camera.pose, mended.camera.pose
+    sigma = np.hypot(found.sigma, other.position - pose.position)
+    turn = math.hypot(found.sigma_degree, _turned(pose.inverse() @ other))
+    return _checked(replace(found, sigma=sigma, sigma_degree=turn, doubts=tuple(doubts)), p)
 
 
 def _fitted(
     views: Sequence[BoardView], camera: CameraModel, mount: Mount, p: CalibrationParameters
-) -> _Fit:
-    moved = [view.hand.inverse() if mount == "hand" else view.hand for view in views]
-    seen, weights = [_board_in(view, camera) for view in views], list[FloatArray]()
+) -> HandEye:
+    """The calibration without doubts; InvalidRequestError: no pose of the camera fits."""
+    moved, seen = _two_sides(views, camera, mount)
     x, z, _ = _linear(moved, seen)
     for _ in range(2):  # weights, and of two poses of a board the right one, come from the first
-        seen, weights = [], []
-        for view, g in zip(views, moved, strict=True):
-            seen.append(_board_in(view, camera, x.inverse() @ g @ z))
+        moved, seen = _two_sides(views, camera, mount, (x, z))
+        weights = []
+        for view, g, b in zip(views, moved, seen, strict=True):
             hand = (x.inverse() @ (Pose() if mount == "hand" else g)).position
-            weights.append(_weight(view, seen[-1], hand, camera, p))
+            weights.append(_weight(view, b, hand, camera, p))
         x, z = _refined(x, z, moved, seen, weights)
     residuals = []
     for view, g, b in zip(views, moved, seen, strict=True):
@@ -213,73 +185,93 @@ def _fitted(
         pixel = math.sqrt(float((off**2).sum(axis=1).mean()))
         away = float(np.linalg.norm(apart.position))
         residuals.append(Residual(view.name, pixel, away, _turned(apart)))
-    return _Fit(camera, x, z, moved, seen, weights, residuals)
+    _refuse_misfit(residuals, p)
+    each = []
+    for k in range(len(views)):
+        rest = [j for j in range(len(views)) if j != k]
+        part = [moved[j] for j in rest], [seen[j] for j in rest], [weights[j] for j in rest]
+        each.append(_refined(x, z, *part)[0])
+    return _told(replace(camera, pose=x, mount=mount), residuals, each, z)
 
 
-def _root_mean_square(residuals: Sequence[Residual], what: str) -> float:
-    return math.sqrt(float(np.mean([getattr(each, what) ** 2 for each in residuals])))
+def _two_sides(
+    views: Sequence[BoardView], camera: CameraModel, mount: Mount,
+    near: tuple[Pose, Pose | None] | None = None,
+) -> tuple[list[Pose], list[Pose]]:  # fmt: skip
+    """What the arm tells of each view, G, and what the camera sees, B: by that view alone, or of
+    two poses of a board the one near that by X and Z."""
+    moved = [view.hand.inverse() if mount == "hand" else view.hand for view in views]
+    guesses: list[Pose | None] = [None] * len(views)
+    if near is not None and near[1] is not None:
+        guesses = [near[0].inverse() @ g @ near[1] for g in moved]
+    return moved, [_board_in(v, camera, guess) for v, guess in zip(views, guesses, strict=True)]
 
 
-def _fault(residuals: Sequence[Residual], p: CalibrationParameters) -> str:
-    metre, degree = (_root_mean_square(residuals, what) for what in ("metre", "degree"))
-    if metre <= p.most_place and not degree > p.most_turn:
-        return ""
-    turn = "" if math.isnan(degree) else f" and {degree:.3g} degrees (at most {p.most_turn:g})"
-    return (
-        f"no pose of the camera fits: the views leave {1e3 * metre:.3g} mm (must be at most "
-        f"{1e3 * p.most_place:g}){turn}"
-    )
+def _refuse_misfit(residuals: Sequence[Residual], p: CalibrationParameters, then: str = "") -> None:
+    squares = np.square([[each.metre, each.degree] for each in residuals])
+    metre, degree = np.sqrt(squares.mean(axis=0)).tolist()
+    if metre > p.most_place or degree > p.most_turn:  # the turn of a tool is not a number
+        turn = "" if math.isnan(degree) else f" and {degree:.3g} degrees (at most {p.most_turn:g})"
+        raise InvalidRequestError(
+            f"no pose of the camera fits: the views leave {1e3 * metre:.3g} mm (must be at most "
+            f"{1e3 * p.most_place:g}){turn}{then}"
+        )
 
 
 def _checked(found: HandEye, p: CalibrationParameters) -> HandEye:
     """The calibration; refused where its deviation is too large."""
-    sigma = float(np.linalg.norm(found.sigma))
-    if sigma > p.most_sigma:
+    if (sigma := float(np.linalg.norm(found.sigma))) > p.most_sigma:
+        advice = "Take more pictures, and turn the hand more between them"
         raise InvalidRequestError(
             f"the views tell the camera's place to {1e3 * sigma:.3g} mm (standard deviation): must "
-            f"be {1e3 * p.most_sigma:g} at most. "
-            + ("; ".join(found.doubts) or "Take more pictures, and turn the hand more between them")
+            f"be {1e3 * p.most_sigma:g} at most. {'; '.join(found.doubts) or advice}"
         )
     return found
+
+
+def _each(change: Callable[[Pose], Pose]) -> Callable[[list[BoardView]], list[BoardView]]:
+    return lambda views: [view._replace(hand=change(view.hand)) for view in views]
+
+
+MISTAKES: tuple[tuple[str, Callable[[list[BoardView]], list[BoardView]]], ...] = (
+    (
+        "the poses are the wrong way round: the base in the hand, not the hand in the base; or "
+        "--mount is the other one",
+        _each(Pose.inverse),
+    ),
+    (
+        "the orientations are told as x, y, z, w; must be w, x, y, z",
+        _each(lambda hand: Pose(hand.position, np.roll(hand.orientation, 1))),
+    ),
+    (
+        "the poses are late by one picture",
+        lambda views: [view._replace(hand=after.hand) for view, after in pairwise(views)],
+    ),
+    (
+        "the poses are early by one picture",
+        lambda views: [view._replace(hand=before.hand) for before, view in pairwise(views)],
+    ),
+)
+"""Usual mistakes in poses, and the views without each. The last is taken back first."""
 
 
 def _reason(
     views: Sequence[BoardView], camera: CameraModel, mount: Mount, p: CalibrationParameters
 ) -> str:
     """What is probably wrong: the fewest usual mistakes without which the views fit."""
-    turned = ("the poses are told the wrong way round: the base in the hand, not the hand in the "
-              "base; or --mount is the other one")  # fmt: skip
-    order = "the orientations are told as x, y, z, w; must be w, x, y, z"
-    tries = [
-        (inverse, xyzw, late)
-        for inverse, xyzw, late in product((False, True), (False, True), (0, 1, -1))
-    ]
-    for inverse, xyzw, late in sorted(tries, key=lambda one: sum(map(bool, one))):
-        hands = [view.hand for view in views]
-        if xyzw:
-            hands = [Pose(hand.position, np.roll(hand.orientation, 1)) for hand in hands]
-        if inverse:
-            hands = [hand.inverse() for hand in hands]
-        ends = slice(max(late, 0), len(hands) + min(late, 0))
-        shown = views[max(-late, 0) : len(views) - max(late, 0)]
-        told = [v._replace(hand=hand) for v, hand in zip(shown, hands[ends], strict=True)]
-        moved = [v.hand.inverse() if mount == "hand" else v.hand for v in told]
-        seen = [_board_in(view, camera) for view in told]
-        scale = max(_linear(moved, seen)[2], SMALLEST)
-        for size in (1.0, scale):
-            sized = [Pose(size * b.position, b.rotation) for b in seen]
-            x, z, _ = _linear(moved, sized)
-            off = [(x @ b).position - (g @ z).position for b, g in zip(sized, moved, strict=True)]
-            far = max(float(np.linalg.norm(one)) for one in off) > ROUGH * p.most_place
-            resized = [v._replace(places=size * v.places) for v in told]
-            if far or len(told) < p.views or not _fits(resized, camera, mount, p):
-                continue
-            shifted = f"the poses are {'late' if late > 0 else 'early'} by one picture"
-            reasons = {turned: inverse, order: xyzw, shifted: late, _sides(size): size != 1.0}
-            return f"Probably {', and '.join(words for words, true in reasons.items() if true)}"
-    for words, other in _other_camera(views, camera, p):
-        if _fits(views, other, mount, p):
-            return f"Probably {words}"
+    for mistakes in (some for count in range(4) for some in combinations(MISTAKES, count)):
+        words, right = [said for said, _ in mistakes], list(views)
+        for _, repair in reversed(mistakes):
+            right = repair(right)
+        if len(right) < max(p.views, len(views) - 1):  # poses are not late and early at once
+            continue
+        if _fits(right, camera, mount, p):
+            return f"Probably {', and '.join(words)}"
+        sides = _other_sides(right, _two_sides(right, camera, mount), p)
+        if sides and _fits(sides[1], camera, mount, p):
+            return f"Probably {', and '.join([*words, sides[0]])}"
+    if (intrinsics := _other_camera(views, camera, p)) and _fits(views, intrinsics[1], mount, p):
+        return f"Probably {intrinsics[0]}"
     return (
         "Compare --poses with the pictures (their order and times, metres and radians, the hand in "
         "the base, w, x, y, z), --mount, the sizes of the board and the camera's intrinsics"
@@ -290,66 +282,63 @@ def _fits(
     views: Sequence[BoardView], camera: CameraModel, mount: Mount, p: CalibrationParameters
 ) -> bool:
     with suppress(np.linalg.LinAlgError, OptiPrompError, ValueError):  # a trial may make no sense
-        return not _fitted(views, camera, mount, p).fault(p)
+        sides = _two_sides(views, camera, mount)
+        x, z, _ = _linear(*sides)
+        off = [(g @ z).position - (x @ b).position for g, b in zip(*sides, strict=True)]
+        if np.linalg.norm(off, axis=1).max() < ROUGH * p.most_place:
+            _fitted(views, camera, mount, p)
+            return True
     return False
 
 
-ROUGH = 5.0
-"""[-] A trial is refined where its linear solution leaves this multiple of the bound at most."""
-SMALLEST = 1e-4
-"""[-] Least factor on a board's sides that is tried: sides told in tenths of a millimetre."""
+ROUGH = 5.0  # of the bound: a linear solution that leaves more is not refined in a trial
+SMALLEST = 1e-4  # least factor on a board's sides that is tried: sides in 0.1 mm
 
 
-def _sides(size: float) -> str:
-    return f"the board's sides are {size:.3g} times as long as told (--side, --marker)"
-
-
-def _other_side(fit: _Fit, p: CalibrationParameters) -> list[tuple[str, float]]:
-    """The scale of the board that its views tell, if another is beyond doubt (by the jackknife)."""
-    scale, rows = _linear(fit.moved, fit.seen)[2], range(len(fit.seen))
-    each = [
-        _linear([fit.moved[j] for j in rows if j != k], [fit.seen[j] for j in rows if j != k])[2]
-        for k in rows
-    ]
-    sigma = math.sqrt(len(each) - 1) * float(np.std(each))
-    sure = scale > SMALLEST and abs(scale - 1.0) > max(p.sure * sigma, p.doubt)
-    return [(_sides(scale), scale)] if sure else []
+def _other_sides(
+    views: Sequence[BoardView], poses: tuple[list[Pose], list[Pose]], p: CalibrationParameters
+) -> tuple[str, list[BoardView]] | None:
+    """The views with the board's sides that they tell, if others are beyond doubt."""
+    (moved, seen), size, rows = poses, _linear(*poses)[2], range(len(views))
+    each = [_linear(moved[:k] + moved[k + 1 :], seen[:k] + seen[k + 1 :])[2] for k in rows]
+    sigma = math.sqrt(len(each) - 1) * float(np.std(each))  # of the jackknife
+    if size <= SMALLEST or abs(size - 1.0) <= max(p.sure * sigma, p.doubt):
+        return None
+    words = f"the board's sides are {size:.3g} times as long as told (--side, --marker)"
+    return words, [view._replace(places=size * view.places) for view in views]
 
 
 def _other_camera(
     views: Sequence[BoardView], camera: CameraModel, p: CalibrationParameters
-) -> list[tuple[str, CameraModel]]:
+) -> tuple[str, CameraModel] | None:
     """The intrinsics that the board tells without the arm, if others are beyond doubt."""
     cv = opencv()
-    places, pixels = (
-        [np.asarray(values, dtype=np.float32) for values in column]
-        for column in ([v.places for v in views], [v.pixels for v in views])
-    )
-    stated = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
+    places = [view.places.astype(np.float32) for view in views]
+    pixels = [view.pixels.astype(np.float32) for view in views]
     flags = cv.CALIB_USE_INTRINSIC_GUESS | cv.CALIB_FIX_ASPECT_RATIO | cv.CALIB_ZERO_TANGENT_DIST
     flags |= cv.CALIB_FIX_K1 | cv.CALIB_FIX_K2 | cv.CALIB_FIX_K3
-    size = camera.width, camera.height
+    stated, size = _matrix(camera), (camera.width, camera.height)
     try:
-        _, matrix, _, _, _, deviation, *_ = cv.calibrateCameraExtended(
+        _, found, _, _, _, deviation, *_ = cv.calibrateCameraExtended(
             places, pixels, size, stated.copy(), np.zeros(5), flags=flags
         )
     except cv.error:
-        return []  # the views tell no intrinsics
-    found = {"fx": matrix[0, 0], "fy": matrix[1, 1], "cx": matrix[0, 2], "cy": matrix[1, 2]}
-    sigma = dict(zip(found, deviation.ravel()[:4].tolist(), strict=True))
-    sigma["fy"] = sigma["fx"] = max(sigma["fx"], sigma["fy"])  # they are of one ratio
-    off = {
-        key: value
-        for key, value in found.items()
-        if abs(value - getattr(camera, key)) > max(p.sure * sigma[key], p.doubt * camera.fx)
-    }
-    if not off:
-        return []
-    listed = ", ".join(f"{key} {value:.0f}" for key, value in found.items())
-    told = ", ".join(f"{key} {getattr(camera, key):.0f}" for key in found)
-    words = f"the camera's intrinsics are wrong: the board tells {listed}, the camera file {told}"
-    fx, fy, cx, cy = (float(value) for value in found.values())
-    return [(words, replace(camera, fx=fx, fy=fy, cx=cx, cy=cy))]
+        return None  # the views tell no intrinsics
+    known, seen = (matrix[[0, 1, 0, 1], [0, 1, 2, 2]] for matrix in (stated, found))
+    sigma = deviation[:4, 0]  # in the same order
+    sigma[:2] = sigma[:2].max()  # the focal lengths are of one ratio
+    if not (np.abs(seen - known) > np.maximum(p.sure * sigma, p.doubt * camera.fx)).any():
+        return None
+    told, listed = (", ".join(f"{value:.0f}" for value in values) for values in (known, seen))
+    fx, fy, cx, cy = seen.tolist()
+    return (
+        f"the camera's intrinsics are wrong: fx, fy, cx, cy are {listed} by the board, and {told} "
+        "in the camera file"
+    ), replace(camera, fx=fx, fy=fy, cx=cx, cy=cy)
+
+
+def _matrix(camera: CameraModel) -> FloatArray:
+    return np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
 
 
 def by_tool(
@@ -381,12 +370,10 @@ def by_tool(
     misses = np.linalg.norm(pose @ there - here, axis=1)
     pairs = zip(seen, misses.tolist(), strict=True)
     residuals = [Residual(one.name, math.nan, miss, math.nan) for one, miss in pairs]
+    advice = ". Compare the names with the pictures, and the units: metres, radians"
+    _refuse_misfit(residuals, p, advice)
     rows = np.arange(len(seen))
     each = [_rigid(there[rows != k], here[rows != k]) for k in rows]
-    if words := _fault(residuals, p):
-        raise InvalidRequestError(
-            f"{words}. Compare the names with the pictures, and the units: metres, radians"
-        )
     return _checked(_told(replace(camera, pose=pose, mount="base"), residuals, each, None), p)
 
 
@@ -424,8 +411,7 @@ def _refuse_few_turns(hands: Sequence[Pose], p: CalibrationParameters) -> None:
 def _board_in(view: BoardView, camera: CameraModel, guess: Pose | None = None) -> Pose:
     """The board in the frame of the camera, by one view; of two solutions the one near a guess."""
     cv = opencv()
-    matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
-    given = view.places, view.pixels, matrix, None
+    given = view.places, view.pixels, _matrix(camera), None
     if guess is None:
         _, turn, shift = cv.solvePnP(*given, flags=cv.SOLVEPNP_IPPE)
     else:
@@ -598,10 +584,8 @@ def _joints(entry: Mapping[str, Any], robot: Robot | None, what: str) -> tuple[R
     if robot is None:
         raise InvalidRequestError(f"{what}: joints tell nothing without the robot: give --known")
     q = _numbers(entry, "joints", robot.n_joints, what)
-    try:
-        check_limits(q[None], robot.joint_names, robot.lower, robot.upper, what)
-    except InvalidDemonstrationError as error:
-        raise InvalidRequestError(error.message) from None
+    limits = robot.lower, robot.upper
+    check_limits(q[None], robot.joint_names, *limits, what, error=InvalidRequestError)
     return robot, q
 
 

@@ -327,12 +327,12 @@ def _by_rule(tree: Tree, base: str | None) -> list[Arm]:
 def linkages(model: UrdfModel, robot: Robot) -> str:
     """A warning of joints that look like bars of a linkage beside the arm; empty: of none."""
     tree, held = Tree(model), set(robot.held_joints)
-    bars = []
-    for name in robot.joint_names:
-        beside = tree.onward(tree.body(model.joints[name].parent))
-        bars += [
-            j.name for j in beside if j.name in held and tree.is_linkage(j, model.joints[name])
-        ]
+    bars = [
+        joint.name
+        for name in robot.joint_names
+        for joint in tree.onward(tree.body(model.joints[name].parent))
+        if joint.name in held and tree.is_linkage(joint, model.joints[name])
+    ]
     if not bars:
         return ""
     return (

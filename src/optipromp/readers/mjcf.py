@@ -10,7 +10,6 @@ import hashlib
 import math
 import struct
 import tempfile
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -147,6 +146,7 @@ class _Reader:
         self.links: dict[str, urdf.UrdfLink] = {}
         self.joints: dict[str, urdf.UrdfJoint] = {}
         self.names = [model.body(b).name or f"body{b}" for b in range(model.nbody)]
+        self.told = ""
         self.loops: dict[int, str] = {}  # the equality that closes a loop, by joint
         self.joint_names = [model.joint(j).name or f"joint{j}" for j in range(model.njnt)]
 
@@ -175,6 +175,7 @@ class _Reader:
             self.names[0],
             MappingProxyType(self.links),
             MappingProxyType(self.joints),
+            self.told,
         )
 
     def _marks(self) -> set[int]:
@@ -185,21 +186,17 @@ class _Reader:
         """
         model = self.model
         touching = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
-        carries, moves = np.zeros(model.nbody, dtype=bool), np.zeros(model.nbody, dtype=bool)
-        solid = np.zeros(model.nbody, dtype=bool)
-        solid[model.geom_bodyid[touching]] = True
-        for body in range(1, model.nbody):
-            moves[body] = moves[model.body_parentid[body]] or model.body_jntnum[body] > 0
-        for body in range(model.nbody - 1, 0, -1):
-            own = carries[body] or model.body_jntnum[body] > 0
-            carries[model.body_parentid[body]] |= own
-            solid[model.body_parentid[body]] |= solid[body] and model.body_parentid[body] > 0
-        free = ~moves & ~carries & ~solid & (model.body_geomnum > 0)
-        free |= model.body_mocapid >= 0
-        found = {body for body in range(1, model.nbody) if free[body]}
+        parts = [*model.jnt_bodyid, *model.geom_bodyid[touching]]
+        bearing = {body for part in parts for body in self._upward(int(part))}
+        fixed = (model.body_weldid == 0) & (model.body_geomnum > 0)
+        found = {
+            body
+            for body in range(1, model.nbody)
+            if model.body_mocapid[body] >= 0 or (fixed[body] and body not in bearing)
+        }
         if found:
             names = ", ".join(self.names[body] for body in sorted(found))
-            warnings.warn(f"{self.path}: {names}: left out, as it touches nothing", stacklevel=4)
+            self.told = f"{self.path}: {names}: left out, as it touches nothing"
         return found
 
     def _refuse_loops(self) -> None:
@@ -222,9 +219,8 @@ class _Reader:
     def _upward(self, body: int) -> list[int]:
         """A body and those that carry it."""
         out = [body]
-        while body:
-            body = int(self.model.body_parentid[body])
-            out.append(body)
+        while out[-1]:
+            out.append(int(self.model.body_parentid[out[-1]]))
         return out
 
     def _check_length(self, what: str, values: FloatArray) -> None:

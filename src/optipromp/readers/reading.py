@@ -26,7 +26,7 @@ from optipromp.readers.arm import linkages, srdf_files
 from optipromp.readers.mjcf import is_mjcf, mjcf_files, read_mjcf
 from optipromp.readers.packages import expanded, is_xacro, mesh_files, with_meshes_found
 from optipromp.readers.robot_file import RobotFile, read_robot_file
-from optipromp.readers.urdf import UrdfMimic, UrdfModel, check_mimics, read_urdf
+from optipromp.readers.urdf import UrdfModel, check_mimics, read_urdf
 
 _VERSION = 3  # of the readers: raise it when the same files give another robot
 _HELD = 16  # robots in memory, chosen
@@ -133,14 +133,13 @@ def _coupled(model: UrdfModel, entry: RobotFile, path: Path) -> UrdfModel:
         raise InvalidRobotError(f"{path}: mimic: {what}")
 
     joints = dict(model.joints)
+    movable = [joint.name for joint in joints.values() if joint.kind != "fixed"]
     for name, mimic in entry.mimic.items():
-        if name not in joints or joints[name].kind == "fixed":
-            refuse(
-                f"{name!r}: {suggest(name, [j.name for j in joints.values() if j.kind != 'fixed'])}"
-            )
-        joints[name] = replace(joints[name], mimic=UrdfMimic(**mimic.model_dump()))
+        if name not in movable:
+            refuse(f"{name!r}: {suggest(name, movable)}")
+        joints[name] = replace(joints[name], mimic=mimic)
     check_mimics(joints, refuse)
-    return replace(model, joints=MappingProxyType(joints)) if entry.mimic else model
+    return replace(model, joints=MappingProxyType(joints))
 
 
 def _stamps(path: Path, found: _Found) -> Stamps:
@@ -171,7 +170,9 @@ def _resolved(found: _Found, path: Path, choice: Choice) -> Robot:
     from optipromp.readers.building import build  # SciPy and the kernels of covers load slowly
 
     robot = build(entry, model, path, choice, found.groups)
-    if cached is not None:
+    if model.told:  # which the next run must tell, too
+        warnings.warn(model.told, stacklevel=3)
+    elif cached is not None:
         with suppress(InvalidRequestError):  # the next run builds it again
             write_atomically(cached, resolved(robot, cached.parent))
     return robot

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +17,7 @@ from scipy.signal import savgol_filter
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.errors import InvalidDemonstrationError, InvalidRequestError
 from optipromp.core.parameters import Checked, parameter
-from optipromp.core.promp.demonstrations import (
-    Demonstration,
-    Demonstrations,
-    in_time_order,
-    unwrapped,
-)
+from optipromp.core.promp.demonstrations import Demonstration, Demonstrations, parts_in_time
 from optipromp.core.trajectory import joint_columns
 from optipromp.ros.trajectories import joint_positions, nanoseconds
 from optipromp.ros.types import Recorded, read_bag
@@ -160,30 +156,32 @@ def _series(
         most = Counter(frozenset(item.message.name) for item in items).most_common(1)[0][0]
         joints = next(names for names in sets if frozenset(names) == most)
     groups = _split_arm(what, list(sets), joints)
-    used: dict[int, list[tuple[int, FloatArray]]] = {k: [] for k in range(len(groups))}
-    refusal = None
+    rows = [list[tuple[int, FloatArray]]() for _ in groups]
+    refusal, left_out = None, 0
     for item in items:
         names, stamp = item.message.name, nanoseconds(item.message.header.stamp) or item.stamp
-        whose = next((k for k, group in enumerate(groups) if set(group) <= set(names)), 0)
+        mine = [k for k, group in enumerate(groups) if set(group) <= set(names)] or [0]
         try:
-            used[whose].append((stamp, joint_positions(item.message, groups[whose], what)))
+            for k in mine:
+                rows[k].append((stamp, joint_positions(item.message, groups[k], what)))
         except InvalidRequestError as error:
-            refusal = refusal or error
-    count = sum(map(len, used.values()))
-    if not all(used.values()):
+            refusal, left_out = refusal or error, left_out + 1
+    if not all(rows):
         assert refusal is not None
         raise refusal
-    if refusal is not None and count < len(items):
+    if refusal is not None:
         warnings.warn(
-            f"{len(items) - count} of {len(items)} messages are left out: {refusal.message}"
+            f"{left_out} of {len(items)} messages are left out: {refusal.message}"
             + ("" if named else "; with the robot, joints of one arm in several messages join"),
             stacklevel=3,
         )
-    first = min(rows[0][0] for rows in used.values())
-    parts = [_parts(what, rows, first) for rows in used.values()]
+    first, parts = min(each[0][0] for each in rows), []
+    for each in rows:
+        times = np.array([(stamp - first) * 1e-9 for stamp, _ in each])
+        parts.append(parts_in_time(what, times, np.array([q for _, q in each])))
     if len({len(each) for each in parts}) > 1:
         raise InvalidRequestError(f"{what}: the joints of the arm are in messages of two clocks")
-    return tuple(joints), [_joined(list(each), gap) for each in zip(*parts, strict=True)]
+    return tuple(joints), [_joined(each, gap) for each in zip(*parts, strict=True)]
 
 
 def _split_arm(
@@ -194,31 +192,13 @@ def _split_arm(
         with suppress(InvalidRequestError):
             joint_columns(names, joints, what)
             return [tuple(joints)]
-    there = list(dict.fromkeys(name for names in sets for name in names))
+    owner = {name: k for k, names in enumerate(sets) for name in names}
+    there = list(owner)
     try:
-        chosen = [there[column] for column in joint_columns(there, joints, what)]
+        columns = joint_columns(there, joints, what)
     except InvalidRequestError:
         return [tuple(joints)]  # which names what is missing, at the first message
-    owner = [next(k for k, names in enumerate(sets) if name in names) for name in chosen]
-    groups = [list[str]() for _ in sets]
-    for name, k in zip(chosen, owner, strict=True):
-        groups[k].append(name)
-    if [name for group in groups for name in group] != chosen:
-        raise InvalidRequestError(
-            f"{what}: the joints of the arm are in {len(set(owner))} kinds of messages, and not in "
-            "its order: must be one after the other"
-        )
-    return [tuple(group) for group in groups if group]
-
-
-def _parts(what: str, rows: Sequence[tuple[int, FloatArray]], first: int) -> list[Series]:
-    since = np.array([stamp - first for stamp, _ in rows], dtype=np.int64)
-    times: FloatArray = np.asarray(since * 1e-9, dtype=np.float64)
-    positions = np.array([q for _, q in rows])
-    parts, told = in_time_order(times, positions)
-    for words in told:
-        warnings.warn(f"{what}: {words}", stacklevel=4)
-    return [(times[part], unwrapped(positions[part])) for part in parts]
+    return [tuple(group) for _, group in groupby([there[c] for c in columns], owner.__getitem__)]
 
 
 def _joined(parts: Sequence[Series], gap: float) -> Series:

@@ -248,18 +248,22 @@ def _as_recorded(reader: Any, chosen: list[Connection]) -> Iterable[tuple[Connec
         yield from reader.messages(chosen)
         return
     for storage in storages:
-        whole = {(each.topic, each.msgtype): each for each in chosen}
-        ours = [(part, whole.get((part.topic, part.msgtype))) for part in storage.connections]
-        known = {part.id: each for part, each in ours if each is not None}
+        known = {
+            part.id: each
+            for part in storage.connections
+            for each in chosen
+            if (part.topic, part.msgtype) == (each.topic, each.msgtype)
+        }
         if hasattr(storage, "messages_scan"):
             parts = [part for part in storage.connections if part.id in known]
-            for part, stamp, data in storage.messages_scan(parts):
-                yield known[part.id], stamp, data
+            found = ((part.id, stamp, data) for part, stamp, data in storage.messages_scan(parts))
         else:
-            rows = "SELECT topic_id, timestamp, data FROM messages ORDER BY id"
-            for topic, stamp, data in storage.dbconn.execute(rows):
-                if topic in known:
-                    yield known[topic], stamp, data
+            found = storage.dbconn.execute(
+                "SELECT topic_id, timestamp, data FROM messages ORDER BY id"
+            )
+        for topic, stamp, data in found:
+            if topic in known:
+                yield known[topic], stamp, data
 
 
 def _chosen(

@@ -240,9 +240,7 @@ def posed(
             f"start: {robot.joint_names[joint]} moves at {state.velocity[joint]:.4g}, above its "
             f"limit {robot.velocity[joint]:g}"
         )
-    if state is not None:
-        return robot, state if start is state.q else replace(state, q=start)
-    return robot, State(start)
+    return robot, State(start) if state is None else replace(state, q=start)
 
 
 def resolve(scene: Scene, robot: Robot | None = None, state: State | None = None) -> Task:
@@ -445,8 +443,7 @@ def _turned(goal: JointGoal, robot: Robot, start: FloatArray) -> JointGoal:
     joints = robot.check_configuration(goal.joints)
     joints = within_limits(robot, joints, "goal", InvalidRequestError)
     turns = np.where(ik.turning(robot), np.round((joints - start) / (2.0 * np.pi)), 0.0)
-    same = not turns.any() and np.array_equal(joints, goal.joints)
-    return goal if same else JointGoal(joints - 2.0 * np.pi * turns)
+    return JointGoal(joints - 2.0 * np.pi * turns)
 
 
 def within_limits(robot: Robot, q: FloatArray, what: str, error: type) -> FloatArray:

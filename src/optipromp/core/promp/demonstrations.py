@@ -3,7 +3,7 @@
 import os
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import overload
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from optipromp.core.arrays import FloatArray, IntArray, read_only
 from optipromp.core.documents import read_document, read_table
-from optipromp.core.errors import InvalidDemonstrationError, installed_by
+from optipromp.core.errors import InvalidDemonstrationError, OptiPrompError, installed_by
 from optipromp.core.files import is_folder, is_there, npz, read_npz, texts, write_atomically
 from optipromp.core.promp import checks
 
@@ -165,15 +165,15 @@ class Demonstrations(Sequence[Demonstration]):
         items = []
         for i, item in enumerate(ordered):
             turns = np.where(free, np.round((item.positions[0] - first) / TURN), 0.0)
-            item = Demonstration(item.times, item.positions - TURN * turns, item.span)
-            check_limits(item.positions, joints, lower, upper, f"{what}: demonstration {i}")
-            items.append(item)
+            items.append(replace(item, positions=item.positions - TURN * turns))
+            check_limits(items[i].positions, joints, lower, upper, f"{what}: demonstration {i}")
         return Demonstrations(tuple(items), tuple(joints))
 
 
 def check_limits(
     positions: FloatArray, names: Sequence[str], lower: FloatArray, upper: FloatArray, what: str,
     slack: FloatArray | float = BEYOND_LIMITS,
+    error: type[OptiPrompError] = InvalidDemonstrationError,
 ) -> None:  # fmt: skip
     """Refuse positions (T, n) more than ``slack`` (n,) beyond the limits (n,) of the joints."""
     slack = np.broadcast_to(slack, lower.shape)
@@ -183,7 +183,7 @@ def check_limits(
         return
     value = positions[sample, joint]
     units = " (degrees or millimetres? radians and metres are needed)"
-    raise InvalidDemonstrationError(
+    raise error(
         f"{what}: {names[joint]} is {value:.4g} at sample {sample}: must be within its limits "
         f"[{lower[joint]:.4f}, {upper[joint]:.4f}], or at most {slack[joint]:.4g} beyond"
         f"{units if beyond[sample, joint] > _BLUNDER else ''}"
@@ -264,42 +264,44 @@ def _odd(found: Demonstrations) -> list[str]:
     return told
 
 
-def in_time_order(times: FloatArray, positions: FloatArray) -> tuple[list[IntArray], list[str]]:
-    """The rows (k,) of each part of a recording, in the order of their times, and what was done.
+def parts_in_time(
+    what: str, times: FloatArray, positions: FloatArray
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Times (k,), increasing, and unwrapped positions (k, n) of each part of a recording.
 
     Where the time runs back a clock was set, and a part ends: unless messages overtook each other,
     or the parts say the same of the times that they share. Of rows at one time the first stays.
 
     Args:
+        what: the recording; begins the warnings of what was cut or left out.
         times: (m,) as recorded, in any unit.
         positions: (m, n) [rad or m].
     """
+
+    def in_order(rows: IntArray) -> IntArray:
+        return rows[np.unique(times[rows], return_index=True)[1]]
+
     steps = np.diff(times)
     jitter = _JITTER * np.quantile(np.abs(steps), 0.75) if len(steps) else 0.0
     back = np.flatnonzero(steps < -jitter) + 1
     parts: list[IntArray] = []
-    words, dropped = [], 0
     for rows in np.split(np.arange(len(times)), back):
-        now = rows[np.argsort(times[rows], kind="stable")]
         for k, part in enumerate(parts):
-            if _agree(times, positions, part, now):
-                both = np.concatenate([part, now])
-                parts[k] = both[np.argsort(times[both], kind="stable")]
+            if _agree(times, positions, part, in_order(rows)):
+                parts[k] = in_order(np.concatenate([part, rows]))
                 break
         else:
             if parts:
-                words.append(
-                    f"the time runs back by {times[rows[0] - 1] - times[rows[0]]:.6g} at row "
-                    f"{rows[0]}: cut there, and both parts are read"
+                warnings.warn(
+                    f"{what}: the time runs back by {-steps[rows[0] - 1]:.6g} at row {rows[0]}: "
+                    "cut there, and both parts are read",
+                    stacklevel=4,
                 )
-            parts.append(now)
-    for k, part in enumerate(parts):
-        first = np.concatenate([[True], np.diff(times[part]) > 0.0])
-        dropped += int((~first).sum())
-        parts[k] = part[first]
-    if dropped:
-        words.append(f"{dropped} of {len(times)} rows have the time of another: left out")
-    return parts, words
+            parts.append(in_order(rows))
+    if dropped := len(times) - sum(map(len, parts)):
+        words = f"{dropped} of {len(times)} rows have the time of another: left out"
+        warnings.warn(f"{what}: {words}", stacklevel=4)
+    return [(times[part], unwrapped(positions[part])) for part in parts]
 
 
 def _agree(times: FloatArray, positions: FloatArray, a: IntArray, b: IntArray) -> bool:
@@ -316,8 +318,6 @@ def unwrapped(positions: FloatArray) -> FloatArray:
 
     Only of joints that are reported within one turn: larger values are no angles of an encoder.
     """
-    if positions.ndim != 2 or not len(positions) or not np.isfinite(positions).all():
-        return positions
     steps = np.diff(positions, axis=0)
     turns = np.round(steps / TURN)
     wraps = (np.abs(steps - TURN * turns) < _WRAP) & (np.ptp(positions, axis=0) < TURN + _SAME)
@@ -351,9 +351,10 @@ def _build(
     items = []
     for label, times, positions in parts:
         try:
-            items.append(Demonstration(np.asarray(times), unwrapped(np.asarray(positions))))
+            item = Demonstration(np.asarray(times), np.asarray(positions))
         except InvalidDemonstrationError as cause:
             raise InvalidDemonstrationError(f"{path}: {label}: {cause.message}") from None
+        items.append(replace(item, positions=unwrapped(item.positions)))
     try:
         return Demonstrations(tuple(items), tuple(names))
     except Exception as cause:
@@ -421,10 +422,8 @@ def _read_csv(path: Path) -> Demonstrations:
     for label in dict.fromkeys(labels):
         block = values[[other == label for other in labels]]
         name = f"demo {label}" if label else "rows"
-        pieces, told = in_time_order(block[:, 0], block[:, 1:])
-        for words in told:
-            warnings.warn(f"{path}: {name}: {words}", stacklevel=4)
-        parts += [(name, block[rows, 0], block[rows, 1:]) for rows in pieces]
+        pieces = parts_in_time(f"{path}: {name}", block[:, 0], block[:, 1:])
+        parts += [(name, *piece) for piece in pieces]
     return _build(path, parts, [header[i] for i in joints])
 
 
@@ -460,20 +459,17 @@ STATE = "observation.state"
 def _read_lerobot(path: Path) -> Demonstrations:
     """The episodes of a LeRobot dataset, of versions 2 (a file each) and 3 (files of several)."""
     try:
-        from pyarrow import ArrowException, concat_tables
+        from pyarrow import ArrowException
         from pyarrow.parquet import read_table as read_parquet
     except ImportError:
         raise InvalidDemonstrationError(
             f"{path} is a LeRobot dataset: reading it needs pyarrow: {installed_by('episodes')}"
         ) from None
     about = read_document(path / "meta" / "info.json", InvalidDemonstrationError, "a mapping")
-    files = sorted((path / "data").glob("*/*.parquet"))
-    if not files:
-        raise InvalidDemonstrationError(f"{path} holds no data/*/*.parquet")
     columns = [STATE, "timestamp", "episode_index"]
     try:
         stated = about["features"][STATE]["names"]
-        table = concat_tables([read_parquet(file, columns=columns) for file in files])
+        table = read_parquet(path / "data", columns=columns)
         rows = np.array(table[STATE].to_pylist(), dtype=np.float64)
         times, episode = (table[name].to_numpy().astype(np.float64) for name in columns[1:])
     except (ArrowException, OSError, KeyError, TypeError, ValueError) as error:
@@ -490,7 +486,6 @@ def _read_lerobot(path: Path) -> Demonstrations:
     if gone:
         listed = ", ".join(names[k] for k in gone)
         warnings.warn(f"{path}: {listed}: left out, as no joint of an arm", stacklevel=3)
-    names, rows = [n for k, n in enumerate(names) if k not in gone], np.delete(rows, gone, axis=1)
-    order = np.unique(episode)
+    rows, order = np.delete(rows, gone, axis=1), np.unique(episode)
     parts = [(f"episode {e:.0f}", times[episode == e], rows[episode == e]) for e in order]
-    return _build(path, parts, names)
+    return _build(path, parts, [name for k, name in enumerate(names) if k not in gone])
