@@ -249,11 +249,11 @@ def doubt_of(
         if nearest > WORKSPACE or farthest < CLOSEST:
             continue
         other = DepthPicture(picture.rgb, factor * picture.depth, picture.camera)
-        if ripe := [each for each in look_at(other, up=up, finder=finder).detections
-                    if each.region.kind == "ripe"]:  # fmt: skip
+        seen = look_at(other, up=up, finder=finder).detections
+        if ripe := sum(each.region.kind == "ripe" for each in seen):
             return (
                 f"depths are {np.median(known):.3g} m in the middle; with {factor:g} times these, "
-                f"{len(ripe)} ripe are seen: compare the unit of depth and the camera's depth_scale"
+                f"{ripe} ripe are seen: compare the unit of depth and the camera's depth_scale"
             )
     return ""
 

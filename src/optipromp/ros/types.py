@@ -247,20 +247,16 @@ def _as_recorded(reader: Any, chosen: list[Connection]) -> Iterable[tuple[Connec
     ):
         yield from reader.messages(chosen)
         return
+    wanted = {(each.topic, each.msgtype): each for each in chosen}
     for storage in storages:
-        known = {
-            part.id: each
-            for part in storage.connections
-            for each in chosen
-            if (part.topic, part.msgtype) == (each.topic, each.msgtype)
-        }
+        ours = ((part.id, wanted.get((part.topic, part.msgtype))) for part in storage.connections)
+        known = {key: each for key, each in ours if each is not None}
         if hasattr(storage, "messages_scan"):
             parts = [part for part in storage.connections if part.id in known]
             found = ((part.id, stamp, data) for part, stamp, data in storage.messages_scan(parts))
         else:
-            found = storage.dbconn.execute(
-                "SELECT topic_id, timestamp, data FROM messages ORDER BY id"
-            )
+            rows = "SELECT topic_id, timestamp, data FROM messages ORDER BY id"
+            found = storage.dbconn.execute(rows)
         for topic, stamp, data in found:
             if topic in known:
                 yield known[topic], stamp, data
