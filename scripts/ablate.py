@@ -22,7 +22,7 @@ from unittest import mock
 import numpy as np
 
 from optipromp import plan
-from optipromp.core.planning import pick
+from optipromp.core.planning import follow, pick
 from optipromp.core.planning.planners import OptiProMP
 from optipromp.core.pushing.packs.standing import PathsBetween
 from optipromp.core.pushing.stems import hanging as paths
@@ -95,7 +95,7 @@ def _not_rather() -> Iterator[None]:
 PARTS: dict[str, Callable[[], Any]] = {
     "second pass (Harmful)": _followed_always,
     "approaches": lambda: _without(OptiProMP, "approaches", False),
-    "ways round (led_round)": lambda: _without(pick, "led_round", lambda *_: iter(())),
+    "ways round (led_round)": lambda: _without(follow, "led_round", lambda *_: iter(())),
     "preferred paths (rather)": _not_rather,
     "good that grows (lenient)": lambda: _scheduled(lambda s: replace(s, lenient=1.0)),
     "rounds after the first": lambda: _scheduled(lambda s: replace(s, rounds=s.rounds[:1], runs=1)),
