@@ -1,5 +1,7 @@
 """The trajectory: a curve that is checked once and immutable; its samples; its spline."""
 
+import warnings
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import BPoly
 
 from optipromp.core.errors import Code, InvalidRequestError
-from optipromp.core.trajectory import State, Trajectory
+from optipromp.core.trajectory import State, Trajectory, read_trajectory
 
 NAMES = ("a", "b")
 
@@ -170,3 +172,42 @@ def test_a_value_that_is_not_finite_is_named(bad: float, what: str) -> None:
 def test_a_rate_that_makes_no_rows(rate: float, message: str) -> None:
     with pytest.raises(InvalidRequestError, match=message):
         Trajectory.through(line(), 0.1, NAMES).resample(rate)
+
+
+def of_file(path: Path, times: np.ndarray, q: np.ndarray) -> Trajectory:
+    """The trajectory of a CSV of one joint."""
+    rows = "".join(f"{t:.12f},{value:.12f}\n" for t, value in zip(times, q, strict=True))
+    path.write_text("time,a\n" + rows)
+    return read_trajectory(path, ("a",))
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-9, 1e-6, 1e-4])
+@pytest.mark.parametrize("row", [0, 15, 30])
+def test_rows_close_in_time_are_one(gap: float, row: int, tmp_path: Path) -> None:
+    """A row that was written twice made a jerk of 3e9 times the limit."""
+    times = np.linspace(0.0, 3.0, 31)
+    s = times / 3.0
+    q = 10 * s**3 - 15 * s**4 + 6 * s**5
+    plain = of_file(tmp_path / "a.csv", times, q)
+    twice = of_file(
+        tmp_path / "b.csv",
+        np.insert(times, row + 1, times[row] + gap),
+        np.insert(q, row + 1, q[row]),
+    )
+    at = np.linspace(0.0, 3.0, 301)
+    for one, other, most in zip(
+        plain.sample(at), twice.sample(at), (1e-4, 1e-3, 0.02), strict=True
+    ):
+        assert np.abs(one - other).max() < most
+    jump = np.insert(q, row + 1, q[row] + 0.01)
+    with pytest.raises(InvalidRequestError, match=rf"waypoints {row} and {row + 1} .*a differs"):
+        of_file(tmp_path / "c.csv", np.insert(times, row + 1, times[row] + gap), jump)
+
+
+def test_times_that_look_like_milliseconds_are_told(tmp_path: Path) -> None:
+    times = np.linspace(0.0, 3.0, 31)
+    with pytest.warns(UserWarning, match="rows are 100 s apart: are times in milliseconds"):
+        of_file(tmp_path / "a.csv", 1e3 * times, times)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        of_file(tmp_path / "b.csv", times, times)

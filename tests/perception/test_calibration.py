@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -168,6 +169,87 @@ def test_views_that_cannot_tell_are_refused() -> None:
         ]
         with pytest.raises(InvalidRequestError, match="hardly turns between the pictures"):
             hand_eye(views(seen, held), CAMERA, "hand")
+
+
+def computed_views(seed: int, mount: Mount = "hand", camera: CameraModel = CAMERA) -> Any:
+    """Views of an exact arm, with 0.15 pixel of noise; and the camera's true pose."""
+    truth, seen, hands = views_from(12, seed, mount)
+    rng = np.random.default_rng([seed, 2])
+    across, down = np.meshgrid(np.arange(1, 7), np.arange(1, 5))
+    places = 0.03 * np.column_stack([across.ravel(), down.ravel(), np.zeros(24)])
+    noise = rng.normal(0.0, 0.15, (len(seen), 24, 2))
+    return truth, [
+        BoardView(str(k), hand, places, camera.pixels(view @ places) + noise[k])
+        for k, (view, hand) in enumerate(zip(seen, hands, strict=True))
+    ]
+
+
+def with_hands(views: list[BoardView], hands: list[Pose]) -> list[BoardView]:
+    return [view._replace(hand=hand) for view, hand in zip(views, hands, strict=True)]
+
+
+MISTAKES: dict[str, tuple[Any, str]] = {
+    "inverse": (lambda h: [one.inverse() for one in h], "wrong way round"),
+    "xyzw": (lambda h: [Pose(o.position, np.roll(o.orientation, -1)) for o in h], "x, y, z, w;"),
+    "late": (lambda h: [h[0], *h[:-1]], "late by one picture"),
+    "early": (lambda h: [*h[1:], h[-1]], "early by one picture"),
+    "inverse in mm": (
+        lambda h: [Pose(1e3 * o.inverse().position, o.inverse().orientation) for o in h],
+        "beyond 10 m: millimetres",
+    ),
+    "both": (
+        lambda h: [
+            Pose(o.inverse().position, np.roll(o.inverse().orientation, -1)) for o in h
+        ],
+        "wrong way round.*, and the orientations are told as x, y, z, w",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_fit_that_failed_is_refused_with_what_is_probably_wrong(mistake: str) -> None:
+    mount: Mount = "base" if mistake in ("late", "both") else "hand"
+    _, views = computed_views(61200, mount)
+    wrong, said = MISTAKES[mistake]
+    with pytest.raises(InvalidRequestError, match=said):
+        hand_eye(with_hands(views, wrong([view.hand for view in views])), CAMERA, mount)
+
+
+def test_hands_without_any_order_are_refused_without_a_reason() -> None:
+    _, views = computed_views(61201)
+    order = np.random.default_rng(61202).permutation(len(views))
+    with pytest.raises(InvalidRequestError, match=r"no pose of the camera fits.*Compare --poses"):
+        hand_eye(with_hands(views, [views[k].hand for k in order]), CAMERA, "hand")
+
+
+@pytest.mark.parametrize("share", [0.95, 1.05])
+def test_the_told_deviation_counts_wrong_intrinsics(share: float) -> None:
+    truth, views = computed_views(61203)
+    wrong = replace(CAMERA, fx=share * CAMERA.fx, fy=share * CAMERA.fy)
+    told = hand_eye(views, wrong, "hand")
+    away = float(np.linalg.norm(told.camera.pose.position - truth.position))
+    assert away > 0.009
+    assert 0.5 < away / np.linalg.norm(told.sigma) < 2.0
+    assert len(told.doubts) == 1
+    assert "intrinsics are wrong" in told.doubts[0]
+
+
+def test_the_told_deviation_counts_a_board_that_is_printed_too_small() -> None:
+    truth, views = computed_views(61204)
+    told = hand_eye([v._replace(places=1.03 * v.places) for v in views], CAMERA, "hand")
+    away = float(np.linalg.norm(told.camera.pose.position - truth.position))
+    assert 0.5 < away / np.linalg.norm(told.sigma) < 2.0
+    assert "sides are 0.97 times as long" in told.doubts[0]
+    with pytest.raises(InvalidRequestError, match=r"sides are 0\.001 times as long as told"):
+        hand_eye([v._replace(places=1e3 * v.places) for v in views], CAMERA, "hand")
+
+
+def test_tools_that_no_pose_fits_are_refused() -> None:
+    rng = np.random.default_rng(61205)
+    base = rng.uniform([0.3, -0.2, 0.1], [0.7, 0.3, 0.6], (12, 3))
+    tools = [SeenTool(str(k), *pair) for k, pair in enumerate(zip(base, base[::-1], strict=True))]
+    with pytest.raises(InvalidRequestError, match="no pose of the camera fits"):
+        by_tool(tools, CAMERA)
 
 
 @pytest.mark.parametrize(

@@ -163,7 +163,8 @@ def test_pictures_round_trip(shot: Photograph, tmp_path: Path) -> None:
     ("change", "told"),
     [({"fx": 0.0}, "fx"), ({"width": "wide"}, "width"), ({"focal": 3.0}, "focal"),
      ({"orientation": [1.0, 1.0, 0.0, 0.0]}, "orientation"), ({"depth_scale": 1000}, "depth_scale"),
-     ({"cx": float("nan")}, "cx"), ({"width": 640.5}, "width")],
+     ({"cx": float("nan")}, "cx"), ({"width": 640.5}, "width"),
+     ({"position": [30.0, -530.0, 600.0]}, "801.1 m from .* beyond 10 m: millimetres?")],
 )  # fmt: skip
 def test_a_wrong_camera_is_refused_by_its_field(change: dict[str, object], told: str) -> None:
     right = {"width": 640, "height": 480, "fx": 480.0, "fy": 480.0, "cx": 319.5, "cy": 239.5}
@@ -208,3 +209,24 @@ def test_without_a_ripe_fruit_there_is_no_scene_but_an_answer(
     (record,) = json.loads(done.stdout)["pictures"]
     assert record["scene"] is None
     assert "no ripe fruit" in record["message"]
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [(0.0, "the depth is 0 at every pixel: nothing was measured"),
+     (0.25, "with 4 times these, 1 ripe are seen: compare the unit of depth"),
+     (10.0, "with 0.1 times these, 1 ripe are seen: compare the unit of depth")],
+)  # fmt: skip
+def test_depths_in_other_units_are_named_where_no_fruit_is_seen(
+    factor: float, said: str, shot: Photograph, tmp_path: Path
+) -> None:
+    picture = shot.picture
+    np.savez(tmp_path / "a.npz", depth=factor * picture.depth)
+    for name, content in picture_files("a", picture).items():
+        (tmp_path / name).write_bytes(content)
+    words = ["see", "--rgb", "a.rgb.png", "--depth", "a.npz", "--camera", "a.camera.json"]
+    words = [str(tmp_path / word) if word.startswith("a.") else word for word in words]
+    done = CliRunner().invoke(app, [*words, "--json"])
+    (record,) = json.loads(done.stdout)["pictures"]
+    assert done.exit_code == 1
+    assert said in record["message"]

@@ -2,6 +2,7 @@
 
 import json
 import time
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -279,6 +280,33 @@ def test_bad_starts(start: np.ndarray, message: str, three: Scene) -> None:
     with pytest.raises(StartInvalidError, match=message) as caught:
         plan(replace(three, start=start))
     assert caught.value.code is Code.START_INVALID
+
+
+@pytest.mark.parametrize("beyond", [1e-9, 1e-4, 1.9e-3])
+def test_a_start_or_a_goal_beyond_a_limit_by_noise_is_at_the_limit(
+    three: Scene, beyond: float
+) -> None:
+    """The start was refused with two equal numbers; the goal was searched for, and invalid."""
+    robot = load_robot("panda")
+    inner = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.0])
+    outer = np.array([0.0, -0.3, 0.0, robot.lower[3] - beyond, 0.0, 3.0, 0.8])
+    for start, goal in ((outer, inner), (inner, outer)):
+        asked = replace(three, objects=(), start=start, goal=JointGoal(goal))
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            task = resolve(asked)
+        words = " ".join(str(each.message) for each in told)
+        assert ("joint4 is" in words and "moved to the limit" in words) == (beyond > 1e-6)
+        assert robot.lower[3] in (task.start[3], task.goal.joints[3])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert_success(plan(replace(three, objects=(), start=outer, goal=JointGoal(inner))))
+
+
+def test_a_start_farther_beyond_a_limit_is_refused_with_the_tolerance(three: Scene) -> None:
+    start = np.array([0.0, -0.3, 0.0, load_robot("panda").lower[3] - 3e-3, 0.0, 3.0, 0.8])
+    with pytest.raises(StartInvalidError, match=r"joint4 is -3.0748, .* by more than 0.002"):
+        resolve(replace(three, start=start))
 
 
 def test_bad_goals_in_joints(three: Scene) -> None:

@@ -1,3 +1,4 @@
+import json
 import warnings
 from pathlib import Path
 
@@ -131,14 +132,14 @@ def test_csv_with_a_demo_column(tmp_path: Path) -> None:
         ("", "empty"),
         ("0,1,2\n1,2,3\n", "line 1: expected a header"),
         ("time\n0\n1\n", "header"),
-        ("time;q1\n0;1\n", "header"),
+        ("time;q1\n0;1\n", "line 1: its columns are separated by semicolons: must be by commas"),
+        ("time\tq1\n0\t1\n", "separated by tabs"),
         ("time,q1\n", "no demonstrations"),
         ("time,q1\n0,1\n", "at least 2"),
         ("time,q1\n0,1\n1,x\n", "line 3: q1 is 'x'"),
         ("time,q1\n0,1\n1,nan\n", "line 3: q1 is 'nan'"),
         ("time,q1\n0,1\n1,\n", "line 3: q1 is ''"),
         ("time,q1\n0,1,5\n1,2,5\n", "line 2: 3 values"),
-        ("time,q1\n0,1\n0,2\n", "increase"),
         ("time,q1,q1\n0,1,1\n1,2,2\n", "'q1' appears twice"),
         ("demo,time,q1\na,0,1\na,1,1\nb,0,1\n", "demo b: .*at least 2"),
     ],
@@ -245,3 +246,85 @@ def test_what_runs_backwards_or_stands_still_is_told(tmp_path: Path) -> None:
     ):
         with pytest.warns(UserWarning, match=f"demonstration 1 stands still for the {which} 6"):
             load_demonstrations(recorded(tmp_path / "still.csv", rows[0], late, rows[2]))
+
+
+def test_time_that_runs_back_cuts_a_file_and_rows_of_one_time_are_left_out(tmp_path: Path) -> None:
+    """By the rule of bags: both parts stay, and what is left out is told."""
+    rows = [(0.01 * k, 0.1 * k) for k in range(40)] + [(0.01 * k, 9.0 - 0.1 * k) for k in range(30)]
+    rows[5], rows[6] = rows[6], rows[5]  # which overtook each other
+    rows.insert(10, rows[10])
+    path = tmp_path / "d.csv"
+    path.write_text("time,q1\n" + "".join(f"{t:.3f},{q:.3f}\n" for t, q in rows))
+    with pytest.warns(UserWarning, match="the time") as told:
+        first, second = load_demonstrations(path)
+    np.testing.assert_allclose(first.positions[:, 0], 0.1 * np.arange(40), atol=1e-12)
+    np.testing.assert_allclose(second.positions[:, 0], 9.0 - 0.1 * np.arange(30), atol=1e-12)
+    words = " ".join(str(each.message) for each in told)
+    assert "the time runs back by 0.39 at row 41: cut there, and both parts are read" in words
+    assert "1 of 71 rows have the time of another: left out" in words
+
+
+def wrapped(angles: np.ndarray, full: bool) -> np.ndarray:
+    """As an encoder reports them: from 0 to a full turn, or within half a turn of zero."""
+    turn = 2.0 * np.pi
+    return angles % turn if full else (angles + np.pi) % turn - np.pi
+
+
+def test_a_wrist_that_passes_half_a_turn_is_one_motion(tmp_path: Path) -> None:
+    """A joint without limits has the mean of its motions, not of its numbers."""
+    s = np.linspace(0.0, 1.0, 101)[:, None]
+    noise = np.random.default_rng(0).normal(0.0, 0.02, (6, 2))
+    motions = [np.array([2.9, 0.1]) + s * [0.7, 0.5] + n for n in noise]
+    path = recorded(
+        tmp_path / "d.csv",
+        *(np.column_stack([wrapped(m[:, 0], k % 2), m[:, 1]]) for k, m in enumerate(motions)),
+    )
+    wanted = np.mean([m - motions[0][0] for m in motions], axis=0)
+    limits = np.array([-np.inf, -3.0]), np.array([np.inf, 3.0])
+    found = load_demonstrations(path).for_robot(("a", "b"), *limits, "here")
+    learnt = fit(found).mean_trajectory(101)
+    np.testing.assert_allclose(learnt - learnt[0], wanted - wanted[0], atol=0.02)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_episodes_of_lerobot_are_demonstrations(tmp_path: Path, version: int) -> None:
+    pa = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    rng, tables, wanted = np.random.default_rng(0), [], []
+    for k in range(3):
+        q = np.cumsum(rng.normal(0.0, 0.01, (20 + k, 3)), axis=0).astype(np.float32)
+        wanted.append(q[:, :2])
+        tables.append(
+            pa.table({
+                "observation.state": pa.FixedSizeListArray.from_arrays(pa.array(q.ravel()), 3),
+                "timestamp": pa.array(np.arange(len(q)) / 30.0, pa.float32()),
+                "episode_index": pa.array(np.full(len(q), k)),
+            })
+        )  # fmt: skip
+    folder = tmp_path / "set"
+    (folder / "data" / "chunk-000").mkdir(parents=True)
+    (folder / "meta").mkdir()
+    whole = {"file-000": pa.concat_tables(tables)}
+    apart = {f"episode_{k:06d}": table for k, table in enumerate(tables)}
+    for name, table in (whole if version == 3 else apart).items():
+        parquet.write_table(table, folder / "data" / "chunk-000" / f"{name}.parquet")
+    names = ["elbow.pos", "lift.pos", "gripper.pos"]
+    state = {"names": names if version == 3 else {"motors": names}}
+    info = {"features": {"observation.state": state}}
+    (folder / "meta" / "info.json").write_text(json.dumps(info))
+    with pytest.warns(UserWarning, match="gripper: left out"):
+        found = load_demonstrations(folder)
+    assert found.joint_names == ("elbow", "lift")
+    for one, q in zip(found, wanted, strict=True):
+        np.testing.assert_allclose(one.positions, q, atol=1e-6)
+        assert one.times[-1] == pytest.approx((len(q) - 1) / 30.0, abs=1e-5)
+    (folder / "meta" / "info.json").write_text("{}")
+    with pytest.raises(InvalidDemonstrationError, match="no LeRobot dataset with"):
+        load_demonstrations(folder)
+
+
+def test_a_minari_dataset_is_refused_by_name(tmp_path: Path) -> None:
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "metadata.json").write_text("{}")
+    with pytest.raises(InvalidDemonstrationError, match="is a Minari dataset"):
+        load_demonstrations(tmp_path)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from tests.robots.arms import (
     ARM,
     CAMERA,
@@ -366,3 +367,60 @@ def test_words_of_names() -> None:
     assert {"left", "finger", "finger2", "joint"} <= words_of("leftFinger2_joint")
     assert {"l", "finger"} <= words_of("LFinger21")
     assert "hand" not in words_of("handle_joint")
+
+
+BOX = '<collision><geometry><box size="0.04 0.04 0.2"/></geometry></collision>'
+
+
+def built(*joints: str) -> str:
+    """A robot of revolute joints "name parent child axis more", each of whose links has a box."""
+    links, out = ["base"], []
+    for each in joints:
+        name, parent, child, axis, *more = each.split(" ", 4)
+        links.append(child)
+        limit = '<limit lower="-2" upper="2" velocity="2" effort="50"/>' + "".join(more)
+        out.append(
+            f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+            f'<origin xyz="0 0 0.25"/><axis xyz="{axis.replace(",", " ")}"/>{limit}</joint>'
+        )
+    bodies = "".join(f"<link name={name!r}>{BOX}</link>" for name in links)
+    return f'<robot name="r">{bodies}{"".join(out)}</robot>'
+
+
+ARM3 = ("j1 base a 0,0,1", "j2 a b 0,1,0", "j3 b c 0,1,0", "j4 c d 1,0,0")
+
+
+def test_bars_of_a_linkage_hold_no_joint_before_them(write: Callable[..., Path]) -> None:
+    """The turning base was held, as the bars beside the arm counted for another limb."""
+    path = write(built(*ARM3, "q1 a p1 0,1,0", "q2 p1 p2 0,-1,0"))
+    with pytest.warns(UserWarning, match="joint q1 and what it carries look like bars"):
+        robot = load_robot(path)
+    assert robot.joint_names == ("j1", "j2", "j3", "j4")
+    assert robot.held_joints == ("q1", "q2")
+
+
+def test_couplings_may_stand_in_a_robot_file(write: Callable[..., Path]) -> None:
+    """As of a lift of two stages that one motor drives."""
+    write(built(*ARM3))
+    words = {"format": 1, "name": "r", "urdf": "robot.urdf"}
+    words["mimic"] = {"j3": {"joint": "j2", "multiplier": -0.5, "offset": 0.2}}
+    robot = load_robot(write(yaml.safe_dump(words), "r.yaml"))
+    assert robot.joint_names == ("j1", "j2", "j4")
+    np.testing.assert_allclose(robot.kinematics.multiplier, [1.0, 1.0, -0.5, 1.0])
+    np.testing.assert_allclose(robot.kinematics.offset, [0.0, 0.0, 0.2, 0.0])
+    words["mimic"] = {"j5": {"joint": "j2"}}
+    with pytest.raises(InvalidRobotError, match=r"mimic: 'j5'.*j4"):
+        load_robot(write(yaml.safe_dump(words), "r.yaml"))
+    words["mimic"] = {"j3": {"joint": "j3"}}
+    with pytest.raises(InvalidRobotError, match="mimic: joint 'j3' mimics itself"):
+        load_robot(write(yaml.safe_dump(words), "r.yaml"))
+
+
+def test_soft_limits_are_the_limits_where_they_are_narrower(write: Callable[..., Path]) -> None:
+    soft = '<safety_controller soft_lower_limit="{}" soft_upper_limit="{}" k_velocity="20"/>'
+    parts = ("j1 base a 0,0,1 " + soft.format(-1.5, 1.0), "j2 a b 0,1,0 " + soft.format(0, 0),
+             "j3 b c 0,1,0 " + soft.format(-9, 9))  # fmt: skip
+    with pytest.warns(UserWarning, match=r"'j1' <safety_controller> narrows its limits to \[-1.5"):
+        robot = load_robot(write(built(*parts)))
+    np.testing.assert_allclose(robot.lower, [-1.5, -2.0, -2.0])
+    np.testing.assert_allclose(robot.upper, [1.0, 2.0, 2.0])

@@ -289,3 +289,47 @@ def test_a_process_that_ends_early_or_goes_on_is_told_of(
     assert "cannot be read within 0.001 s" in run(time=0.001)
     assert "arm.xml: reading it ended with" in run(memory=6e7)
     assert "arm.xml: compiles to more than" in run(output=100)
+
+
+CHAIN = """<mujoco model="chain"><compiler angle="radian"/><worldbody>
+  <body name="mark" {mocap} pos="0.2 0 0"><geom type="box" size=".5 .01 .01" contype="0"
+   conaffinity="0"/></body>
+  <body name="base"><geom type="box" size=".06 .06 .05" contype="0" conaffinity="0"/>
+    <body name="b1" pos="0 0 .1"><joint name="j1" axis="0 0 1" range="-3 3"/>
+      <geom type="sphere" size=".05"/>
+      <body name="b2" pos="0 0 .3"><joint name="j2" axis="0 1 0" range="-2 2"/>
+        <geom type="capsule" size=".02" fromto="0 0 0 .3 0 0"/>
+        <body name="b3" pos=".3 0 0"><joint name="j3" axis="0 1 0" range="-2 2"/>
+          <joint name="j4" axis="1 0 0" range="-2 2"/><geom type="sphere" size=".03"/>
+          <site name="attachment_site" pos="0 0 .05"/></body>
+      </body>
+      <body name="rod" pos="-.1 0 .1"><joint name="rod" axis="0 1 0" range="-2 2"/>
+        <geom type="capsule" size=".01" fromto="0 0 0 0 0 .2"/></body>
+    </body>
+  </body></worldbody>{more}</mujoco>"""
+
+
+@pytest.mark.parametrize("mocap", ['mocap="true"', ""], ids=["mocap", "still"])
+def test_marks_that_touch_nothing_are_no_obstacles(tmp_path: Path, mocap: str) -> None:
+    path = tmp_path / "chain.xml"
+    path.write_text(CHAIN.format(mocap=mocap, more=""))
+    for _ in range(2):  # as two runs, the second of which could read the robot from the cache
+        reading._held.clear()
+        with pytest.warns(UserWarning, match="mark: left out, as it touches nothing"):
+            robot = load_robot(path)
+    assert "mark" not in robot.link_names
+    assert {robot.link_names[k] for k in robot.spheres.link} >= {"base", "b1", "b2", "b3", "rod"}
+
+
+@pytest.mark.filterwarnings("ignore:.*left out, as it touches nothing")
+def test_an_arm_in_a_closed_loop_is_refused_by_name(tmp_path: Path) -> None:
+    loop = '<equality><connect name="close" body1="rod" body2="b2" anchor="0 0 .2"/></equality>'
+    path = tmp_path / "chain.xml"
+    path.write_text(
+        CHAIN.format(mocap="", more=loop).replace('<body name="mark"', '<body name="m"')
+    )
+    with pytest.raises(InvalidRobotError, match="joint 'j2' is in a loop that 'close' closes"):
+        load_robot(path)
+    led = '<equality><weld name="lead" body1="mark" body2="b3"/></equality>'
+    path.write_text(CHAIN.format(mocap='mocap="true"', more=led))
+    assert load_robot(path).joint_names == ("j1", "j2", "j3", "j4")

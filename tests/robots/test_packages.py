@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.library import load_robot
+from optipromp.readers.packages import package_folders
 
 Writer = Callable[..., Path]
 TETRAHEDRON = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]])
@@ -156,3 +157,16 @@ def test_xacro_without_the_extra(write: Writer, monkeypatch: pytest.MonkeyPatch)
         "xacro robot.urdf.xacro > robot.urdf",
     ):
         assert word in caught.value.message
+
+
+def test_a_package_has_the_name_that_its_package_xml_states(tmp_path: Path) -> None:
+    folder = tmp_path / "arm-main"
+    (folder / "meshes").mkdir(parents=True)
+    words = "<?xml version='1.0'?><!-- <name>other</name> --><package format='3'>{}</package>"
+    (folder / "package.xml").write_text(words.format("<name>arm_description</name>"))
+    (folder / "urdf").mkdir()
+    inside, beside = folder / "urdf" / "a.urdf", tmp_path / "b.urdf"
+    assert package_folders("arm_description", inside) == [folder]
+    assert package_folders("arm_description", beside) == [folder]
+    assert package_folders("arm_description", beside, [folder]) == [folder]
+    assert package_folders("other", inside) == []

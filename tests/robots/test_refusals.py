@@ -165,6 +165,31 @@ def test_mimic_limits_with_nothing_in_common(urdf: Writer, joint: Callable[..., 
     refused(urdf(joint("ab", "a", "b") + still), "'bc'", "stands at 5")
 
 
+@pytest.mark.parametrize(
+    ("shape", "words"),
+    [
+        ('<sphere radius="0"/>', ["'a'", "radius is 0", "positive"]),
+        ('<mesh filename="x.stl" scale="0 1 1"/>', ["scale", "zero"]),
+    ],
+)
+def test_shapes_without_size_are_left_out_where_they_only_show(
+    urdf: Writer, joint: Callable[..., str], shape: str, words: list[str]
+) -> None:
+    part = f"<{{0}}><geometry>{shape}</geometry></{{0}}>"
+    ball = '<collision><geometry><sphere radius="0.02"/></geometry></collision>'
+    links = f'<link name="a">{part}</link><link name="b">{ball}</link><link name="c"/>'
+    refused(urdf(links=links.format("collision")), *words)
+    robot = load_robot(urdf(links=links.format("visual")))
+    assert {robot.link_names[k] for k in robot.spheres.link} == {"b"}
+
+
+def test_a_mesh_that_is_a_pointer_is_named(urdf: Writer, write: Writer) -> None:
+    write("version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 684\n", "a.stl")
+    mesh = '<collision><geometry><mesh filename="a.stl"/></geometry></collision>'
+    links = f'<link name="a">{mesh}</link><link name="b"/><link name="c"/>'
+    refused(urdf(links=links), "a.stl", "pointer of Git LFS", "git lfs pull")
+
+
 def test_duplicate_link(urdf: Writer) -> None:
     refused(urdf(links='<link name="a"/><link name="a"/>'), "link 'a'", "twice")
 
@@ -172,7 +197,6 @@ def test_duplicate_link(urdf: Writer) -> None:
 @pytest.mark.parametrize(
     ("shape", "words"),
     [
-        ('<sphere radius="0"/>', ["'a'", "radius is 0", "positive"]),
         ('<sphere radius="1e-160"/>', ["radius is 1e-160", "positive, 1 nm at least"]),
         ('<box size="1 1e-160 1"/>', ["1 1e-160 1", "1 nm at least"]),
         ('<sphere radius="-0.1"/>', ["radius is -0.1"]),
@@ -185,7 +209,6 @@ def test_duplicate_link(urdf: Writer) -> None:
         ("", ["needs one <geometry>"]),
         ('<sphere radius="1"/><sphere radius="1"/>', ["one shape"]),
         ("<mesh/>", ["no filename"]),
-        ('<mesh filename="x.stl" scale="0 1 1"/>', ["scale", "zero"]),
         ('<mesh filename="missing.stl"/>', ["'a'", "missing.stl", "no such file"]),
         ('<mesh filename="package://pkg/meshes/a.stl"/>', ["package://pkg", "no such file"]),
     ],

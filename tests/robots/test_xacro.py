@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRobotError, InvalidSceneError
 from optipromp.core.robots import load_robot
+from optipromp.core.robots.library import Choice, load_arm
 from optipromp.core.scenes import load_scene, save_scene
 from optipromp.readers import packages
 
@@ -174,3 +175,10 @@ def _both(folder: Path) -> Path:
     (folder / "parts.xacro").write_text(PARTS % HINGE)
     (folder / "arm.xacro").write_text(ARM)
     return folder / "arm.xacro"
+
+
+def test_an_argument_may_be_used_that_no_file_declares(arm: Path) -> None:
+    arm.write_text(ARM.replace('name="r"', 'name="$(arg model)"'))
+    with pytest.raises(InvalidRobotError, match="argument model: give it, as --robot-arg model="):
+        load_robot(arm)
+    assert load_arm(str(arm), choice=Choice(args={"model": "mine"}))[0].name == "mine"

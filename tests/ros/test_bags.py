@@ -160,3 +160,11 @@ def test_a_damaged_bag_is_read_or_refused(tmp_path: Path, name: str) -> None:
             list(read_bag(tmp_path / "bag.mcap" if name == "bag.mcap" else tmp_path / "bag"))
             read += 1
     assert read < 90
+
+
+def test_a_bag_of_ros_1_says_how_to_convert_it(tmp_path: Path) -> None:
+    (tmp_path / "old.bag").write_bytes(b"#ROSBAG V2.0\n")
+    with pytest.raises(
+        InvalidRequestError, match=r"ROS 1: convert it by 'rosbags-convert --src old"
+    ):
+        list(read_bag(tmp_path / "old.bag"))

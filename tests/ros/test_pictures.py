@@ -240,6 +240,25 @@ def test_joint_states_tell_where_a_camera_on_the_hand_was(tmp_path: Path) -> Non
         list(bag_pictures(tmp_path / "bare.mcap", SCENE, camera=camera))
 
 
+def test_depth_of_another_imager_or_moment_is_refused_by_name(
+    shot: Photograph, tmp_path: Path
+) -> None:
+    (tmp_path / "camera.json").write_text(json.dumps(shot.picture.camera.document()))
+    about, colour, far = recorded(shot, EPOCH)
+    far.message.header.frame_id = "camera_depth_optical_frame"
+    aligned = far._replace(topic="/cam/aligned_depth_to_color/image_raw")
+    late = recorded(shot, EPOCH + SECOND // 10)[2]
+    said = {}
+    for name, depth in (("raw", far), ("aligned", aligned), ("late", late)):
+        write_bag(tmp_path / f"{name}.mcap", [about, colour, depth])
+        said[name] = see("--bag", tmp_path / f"{name}.mcap", "--camera", tmp_path / "camera.json",
+                         "--out", tmp_path / name)  # fmt: skip
+    assert "depth is of the imager 'camera_depth_optical_frame'" in said["raw"].stderr
+    assert "aligned_depth_to_color" in said["raw"].stderr
+    assert said["aligned"].exit_code == 0
+    assert "0.1 s apart at least, must be 0.02 at most" in said["late"].stderr
+
+
 def test_a_bag_without_pictures_says_what_it_has(shot: Photograph, tmp_path: Path) -> None:
     items = recorded(shot, EPOCH)
     write_bag(tmp_path / "no-depth.mcap", items[:2])

@@ -106,12 +106,65 @@ def test_messages_twice_and_out_of_order_are_put_right(tmp_path: Path) -> None:
     times, q = guided(2, noise=0.0)
     items = joint_states(times, q)
     mixed = [*items[::2], *items[1::2], *items[:50]]
-    one, other = (
-        load_recording(bag(tmp_path, part, name), JOINTS)
-        for part, name in ((items, "a.mcap"), (mixed, "b.mcap"))
-    )
+    one = load_recording(bag(tmp_path, items, "a.mcap"), JOINTS)
+    with pytest.warns(UserWarning, match=f"50 of {len(mixed)} rows have the time of another"):
+        other = load_recording(bag(tmp_path, mixed, "b.mcap"), JOINTS)
     for a, b in zip(one.demonstrations, other.demonstrations, strict=True):
         assert np.array_equal(a.positions, b.positions)
+
+
+@pytest.mark.parametrize("name", ["back.mcap", "back"])
+@pytest.mark.parametrize("logged", [True, False], ids=["both clocks", "the header's clock"])
+def test_a_clock_that_is_set_back_cuts_and_both_parts_stay(
+    tmp_path: Path, name: str, logged: bool
+) -> None:
+    """Sorted by time, the parts were mixed to motions of 3 rad/s that never were."""
+    times, q = guided(3, noise=0.0)
+    middle = STILL + 1.5 * MOVE + STILL  # of the second motion
+    items = joint_states(times, q)
+    for k, item in enumerate(items):
+        if times[k] > middle:
+            item.message.header.stamp.sec -= 3
+            items[k] = item._replace(stamp=item.stamp - 3 * 10**9) if logged else item
+    with pytest.warns(UserWarning, match=r"the time runs back by 2\.9.* at row \d+: cut there"):
+        found = load_recording(bag(tmp_path, items, name), JOINTS)
+    assert [cut.whole for cut in found.cuts] == [True, False, False, True]
+    true = np.abs(np.diff(q, axis=0) / np.diff(times)[:, None]).max()
+    for item in found.demonstrations:
+        speeds = np.diff(item.positions, axis=0) / np.diff(item.times)[:, None]
+        assert np.abs(speeds).max() < 1.05 * true
+
+
+def test_rows_of_one_time_are_left_out_with_a_word(tmp_path: Path) -> None:
+    items = joint_states(*guided(2, noise=0.0))
+    with pytest.warns(UserWarning, match=rf"{len(items)} of {2 * len(items)} rows have the time"):
+        found = load_recording(bag(tmp_path, [*items, *items]), JOINTS)
+    assert len(found.demonstrations) == 2
+
+
+def test_the_joints_of_an_arm_may_be_in_two_messages(tmp_path: Path) -> None:
+    times, q = guided(2, noise=0.0)
+    names = [f"left_{joint}" for joint in JOINTS]
+    items = []
+    for k, (whole, later) in enumerate(
+        zip(joint_states(times, q), joint_states(times + 0.003, q), strict=True)
+    ):
+        for part, item in ((slice(4), whole), (slice(4, 7), later)):
+            one = message(
+                "sensor_msgs/msg/JointState", header=item.message.header, name=names[part],
+                position=q[k][part],
+            )  # fmt: skip
+            items.append(Recorded("/joint_states", one, item.stamp))
+    found = load_recording(bag(tmp_path, items), JOINTS)
+    whole_arm = load_recording(bag(tmp_path, joint_states(times, q), "whole.mcap"), JOINTS)
+    assert found.demonstrations.joint_names == JOINTS
+    for a, b in zip(found.demonstrations, whole_arm.demonstrations, strict=True):
+        assert abs(a.times[-1] - b.times[-1]) < 0.03
+        at = np.linspace(0.0, 1.0, 20)
+        for one, other in zip(a.positions.T, b.positions.T, strict=True):
+            assert (
+                np.abs(np.interp(at, a.phases, one) - np.interp(at, b.phases, other)).max() < 0.02
+            )
 
 
 def test_what_holds_no_demonstration_is_refused(tmp_path: Path) -> None:

@@ -5,6 +5,8 @@ import json
 import math
 import os
 import pickle
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -249,7 +251,7 @@ def test_yaml_reads_as_one_would_think(tmp_path, encoding):
         "  - &fruit {id: on, role: target, shape: &s {sphere: {radius: 15e-3}},\n"
         "            position: [0, 1, 0]}\n"
         "  - {id: 'Kirsche ü', role: avoid, shape: *s, position: [0, 1, 1]}\n"
-        "  - {<<: *fruit, id: 1:30, role: pushable}\n",
+        "  - {<<: *fruit, id: 1:30, role: pushable, position: [0, 2, 0]}\n",
         encoding=encoding,
     )
     scene = load_scene(path)
@@ -294,3 +296,18 @@ def test_what_is_chosen_of_a_robots_file(tmp_path, monkeypatch):
         scene_from_dict(MINIMAL | {"robot": robot | {"tip": 3}})
     with pytest.raises(InvalidSceneError, match=r"robot\.file is missing"):
         scene_from_dict(MINIMAL | {"robot": {"tip": "x"}})
+
+
+def test_lengths_in_millimetres_are_not_written(tmp_path: Path) -> None:
+    """Our writer stated that they were metres, and so disarmed the check of whoever reads them."""
+    scene = scene_from_dict(with_fruit())
+    far = [replace(scene.objects[0], position=1e3 * scene.objects[0].position)]
+    with pytest.raises(InvalidSceneError, match=r"m from the robot .*millimetres"):
+        save_scene(replace(scene, objects=(*far, *scene.objects[1:])), tmp_path / "s.yaml")
+    assert not (tmp_path / "s.yaml").exists()
+
+
+def test_a_fruit_that_was_detected_twice_is_told() -> None:
+    fruits = [FRUIT, FRUIT | {"id": "again", "role": "pushable"}]
+    with pytest.warns(UserWarning, match="'again' are 0 mm apart: one fruit that was detected"):
+        scene_from_dict(MINIMAL | {"objects": fruits})

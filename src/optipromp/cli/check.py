@@ -242,7 +242,8 @@ def _demonstrations(item: str) -> dict[str, Any]:
     from optipromp.cli.learn import read_any
 
     recorded, _ = read_any(Path(item))
-    _warn_if_nameless(item, recorded.joint_names)
+    if not recorded.named:
+        _warn_if_nameless(item, recorded.joint_names)
     lengths = [len(demonstration.times) for demonstration in recorded]
     return {
         "joints": list(recorded.joint_names),

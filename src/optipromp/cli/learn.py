@@ -129,16 +129,16 @@ def _read(
     nameless = unnamed(recorded.joint_names)
     if robot is not None and joints is not None:
         if nameless and len(joints) == recorded.n_joints and recorded.joint_names != joints:
+            told = (
+                "calls its joints joint_1, joint_2 and so on" if recorded.named else "has no names"
+            )
             warnings.warn(
-                f"{path} has no joint names; its columns are taken to be {', '.join(joints)}, in "
-                "this order",
+                f"{path} {told}; its columns are taken to be {', '.join(joints)}, in this order",
                 stacklevel=1,
             )
             recorded = Demonstrations(recorded.items, joints)
-        recorded = recorded.for_joints(joints, str(path))
-        recorded.check_limits(robot.lower, robot.upper, str(path))
-        return recorded, recording
-    if nameless:
+        return recorded.for_robot(joints, robot.lower, robot.upper, str(path)), recording
+    if nameless and not recorded.named:
         warnings.warn(f"{path} {NAMELESS}", stacklevel=1)
     return recorded, recording
 

@@ -106,11 +106,14 @@ def see(
         scene = scene if grown is None else replace(scene, crop=grown)
         picture = _load(each, scene)
         began = time.perf_counter()
-        from optipromp.perception.eyes import look_at
+        from optipromp.perception.eyes import doubt_of, look_at
 
         sight = look_at(picture, up=scene.up, finder=eye)
         took = time.perf_counter() - began
         record, told = _answer(sight, scene, each, took)
+        if record["scene"] is None and (doubt := doubt_of(picture, up=scene.up, finder=eye)):
+            record["message"] += f"; {doubt}"
+            told = [f"{told[0]}; {doubt}", *told[1:]]
         drawn = each.out.with_suffix(OVERLAY)
         write_atomically(drawn, png_file(overlay(picture, sight)))
         records.append({**record, "overlay": str(drawn)})
@@ -359,6 +362,8 @@ def calibrate(
             found = hand_eye(views, model, mount)
     for name in without:
         show_warning(f"{name}: the board was not found")
+    for words in found.doubts:
+        show_warning(f"{words}: the standard deviation counts what that moves")
     write_atomically(out, json_text(found.camera.document()).encode())
     return Report(_document(found, out, without), _shown(found, out))
 
@@ -370,6 +375,7 @@ def _document(found: "HandEye", out: Path, without: tuple[str, ...]) -> dict[str
         "camera": found.camera.document(),
         "sigma": found.sigma.tolist(),
         "sigma_deg": found.sigma_degree,
+        "doubts": list(found.doubts),
         "left_out_moves": found.spread,
         "left_out_turns_deg": found.spread_degree,
         "residual": {name: found.total(name) for name in ("pixel", "metre", "degree")},

@@ -292,6 +292,12 @@ def read_table(path: Path, error: type[OptiPrompError], wanted: str) -> Table:
     if not found:
         raise error(f"{path} is empty; expected a header {wanted}")
     header = [name.strip() for name in found[0][1]]
+    for sign, name in ((";", "semicolons"), ("\t", "tabs")):
+        if len(header) == 1 and sign in header[0]:
+            raise error(
+                f"{path}, line {found[0][0]}: its columns are separated by {name}: must be by "
+                "commas, and numbers have a decimal point; save it as CSV with commas"
+            )
     for line, row in found[1:]:
         if len(row) != len(header):
             raise error(f"{path}, line {line}: {len(row)} values, the header has {len(header)}")

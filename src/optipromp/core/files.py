@@ -54,10 +54,13 @@ def file_name(text: str) -> str:
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path looks like a bag: ``.mcap``, ``.db3``, or a folder with metadata.yaml."""
+    """Whether a path looks like a bag: ``.mcap``, ``.db3``, or a folder with metadata.yaml.
+
+    A ``.bag`` of ROS 1 does too, and its reader says what to do.
+    """
     if is_folder(path):
         return is_there(path / "metadata.yaml")
-    return path.suffix.lower() in (".mcap", ".db3")
+    return path.suffix.lower() in (".mcap", ".db3", ".bag")
 
 
 FOLDERS = "OPTIPROMP_FOLDERS"

@@ -1,5 +1,6 @@
 """Trajectories: curves of joint values over time, for controllers; their CSV and NPZ files."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -21,6 +22,12 @@ derived from them do not overflow."""
 
 SHORTEST_STEP = 1e-9
 """Least time between two rows [s], chosen."""
+
+CLOSE = 5e-4
+"""[s] Rows of a file that are closer are one: controllers send no faster than 1 kHz. A choice."""
+
+SAME = 1e-4  # [rad or m] by which such rows may differ: noise and rounding, chosen
+SPARSE, FEW = 5.0, 5  # [s] between more rows than these, beyond which times look like milliseconds
 
 Motion = tuple[FloatArray, FloatArray, FloatArray]
 """Positions, velocities and accelerations, of one shape."""
@@ -366,7 +373,7 @@ def curve(
     n). Without velocities (None) the curve is the smoothest through the positions, at rest at both
     ends. Without accelerations (None), those of the cubics through positions and velocities are
     taken: the mean of both sides. ``names``: of the n columns. ``joint_names``: of the robot, in
-    its order.
+    its order. Rows closer than :data:`CLOSE` are one.
     """
     order = joint_columns(names, joint_names, "the trajectory")
     times = np.asarray(times, dtype=np.float64)
@@ -375,12 +382,50 @@ def curve(
         for values in rows
     )
     assert positions is not None
-    times = times - times[:1]
+    stated = velocities is not None and accelerations is not None
+    chosen = _knots(times, positions, joint_names, stated)
+    times, positions = times[chosen] - times[:1], positions[chosen]
+    velocities = None if velocities is None else velocities[chosen]
+    accelerations = None if accelerations is None else accelerations[chosen]
     if velocities is None:
         return Trajectory.through(positions, times, tuple(joint_names))
     if accelerations is None:
         accelerations = _of_cubics(times, positions, velocities)
     return Trajectory(times, positions, velocities, accelerations, tuple(joint_names))
+
+
+def _knots(
+    times: FloatArray, positions: FloatArray, names: Sequence[str], stated: bool
+) -> list[int]:
+    """Rows that define a curve: of rows closer than :data:`CLOSE` the first, at the end the last.
+
+    Such rows between which a joint moves are refused, unless velocities and accelerations are
+    ``stated``, too: without these they would be guessed from the step.
+    """
+    if times.ndim != 1 or len(times) != len(positions) or not np.isfinite(times).all():
+        return list(range(len(times)))  # which is refused by Trajectory
+    if not stated and len(times) > FEW and (step := np.median(np.diff(times))) > SPARSE:
+        warnings.warn(
+            f"rows are {step:.3g} s apart: are times in milliseconds? they must be in seconds",
+            stacklevel=4,
+        )
+    chosen = [0] if len(times) else []
+    for row in range(1, len(times)):
+        before = chosen[-1]
+        moved = np.abs(positions[row] - positions[before])
+        one = bool(moved.max() <= SAME)  # not where a position is not a number
+        if not 0.0 <= times[row] - times[before] < CLOSE or (stated and not one):
+            chosen.append(row)
+        elif not one:
+            joint = int(np.argmax(moved))
+            raise InvalidRequestError(
+                f"waypoints {before} and {row} are {times[row] - times[before]:.3g} s apart, and "
+                f"{names[joint]} differs by {moved[joint]:.3g}: rows closer than {CLOSE:g} s must "
+                "be the same"
+            )
+        elif row == len(times) - 1 and before > 0:
+            chosen[-1] = row
+    return chosen
 
 
 def joint_columns(names: Sequence[str], joints: Sequence[str], what: str) -> list[int]:

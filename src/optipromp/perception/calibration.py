@@ -7,8 +7,10 @@ least squares of all corners' pixels ends.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,11 +23,12 @@ from optipromp.core.documents import read_document
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.files import is_file
 from optipromp.core.parameters import Checked, parameter
+from optipromp.core.promp.demonstrations import check_limits
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.values import suggest
 from optipromp.perception.boards import Board, opencv
-from optipromp.perception.pictures import CameraModel, Mount, flange_of, read_pixels
+from optipromp.perception.pictures import CameraModel, Mount, check_near, flange_of, read_pixels
 
 OTHER = {"hand": "base", "base": "hand"}  # where the board is, by where the camera is
 
@@ -42,6 +45,12 @@ class CalibrationParameters(Checked):
     # least deviations of the hand's turns about, and of the tool's places along
     turn: float = parameter(4.0, "deg", "choice", "the second of two axes, at least")
     spread: float = parameter(0.03, "m", "choice", "the second of two axes, at least")
+    # a fit that leaves more has failed; a hand that is told in whole degrees leaves 6 mm and 1 deg
+    most_place: float = parameter(0.010, "m", "choice", "root mean square of the views, at most")
+    most_turn: float = parameter(3.0, "deg", "choice", "root mean square of the views, at most")
+    most_sigma: float = parameter(0.05, "m", "choice", "deviation of the camera's place, at most")
+    sure: float = parameter(3.0, "1", "choice", "deviations by which a camera or board is in doubt")
+    doubt: float = parameter(0.01, "1", "choice", "least error of a focal length, a centre, a side")
 
 
 class BoardView(NamedTuple):
@@ -85,11 +94,13 @@ class HandEye:
         camera: with its mount.
         residuals: of each view.
         sigma: (3,) standard deviations of the camera's place along the axes of its mount [m], by
-            the jackknife over views: it counts errors of the arm as well as of pixels.
+            the jackknife over views: it counts errors of the arm as well as of pixels. What the
+            ``doubts`` would move is added.
         sigma_degree: standard deviation of its turn, of all axes together.
         spread: largest change of the place when one view is left out [m].
         spread_degree: largest change of the turn then.
         board: pose of the board, in the other mount; None: no board.
+        doubts: intrinsics of the camera, or sides of the board, that the views contradict.
     """
 
     camera: CameraModel
@@ -99,6 +110,7 @@ class HandEye:
     spread: float
     spread_degree: float
     board: Pose | None = None
+    doubts: tuple[str, ...] = ()
 
     def total(self, what: str) -> float:
         """Root mean square over the views of ``pixel``, ``metre`` or ``degree``."""
@@ -129,22 +141,42 @@ def hand_eye(
         raise InvalidRequestError(
             f"the board is in {len(views)} pictures; must be in {p.views} at least: take 10 to 20"
         )
-    moved = [view.hand.inverse() if mount == "hand" else view.hand for view in views]
+    for view in views:
+        check_near(view.hand.position, f"{view.name}: the hand")
     _refuse_few_turns([view.hand for view in views], p)
-    seen = [_board_in(view, camera) for view in views]
-    x, z = _linear(moved, seen)
+    try:
+        found = _fitted(views, camera, mount, p)
+    except InvalidRequestError as fault:
+        reason = _reason(views, camera, mount, p)
+        raise InvalidRequestError(f"{fault.message}. {reason}") from None
+    doubts, mended = [], found
+    if intrinsics := _other_camera(views, camera, p):
+        doubts.append(intrinsics[0])
+        mended = _fitted(views, intrinsics[1], mount, p)
+    near = mended.camera.pose, mended.board
+    if sides := _other_sides(views, _two_sides(views, mended.camera, mount, near), p):
+        doubts.append(sides[0])
+        mended = _fitted(sides[1], mended.camera, mount, p)
+    # what the doubts move is a systematic error, which leaving out views does not show
+    pose, other = found.camera.pose, mended.camera.pose
+    sigma = np.hypot(found.sigma, other.position - pose.position)
+    turn = math.hypot(found.sigma_degree, _turned(pose.inverse() @ other))
+    return _checked(replace(found, sigma=sigma, sigma_degree=turn, doubts=tuple(doubts)), p)
+
+
+def _fitted(
+    views: Sequence[BoardView], camera: CameraModel, mount: Mount, p: CalibrationParameters
+) -> HandEye:
+    """The calibration without doubts; InvalidRequestError: no pose of the camera fits."""
+    moved, seen = _two_sides(views, camera, mount)
+    x, z, _ = _linear(moved, seen)
     for _ in range(2):  # weights, and of two poses of a board the right one, come from the first
-        seen, weights = [], []
-        for view, g in zip(views, moved, strict=True):
-            seen.append(_board_in(view, camera, x.inverse() @ g @ z))
+        moved, seen = _two_sides(views, camera, mount, (x, z))
+        weights = []
+        for view, g, b in zip(views, moved, seen, strict=True):
             hand = (x.inverse() @ (Pose() if mount == "hand" else g)).position
-            weights.append(_weight(view, seen[-1], hand, camera, p))
+            weights.append(_weight(view, b, hand, camera, p))
         x, z = _refined(x, z, moved, seen, weights)
-    each = []
-    for k in range(len(views)):
-        rest = [j for j in range(len(views)) if j != k]
-        part = [moved[j] for j in rest], [seen[j] for j in rest], [weights[j] for j in rest]
-        each.append(_refined(x, z, *part)[0])
     residuals = []
     for view, g, b in zip(views, moved, seen, strict=True):
         told = x.inverse() @ g @ z
@@ -153,7 +185,160 @@ def hand_eye(
         pixel = math.sqrt(float((off**2).sum(axis=1).mean()))
         away = float(np.linalg.norm(apart.position))
         residuals.append(Residual(view.name, pixel, away, _turned(apart)))
+    _refuse_misfit(residuals, p)
+    each = []
+    for k in range(len(views)):
+        rest = [j for j in range(len(views)) if j != k]
+        part = [moved[j] for j in rest], [seen[j] for j in rest], [weights[j] for j in rest]
+        each.append(_refined(x, z, *part)[0])
     return _told(replace(camera, pose=x, mount=mount), residuals, each, z)
+
+
+def _two_sides(
+    views: Sequence[BoardView], camera: CameraModel, mount: Mount,
+    near: tuple[Pose, Pose | None] | None = None,
+) -> tuple[list[Pose], list[Pose]]:  # fmt: skip
+    """What the arm tells of each view, G, and what the camera sees, B: by that view alone, or of
+    two poses of a board the one near that by X and Z."""
+    moved = [view.hand.inverse() if mount == "hand" else view.hand for view in views]
+    guesses: list[Pose | None] = [None] * len(views)
+    if near is not None and near[1] is not None:
+        guesses = [near[0].inverse() @ g @ near[1] for g in moved]
+    return moved, [_board_in(v, camera, guess) for v, guess in zip(views, guesses, strict=True)]
+
+
+def _refuse_misfit(residuals: Sequence[Residual], p: CalibrationParameters, then: str = "") -> None:
+    squares = np.square([[each.metre, each.degree] for each in residuals])
+    metre, degree = np.sqrt(squares.mean(axis=0)).tolist()
+    if metre > p.most_place or degree > p.most_turn:  # the turn of a tool is not a number
+        turn = "" if math.isnan(degree) else f" and {degree:.3g} degrees (at most {p.most_turn:g})"
+        raise InvalidRequestError(
+            f"no pose of the camera fits: the views leave {1e3 * metre:.3g} mm (must be at most "
+            f"{1e3 * p.most_place:g}){turn}{then}"
+        )
+
+
+def _checked(found: HandEye, p: CalibrationParameters) -> HandEye:
+    """The calibration; refused where its deviation is too large."""
+    if (sigma := float(np.linalg.norm(found.sigma))) > p.most_sigma:
+        advice = "Take more pictures, and turn the hand more between them"
+        raise InvalidRequestError(
+            f"the views tell the camera's place to {1e3 * sigma:.3g} mm (standard deviation): must "
+            f"be {1e3 * p.most_sigma:g} at most. {'; '.join(found.doubts) or advice}"
+        )
+    return found
+
+
+def _each(change: Callable[[Pose], Pose]) -> Callable[[list[BoardView]], list[BoardView]]:
+    return lambda views: [view._replace(hand=change(view.hand)) for view in views]
+
+
+MISTAKES: tuple[tuple[str, Callable[[list[BoardView]], list[BoardView]]], ...] = (
+    (
+        "the poses are the wrong way round: the base in the hand, not the hand in the base; or "
+        "--mount is the other one",
+        _each(Pose.inverse),
+    ),
+    (
+        "the orientations are told as x, y, z, w; must be w, x, y, z",
+        _each(lambda hand: Pose(hand.position, np.roll(hand.orientation, 1))),
+    ),
+    (
+        "the poses are late by one picture",
+        lambda views: [view._replace(hand=after.hand) for view, after in pairwise(views)],
+    ),
+    (
+        "the poses are early by one picture",
+        lambda views: [view._replace(hand=before.hand) for before, view in pairwise(views)],
+    ),
+)
+"""Usual mistakes in poses, and the views without each. The last is taken back first."""
+
+
+def _reason(
+    views: Sequence[BoardView], camera: CameraModel, mount: Mount, p: CalibrationParameters
+) -> str:
+    """What is probably wrong: the fewest usual mistakes without which the views fit."""
+    for mistakes in (some for count in range(4) for some in combinations(MISTAKES, count)):
+        words, right = [said for said, _ in mistakes], list(views)
+        for _, repair in reversed(mistakes):
+            right = repair(right)
+        if len(right) < max(p.views, len(views) - 1):  # poses are not late and early at once
+            continue
+        if _fits(right, camera, mount, p):
+            return f"Probably {', and '.join(words)}"
+        sides = _other_sides(right, _two_sides(right, camera, mount), p)
+        if sides and _fits(sides[1], camera, mount, p):
+            return f"Probably {', and '.join([*words, sides[0]])}"
+    if (intrinsics := _other_camera(views, camera, p)) and _fits(views, intrinsics[1], mount, p):
+        return f"Probably {intrinsics[0]}"
+    return (
+        "Compare --poses with the pictures (their order and times, metres and radians, the hand in "
+        "the base, w, x, y, z), --mount, the sizes of the board and the camera's intrinsics"
+    )
+
+
+def _fits(
+    views: Sequence[BoardView], camera: CameraModel, mount: Mount, p: CalibrationParameters
+) -> bool:
+    with suppress(np.linalg.LinAlgError, OptiPrompError, ValueError):  # a trial may make no sense
+        sides = _two_sides(views, camera, mount)
+        x, z, _ = _linear(*sides)
+        off = [(g @ z).position - (x @ b).position for g, b in zip(*sides, strict=True)]
+        if np.linalg.norm(off, axis=1).max() < ROUGH * p.most_place:
+            _fitted(views, camera, mount, p)
+            return True
+    return False
+
+
+ROUGH = 5.0  # of the bound: a linear solution that leaves more is not refined in a trial
+SMALLEST = 1e-4  # least factor on a board's sides that is tried: sides in 0.1 mm
+
+
+def _other_sides(
+    views: Sequence[BoardView], poses: tuple[list[Pose], list[Pose]], p: CalibrationParameters
+) -> tuple[str, list[BoardView]] | None:
+    """The views with the board's sides that they tell, if others are beyond doubt."""
+    (moved, seen), size, rows = poses, _linear(*poses)[2], range(len(views))
+    each = [_linear(moved[:k] + moved[k + 1 :], seen[:k] + seen[k + 1 :])[2] for k in rows]
+    sigma = math.sqrt(len(each) - 1) * float(np.std(each))  # of the jackknife
+    if size <= SMALLEST or abs(size - 1.0) <= max(p.sure * sigma, p.doubt):
+        return None
+    words = f"the board's sides are {size:.3g} times as long as told (--side, --marker)"
+    return words, [view._replace(places=size * view.places) for view in views]
+
+
+def _other_camera(
+    views: Sequence[BoardView], camera: CameraModel, p: CalibrationParameters
+) -> tuple[str, CameraModel] | None:
+    """The intrinsics that the board tells without the arm, if others are beyond doubt."""
+    cv = opencv()
+    places = [view.places.astype(np.float32) for view in views]
+    pixels = [view.pixels.astype(np.float32) for view in views]
+    flags = cv.CALIB_USE_INTRINSIC_GUESS | cv.CALIB_FIX_ASPECT_RATIO | cv.CALIB_ZERO_TANGENT_DIST
+    flags |= cv.CALIB_FIX_K1 | cv.CALIB_FIX_K2 | cv.CALIB_FIX_K3
+    stated, size = _matrix(camera), (camera.width, camera.height)
+    try:
+        _, found, _, _, _, deviation, *_ = cv.calibrateCameraExtended(
+            places, pixels, size, stated.copy(), np.zeros(5), flags=flags
+        )
+    except cv.error:
+        return None  # the views tell no intrinsics
+    known, seen = (matrix[[0, 1, 0, 1], [0, 1, 2, 2]] for matrix in (stated, found))
+    sigma = deviation[:4, 0]  # in the same order
+    sigma[:2] = sigma[:2].max()  # the focal lengths are of one ratio
+    if not (np.abs(seen - known) > np.maximum(p.sure * sigma, p.doubt * camera.fx)).any():
+        return None
+    told, listed = (", ".join(f"{value:.0f}" for value in values) for values in (known, seen))
+    fx, fy, cx, cy = seen.tolist()
+    return (
+        f"the camera's intrinsics are wrong: fx, fy, cx, cy are {listed} by the board, and {told} "
+        "in the camera file"
+    ), replace(camera, fx=fx, fy=fy, cx=cx, cy=cy)
+
+
+def _matrix(camera: CameraModel) -> FloatArray:
+    return np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
 
 
 def by_tool(
@@ -185,9 +370,11 @@ def by_tool(
     misses = np.linalg.norm(pose @ there - here, axis=1)
     pairs = zip(seen, misses.tolist(), strict=True)
     residuals = [Residual(one.name, math.nan, miss, math.nan) for one, miss in pairs]
+    advice = ". Compare the names with the pictures, and the units: metres, radians"
+    _refuse_misfit(residuals, p, advice)
     rows = np.arange(len(seen))
     each = [_rigid(there[rows != k], here[rows != k]) for k in rows]
-    return _told(replace(camera, pose=pose, mount="base"), residuals, each, None)
+    return _checked(_told(replace(camera, pose=pose, mount="base"), residuals, each, None), p)
 
 
 def _told(
@@ -224,8 +411,7 @@ def _refuse_few_turns(hands: Sequence[Pose], p: CalibrationParameters) -> None:
 def _board_in(view: BoardView, camera: CameraModel, guess: Pose | None = None) -> Pose:
     """The board in the frame of the camera, by one view; of two solutions the one near a guess."""
     cv = opencv()
-    matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
-    given = view.places, view.pixels, matrix, None
+    given = view.places, view.pixels, _matrix(camera), None
     if guess is None:
         _, turn, shift = cv.solvePnP(*given, flags=cv.SOLVEPNP_IPPE)
     else:
@@ -256,8 +442,11 @@ def _cross(vectors: FloatArray) -> FloatArray:
     return np.cross(vectors[..., None, :], np.eye(3)).swapaxes(-1, -2)
 
 
-def _linear(moved: Sequence[Pose], seen: Sequence[Pose]) -> tuple[Pose, Pose]:
-    """X and Z of X B = G Z: the turns by one singular vector, then the places."""
+def _linear(moved: Sequence[Pose], seen: Sequence[Pose]) -> tuple[Pose, Pose, float]:
+    """X and Z of X B = G Z: the turns by one singular vector, then the places.
+
+    The third is the factor on the places of the board by which the views fit best.
+    """
     sums = sum(
         np.kron(b.rotation, g.rotation) for b, g in zip(seen, moved, strict=True)
     )  # vec(R_X) = (R_B x R_G) vec(R_Z) in each view
@@ -266,7 +455,10 @@ def _linear(moved: Sequence[Pose], seen: Sequence[Pose]) -> tuple[Pose, Pose]:
     rows = [np.hstack([np.eye(3), -g.rotation]) for g in moved]
     shift = [g.position - x @ b.position for b, g in zip(seen, moved, strict=True)]
     places = np.linalg.lstsq(np.vstack(rows), np.concatenate(shift), rcond=None)[0]
-    return Pose(places[:3], x), Pose(places[3:], z)
+    arms = np.concatenate([x @ b.position for b in seen])[:, None]
+    hands = np.concatenate([g.position for g in moved])
+    scale = np.linalg.lstsq(np.hstack([np.vstack(rows), arms]), hands, rcond=None)[0][6]
+    return Pose(places[:3], x), Pose(places[3:], z), float(scale)
 
 
 def _turn(matrix: FloatArray) -> FloatArray:
@@ -391,7 +583,10 @@ def _joints(entry: Mapping[str, Any], robot: Robot | None, what: str) -> tuple[R
     """The robot, and the joints (n,) of an entry."""
     if robot is None:
         raise InvalidRequestError(f"{what}: joints tell nothing without the robot: give --known")
-    return robot, _numbers(entry, "joints", robot.n_joints, what)
+    q = _numbers(entry, "joints", robot.n_joints, what)
+    limits = robot.lower, robot.upper
+    check_limits(q[None], robot.joint_names, *limits, what, error=InvalidRequestError)
+    return robot, q
 
 
 def _numbers(entry: Mapping[str, Any], key: str, count: int, what: str) -> FloatArray:

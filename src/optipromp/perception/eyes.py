@@ -20,7 +20,7 @@ from optipromp.perception.fusing import Sighting as Sighting
 from optipromp.perception.fusing import fused
 from optipromp.perception.geometry import ByGeometry, edge_of
 from optipromp.perception.parameters import EyeParameters
-from optipromp.perception.pictures import DepthPicture, Image8
+from optipromp.perception.pictures import CLOSEST, WORKSPACE, DepthPicture, Image8
 from optipromp.perception.spheroids import NEAREST, SeenStem, Spheroid, all_fitted, claimed, stem_of
 
 KINDS = {"ripe": 1, "unripe": 2, "stem": 2}
@@ -232,6 +232,34 @@ def seen_scene(
         camera=sights[0].look.camera, may_touch=pairs_among(known.may_touch, gone), goal=None,
     )  # fmt: skip
     return scene, tuple(assumed)
+
+
+def doubt_of(
+    picture: DepthPicture, *, up: FloatArray | None = None, finder: Finder | None = None
+) -> str:
+    """What may be wrong with a picture in which no ripe fruit is seen; empty: nothing is known.
+
+    Depths in other units are tried: whether ripe fruits are seen by them.
+    """
+    known = picture.depth[picture.depth > 0.0]
+    if not known.size:
+        return "the depth is 0 at every pixel: nothing was measured"
+    for factor in WRONG_UNITS:
+        nearest, farthest = factor * known.min(), factor * known.max()
+        if nearest > WORKSPACE or farthest < CLOSEST:
+            continue
+        other = DepthPicture(picture.rgb, factor * picture.depth, picture.camera)
+        seen = look_at(other, up=up, finder=finder).detections
+        if ripe := sum(each.region.kind == "ripe" for each in seen):
+            return (
+                f"depths are {np.median(known):.3g} m in the middle; with {factor:g} times these, "
+                f"{ripe} ripe are seen: compare the unit of depth and the camera's depth_scale"
+            )
+    return ""
+
+
+WRONG_UNITS = 1e-3, 0.1, 0.25, 4.0, 10.0, 1e3
+"""Factors on depths in other units that are tried: millimetres, and steps of 0.1 and 0.25 mm."""
 
 
 def summary(each: Detection) -> dict[str, object]:

@@ -40,6 +40,15 @@ _KEYS = (*_REQUIRED, "position", "orientation", "depth_scale", "mount")
 Mount = Literal["base", "hand"]
 
 
+def check_near(position: FloatArray, what: str) -> None:
+    """Refuse a place (3,) [m] of a camera or hand that looks like millimetres."""
+    if (away := float(np.linalg.norm(position))) > WORKSPACE:
+        raise InvalidRequestError(
+            f"{what} is {away:.4g} m from the robot's base or hand, beyond {WORKSPACE:g} m: "
+            "millimetres? must be metres"
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class CameraModel:
     """A pinhole camera without distortion; its z axis points forward, x right and y down.
@@ -147,6 +156,7 @@ class CameraModel:
                 document.get("position", [0.0, 0.0, 0.0]),
                 document.get("orientation", [1.0, 0.0, 0.0, 0.0]),
             )
+            check_near(pose.position, "position")
             numbers = {key: document[key] for key in _REQUIRED}
             return cls(**numbers, pose=pose, mount=document.get("mount", "base")), float(scale)
         except OptiPrompError as error:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.description import Arm
+from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.values import suggest
 from optipromp.readers.chain import (
     CENTRE,
@@ -323,6 +324,24 @@ def _by_rule(tree: Tree, base: str | None) -> list[Arm]:
     return sorted(without_legs or arms, key=lambda arm: -len(arm.joints))
 
 
+def linkages(model: UrdfModel, robot: Robot) -> str:
+    """A warning of joints that look like bars of a linkage beside the arm; empty: of none."""
+    tree, held = Tree(model), set(robot.held_joints)
+    bars = [
+        joint.name
+        for name in robot.joint_names
+        for joint in tree.onward(tree.body(model.joints[name].parent))
+        if joint.name in held and tree.is_linkage(joint, model.joints[name])
+    ]
+    if not bars:
+        return ""
+    return (
+        f"{model.path}: joint {', '.join(bars)} and what it carries look like bars of a linkage "
+        "beside the arm: held at rest, though the arm may move it; give its links no spheres in a "
+        "robot file and the arm's links larger ones"
+    )
+
+
 def _beyond(tree: Tree, base: str) -> set[str]:
     return {
         name
@@ -343,7 +362,7 @@ def _beginning(tree: Tree, end: UrdfJoint, usable: AbstractSet[str]) -> str:
         beside = [
             joint
             for joint in tree.onward(tree.body(path[k].parent))
-            if joint.name in usable and joint != path[k]
+            if joint.name in usable and joint != path[k] and not tree.is_linkage(joint, path[k])
         ]
         heads = [joint for joint in beside if words_of(joint.name) & HEAD]
         limbs = any(tree.reach(joint) > 1 for joint in beside if joint not in heads)

@@ -40,6 +40,8 @@ TORSO = _set("torso waist spine trunk lumbar chest lift body base")
 FLANGE = _set("flange tool0 attachment")
 CENTRE = _set("tcp tool tool0 ee eef effector grasp grasping center centre frame")
 LEAST_ABOVE = 3  # joints, chosen: equal branches after as many joints are fingers, not limbs
+MOST_BARS = 4  # joints, chosen: two bars beside the arm, or two such in series
+ALONG = 0.999  # chosen: least cosine between axes of one direction
 ACROSS = 0.1  # chosen: largest cosine between slides that count as perpendicular
 
 _WORD = re.compile(r"[A-Z]?[a-z]+[0-9]*|[A-Z]+(?![a-z])|[0-9]+")
@@ -186,6 +188,27 @@ class Tree:
             return joint.mimic is None and reach <= above
         same = len(beside) > 1 and all(self.reach(j) == reach for j in beside)
         return same and above >= LEAST_ABOVE and reach < above
+
+    def is_linkage(self, joint: UrdfJoint, beside: UrdfJoint) -> bool:
+        """Whether ``joint`` begins bars of a linkage that a joint of the arm drives.
+
+        Such bars turn about axes along that of the arm's joint ``beside`` them on one body, and
+        carry nothing that turns otherwise.
+        """
+        parts = [each for each in self.subtree(joint) if each.mimic is None]
+        if not 1 < len(parts) <= MOST_BARS or any(each.kind != "revolute" for each in parts):
+            return False
+        if any((words_of(j.name) | words_of(j.child)) & (HEAD | LEG | PALM | WHEEL) for j in parts):
+            return False
+        axes = [self._direction(each) for each in (beside, *parts)]
+        return min(abs(float(axes[0] @ axis)) for axis in axes) > ALONG
+
+    def _direction(self, joint: UrdfJoint) -> FloatArray:
+        """The axis (3,) of a joint in the frame of the root, with all joints at zero."""
+        turn = np.eye(3)
+        for each in self.path(joint.child):
+            turn = turn @ rotation_of(each.rpy)
+        return np.asarray(turn @ np.array(joint.axis))
 
     def named(self, vocabulary: frozenset[str]) -> frozenset[str]:
         """Movable joints whose name or child's name has a word of ``vocabulary``, and all joints

@@ -96,6 +96,8 @@ def _nodes(tree: Node) -> Iterator[Node]:
 
 
 FREE, BALL, SLIDE = 0, 1, 2  # mjtJoint
+LOOPS = 0, 1  # mjtEq: connect and weld
+OBJ_SITE = 6  # mjtObj
 _SHAPES = {2: "sphere", 3: "capsule", 4: "box", 5: "cylinder", 6: "box", 7: "mesh"}  # mjtGeom
 MOST_BODIES = 1_000  # chosen: a humanoid with hands has 100
 
@@ -144,13 +146,17 @@ class _Reader:
         self.links: dict[str, urdf.UrdfLink] = {}
         self.joints: dict[str, urdf.UrdfJoint] = {}
         self.names = [model.body(b).name or f"body{b}" for b in range(model.nbody)]
+        self.told = ""
+        self.loops: dict[int, str] = {}  # the equality that closes a loop, by joint
         self.joint_names = [model.joint(j).name or f"joint{j}" for j in range(model.njnt)]
 
     def read(self) -> urdf.UrdfModel:
         model, left_out = self.model, set()
+        self._refuse_loops()
+        marks = self._marks()
         for body in range(model.nbody):
             parent = int(model.body_parentid[body])
-            if (body and parent in left_out) or self._is_object(body):
+            if (body and parent in left_out) or self._is_object(body) or body in marks:
                 left_out.add(body)
                 continue
             if body:
@@ -169,7 +175,53 @@ class _Reader:
             self.names[0],
             MappingProxyType(self.links),
             MappingProxyType(self.joints),
+            self.told,
         )
+
+    def _marks(self) -> set[int]:
+        """Bodies that touch nothing and do not belong to the arm; a warning names them.
+
+        They are ``mocap`` bodies, and those that never move and carry no joint, all of whose geoms
+        have neither ``contype`` nor ``conaffinity``.
+        """
+        model = self.model
+        touching = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+        parts = [*model.jnt_bodyid, *model.geom_bodyid[touching]]
+        bearing = {body for part in parts for body in self._upward(int(part))}
+        fixed = (model.body_weldid == 0) & (model.body_geomnum > 0)
+        found = {
+            body
+            for body in range(1, model.nbody)
+            if model.body_mocapid[body] >= 0 or (fixed[body] and body not in bearing)
+        }
+        if found:
+            names = ", ".join(self.names[body] for body in sorted(found))
+            self.told = f"{self.path}: {names}: left out, as it touches nothing"
+        return found
+
+    def _refuse_loops(self) -> None:
+        """Find the joints that ``connect`` and ``weld`` close to loops; they can be held alone."""
+        model = self.model
+        for e in range(model.neq):
+            if int(model.eq_type[e]) not in LOOPS or not model.eq_active0[e]:
+                continue
+            ends = [int(model.eq_obj1id[e]), int(model.eq_obj2id[e])]
+            if int(model.eq_objtype[e]) == int(OBJ_SITE):
+                ends = [int(model.site_bodyid[each]) for each in ends]
+            paths = [self._upward(each) for each in ends]
+            if any(model.body_mocapid[b] >= 0 or self._is_object(b) for p in paths for b in p):
+                continue  # a mark or an object that is led
+            name = model.equality(e).name or f"equality {e}"
+            for body in set(paths[0]) ^ set(paths[1]):
+                for j in self._joints_of(body):
+                    self.loops.setdefault(j, name)
+
+    def _upward(self, body: int) -> list[int]:
+        """A body and those that carry it."""
+        out = [body]
+        while out[-1]:
+            out.append(int(self.model.body_parentid[out[-1]]))
+        return out
 
     def _check_length(self, what: str, values: FloatArray) -> None:
         if not np.abs(values).max() <= urdf.LENGTH_LIMIT:
@@ -228,6 +280,11 @@ class _Reader:
             fault = f"{self.path}: joint '{name}' is a ball joint; an arm has hinges and slides"
         elif kind == SLIDE and not limited:
             fault = f"{self.path}: joint '{name}' slides and has no range [m]"
+        elif j in self.loops:
+            fault = (
+                f"{self.path}: joint '{name}' is in a loop that {self.loops[j]!r} closes; an arm "
+                "is a chain: take the equality out, and state couplings under mimic in a robot file"
+            )
         self.joints[name] = urdf.UrdfJoint(
             name, "prismatic" if kind == SLIDE else "revolute" if limited else "continuous",
             parent, child, _vector(at), _rpy(turn), _vector(axis), low, high, math.inf,

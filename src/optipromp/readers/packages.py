@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -92,6 +93,9 @@ PREFIX = "package://"
 _FOUND_BY_NAME = re.compile(r"\$\(find(?:-pkg-share)?\s+([\w.-]+)\s*\)|package://([\w.-]+)/")
 _UNIT = re.compile(rb"""<unit\b[^>]*\bmeter=["']([0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]+)?)["']""")
 _COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
+_UNDECLARED = re.compile(r"Undefined substitution argument (\w+)")
+_PACKAGE = re.compile(rb"<package\b[^>]*>.*?<name>\s*([\w.-]+)\s*</name>", re.DOTALL)
+MOST_PACKAGES = 1_000  # beside one another, chosen: a workspace has 100
 _HEAD = 65536  # [bytes] chosen: begin of a DAE file that holds <asset>, its first element
 
 
@@ -99,14 +103,30 @@ def package_folders(name: str, urdf: Path, given: Sequence[Path] = ()) -> list[P
     """Existing folders that may be the package ``name``, in the order of search.
 
     First folders of ``given`` that have the package's name or hold it, then folders above the URDF,
-    then those of AMENT_PREFIX_PATH (``share/<name>``) and of ROS_PACKAGE_PATH.
+    then those of AMENT_PREFIX_PATH (``share/<name>``) and of ROS_PACKAGE_PATH; last the folders
+    there whose ``package.xml`` has the name.
     """
     here = urdf.resolve().parent
     over = [here, *here.parents]
     ament = [Path(part) / "share" for part in folders_of("AMENT_PREFIX_PATH")]
     places = [*given, *over, *ament, *folders_of("ROS_PACKAGE_PATH")]
     folders = [each for place in places for each in (place, place / name) if each.name == name]
+    folders += [each for place in places if is_folder(place) for each in _told(place, name)]
     return [each for each in dict.fromkeys(folders) if is_folder(each)]
+
+
+def _told(place: Path, name: str) -> list[Path]:
+    """The folder, or those in it, whose ``package.xml`` has the package's name."""
+    found = [place / "package.xml"]
+    with suppress(OSError):  # a folder that cannot be listed
+        found += sorted(place.glob("*/package.xml"))[:MOST_PACKAGES]
+    out = []
+    for file in found:
+        with suppress(InvalidRobotError):
+            text = read_bytes(file, InvalidRobotError, LARGEST_TEXT) if is_file(file) else b""
+            if (told := _PACKAGE.search(_COMMENT.sub(b"", text))) and told[1] == name.encode():
+                out.append(file.parent)
+    return out
 
 
 def with_meshes_found(
@@ -213,6 +233,8 @@ def expanded(
         out = run_limited("expand_xacro", path, given, replace(LIMITS, output=LARGEST_TEXT))
     except InvalidRobotError as error:
         said = error.message.removeprefix(f"{path}: ")
+        if missing := _UNDECLARED.search(said):
+            said += f": give it, as --robot-arg {missing[1]}=VALUE or under args in a robot file"
         raise InvalidRobotError(
             f"{path}: xacro cannot expand it: {said}; packages are looked "
             "for in package_dirs= or --package-dir and over the file"
@@ -227,6 +249,7 @@ def expanded(
 
 LARGEST_MESH = 64_000_000  # [bytes] of a mesh file, chosen: an STL of MOST_TRIANGLES has 50 million
 MOST_TRIANGLES = 1_000_000  # of all meshes of a robot, chosen: they take 0.7 GB of memory
+_POINTER = b"version https://git-lfs.github.com/"
 SUFFIXES = (".stl", ".obj", ".ply", ".dae", ".off", ".glb")
 
 
@@ -279,6 +302,10 @@ def _load(path: Path, where: str) -> tuple[FloatArray, IntArray]:
         content = read_bytes(path, InvalidRobotError, LARGEST_MESH)
     except InvalidRobotError as error:
         raise InvalidRobotError(f"{where}: {error.message}") from None
+    if content.startswith(_POINTER):
+        raise InvalidRobotError(
+            f"{where}: is a pointer of Git LFS in place of the mesh: fetch it by 'git lfs pull'"
+        )
     if fault := index_fault(path.suffix, content):
         raise InvalidRobotError(f"{where}: {fault}")
     kind = path.suffix.lower()[1:]

@@ -45,7 +45,7 @@ def expand_xacro(given: dict[str, Any]) -> None:
 
 
 class _Arguments(dict[str, str]):
-    """Arguments of a xacro, which looks for each one that it declares."""
+    """Arguments of a xacro, which looks for each one that it declares or uses."""
 
     def __init__(self, values: dict[str, str]) -> None:
         super().__init__(values)
@@ -54,6 +54,10 @@ class _Arguments(dict[str, str]):
     def __contains__(self, name: object) -> bool:
         self.asked[str(name)] = None
         return super().__contains__(name)
+
+    def __getitem__(self, name: str) -> str:  # used, and maybe not declared
+        self.asked[name] = None
+        return super().__getitem__(name)
 
 
 def _fail(words: str) -> NoReturn:

@@ -12,7 +12,8 @@ from contextlib import suppress
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import NamedTuple
+from types import MappingProxyType
+from typing import NamedTuple, NoReturn
 
 from optipromp.core.errors import InvalidRequestError, InvalidRobotError
 from optipromp.core.files import cache_folder, is_file, read_bytes, write_atomically
@@ -20,13 +21,14 @@ from optipromp.core.robots.description import meshes_found
 from optipromp.core.robots.library import Check, Choice
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.resolved import SUFFIX, read_resolved, resolved
-from optipromp.readers.arm import srdf_files
+from optipromp.core.scenes.values import suggest
+from optipromp.readers.arm import linkages, srdf_files
 from optipromp.readers.mjcf import is_mjcf, mjcf_files, read_mjcf
 from optipromp.readers.packages import expanded, is_xacro, mesh_files, with_meshes_found
 from optipromp.readers.robot_file import RobotFile, read_robot_file
-from optipromp.readers.urdf import UrdfModel, read_urdf
+from optipromp.readers.urdf import UrdfModel, check_mimics, read_urdf
 
-_VERSION = 2  # of the readers: raise it when the same files give another robot
+_VERSION = 3  # of the readers: raise it when the same files give another robot
 _HELD = 16  # robots in memory, chosen
 
 Stamps = tuple[tuple[Path, tuple[int, int] | None], ...]
@@ -70,10 +72,12 @@ def read_description(path: Path, choice: Choice, check: Check) -> Robot:
     found = _find(path, choice, check)
     stamps = _stamps(path, found)
     robot = _resolved(found, path, choice)
-    if found.entry.velocity is None and found.model is not None:
-        for name in robot.joint_names:
-            if remark := found.model.joints[name].remark:
-                warnings.warn(remark, stacklevel=2)
+    if found.model is not None:
+        moving = [found.model.joints[name] for name in robot.joint_names]
+        remarks = [joint.remark for joint in moving] if found.entry.velocity is None else []
+        for words in (*remarks, *(joint.told for joint in moving), linkages(found.model, robot)):
+            if words:
+                warnings.warn(words, stacklevel=2)
     if found.files is not None:
         while len(_held) >= _HELD:
             _held.pop(next(iter(_held)), None)
@@ -111,7 +115,7 @@ def _find(path: Path, choice: Choice, check: Check) -> _Found:
         by_user = urdf == path and not choice.untrusted
         content, sources = expanded(urdf, package_dirs, arguments, named_by_user=by_user)
         environment = dict(os.environ)
-    model = read_urdf(urdf, entry.scale, content)
+    model = _coupled(read_urdf(urdf, entry.scale, content), entry, path)
     covered = [link for link in model.links if link not in entry.spheres]
     model = with_meshes_found(model, covered, package_dirs)
     for link in model.links.values():
@@ -120,6 +124,22 @@ def _find(path: Path, choice: Choice, check: Check) -> _Found:
     if bare:
         entry = entry.model_copy(update={"name": model.name})
     return _Found(entry, urdf, model, mesh_files(model, covered), groups, sources, environment)
+
+
+def _coupled(model: UrdfModel, entry: RobotFile, path: Path) -> UrdfModel:
+    """The model with the couplings that the robot file states."""
+
+    def refuse(what: str) -> NoReturn:
+        raise InvalidRobotError(f"{path}: mimic: {what}")
+
+    joints = dict(model.joints)
+    movable = [joint.name for joint in joints.values() if joint.kind != "fixed"]
+    for name, mimic in entry.mimic.items():
+        if name not in movable:
+            refuse(f"{name!r}: {suggest(name, movable)}")
+        joints[name] = replace(joints[name], mimic=mimic)
+    check_mimics(joints, refuse)
+    return replace(model, joints=MappingProxyType(joints))
 
 
 def _stamps(path: Path, found: _Found) -> Stamps:
@@ -144,13 +164,15 @@ def _resolved(found: _Found, path: Path, choice: Choice) -> Robot:
                 return replace(robot, geometry=geometry)
     entry, model = found.entry, found.model
     if model is None:
-        model = read_mjcf(found.urdf)
+        model = _coupled(read_mjcf(found.urdf), found.entry, path)
         if found.urdf == path:
             entry = entry.model_copy(update={"name": model.name})
     from optipromp.readers.building import build  # SciPy and the kernels of covers load slowly
 
     robot = build(entry, model, path, choice, found.groups)
-    if cached is not None:
+    if model.told:  # which the next run must tell, too
+        warnings.warn(model.told, stacklevel=3)
+    elif cached is not None:
         with suppress(InvalidRequestError):  # the next run builds it again
             write_atomically(cached, resolved(robot, cached.parent))
     return robot

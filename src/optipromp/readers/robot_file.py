@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from optipromp.core.documents import read_document
 from optipromp.core.errors import InvalidRobotError
-from optipromp.readers.urdf import LENGTH_LIMIT
+from optipromp.readers.urdf import LENGTH_LIMIT, UrdfMimic
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -22,7 +22,7 @@ class RobotFile(BaseModel):
     has spheres fitted to its geometry.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     format: Literal[1]
     name: str = Field(min_length=1)
     urdf: str = Field(min_length=1)
@@ -31,6 +31,7 @@ class RobotFile(BaseModel):
     srdf: str | None = None  # its groups determine the arm
     package_dirs: list[str] = []  # folders that hold the packages of package:// names
     hold: dict[str, Finite] = {}  # values of joints that are not of the arm [rad or m]
+    mimic: dict[str, UrdfMimic] = {}  # couplings of joints that the URDF or MJCF does not state
     args: dict[str, bool | int | Finite | str] = {}  # of a xacro, in place of its defaults
     scale: Positive = 1.0  # metres in one unit of length of the URDF
     velocity: list[Positive] | None = None  # overrides the URDF

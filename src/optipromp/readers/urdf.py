@@ -143,11 +143,11 @@ class UrdfLink:
 
 @dataclass(frozen=True)
 class UrdfMimic:
-    """position = multiplier * position of ``joint`` + offset."""
+    """position = multiplier * position of ``joint`` + offset [rad or m]."""
 
     joint: str
-    multiplier: float
-    offset: float
+    multiplier: float = 1.0
+    offset: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,8 @@ class UrdfJoint:
     """A joint; ``axis`` has unit length; a continuous joint has infinite limits.
 
     ``velocity`` and ``effort`` are infinite if the file has none, or 0. ``fault``: the reason why
-    the joint can be held but not moved, or empty. ``remark``: a warning if the joint moves.
+    the joint can be held but not moved, or empty. ``remark``: a warning if the joint moves, where
+    no other velocity limits are stated. ``told``: a warning if the joint moves.
     """
 
     name: str
@@ -172,17 +173,19 @@ class UrdfJoint:
     effort: float = math.inf
     fault: str = ""
     remark: str = ""
+    told: str = ""
 
 
 @dataclass(frozen=True)
 class UrdfModel:
-    """The content of a URDF; ``joints`` and ``links`` by name, in file order."""
+    """The content of a URDF; ``joints`` and ``links`` by name, in file order; ``told`` warns."""
 
     name: str
     path: Path
     root: str
     links: Mapping[str, UrdfLink]
     joints: Mapping[str, UrdfJoint]
+    told: str = ""
 
 
 def read_urdf(path: Path, scale: float = 1.0, content: bytes | None = None) -> UrdfModel:
@@ -244,6 +247,8 @@ class _Reader:
         name = self.name(node)
         found: dict[str, list[LinkShape]] = {"collision": [], "visual": []}
         for child in node.children:
+            if child.tag == "visual" and _is_point(child):
+                continue  # it shows nothing
             if child.tag in found:
                 found[child.tag].append(self.geometry(child, f"link '{name}' <{child.tag}>"))
         collisions, visuals = tuple(found["collision"]), tuple(found["visual"])
@@ -306,6 +311,7 @@ class _Reader:
             warnings.warn(self.at(f"{told} 0.001 in a robot file", node), stacklevel=2)
         axis = self.axis(node, owner) if kind != "fixed" else (1.0, 0.0, 0.0)
         lower, upper, velocity, effort, fault = self.limits(node, kind, owner)
+        lower, upper, soft = self.soft_limits(node, owner, lower, upper, kind)
         mimic = self.mimic(node, owner) if kind != "fixed" else None
         limit, remark = self.only(node, "limit", owner), ""
         if kind != "fixed" and limit is not None and math.isinf(velocity):
@@ -314,8 +320,27 @@ class _Reader:
             remark = self.at(told, limit) if "velocity" in limit.attributes else ""
         return UrdfJoint(
             name, kind, parent, child, xyz, rpy, axis, lower, upper, velocity, mimic, effort,
-            fault, remark,
+            fault, remark, soft,
         )  # fmt: skip
+
+    def soft_limits(
+        self, node: Node, owner: str, lower: float, upper: float, kind: JointKind
+    ) -> tuple[float, float, str]:
+        """The limits within those of the ``<safety_controller>``, and a warning where they differ.
+
+        Soft limits that leave no range, such as two zeros, are none.
+        """
+        found = self.only(node, "safety_controller", owner)
+        if found is None or kind in ("fixed", "continuous"):
+            return lower, upper, ""
+        what, unit = f"{owner} <safety_controller>", self.scale if kind == "prismatic" else 1.0
+        sides = ("soft_lower_limit", -math.inf), ("soft_upper_limit", math.inf)
+        soft = [unit * self.numbers(found, key, 1, what, (none,))[0] for key, none in sides]
+        low, high = max(lower, soft[0]), min(upper, soft[1])
+        if low >= high or (low, high) == (lower, upper):
+            return lower, upper, ""
+        told = f"{what} narrows its limits to [{low:g}, {high:g}] from [{lower:g}, {upper:g}]"
+        return low, high, self.at(told, found)
 
     def refuse_kind(self, owner: str, node: Node, why: str = "") -> NoReturn:
         given = node.attributes.get("type", "")
@@ -476,6 +501,16 @@ class _Reader:
                     node,
                 )
         return tuple(float(word) for word in words)
+
+
+_SIZES = "size", "radius", "length", "scale"
+
+
+def _is_point(node: Node) -> bool:
+    """Whether an element holds a shape with a size of zero."""
+    shapes = (shape for each in node.children if each.tag == "geometry" for shape in each.children)
+    words = (word for s in shapes for key in _SIZES for word in s.attributes.get(key, "").split())
+    return any(_NUMBER.fullmatch(word) and float(word) == 0.0 for word in words)
 
 
 Refuse = Callable[[str], NoReturn]

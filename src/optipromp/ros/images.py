@@ -42,6 +42,7 @@ class Taken:
     depth: Message | None = None  # the image of depth; None: a cloud
     info: Message | None = None  # the ``CameraInfo``; None: a cloud
     rectified: bool = False  # whether the topic says that its pictures have no distortion
+    aligned: bool = False  # whether the topic says that the depth is registered to the colour
 
     @property
     def stamp(self) -> int:
@@ -59,6 +60,12 @@ class Taken:
                 f"depth has {depth.shape[1]} x {depth.shape[0]} pixels and colour "
                 f"{rgb.shape[1]} x {rgb.shape[0]}: take the depth that is registered to the "
                 "colour, as aligned_depth_to_color"
+            )
+        frames = self.depth.header.frame_id, self.header.frame_id
+        if not self.aligned and all(frames) and len(set(frames)) > 1:
+            raise InvalidRequestError(
+                f"depth is of the imager {frames[0]!r} and colour of {frames[1]!r}: take the depth "
+                "that is registered to the colour, as aligned_depth_to_color or depth_registered"
             )
         info = self.info
         assert info is not None
@@ -90,6 +97,8 @@ class Pictures:
         self._infos: dict[str, Message] = {}
         self.seen = dict[str, str]()
         """What each topic of pictures has, by its name."""
+        self.apart = math.inf
+        """Least time between the stamps of a colour and a depth that make no picture [s]."""
 
     def heard(self, topic: str, item: Message) -> Taken | None:
         """Take a message in; returns the picture that it completes."""
@@ -121,6 +130,7 @@ class Pictures:
 
         near = min(other, key=away, default=None)
         if near is None or away(near) > APART * NANO:
+            self.apart = min(self.apart, math.inf if near is None else away(near) / NANO)
             return None
         colour, depth = (item, near) if part == "colour" else (near, item)
         only = next(iter(self._infos.values())) if len(self._infos) == 1 else None
@@ -130,7 +140,9 @@ class Pictures:
             return None
         for waiting in self._waiting.values():
             waiting.clear()
-        return Taken(colour.header, colour, depth, info, "rect" in self._of["colour"])
+        aligned = any(word in self._of["depth"] for word in ("aligned", "registered"))
+        rectified = "rect" in self._of["colour"]
+        return Taken(colour.header, colour, depth, info, rectified, aligned)
 
 
 def part_of(item: Message) -> Part | None:

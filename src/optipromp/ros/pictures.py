@@ -13,7 +13,7 @@ from optipromp.core.planning.task import posed
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene
 from optipromp.perception.pictures import CameraModel, DepthPicture, flange_of
-from optipromp.ros.images import CAMERA_INFO, PICTURES, Pictures, Taken
+from optipromp.ros.images import APART, CAMERA_INFO, PICTURES, Pictures, Taken
 from optipromp.ros.live import TOOL, WORLD
 from optipromp.ros.loop import HELD, Frames
 from optipromp.ros.recordings import JOINT_STATE
@@ -71,6 +71,12 @@ def bag_pictures(
         yield BagPicture(picture, (found.stamp - first) / NANO)
     if first is None:
         seen = ", ".join(f"{topic} ({what})" for topic, what in taken.seen.items()) or "none"
+        if np.isfinite(taken.apart):
+            raise InvalidRequestError(
+                f"{path}: no picture with depth: the stamps of colour and depth are "
+                f"{taken.apart:.3g} s apart at least, must be {APART:g} at most: have the camera's "
+                "driver synchronise them"
+            )
         raise InvalidRequestError(
             f"{path}: no picture with depth; needed are colour, depth and camera_info, or a cloud. "
             f"Topics: {seen}"

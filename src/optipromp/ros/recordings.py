@@ -4,7 +4,9 @@ import os
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,8 @@ from scipy.signal import savgol_filter
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.errors import InvalidDemonstrationError, InvalidRequestError
 from optipromp.core.parameters import Checked, parameter
-from optipromp.core.promp.demonstrations import Demonstration, Demonstrations
+from optipromp.core.promp.demonstrations import Demonstration, Demonstrations, parts_in_time
+from optipromp.core.trajectory import joint_columns
 from optipromp.ros.trajectories import joint_positions, nanoseconds
 from optipromp.ros.types import Recorded, read_bag
 
@@ -88,8 +91,9 @@ def load_recording(
 ) -> Recording:
     """Demonstrations from the ``sensor_msgs/JointState`` messages of a bag.
 
-    Joints are matched by name; messages without these joints (a gripper's) are left out. Times are
-    those of the messages' headers, or of the bag where a header has none.
+    Joints are matched by name; messages without these joints (a gripper's) are left out. The joints
+    of an arm may be in two messages or more. Times are those of the messages' headers, or of the
+    bag where a header has none; where they run back, the recording is cut.
 
     Args:
         path: as for :func:`optipromp.ros.read_bag`.
@@ -107,9 +111,9 @@ def load_recording(
     for item in read_bag(path, topics=None if topic is None else (topic,), types=(JOINT_STATE,)):
         by_topic.setdefault(item.topic, []).append(item)
     name = _topic(Path(path), tuple(by_topic))
-    names, times, positions = _series(f"{path}, {name}", by_topic[name], joints)
+    names, parts = _series(f"{path}, {name}", by_topic[name], joints, limits.gap)
     items, cuts = [], []
-    for one, q in _pieces(times, positions, limits):
+    for one, q in (piece for part in parts for piece in _pieces(*part, limits)):
         for start, end, whole in _motions(one, q, limits):
             part = slice(start, end)
             motion = float(np.ptp(q[part], axis=0).max())
@@ -119,9 +123,10 @@ def load_recording(
                 items.append(Demonstration(one[part] - one[start], q[part]))
     if not items:
         largest = max((cut.motion for cut in cuts), default=0.0)
+        length = sum(float(times[-1] - times[0]) for times, _ in parts if len(times))
         raise InvalidDemonstrationError(
             f"{path}, {name}: no demonstration in {len(by_topic[name])} joint states over "
-            f"{times[-1]:.1f} s: the largest motion is {largest:.3g} rad (or m), must be "
+            f"{length:.1f} s: the largest motion is {largest:.3g} rad (or m), must be "
             f"{limits.motion:g} at least, faster than {limits.speed:g} rad/s"
         )
     found = Demonstrations(tuple(items), names)
@@ -138,40 +143,82 @@ def _topic(path: Path, topics: Sequence[str]) -> str:
     return topics[0] if len(topics) == 1 else USUAL_TOPIC
 
 
+Series = tuple[FloatArray, FloatArray]
+"""Times (m,) [s], increasing, and positions (m, n)."""
+
+
 def _series(
-    what: str, items: Sequence[Recorded], joints: Sequence[str] | None
-) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
-    """Names (n), times (m,) [s], increasing from 0, and positions (m, n)."""
+    what: str, items: Sequence[Recorded], joints: Sequence[str] | None, gap: float
+) -> tuple[tuple[str, ...], list[Series]]:
+    """Names (n), and the parts of the recording between which a clock was set."""
+    sets, named = Counter(tuple(item.message.name) for item in items), joints is not None
     if joints is None:
-        sets = Counter(frozenset(item.message.name) for item in items)
-        most = sets.most_common(1)[0][0]
-        joints = next(i.message.name for i in items if frozenset(i.message.name) == most)
-    used, refusal = [], None
+        most = Counter(frozenset(item.message.name) for item in items).most_common(1)[0][0]
+        joints = next(names for names in sets if frozenset(names) == most)
+    groups = _split_arm(what, list(sets), joints)
+    rows = [list[tuple[int, FloatArray]]() for _ in groups]
+    refusal, left_out = None, 0
     for item in items:
+        names, stamp = item.message.name, nanoseconds(item.message.header.stamp) or item.stamp
+        mine = [k for k, group in enumerate(groups) if set(group) <= set(names)] or [0]
         try:
-            stamp = nanoseconds(item.message.header.stamp) or item.stamp
-            used.append((stamp, joint_positions(item.message, joints, what)))
+            for k in mine:
+                rows[k].append((stamp, joint_positions(item.message, groups[k], what)))
         except InvalidRequestError as error:
-            refusal = refusal or error
-    if not used:
+            refusal, left_out = refusal or error, left_out + 1
+    if not all(rows):
         assert refusal is not None
         raise refusal
-    if refusal is not None and len(used) < len(items):
+    if refusal is not None:
         warnings.warn(
-            f"{len(items) - len(used)} of {len(items)} messages are left out: {refusal.message}",
+            f"{left_out} of {len(items)} messages are left out: {refusal.message}"
+            + ("" if named else "; with the robot, joints of one arm in several messages join"),
             stacklevel=3,
         )
-    used.sort(key=lambda pair: pair[0])
-    stamps = np.array([stamp for stamp, _ in used], dtype=np.int64)
-    first = np.concatenate([[True], np.diff(stamps) > 0])
-    times = (stamps[first] - stamps[0]) * 1e-9
-    return tuple(joints), times, np.array([q for _, q in used])[first]
+    first, parts = min(each[0][0] for each in rows), []
+    for each in rows:
+        times = np.array([(stamp - first) * 1e-9 for stamp, _ in each])
+        parts.append(parts_in_time(what, times, np.array([q for _, q in each])))
+    if len({len(each) for each in parts}) > 1:
+        raise InvalidRequestError(f"{what}: the joints of the arm are in messages of two clocks")
+    return tuple(joints), [_joined(each, gap) for each in zip(*parts, strict=True)]
+
+
+def _split_arm(
+    what: str, sets: Sequence[Sequence[str]], joints: Sequence[str]
+) -> list[tuple[str, ...]]:
+    """The joints in the order of the arm, by the messages that hold them: mostly in one."""
+    for names in sets:
+        with suppress(InvalidRequestError):
+            joint_columns(names, joints, what)
+            return [tuple(joints)]
+    owner = {name: k for k, names in enumerate(sets) for name in names}
+    there = list(owner)
+    try:
+        columns = joint_columns(there, joints, what)
+    except InvalidRequestError:
+        return [tuple(joints)]  # which names what is missing, at the first message
+    return [tuple(group) for _, group in groupby([there[c] for c in columns], owner.__getitem__)]
+
+
+def _joined(parts: Sequence[Series], gap: float) -> Series:
+    """One series of the joints of several, at the times of the first, where all were heard."""
+    times, columns = parts[0][0], [parts[0][1]]
+    near = np.ones(len(times), dtype=bool)
+    for at, q in parts[1:]:
+        after = np.clip(np.searchsorted(at, times), 1, max(len(at) - 1, 1))
+        near &= (times >= at[0]) & (times <= at[-1])
+        near &= at[np.minimum(after, len(at) - 1)] - at[after - 1] <= gap
+        columns.append(np.stack([np.interp(times, at, column) for column in q.T], axis=1))
+    return times[near], np.concatenate(columns, axis=1)[near]
 
 
 def _pieces(
     times: FloatArray, positions: FloatArray, limits: CutParameters
 ) -> Iterable[tuple[FloatArray, FloatArray]]:
     """The stretches without a gap, evenly sampled: times (k,) [s] and positions (k, n)."""
+    if not len(times):
+        return
     gaps = np.flatnonzero(np.diff(times) > limits.gap) + 1
     for rows in np.split(np.arange(len(times)), gaps):
         length = times[rows[-1]] - times[rows[0]]

@@ -215,13 +215,18 @@ def read_bag(
     from rosbags.rosbag2 import Reader
 
     path = Path(path)
+    if path.suffix.lower() == ".bag":
+        raise InvalidRequestError(
+            f"{path} is a bag of ROS 1: convert it by 'rosbags-convert --src {path.name} --dst "
+            f"{path.stem}', which comes with the package rosbags"
+        )
     try:
         with Reader(path) as reader:
             chosen = _chosen(path, reader.connections, topics, types)
             if not chosen:
                 return
             stores = {connection.msgtype: _types_of(connection) for connection in chosen}
-            for connection, stamp, data in reader.messages(chosen):
+            for connection, stamp, data in _as_recorded(reader, chosen):
                 item = _decoded(stores[connection.msgtype], data, connection.msgtype)
                 yield Recorded(connection.topic, item, stamp)
     except OptiPrompError:
@@ -229,6 +234,32 @@ def read_bag(
     except Exception as error:  # damaged files raise errors of any kind
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         raise InvalidRequestError(f"{path} is not a readable bag ({reason})") from None
+
+
+def _as_recorded(reader: Any, chosen: list[Connection]) -> Iterable[tuple[Connection, int, bytes]]:
+    """The messages in the order of the file: rosbags sorts them, also where a clock was set back.
+
+    Bags whose messages are compressed one by one come as rosbags sorts them.
+    """
+    storages = getattr(reader.storage, "storages", [reader.storage])
+    if reader.compression_mode == "message" or not all(
+        hasattr(each, "messages_scan") or getattr(each, "dbconn", None) for each in storages
+    ):
+        yield from reader.messages(chosen)
+        return
+    wanted = {(each.topic, each.msgtype): each for each in chosen}
+    for storage in storages:
+        ours = ((part.id, wanted.get((part.topic, part.msgtype))) for part in storage.connections)
+        known = {key: each for key, each in ours if each is not None}
+        if hasattr(storage, "messages_scan"):
+            parts = [part for part in storage.connections if part.id in known]
+            found = ((part.id, stamp, data) for part, stamp, data in storage.messages_scan(parts))
+        else:
+            rows = "SELECT topic_id, timestamp, data FROM messages ORDER BY id"
+            found = storage.dbconn.execute(rows)
+        for topic, stamp, data in found:
+            if topic in known:
+                yield known[topic], stamp, data
 
 
 def _chosen(

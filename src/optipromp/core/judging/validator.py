@@ -344,7 +344,8 @@ def _motion(
     excess = max(float(beyond.max()), 0.0)
     if excess > 0.0:
         side, joint = divmod(int(np.argmax(beyond)), len(names))
-        text = f"{names[joint]} leaves its limits by {excess:.4f}"
+        amount = f"{excess:.4f}" if excess >= 1e-4 else f"{excess:.2g}"  # never by 0.0000
+        text = f"{names[joint]} leaves its limits by {amount}"
         when = float(found.when[side, joint])
         out.append(Violation("limit", text, names[joint], when, excess, "rad or m"))
     ratios = {}

@@ -125,9 +125,7 @@ def _given(given: object, basis: Basis, robot: Robot) -> ProMP:
     what = "the ProMP" if isinstance(given, ProMP) else str(given)
     joints, lower, upper = robot.joint_names, robot.lower, robot.upper
     if not isinstance(given, ProMP) and not is_primitive(Path(given)):
-        recorded = load_demonstrations(given)
-        recorded.for_joints(joints, what).check_limits(lower, upper, what)
-        return fit(recorded, basis).for_joints(joints, what)
+        return fit(load_demonstrations(given).for_robot(joints, lower, upper, what), basis)
     promp = given if isinstance(given, ProMP) else ProMP.load(given)
     mean = promp.for_joints(joints, what).mean_trajectory(PRIMITIVE.checked)
     # the mean of few bases overshoots; only beyond the limits by a joint's range it has other units

@@ -2,6 +2,7 @@
 
 import functools
 import math
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -232,14 +233,14 @@ def posed(
             f"start has {start.size} values; {robot.name} has {robot.n_joints} joints: "
             f"{', '.join(robot.joint_names)}"
         )
-    within_limits(robot, start, "start", StartInvalidError)
+    start = within_limits(robot, start, "start", StartInvalidError)
     if state is not None and (fast := np.abs(state.velocity) > robot.velocity).any():
         joint = int(np.argmax(fast))
         raise StartInvalidError(
             f"start: {robot.joint_names[joint]} moves at {state.velocity[joint]:.4g}, above its "
             f"limit {robot.velocity[joint]:g}"
         )
-    return robot, state or State(start)
+    return robot, State(start) if state is None else replace(state, q=start)
 
 
 def resolve(scene: Scene, robot: Robot | None = None, state: State | None = None) -> Task:
@@ -431,27 +432,41 @@ def aimed_at_stem(scene: Scene, tool: Tool | None) -> Scene:
     return replace(scene, approach=approach)
 
 
-LIMIT_TOLERANCE = 1e-9  # [rad or m] a joint this little beyond its limit is within it: rounding
+LIMIT_TOLERANCE = 2e-3
+"""[rad or m] A start or a goal that is this little beyond a limit is at the limit. An encoder of
+4096 steps errs by 1.5e-3 rad: a choice."""
+LIMIT_ROUNDING = 1e-6  # [rad or m] that is not worth a word: files round
 
 
 def _turned(goal: JointGoal, robot: Robot, start: FloatArray) -> JointGoal:
     """A goal whose joints that may turn without end have their values nearest to ``start`` (n,)."""
     joints = robot.check_configuration(goal.joints)
-    within_limits(robot, joints, "goal", InvalidRequestError)
+    joints = within_limits(robot, joints, "goal", InvalidRequestError)
     turns = np.where(ik.turning(robot), np.round((joints - start) / (2.0 * np.pi)), 0.0)
-    return JointGoal(joints - 2.0 * np.pi * turns) if turns.any() else goal
+    return JointGoal(joints - 2.0 * np.pi * turns)
 
 
-def within_limits(robot: Robot, q: FloatArray, what: str, error: type) -> None:
-    """Refuse a configuration (n,) outside the joint limits; ``what`` begins the ``error``."""
+def within_limits(robot: Robot, q: FloatArray, what: str, error: type) -> FloatArray:
+    """A configuration (n,) within the joint limits.
+
+    A joint at most :data:`LIMIT_TOLERANCE` beyond its limit is moved to it, with a warning; farther
+    ones are refused. ``what`` begins the warning and the ``error``.
+    """
     over = np.maximum(robot.lower - q, q - robot.upper)
     worst = int(np.argmax(over))
+    if over[worst] <= 0.0:
+        return q
+    noise = LIMIT_ROUNDING < over[worst] <= LIMIT_TOLERANCE
+    told = (
+        f"{what}: {robot.joint_names[worst]} is {q[worst]:.{6 if noise else 4}f}, outside its "
+        f"limits [{robot.lower[worst]:.4f}, {robot.upper[worst]:.4f}]"
+    )
     if over[worst] > LIMIT_TOLERANCE:
         degrees = " (degrees? radians are needed)" if abs(q[worst]) > 4.0 * np.pi else ""
-        raise error(
-            f"{what}: {robot.joint_names[worst]} is {q[worst]:.4f}, outside its limits "
-            f"[{robot.lower[worst]:.4f}, {robot.upper[worst]:.4f}]{degrees}"
-        )
+        raise error(f"{told} by more than {LIMIT_TOLERANCE:g}{degrees}")
+    if noise:
+        warnings.warn(f"{told} by {over[worst]:.2g}: moved to the limit", stacklevel=4)
+    return np.clip(q, robot.lower, robot.upper)
 
 
 def at_goal(robot: Robot, goal: Goal, q: FloatArray) -> bool:

@@ -3,16 +3,16 @@
 import os
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optipromp.core.arrays import FloatArray, read_only
-from optipromp.core.documents import read_table
-from optipromp.core.errors import InvalidDemonstrationError
+from optipromp.core.arrays import FloatArray, IntArray, read_only
+from optipromp.core.documents import read_document, read_table
+from optipromp.core.errors import InvalidDemonstrationError, OptiPrompError, installed_by
 from optipromp.core.files import is_folder, is_there, npz, read_npz, texts, write_atomically
 from optipromp.core.promp import checks
 
@@ -20,7 +20,12 @@ BEYOND_LIMITS = 0.05
 """[rad or m] Excess of a demonstration over a joint's limits that is accepted: an arm that is led
 by hand leans into its stops."""
 _LARGEST = 4.0 * np.pi  # [rad or m] larger positions look like degrees or millimetres
+_BLUNDER = 1.0  # [rad or m] farther beyond a limit no arm leans, and degrees are
 _STILL, _IDLE = 0.01, 0.25  # of a joint's range: no motion; of the time without motion: too much
+TURN = 2.0 * np.pi  # [rad]
+_WRAP = 0.5  # [rad] a step between two samples that is this near a whole turn is no motion
+_JITTER = 5.0  # usual steps by which the time may run back: messages that overtake each other
+_SAME = 0.05  # [rad or m] parts of a recording that differ by less at all times are one
 _BACK = 0.5  # of the distance to the others' ends: the other way round a demonstration is near them
 _LARGEST_JOINT = 1e6  # [rad or m] larger positions overflow in learning
 _FORMS = "Q, time, lengths; or positions (N, T, n) with an optional time (T,) or (N, T)"
@@ -101,9 +106,11 @@ class Demonstrations(Sequence[Demonstration]):
 
     items: tuple[Demonstration, ...]
     joint_names: tuple[str, ...] = ()
+    named: bool = field(init=False)  # whether names were stated
 
     def __post_init__(self) -> None:
         items = tuple(self.items)
+        object.__setattr__(self, "named", len(self.joint_names) > 0)
         if not items:
             raise InvalidDemonstrationError("no demonstrations: at least one is needed")
         n = items[0].n_joints
@@ -132,12 +139,6 @@ class Demonstrations(Sequence[Demonstration]):
         """Number of joints n."""
         return self.items[0].n_joints
 
-    def check_limits(self, lower: FloatArray, upper: FloatArray, what: str) -> None:
-        """Refuse demonstrations beyond the limits (n,) of the joints, as :func:`check_limits`."""
-        for i, item in enumerate(self):
-            label = f"{what}: demonstration {i}"
-            check_limits(item.positions, self.joint_names, lower, upper, label)
-
     def for_joints(self, joints: Sequence[str], what: str) -> "Demonstrations":
         """The same demonstrations with the columns in the order of ``joints``.
 
@@ -148,10 +149,31 @@ class Demonstrations(Sequence[Demonstration]):
         items = (Demonstration(d.times, d.positions[:, order], d.span) for d in self)
         return Demonstrations(tuple(items), tuple(joints))
 
+    def for_robot(
+        self, joints: Sequence[str], lower: FloatArray, upper: FloatArray, what: str
+    ) -> "Demonstrations":
+        """As :meth:`for_joints`, within the limits (n,) of a robot.
+
+        A joint without limits begins at most half a turn from where it begins in the first
+        demonstration.
+
+        Raises:
+            InvalidDemonstrationError: as :meth:`for_joints` and :func:`check_limits`.
+        """
+        ordered = self.for_joints(joints, what)
+        free, first = np.isinf(lower) & np.isinf(upper), ordered[0].positions[0]
+        items = []
+        for i, item in enumerate(ordered):
+            turns = np.where(free, np.round((item.positions[0] - first) / TURN), 0.0)
+            items.append(replace(item, positions=item.positions - TURN * turns))
+            check_limits(items[i].positions, joints, lower, upper, f"{what}: demonstration {i}")
+        return Demonstrations(tuple(items), tuple(joints))
+
 
 def check_limits(
     positions: FloatArray, names: Sequence[str], lower: FloatArray, upper: FloatArray, what: str,
     slack: FloatArray | float = BEYOND_LIMITS,
+    error: type[OptiPrompError] = InvalidDemonstrationError,
 ) -> None:  # fmt: skip
     """Refuse positions (T, n) more than ``slack`` (n,) beyond the limits (n,) of the joints."""
     slack = np.broadcast_to(slack, lower.shape)
@@ -161,10 +183,10 @@ def check_limits(
         return
     value = positions[sample, joint]
     units = " (degrees or millimetres? radians and metres are needed)"
-    raise InvalidDemonstrationError(
+    raise error(
         f"{what}: {names[joint]} is {value:.4g} at sample {sample}: must be within its limits "
         f"[{lower[joint]:.4f}, {upper[joint]:.4f}], or at most {slack[joint]:.4g} beyond"
-        f"{units if abs(value) > _LARGEST else ''}"
+        f"{units if beyond[sample, joint] > _BLUNDER else ''}"
     )
 
 
@@ -178,6 +200,7 @@ def load_demonstrations(path: str | os.PathLike[str]) -> Demonstrations:
       ``<joint>_velocity`` and ``<joint>_acceleration`` are ignored; an optional column ``demo``
       labels the demonstrations.
     - a folder: every ``.csv`` in it, by name, all with the same joints in the same order.
+    - a LeRobot dataset: ``observation.state`` of each episode, without columns of a gripper.
 
     Warns:
         UnitsWarning: a position is beyond 4π, as degrees or millimetres are.
@@ -186,7 +209,9 @@ def load_demonstrations(path: str | os.PathLike[str]) -> Demonstrations:
         InvalidDemonstrationError: the message names the file, and the row or index if any.
     """
     path = Path(path)
-    if is_folder(path):
+    if is_there(path / "meta" / "info.json"):
+        result = _read_lerobot(path)
+    elif is_folder(path):
         result = _read_folder(path)
     elif not is_there(path):
         raise InvalidDemonstrationError(f"{path} does not exist")
@@ -212,6 +237,16 @@ def load_demonstrations(path: str | os.PathLike[str]) -> Demonstrations:
 def _odd(found: Demonstrations) -> list[str]:
     """Demonstrations that run the other way, or stand still for long, in words."""
     told = []
+    starts = np.array([d.positions[0] for d in found])
+    away = starts - np.median(starts, axis=0)
+    turns = np.round(away / TURN)
+    apart = (turns != 0.0) & (np.abs(away - TURN * turns) < _WRAP)
+    if apart.any() and np.abs(starts).max() <= _LARGEST:
+        i, joint = (int(k) for k in np.argwhere(apart)[0])
+        told.append(
+            f"demonstration {i} begins a turn apart from others in {found.joint_names[joint]}: "
+            "'learn --robot ROBOT' puts joints without limits onto one turn"
+        )
     ends = np.array([d.positions[[0, -1]] for d in found])  # (N, 2, n)
     usual = np.median(ends, axis=0)
     away, back = (np.linalg.norm(ends - e, axis=2).sum(axis=1) for e in (usual, usual[::-1]))
@@ -227,6 +262,67 @@ def _odd(found: Demonstrations) -> list[str]:
                 words = f"for the {which} {100 * idle:.0f} % of its time, which is learnt too"
                 told.append(f"demonstration {i} stands still {words}: cut that off")
     return told
+
+
+def parts_in_time(
+    what: str, times: FloatArray, positions: FloatArray
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Times (k,), increasing, and unwrapped positions (k, n) of each part of a recording.
+
+    Where the time runs back a clock was set, and a part ends: unless messages overtook each other,
+    or the parts say the same of the times that they share. Of rows at one time the first stays.
+
+    Args:
+        what: the recording; begins the warnings of what was cut or left out.
+        times: (m,) as recorded, in any unit.
+        positions: (m, n) [rad or m].
+    """
+
+    def in_order(rows: IntArray) -> IntArray:
+        return rows[np.unique(times[rows], return_index=True)[1]]
+
+    steps = np.diff(times)
+    jitter = _JITTER * np.quantile(np.abs(steps), 0.75) if len(steps) else 0.0
+    back = np.flatnonzero(steps < -jitter) + 1
+    parts: list[IntArray] = []
+    for rows in np.split(np.arange(len(times)), back):
+        for k, part in enumerate(parts):
+            if _agree(times, positions, part, in_order(rows)):
+                parts[k] = in_order(np.concatenate([part, rows]))
+                break
+        else:
+            if parts:
+                warnings.warn(
+                    f"{what}: the time runs back by {-steps[rows[0] - 1]:.6g} at row {rows[0]}: "
+                    "cut there, and both parts are read",
+                    stacklevel=4,
+                )
+            parts.append(in_order(rows))
+    if dropped := len(times) - sum(map(len, parts)):
+        words = f"{dropped} of {len(times)} rows have the time of another: left out"
+        warnings.warn(f"{what}: {words}", stacklevel=4)
+    return [(times[part], unwrapped(positions[part])) for part in parts]
+
+
+def _agree(times: FloatArray, positions: FloatArray, a: IntArray, b: IntArray) -> bool:
+    """Whether two parts share a stretch of time, and have the same positions then."""
+    shared = b[(times[b] >= times[a[0]]) & (times[b] <= times[a[-1]])]
+    if not len(shared):
+        return False
+    there = [np.interp(times[shared], times[a], column) for column in positions[a].T]
+    return bool(np.abs(np.stack(there, axis=1) - positions[shared]).max() < _SAME)
+
+
+def unwrapped(positions: FloatArray) -> FloatArray:
+    """Positions (T, n) without the steps of a whole turn that an encoder makes at its end.
+
+    Only of joints that are reported within one turn: larger values are no angles of an encoder.
+    """
+    steps = np.diff(positions, axis=0)
+    turns = np.round(steps / TURN)
+    wraps = (np.abs(steps - TURN * turns) < _WRAP) & (np.ptp(positions, axis=0) < TURN + _SAME)
+    gone = np.cumsum(np.where(wraps, turns, 0.0), axis=0)
+    return np.concatenate([positions[:1], positions[1:] - TURN * gone])
 
 
 def save_demonstrations(demonstrations: Demonstrations, path: str | os.PathLike[str]) -> None:
@@ -255,9 +351,10 @@ def _build(
     items = []
     for label, times, positions in parts:
         try:
-            items.append(Demonstration(np.asarray(times), np.asarray(positions)))
+            item = Demonstration(np.asarray(times), np.asarray(positions))
         except InvalidDemonstrationError as cause:
             raise InvalidDemonstrationError(f"{path}: {label}: {cause.message}") from None
+        items.append(replace(item, positions=unwrapped(item.positions)))
     try:
         return Demonstrations(tuple(items), tuple(names))
     except Exception as cause:
@@ -324,7 +421,9 @@ def _read_csv(path: Path) -> Demonstrations:
     parts: list[tuple[str, ArrayLike, ArrayLike]] = []
     for label in dict.fromkeys(labels):
         block = values[[other == label for other in labels]]
-        parts.append((f"demo {label}" if label else "rows", block[:, 0], block[:, 1:]))
+        name = f"demo {label}" if label else "rows"
+        pieces = parts_in_time(f"{path}: {name}", block[:, 0], block[:, 1:])
+        parts += [(name, *piece) for piece in pieces]
     return _build(path, parts, [header[i] for i in joints])
 
 
@@ -333,6 +432,11 @@ def _read_folder(path: Path) -> Demonstrations:
         files = sorted(file for file in path.iterdir() if file.suffix.lower() == ".csv")
     except OSError as error:
         raise InvalidDemonstrationError(f"{path}: cannot be read: {error.strerror}") from None
+    if is_there(path / "data" / "metadata.json"):
+        raise InvalidDemonstrationError(
+            f"{path} is a Minari dataset, whose observations do not tell which of them are joints: "
+            f"write these as NPZ: {_FORMS}, with joint_names"
+        )
     if not files:
         raise InvalidDemonstrationError(f"{path} holds no .csv file")
     items: list[Demonstration] = []
@@ -347,3 +451,41 @@ def _read_folder(path: Path) -> Demonstrations:
             )
         items.extend(part)
     return Demonstrations(tuple(items), names)
+
+
+STATE = "observation.state"
+
+
+def _read_lerobot(path: Path) -> Demonstrations:
+    """The episodes of a LeRobot dataset, of versions 2 (a file each) and 3 (files of several)."""
+    try:
+        from pyarrow import ArrowException
+        from pyarrow.parquet import read_table as read_parquet
+    except ImportError:
+        raise InvalidDemonstrationError(
+            f"{path} is a LeRobot dataset: reading it needs pyarrow: {installed_by('episodes')}"
+        ) from None
+    about = read_document(path / "meta" / "info.json", InvalidDemonstrationError, "a mapping")
+    columns = [STATE, "timestamp", "episode_index"]
+    try:
+        stated = about["features"][STATE]["names"]
+        table = read_parquet(path / "data", columns=columns)
+        rows = np.array(table[STATE].to_pylist(), dtype=np.float64)
+        times, episode = (table[name].to_numpy().astype(np.float64) for name in columns[1:])
+    except (ArrowException, OSError, KeyError, TypeError, ValueError) as error:
+        words = " ".join(str(error).split())[:120]
+        raise InvalidDemonstrationError(
+            f"{path}: no LeRobot dataset with {', '.join(columns)} ({words})"
+        ) from None
+    if isinstance(stated, dict):
+        stated = next(iter(stated.values()), None)
+    if rows.ndim != 2 or (stated is not None and len(stated) != rows.shape[1]):
+        raise InvalidDemonstrationError(f"{path}: {STATE} has other columns than its names")
+    names = [str(name).removesuffix(".pos") for name in stated or ()]
+    gone = [k for k, name in enumerate(names) if "gripper" in name.lower()]
+    if gone:
+        listed = ", ".join(names[k] for k in gone)
+        warnings.warn(f"{path}: {listed}: left out, as no joint of an arm", stacklevel=3)
+    rows, order = np.delete(rows, gone, axis=1), np.unique(episode)
+    parts = [(f"episode {e:.0f}", times[episode == e], rows[episode == e]) for e in order]
+    return _build(path, parts, [name for k, name in enumerate(names) if k not in gone])

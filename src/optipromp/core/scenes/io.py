@@ -94,7 +94,8 @@ def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, An
         base_dir: folder to which paths are relative; None: absolute paths.
 
     Raises:
-        InvalidSceneError: a mesh or point cloud was made in memory.
+        InvalidSceneError: a mesh or point cloud was made in memory; lengths look like millimetres,
+            and the scene does not state that they are ``metres``.
     """
     document: dict[str, Any] = {"format": 1, "name": scene.name, "robot": _robot(scene, base_dir)}
     if not scene.base.is_identity:
@@ -135,8 +136,13 @@ def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, An
         document["may_touch"] = [list(pair) for pair in scene.may_touch]
     if scene.padding:
         document["padding"] = scene.padding
-    if any(_looks_like_millimetres(item) for item in scene.objects):
-        document["scale"] = 1.0  # states that lengths are metres; loading would refuse them else
+    try:
+        for item in scene.objects:
+            check_magnitude(item)  # as loading does
+    except InvalidSceneError:
+        if not scene.metres:
+            raise
+        document["scale"] = 1.0
     return document
 
 
@@ -155,14 +161,6 @@ def _plain(value: object, names: Sequence[str]) -> dict[str, Any]:
     given = {name: getattr(value, name) for name in names}
     stated = {name: one for name, one in given.items() if one is not None}
     return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in stated.items()}
-
-
-def _looks_like_millimetres(item: SceneObject) -> bool:
-    try:
-        check_magnitude(item)
-    except InvalidSceneError:
-        return True
-    return False
 
 
 def _robot(scene: Scene, base_dir: Path | None) -> str | dict[str, Any]:
@@ -257,6 +255,7 @@ def _tool_to_dict(tool: ToolSpec, base_dir: Path | None) -> dict[str, Any]:
 
 _FARTHEST = 20.0  # [m] chosen: a larger distance is a number in millimetres,
 _BEYOND_MILLIMETRES = 5_000.0  # [m] chosen: unless it is beyond reach even in millimetres
+TWINS = 0.5  # of the smaller radius, the least distance of two fruits' centres, chosen
 _LARGEST_FRUIT = 1.0  # [m] chosen
 
 
@@ -291,6 +290,7 @@ def scene_from_dict(
             if model.scale is None:
                 check_magnitude(objects[-1], told)
         where = ""
+        _tell_twins(objects, source)
         _check_target_key(model, objects)
         _, lateral, vertical = frames["world"].rotation.T
         usual = {"direction": vertical, "lateral": lateral}
@@ -328,6 +328,7 @@ def scene_from_dict(
             padding=scale * model.padding,
             place=None if model.place is None else Place(**values(model.place, scale, default)),
             crop=None if model.crop is None else _crop(model.crop, base_dir),
+            metres=model.scale is not None,
         )
     except InvalidSceneError as error:
         raise InvalidSceneError(f"{source}: {where}{error.message}") from None
@@ -462,6 +463,25 @@ def _check_distance(name: str, position: FloatArray, told: str, *, reachable: bo
         f"{name} {position.tolist()}{told} is {distance:g} m from the robot "
         f"(at most {_FARTHEST:g}): millimetres? then write scale: 0.001 at the top"
     )
+
+
+def _tell_twins(objects: Sequence[SceneObject], source: str) -> None:
+    """Warn of the first fruit whose centre is inside another: probably it was detected twice."""
+    fruits = [item for item in objects if item.role in ("target", "pushable")]
+    places = np.array([item.position for item in fruits]).reshape(-1, 3)
+    sizes = np.array([item.radius for item in fruits])
+    for k, item in enumerate(fruits):
+        away = np.linalg.norm(places[:k] - places[k], axis=1)
+        inside = np.flatnonzero(away < TWINS * np.minimum(sizes[:k], sizes[k]))
+        if len(inside):
+            other = int(inside[0])
+            warnings.warn(
+                f"{source}: the centres of {fruits[other].id!r} and {item.id!r} are "
+                f"{1e3 * away[other]:.0f} mm apart: one fruit that was detected twice? leave "
+                "out one",
+                stacklevel=4,
+            )
+            return
 
 
 def _check_target_key(model: Any, objects: list[SceneObject]) -> None:

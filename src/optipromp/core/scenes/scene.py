@@ -155,6 +155,7 @@ class Scene(
         padding: distance that the robot keeps from static objects [m]; an object may state another.
         crop: of the fruits: what they are made of and what they bear, in the simulation; None: the
             simulation's own parameters and thresholds.
+        metres: whether the file states its unit of length: then distances are meant as they are.
 
     Raises:
         InvalidSceneError: ids repeat; there is no target, two targets, or a target and a goal; a
@@ -180,6 +181,7 @@ class Scene(
     padding: float = 0.0
     place: Place | None = None
     crop: Crop | None = None
+    metres: bool = False
 
     def __post_init__(self) -> None:
         named("name", self.name)
