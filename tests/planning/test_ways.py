@@ -108,7 +108,8 @@ def test_shortcuts_shorten_and_keep_both_ends() -> None:
             body, task.robot, task.start, task.goal.joints[None], NONE, rng, None
         )
         assert grown is not None
-        short = collision._shortened(body, grown, rng)
+        places = np.sort(rng.random((collision.TREE.shortcuts, 2)), axis=1)
+        short = collision.shorten(body, grown, places, np.empty(grown.shape[1]))
         np.testing.assert_array_equal(short[[0, -1]], grown[[0, -1]])
         straight = float(np.linalg.norm(grown[-1] - grown[0]))
         assert straight - 1e-9 <= length(short) <= length(grown) + 1e-9
