@@ -56,6 +56,7 @@ from optipromp.laboratory.experiments.eyes import without_fruits
 
 T = TypeVar("T")
 PLAIN: dict[str, Any] = {"target": "pushable"}  # for scenes of what is seen, with or without one
+VECTORS = "q", "velocity", "tool_point", "tool_axis", "force"  # of an observation
 
 
 def velocity_of(answer: dict[str, Any]) -> FloatArray:
@@ -176,10 +177,7 @@ class Served(Remote):
         assert self._scene is not None
         told = {
             "call": "act", "time": seen.time, "age": seen.age, "holding": seen.holding,
-            **{
-                name: getattr(seen, name).tolist()
-                for name in ("q", "velocity", "tool_point", "tool_axis", "force")
-            },
+            **{name: getattr(seen, name).tolist() for name in VECTORS},
             "objects": _objects((*seen.fruits, *self._scene.static), self._scene),
         }  # fmt: skip
         return self._ask(_packed(told), self.patience.act, velocity_of)
@@ -236,14 +234,10 @@ def _seen(message: dict[str, Any], scene: Scene) -> Observation:
     plain = [{**each, "role": PLAIN.get(each["role"], each["role"])} for each in told]
     found = scene_from_dict({**bare, "objects": plain}).objects
     items = [replace(item, role=role) for item, role in zip(found, roles, strict=True)]
-    q, velocity, point, axis, force = (
-        np.array(message[name]) for name in ("q", "velocity", "tool_point", "tool_axis", "force")
-    )
+    values: dict[str, Any] = {name: np.array(message[name]) for name in VECTORS}
+    values |= {name: message[name] for name in ("time", "age", "holding")}
     fruits = tuple(item for item in items if item.role != "static")
-    return Observation(
-        message["time"], q, velocity, point, axis, fruits, message["age"], force,
-        message["holding"],
-    )  # fmt: skip
+    return Observation(fruits=fruits, **values)
 
 
 SERVED = "tcp:"

@@ -17,7 +17,12 @@ from scipy.signal import savgol_filter
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.errors import InvalidDemonstrationError, InvalidRequestError
 from optipromp.core.parameters import Checked, parameter
-from optipromp.core.promp.demonstrations import Demonstration, Demonstrations, parts_in_time
+from optipromp.core.promp.demonstrations import (
+    Demonstration,
+    Demonstrations,
+    parts_in_time,
+    unwrapped,
+)
 from optipromp.core.trajectory import joint_columns
 from optipromp.ros.trajectories import joint_positions, nanoseconds
 from optipromp.ros.types import Recorded, read_bag
@@ -178,7 +183,8 @@ def _series(
     first, parts = min(each[0][0] for each in rows), []
     for each in rows:
         times = np.array([(stamp - first) * 1e-9 for stamp, _ in each])
-        parts.append(parts_in_time(what, times, np.array([q for _, q in each])))
+        apart = parts_in_time(what, times, np.array([q for _, q in each]))
+        parts.append([(at, unwrapped(q)) for at, q in apart])
     if len({len(each) for each in parts}) > 1:
         raise InvalidRequestError(f"{what}: the joints of the arm are in messages of two clocks")
     return tuple(joints), [_joined(each, gap) for each in zip(*parts, strict=True)]

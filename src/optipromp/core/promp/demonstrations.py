@@ -267,7 +267,7 @@ def _odd(found: Demonstrations) -> list[str]:
 def parts_in_time(
     what: str, times: FloatArray, positions: FloatArray
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Times (k,), increasing, and unwrapped positions (k, n) of each part of a recording.
+    """Times (k,), increasing, and positions (k, n) of each part of a recording.
 
     Where the time runs back a clock was set, and a part ends: unless messages overtook each other,
     or the parts say the same of the times that they share. Of rows at one time the first stays.
@@ -301,7 +301,7 @@ def parts_in_time(
     if dropped := len(times) - sum(map(len, parts)):
         words = f"{dropped} of {len(times)} rows have the time of another: left out"
         warnings.warn(f"{what}: {words}", stacklevel=4)
-    return [(times[part], unwrapped(positions[part])) for part in parts]
+    return [(times[part], positions[part]) for part in parts]
 
 
 def _agree(times: FloatArray, positions: FloatArray, a: IntArray, b: IntArray) -> bool:

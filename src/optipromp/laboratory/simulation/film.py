@@ -211,13 +211,12 @@ class Onlooker(Studio):
 
     def __init__(self, world: World, width: int, height: int) -> None:
         super().__init__(world, fine=True)
-        self._size, self._camera = (width, height), engine().MjvCamera()
+        self._size = width, height
         scene = world.scene
         point, _ = world.robot.tool_pose(world.robot.home if scene.start is None else scene.start)
         middle = 0.5 * (point + (point if scene.aim is None else scene.aim))
-        self._camera.lookat[:], self._camera.distance = middle, ASIDE
-        self._camera.azimuth = np.rad2deg(np.arctan2(middle[1], middle[0])) + AROUND[0]
-        self._camera.elevation = LEVELS[0]
+        around = float(np.rad2deg(np.arctan2(middle[1], middle[0]))) + AROUND[0]
+        self._camera = Shot(around, LEVELS[0], middle[None], np.array([ASIDE])).at(0)
 
     def picture(self, state: FloatArray) -> Image8:
         """The picture (height, width, 3) of a ``state`` of the world, its ``qpos``."""

@@ -78,7 +78,7 @@ def closed_loop(
     began = wall.perf_counter()
     cycle = round(controller.parameters.period / simulation.tick)
     line = _Line()
-    times, stages, looks, tracks, stretches, plans = [], [], [], [], [], []
+    cycles, looks, stretches = [], [], []
     state = simulation.state()
     reference = State(state.q)
     for _ in range(round(simulation.parameters.engine.settle / simulation.tick)):
@@ -103,10 +103,8 @@ def closed_loop(
         if stretch is not None:
             line.coming.append(stretch)
             stretches.append(stretch)
-        times.append(now)
-        stages.append(controller.stage)
-        tracks.append(controller.tracker.at(now))
-        plans.append(len(controller.plans))
+        tracked = controller.tracker.at(now)
+        cycles.append((now, controller.stage, tracked, len(controller.plans)))
         if controller.ended and line.ended(now):
             break
         try:
@@ -127,8 +125,9 @@ def closed_loop(
         simulation.scene, simulation.robot, simulation.parameters, simulation.seed,
         rollout, outcome, wall.perf_counter() - began,
     )  # fmt: skip
+    times, stages, tracks, plans = zip(*cycles, strict=True)
     trace = Trace(
-        np.array(times), tuple(stages), tuple(looks), tuple(tracks), tuple(stretches),
+        np.array(times), stages, tuple(looks), tracks, tuple(stretches),
         np.array(plans, dtype=np.int64),
     )  # fmt: skip
     return Loop(run, controller.stage, trace, controller, eye.detector, picked)
