@@ -396,8 +396,10 @@ def paced(
     slow = slowly(task, q, first)
     if not (stands(task) and isinstance(slow, np.ndarray)) or options.duration is not None:
         made = timed(task, options, q, slow, speed)
-        plain = options.unhurried or options.duration is not None or task.state.moving
-        return made if plain or stands(task) or first is None else _hurried(task, made)
+        free = np.zeros(len(q) - 1, dtype=bool) if task.state.moving else hurried(task, options, q)
+        if first is None or not free.any():
+            return made
+        return quickened(task.robot, made, np.where(free, np.inf, 1.0))
     limit = options.approach_speed or speed or PUSH.standing.speed
     even, near = shortest(task.robot, q, first, limit), _near_standing(task, q)
     own = tool_speeds(task.robot, even, np.ones(len(slow), dtype=bool), TIMING.parts)
@@ -519,14 +521,16 @@ def _among_hanging(task: Task, q: FloatArray, first: int | None) -> Slow:
     return among | path if (among & ~path).any() else first
 
 
-def _hurried(task: Task, made: Trajectory) -> Trajectory:
-    """A trajectory, led faster until its tool first comes near a fruit that hangs."""
-    target = task.scene.target
-    if task.robot.tool is None or target is None or target.stem is None:
-        return made
-    near = _near_hanging(task, made.positions, [*task.scene.pushables, target])
-    before = np.cumsum(near) == 0
-    return quickened(task.robot, made, np.where(before, np.inf, 1.0)) if near.any() else made
+def hurried(task: Task, options: Timed, q: FloatArray) -> BoolArray:
+    """The intervals (T-1,) before the tool first comes near a fruit, where all of these hang.
+
+    None where the options state a speed or a duration, or are ``unhurried``.
+    """
+    target, plain = task.scene.target, options.unhurried or options.timed or stands(task)
+    if plain or task.robot.tool is None or target is None or target.stem is None:
+        return np.zeros(len(q) - 1, dtype=bool)
+    near = _near_hanging(task, q, (*task.scene.pushables, target))
+    return np.asarray((np.cumsum(near) == 0) & near.any())
 
 
 def _near_hanging(task: Task, q: FloatArray, fruits: Iterable[SceneObject]) -> BoolArray:
