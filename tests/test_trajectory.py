@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.interpolate import BPoly
+from scipy.interpolate import BPoly, make_interp_spline
 
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.trajectory import State, Trajectory, read_trajectory
@@ -95,6 +95,21 @@ def test_through_waypoints_four_derivatives_are_continuous() -> None:
         part = pieces.derivative(order)
         before, after = part(times[1:-1] - 1e-12), part(times[1:-1] + 1e-12)
         np.testing.assert_allclose(before, after, rtol=1e-6, atol=1e-6 * np.abs(after).max())
+
+
+@given(seed=st.integers(0, 10_000), rows=st.integers(2, 60), moving=st.booleans())
+@settings(max_examples=40, deadline=None)
+def test_through_waypoints_it_is_scipys_spline(seed: int, rows: int, moving: bool) -> None:
+    rng = np.random.default_rng(seed)
+    times = np.append(0.0, rng.uniform(0.01, 0.3, rows - 1).cumsum())
+    q = rng.normal(size=(rows, 2)).cumsum(axis=0)
+    first = rng.normal(size=(2, 2)) if moving else np.zeros((2, 2))
+    made = Trajectory.through(q, times, NAMES, begin=State(q[0], *first))
+    ends = [(1, first[0]), (2, first[1])], [(1, np.zeros(2)), (2, np.zeros(2))]
+    wanted = make_interp_spline(times, q, k=5, bc_type=ends)
+    for order, values in enumerate((made.velocities, made.accelerations), start=1):
+        expected = wanted(times, order)
+        np.testing.assert_allclose(values, expected, atol=1e-7 * (1.0 + np.abs(expected).max()))
 
 
 def test_slowed_beyond_what_times_can_be_it_is_refused() -> None:

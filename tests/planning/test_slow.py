@@ -1,5 +1,7 @@
 """The tool is slow where it pushes or passes what stands, and only there."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -89,6 +91,48 @@ def test_a_rate_changes_no_place_and_no_limit() -> None:
     assert (np.abs(velocity) <= panda.velocity * 1.0001).all()
     assert (np.abs(acceleration) <= panda.acceleration * 1.0001).all()
     assert np.abs(np.diff(velocity, axis=0)).max() < 0.02  # no jump
+
+
+HOME = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])  # of a Panda, half a metre away
+
+
+@pytest.mark.parametrize("seed", [440_000, 440_001, 440_002])
+def test_a_reach_from_home_takes_two_thirds_of_the_time_by_the_same_way(seed: int) -> None:
+    scene = replace(generate("cluster", seed), start=HOME)
+    slow, made = (optipromp.plan(scene, unhurried=alone) for alone in (True, False))
+    assert made.success, made.message
+    assert (made.trajectory.positions == slow.trajectory.positions).all()
+    assert made.duration < 0.65 * slow.duration
+    assert made.metrics.approach_speed == pytest.approx(slow.metrics.approach_speed, rel=1e-3)
+    assert made.metrics.approach_speed < PUSH.hanging.speed * 1.1  # type: ignore[operator]
+    assert made.harm == slow.harm
+
+
+def test_the_free_part_takes_little_longer_than_the_joints_need() -> None:
+    scene = replace(generate("cluster", 440_000), start=HOME)
+    made = optipromp.plan(scene)
+    robot, curve = made.robot, made.trajectory
+    fruits = [item for item in scene.objects if item.stem is not None]
+    points, _ = robot.tool_pose(curve.positions)
+    away = np.min([np.linalg.norm(points - item.position, axis=1) for item in fruits], axis=0)
+    last = int(np.argmax(away < 0.20))  # [m] of the tool point
+    fastest = shortest(robot, curve.positions[: last + 1])  # which comes to rest there
+    assert curve.times[last] < 1.1 * fastest.duration
+
+
+def test_a_target_alone_is_not_run_into() -> None:
+    scene = generate("cluster", 440_000)
+    aside = [
+        item.shifted([0.0, 0.0, 0.5]) if item.role == "pushable" else item for item in scene.objects
+    ]
+    made = optipromp.plan(replace(scene, objects=tuple(aside), start=HOME))
+    robot, curve = made.robot, made.trajectory
+    times = np.linspace(0.0, curve.duration, 4000)
+    points, _ = robot.tool_pose(curve.sample(times)[0])
+    speed = np.linalg.norm(np.diff(points, axis=0), axis=1) / np.diff(times)
+    assert scene.target is not None
+    near = np.linalg.norm(points[1:] - scene.target.position, axis=1) < 0.03
+    assert speed[near].max() < PUSH.hanging.speed * 1.1
 
 
 @pytest.mark.filterwarnings("ignore:no built-in demonstrations")

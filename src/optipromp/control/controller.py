@@ -588,7 +588,7 @@ class Controller:
     def _planning(self, scene: Scene, **begin: Any) -> Sliced[Plan | OptiPrompError]:
         def work() -> Plan | OptiPrompError:
             try:
-                return plan(scene, robot=self.robot, seed=self.seed, **begin)
+                return plan(scene, robot=self.robot, seed=self.seed, unhurried=True, **begin)
             except OptiPrompError as error:
                 return error
 

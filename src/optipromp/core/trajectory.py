@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optipromp.core.arrays import FloatArray, frozen
+from optipromp.core.compiled import kernel
 from optipromp.core.documents import read_table
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import is_folder, read_npz, reading, texts
@@ -274,16 +275,48 @@ def derivatives(
     ``begin``: velocity and acceleration at the first position; None: at rest. At the last position
     the joints are at rest.
     """
-    from scipy.interpolate import make_interp_spline
+    v, a = np.zeros((2, *positions.shape))
+    if begin is not None:
+        v[0], a[0] = begin.velocity, begin.acceleration
+    _join(np.ascontiguousarray(positions), np.diff(times), v, a)
+    return v, a
 
-    rest = np.zeros(positions.shape[1])
-    ends = (rest, rest) if begin is None else (begin.velocity, begin.acceleration), (rest, rest)
-    conditions = tuple(list(enumerate(end, start=1)) for end in ends)
-    spline = make_interp_spline(times, positions, k=5, bc_type=conditions)
-    out = tuple(np.asarray(spline(times, order)) for order in (1, 2))
-    for values, first, last in zip(out, *ends, strict=True):  # exact, without rounding
-        values[0], values[-1] = first, last
-    return out[0], out[1]
+
+@kernel
+def _join(q, h, v, a):
+    """Set the rows of ``v``, ``a`` (T, n) between the first and the last, for waypoints ``q``.
+
+    At each of these waypoints the fourth and the third derivative of the quintics on both sides,
+    which last ``h`` (T-1,) [s], are the same. These equations, two a waypoint, are symmetric and
+    positive definite (they minimise the integral of the squared jerk), and solved block by block:
+    (v, a) of row i is ``m[i]`` times that of row i + 1, plus what stands in ``v[i]``, ``a[i]``.
+    """
+    count, n = q.shape
+    m = np.zeros((count, 4))
+    for i in range(1, count - 1):
+        g, f = h[i - 1], h[i]
+        g2, f2 = g * g, f * f
+        # of (v, a) before: fourth derivative, third derivative
+        b0, b1, b2, b3 = 168.0 / (g2 * g), 24.0 / g2, -24.0 / g2, -3.0 / g
+        m0, m1, m2, m3 = m[i - 1]
+        d0 = 192.0 / (g2 * g) + 192.0 / (f2 * f) + b0 * m0 + b1 * m2
+        d1 = 36.0 / f2 - 36.0 / g2 + b0 * m1 + b1 * m3
+        d2 = 36.0 / f2 - 36.0 / g2 + b2 * m0 + b3 * m2
+        d3 = 9.0 / f + 9.0 / g + b2 * m1 + b3 * m3
+        over = 1.0 / (d0 * d3 - d1 * d2)
+        c0, c1, c2, c3 = 168.0 / (f2 * f), -24.0 / f2, 24.0 / f2, -3.0 / f
+        m[i, 0], m[i, 1] = -over * (d3 * c0 - d1 * c2), -over * (d3 * c1 - d1 * c3)
+        m[i, 2], m[i, 3] = -over * (d0 * c2 - d2 * c0), -over * (d0 * c3 - d2 * c1)
+        for k in range(n):
+            back, on = (q[i, k] - q[i - 1, k]) / (g2 * g), (q[i + 1, k] - q[i, k]) / (f2 * f)
+            r0 = 360.0 * (on / f + back / g) - b0 * v[i - 1, k] - b1 * a[i - 1, k]
+            r1 = 60.0 * (on - back) - b2 * v[i - 1, k] - b3 * a[i - 1, k]
+            v[i, k], a[i, k] = over * (d3 * r0 - d1 * r1), over * (d0 * r1 - d2 * r0)
+    for i in range(count - 2, 0, -1):
+        for k in range(n):
+            x, y = v[i + 1, k], a[i + 1, k]
+            v[i, k] += m[i, 0] * x + m[i, 1] * y
+            a[i, k] += m[i, 2] * x + m[i, 3] * y
 
 
 def control_points(h: FloatArray, begin: Motion, end: Motion) -> FloatArray:

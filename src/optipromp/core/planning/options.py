@@ -96,12 +96,14 @@ class Timed(Settings):
         approach_speed: largest speed of the tool on its path, where something is to be pushed
             [m/s]; None: the speed of the push model. ``duration`` overrides it. A plan whose tool
             is faster among fruits than pushes are predicted for is no success.
+        unhurried: the tool keeps that speed on its whole path, also where nothing is near.
         corridor: largest distance of the tool from its path, along each axis [m].
     """
 
     waypoints: int | None = None
     duration: float | None = None
     approach_speed: float | None = None
+    unhurried: bool = False
     corridor: float = 0.002
 
     @property

@@ -18,6 +18,7 @@ from operator import attrgetter
 import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, frozen, lengths
+from optipromp.core.compiled import inner, kernel
 from optipromp.core.optimization.evaluation import Evaluation
 from optipromp.core.planning.options import Timed
 from optipromp.core.planning.parameters import TIMING, UNDERWAY
@@ -25,6 +26,7 @@ from optipromp.core.planning.task import Task, stands
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP, along, evenly, length
 from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.objects import SceneObject
 from optipromp.core.trajectory import State, Trajectory, control_points
 
 Slow = int | BoolArray | None
@@ -346,11 +348,15 @@ def _ramped(count: int, ramp: float) -> FloatArray:
     return frozen(np.where(gone <= 0.5, since(gone), 1.0 + ramp - since(1.0 - gone)))
 
 
-def smoothed(values: FloatArray) -> FloatArray:
+@kernel
+def smoothed(values):
     """The largest of each three neighbours (m,), then their mean."""
-    p = np.pad(values, 1, mode="edge")
-    p = np.pad(np.maximum(np.maximum(p[:-2], p[1:-1]), p[2:]), 1, mode="edge")
-    return np.asarray((p[:-2] + p[1:-1] + p[2:]) / 3.0)
+    last = len(values) - 1
+    p = np.empty(last + 3)
+    for i in range(last + 1):
+        p[i + 1] = max(values[max(i - 1, 0)], values[i], values[min(i + 1, last)])
+    p[0], p[last + 2] = p[1], p[last + 1]
+    return (p[:-2] + p[1:-1] + p[2:]) / 3.0
 
 
 def slowly(task: Task, q: FloatArray, first: int | None) -> Slow:
@@ -381,14 +387,19 @@ def paced(
     """Waypoints (T, n) as a trajectory whose tool is slow where :func:`slowly` asks for it.
 
     ``first`` is the first waypoint on the path of the tool, whose largest speed is ``speed`` [m/s];
-    see :func:`optipromp.core.planning.timing.timed`. Where objects stand, a trajectory that is slow
-    on its whole path is quickened where nothing is pushed. Beside the first places of these
-    objects, the tool keeps to ``PUSH.standing.beside``. Near the target the tool keeps
-    the profile of its speed, which brakes, or ``TIMING.meeting`` of its largest speed.
+    see :func:`optipromp.core.planning.timing.timed`. Such a trajectory is led faster where nothing
+    is pushed: among fruits that hang, until the tool comes near the first of them, unless the
+    options are ``unhurried``. Beside the first places of objects that stand, the tool keeps to
+    ``PUSH.standing.beside``. Near the target that stands the tool keeps the profile of its speed,
+    which brakes, or ``TIMING.meeting`` of its largest speed.
     """
     slow = slowly(task, q, first)
     if not (stands(task) and isinstance(slow, np.ndarray)) or options.duration is not None:
-        return timed(task, options, q, slow, speed)
+        made = timed(task, options, q, slow, speed)
+        free = np.zeros(len(q) - 1, dtype=bool) if task.state.moving else hurried(task, options, q)
+        if first is None or not free.any():
+            return made
+        return quickened(task.robot, made, np.where(free, np.inf, 1.0))
     limit = options.approach_speed or speed or PUSH.standing.speed
     even, near = shortest(task.robot, q, first, limit), _near_standing(task, q)
     own = tool_speeds(task.robot, even, np.ones(len(slow), dtype=bool), TIMING.parts)
@@ -411,41 +422,84 @@ def quickened(robot: Robot, made: Trajectory, rate: FloatArray) -> Trajectory:
     the factor ``TIMING.grade`` from waypoint to waypoint. It shrinks where the joints' limits are
     exceeded.
     """
-    most = np.minimum(np.minimum(rate, TIMING.quickest), np.diff(made.times) / TIMING.least_dt)
+    steps = np.diff(made.times)
+    most = np.minimum(np.minimum(rate, TIMING.quickest), steps / TIMING.least_dt)
     most = np.log(np.maximum(most, 1.0))
     most = np.minimum(np.append(most, most[-1]), np.append(most[0], most))
-    for _ in range(TIMING.paces):
-        for i in range(1, len(most)):
-            most[i] = min(most[i], most[i - 1] + np.log(TIMING.grade))
-        for i in range(len(most) - 1, 0, -1):
-            most[i - 1] = min(most[i - 1], most[i] + np.log(TIMING.grade))
-        led = _at_rate(made, np.exp(most))
-        need = needs(robot, led)
-        if need.max() <= 1.0:
-            return led
-        need = smoothed(np.maximum(need * (1.0 + TIMING.spare), 1.0))
-        excess = np.maximum(np.append(need, need[-1]), np.append(need[0], need))
-        most = np.maximum(most - TIMING.gain * np.log(excess), 0.0)
-    return made
+    limits = np.stack([robot.velocity, robot.acceleration, robot.jerk])
+    v, a = made.velocities.copy(), made.accelerations.copy()
+    if not _hurry(made.times, made.positions, v, a, limits, most, steps):
+        return made
+    times = np.append(0.0, np.cumsum(steps))
+    return Trajectory(times, made.positions, v, a, made.joint_names)
 
 
-def _at_rate(made: Trajectory, rate: FloatArray) -> Trajectory:
-    """A trajectory led at ``rate`` (T,) at its waypoints: q̇ = q′ r and q̈ = q″ r² + q′ ṙ.
+_RATES = TIMING.paces, math.log(TIMING.grade), TIMING.spare, TIMING.gain
 
-    The time per time of ``made``, 1 / rate, is a cubic in each interval, with continuous slopes.
+
+@kernel
+def _hurry(times, q, v, a, limits, most, steps):
+    """Lead waypoints ``q`` (T, n) at the largest rates up to exp(``most``) (T,) within ``limits``.
+
+    ``v``, ``a`` (T, n), in and out: at ``times`` (T,) before, and at the rates r: q̇ = q′ r and
+    q̈ = q″ r² + q′ ṙ. The time per time before, 1 / r, is a cubic in each interval, with continuous
+    slopes. ``limits`` (3, n) of velocity, acceleration and jerk. ``steps`` (T-1,) out, between the
+    times at the rates. Returns whether there are such rates within ``TIMING.paces`` trials.
     """
-    steps, pace = np.diff(made.times), 1.0 / rate
-    slope = np.gradient(pace, made.times)
-    widths = 0.5 * steps * (pace[1:] + pace[:-1]) - steps**2 * np.diff(slope) / 12.0
-    gain = (-slope * rate**3)[:, None]
-    each = rate[:, None]
-    return Trajectory(
-        np.append(0.0, np.cumsum(widths)),
-        made.positions,
-        made.velocities * each,
-        made.accelerations * each**2 + made.velocities * gain,
-        made.joint_names,
-    )
+    count, n = q.shape
+    slower, bent, (paces, grade, spare, gain) = v.copy(), a.copy(), _RATES
+    need, pace, slope = np.empty(count - 1), np.empty(count), np.empty(count)
+    for _ in range(paces):
+        for i in range(1, count):
+            most[i] = min(most[i], most[i - 1] + grade)
+        for i in range(count - 1, 0, -1):
+            most[i - 1] = min(most[i - 1], most[i] + grade)
+        pace[:] = np.exp(-most)
+        for i in range(count):  # differences of second order; at the ends of first
+            low, high = max(i - 1, 0), min(i + 1, count - 1)
+            before, after = times[i] - times[low], times[high] - times[i]
+            rise = before**2 * (pace[high] - pace[i]) + after**2 * (pace[i] - pace[low])
+            if before * after > 0.0:
+                slope[i] = rise / (before * after * (before + after))
+            else:
+                slope[i] = (pace[high] - pace[low]) / (before + after)
+            rate = 1.0 / pace[i]
+            for k in range(n):
+                v[i, k] = slower[i, k] * rate
+                a[i, k] = bent[i, k] * rate**2 - slower[i, k] * slope[i] * rate**3
+        worst = 0.0
+        for i in range(count - 1):
+            step = times[i + 1] - times[i]
+            steps[i] = 0.5 * step * (pace[i + 1] + pace[i])
+            steps[i] -= step**2 * (slope[i + 1] - slope[i]) / 12.0
+            need[i] = _need(q, v, a, i, steps[i], limits)
+            worst = max(worst, need[i])
+        if worst <= 1.0:
+            return True
+        need = smoothed(np.maximum(need * (1.0 + spare), 1.0))
+        for i in range(count):
+            excess = max(need[max(i - 1, 0)], need[min(i, count - 2)])
+            most[i] = max(most[i] - gain * math.log(excess), 0.0)
+    return False
+
+
+@inner
+def _need(q, v, a, i, h, limits):
+    """The least stretch of the interval i, which lasts ``h`` [s]; see :func:`shares`."""
+    worst = 0.0
+    for k in range(q.shape[1]):
+        v0, a0 = h * v[i, k] / 5.0, h * h * a[i, k] / 20.0
+        v1, a1 = h * v[i + 1, k] / 5.0, h * h * a[i + 1, k] / 20.0
+        d0, d1, d3, d4 = v0, v0 + a0, v1 - a1, v1
+        d2 = q[i + 1, k] - q[i, k] - d0 - d1 - d3 - d4
+        most = max(abs(d0), abs(d1), abs(d2), abs(d3), abs(d4))
+        worst = max(worst, 5.0 * most / (h * limits[0, k]))
+        d0, d1, d2, d3 = d1 - d0, d2 - d1, d3 - d2, d4 - d3
+        most = max(abs(d0), abs(d1), abs(d2), abs(d3))
+        worst = max(worst, math.sqrt(20.0 * most / (h * h * limits[1, k])))
+        most = max(abs(d1 - d0), abs(d2 - d1), abs(d3 - d2))
+        worst = max(worst, (60.0 * most / (h**3 * limits[2, k])) ** (1.0 / 3.0))
+    return worst
 
 
 def _near_standing(task: Task, q: FloatArray) -> BoolArray:
@@ -460,13 +514,33 @@ def _near_standing(task: Task, q: FloatArray) -> BoolArray:
 
 
 def _among_hanging(task: Task, q: FloatArray, first: int | None) -> Slow:
-    robot, target, near = task.robot, task.scene.target, np.zeros(len(q), dtype=bool)
-    tool, hangs = robot.tool, target is not None and target.stem is not None
-    if tool is None or not hangs:
+    target = task.scene.target
+    if task.robot.tool is None or target is None or target.stem is None:
         return first
+    among, path = _near_hanging(task, q, task.scene.pushables), intervals(first, len(q))
+    return among | path if (among & ~path).any() else first
+
+
+def hurried(task: Task, options: Timed, q: FloatArray) -> BoolArray:
+    """The intervals (T-1,) before the tool first comes near a fruit, where all of these hang.
+
+    None where the options state a speed or a duration, or are ``unhurried``.
+    """
+    target, plain = task.scene.target, options.unhurried or options.timed or stands(task)
+    if plain or task.robot.tool is None or target is None or target.stem is None:
+        return np.zeros(len(q) - 1, dtype=bool)
+    near = _near_hanging(task, q, (*task.scene.pushables, target))
+    return np.asarray((np.cumsum(near) == 0) & near.any())
+
+
+def _near_hanging(task: Task, q: FloatArray, fruits: Iterable[SceneObject]) -> BoolArray:
+    """The intervals (T-1,) in which the tool is near any of the ``fruits`` that hang."""
+    robot, near = task.robot, np.zeros(len(q), dtype=bool)
+    tool = robot.tool
+    assert tool is not None
     points, axes = robot.tool_pose(q)
     low, high = points.min(axis=0), points.max(axis=0)
-    for fruit in task.scene.pushables:
+    for fruit in fruits:
         reach = fruit.radius + TIMING.among
         far = reach + tool.reach + robot.gripper_radius
         apart = (fruit.position + far < low) | (fruit.position - far > high)
@@ -477,5 +551,4 @@ def _among_hanging(task: Task, q: FloatArray, first: int | None) -> Slow:
         aside = lengths(off - along[:, None] * axes)
         level = (along < tool.depth + reach) & (along > -tool.reach - reach)
         near |= level & (aside < robot.gripper_radius + reach)
-    among, path = near[1:] | near[:-1], intervals(first, len(q))
-    return among | path if (among & ~path).any() else first
+    return np.asarray(near[1:] | near[:-1])

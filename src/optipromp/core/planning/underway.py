@@ -32,7 +32,7 @@ from optipromp.core.planning.options import Searched
 from optipromp.core.planning.parameters import FOLLOW, IN_TIME, TIMING, UNDERWAY
 from optipromp.core.planning.result import Plan, best_of
 from optipromp.core.planning.task import Task, as_of, passages, reach, tool_motion
-from optipromp.core.planning.timing import paced, slowly, stopped, tool_speeds
+from optipromp.core.planning.timing import hurried, intervals, paced, slowly, stopped, tool_speeds
 from optipromp.core.planning.verdict import verdict
 from optipromp.core.pushing.packs import standing
 from optipromp.core.pushing.parameters import PUSH
@@ -151,7 +151,7 @@ def rest(task: Task, options: Searched) -> Iterator[Start]:
         made = Trajectory.through(q[wide], made.times[wide], made.joint_names, begin=task.state)
     limit = options.approach_speed or path.speed
     q = made.positions
-    slow = slowly(task, q, first)
+    slow = intervals(slowly(task, q, first), len(q)) & ~hurried(task, options, q)
     if tool_speeds(robot, made, slow, TIMING.parts).max() > limit * (1.0 + TIMING.spare):
         made = paced(task, options, q, first, path.speed)
     yield Start(q, q, Waypoints(len(q), first), path, made)
