@@ -112,6 +112,20 @@ def test_a_target_that_the_start_does_not_show_is_looked_for(scene: Scene) -> No
     assert away(done, scene) < 0.012
 
 
+def test_a_plan_whose_way_out_harms_is_none() -> None:
+    """Its way in harms nothing; with the target in the tool, a stem would be pressed on the way out.
+
+    A controller that does not leave comes to the target.
+    """
+    scene = generate("mixed", 176_002)
+    given = replace(CONTROL, hopeless=2.0, tries=0)
+    left = pick(Controller(scene, parameters=given, leave=True), scene, eye_of(scene))
+    assert left.stages[-2:] == [LOOK, GAVE_UP]
+    assert left.reasons[-1].startswith("no plan: retreat: harm is predicted")
+    stays = pick(Controller(scene, parameters=given), scene, eye_of(scene))
+    assert stays.stages[-1] == DONE
+
+
 def test_the_same_seed_decides_the_same_to_the_bit(usual: Picked, scene: Scene) -> None:
     again = pick(Controller(scene), scene, eye_of(scene))
     assert again.controller.events == usual.controller.events

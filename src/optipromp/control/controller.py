@@ -13,7 +13,7 @@ import time as wall
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,7 +30,7 @@ from optipromp.core.budget import Sliced
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning import Plan, plan
-from optipromp.core.planning.legs import ways_out
+from optipromp.core.planning.legs import way_out, ways_out
 from optipromp.core.planning.plan import compile_once
 from optipromp.core.planning.task import posed
 from optipromp.core.robots import ik
@@ -69,6 +69,17 @@ _STEPS = 8  # of a turn, each at most 7 degrees: inverse kinematics stays on its
 _MISS = 1e-6  # [m] error above which a configuration is none
 STANDS = "the camera's pictures stand still"
 BRAKING = 0.15  # [s] before the approach, at which the tool begins to stop and look: a choice
+
+
+class _Made(NamedTuple):
+    """A plan, its harm over what a success may have, and what the plan or its harm tells.
+
+    The harm is that of the way in; of the way out, where that exceeds ``hopeless``.
+    """
+
+    plan: Plan | OptiPrompError
+    harm: float
+    why: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -366,17 +377,17 @@ class Controller:
             scene = driver.tracked_scene(self.scene, tracked, None, stems)
             self._job = _Job(self._planning(scene, start_state=begin), factor)
         factor = self._job.factor
-        made = self._worked()
-        if made is None:
+        done = self._worked()
+        if done is None:
             return None
-        harm = excess_harm(made)
+        made, harm, why = done
         enough = harm <= 1.0 or (harm < math.inf and not self._at_camera)  # it stops there
         ahead = now + np.linspace(0.0, p.patient, 9)
         accepted = p.accepted if driver.restless(tracked, ahead) <= p.restless else 1.0
         if isinstance(made, OptiPrompError) or not (
             enough or (self.tries <= 0 and harm <= accepted)
         ):
-            self._again(now, f"no plan: {made.message}")
+            self._again(now, f"no plan: {why}")
             return None
         self._trail, self._factor = [], factor
         self.plans.append(made)
@@ -525,11 +536,11 @@ class Controller:
             self._job = _Job(work, factor, at, now + p.lead + p.allowance)
             self._checked = now
         job = self._job
-        found = self._worked()
-        if found is None:
+        done = self._worked()
+        if done is None:
             return None
-        if isinstance(found, OptiPrompError) or excess_harm(found) > p.hopeless:
-            why = found.message if isinstance(found, OptiPrompError) else str(found.message)
+        found, harm, why = done
+        if isinstance(found, OptiPrompError) or harm > p.hopeless:
             return self._retreat(now, phase, why)
         since = max(now + p.lead - job.takeover, 0.0)
         taken = self._driver.take(Route.of(found), since, now, tracked)
@@ -585,12 +596,21 @@ class Controller:
 
     # -- plans
 
-    def _planning(self, scene: Scene, **begin: Any) -> Sliced[Plan | OptiPrompError]:
-        def work() -> Plan | OptiPrompError:
+    def _planning(self, scene: Scene, **begin: Any) -> Sliced[_Made]:
+        hopeless = self.parameters.hopeless
+        leaves = self._leave and self._at_camera and self.stage is LoopStage.LOOK
+
+        def work() -> _Made:
             try:
-                return plan(scene, robot=self.robot, seed=self.seed, unhurried=True, **begin)
+                made = plan(scene, robot=self.robot, seed=self.seed, unhurried=True, **begin)
             except OptiPrompError as error:
-                return error
+                return _Made(error, math.inf, error.message)
+            harm = excess_harm(made)
+            if leaves and harm <= hopeless:
+                for name, leg in way_out(made).items():
+                    if excess_harm(leg) > hopeless:
+                        return _Made(made, excess_harm(leg), f"{name}: {leg.message}")
+            return _Made(made, harm, made.message)
 
         return Sliced(work)
 
