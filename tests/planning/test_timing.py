@@ -69,6 +69,36 @@ def test_the_tool_stays_slow_where_it_is_asked_to(arm: str) -> None:
             assert (shares(robot, curve) <= 1.0).all()
 
 
+def toppra_duration(robot: Robot, q: np.ndarray) -> float:
+    """Duration of the time-optimal motion along waypoints (T, n), as TOPP-RA finds it [s].
+
+    TOPP-RA knows no limit of jerk, so that no motion that keeps all limits is shorter.
+    """
+    ta = pytest.importorskip("toppra")
+    gone = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1)))
+    both = np.array([-1.0, 1.0])
+    limits = [
+        ta.constraint.JointVelocityConstraint(robot.velocity[:, None] * both),
+        ta.constraint.JointAccelerationConstraint(robot.acceleration[:, None] * both),
+    ]
+    optimum = ta.algorithm.TOPPRA(
+        limits,
+        ta.SplineInterpolator(gone, q),
+        parametrizer="ParametrizeConstAccel",
+        gridpoints=np.linspace(0.0, gone[-1], 400),
+    )
+    return float(optimum.compute_trajectory(0.0, 0.0).duration)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_free_motion_beside_topp_ra(seed: int) -> None:
+    """Longer than the optimum without a limit of jerk, by less than half; measured: 1.2 to 1.35."""
+    robot = load_robot("panda")
+    q = reach(robot, seed, 60)
+    ratio = shortest(robot, q).duration / toppra_duration(robot, q)
+    assert 0.99 < ratio < 1.5
+
+
 def test_no_motion_and_no_limits_have_some_timing() -> None:
     robot = ARMS["panda"]
     still = shortest(robot, np.tile(robot.home, (4, 1)))
