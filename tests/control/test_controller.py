@@ -113,7 +113,7 @@ def test_a_target_that_the_start_does_not_show_is_looked_for(scene: Scene) -> No
 
 
 def test_a_plan_whose_way_out_harms_is_none() -> None:
-    """Its way in harms nothing; with the target in the tool, a stem would be pressed on the way out.
+    """Its way in harms nothing; with the target in the tool, a stem is pressed on the way out.
 
     A controller that does not leave comes to the target.
     """
