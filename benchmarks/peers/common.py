@@ -9,8 +9,10 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.optimization.costs.obstacles import self_overlap
 from optipromp.core.optimization.evaluation import Evaluation
 from optipromp.core.planning import goals
+from optipromp.core.planning.options import Timed
 from optipromp.core.planning.task import Task
-from optipromp.core.planning.timing import shortest
+from optipromp.core.planning.timing import paced, shortest, slowly
+from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
 
@@ -53,8 +55,14 @@ def timed(setup: Task, path: FloatArray) -> Trajectory:
 
 
 def at_limits(setup: Task, q: FloatArray) -> Trajectory:
-    """Waypoints (T, n) as the shortest trajectory that the limits allow."""
-    return shortest(setup.robot, q)
+    """Waypoints (T, n) as the shortest trajectory that the limits allow.
+
+    From where the tool comes near the first hanging fruit, it keeps the speed of our own plans.
+    """
+    near = slowly(setup, q, None)
+    if not (isinstance(near, np.ndarray) and near.any()):
+        return shortest(setup.robot, q)
+    return paced(setup, Timed(), q, int(near.argmax()), PUSH.hanging.speed)
 
 
 class Checker:
