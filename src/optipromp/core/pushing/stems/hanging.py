@@ -286,6 +286,9 @@ class Hanging(PushModel):
             if total > worst:
                 break
             step(WEIGHT)
+            sure = told and self._leaves == swinging.NEVER and 3 * which[1] >= states
+            if sure and total <= HANGING.sure * self.threshold * which[1]:
+                return self.least + float(total / which[1])
         return self.least + float(total / states)
 
     def led(self, state: int, points: FloatArray, axes: FloatArray) -> swinging.Led:
