@@ -43,7 +43,6 @@ PRESETS = [
     "shelf",
     "wild",
 ]
-Candidates = (paths.PathsPast, PathsBetween)
 
 
 @contextlib.contextmanager
@@ -84,19 +83,10 @@ def _followed_always() -> Iterator[None]:
         yield
 
 
-@contextlib.contextmanager
-def _not_rather() -> Iterator[None]:
-    with contextlib.ExitStack() as stack:
-        for kind in Candidates:
-            stack.enter_context(mock.patch.object(kind, "rather", return_value=[]))
-        yield
-
-
 PARTS: dict[str, Callable[[], Any]] = {
     "second pass (Harmful)": _followed_always,
     "approaches": lambda: _without(OptiProMP, "approaches", False),
     "ways round (led_round)": lambda: _without(follow, "led_round", lambda *_: iter(())),
-    "preferred paths (rather)": _not_rather,
     "good that grows (lenient)": lambda: _scheduled(lambda s: replace(s, lenient=1.0)),
     "rounds after the first": lambda: _scheduled(lambda s: replace(s, rounds=s.rounds[:1], runs=1)),
     "screening of several": lambda: _scheduled(lambda s: replace(s, screened=1)),

@@ -24,11 +24,10 @@ from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import through, turning
 from optipromp.core.pushing.rules import neighbours, rule_paths
 from optipromp.core.pushing.searching import search
-from optipromp.core.pushing.stems.hanging import HANGING, PathsPast, rooms_beside
+from optipromp.core.pushing.stems.hanging import HANGING, rooms_beside
 from optipromp.core.robots.library import load_robot
 from optipromp.core.robots.tools import with_tool
 from optipromp.core.scenes import SceneObject
-from optipromp.laboratory.generate import generate
 
 
 def test_the_room_about_an_upright_tool_is_the_distance_less_its_radius() -> None:
@@ -104,58 +103,3 @@ def test_a_detour_counts() -> None:
     assert a.candidates.aside(a.candidates.first()[0], straight) == pytest.approx(0.0, abs=1e-9)
     longer = (round_about.length - 0.25) / 0.25
     assert a.candidates.aside(a.candidates.first()[0], round_about) == pytest.approx(0.5 * longer)
-
-
-@pytest.mark.parametrize("lean", [0.0, 1.0, 2.5])
-def test_a_path_on_a_stem_s_side_has_one_on_the_other_side_that_is_preferred(lean: float) -> None:
-    """Mirrored at right angles to the lean; nothing is preferred to what passes away from it."""
-    stem = (0.06 * np.cos(lean), 0.06 * np.sin(lean), 0.2)
-    bench = model(fruit("n1", (0.0, 0.0, -0.08), stem))
-    x_g, y_g, z_g = bench.candidates.scene.frame
-    lateral = np.array(stem) - np.dot(stem, z_g) * z_g
-
-    def side(x: np.ndarray) -> float:
-        points = bench.candidates.path(x).points
-        at = points[np.argmax((points - TARGET) @ z_g >= -0.08 - bench.cup.rim)]
-        off = at - bench.candidates.neighbours[0].position
-        return float((off - (off @ z_g) * z_g) @ lateral)
-
-    angle = np.arctan2(lateral @ y_g, lateral @ x_g)
-    for turn in (0.0, 0.7, -1.2):
-        wrong, right = (np.array([angle + turn + back, 0.8]) for back in (0.0, np.pi))
-        assert side(wrong) > 0.0 > side(right)
-        preferred = bench.candidates.rather(wrong, bench.candidates.path(wrong))
-        assert len(preferred) == 2
-        for x in preferred:
-            assert side(x) < 0.0
-            assert x[1] == 0.8
-            assert not bench.candidates.rather(x, bench.candidates.path(x))
-        split = bench.candidates._split
-        mirrored = split(preferred[0])[0][0] + split(wrong)[0][0]
-        np.testing.assert_allclose(mirrored @ lateral, 0.0, atol=1e-12)
-        assert not bench.candidates.rather(right, bench.candidates.path(right))
-
-
-def test_nothing_is_preferred_where_no_stem_leans() -> None:
-    bench = model(UNDER)
-    x = bench.candidates.first()[1]
-    assert bench.candidates.rather(x, bench.candidates.path(x)) == []
-    assert model().candidates.rather(np.zeros(0), model().candidates.path(np.zeros(0))) == []
-
-
-def test_of_two_harmless_sides_a_plan_takes_the_one_away_from_the_stem(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    from optipromp.core.planning import plan
-
-    crowd = generate("mixed", 43006)
-    made = plan(crowd)
-    assert made.success
-    assert "side of its stem" not in made.message
-    monkeypatch.setattr(PathsPast, "rather", lambda *_: [])
-    other = plan(crowd)
-    assert other.success
-    assert "side of its stem" in other.message
-    assert made.prediction is not None
-    assert other.prediction is not None
-    assert made.prediction.harm < other.prediction.harm + HANGING.stem_side

@@ -265,26 +265,3 @@ def test_a_prediction_names_a_cause_only_above_the_threshold() -> None:
     told = f"harm is predicted: bowl is missed (harm {harmful.harm:.2f} of at most 1)"
     assert str(harmful) == told
     assert not Prediction(1.0, 1.0, "", "").harmful
-
-
-@pytest.mark.parametrize("indifferent", [1.0, 0.001])
-def test_a_preferred_path_comes_first_where_it_is_nearly_as_good(indifferent: float) -> None:
-    """Another entry, of harm 0.4, is preferred to any; then comes the good one, if asked for."""
-    other = BEST + [SCALE * np.sqrt(0.4), 0.0]
-
-    class Choosy(Bowl):
-        def rather(self, x: np.ndarray, path: ToolPath) -> list[np.ndarray]:
-            return [] if np.allclose(x, other) else [other]
-
-        def exact(self, entry: np.ndarray, states: int) -> float:
-            return float(np.sum((entry - BEST) ** 2)) / SCALE**2
-
-    model = Choosy(good=0.2)
-    model.indifferent = indifferent
-    paths = search(model, partial(turning, UP, None), np.random.default_rng(0))
-    first, good = next(paths)
-    if indifferent == 1.0:
-        assert first.harm == pytest.approx(0.4)
-        np.testing.assert_allclose(first.points[0, :2], other)
-        first, good = next(paths)
-    assert first.harm < good < 0.3

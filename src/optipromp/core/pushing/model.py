@@ -54,13 +54,10 @@ class Candidates(ABC):
     Attributes:
         schedule: of the search.
         entry: position along z_g at which paths begin [m]; -inf: anywhere.
-        indifferent: largest additional harm of a path that is preferred to another, see
-            :meth:`rather`.
     """
 
     schedule: Schedule
     entry: float = -math.inf
-    indifferent: float = 0.0
 
     @abstractmethod
     def path(self, x: FloatArray) -> ToolPath:
@@ -73,13 +70,6 @@ class Candidates(ABC):
     @abstractmethod
     def first(self) -> FloatArray:
         """Candidates (m, k) that are tried before any sample; m may be 0."""
-
-    def rather(self, x: FloatArray, path: ToolPath) -> list[FloatArray]:
-        """Candidates that replace the good one ``x`` (k,), if their harm is nearly as small.
-
-        Nearly: larger by less than :attr:`indifferent`.
-        """
-        return []
 
     @abstractmethod
     def spread(self, run: int) -> tuple[FloatArray, FloatArray]:

@@ -189,7 +189,6 @@ class HangingParameters(NamedTuple):
     clearance_spread: float = 0.3  # [fruit radii] standard deviation of a clearance
     clearance_least: float = 0.4  # [fruit radii] of a candidate
     clearance_most: float = 1.4  # [fruit radii] of a candidate
-    stem_side: float = 0.1  # least advantage in harm of a path on a stem's side; half a good harm
     slack: float = 0.003  # [m] cup to static objects, free of penalty
 
 

@@ -30,7 +30,7 @@ def search(
     """Search tool paths of little harm.
 
     A good path is yielded at once, the best path so far at the end of a run. After a good path the
-    search continues. Paths preferred to a good path (:meth:`Candidates.rather`) are yielded first.
+    search continues.
 
     Args:
         model: of the push, with the candidates.
@@ -48,7 +48,6 @@ def search(
     told = np.inf  # harm of the last yielded path, if that path was not good
     refused = False  # whether a good path was yielded, and did not serve
     found: ToolPath | None = None
-    numbers = np.zeros(0)  # of ``found``
     seen: list[Judged] = []
     tried: set[ToolPath] = set()  # paths that were tried in all states of the search
     judged = _judging(model, axes)
@@ -58,21 +57,12 @@ def search(
         begun = found is not None or len(seen) > 0
         return begun and budget is not None and budget.spent()
 
-    def preferred(x: FloatArray, good_one: ToolPath) -> Iterator[ToolPath]:
-        most = good_one.harm + candidates.indifferent
-        for other in candidates.rather(x, good_one):
-            path = candidates.path(other)
-            if not candidates.rather(other, path):
-                value = judged(other, path, schedule.states, most)
-                if value < most:
-                    yield replace(path, harm=value)
-
     def settle(x: FloatArray, path: ToolPath) -> None:
-        nonlocal best, found, numbers
+        nonlocal best, found
         tried.add(path)
         value = judged(x, path, schedule.states, best)
         if value < best:
-            best, found, numbers = value, replace(path, harm=value), x
+            best, found = value, replace(path, harm=value)
 
     for run in range(schedule.runs):
         mean, spread = candidates.spread(run)
@@ -101,10 +91,8 @@ def search(
                 if path not in tried:
                     settle(x, path)
             if found is None:
-                found, numbers = replace(seen[0][2], harm=seen[0][0]), seen[0][1]
+                found = replace(seen[0][2], harm=seen[0][0])
             if best < min(good, told) or late():
-                if best < good and not late():
-                    yield from ((path, good) for path in preferred(numbers, found))
                 yield found, good
                 if late():
                     return

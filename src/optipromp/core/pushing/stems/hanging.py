@@ -13,7 +13,7 @@ from typing import Self
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, lengths
+from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import step
 from optipromp.core.compiled import kernel
 from optipromp.core.geometry import signed_distance
@@ -48,8 +48,6 @@ class PathsPast(Candidates):
     ``gripper_radius``: R_gripper [m]. ``states``: number of states on which the best candidates are
     tried.
     """
-
-    indifferent = HANGING.stem_side
 
     def __init__(
         self, scene: Scene, neighbours: Sequence[SceneObject], cup: Mouth,
@@ -101,36 +99,10 @@ class PathsPast(Candidates):
         alike = np.hstack([angles, np.full_like(angles, HANGING.clearance)])
         return np.vstack([self._rule, alike])
 
-    def rather(self, x: FloatArray, path: ToolPath) -> list[FloatArray]:
-        """The candidate, mirrored or turned to the rule's side where it passes on a stem's side."""
-        if not len(self.neighbours):
-            return []
-        cosines = passed_towards(
-            path.points, self._centers, self._leans, self._frame[2], self.cup.rim
-        )
-        wrong = cosines > np.sin(np.deg2rad(rules.RULE.least_inclination))
-        if not wrong.any():
-            return []
-        x_g, y_g, _ = self.scene.frame
-        lean = np.arctan2(self._leans @ y_g, self._leans @ x_g)
-        angles, clearances = x[: len(x) // 2], x[len(x) // 2 :]
-        rule = self._rule[: len(angles)]
-        turned = (np.where(wrong, other, angles) for other in (2.0 * lean + np.pi - angles, rule))
-        return [np.concatenate([one, clearances]) for one in turned]
-
     def spread(self, run: int) -> tuple[FloatArray, FloatArray]:
         """About the rule's directions."""
         spread = np.repeat([HANGING.turned, HANGING.clearance_spread], len(self.neighbours))
         return self._rule, spread
-
-    @cached_property
-    def _leans(self) -> FloatArray:
-        """Unit vectors (N, 3) in the lateral plane towards the stems; 0 for a stem without lean."""
-        away = [
-            rules.stem_side(self.scene, fruit, "lateral-plane", self.gripper_radius)
-            for fruit in self.neighbours
-        ]
-        return -np.array([np.zeros(3) if one is None else one for one in away]).reshape(-1, 3)
 
     @cached_property
     def _rule(self) -> FloatArray:
@@ -164,24 +136,6 @@ class PathsPast(Candidates):
                 )
                 worst = max(worst, end - least)  # no path has more room than the goal
         return min(worst, 0.02) / 0.004
-
-
-def passed_towards(
-    points: FloatArray, centers: FloatArray, leans: FloatArray, up: FloatArray, rim: float
-) -> FloatArray:
-    """Cosines (N,) between ``leans`` (N, 3) and the directions of passing ``centers`` (N, 3).
-
-    The tool point goes through ``points`` (P, 3), the rim ``rim`` [m] before it along ``up`` (3,).
-    The cosine is the larger of those of rim and tool point at the height of a centre.
-    """
-    out = np.full(len(centers), -1.0)
-    heights, flat = points @ up, points - np.outer(points @ up, up)
-    for ahead in (rim, 0.0):
-        at = np.argmax(heights + ahead >= (centers @ up)[:, None], axis=1)
-        off = flat[at] - (centers - np.outer(centers @ up, up))
-        along = np.einsum("ni,ni->n", off, leans)
-        out = np.maximum(out, along / np.maximum(lengths(off), 1e-9))
-    return out
 
 
 @kernel
