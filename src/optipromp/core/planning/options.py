@@ -45,23 +45,19 @@ def _fits(value: object, hint: Any) -> bool:
 def check_types(options: object, prefix: str) -> None:
     """Refuse settings of a wrong type, and infinite numbers other than the timeout."""
     kind: Any = type(options)
-    hints = _hints(kind)
-    for item in fields(kind):
-        value: Any = getattr(options, item.name)
-        hint = hints[item.name]
-        wanted = str(hint).replace("typing.", "") if get_origin(hint) else hint.__name__
-        literals = (one for one in (hint, *get_args(hint)) if get_origin(one) is Literal)
-        words = [word for one in literals for word in get_args(one)]
-        if words and isinstance(value, str) and value not in words:
-            told = f"it must be one of these: {suggest(value, words)}"
-            raise InvalidRequestError(f"{prefix}{item.name} is {value}; {told}")
-        require(options, prefix, _fits(value, hint), item.name, f"of type {wanted}")
+    for name, hint in _hints(kind).items():
+        value: Any = getattr(options, name)
+        if not _fits(value, hint):
+            wanted = str(hint).replace("typing.", "") if get_origin(hint) else hint.__name__
+            literals = (one for one in (hint, *get_args(hint)) if get_origin(one) is Literal)
+            words = [word for one in literals for word in get_args(one)]
+            if words and isinstance(value, str):
+                told = f"it must be one of these: {suggest(value, words)}"
+                raise InvalidRequestError(f"{prefix}{name} is {value}; {told}")
+            require(options, prefix, False, name, f"of type {wanted}")
         for number in numbers(value):
-            if _fits(number, float):
-                endless = item.name == "timeout" and number == math.inf
-                require(
-                    options, prefix, endless or abs(number) < _LARGEST_SETTING, item.name, "finite"
-                )
+            if _fits(number, float) and not abs(number) < _LARGEST_SETTING:
+                require(options, prefix, name == "timeout" and number == math.inf, name, "finite")
 
 
 def numbers(value: Any) -> Iterable[Any]:
@@ -74,7 +70,13 @@ def numbers(value: Any) -> Iterable[Any]:
 _LARGEST_SETTING = 1e9  # in the setting's unit: a choice
 _LEAST = 1e-6  # [rad, m or m/s] least step or speed: 20,000 such steps are 0.02 rad
 _MOST_WAYPOINTS = 20_000  # the solver keeps 20 KB for each waypoint
-_hints = functools.cache(get_type_hints)
+
+
+@functools.cache
+def _hints(kind: Any) -> dict[str, Any]:
+    """The types of the fields of a class."""
+    hints = get_type_hints(kind)
+    return {item.name: hints[item.name] for item in fields(kind)}
 
 
 def require(options: object, prefix: str, ok: bool, name: str, wanted: str) -> None:
@@ -209,11 +211,16 @@ class PlanOptions(Searched):
         need(most is None or most > 0, "effort", "a whole number > 0")
 
 
+DEFAULTS = PlanOptions()
+
+
 def stated(
     options: PlanOptions | None, settings: Mapping[str, Any], verb: Callable[..., object]
 ) -> PlanOptions:
     """The options of a call of ``verb``, with the settings that it got as keywords of their own."""
-    options = options or PlanOptions()
+    options = options or DEFAULTS
+    if not settings:
+        return options
     names = [item.name for item in fields(PlanOptions)]
     for name in settings:
         if name not in names:
@@ -221,4 +228,4 @@ def stated(
             raise InvalidRequestError(
                 f"{verb.__name__} has no argument {name!r}: {suggest(name, [*valid, *names])}"
             )
-    return replace(options, **settings) if settings else options
+    return replace(options, **settings)
