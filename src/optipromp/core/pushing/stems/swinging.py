@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from optipromp.core.arrays import FloatArray, IntArray
+from optipromp.core.arrays import FloatArray
 from optipromp.core.compiled import inlined, inner, kernel
 from optipromp.core.geometry.obstacles import Obstacles
 from optipromp.core.pushing.parameters import PUSH
@@ -488,14 +488,15 @@ def led(
     )
 
 
-def steps_inside(
-    positions: FloatArray, points: FloatArray, axes: FloatArray, cup: Mouth
-) -> IntArray:
+@kernel
+def steps_inside(positions, points, axes, cup):
     """Number of steps (N,) in which each fruit, at ``positions`` (P, N, 3), is inside the cup."""
     within = np.zeros(positions.shape[1], dtype=np.int64)
-    for places, point, axis in zip(positions, points, axes, strict=True):
-        at = MouthPose(*point, *axis)
-        within += [inside_cup(x, y, z, at, cup) for x, y, z in places]
+    for p in range(len(points)):
+        at = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
+        for i in range(len(within)):
+            x, y, z = positions[p, i, 0], positions[p, i, 1], positions[p, i, 2]
+            within[i] += inside_cup(x, y, z, at, cup)
     return within
 
 
