@@ -299,7 +299,12 @@ def test_a_velocity_of_zero_is_none(
     path = write(robot(held, joint("one", "held", "b", limit=limit)))
     found = load_robot(path, base="held")
     assert np.isinf(found.velocity).all()
-    told = [str(each.message) for each in recwarn]
+
+    def heard() -> list[str]:
+        told = [str(each.message) for each in recwarn]
+        return [words for words in told if "states no limits of acceleration" not in words]
+
+    told = heard()
     if "velocity" in written:
         (one,) = told
         for word in (f"{path.name}:1:", "joint 'one'", "velocity limit 0", "taken as none"):
@@ -308,7 +313,7 @@ def test_a_velocity_of_zero_is_none(
         assert not told
     head = "format: 1\nname: mine\nurdf: robot.urdf\nbase: held\nvelocity: [2.0]\n"
     assert load_robot(write(head, "mine.yaml")).velocity == 2.0
-    assert len(recwarn) == len(told)
+    assert heard() == told
 
 
 def test_two_arms_alike_are_a_question(write: Writer) -> None:

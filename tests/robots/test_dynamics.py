@@ -108,10 +108,12 @@ def test_an_arm_too_weak_for_its_weight_is_told_of(
 ) -> None:
     up = np.array([0.0, 0.0, 1.0])
     strong = load_robot(write(heavy(joint, 200.0), "strong.urdf"))
+    recwarn.clear()
     warn_of_gravity(strong, strong.home[None], up, "at home")
     assert not recwarn
     path = write(heavy(joint, 5.0), "weak.urdf")
     weak = load_robot(path)
+    recwarn.clear()
     need = np.abs(gravity_load(weak, weak.home[None], up))[0]
     warn_of_gravity(weak, weak.home[None], up, "at home")
     (told,) = [str(each.message) for each in recwarn]

@@ -1,5 +1,6 @@
 """Robot files, the built-in robots, and which spheres are kept apart."""
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -140,6 +141,25 @@ def test_a_robot_file(write: Writer, urdf: Writer) -> None:
     np.testing.assert_array_equal(robot.home, [0.5, -0.5])
     np.testing.assert_array_equal(robot.jerk, [3, 4])
     assert set(robot.spheres.link) == {0, 2}  # b is declared empty
+
+
+def test_limits_that_no_file_states_are_assumed_and_told_of(
+    write: Writer, urdf: Writer, joint: Callable[..., str]
+) -> None:
+    """10 rad/s² and 2 m/s², ten times as much a second; a robot file states others, or none."""
+    path = urdf(joint("ab", "a", "b") + joint("bc", "b", "c", kind="prismatic"))
+    with pytest.warns(UserWarning, match="robot.urdf states no limits of acceleration"):
+        robot = load_robot(path)
+    np.testing.assert_array_equal(robot.acceleration, [10, 2])
+    np.testing.assert_array_equal(robot.jerk, [100, 20])
+    with warnings.catch_warnings(record=True) as told:
+        assert load_robot(path) is robot
+        part = load_robot(write(entry(acceleration=[1, 3]), "part.yaml"))
+        none = load_robot(write(entry(acceleration="none"), "none.yaml"))
+    assert not told
+    np.testing.assert_array_equal(part.jerk, [10, 30])
+    assert np.isinf(none.acceleration).all()
+    assert np.isinf(none.jerk).all()
 
 
 def test_declared_scale(write: Writer, urdf: Writer, joint: Callable[..., str]) -> None:

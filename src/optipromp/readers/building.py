@@ -32,7 +32,7 @@ from optipromp.readers.arm import choose_arm, disabled_pairs, read_srdf, srdf_be
 from optipromp.readers.chain import Chain, serial_chain
 from optipromp.readers.fit import MOST_SAMPLES, count_samples, finer, fit_covers
 from optipromp.readers.packages import MOST_TRIANGLES, triangles
-from optipromp.readers.robot_file import RobotFile
+from optipromp.readers.robot_file import GROWTH, SLIDE, TURN, RobotFile
 from optipromp.readers.urdf import UrdfModel
 
 LOOSE = 0.030  # [m] chosen: excess above which the cover of a mesh gets further spheres
@@ -206,7 +206,10 @@ def build(
             shown = ", ".join(list(model.links)[:20])
             raise InvalidRobotError(f"{path}: unknown link '{link}'; links: {shown}")
     covers = _covers(entry, model, chain, arm.base)
-    names, unlimited = chain.joint_names, np.full(len(chain.joint_names), np.inf)
+    names = chain.joint_names
+    slides = chain.kinematics.dof[chain.kinematics.kind == 1].tolist()
+    assumed = np.array([SLIDE if k in slides else TURN for k in range(len(names))])
+    fastest = _per_joint(path, "acceleration", entry.acceleration, names, assumed)
     geometry = []
     for link, place in chain.placements.items():
         looks, at = model.links[link].visuals, (place.segment, place.rotation, place.translation)
@@ -218,8 +221,8 @@ def build(
         lower=chain.lower,
         upper=chain.upper,
         velocity=_per_joint(path, "velocity", entry.velocity, names, chain.velocity),
-        acceleration=_per_joint(path, "acceleration", entry.acceleration, names, unlimited),
-        jerk=_per_joint(path, "jerk", entry.jerk, names, unlimited),
+        acceleration=fastest,
+        jerk=_per_joint(path, "jerk", entry.jerk, names, GROWTH * fastest),
         kinematics=chain.kinematics,
         spheres=_body_spheres(entry, model, chain, covers),
         link_names=tuple(model.links),
@@ -298,7 +301,12 @@ def _with_pairs(
 def _per_joint(
     path: Path, key: str, stated: list[float] | None, names: tuple[str, ...], default: FloatArray
 ) -> FloatArray:
-    """The values (n,) that the robot file states under ``key``, else ``default``."""
+    """The values (n,) that the robot file states under ``key``, else ``default``.
+
+    Infinite ones where it states limits that are empty.
+    """
+    if stated == [] and key in ("acceleration", "jerk"):
+        return frozen(np.full(len(names), np.inf))
     if stated is not None and len(stated) != len(names):
         raise InvalidRobotError(
             f"{path}: {key} has {len(stated)} values; the chain has {len(names)} joints "

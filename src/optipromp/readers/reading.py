@@ -25,10 +25,10 @@ from optipromp.core.scenes.values import suggest
 from optipromp.readers.arm import linkages, srdf_files
 from optipromp.readers.mjcf import is_mjcf, mjcf_files, read_mjcf
 from optipromp.readers.packages import expanded, is_xacro, mesh_files, with_meshes_found
-from optipromp.readers.robot_file import RobotFile, read_robot_file
+from optipromp.readers.robot_file import GROWTH, SLIDE, TURN, RobotFile, read_robot_file
 from optipromp.readers.urdf import UrdfModel, check_mimics, read_urdf
 
-_VERSION = 3  # of the readers: raise it when the same files give another robot
+_VERSION = 4  # of the readers: raise it when the same files give another robot
 _HELD = 16  # robots in memory, chosen
 
 Stamps = tuple[tuple[Path, tuple[int, int] | None], ...]
@@ -72,6 +72,10 @@ def read_description(path: Path, choice: Choice, check: Check) -> Robot:
     found = _find(path, choice, check)
     stamps = _stamps(path, found)
     robot = _resolved(found, path, choice)
+    if found.entry.acceleration is None:
+        told = f"{path} states no limits of acceleration: {TURN:g} rad/s² and {SLIDE:g} m/s² are"
+        told += f" assumed, and {GROWTH:g} times as much jerk in a second; a robot file may state"
+        warnings.warn(f"{told} others (acceleration: [...]), or 'acceleration: none'", stacklevel=2)
     if found.model is not None:
         moving = [found.model.joints[name] for name in robot.joint_names]
         remarks = [joint.remark for joint in moving] if found.entry.velocity is None else []

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from optipromp.core.documents import read_document
 from optipromp.core.errors import InvalidRobotError
@@ -13,6 +13,13 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Coordinate = Annotated[float, Field(ge=-LENGTH_LIMIT, le=LENGTH_LIMIT, allow_inf_nan=False)]
 Radius = Annotated[float, Field(gt=0.0, le=LENGTH_LIMIT, allow_inf_nan=False)]
+
+Limits = Annotated[
+    list[Positive] | None, BeforeValidator(lambda stated: [] if stated == "none" else stated)
+]
+# acceleration of joints for which no file states a limit: choices, those of a slow arm
+TURN, SLIDE = 10.0, 2.0  # [rad/s²], [m/s²]
+GROWTH = 10.0  # [1/s] jerk over acceleration
 
 
 class RobotFile(BaseModel):
@@ -35,8 +42,8 @@ class RobotFile(BaseModel):
     args: dict[str, bool | int | Finite | str] = {}  # of a xacro, in place of its defaults
     scale: Positive = 1.0  # metres in one unit of length of the URDF
     velocity: list[Positive] | None = None  # overrides the URDF
-    acceleration: list[Positive] | None = None
-    jerk: list[Positive] | None = None
+    acceleration: Limits = None  # None: assumed, see TURN; empty: "none", there are no limits
+    jerk: Limits = None
     home: list[Finite] | None = None
     spheres: dict[str, list[tuple[Coordinate, Coordinate, Coordinate, Radius]]] = {}
     allow_self: list[tuple[str, str]] = []

@@ -94,8 +94,9 @@ def load_robot(
     A ``.robot`` file is a resolved robot (:func:`optipromp.core.robots.resolved.save_robot`). The
     entry points ``optipromp.robot_readers`` read files of other suffixes; those of this package:
     ``.urdf``, xacro, MJCF (``.xml``) and robot files (``.yaml``). The arm of a bare URDF is chosen
-    by a rule, and spheres cover its geometry. Its accelerations and jerks are unlimited; its home
-    is zero, or the limit nearest to zero.
+    by a rule, and spheres cover its geometry. Its limits of acceleration and jerk are assumed, with
+    a warning (10 rad/s², 2 m/s²; ten times as much a second), unless a robot file states them, or
+    "none". Its home is zero, or the limit nearest to zero.
 
     Args:
         name_or_path: of the robot; a relative path starts at ``base_dir``.
