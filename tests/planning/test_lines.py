@@ -52,6 +52,21 @@ def tool(made: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return times, made.robot.tool_pose(q)[0], turns
 
 
+@pytest.mark.parametrize("stated", [scene(POINTS), load_scene("scenario-3"), scene(None)])
+def test_shares_of_the_limits_are_kept(stated: Scene) -> None:
+    """Half the velocity, a quarter of acceleration and jerk, of any motion; as a user of MoveIt."""
+    usual = plan(stated)
+    slower = plan(stated, velocity_scaling=0.5, acceleration_scaling=0.25)
+    assert_success(slower)
+    used = slower.metrics
+    assert used.velocity_ratio <= 0.5 * (1.0 + 1e-9)
+    assert max(used.acceleration_ratio, used.jerk_ratio) <= 0.25 * (1.0 + 1e-9)
+    assert slower.trajectory.duration > usual.trajectory.duration
+    assert slower.robot is usual.robot
+    with pytest.raises(InvalidRequestError, match="velocity_scaling is 2; it must be above 0"):
+        plan(stated, velocity_scaling=2)
+
+
 def test_the_tool_goes_along_straight_lines_from_the_first_way_point_on() -> None:
     made = plan(scene(POINTS))
     assert_success(made)

@@ -43,6 +43,8 @@ class Wanted:
         planner (NAME): promp: as learnt; i-promp: pushing by geometry; opti-promp: optimised; or
             another that 'optipromp list' names.
         duration (SECONDS): Of the motion; the shortest within limits if left out.
+        velocity_scaling (SHARE): Of the joints' velocity limits that the motion uses, up to 1.
+        acceleration_scaling (SHARE): Of their limits of acceleration and jerk, likewise.
         constraints: push-model: least predicted harm; paper: the paper's constraints 1-3.
         setting (--set KEY=VALUE): Any other setting of the planner, as often as you like;
             'optipromp list' names them.
@@ -54,6 +56,8 @@ class Wanted:
     demonstrations: console.Recorded = None
     seed: console.Seed = 0
     duration: float | None = None
+    velocity_scaling: float | None = None
+    acceleration_scaling: float | None = None
     constraints: Literal["push-model", "paper"] = "push-model"
     setting: list[str] | None = None
     timeout: float | None = None
@@ -64,6 +68,8 @@ class Wanted:
 
         stated = {
             "duration": self.duration,
+            "velocity_scaling": self.velocity_scaling,
+            "acceleration_scaling": self.acceleration_scaling,
             "timeout": self.timeout,
             "constraints": self.constraints,
         }

@@ -98,6 +98,9 @@ class Timed(Settings):
         approach_speed: largest speed of the tool on its path, where something is to be pushed
             [m/s]; None: the speed of the push model. ``duration`` overrides it. A plan whose tool
             is faster among fruits than pushes are predicted for is no success.
+        velocity_scaling: share of the joints' velocity limits that the motion uses, in (0, 1]. The
+            push keeps its speed where that is lower.
+        acceleration_scaling: share of their limits of acceleration and jerk, likewise.
         unhurried: the tool keeps that speed on its whole path, also where nothing is near.
         corridor: largest distance of the tool from its path, along each axis [m].
     """
@@ -105,6 +108,8 @@ class Timed(Settings):
     waypoints: int | None = None
     duration: float | None = None
     approach_speed: float | None = None
+    velocity_scaling: float = 1.0
+    acceleration_scaling: float = 1.0
     unhurried: bool = False
     corridor: float = 0.002
 
@@ -122,6 +127,8 @@ class Timed(Settings):
         need(self.duration is None or self.duration > 0, "duration", "positive [s]")
         need(speed is None or speed >= _LEAST, "approach_speed", f"at least {_LEAST:g} [m/s]")
         need(self.corridor >= 0, "corridor", "not negative")
+        for name in ("velocity_scaling", "acceleration_scaling"):
+            need(_LEAST <= getattr(self, name) <= 1.0, name, "above 0 and at most 1")
 
 
 @dataclass(frozen=True)

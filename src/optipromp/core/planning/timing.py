@@ -12,7 +12,7 @@ derivative by :math:`c^k`, so the least stretch is
 import functools
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import attrgetter
 
 import numpy as np
@@ -43,7 +43,8 @@ def timed(
     """
     usual = PUSH.standing.speed if stands(task) else PUSH.hanging.speed
     limit = options.approach_speed or speed or usual
-    made = shortest(task.robot, q, None if options.duration else slow, limit)
+    robot = scaled(task.robot, options.velocity_scaling, options.acceleration_scaling)
+    made = shortest(robot, q, None if options.duration else slow, limit)
     if options.duration is not None:
         made = made.slowed(options.duration / made.duration)
     if not task.state.moving:
@@ -79,6 +80,19 @@ def shortest(robot: Robot, q: FloatArray, slow: Slow = None, speed: float = np.i
         widths = np.diff(made.times) * np.maximum(fast, 1.0)
         made = within(robot, q, np.append(0.0, np.cumsum(widths)), widths)
     return made
+
+
+@functools.lru_cache(maxsize=8)
+def scaled(robot: Robot, velocity: float, acceleration: float) -> Robot:
+    """The robot with shares of its limits; the jerk has that of the acceleration."""
+    if velocity == acceleration == 1.0:
+        return robot
+    return replace(
+        robot,
+        velocity=frozen(velocity * robot.velocity),
+        acceleration=frozen(acceleration * robot.acceleration),
+        jerk=frozen(acceleration * robot.jerk),
+    )
 
 
 def intervals(slow: Slow, count: int) -> BoolArray:
@@ -394,14 +408,15 @@ def paced(
     which brakes, or ``TIMING.meeting`` of its largest speed.
     """
     slow = slowly(task, q, first)
+    robot = scaled(task.robot, options.velocity_scaling, options.acceleration_scaling)
     if not (stands(task) and isinstance(slow, np.ndarray)) or options.duration is not None:
         made = timed(task, options, q, slow, speed)
         free = np.zeros(len(q) - 1, dtype=bool) if task.state.moving else hurried(task, options, q)
         if first is None or not free.any():
             return made
-        return quickened(task.robot, made, np.where(free, np.inf, 1.0))
+        return quickened(robot, made, np.where(free, np.inf, 1.0))
     limit = options.approach_speed or speed or PUSH.standing.speed
-    even, near = shortest(task.robot, q, first, limit), _near_standing(task, q)
+    even, near = shortest(robot, q, first, limit), _near_standing(task, q)
     own = tool_speeds(task.robot, even, np.ones(len(slow), dtype=bool), TIMING.parts)
     own = np.maximum(own, TIMING.still)
     aside = np.where(near[1:] | near[:-1], max(PUSH.standing.beside, limit), np.inf) / own
@@ -409,7 +424,7 @@ def paced(
     last = lengths(points - points[-1]) < TIMING.last
     usual = np.where(last, np.median(own[slow]) if slow.any() else limit, 0.0)
     slowest = np.maximum(own, np.minimum(usual, own / TIMING.meeting))
-    made = quickened(task.robot, even, np.where(slow, limit / slowest, aside))
+    made = quickened(robot, even, np.where(slow, limit / slowest, aside))
     if not task.state.moving:
         return made
     return joined(task.robot, task.state, made, slow, options.corridor)
