@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import starmap
 from operator import itemgetter
 from pathlib import Path
@@ -26,11 +26,12 @@ from optipromp.core import judging
 from optipromp.core.arrays import FloatArray, frame_along, lengths, rotation
 from optipromp.core.budget import clock
 from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.planning.options import DEFAULTS, PlanOptions, Timed, stated
 from optipromp.core.planning.parameters import BACK, LIFTING
 from optipromp.core.planning.plan import plan
 from optipromp.core.planning.result import Plan, best_of
 from optipromp.core.planning.task import Task, laden, resolve, tool_motion
-from optipromp.core.planning.timing import shortest
+from optipromp.core.planning.timing import eased, leaving, shortest
 from optipromp.core.planning.verdict import led, verdict, whole
 from optipromp.core.pushing.model import Continued, PushModel
 from optipromp.core.pushing.parameters import PUSH
@@ -148,19 +149,29 @@ def after(reach: Plan, progress: Callable[[str], None] | None = None, **request:
         raise InvalidRequestError(f"{reach.robot.name} has no tool, which would hold the target")
     if reach.success:
         (progress or str)("retreat")
-        legs |= way_out(reach)
+        legs |= way_out(reach, _settings(request))
     if RETREAT in legs and legs[RETREAT].success and reach.scene.place is not None:
         scene, robot = carry_scene(legs)
         legs[CARRY] = plan(scene, progress=progress, **request | {"robot": robot})
     return Picked(legs)
 
 
-def way_out(reach: Plan) -> dict[str, Plan]:
+def _settings(request: Mapping[str, Any]) -> Timed:
+    """The settings of the motion in a request of :func:`plan_pick`."""
+    if isinstance(planner := request.get("planner"), Timed):
+        return planner
+    names = {item.name for item in fields(PlanOptions)} & request.keys()
+    return stated(request.get("options"), {name: request[name] for name in names}, plan)
+
+
+def way_out(reach: Plan, options: Timed = DEFAULTS) -> dict[str, Plan]:
     """The legs by which the tool leaves the plant after a reach; see :func:`plan_pick`."""
-    return lifted(reach) if stands(reach.scene) else {RETREAT: retreat(reach)}
+    if stands(reach.scene):
+        return lifted(reach, options)
+    return {RETREAT: retreat(reach, options)}
 
 
-def retreat(reach: Plan) -> Plan:
+def retreat(reach: Plan, options: Timed = DEFAULTS) -> Plan:
     """The retreat of least harm from the end of a reach; the best invalid one where none is valid.
 
     The push model ranks all proposals by a few states; the best of them are judged. Longer retreats
@@ -173,7 +184,7 @@ def retreat(reach: Plan) -> Plan:
 
     def judged(q: FloatArray) -> tuple[tuple[bool, bool, float], Plan]:
         """A retreat and its rank: validity, whether it presses more or ends badly, harm."""
-        one = _leg(reach, RETREAT, q, PUSH.hanging.speed, began, model)
+        one = _leg(reach, RETREAT, q, options, began, model)
         worse = pressed(one) < min(pressed(reach), 0.0)
         if place is not None:  # the carry cannot begin where something is touched
             worse |= bool(judging.touching(*carried(one, place), q[-1]))
@@ -210,7 +221,7 @@ def _distance(reach: Plan) -> float:
     return RETREAT_LENGTH if place is None else place.retreat
 
 
-def lifted(reach: Plan) -> dict[str, Plan]:
+def lifted(reach: Plan, options: Timed = DEFAULTS) -> dict[str, Plan]:
     """Lift and retreat of a target that stands: the first height of which both are valid.
 
     Where no height has both, those of the last one, without a retreat after an invalid lift.
@@ -219,9 +230,9 @@ def lifted(reach: Plan) -> dict[str, Plan]:
     _, robot = held(reach)
 
     def judged(up: FloatArray, back: FloatArray) -> dict[str, Plan]:
-        made = {LIFT: _leg(reach, LIFT, up, LIFTING.speed, began)}
+        made = {LIFT: _leg(reach, LIFT, up, options, began)}
         if made[LIFT].success:
-            made[RETREAT] = _leg(reach, RETREAT, back, LIFTING.speed, began)
+            made[RETREAT] = _leg(reach, RETREAT, back, options, began)
         return made
 
     proposed = lifts(reach, robot, _distance(reach))
@@ -238,15 +249,20 @@ def lifted(reach: Plan) -> dict[str, Plan]:
 
 
 def _leg(
-    reach: Plan, name: str, q: FloatArray, speed: float, began: float,
+    reach: Plan, name: str, q: FloatArray, options: Timed, began: float,
     back: PushModel | None = None,
 ) -> Plan:  # fmt: skip
-    """The judged lift or retreat through waypoints ``q`` (T, n), as fast as ``speed`` [m/s] allows.
+    """The judged lift or retreat through waypoints ``q`` (T, n).
 
     ``began``: the clock's time at which the stage began [s]. ``back``: see :func:`leg_task`.
     """
-    task = leg_task(reach, name, q[0], q[-1], back)
-    return leg(task, shortest(task.robot, q, 0, speed), clock() - began)
+    task, target = leg_task(reach, name, q[0], q[-1], back), reach.scene.target
+    assert target is not None
+    if stands(reach.scene):
+        made = shortest(eased(task.robot, options), q, 0, LIFTING.speed)
+    else:
+        made = leaving(task, options, q, (*task.scene.pushables, target))
+    return leg(task, made, clock() - began)
 
 
 def ways_out(reach: Plan, q: FloatArray, holding: bool = False) -> list[FloatArray]:

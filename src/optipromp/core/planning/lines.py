@@ -25,7 +25,7 @@ from optipromp.core.planning.parameters import GOAL, LINE
 from optipromp.core.planning.pick import pick
 from optipromp.core.planning.result import Failed, Planned, best_of
 from optipromp.core.planning.task import Task
-from optipromp.core.planning.timing import scaled, shortest, tool_speeds
+from optipromp.core.planning.timing import eased, shortest, tool_speeds
 from optipromp.core.planning.verdict import judged
 from optipromp.core.promp.model import ProMP
 from optipromp.core.robots import ik
@@ -214,8 +214,7 @@ def _motion(
         assert isinstance(free_part, Planned)  # without a push model
         made = free_part
         parts.append(made.trajectory)
-    robot = scaled(task.robot, options.velocity_scaling, options.acceleration_scaling)
-    ours = replaced(task, robot=robot)
+    ours = replaced(task, robot=eased(task.robot, options))
     parts += [timed_line(ours, leg, q, lines) for leg, q in zip(legs, branch.lines, strict=True)]
     trajectory = chained(parts)
     if options.duration is not None:

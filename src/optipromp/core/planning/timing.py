@@ -43,7 +43,7 @@ def timed(
     """
     usual = PUSH.standing.speed if stands(task) else PUSH.hanging.speed
     limit = options.approach_speed or speed or usual
-    robot = scaled(task.robot, options.velocity_scaling, options.acceleration_scaling)
+    robot = eased(task.robot, options)
     made = shortest(robot, q, None if options.duration else slow, limit)
     if options.duration is not None:
         made = made.slowed(options.duration / made.duration)
@@ -82,11 +82,14 @@ def shortest(robot: Robot, q: FloatArray, slow: Slow = None, speed: float = np.i
     return made
 
 
+def eased(robot: Robot, options: Timed) -> Robot:
+    """The robot with the shares of its limits that a motion may use."""
+    shares = options.velocity_scaling, options.acceleration_scaling
+    return robot if shares == (1.0, 1.0) else _scaled(robot, *shares)
+
+
 @functools.lru_cache(maxsize=8)
-def scaled(robot: Robot, velocity: float, acceleration: float) -> Robot:
-    """The robot with shares of its limits; the jerk has that of the acceleration."""
-    if velocity == acceleration == 1.0:
-        return robot
+def _scaled(robot: Robot, velocity: float, acceleration: float) -> Robot:
     return replace(
         robot,
         velocity=frozen(velocity * robot.velocity),
@@ -408,7 +411,7 @@ def paced(
     which brakes, or ``TIMING.meeting`` of its largest speed.
     """
     slow = slowly(task, q, first)
-    robot = scaled(task.robot, options.velocity_scaling, options.acceleration_scaling)
+    robot = eased(task.robot, options)
     if not (stands(task) and isinstance(slow, np.ndarray)) or options.duration is not None:
         made = timed(task, options, q, slow, speed)
         free = np.zeros(len(q) - 1, dtype=bool) if task.state.moving else hurried(task, options, q)
@@ -428,6 +431,21 @@ def paced(
     if not task.state.moving:
         return made
     return joined(task.robot, task.state, made, slow, options.corridor)
+
+
+def leaving(task: Task, options: Timed, q: FloatArray, fruits: Iterable[SceneObject]) -> Trajectory:
+    """A way out through waypoints (T, n), from among ``fruits`` that hang, from rest to rest.
+
+    The tool has the speed of a push until it is past the last of them for good, then it is as fast
+    as the joints allow, unless the options are ``unhurried``.
+    """
+    robot = eased(task.robot, options)
+    made = shortest(robot, q, 0, PUSH.hanging.speed)
+    near = _near_hanging(task, q, fruits)
+    free = np.cumsum(near[::-1])[::-1] == 0
+    if options.unhurried or not free.any():
+        return made
+    return quickened(robot, made, np.where(free, np.inf, 1.0))
 
 
 def quickened(robot: Robot, made: Trajectory, rate: FloatArray) -> Trajectory:
