@@ -161,7 +161,7 @@ def _flown(
             word = execute(scene_to_dict(truth), curves[0], seed, curves[1])
     except (OptiPrompError, RuntimeError, ValueError) as error:
         return row.having(result="error", cause=tracks.words(str(error)))
-    return _judged(row, word, reach.duration)
+    return _judged(row, word, reach.duration + back.duration)
 
 
 def _by_arm(

@@ -16,7 +16,7 @@ from optipromp.bench.results import RECORD, BenchRun, Means, recorded, submissio
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import check_folder, file_name, is_there, json_text, write_atomically
 from optipromp.laboratory.experiments.rows import Row, source_version
-from optipromp.laboratory.experiments.statistics import Cell, wilson
+from optipromp.laboratory.experiments.statistics import Cell, seconds_a_clean, wilson
 
 DIGESTS = "results.json"
 """Name of the small file of digests, which a repository can hold while the rest is a release's."""
@@ -102,7 +102,8 @@ def figures_of(rows: Sequence[Row], best: Sequence[Row] | None = None) -> dict[s
         "low": low, "high": high,  # 95 % interval (Wilson) of the share that is clean
         "score": (count["clean"] - count["harmed"]) / max(runs, 1),  # harm outweighs a miss
         "thought": median(row.thought for row in rows),
-        "duration": median(times) if times else None,  # [s] of clean motions
+        "duration": median(times) if times else None,  # [s] of clean motions, way out too
+        "clean_seconds": seconds_a_clean((row.duration or 0.0 for row in rows), count["clean"]),
         "p": p,  # that it is clean as often as the best, see paired; None: the best itself
     }  # fmt: skip
 
@@ -132,8 +133,8 @@ def markdown(board: Leaderboard) -> str:
         "",
         "| | entry | " + " | ".join(
             f"{e}: clean (95 %) | harmed | missed | refused | p" for e in engines
-        ) + " | score | think | verified |",
-        "|---|---|" + "---|" * (5 * len(engines) + 3),
+        ) + " | score | think | cycle | a clean | verified |",
+        "|---|---|" + "---|" * (5 * len(engines) + 5),
     ]  # fmt: skip
     for rank, entry in enumerate(board.order, 1):
         all_ = [board.of(entry, engine) for engine in engines]
@@ -146,6 +147,7 @@ def markdown(board: Leaderboard) -> str:
         score = min(s.score for s in all_)
         lines.append(
             f"| {rank} | `{entry}` | {cells} | {100 * score:.1f} | {_time(all_[0].thought)} | "
+            f"{_time(all_[0].duration)} | {_time(all_[0].clean_seconds)} | "
             f"{board.verified[entry]} |"
         )
     lines += ["", "Clean, harmed by preset, in %:", ""]
@@ -170,7 +172,9 @@ def told_p(value: float | None) -> str:
     return "–" if value is None else "< 0.001" if value < 0.001 else f"{value:.3f}"
 
 
-def _time(seconds: float) -> str:
+def _time(seconds: float | None) -> str:
+    if seconds is None:
+        return "–"
     return f"{1e3 * seconds:.2g} ms" if seconds < 0.1 else f"{seconds:.2g} s"
 
 

@@ -185,10 +185,10 @@ def _names(text: str, all_of_them: Sequence[str]) -> tuple[str, ...]:
 
 
 TITLE = """%: promised and picked, nothing harmed, in the simulation; 95 %: Wilson's interval
-plans: those that promised it, broken: of these; executed: picked if no refusal is heeded
-static, torn: runs with such contact; medians: force on unripe fruits [N], seconds"""
+plans: those that promised it, broken: of these; all: picked if no refusal is heeded; torn: runs
+plan, cycle: median seconds of planning, of motion with the way out; clean: seconds a clean pick"""
 LOOP_TITLE = """%: clean: picked, nothing harmed, in the simulation; 95 %: Wilson's interval
-harmed, gave up, refused, missed [%]; back: retreats; s: median duration"""
+harmed, gave up, refused, missed [%]; back: retreats; s: median duration; clean: seconds a clean pick"""
 EYES_TITLE = """% of runs: a ripe fruit seen, a plan made, the fruit in the tool at the end (95 %:
 Wilson's interval), something harmed; recall [%] of visible fruits in the pictures before the plan;
 false: wrong detections a run; see: median processor time of seeing [s]"""
@@ -214,14 +214,14 @@ def _share(name: str) -> Column:
 PLANNER: Mapping[str, Column] = {
     "n": _number("runs"), "%": lambda cell: f"{100 * cell.rate:.1f}",
     "95 %": lambda cell: cell.interval, "plans": _number("plans"), "broken": _number("broken"),
-    "executed": _number("successes"), "static": _number("static_contacts"),
-    "torn": _number("torn"), "unripe": _number("unripe_force", 1),
-    "plan": _number("plan_time", 2), "run": _number("simulation_time", 1),
+    "all": _number("successes"), "torn": _number("torn"), "plan": _number("plan_time", 2),
+    "cycle": _number("cycle", 1), "clean": _number("clean_seconds", 1),
 }  # fmt: skip
 LOOP: Mapping[str, Column] = {
     "n": _number("runs"), "%": _share("clean"), "95 %": lambda cell: cell.interval,
     "harm": _share("harmed"), "gave": _share("gave_up"), "ref": _share("refused"),
-    "miss": _share("missed"), "s": _number("duration", 1), "back": _number("retreats"),
+    "miss": _share("missed"), "s": _number("duration", 1),
+    "clean": _number("clean_seconds", 1), "back": _number("retreats"),
 }  # fmt: skip
 EYES: Mapping[str, Column] = {
     "n": _number("runs"), "seen": _share("seen"), "planned": _share("planned"),

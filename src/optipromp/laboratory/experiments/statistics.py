@@ -143,6 +143,10 @@ def study_figures(rows: Sequence[Row]) -> dict[str, Any]:
         "unripe_force": _of(median, forces),  # [N] of executed runs; None: there are none
         "unripe_force_90": forces[math.ceil(0.9 * len(forces)) - 1] if forces else None,
         "plan_time": median(row.plan_time for row in rows),
+        "cycle": _of(median, [row.duration for row in promised]),  # [s] of the motion, way out too
+        "clean_seconds": seconds_a_clean(  # of planning and motion, by a robot that heeds refusals
+            (row.plan_time + (row.duration or 0.0) * (row in promised) for row in rows), kept
+        ),
         "simulation_time": _of(median, [row.simulation_time for row in executed]),
         "redraws": sum(row.redraws for row in rows),
         "broken": plans - kept,
@@ -173,6 +177,7 @@ def loop_figures(rows: Sequence[Row]) -> dict[str, Any]:
         "rate": counts["clean"] / runs, "low": low, "high": high,
         "causes": causes_of(row for row in rows if row.result != "clean"),
         "duration": over(median, "duration"),
+        "clean_seconds": seconds_a_clean((row.duration or 0.0 for row in rows), counts["clean"]),
         "retreats": total("retreats"),
         "cycle_median": over(median, "cycle_median"),
         "cycle_p99": over(max, "cycle_p99"),
@@ -186,6 +191,11 @@ def loop_figures(rows: Sequence[Row]) -> dict[str, Any]:
         **{name: total(name) for name in ("visible", "found", "false")},  # in pictures before plans
         "see_time": over(median, "see_time"),
     }  # fmt: skip
+
+
+def seconds_a_clean(spent: Iterable[float], clean: int) -> float | None:
+    """All seconds that were ``spent``, over the number of clean picks; None: there is none."""
+    return sum(spent) / clean if clean else None
 
 
 def causes_of(failed: Iterable[Row]) -> dict[str, int]:
