@@ -186,9 +186,11 @@ def _names(text: str, all_of_them: Sequence[str]) -> tuple[str, ...]:
 
 TITLE = """%: promised and picked, nothing harmed, in the simulation; 95 %: Wilson's interval
 plans: those that promised it, broken: of these; all: picked if no refusal is heeded; torn: runs
-plan, cycle: median seconds of planning, of motion with the way out; clean: seconds a clean pick"""
+plan, cycle: median seconds of planning, and of motion with the way out
+clean: all seconds over clean picks"""
 LOOP_TITLE = """%: clean: picked, nothing harmed, in the simulation; 95 %: Wilson's interval
-harmed, gave up, refused, missed [%]; back: retreats; s: median duration; clean: seconds for a clean one"""
+harmed, gave up, refused, missed [%]; back: retreats; s: median duration
+clean: seconds a clean pick"""
 EYES_TITLE = """% of runs: a ripe fruit seen, a plan made, the fruit in the tool at the end (95 %:
 Wilson's interval), something harmed; recall [%] of visible fruits in the pictures before the plan;
 false: wrong detections a run; see: median processor time of seeing [s]"""
