@@ -21,7 +21,7 @@ from optipromp.control.tracks import TrackerParameters
 from optipromp.core.arrays import BoolArray, FloatArray, lengths
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry import distances
-from optipromp.core.judging import clearances, extremes, refined, swept, too_fast
+from optipromp.core.judging import clearances, extremes, refined, swept
 from optipromp.core.judging.clearance import pieces
 from optipromp.core.judging.speed import among_fruits, largest_speed
 from optipromp.core.parameters import Checked, parameter
@@ -31,16 +31,21 @@ from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP
 from optipromp.core.pushing.stems.hanging import Hanging
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.held import RETREAT
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
 from optipromp.guard.motion import Change, fastest, joints_for, later, nearest, stopping
 
 Kind = Literal["limits", "contact", "speed", "harm"]
 ROUNDING = 1e-9  # [rad or m; 1] of positions, and of shares of the other limits
+NEARLY = {
+    "clearance_static": "what stands", "clearance_avoid": "what is avoided",
+    "clearance_self": "another link",
+}  # fmt: skip
 DEEPER = 1e-5  # [m] by which a contact that was there may deepen: of the judge's checks
+FASTER = 1.05  # times the speed among fruits; the judge allows 1.1 of it: a choice
 SHARE = 0.9  # of a limit, in a wish that is to pass: a choice
 LOOKS = 7  # poses of the tool in a prediction, 5 mm apart at the speed of a push: a choice
+HOPELESS = 10.0  # times the harm that may be: all larger harm is alike
 TRAIL = 400  # poses of the way here, each at least STEP apart, that are remembered: a choice
 
 
@@ -54,8 +59,9 @@ class GuardParameters(Checked):
         0.002, "m", "measured", "an arm in the simulation is 1 mm off its way"
     )
     risk: float = parameter(PUSH.harm.risk, "1", "choice", "share of promises that may be broken")
-    states: int = parameter(8, "1", "choice", "of the plant in a prediction; plans use 24 or 32")
-    tries: int = parameter(5, "1", "choice", "actions near a wish; each takes 0.5 to 3 ms")
+    states: int = parameter(4, "1", "choice", "of the plant in a prediction; plans use 24 or 32")
+    out: float = parameter(0.05, "m", "choice", "of the way back that must stay open")
+    tries: int = parameter(3, "1", "choice", "actions near a wish; each takes 0.5 to 2 ms")
     near: float = parameter(0.1, "m", "choice", "distance from which on a barrier counts")
     rate: float = parameter(5.0, "1/s", "choice", "share of a distance that an action may use up")
     rows: int = parameter(16, "1", "choice", "nearest pairs of bodies that are barriers")
@@ -114,6 +120,9 @@ class Guard:
         tracker: Tracker | None = None,
         parameters: GuardParameters | None = None,
     ) -> None:
+        if moving := [item.id for item, _ in scene.movers if item.role != "pushable"]:
+            told = "what moves is not guarded against; leave the motion out"
+            raise InvalidRequestError(f"{', '.join(moving)} move: {told}")
         self.parameters = GuardParameters() if parameters is None else parameters
         self._base = tracked_at_most(scene, TrackerParameters.most)
         self._tracker, self._newest = tracker, -math.inf
@@ -234,7 +243,7 @@ class Guard:
 
     def _set(self, task: Task) -> None:
         """Take over a scene, with models of the fruits that may be pushed."""
-        model = task.push_model(task.start)
+        model = replace(task, risk=self.parameters.risk).push_model(task.start)
         models = () if model is None else model.models if isinstance(model, Combined) else (model,)
         hanging = [one for one in models if isinstance(one, Hanging)]
         pushed = {fruit.id for one in hanging for fruit in one.fruits}
@@ -260,10 +269,10 @@ class Guard:
     def _measure(self, q: FloatArray) -> None:
         """How near to objects the arm is, and what it touches: it may stay, not go deeper."""
         found, contacts = clearances(self._judged, self.robot, q[None])
-        self._touched = {(one.link, one.other): one.depth + DEEPER for one in contacts}
+        self._touched = {one.other: one.depth + DEEPER for one in contacts}
         self._room = {
             name: min(self.parameters.margin, value - DEEPER)
-            for name in ("clearance_static", "clearance_avoid")
+            for name in NEARLY
             if (value := found[name]) is not None
         }
 
@@ -319,20 +328,21 @@ class Guard:
             what = ("range", "range", "limit of velocity", "limit of acceleration", "limit of jerk")
             words = f"{robot.joint_names[joint]} would leave its {what[row]}"
             return Refusal("limits", words, np.asarray(broken.any(axis=0)))
-        times, q, rows, complete = refined(robot, curve)
-        found, contacts, points, axes = swept(self._judged, robot, q, times)
+        times, q, _, complete = refined(robot, curve)
+        found, contacts, _, _ = swept(self._judged, robot, q, times)
         if not complete:
             return Refusal("contact", "the motion is too fast to be checked for contacts")
         for one in contacts:
-            if one.depth > self._touched.get((one.link, one.other), 0.0):
+            if one.depth > self._touched.get(one.other, 0.0):
                 return Refusal("contact", f"{one.link} would touch {one.other}")
         for name, room in self._room.items():
             value = found[name]
             if value is not None and value < room:
-                what = name.removeprefix("clearance_").replace("avoid", "avoided")
-                return Refusal("contact", f"a {what} object would be {1e3 * value:.1f} mm away")
-        fast = among_fruits(self._judged, robot, curve, rows, points, axes)
-        if fast is not None and too_fast(self._judged, fast[0]):
+                return Refusal("contact", f"{NEARLY[name]} would be {1e3 * value:.1f} mm away")
+        steps = curve.resample(1.0 / self.parameters.period)  # as it is executed, row by row
+        poses = robot.tool_pose(steps.positions)
+        fast = among_fruits(self._judged, robot, steps, np.arange(steps.n_waypoints), *poses)
+        if fast is not None and fast[0] > FASTER * largest_speed(self._judged):
             return Refusal("speed", f"the tool would move at {fast[0]:.2f} m/s among fruits")
         return None
 
@@ -344,42 +354,42 @@ class Guard:
         ahead = np.hstack(self.robot.tool_pose(step.at(times)[0]))
         if not self._pushing and self._clear(np.vstack([self._trail[-1:], ahead])):
             return None, 0.0
-        share, probability, words = self._share(ahead)
+        share, probability, words = self._share(ahead, 1.0)
         if share <= 1.0:
             return None, probability
-        if self._pushing and share <= self._share(ahead[:1])[0]:
-            return None, probability  # it was harmed, or is, and this motion adds nothing
+        if self._pushing:  # it was harmed already, or is: may the motion go on if it adds nothing?
+            stays = self._share(ahead[:1], HOPELESS)[0]
+            if stays > 1.0 and self._share(ahead, stays)[0] <= stays:
+                return None, probability
         return Refusal("harm", words), probability
 
-    def _share(self, ahead: FloatArray) -> tuple[float, float, str]:
-        """Predicted harm over what may be, its probability, and words.
+    def _share(self, ahead: FloatArray, limit: float) -> tuple[float, float, str]:
+        """Predicted harm over what may be, the probability of harm, and words.
 
-        The tool goes on through ``ahead`` (k, 6), and from there back along its way.
+        The tool goes on through ``ahead`` (k, 6), and from there back along its way. A share above
+        ``limit`` may be any number above it.
         """
         p = self.parameters
         came = np.vstack([self._trail, ahead])
         gone = np.append(0.0, np.cumsum(lengths(np.diff(came[::-1, :3], axis=0))))
-        back = came[::-1][: int(np.searchsorted(gone, RETREAT)) + 1]
+        back = came[::-1][: int(np.searchsorted(gone, p.out)) + 1]
         way = came[-len(ahead) - max(self._pushing, 1) :]
         inward = spaced(way[:, :3], way[:, 3:])
         outward = spaced(back[:, :3], back[:, 3:]) if len(back) > 1 else inward
-        both = tuple(np.concatenate(pair) for pair in zip(inward, outward, strict=True))
-        share, probability, worst = 0.0, 0.0, ""
+        points, axes = (np.concatenate(pair) for pair in zip(inward, outward, strict=True))
+        share, probability, words = 0.0, 0.0, ""
         for model in self._models:
+            calibration, most = model.calibration, model.threshold
             if isinstance(model, Hanging):
                 leaving = model.leaving(len(inward[0]))
-                states = min(max(p.states, model.searched + 1), model.states)
-                harm = leaving.harm(*both, states)
-                calibration = model.on_leaving
-                limit = calibration.allowed(p.risk)
+                harm = leaving.harm(points, axes, p.states, most * limit)
             else:
-                harm, limit = model.harm(*inward, min(p.states, model.states)), model.threshold
-                calibration = model.calibration
-            share += harm / limit
+                harm = model.harm(*inward, min(p.states, model.states), most * limit)
+            share += harm / most
             if calibration is not None:
                 probability = max(probability, calibration.probability(harm))
-            worst = f"harm {harm:.2f} of at most {limit:.2g} is predicted"
-        return share, probability, worst
+            words = f"harm above {most:.2g} is predicted"
+        return share, probability, words
 
     def _clear(self, poses: FloatArray) -> bool:
         """Whether the tool, led through poses (k, 6), surely touches no fruit."""
