@@ -242,15 +242,24 @@ class Episode:
             None if look is None else replace(look, time=look.time - self._begin),
         )  # fmt: skip
 
-    def act(self, velocity: FloatArray) -> None:
-        """Let the joints come to velocities (n,) [rad/s or m/s] within one period."""
+    def act(self, velocity: FloatArray, curve: Trajectory | None = None) -> None:
+        """Let the joints come to velocities (n,) [rad/s or m/s] within one period.
+
+        ``curve``: on which they come there, from the last reference on; None: at a constant
+        acceleration.
+        """
         wanted = np.asarray(velocity, dtype=np.float64)
         if wanted.shape != self.state.q.shape or not np.isfinite(wanted).all():
             raise InvalidRequestError(
                 f"velocity has shape {wanted.shape}; must be {self.state.q.shape}, finite"
             )
+        if curve is None:
+            ticks = driven(self.robot, self.reference, wanted, self.period, self.ticks)
+        else:
+            at = self.period / self.ticks * np.arange(1, self.ticks + 1)
+            ticks = [State(*rows) for rows in zip(*curve.sample(at), strict=True)]
         try:
-            for each in driven(self.robot, self.reference, wanted, self.period, self.ticks):
+            for each in ticks:
                 self.reference = each
                 self.state = self.simulation.step(each)
         except ExecutionError:  # the simulation is broken, and the outcome tells of it

@@ -141,6 +141,11 @@ class Guard:
         """As it is known now."""
         return self._task.scene
 
+    @property
+    def time(self) -> float:
+        """Of the newest look [s]; minus infinity before the first."""
+        return self._newest
+
     def __call__(
         self,
         action: FloatArray,
