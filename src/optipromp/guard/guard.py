@@ -45,6 +45,7 @@ DEEPER = 1e-5  # [m] by which a contact that was there may deepen: of the judge'
 FASTER = 1.05  # times the speed among fruits; the judge allows 1.1 of it: a choice
 SHARE = 0.9  # of a limit, in a wish that is to pass: a choice
 LOOKS = 7  # poses of the tool in a prediction, 5 mm apart at the speed of a push: a choice
+ASIDE = 0.005  # [m] of a fruit that was pushed aside, as the judge's depth that does not count
 HOPELESS = 10.0  # times the harm that may be: all larger harm is alike
 TRAIL = 400  # poses of the way here, each at least STEP apart, that are remembered: a choice
 
@@ -128,8 +129,18 @@ class Guard:
         self._tracker, self._newest = tracker, -math.inf
         self._curve: Trajectory | None = None
         self._trail = np.zeros((0, 6))  # tool points and axes on the way here, oldest first
+        self._choice = 0
+        self._stays = (-1, -1), 0.0  # state of the trail, and the share of harm of a stop there
         self._pushing = 0  # rows at the end of the trail since which the tool may touch fruits
-        self._set(resolve(self._base, robot))
+        task = resolve(self._base, robot)
+        spheres = task.robot.spheres
+        of_tool = spheres.distal & (spheres.link >= task.robot.n_own_links)
+        self._body = replace(task.robot, spheres=spheres._replace(distal=of_tool))
+        """The robot for the judge's code: its tool alone may touch fruits and stems. The links
+        behind the tool may pass where a fruit hung that the tool has pushed aside."""
+        links = np.unique(spheres.link[spheres.distal & ~of_tool])
+        self._wrist = frozenset(task.robot.link_names[link] for link in links)
+        self._set(task)
 
     @property
     def robot(self) -> Robot:
@@ -190,7 +201,9 @@ class Guard:
                 return self._given(curve, first, probability)
             if first is None:
                 first = told
-            waiting += self._instead(told, begin.q, wanted)
+            others = list(self._instead(told, begin.q, wanted))
+            waiting.append(others[self._choice % len(others)])
+        self._choice += 1  # others are tried in turn; one that passes is tried first again
         if self._curve is None:  # nothing passed before: brake from here
             still = Change.of(self.robot, begin, np.zeros_like(wish), self.parameters.period)
             curve = stopping(self.robot, still, self.parameters.period)
@@ -273,7 +286,7 @@ class Guard:
 
     def _measure(self, q: FloatArray) -> None:
         """How near to objects the arm is, and what it touches: it may stay, not go deeper."""
-        found, contacts = clearances(self._judged, self.robot, q[None])
+        found, contacts = clearances(self._judged, self._body, q[None])
         self._touched = {one.other: one.depth + DEEPER for one in contacts}
         self._room = {
             name: min(self.parameters.margin, value - DEEPER)
@@ -334,11 +347,12 @@ class Guard:
             words = f"{robot.joint_names[joint]} would leave its {what[row]}"
             return Refusal("limits", words, np.asarray(broken.any(axis=0)))
         times, q, _, complete = refined(robot, curve)
-        found, contacts, _, _ = swept(self._judged, robot, q, times)
+        found, contacts, _, _ = swept(self._judged, self._body, q, times)
         if not complete:
             return Refusal("contact", "the motion is too fast to be checked for contacts")
         for one in contacts:
-            if one.depth > self._touched.get(one.other, 0.0):
+            deeper = one.depth > self._touched.get(one.other, 0.0)
+            if deeper and not (one.link in self._wrist and self._is_aside(one.other)):
                 return Refusal("contact", f"{one.link} would touch {one.other}")
         for name, room in self._room.items():
             value = found[name]
@@ -350,6 +364,11 @@ class Guard:
         if fast is not None and fast[0] > FASTER * largest_speed(self._judged):
             return Refusal("speed", f"the tool would move at {fast[0]:.2f} m/s among fruits")
         return None
+
+    def _is_aside(self, name: str) -> bool:
+        """Whether the tool has pushed a fruit, or one on a stem, away from its place."""
+        by = self._pushed().get(name.removeprefix("the stem of "))
+        return by is not None and math.hypot(*by) > ASIDE
 
     def _predicted(self, step: Change) -> tuple[Refusal | None, float]:
         """Why a wish that is followed for a while would harm; the probability of harm."""
@@ -363,7 +382,10 @@ class Guard:
         if share <= 1.0:
             return None, probability
         if self._pushing:  # it was harmed already, or is: may the motion go on if it adds nothing?
-            stays = self._share(ahead[:1], HOPELESS)[0]
+            key = id(self._trail), self._pushing
+            if self._stays[0] != key:
+                self._stays = key, self._share(ahead[:1], HOPELESS)[0]
+            stays = self._stays[1]
             if stays > 1.0 and self._share(ahead, stays)[0] <= stays:
                 return None, probability
         return Refusal("harm", words), probability
@@ -456,7 +478,7 @@ class Guard:
 
     def _distances(self, q: FloatArray) -> FloatArray:
         """Distances (m, R) of the body at ``q`` (m, n) from objects, and of its links [m]."""
-        around, body = self._around, self.robot.spheres
+        around, body = self._around, self._body.spheres
         spheres, out = self.robot.sphere_centers(q), [self.robot.self_gaps(q)]
         for objects, which in ((around.static, slice(None)), (around.dynamic, ~body.distal)):
             if len(objects.kind):
