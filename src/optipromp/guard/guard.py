@@ -21,13 +21,12 @@ from optipromp.control.tracks import TrackerParameters
 from optipromp.core.arrays import BoolArray, FloatArray, lengths
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry import distances
-from optipromp.core.judging import clearances, extremes, refined, swept
+from optipromp.core.judging import Overlap, clearances, extremes, refined, swept
 from optipromp.core.judging.clearance import pieces
 from optipromp.core.judging.speed import among_fruits, largest_speed
 from optipromp.core.parameters import Checked, parameter
 from optipromp.core.planning.task import Task, resolve, spaced, stands
 from optipromp.core.pushing.model import Combined
-from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP
 from optipromp.core.pushing.stems.hanging import Hanging
 from optipromp.core.robots.model import Robot
@@ -37,15 +36,12 @@ from optipromp.guard.motion import Change, fastest, joints_for, later, nearest, 
 
 Kind = Literal["limits", "contact", "speed", "harm"]
 ROUNDING = 1e-9  # [rad or m; 1] of positions, and of shares of the other limits
-NEARLY = {
-    "clearance_static": "what stands", "clearance_avoid": "what is avoided",
-    "clearance_self": "another link",
-}  # fmt: skip
+NEARLY = {"clearance_static": "what stands", "clearance_self": "another link"}
 DEEPER = 1e-5  # [m] by which a contact that was there may deepen: of the judge's checks
 FASTER = 1.05  # times the speed among fruits; the judge allows 1.1 of it: a choice
 SHARE = 0.9  # of a limit, in a wish that is to pass: a choice
 LOOKS = 7  # poses of the tool in a prediction, 5 mm apart at the speed of a push: a choice
-ASIDE = 0.005  # [m] of a fruit that was pushed aside, as the judge's depth that does not count
+ASIDE = 0.002  # [m] of a fruit that the tool has pushed aside: a choice, as of what moved
 HOPELESS = 10.0  # times the harm that may be: all larger harm is alike
 TRAIL = 400  # poses of the way here, each at least STEP apart, that are remembered: a choice
 
@@ -55,12 +51,13 @@ class GuardParameters(Checked):
     """Timing, distances and risk of the guard."""
 
     period: float = parameter(0.02, "s", "choice", "of an action: 50 Hz")
-    ahead: float = parameter(0.3, "s", "choice", "for which a wish is followed in a prediction")
+    ahead: float = parameter(0.15, "s", "choice", "of a wish in a prediction, then the way back")
     margin: float = parameter(
         0.002, "m", "measured", "an arm in the simulation is 1 mm off its way"
     )
-    risk: float = parameter(PUSH.harm.risk, "1", "choice", "share of promises that may be broken")
-    states: int = parameter(4, "1", "choice", "of the plant in a prediction; plans use 24 or 32")
+    # twice that of plans, which the guard lets pass: its predictions are of fewer states
+    risk: float = parameter(0.05, "1", "choice", "share of promises that may be broken")
+    states: int = parameter(6, "1", "choice", "of the plant in a prediction; plans use 24 or 32")
     out: float = parameter(0.05, "m", "choice", "of the way back that must stay open")
     tries: int = parameter(3, "1", "choice", "actions near a wish; each takes 0.5 to 2 ms")
     near: float = parameter(0.1, "m", "choice", "distance from which on a barrier counts")
@@ -136,8 +133,7 @@ class Guard:
         spheres = task.robot.spheres
         of_tool = spheres.distal & (spheres.link >= task.robot.n_own_links)
         self._body = replace(task.robot, spheres=spheres._replace(distal=of_tool))
-        """The robot for the judge's code: its tool alone may touch fruits and stems. The links
-        behind the tool may pass where a fruit hung that the tool has pushed aside."""
+        """The robot whose tool alone may touch fruits and stems, for :meth:`_by_wrist`."""
         links = np.unique(spheres.link[spheres.distal & ~of_tool])
         self._wrist = frozenset(task.robot.link_names[link] for link in links)
         self._set(task)
@@ -286,7 +282,8 @@ class Guard:
 
     def _measure(self, q: FloatArray) -> None:
         """How near to objects the arm is, and what it touches: it may stay, not go deeper."""
-        found, contacts = clearances(self._judged, self._body, q[None])
+        found, contacts = clearances(self._judged, self.robot, q[None])
+        contacts = [*contacts, *self._by_wrist(q[None])]
         self._touched = {one.other: one.depth + DEEPER for one in contacts}
         self._room = {
             name: min(self.parameters.margin, value - DEEPER)
@@ -347,12 +344,13 @@ class Guard:
             words = f"{robot.joint_names[joint]} would leave its {what[row]}"
             return Refusal("limits", words, np.asarray(broken.any(axis=0)))
         times, q, _, complete = refined(robot, curve)
-        found, contacts, _, _ = swept(self._judged, self._body, q, times)
+        found, contacts, _, _ = swept(self._judged, robot, q, times)
         if not complete:
             return Refusal("contact", "the motion is too fast to be checked for contacts")
+        if self._wrist and self._models:
+            contacts = [*contacts, *self._by_wrist(q, times)]
         for one in contacts:
-            deeper = one.depth > self._touched.get(one.other, 0.0)
-            if deeper and not (one.link in self._wrist and self._is_aside(one.other)):
+            if one.depth > self._touched.get(one.other, 0.0):
                 return Refusal("contact", f"{one.link} would touch {one.other}")
         for name, room in self._room.items():
             value = found[name]
@@ -365,10 +363,16 @@ class Guard:
             return Refusal("speed", f"the tool would move at {fast[0]:.2f} m/s among fruits")
         return None
 
-    def _is_aside(self, name: str) -> bool:
-        """Whether the tool has pushed a fruit, or one on a stem, away from its place."""
-        by = self._pushed().get(name.removeprefix("the stem of "))
-        return by is not None and math.hypot(*by) > ASIDE
+    def _by_wrist(self, q: FloatArray, times: FloatArray | None = None) -> list[Overlap]:
+        """Contacts of links behind the tool with fruits and stems, at ``q`` (m, n).
+
+        These may pass where a fruit hung that the tool has pushed aside.
+        """
+        _, contacts, _, _ = swept(self._judged, self._body, q, times)
+        fruits = [c for c in contacts if c.link in self._wrist and c.role in ("pushable", "target")]
+        by = self._pushed() if fruits and self._pushing else {}
+        aside = {name for name, each in by.items() if math.hypot(*each) > ASIDE}
+        return [c for c in fruits if c.other.removeprefix("the stem of ") not in aside]
 
     def _predicted(self, step: Change) -> tuple[Refusal | None, float]:
         """Why a wish that is followed for a while would harm; the probability of harm."""
@@ -381,7 +385,7 @@ class Guard:
         share, probability, words = self._share(ahead, 1.0)
         if share <= 1.0:
             return None, probability
-        if self._pushing:  # it was harmed already, or is: may the motion go on if it adds nothing?
+        if self._pushing and not step.begin.moving:  # it may go on if it adds nothing to a harm
             key = id(self._trail), self._pushing
             if self._stays[0] != key:
                 self._stays = key, self._share(ahead[:1], HOPELESS)[0]
