@@ -17,11 +17,11 @@ import numpy as np
 
 from optipromp.bench.entries import ENTRIES
 from optipromp.bench.env import guarded
-from optipromp.bench.episode import Episode, Observation
+from optipromp.bench.episode import LONGEST, Episode, Observation
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.trajectory import Trajectory
-from optipromp.guard import Guard, Safe
+from optipromp.guard import Guard, GuardParameters, Safe
 from optipromp.laboratory.experiments.situations import CONDITIONS
 from optipromp.laboratory.generate import generate
 
@@ -93,25 +93,28 @@ def policy_of(name: str, episode: Episode, seed: int) -> Policy | None:
 
 
 def run(
-    name: str, preset: str, condition: str, seed: int, guards: bool
+    name: str, preset: str, condition: str, seed: int, parameters: GuardParameters | None
 ) -> tuple[str, list[Any], str]:
-    """The result of one run, the guard's times [s] and whether it acted, and the cause of harm."""
+    """The result of one run, whether the guard acted and its time by step [s], the cause of harm.
+
+    ``parameters`` of the guard; None: there is none.
+    """
     scene = generate(preset, seed)
     episode = Episode(CONDITIONS[condition](scene, seed), seed)
     policy = policy_of(name, episode, seed)
     if policy is None:
         return "refused", [], ""
-    guard, told, most = Timed(episode.scene, episode.robot), [], LONG if name == "random" else 20.0
+    guard = Timed(episode.scene, episode.robot, parameters=parameters)
+    told, most = [], LONG if name == "random" else LONGEST
     while episode.time < most and not episode.done:
         wish = policy(episode.observe())
-        if guards:
+        if parameters is None:
+            episode.act(wish)
+        else:
             safe = guarded(guard, wish, episode)
             told.append((safe.acted, guard.spent))
-        else:
-            episode.act(wish)
     outcome = episode.outcome(out=False)
-    causes = " ".join(map(str, getattr(outcome, "causes", ())))
-    return outcome.result, told, causes
+    return outcome.result, told, " ".join(map(str, getattr(outcome, "causes", ())))
 
 
 def main() -> None:
@@ -121,13 +124,19 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=5)
     parser.add_argument("--presets", default="cluster,field")
     parser.add_argument("--condition", default="none")
+    parser.add_argument("--risk", type=float, default=GuardParameters.risk)
+    parser.add_argument("--states", type=int, default=GuardParameters.states)
+    parser.add_argument("--guarded", action="store_true", help="with the guard alone")
     asked = parser.parse_args()
+    parameters = GuardParameters(risk=asked.risk, states=asked.states)
     for name in asked.entries:
-        for guards in (False, True):
+        for guards in (False, True)[asked.guarded :]:
             results, told, causes = Counter[str](), [], list[str]()
             for k in range(asked.scenes):
                 for preset in asked.presets.split(","):
-                    result, some, cause = run(name, preset, asked.condition, FIRST + k, guards)
+                    result, some, cause = run(
+                        name, preset, asked.condition, FIRST + k, parameters if guards else None
+                    )
                     results[result] += 1
                     told += some
                     causes += [f"{preset} {FIRST + k}: {cause}"] * (result == "harmed")

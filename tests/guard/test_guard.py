@@ -249,7 +249,7 @@ def test_a_sweep_across_a_stem_harms_less_than_it_would(cluster: Scene) -> None:
 
     def harm(motion: Trajectory) -> float:
         way = tool_motion(robot, motion.positions)
-        return model.leaving(len(way[0]) - 1).harm(*way, model.states)
+        return model.leaving(len(way[0]) - 1).harm(*way, GuardParameters.states)
 
     start, states = made.task.state, [made.task.state.q]
     for k in range(500):
@@ -258,7 +258,7 @@ def test_a_sweep_across_a_stem_harms_less_than_it_would(cluster: Scene) -> None:
     motion, told = driven(Guard(cluster), start, across, 500)
     most = model.calibration.allowed(GuardParameters.risk)
     assert harm(unguarded) > 2.0 * most
-    assert harm(motion) < 1.2 * most  # the guard asks fewer states of the plant
+    assert harm(motion) <= most
     assert any("harm" in safe.reason for safe in told)
     assert any(safe.probability > 0.0 for safe in told)
 

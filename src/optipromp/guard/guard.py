@@ -248,7 +248,7 @@ class Guard:
         if np.linalg.norm(pose[:3] - self._trail[-1, :3]) > STEP:
             self._trail = np.vstack([self._trail[-TRAIL:], pose])
             self._pushing = min(self._pushing + 1, len(self._trail))
-        if self._pushing and self._clear(self._trail[-1:]):
+        if self._pushing and self._clear(self._trail[-1:]) and not self._aside():
             self._pushing = 0
         words = "" if refusal is None else refusal.words
         return Safe(reference.velocity, reference, curve, bool(words), braked, words, probability)
@@ -331,6 +331,10 @@ class Guard:
                 out |= {name: place - places[name] for name, place in pairs}
         return out
 
+    def _aside(self) -> frozenset[str]:
+        """The fruits that the tool has pushed aside, or holds aside."""
+        return frozenset(k for k, by in self._pushed().items() if math.hypot(*by) > ASIDE)
+
     # -- judging an action
 
     def _refusal(self, curve: Trajectory) -> Refusal | None:
@@ -370,8 +374,7 @@ class Guard:
         """
         _, contacts, _, _ = swept(self._judged, self._body, q, times)
         fruits = [c for c in contacts if c.link in self._wrist and c.role in ("pushable", "target")]
-        by = self._pushed() if fruits and self._pushing else {}
-        aside = {name for name, each in by.items() if math.hypot(*each) > ASIDE}
+        aside = self._aside() if fruits else frozenset()
         return [c for c in fruits if c.other.removeprefix("the stem of ") not in aside]
 
     def _predicted(self, step: Change) -> tuple[Refusal | None, float]:
