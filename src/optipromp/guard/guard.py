@@ -42,6 +42,7 @@ FASTER = 1.05  # times the speed among fruits; the judge allows 1.1 of it: a cho
 SHARE = 0.9  # of a limit, in a wish that is to pass: a choice
 LOOKS = 7  # poses of the tool in a prediction, 5 mm apart at the speed of a push: a choice
 ASIDE = 0.002  # [m] of a fruit that the tool has pushed aside: a choice, as of what moved
+BETTER = 0.5  # of the harm that may be, for what replaces a harmful wish: no state is swallowed
 HOPELESS = 10.0  # times the harm that may be: all larger harm is alike
 TRAIL = 400  # poses of the way here, each at least STEP apart, that are remembered: a choice
 
@@ -182,6 +183,7 @@ class Guard:
         whole = bool(np.isfinite(wish).all())
         first: Refusal | None = None if whole else Refusal("limits", "the action is not finite")
         wish, asked = wish if whole else np.zeros_like(wish), wish
+        harmful = False  # whether a wish was refused for harm: what replaces it must be better
         waiting, tries = [self._within(begin.q, wish)], self.parameters.tries
         while waiting and tries > 0:
             wanted, tries = waiting.pop(0), tries - 1
@@ -190,7 +192,8 @@ class Guard:
             told = self._refusal(curve)
             probability = 0.0
             if told is None:
-                told, probability = self._predicted(step)
+                told, probability = self._predicted(step, BETTER if harmful else 1.0)
+                harmful |= told is not None
             if told is None:
                 if first is None and (np.abs(wanted - asked) > 1e-9).any():
                     first = Refusal("limits", self._limited(asked, wanted))
@@ -377,7 +380,7 @@ class Guard:
         aside = self._aside() if fruits else frozenset()
         return [c for c in fruits if c.other.removeprefix("the stem of ") not in aside]
 
-    def _predicted(self, step: Change) -> tuple[Refusal | None, float]:
+    def _predicted(self, step: Change, limit: float) -> tuple[Refusal | None, float]:
         """Why a wish that is followed for a while would harm; the probability of harm."""
         if not self._models:
             return None, 0.0
@@ -385,15 +388,15 @@ class Guard:
         ahead = np.hstack(self.robot.tool_pose(step.at(times)[0]))
         if not self._pushing and self._clear(np.vstack([self._trail[-1:], ahead])):
             return None, 0.0
-        share, probability, words = self._share(ahead, 1.0)
-        if share <= 1.0:
+        share, probability, words = self._share(ahead, limit)
+        if share <= limit:
             return None, probability
         if self._pushing and not step.begin.moving:  # it may go on if it adds nothing to a harm
             key = id(self._trail), self._pushing
             if self._stays[0] != key:
                 self._stays = key, self._share(ahead[:1], HOPELESS)[0]
             stays = self._stays[1]
-            if stays > 1.0 and self._share(ahead, stays)[0] <= stays:
+            if stays > limit and self._share(ahead, stays)[0] <= stays:
                 return None, probability
         return Refusal("harm", words), probability
 
