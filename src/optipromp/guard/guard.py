@@ -43,6 +43,8 @@ SHARE = 0.9  # of a limit, in a wish that is to pass: a choice
 LOOKS = 7  # poses of the tool in a prediction, 5 mm apart at the speed of a push: a choice
 ASIDE = 0.002  # [m] of a fruit that the tool has pushed aside: a choice, as of what moved
 BETTER = 0.5  # of the harm that may be, for what replaces a harmful wish: no state is swallowed
+OUT = 2.0  # times the harm that may be, on the way in and out again: an emergency, a choice
+OUT_STATES = 4  # of the plant on the way out: a choice
 HOPELESS = 10.0  # times the harm that may be: all larger harm is alike
 TRAIL = 400  # poses of the way here, each at least STEP apart, that are remembered: a choice
 
@@ -388,9 +390,11 @@ class Guard:
         ahead = np.hstack(self.robot.tool_pose(step.at(times)[0]))
         if not self._pushing and self._clear(np.vstack([self._trail[-1:], ahead])):
             return None, 0.0
-        share, probability, words = self._share(ahead, limit)
+        share, probability = self._share(ahead, limit)
         if share <= limit:
-            return None, probability
+            if self._share(ahead, OUT, out=True)[0] <= OUT:
+                return None, probability
+            return Refusal("harm", "harm is predicted on the way out from there"), probability
         if self._pushing and not step.begin.moving:  # it may go on if it adds nothing to a harm
             key = id(self._trail), self._pushing
             if self._stays[0] != key:
@@ -398,39 +402,42 @@ class Guard:
             stays = self._stays[1]
             if stays > limit and self._share(ahead, stays)[0] <= stays:
                 return None, probability
-        return Refusal("harm", words), probability
+        return Refusal("harm", "harm is predicted"), probability
 
-    def _share(self, ahead: FloatArray, limit: float) -> tuple[float, float, str]:
-        """Predicted harm over what may be, the probability of harm, and words.
+    def _share(self, ahead: FloatArray, limit: float, out: bool = False) -> tuple[float, float]:
+        """Predicted harm over what may be, and the probability of harm.
 
-        The tool goes on through ``ahead`` (k, 6), and from there back along its way. A share above
-        ``limit`` may be any number above it.
+        The tool goes on through ``ahead`` (k, 6); if ``out``, then back along its way. A share
+        above ``limit`` may be any number above it.
         """
         p = self.parameters
+        way = self._trail[-max(self._pushing, 1) :]
         came = np.vstack([self._trail, ahead])
         gone = np.append(0.0, np.cumsum(lengths(np.diff(came[::-1, :3], axis=0))))
         back = came[::-1][: int(np.searchsorted(gone, p.out)) + 1]
-        way = came[-len(ahead) - max(self._pushing, 1) :]
-        inward = spaced(way[:, :3], way[:, 3:])
-        outward = spaced(back[:, :3], back[:, 3:]) if len(back) > 1 else inward
-        points, axes = (np.concatenate(pair) for pair in zip(inward, outward, strict=True))
-        share, probability, words = 0.0, 0.0, ""
+        points, axes = spaced(*np.split(np.vstack([way, ahead]), 2, axis=1))
+        first, share, probability = len(points) - 1, 0.0, 0.0
+        if out and len(back) > 1:
+            more = spaced(*np.split(back, 2, axis=1))
+            points, axes = np.concatenate([points, more[0]]), np.concatenate([axes, more[1]])
         for model in self._models:
             calibration, most = model.calibration, model.threshold
             if isinstance(model, Hanging):
-                leaving = model.leaving(len(inward[0]))
-                harm = leaving.harm(points, axes, p.states, most * limit)
+                states = OUT_STATES if out else p.states
+                harm = model.leaving(first).harm(points, axes, states, most * limit)
+            elif out:
+                continue  # what stands does not come back
             else:
-                harm = model.harm(*inward, min(p.states, model.states), most * limit)
+                harm = model.harm(points, axes, min(p.states, model.states), most * limit)
             share += harm / most
             if calibration is not None:
                 probability = max(probability, calibration.probability(harm))
-            words = f"harm above {most:.2g} is predicted"
-        return share, probability, words
+        return share, probability
 
     def _clear(self, poses: FloatArray) -> bool:
         """Whether the tool, led through poses (k, 6), surely touches no fruit."""
-        way = spaced(poses[:, :3], poses[:, 3:]) if len(poses) > 1 else (poses[:, :3], poses[:, 3:])
+        parts = np.split(poses, 2, axis=1)
+        way = spaced(*parts) if len(poses) > 1 else tuple(parts)
         return all(model.clear(*way) for model in self._models)
 
     # -- actions near a wish
