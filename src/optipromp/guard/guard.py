@@ -66,7 +66,7 @@ class GuardParameters(Checked):
     near: float = parameter(0.1, "m", "choice", "distance from which on a barrier counts")
     rate: float = parameter(5.0, "1/s", "choice", "share of a distance that an action may use up")
     rows: int = parameter(16, "1", "choice", "nearest pairs of bodies that are barriers")
-    off: float = parameter(0.02, "rad or m", "choice", "of a joint: beyond, the curve begins anew")
+    off: float = parameter(0.1, "rad or m", "choice", "of a joint: beyond, the curve begins anew")
     changed: float = parameter(0.002, "m", "choice", "motion of a fruit that changes the scene")
     known: float = parameter(0.003, "m", "choice", "deviation of a fruit that states none")
 
@@ -130,7 +130,7 @@ class Guard:
         self._curve: Trajectory | None = None
         self._trail = np.zeros((0, 6))  # tool points and axes on the way here, oldest first
         self._choice = 0
-        self._stays = (-1, -1), 0.0  # state of the trail, and the share of harm of a stop there
+        self._stays: float | None = None  # share of harm of a stop here; None: not known
         self._pushing = 0  # rows at the end of the trail since which the tool may touch fruits
         task = resolve(self._base, robot)
         spheres = task.robot.spheres
@@ -186,7 +186,7 @@ class Guard:
         first: Refusal | None = None if whole else Refusal("limits", "the action is not finite")
         wish, asked = wish if whole else np.zeros_like(wish), wish
         harmful = False  # whether a wish was refused for harm: what replaces it must be better
-        waiting, tries = [self._within(begin.q, wish)], self.parameters.tries
+        waiting, tries = [np.clip(wish, *self._box(begin.q))], self.parameters.tries
         while waiting and tries > 0:
             wanted, tries = waiting.pop(0), tries - 1
             step = Change.of(self.robot, begin, wanted, self.parameters.period)
@@ -198,7 +198,8 @@ class Guard:
                 harmful |= told is not None
             if told is None:
                 if first is None and (np.abs(wanted - asked) > 1e-9).any():
-                    first = Refusal("limits", self._limited(asked, wanted))
+                    joint = self.robot.joint_names[int(np.argmax(np.abs(wanted - asked)))]
+                    first = Refusal("limits", f"{joint} would pass its limit of velocity or range")
                 return self._given(curve, first, probability)
             if first is None:
                 first = told
@@ -237,8 +238,7 @@ class Guard:
         self._rates = np.stack(
             [*np.maximum(sizes, [robot.velocity, robot.acceleration]), robot.jerk]
         )
-        pose = np.concatenate(robot.tool_pose(state.q))
-        self._trail = np.vstack([self._trail[-TRAIL:], pose])
+        self._walk(np.concatenate(robot.tool_pose(state.q)))
         self._measure(state.q)
         return state
 
@@ -251,12 +251,18 @@ class Guard:
         self._curve = later(curve, p.period)
         pose = np.concatenate(self.robot.tool_pose(reference.q))
         if np.linalg.norm(pose[:3] - self._trail[-1, :3]) > STEP:
-            self._trail = np.vstack([self._trail[-TRAIL:], pose])
-            self._pushing = min(self._pushing + 1, len(self._trail))
-        if self._pushing and self._clear(self._trail[-1:]) and not self._aside():
-            self._pushing = 0
+            self._walk(pose)
         words = "" if refusal is None else refusal.words
         return Safe(reference.velocity, reference, curve, bool(words), braked, words, probability)
+
+    def _walk(self, pose: FloatArray) -> None:
+        """Remember where the tool is, and whether it may touch fruits there."""
+        self._trail, self._stays = np.vstack([self._trail[-TRAIL:], pose]), None
+        free = self._clear(pose[None])
+        if self._pushing or not free:
+            self._pushing = min(self._pushing + 1, len(self._trail))
+            if free and not self._aside():
+                self._pushing = 0
 
     # -- the plant
 
@@ -279,7 +285,7 @@ class Guard:
                 replace(part, id=f"{item.id}/{k}" if k else item.id, role="static", motion=None)
                 for k, part in enumerate(parts)
             ]
-        self._task, self._models = task, tuple(models)
+        self._task, self._models, self._stays = task, tuple(models), None
         self._judged = replace(task.scene, objects=tuple(objects))
         self._around = replace(task, scene=self._judged).surroundings
         if self._curve is not None:
@@ -329,7 +335,7 @@ class Guard:
         out: dict[str, FloatArray] = {}
         if self._pushing:
             places = {item.id: item.position for item in self.scene.objects}
-            way = spaced(self._trail[-self._pushing :, :3], self._trail[-self._pushing :, 3:])
+            way = spaced(*np.split(self._trail[-self._pushing - 1 :], 2, axis=1))
             for model in self._models:
                 moved = model.moved(*way)
                 pairs = zip(moved.ids, moved.positions, strict=True)
@@ -396,10 +402,9 @@ class Guard:
                 return None, probability
             return Refusal("harm", "harm is predicted on the way out from there"), probability
         if self._pushing and not step.begin.moving:  # it may go on if it adds nothing to a harm
-            key = id(self._trail), self._pushing
-            if self._stays[0] != key:
-                self._stays = key, self._share(ahead[:1], HOPELESS)[0]
-            stays = self._stays[1]
+            if self._stays is None:
+                self._stays = self._share(ahead[:1], HOPELESS)[0]
+            stays = self._stays
             if stays > limit and self._share(ahead, stays)[0] <= stays:
                 return None, probability
         return Refusal("harm", "harm is predicted"), probability
@@ -411,7 +416,7 @@ class Guard:
         above ``limit`` may be any number above it.
         """
         p = self.parameters
-        way = self._trail[-max(self._pushing, 1) :]
+        way = self._trail[-self._pushing - 1 :]  # from where the tool was clear of fruits
         came = np.vstack([self._trail, ahead])
         gone = np.append(0.0, np.cumsum(lengths(np.diff(came[::-1, :3], axis=0))))
         back = came[::-1][: int(np.searchsorted(gone, p.out)) + 1]
@@ -442,23 +447,12 @@ class Guard:
 
     # -- actions near a wish
 
-    def _within(self, q: FloatArray, wish: FloatArray) -> FloatArray:
-        """Velocities (n,) from which each joint alone can stop within its range, next to a wish."""
-        low, high = self._box(q)
-        return np.clip(wish, low, high)
-
     def _box(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Velocities (n,) from which each joint alone can stop within its range."""
         robot = self.robot
         limits = SHARE * robot.acceleration, SHARE * robot.jerk
         up, down = (fastest(room, *limits) for room in (self._upper - q, q - self._lower))
         return -np.minimum(down, robot.velocity), np.minimum(up, robot.velocity)
-
-    def _limited(self, asked: FloatArray, wanted: FloatArray) -> str:
-        joint = int(np.argmax(np.abs(asked - wanted)))
-        name, speed = self.robot.joint_names[joint], abs(float(asked[joint]))
-        if speed > self.robot.velocity[joint]:
-            return f"{name} was to move at {speed:.3g}, above its limit of velocity"
-        return f"{name} is near the end of its range"
 
     def _instead(self, told: Refusal, q: FloatArray, wanted: FloatArray) -> Iterator[FloatArray]:
         """Actions to try in place of one that did not pass."""
@@ -472,7 +466,7 @@ class Guard:
             rows, least = self._barriers(q)
             beside = nearest(wanted, rows, least) if len(rows) else None
             if beside is not None:
-                yield self._within(q, beside)
+                yield np.clip(beside, *self._box(q))
         if told.kind == "harm" and speed > 0.0:
             across = np.linalg.svd(tool[None] / speed)[2][1:]
             for side in (*across, *-across):
