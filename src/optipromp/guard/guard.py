@@ -27,6 +27,7 @@ from optipromp.core.judging.speed import among_fruits, largest_speed
 from optipromp.core.parameters import Checked, parameter
 from optipromp.core.planning.task import Task, resolve, spaced, stands
 from optipromp.core.pushing.model import Combined
+from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP
 from optipromp.core.pushing.stems.hanging import Hanging
 from optipromp.core.robots.model import Robot
@@ -54,12 +55,11 @@ class GuardParameters(Checked):
     """Timing, distances and risk of the guard."""
 
     period: float = parameter(0.02, "s", "choice", "of an action: 50 Hz")
-    ahead: float = parameter(0.15, "s", "choice", "of a wish in a prediction, then the way back")
+    ahead: float = parameter(0.3, "s", "choice", "of a wish in a prediction, then the way back")
     margin: float = parameter(
         0.002, "m", "measured", "an arm in the simulation is 1 mm off its way"
     )
-    # twice that of plans, which the guard lets pass: its predictions are of fewer states
-    risk: float = parameter(0.05, "1", "choice", "share of promises that may be broken")
+    risk: float = parameter(PUSH.harm.risk, "1", "choice", "share of promises that may be broken")
     states: int = parameter(6, "1", "choice", "of the plant in a prediction; plans use 24 or 32")
     out: float = parameter(0.05, "m", "choice", "of the way back that must stay open")
     tries: int = parameter(3, "1", "choice", "actions near a wish; each takes 0.5 to 2 ms")
