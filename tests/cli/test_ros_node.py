@@ -16,6 +16,7 @@ from tests.ros.camera_messages import FRAME, compressed, frames, image, info
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
+from optipromp.core.planning.task import posed
 from optipromp.core.scenes import load_scene
 from optipromp.ros import (
     from_bytes,
@@ -125,6 +126,7 @@ def node(monkeypatch: pytest.MonkeyPatch) -> Node:
         ("trajectory_msgs", ("JointTrajectory",)),
         ("vision_msgs", ("Detection3DArray",)),
         ("diagnostic_msgs", ("DiagnosticStatus",)),
+        ("std_msgs", ("Float64MultiArray",)),
         ("tf2_msgs", ("TFMessage",)),
     ):
         module(package)
@@ -226,6 +228,40 @@ def test_the_shell_of_the_loop_carries_messages_both_ways(node: Node) -> None:
     assert states[0].message == "looking"
     assert states[-1].values[0].value == "go"
     assert len(node.warnings) == 1
+
+
+def commanding(node: Node) -> None:
+    """Somebody's policy: upwards at 0.5 m/s for a while, then too few values, then nothing."""
+    command = "std_msgs/msg/Float64MultiArray"
+    names = [f"fr3_joint{k}" for k in range(1, 8)]
+    period, tick = node.timer
+    tick()  # no state of the arm is known: nothing is sent
+    assert not node.sent
+    for k in range(60):
+        state = message("sensor_msgs/msg/JointState", name=names, position=SCENE.start)
+        node.hear("joint_states", state)
+        if k < 20:
+            node.hear("/policy", message(command, data=[0.0, 0.0, 0.5]))
+        tick()
+        node.now += round(period * 1e9)
+    node.hear("/policy", message(command, data=[0.0, 0.0]))
+    raise ExternalShutdownError
+
+
+def test_the_guard_filters_the_commands_of_a_topic(node: Node) -> None:
+    node.session = commanding
+    call = ["ros-node", "scenario-4", "--prefix", "fr3_", "--guard", "/policy"]
+    result = runner.invoke(app, [*call, "--execute", "/velocity/commands"])
+    assert result.exit_code == 0, result.stderr
+    sent = np.array([item.data for topic, item in node.sent if topic == "/velocity/commands"])
+    assert sent.shape == (60, 7)
+    robot = posed(SCENE)[0]
+    assert (np.abs(sent) <= robot.velocity).all()
+    assert np.abs(sent[:20]).max() > 0.05
+    assert sent[-1] == pytest.approx(0.0, abs=1e-9)  # nothing was heard for long
+    assert node.warnings == [
+        "/policy: a command has 2 values: must be 7 velocities of joints, or 3 of the tool point"
+    ]
 
 
 def photographing(node: Node) -> None:

@@ -23,6 +23,7 @@ from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
 from optipromp.core.planning import Plan, plan
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.shown import check_one_of
+from optipromp.guard import Guard, Safe
 from optipromp.laboratory.experiments.situations import CONDITIONS, Situation
 from optipromp.laboratory.generate import PRESETS, Preset, generate
 from optipromp.laboratory.simulation import Outcome, Run, Simulation, simulate
@@ -244,6 +245,10 @@ class PickEnv(_Scenes):
         self.observation_space = spaces.Dict(seen)
         self.action_space = spaces.Box(-1.0, 1.0, (3 if action == "tool" else count,))
         self.episode: Episode | None = None
+        self.guard: Guard | None = None
+        """Through which actions pass, see :class:`Guarded`."""
+        self.safe: Safe | None = None
+        """What the guard made of the last action."""
         self._camera: Any = None
 
     def reset(
@@ -268,7 +273,10 @@ class PickEnv(_Scenes):
             velocity = joints_for(episode.robot, q, SPEED * asked @ frame, frame[2])
         else:
             velocity = JOINTS * episode.robot.velocity * asked
-        episode.act(velocity)
+        if self.guard is None:
+            episode.act(velocity)
+        else:
+            self.safe = guarded(self.guard, velocity, episode)
         terminated = episode.done
         truncated = episode.ended and not terminated
         info: dict[str, Any] = {"is_success": False, "harm": min(episode.harm().worst, 2.0)}
@@ -313,6 +321,57 @@ class PickEnv(_Scenes):
             picture = self._camera.take()
             out |= {"rgb": picture.rgb, "depth": picture.depth.astype(np.float32)}
         return out
+
+
+def guarded(guard: Guard, velocity: FloatArray, episode: Episode) -> Safe:
+    """Let a guard filter a policy's velocities (n,), and the joints follow what it gives."""
+    look = episode.observe().look
+    looks = () if look is None or look.time <= guard.time else (look,)
+    safe = guard(velocity, episode.reference, looks, episode.time)
+    episode.act(safe.velocity, safe.curve)
+    return safe
+
+
+class Guarded(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """``optipromp/Pick-v0`` behind a guard: whatever the actions, harm is prevented.
+
+    Each ``info`` has ``guard``: what the guard made of the action
+    (:class:`optipromp.guard.Safe`), and ``action``: the action that was executed, in the
+    environment's action space: a label for learners.
+    """
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Begin an episode, with a guard that knows the scene as first seen."""
+        seen, info = self.env.reset(seed=seed, options=options)
+        env = self._pick()
+        assert env.episode is not None
+        env.guard = Guard(env.episode.scene, env.episode.robot)
+        return seen, info
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """One period, in which the guard may act in place of the policy."""
+        env, episode = self._pick(), self._pick().episode
+        assert episode is not None
+        q = episode.reference.q
+        seen, reward, terminated, truncated, info = self.env.step(action)
+        safe = env.safe
+        assert safe is not None
+        label = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
+        if safe.acted and env.action == "tool":
+            along, _ = episode.robot.tool_jacobian(q)
+            label = episode.scene.frame @ (along @ safe.velocity) / SPEED
+        elif safe.acted:
+            label = safe.velocity / (JOINTS * episode.robot.velocity)
+        info |= {"guard": safe, "action": np.clip(label, -1.0, 1.0).astype(np.float32)}
+        return seen, reward, terminated, truncated, info
+
+    def _pick(self) -> PickEnv:
+        env = self.env.unwrapped
+        if not isinstance(env, PickEnv):
+            raise InvalidRequestError(f"a guard is for optipromp/Pick-v0; this is {env}")
+        return env
 
 
 def _told(outcome: Outcome) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from optipromp.core.scenes.held import RETREAT
 from optipromp.core.scenes.io import scene_to_dict
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.trajectory import State, Trajectory
+from optipromp.guard.motion import joints_for as joints_for
 from optipromp.laboratory.experiments.situations import Situation
 from optipromp.laboratory.simulation import Detector, Eye, Outcome, Simulation
 from optipromp.laboratory.simulation.contacts import HarmSoFar
@@ -241,15 +242,24 @@ class Episode:
             None if look is None else replace(look, time=look.time - self._begin),
         )  # fmt: skip
 
-    def act(self, velocity: FloatArray) -> None:
-        """Let the joints come to velocities (n,) [rad/s or m/s] within one period."""
+    def act(self, velocity: FloatArray, curve: Trajectory | None = None) -> None:
+        """Let the joints come to velocities (n,) [rad/s or m/s] within one period.
+
+        ``curve``: on which they come there, from the last reference on; None: at a constant
+        acceleration.
+        """
         wanted = np.asarray(velocity, dtype=np.float64)
         if wanted.shape != self.state.q.shape or not np.isfinite(wanted).all():
             raise InvalidRequestError(
                 f"velocity has shape {wanted.shape}; must be {self.state.q.shape}, finite"
             )
+        if curve is None:
+            ticks = driven(self.robot, self.reference, wanted, self.period, self.ticks)
+        else:
+            at = self.period / self.ticks * np.arange(1, self.ticks + 1)
+            ticks = [State(*rows) for rows in zip(*curve.sample(at), strict=True)]
         try:
-            for each in driven(self.robot, self.reference, wanted, self.period, self.ticks):
+            for each in ticks:
                 self.reference = each
                 self.state = self.simulation.step(each)
         except ExecutionError:  # the simulation is broken, and the outcome tells of it
@@ -298,9 +308,6 @@ def as_it_came(robot: Robot, q: FloatArray) -> Trajectory:
 
 
 BRAKE = 0.9  # share of the acceleration limit that brakes before the end of a range: a choice
-GAIN = 3.0  # [1/s] of the turn of the tool's axis: a choice
-LEVER = 0.2  # [m] by which a turn counts as a length: a choice
-DAMPING = 0.01  # [m] of the least squares: a choice
 
 
 def driven(
@@ -344,21 +351,3 @@ def _braking(room: FloatArray, most: FloatArray, period: float, speed: FloatArra
     lead = 0.5 * most * period
     far = np.nan_to_num(np.maximum(room, 0.0), posinf=1e9)
     return np.where(room >= 0.0, np.sqrt(lead**2 + 2.0 * most * far) - lead, speed - most * period)
-
-
-def joints_for(
-    robot: Robot, q: FloatArray, linear: FloatArray, axis: FloatArray | None = None
-) -> FloatArray:
-    """Joint velocities (n,) by which the tool point moves and the tool's axis turns.
-
-    Damped least squares on the Jacobians of tool point and axis.
-
-    ``linear``: (3,) velocity of the tool point [m/s]. ``axis``: (3,) to which the tool's axis
-    turns; None: it keeps its direction.
-    """
-    _, now, along, turning = robot.tool_map(q)
-    turn = np.zeros(3) if axis is None else GAIN * (axis - now)
-    rows = np.vstack([along, LEVER * turning])
-    asked = np.concatenate([linear, LEVER * turn])
-    damped = rows @ rows.T + DAMPING**2 * np.eye(len(asked))
-    return np.asarray(rows.T @ np.linalg.solve(damped, asked))

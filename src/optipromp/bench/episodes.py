@@ -1,9 +1,10 @@
-"""Expert episodes in files that Minari and LeRobot read.
+"""Episodes in files that Minari and LeRobot read.
 
-An episode is a plan of ours, driven step by step in ``optipromp/Pick-v0``. ``minari`` files are
-written by Minari itself (0.5, format Arrow). ``lerobot`` files are written here, in version 3.0 of
-LeRobot's layout (https://huggingface.co/docs/lerobot/lerobot-dataset-v3): all episodes in one
-Parquet file, without a dependency on LeRobot, whose package wants a PyTorch of its own.
+An episode is a plan of ours, or a policy, driven step by step in ``optipromp/Pick-v0``. ``minari``
+files are written by Minari itself (0.5, format Arrow). ``lerobot`` files are written here, in
+version 3.0 of LeRobot's layout (https://huggingface.co/docs/lerobot/lerobot-dataset-v3): all
+episodes in one Parquet file, without a dependency on LeRobot, whose package wants a PyTorch of its
+own.
 """
 
 import io
@@ -20,8 +21,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from optipromp.bench.env import SPEED, PickEnv
-from optipromp.bench.episode import RATE
+from optipromp.bench.env import SPEED, Guarded, PickEnv
+from optipromp.bench.episode import RATE, Episode
+from optipromp.bench.serve import Apart, hired
 from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.errors import InvalidRequestError, OptiPrompError, installed_by
 from optipromp.core.files import check_folder, json_text, moved_when_whole, write_atomically
@@ -48,12 +50,14 @@ AHEAD = 5  # points by which the tool aims ahead: a choice
 
 @dataclass(frozen=True)
 class EpisodeAsk:
-    """What an episode is of: a scene's preset and seed, a condition, and whether with pictures."""
+    """What an episode is of, and who acts."""
 
     preset: str
     seed: int
     condition: str = "none"
     pictures: bool = False
+    policy: str = ""  # entry of the track policy that acts; empty: our planner
+    guarded: bool = False  # whether its actions pass a guard, and the guard's are the labels
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,10 +66,11 @@ class EpisodeData:
 
     ask: EpisodeAsk  # what it is of
     seen: Mapping[str, AnyArray]  # observations by name, (k + 1, ...) each
-    actions: AnyArray  # (k, 3)
+    actions: AnyArray  # (k, 3); with a guard those that were executed
     rewards: AnyArray  # (k,)
     success: bool  # whether it was clean
     terminated: bool  # whether it ended by itself, and not by time
+    acted: AnyArray | None = None  # (k,) whether the guard acted; None: there is none
 
 
 def environment(presets: Sequence[str], condition: str, pictures: bool) -> PickEnv:
@@ -92,33 +97,53 @@ def follower(made: Plan) -> Callable[[FloatArray], FloatArray]:
     return action
 
 
-def driven_episode(ask: EpisodeAsk) -> EpisodeData | None:
-    """An expert's episode; None: there is no plan for the scene as first seen."""
-    env = environment((ask.preset,), ask.condition, ask.pictures)
-    seen, _ = env.reset(seed=ask.seed, options={"preset": ask.preset, "scene": ask.seed})
-    episode = env.episode
-    assert episode is not None
+def acting(ask: EpisodeAsk, episode: Episode) -> Callable[[], FloatArray] | None:
+    """What gives the actions (3,) of an episode; None: there is no plan for the scene."""
+    robot, frame = episode.robot, episode.scene.frame
+    if ask.policy:
+        entry = hired(ask.policy, "policy")
+        if isinstance(entry, Apart):
+            entry.begin()
+        entry.reset(episode.scene, ask.seed)
+
+        def wished() -> FloatArray:
+            along, _ = robot.tool_jacobian(episode.state.q)
+            velocity = entry.act(episode.observe())
+            return np.asarray(np.clip(frame @ (along @ velocity) / SPEED, -1.0, 1.0))
+
+        return wished
     try:
         made = plan(episode.scene, seed=ask.seed)
     except OptiPrompError:
         return None
-    if not made.success:
+    expert = follower(made)
+    return (lambda: expert(robot.tool_pose(episode.state.q)[0])) if made.success else None
+
+
+def driven_episode(ask: EpisodeAsk) -> EpisodeData | None:
+    """An episode; None: there is no plan for the scene as first seen."""
+    env = environment((ask.preset,), ask.condition, ask.pictures)
+    behind: Any = Guarded(env) if ask.guarded else env
+    seen, _ = behind.reset(seed=ask.seed, options={"preset": ask.preset, "scene": ask.seed})
+    assert env.episode is not None
+    act = acting(ask, env.episode)
+    if act is None:
         return None
     info: dict[str, Any] = {}
-    expert, told, actions, rewards = follower(made), [seen], [], []
+    told, actions, rewards, acted = [seen], [], [], []
     terminated = truncated = False
     while not (terminated or truncated):
-        point, _ = episode.robot.tool_pose(episode.state.q)
-        action = expert(point).astype(np.float32)  # as in the file
-        seen, reward, terminated, truncated, info = env.step(action.astype(np.float64))
+        action = act().astype(np.float32)  # as in the file
+        seen, reward, terminated, truncated, info = behind.step(action.astype(np.float64))
         told.append(seen)
-        actions.append(action)
+        actions.append(info.get("action", action))
+        acted.append(ask.guarded and info["guard"].acted)
         rewards.append(reward)
-    env.close()
+    behind.close()
     return EpisodeData(
         ask, {name: np.stack([each[name] for each in told]) for name in told[0]},
         np.array(actions), np.array(rewards, dtype=np.float32), bool(info["is_success"]),
-        terminated,
+        terminated, np.array(acted) if ask.guarded else None,
     )  # fmt: skip
 
 
@@ -197,7 +222,8 @@ def write_minari(episodes: Sequence[EpisodeData], folder: Path, name: str) -> st
                 options={"preset": each.ask.preset, "scene": each.ask.seed},
                 observations=dict(each.seen), actions=each.actions, rewards=each.rewards.tolist(),
                 terminations=(ends & each.terminated).tolist(),
-                truncations=(ends & (not each.terminated)).tolist(), infos={"is_success": told},
+                truncations=(ends & (not each.terminated)).tolist(),
+                infos={"is_success": told} | _guarded(each),
             )
         )  # fmt: skip
     before = os.environ.get("MINARI_DATASETS_PATH")
@@ -219,6 +245,11 @@ def write_minari(episodes: Sequence[EpisodeData], folder: Path, name: str) -> st
         if before is not None:
             os.environ["MINARI_DATASETS_PATH"] = before
     return name
+
+
+def _guarded(each: EpisodeData) -> dict[str, AnyArray]:
+    """Whether the guard acted, as an information of Minari: one row more than actions."""
+    return {} if each.acted is None else {"guarded": np.append(each.acted, False)[:, None]}
 
 
 def write_lerobot(episodes: Sequence[EpisodeData], folder: Path) -> None:
@@ -246,6 +277,8 @@ def write_lerobot(episodes: Sequence[EpisodeData], folder: Path) -> None:
             "frame_index": np.arange(count), "episode_index": np.full(count, k),
             "index": begin + np.arange(count), "task_index": np.full(count, tasks.index(task)),
         }  # fmt: skip
+        if each.acted is not None:
+            values["guarded"] = each.acted
         if "rgb" in each.seen:
             values["observation.images.palm"] = each.seen["rgb"][:count]
         for name, value in values.items():

@@ -241,6 +241,8 @@ def episodes(
     keep: str = "clean",
     pictures: bool = False,
     name: str = "optipromp/pick/expert-v0",
+    policy: str = "",
+    guarded: bool = False,
     workers: Workers = None,
     ray: Cluster = None,
 ) -> Report:
@@ -251,6 +253,7 @@ def episodes(
     Examples:
         optipromp episodes --count 1000 --out data
         optipromp episodes --count 50 --format lerobot --pictures --out data
+        optipromp episodes --policy mine:Policy --guarded --keep all --out data
 
     Args:
         out (DIR): Of the dataset.
@@ -262,6 +265,8 @@ def episodes(
         keep (WHICH): clean: successes alone; or all.
         pictures: With those of the camera in the tool's mouth.
         name (ID): Of a Minari dataset.
+        policy (NAME): What acts in place of our planner, as in bench run.
+        guarded: Actions pass the guard; where it acts, its action is the label.
     """
     from optipromp.bench import episodes as bench
     from optipromp.laboratory.experiments.situations import CONDITIONS
@@ -276,7 +281,7 @@ def episodes(
     bench.check_place(form, out, name)  # type: ignore[arg-type]
     first = bench.FIRST if seed is None else seed
     asks = [
-        bench.EpisodeAsk(presets[k % len(presets)], first + k, condition, pictures)
+        bench.EpisodeAsk(presets[k % len(presets)], first + k, condition, pictures, policy, guarded)
         for k in range(2 * count + 20)
     ]
     say_if_compiling()

@@ -15,7 +15,7 @@ from optipromp.core.errors import InvalidRequestError, OptiPrompError
 
 if TYPE_CHECKING:
     from optipromp.perception.watcher import Watcher
-    from optipromp.ros import DetectionParameters, LiveScene, Message, PickLoop
+    from optipromp.ros import DetectionParameters, GuardFilter, LiveScene, Message, PickLoop
 
 
 @command(reports=False)
@@ -30,6 +30,7 @@ def ros_node(
     detections: str = "~/detections",
     pictures: str | None = None,
     role: list[str] | None = None,
+    guard: str | None = None,
 ) -> None:
     """Plan on request: a node of ROS 2 with MoveIt's service GetMotionPlan.
 
@@ -42,11 +43,16 @@ def ros_node(
     joint_states and tf_static, publishes optipromp/joint_trajectory and optipromp/status, and
     ends with the pick.
 
+    With --guard it filters somebody's velocities of joints, or of the tool, for a
+    velocity controller (--execute), so that they harm nothing (docs/guard.md).
+
     Examples:
         optipromp ros-node my-scene.yaml --prefix fr3_
         optipromp ros-node my-scene.yaml --execute /arm_controller/follow_joint_trajectory
         optipromp ros-node my-scene.yaml --loop --role ripe=target:stem --role unripe=pushable \\
             --execute /arm_controller/joint_trajectory
+        optipromp ros-node my-scene.yaml --guard /policy/commands \\
+            --execute /velocity_controller/commands
         optipromp ros-node my-scene.yaml --loop --pictures /camera/color/image_raw,\\
         /camera/aligned_depth_to_color/image_raw,/camera/color/camera_info
 
@@ -54,13 +60,14 @@ def ros_node(
         scene (SCENE): Gives robot, tool and what no topic says.
         prefix (TEXT): Before joint and link names in ROS, as in fr3_.
         rate (HZ): Of the points; the plan's own if left out.
-        execute (ACTION): FollowJointTrajectory action that gets each success; with --loop the topic
-            of the controller.
+        execute (ACTION): FollowJointTrajectory action that gets each success; with --loop or
+            --guard the topic of the controller.
         loop: Pick in closed loop by detections, at once.
-        detections (TOPIC): With --loop: of the Detection3DArray messages.
+        detections (TOPIC): With --loop or --guard: of the Detection3DArray messages.
         pictures (COLOUR,DEPTH,INFO): With --loop, in place of detections: topics of a camera, Image
             (or CompressedImage by its usual end) and CameraInfo; or one of PointCloud2.
         role (CLASS=ROLE): Role of a detected class; :stem: z is its stem.
+        guard (TOPIC): Of the Float64MultiArray commands that are filtered.
     """
     try:
         import rclpy  # noqa: F401
@@ -69,10 +76,15 @@ def ros_node(
             "ros-node needs ROS 2 and finds no rclpy: source the setup.bash of a ROS 2 "
             "installation, and start it with the Python of that installation"
         ) from None
-    from optipromp.ros import LiveScene, PickLoop
+    from optipromp.ros import GuardFilter, LiveScene, PickLoop
     from optipromp.ros.live import DETECTIONS
 
     say_if_compiling()
+    if guard is not None:
+        meaning = None if role is None else _meaning(role)
+        filtered = GuardFilter(optipromp.load_scene(scene), meaning, prefix)
+        _filter(filtered, guard, execute or "~/commands", detections)
+        return
     if loop:
         meaning = None if role is None else _meaning(role)
         seen = {detections: DETECTIONS} if pictures is None else _types(pictures)
@@ -125,6 +137,35 @@ def _serve(world: "LiveScene", settings: dict[str, Any], execute: str | None) ->
     _listen(node, "collision_object", "moveit_msgs/msg/CollisionObject", heard)
     _listen(node, "joint_states", "sensor_msgs/msg/JointState", heard)
     node.create_service(GetMotionPlan, "~/plan", plan)
+    with suppress(ExternalShutdownException):
+        rclpy.spin(node)
+
+
+def _filter(filtered: "GuardFilter", asked: str, moved: str, detections: str) -> None:
+    """Carry commands between ROS and the guard until the node is shut down."""
+    import rclpy
+    from rclpy.executors import ExternalShutdownException
+
+    from optipromp.ros.guard import COMMAND
+    from optipromp.ros.live import DETECTIONS
+
+    def heard(item: "Message", _: str) -> None:
+        filtered.heard(item, node.get_clock().now().nanoseconds)
+
+    def tick() -> None:
+        made = filtered.tick(node.get_clock().now().nanoseconds)
+        if made is not None:
+            send(made)
+        if filtered.safe is not None and filtered.safe.reason:
+            node.get_logger().warning(filtered.safe.reason, throttle_duration_sec=1.0)
+
+    rclpy.init()
+    node = rclpy.create_node("optipromp")
+    send = _publisher(node, moved, COMMAND)
+    _listen(node, asked, COMMAND, heard, 1)  # the newest
+    _listen(node, "joint_states", "sensor_msgs/msg/JointState", heard, 1)
+    _listen(node, detections, DETECTIONS, heard)
+    node.create_timer(filtered.guard.parameters.period, tick)
     with suppress(ExternalShutdownException):
         rclpy.spin(node)
 

@@ -8,6 +8,7 @@
 """
 
 from optipromp.core.files import is_bag as is_bag
+from optipromp.ros.guard import GuardFilter as GuardFilter
 from optipromp.ros.live import DetectionParameters as DetectionParameters
 from optipromp.ros.live import LiveScene as LiveScene
 from optipromp.ros.live import read_detections as read_detections
