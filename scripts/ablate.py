@@ -22,7 +22,7 @@ from unittest import mock
 import numpy as np
 
 from optipromp import plan
-from optipromp.core.planning import follow, pick
+from optipromp.core.planning import follow
 from optipromp.core.planning.planners import OptiProMP
 from optipromp.core.pushing.packs.standing import PathsBetween
 from optipromp.core.pushing.stems import hanging as paths
@@ -92,7 +92,6 @@ PARTS: dict[str, Callable[[], Any]] = {
     "screening of several": lambda: _scheduled(lambda s: replace(s, screened=1)),
     "samples about the best": lambda: _scheduled(lambda s: replace(s, fresh=1.0)),
     "fresh samples": lambda: _scheduled(lambda s: replace(s, fresh=0.0)),
-    "margin preferred (narrow)": lambda: _without(pick, "narrow", lambda *_: 0.0),
 }
 
 

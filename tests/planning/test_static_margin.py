@@ -1,4 +1,4 @@
-"""Static things are not traded: with too little room another goal configuration is tried."""
+"""Static things are not traded: a plan has room beside them, or tells what it lacks."""
 
 from dataclasses import replace
 from typing import Any
@@ -9,8 +9,7 @@ from tests.planning.builders import block, without
 from optipromp.core import judging
 from optipromp.core.errors import Code
 from optipromp.core.geometry import Box
-from optipromp.core.planning import Plan, PlanOptions, goals, plan
-from optipromp.core.planning.task import resolve
+from optipromp.core.planning import Plan, PlanOptions, plan
 from optipromp.core.scenes import load_scene
 from optipromp.laboratory.generate import generate
 
@@ -22,21 +21,12 @@ def room(made: Plan) -> float:
     return made.metrics.clearance_static
 
 
-def test_beside_a_table_top_another_configuration_is_taken() -> None:
-    """Some first ones bring the hand within 0.4 to 4.3 mm of it, which a controller cannot keep.
-
-    Which seeds meet such a one depends on the last bits of the processor's arithmetic.
-    """
-    left = 0
+def test_beside_a_table_top_a_plan_has_the_room_that_a_controller_needs() -> None:
     for seed in (25, 26, 27, 55, 56, 57):
         made = plan("paper-4", seed=seed)
         assert made.status is Code.SUCCESS
         assert room(made) >= MARGIN
         assert "a controller needs" not in made.message
-        if "note: other motions were left, which bring tool within " in made.message:
-            assert " mm of table-top" in made.message
-            left += 1
-    assert left >= 1
 
 
 def test_what_is_taken_goes_well_in_the_simulation() -> None:
@@ -72,25 +62,8 @@ def test_a_target_close_to_a_wall_is_not_searched_for_room() -> None:
     at = three.target.position + [0.0, 0.078, 0.0]
     wall = block("static", Box((0.4, 0.04, 0.1)), at, "wall")
     scene = replace(three, objects=(*three.objects, wall))
-    task = resolve(scene)
     made = plan(scene)
     assert made.status is Code.SUCCESS, made.message
     assert 0.0 < room(made) < MARGIN
-    found = judging.judge(scene, task.robot, made.trajectory, task.state, stem_side=False)
-    assert found.near is not None
-    assert found.near.link == "tool"
-    assert goals.narrow(task, found, made.trajectory.positions[-1]) == 0.0
+    assert "note: tool comes within " in made.message
     assert "of wall; a controller needs" in made.message
-    assert "other motions" not in made.message
-
-
-def test_what_is_lacking_is_measured_against_what_may_be() -> None:
-    """A link in mid-motion 1 mm from a board: lacking are 4 mm, less the tolerance."""
-    task = resolve(load_scene("paper-4"))
-    q, _ = goals.choose(task, 0)
-    fake = judging.Overlap("link5", "table-top", "static", -1e-3)
-    made = plan(task.scene)
-    judgement = judging.judge(task.scene, task.robot, made.trajectory, task.state)
-    assert goals.narrow(task, judgement, q[0]) == 0.0
-    lacking = goals.narrow(task, replace(judgement, near=fake), made.trajectory.positions[-1])
-    assert lacking == pytest.approx(MARGIN - 1e-3, abs=5e-4)

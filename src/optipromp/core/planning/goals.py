@@ -1,14 +1,10 @@
 """Goal configurations: found by inverse kinematics, ranked by clearance, checked for contacts."""
 
-from collections.abc import Sequence
-from dataclasses import replace
-
 import numpy as np
 
 from optipromp.core import judging
 from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import Budget
-from optipromp.core.judging import Judgement
 from optipromp.core.optimization.costs.obstacles import self_overlap
 from optipromp.core.optimization.evaluation import Evaluation
 from optipromp.core.planning import collision
@@ -167,32 +163,3 @@ def choose(
         return clear, ""
     told = f"every one of {len(goals)} configurations found at the goal touches: {blocked}"
     return goals[: GOAL.enough], told
-
-
-def narrow(task: Task, judgement: Judgement, goal: FloatArray) -> float:
-    """The shortfall of a judged trajectory to ``goal`` (n,) from the static margin [m]; 0: none.
-
-    Only a shortfall that another goal configuration may mend counts. The start, and the pose of the
-    tool at the goal, are the same for all goal configurations.
-    """
-    if judgement.near is None or isinstance(task.goal, JointGoal):
-        return 0.0
-    margin, moving = judging.STATIC_MARGIN, task.body.segment[: task.body.tool] >= 0
-    e = Evaluation(task.robot, task.body, 2, 1.0)
-    e.move_to(np.array([task.start, goal]))
-    task.surroundings.measure(e, margin)
-    room = np.where([moving, moving & task.body.distal], e.static.distance, margin).min()
-    return max(float(room) + judgement.near.depth - GOAL.same_room, 0.0)
-
-
-def passed_over(judgement: Judgement, left: Sequence[Judgement]) -> Judgement:
-    """``judgement``, with a note on valid trajectories ``left`` for lack of the static margin."""
-    nears = [one.near for one in left if one is not judgement and one.near is not None]
-    if not nears or judgement.near is not None:
-        return judgement
-    worst = max(nears, key=lambda near: near.depth)
-    note = (
-        f"other motions were left, which bring {worst.link} within {-1e3 * worst.depth:.1f} mm of "
-        f"{worst.other}"
-    )
-    return replace(judgement, notes=(*judgement.notes, note))

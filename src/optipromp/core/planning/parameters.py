@@ -49,7 +49,6 @@ class Goal:
     distinct_many = 0.1  # [rad] the same with ``many_starts`` starts
     room = 0.06  # [m] clearance beyond which more is not better
     self_margin = 0.01  # [m] the same between links
-    same_room = 2e-4  # [m] largest difference of equal clearances from static objects
     nearest_error = 1e-6  # [m] largest error of a goal found by following the approach line
     nearest_margin = 0.05  # [rad or m] least distance of that goal from the joint limits
 

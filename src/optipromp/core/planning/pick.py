@@ -25,7 +25,7 @@ from optipromp.core.optimization.costs.tool import CorridorCost, GoalCost, Level
 from optipromp.core.optimization.evaluation import Evaluation
 from optipromp.core.optimization.problem import Problem
 from optipromp.core.planning import follow
-from optipromp.core.planning.goals import clearance, narrow, passed_over
+from optipromp.core.planning.goals import clearance
 from optipromp.core.planning.options import Optimised, Searched
 from optipromp.core.planning.parameters import PICK, SOLVE
 from optipromp.core.planning.result import Harmful, Planned, Stage, best_of
@@ -77,7 +77,7 @@ def pick(
     def enough(best: Attempt) -> bool:
         if best.score <= good or budget.spent():
             return True
-        return len(scores) >= most and (sparing or not best.roomy)
+        return len(scores) >= most and (sparing or not best.valid)
 
     best = best_of(followed(), attrgetter("score"), enough)
     if best is None and refused:
@@ -90,9 +90,6 @@ def pick(
         )
         best = first_valid(solver, (follow.constrained(solver.cleared, start) for start in free))
         assert best is not None  # there is at least one goal configuration
-    else:
-        judgement = passed_over(best.judgement, solver.without_margin)
-        best = replace(best, judgement=judgement)
     push = None if best.push is None else prediction(*best.push, best.harm)
     return replace(outcome(best, push, clock() - began), beyond=beyond)
 
@@ -142,19 +139,15 @@ def follow_path(
 
 
 def first_valid(solver: Solver, starts: Iterable[follow.Start]) -> Attempt | None:
-    """The first valid attempt that keeps the margin from static objects.
+    """The first valid attempt, or the best when the budget is spent; None where there is no start.
 
-    Other valid attempts are returned after ``PICK.goals`` starts, and any attempt when the budget
-    is spent. The best attempt is returned; None where there is no start.
+    Of attempts that are not valid, the one of least objective is the best.
     """
-    count = 0
-
-    def enough(best: Attempt) -> bool:
-        nonlocal count
-        count += 1
-        return best.roomy or solver.budget.spent() or (best.valid and count >= PICK.goals)
-
-    return best_of(map(solver.solve, starts), attrgetter("rank"), enough)
+    return best_of(
+        map(solver.solve, starts),
+        lambda attempt: (not attempt.valid, attempt.merit),
+        lambda best: best.valid or solver.budget.spent(),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,25 +162,12 @@ class Attempt:
     # value of each cost after each iteration, the start first
     history: tuple[dict[str, float], ...]
     message: str  # why the solver stopped
-    # what the trajectory lacks of the margin from static objects, where another goal configuration
-    # may have more room [m]
-    shortfall: float
     # the push model for where the attempt ends, and the motion that the model predicts; None
     # without a model
     push: tuple[PushModel, PushMotion] | None = None
     harm: float = 0.0  # predicted harm
     # harm by which attempts on several tool paths are compared; see :func:`scored`
     score: float = np.inf
-
-    @property
-    def roomy(self) -> bool:
-        """Whether the attempt is valid and keeps the margin from static objects."""
-        return self.valid and not self.shortfall
-
-    @property
-    def rank(self) -> tuple[bool, float]:
-        """Sort key: valid before invalid; then by the margin, or by the objective."""
-        return not self.valid, self.shortfall if self.valid else self.merit
 
     @property
     def reach(self) -> FloatArray:
@@ -200,8 +180,7 @@ def scored(solver: Solver, attempt: Attempt, good: float) -> Attempt:
 
     The score is the predicted harm, or 0 without ``options.prediction``. The score of the running
     plan's path is lower by ``good``, or by the model's threshold where nothing changed. The score
-    of a trajectory without the margin from static objects is above the model's threshold, by what
-    it lacks. The score of a trajectory that is not valid is higher by ``PICK.invalid``.
+    of a trajectory that is not valid is higher by ``PICK.invalid``.
     """
     task, model = solver.task, solver.model
     harm, push = 0.0, None
@@ -214,8 +193,6 @@ def scored(solver: Solver, attempt: Attempt, good: float) -> Attempt:
     if attempt.start.path is task.kept:
         unchanged = task.same and attempt.trajectory is task.running
         score = max(score - (threshold if model is not None and unchanged else good), 0.0)
-    if attempt.shortfall:
-        score = max(score, threshold) + attempt.shortfall
     if not attempt.valid:
         score += PICK.invalid
     return replace(attempt, push=push, harm=harm, score=score)
@@ -251,8 +228,6 @@ class Solver:
         self.task, self.options, self.budget, self.model = task, options, budget, model
         self.searched = model if options.prediction else None  # for tool paths
         self.cleared = follow.uprighted(pushed_aside(task))
-        # of valid trajectories that lack the margin from static objects
-        self.without_margin: list[Judgement] = []
         self._arrays: dict[int, Evaluation] = {}
 
     def solve(self, start: follow.Start) -> Attempt:
@@ -278,17 +253,14 @@ class Solver:
         self, start: follow.Start, q: FloatArray, merit: float,
         history: tuple[dict[str, float], ...], message: str,
     ) -> Attempt:  # fmt: skip
-        task, options, path = self.cleared, self.options, start.path
+        options, path = self.options, start.path
         trajectory = start.running
         if trajectory is None:
             first, speed = (None, None) if path is None else (start.waypoints.first, path.speed)
             trajectory = paced(self.task, options, q, first, speed)
         judgement = judged(self.task, trajectory, stem_side=self.model is None)
-        shortfall = narrow(task, judgement, q[-1])
-        if shortfall and not judgement.violations:
-            self.without_margin.append(judgement)
         valid = all(options.timed and v.kind == "speed" for v in judgement.violations)
-        return Attempt(start, trajectory, judgement, valid, merit, history, message, shortfall)
+        return Attempt(start, trajectory, judgement, valid, merit, history, message)
 
 
 def following(task: Task, options: Searched, start: follow.Start, arrays: Evaluation) -> Problem:

@@ -40,7 +40,7 @@ from optipromp.core.optimization.evaluation import Evaluation
 from optipromp.core.optimization.problem import Problem
 from optipromp.core.planning import collision
 from optipromp.core.planning.follow import Waypoints, free_count, reach_count, within_limits
-from optipromp.core.planning.goals import find, narrow, passed_over
+from optipromp.core.planning.goals import find
 from optipromp.core.planning.parameters import GOAL, PRIMITIVE, SOLVE, WAYPOINT
 from optipromp.core.planning.pick import limits_and_clearances, schedule
 from optipromp.core.planning.primitive import led_through, on_branch, via_points
@@ -275,8 +275,7 @@ class Solved:
     trajectory: Trajectory
     stages: tuple[Stage, ...]
     judgement: Judgement
-    objective: float  # Σ α·F with the quadratic F_p; compares valid plans of the same ``narrow``
-    narrow: float  # what the trajectory lacks of the margin from static objects [m]
+    objective: float  # Σ α·F with the quadratic F_p; compares valid plans
 
     @property
     def valid(self) -> bool:
@@ -284,9 +283,9 @@ class Solved:
         return not self.judgement.violations
 
     @property
-    def rank(self) -> tuple[bool, float, float]:
-        """Sort key: valid before invalid, then by the margin, then by the objective."""
-        return not self.valid, self.narrow, self.objective
+    def rank(self) -> tuple[bool, float]:
+        """Sort key: valid before invalid, then by the objective."""
+        return not self.valid, self.objective
 
 
 def solve(
@@ -305,7 +304,6 @@ def solve(
     if strategy == "joint" or not task.neighbours:
         radii = radii[:1]  # there is no push stage to begin from them
     tried: list[float] = []
-    left: list[Judgement] = []
     best: Solved | None = None
     by_goal = list(posed_problems(task, promp, options, goals))
 
@@ -330,12 +328,9 @@ def solve(
                     solved = _joint(posed, budget)
                 else:
                     solved = _judged(posed, *staged(posed, radius, budget))
-                left += [solved.judgement] if solved.valid and solved.narrow else []
                 best = solved if best is None or solved.rank < best.rank else best
         assert best is not None  # there is at least one choice of sides
-        if (best.valid and not best.narrow) or not best.stages or budget.spent():
-            break
-        if best.valid and radius > radii[0]:
+        if best.valid or not best.stages or budget.spent():
             break
     assert best is not None  # there is at least one goal configuration
     stages = tuple(
@@ -348,7 +343,7 @@ def solve(
     initial = unmoved.trajectory if same else best.posed.timed(best.posed.initial)
     return Planned(
         best.trajectory, best.posed.waypoints.first, initial, None, stages, bool(stages), times,
-        passed_over(best.judgement, left), via=best.posed.via,
+        best.judgement, via=best.posed.via,
     )  # fmt: skip
 
 
@@ -378,8 +373,7 @@ def _judged(posed: Posed, q: FloatArray, stages: Sequence[Stage]) -> Solved:
     paper = replace(options.paper, reduction="sum", push="quadratic")
     terms = weighted(task, paper, posed.waypoints.first, authors=False)
     value = posed.problem(terms, (), True).evaluate(q)
-    short = narrow(task, judgement, q[-1])
-    return Solved(posed, trajectory, tuple(stages), judgement, value.cost, short)
+    return Solved(posed, trajectory, tuple(stages), judgement, value.cost)
 
 
 def drift_shortfalls(posed: Posed, q: FloatArray) -> dict[str, float]:
