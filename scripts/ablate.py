@@ -89,7 +89,6 @@ PARTS: dict[str, Callable[[], Any]] = {
     "ways round (led_round)": lambda: _without(follow, "led_round", lambda *_: iter(())),
     "good that grows (lenient)": lambda: _scheduled(lambda s: replace(s, lenient=1.0)),
     "rounds after the first": lambda: _scheduled(lambda s: replace(s, rounds=s.rounds[:1], runs=1)),
-    "screening of several": lambda: _scheduled(lambda s: replace(s, screened=1)),
     "samples about the best": lambda: _scheduled(lambda s: replace(s, fresh=1.0)),
     "fresh samples": lambda: _scheduled(lambda s: replace(s, fresh=0.0)),
 }

@@ -33,8 +33,8 @@ class Schedule:
         rounds: of a run.
         runs: largest number of runs; the next run begins where no path is good.
         kept: number of best candidates, about which the next candidates are sampled.
-        screened: number of best candidates that are tried in ``states`` states after each round.
-        states: number of states in the search; a followed trajectory is tried in all states.
+        states: number of states in which the best candidate of a round is tried; a followed
+            trajectory is tried in all states.
         fresh: share of the candidates that are sampled from :meth:`Candidates.spread`.
         lenient: factor on the harm that counts as good, after each round without a good path.
     """
@@ -42,7 +42,6 @@ class Schedule:
     rounds: tuple[Round, ...]
     runs: int
     kept: int
-    screened: int
     states: int
     fresh: float
     lenient: float

@@ -85,11 +85,9 @@ def search(
                     settle(x, path)
                 if best < min(good, told) or late():
                     break
-            for value, x, path in seen[: schedule.screened]:
-                if best < min(good, told) or value >= best:
-                    break
-                if path not in tried:
-                    settle(x, path)
+            value, x, path = seen[0]
+            if value < best and not best < min(good, told) and path not in tried:
+                settle(x, path)
             if found is None:
                 found = replace(seen[0][2], harm=seen[0][0])
             if best < min(good, told) or late():

@@ -234,7 +234,7 @@ class PathsBetween(Candidates):
 
     schedule = Schedule(
         rounds=(Round(150, 1), *[Round(75, 1)] * 4, *[Round(25, 4)] * 3), runs=3, kept=20,
-        screened=3, states=1 + STANDING.samples, fresh=0.0, lenient=1.12,
+        states=1 + STANDING.samples, fresh=0.0, lenient=1.12,
     )  # fmt: skip
 
     def __init__(self, scene: Scene, board: Plane) -> None:

@@ -70,7 +70,7 @@ class PathsPast(Candidates):
         self._early = HANGING.capture + HANGING.lower * float(doubts[0])
         self._under = PUSH.rule.under + HANGING.lower * doubts[1:]
         self.schedule = Schedule(
-            rounds=(Round(9, 1), *[Round(12, 1)] * 3), runs=1, kept=6, screened=4,
+            rounds=(Round(9, 1), *[Round(12, 1)] * 3), runs=1, kept=6,
             states=states, fresh=0.3, lenient=1.6,
         )  # fmt: skip
 
