@@ -50,7 +50,10 @@ def gantry(tmp_path_factory: pytest.TempPathFactory) -> Robot:
     )  # fmt: skip
     path: Path = tmp_path_factory.mktemp("gantry") / "gantry.urdf"
     path.write_text(text, encoding="utf-8")
-    return with_tool(load_robot(str(path)), Cup(0.05))
+    head = "format: 1\nname: gantry\nurdf: gantry.urdf\n"
+    file = path.with_suffix(".yaml")
+    file.write_text(head + "acceleration: none\njerk: none\n", encoding="utf-8")
+    return with_tool(load_robot(file), Cup(0.05))
 
 
 @pytest.fixture(scope="module")
