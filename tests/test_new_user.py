@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -32,8 +33,11 @@ def test_the_walk_of_a_new_user(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "run.json").read_text())["success"]
     assert (tmp_path / "look/cover.png").exists()
     assert len(list((tmp_path / "scenes").glob("*.yaml"))) == 2
+    told = " ".join(done.stderr.split())
+    assert "my-arm.urdf states no limits of acceleration: 10 rad/s²" in told
     for plan in (tmp_path / "plans").glob("*/plan.json"):
         assert json.loads(plan.read_text())["status"] == "success"
+        assert np.abs(np.load(plan.parent / "trajectory.npz")["accelerations"]).max() <= 10.0
     assert json.loads((tmp_path / "tool.json").read_text())["status"] == "success"
     assert json.loads((tmp_path / "loop.json").read_text())["result"] == "clean"
     assert "<html" in (tmp_path / "my-reach.html").read_text()[:200].lower()

@@ -181,7 +181,7 @@ def test_one_action_is_paid_by_the_score() -> None:
 
 def test_one_action_is_paid_by_the_push_models_word() -> None:
     env, told = PickProMPEnv(simulated=False), set()
-    for scene, factor in ((200_001, 1.0), (200_001, 0.0), (200_002, 0.0)):
+    for scene, factor in ((200_003, 1.0), (200_001, 1.0), (200_002, 0.0)):
         env.reset(seed=0, options={"preset": "limp", "scene": scene})
         action = factor * weights_of(plan(env.situation.seen)).ravel()
         _, reward, *_, info = env.step(action)

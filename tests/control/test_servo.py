@@ -26,7 +26,7 @@ Common = Callable[[FloatArray], FloatArray]
 
 @pytest.fixture(scope="module")
 def route() -> Route:
-    made = plan(generate("cluster", 0))
+    made = plan(generate("cluster", 0), unhurried=True)  # as the loop plans
     assert made.success
     return Route.of(made)
 

@@ -38,10 +38,12 @@ class Bench:
         self.folder = folder
         joints = "".join(LINK.format(axis=a, parent=p, vector=v) for a, p, v in VECTORS)
         (folder / "gantry.urdf").write_text(URDF.format(joints=joints))
+        told = "format: 1\nname: gantry\nurdf: gantry.urdf\nacceleration: none\njerk: none\n"
+        (folder / "gantry.yaml").write_text(told)
 
     def scene(self, *objects, radius=0.03, **further):
         return Scene(
-            "bench", "gantry.urdf", objects, tool=ToolSpec("cup", {"radius": radius}),
+            "bench", "gantry.yaml", objects, tool=ToolSpec("cup", {"radius": radius}),
             base_dir=self.folder, **further,
         )  # fmt: skip
 

@@ -57,7 +57,7 @@ def test_fruits_seen_exactly_are_picked() -> None:
 
 def test_the_tool_leaves_with_the_target_and_the_plant() -> None:
     """Among swaying fruits the tool moves with them until it is out, with the target."""
-    loop = picked(situation("sway", 173_006), 173_006)
+    loop = picked(situation("sway", 173_010), 173_010)
     assert_sound(loop)
     assert (loop.result, loop.stage) == ("clean", LoopStage.DONE)
     out = [event.time for event in loop.controller.events if event.stage is LoopStage.RETREAT][-1]
