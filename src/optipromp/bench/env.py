@@ -333,7 +333,7 @@ def guarded(guard: Guard, velocity: FloatArray, episode: Episode) -> Safe:
 
 
 class Guarded(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """``optipromp/Pick-v0`` behind a guard: whatever the actions, harm is prevented.
+    """``optipromp/Pick-v0`` behind a guard, which prevents harm as far as it is predicted.
 
     Each ``info`` has ``guard``: what the guard made of the action
     (:class:`optipromp.guard.Safe`), and ``action``: the action that was executed, in the

@@ -86,7 +86,7 @@ def search(
                 if best < min(good, told) or late():
                     break
             value, x, path = seen[0]
-            if value < best and not best < min(good, told) and path not in tried:
+            if value < best and best >= min(good, told) and path not in tried:
                 settle(x, path)
             if found is None:
                 found = replace(seen[0][2], harm=seen[0][0])

@@ -145,7 +145,7 @@ def study_figures(rows: Sequence[Row]) -> dict[str, Any]:
         "plan_time": median(row.plan_time for row in rows),
         "cycle": _of(median, [row.duration for row in promised]),  # [s] of the motion, way out too
         "clean_seconds": seconds_a_clean(  # of planning and motion, by a robot that heeds refusals
-            (row.plan_time + (row.duration or 0.0) * (row in promised) for row in rows), kept
+            [row.plan_time for row in rows] + [row.duration or 0.0 for row in promised], kept
         ),
         "simulation_time": _of(median, [row.simulation_time for row in executed]),
         "redraws": sum(row.redraws for row in rows),
