@@ -136,7 +136,7 @@ def test_a_plan_is_followed_without_a_reflex(name: str) -> None:
     from optipromp.laboratory.generate import generate
 
     scene = generate("cluster", 30000) if name == "cluster" else load_scene(name)
-    row = streamed(plan(scene), "127.0.48.11")
+    row = streamed(plan(scene, acceleration_scaling=0.5), "127.0.48.11")  # as an FR3 bears
     assert row["foreseen"] == []
     assert row["reflexes"] == []
     assert row["finished"], row["message"]
