@@ -144,10 +144,8 @@ class Controller:
         self.fault, self.lost = "", False
         self.holding, self._leave = False, leave and self.robot.tool is not None
         self.scene = scene = driver.tracked_at_most(scene, TrackerParameters.most)
-        known = [item for item in scene.objects if item.role in ("target", "pushable")]
         self._camera = CameraWatch(self.robot, parameters)
-        assumed = parameters.known**2 * np.eye(3)
-        first = [o if o.covariance is not None else replace(o, covariance=assumed) for o in known]
+        first = driver.first_tracks(scene, parameters.known)
         self.tracker = Tracker(scene, first=first, tool=self._mouth)
         self.noticed = list[Decision]()
         self.stage, self.events, self.cycles = LoopStage.LOOK, list[Decision](), list[float]()
@@ -156,7 +154,7 @@ class Controller:
         self.tries = parameters.tries
         self._driver = Driver(scene, self.robot, state, parameters)
         self._seconds = parameters.slice_seconds if real_time else math.inf
-        self._known, self._at_camera = bool(known), False
+        self._known, self._at_camera = bool(first), False
         self._inbox: list[Look] = []
         self._newest = -math.inf  # time of the newest look [s]
         self._looked: float | None = None  # when it came, or the first cycle began [s]

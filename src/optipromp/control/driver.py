@@ -191,6 +191,13 @@ def tracked_at_most(scene: Scene, most: int) -> Scene:
     return replace(scene, objects=tuple(objects))
 
 
+def first_tracks(scene: Scene, known: float) -> list[SceneObject]:
+    """The fruits of a scene, to be tracked from the first; ``known``: deviation of others [m]."""
+    assumed = known**2 * np.eye(3)
+    fruits = (item for item in scene.objects if item.role in ("target", "pushable"))
+    return [o if o.covariance is not None else replace(o, covariance=assumed) for o in fruits]
+
+
 def _as_grown(item: SceneObject, known: Stem | None) -> SceneObject:
     """A tracked fruit on the stem that the scene states, where that is bent or grows from another.
 

@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from optipromp.control.driver import tracked_at_most, tracked_scene
+from optipromp.control.driver import first_tracks, tracked_at_most, tracked_scene
 from optipromp.control.look import Look
 from optipromp.control.tracker import Tracker
 from optipromp.control.tracks import TrackerParameters
@@ -308,12 +308,7 @@ class Guard:
         if not come:
             return
         if self._tracker is None:
-            spread = p.known**2 * np.eye(3)
-            first = (item for item in self._base.objects if item.role in ("target", "pushable"))
-            known = [
-                o if o.covariance is not None else replace(o, covariance=spread) for o in first
-            ]
-            self._tracker = Tracker(self._base, first=known)
+            self._tracker = Tracker(self._base, first=first_tracks(self._base, p.known))
         for look in come:
             self._tracker.add(look, self._pushed())
         self._newest = max(self._newest, *(look.time for look in come))
