@@ -11,21 +11,25 @@ import itertools
 import json
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
+from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.scenes.scene import SceneObject
-from optipromp.laboratory.experiments.eyes import Paired, paired
+from optipromp.laboratory.experiments.eyes import LEAST_PIXELS, LEAST_SHARE, Paired, paired
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.photograph import Photograph, photograph
 from optipromp.perception.detector import finder_named
 from optipromp.perception.eyes import Detection, Sighting, look_at
 from optipromp.perception.finder import Finder
+from optipromp.perception.pictures import CameraModel, DepthPicture
 
+NEAREST = 0.075  # [m] of a fruit that must be found: a depth camera measures nothing nearer
+LEAST_LENGTH = 0.025  # [m] of a visible stem of the second renderer: a choice
 LEAST_STEM = 60  # pixels of a visible stem: a choice
 SURE = 11.34  # squared normalised error that 1 % of true Gaussian errors exceed (χ², 3 degrees)
 
@@ -102,6 +106,61 @@ def _fruit(shot: Photograph, each: Paired) -> SeenFruit:
     )
 
 
+REACH = 0.05  # [m] along a stem, to which its true direction is taken: a choice
+
+
+def in_garden(seed: int, finder: Finder | None = None) -> SeenPicture:
+    """What is seen in a picture of the second renderer against its truth; see garden.py."""
+    from garden import drawn
+
+    return seen_in(drawn(seed, native=True), finder)
+
+
+def seen_in(held: Mapping[str, np.ndarray], finder: Finder | None = None) -> SeenPicture:
+    """What is seen in the arrays of such a picture."""
+    truth = json.loads(str(held["truth"]))
+    height, width = held["depth"].shape
+    focal = truth["focal"]
+    camera = CameraModel(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1))
+    picture = DepthPicture(held["rgb"], held["depth"].astype(np.float64), camera)
+    began = time.process_time()
+    sight = look_at(picture, up=np.array(truth["up"]), finder=finder)
+    seconds = time.process_time() - began
+    free, fruits = list(sight.detections), []
+    for each in sorted(truth["fruits"], key=lambda one: -one["share"]):
+        center, line = np.array(each["center"]), np.array(each["stem"])
+        away = [float(np.linalg.norm(one.item.position - center)) for one in free]
+        match = None
+        if away and min(away) < max(each["radius"], each["half"]):
+            match = free.pop(int(np.argmin(away)))
+        visible = each["share"] >= LEAST_SHARE and each["pixels"] >= LEAST_PIXELS
+        visible = visible and center[2] >= NEAREST
+        error = normalised = angle = tilts = math.nan
+        right = False
+        if match is not None:
+            off = match.item.position - center
+            error = float(np.linalg.norm(off))
+            normalised = float(off @ np.linalg.solve(match.item.covariance, off))
+            right = match.region.kind == each["kind"]
+            if match.stem is not None:
+                along = np.linalg.norm(line - line[0], axis=1)
+                far = line[int(np.argmin(np.abs(along - REACH)))] - center
+                cosine = float(far @ match.stem.direction) / float(np.linalg.norm(far))
+                turned = math.acos(min(max(cosine, -1.0), 1.0))
+                angle, tilts = math.degrees(turned), turned / match.stem.deviation
+        role = "target" if each["kind"] == "ripe" else "pushable"
+        item = SceneObject("fruit", role, Sphere(each["radius"]), center)
+        wide = 2.0 * each["thick"] * (focal / center[2]) ** 2  # [pixel] of a metre of stem
+        shows = each["stem_pixels"] >= max(LEAST_LENGTH * wide, 0.5 * LEAST_STEM)
+        fruits.append(
+            SeenFruit(
+                each["share"], visible, error, normalised, right, shows, angle, tilts, item, center,
+                match,
+            )
+        )  # fmt: skip
+    return SeenPicture(tuple(fruits), tuple(free), seconds)
+
+
 def figures(pictures: Sequence[SeenPicture]) -> dict[str, float]:
     """Counts, rates and errors of pictures; nan where nothing tells one."""
     fruits = [fruit for picture in pictures for fruit in picture.fruits]
@@ -165,9 +224,12 @@ def main() -> None:
     ):
         seen = {name: [] for name in finders}
         for seed in range(first, end):
-            shot = photograph(generate(preset, seed), mount, seed, looks=looks)
+            if preset != "garden":
+                shot = photograph(generate(preset, seed), mount, seed, looks=looks)
             for name, finder in finders.items():
-                seen[name].append(compared(shot, finder))
+                seen[name].append(
+                    in_garden(seed, finder) if preset == "garden" else compared(shot, finder)
+                )
         for name, pictures in seen.items():
             told = {key: round(value, 3) for key, value in figures(pictures).items()}
             row = {"preset": preset, "mount": mount, "looks": looks, "finder": name, **told}

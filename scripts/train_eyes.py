@@ -15,6 +15,7 @@ import math
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +24,10 @@ sys.path.insert(0, str(Path(__file__).parent))  # as a module, too
 
 from shapes import shapes
 
+from optipromp.core.scenes.scene import Scene
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.photograph import PhotoParameters, photograph
-from optipromp.perception.network import CLASSES, FAR, encoded
+from optipromp.perception.network import CLASSES, FAR, FINE, encoded
 
 RECIPE = (  # preset, looks, mount, share
     ("wild", "rich", "beside", 0.40), ("wild", "rich", "palm", 0.12),
@@ -33,28 +35,47 @@ RECIPE = (  # preset, looks, mount, share
     ("field", "rich", "beside", 0.10), ("field", "plain", "palm", 0.10),
     ("cluster", "plain", "beside", 0.08),
 )  # fmt: skip
-WIDTH, HEIGHT, FOCAL = 320, 240, 240.0
-MIXED = 0.25  # share of abstract shapes among the rendered pictures of training: a choice
+FOCALS = 380.0, 640.0  # [pixel] of the cameras of rendered pictures
+RADII = 0.0008, 0.003  # [m] of their stems
+PART = 256  # [pixel] sides of the parts of pictures that training sees
+LARGER = 0.55, 1.7  # by which parts are smaller and larger
+BLANK = 110  # colour beyond a picture
+MIXED = 0.15  # share of abstract shapes among the rendered pictures of training: a choice
 CODE = {name: k for k, name in enumerate(CLASSES)}
 
 
 def pictures(out: Path, seeds: range) -> None:
     """Render and keep what training needs."""
     out.mkdir(parents=True, exist_ok=True)
-    small = PhotoParameters(width=WIDTH, height=HEIGHT, focal=FOCAL)
     for seed in seeds:
         file = out / f"{seed}.npz"
         if file.exists():
             continue
-        at = np.random.default_rng([seed, 38]).choice(len(RECIPE), p=[row[3] for row in RECIPE])
+        rng = np.random.default_rng([seed, 38])
+        at = rng.choice(len(RECIPE), p=[row[3] for row in RECIPE])
         preset, looks, mount, _ = RECIPE[at]
-        shot = photograph(generate(preset, seed), mount, seed, small, looks=looks)  # type: ignore[arg-type]
+        camera = PhotoParameters(focal=float(rng.uniform(*FOCALS)), exposure=0.3, tint=0.12)
+        radii = rng.uniform(*RADII, 64)
+        scene = thinned(generate(preset, seed), radii)
+        shot = photograph(scene, mount, seed, camera, looks=looks)  # type: ignore[arg-type]
         kinds, instances = truth(shot.masks, shot.marked)
         np.savez_compressed(
             file, rgb=shot.picture.rgb, depth=shot.picture.depth.astype(np.float16),
-            kinds=kinds, instances=instances,
+            kinds=kinds, instances=instances, focal=np.array(camera.focal),
         )  # fmt: skip
         print(seed, preset, looks, mount, flush=True)
+
+
+def thinned(scene: Scene, radii: np.ndarray) -> Scene:
+    """The scene with stems of other radii (K,) [m], each for the next fruit."""
+    wide = iter(radii)
+    return scene.each(
+        lambda item: (
+            item
+            if item.stem is None
+            else replace(item, stem=replace(item.stem, radius=float(next(wide))))
+        )
+    )
 
 
 def truth(masks: np.ndarray, marked: tuple) -> tuple[np.ndarray, np.ndarray]:
@@ -68,55 +89,109 @@ def truth(masks: np.ndarray, marked: tuple) -> tuple[np.ndarray, np.ndarray]:
 
 
 def samples(data: Path | None, seed: int) -> Iterator[tuple[np.ndarray, ...]]:
-    """Pictures without end: inputs (5, H, W), classes, offsets to the fruit's middle, weights."""
+    """Parts of pictures without end: inputs (5, S, S), classes and weights (S/2, S/2) of fruits,
+    offsets to the fruit's middle (2, S/2, S/2)."""
     rng = np.random.default_rng([seed, 39])
     files: list[Path] = []
+    kept: dict[Path, tuple] = {}
     for k in itertools.count():
-        if data is not None and k % 200 == 0:
-            files = sorted(data.glob("*.npz"))  # more may have come
+        if data is not None and k % 500 == 0:
+            files = sorted(
+                f for f in data.glob("*.npz") if f.stat().st_mtime < time.time() - 5
+            )  # more may have come
         if data is None or rng.random() < MIXED:
-            drawn = shapes(1_000_000 + k, WIDTH, HEIGHT)
+            drawn = shapes(1_000_000 + k, 320, 240)
             kinds, instances = truth(drawn.masks, drawn.marked)
-            rgb, depth = drawn.picture.rgb, drawn.picture.depth
+            picture = drawn.picture
+            held = picture.rgb, picture.depth, kinds, instances, picture.camera.fx
         else:
-            held = np.load(files[int(rng.integers(len(files)))])
-            rgb, depth, kinds, instances = (held[n] for n in ("rgb", "depth", "kinds", "instances"))
-        yield changed(rgb, depth.astype(np.float32), kinds, instances, rng)
+            file = files[int(rng.integers(len(files)))]
+            if file not in kept:
+                with np.load(file) as arrays:
+                    names = "rgb", "depth", "kinds", "instances", "focal"
+                    kept[file] = tuple(arrays[name] for name in names)
+            held = kept[file]
+        yield changed(*held, rng)
 
 
 def changed(
-    rgb: np.ndarray, depth: np.ndarray, kinds: np.ndarray, instances: np.ndarray,
+    rgb: np.ndarray, depth: np.ndarray, kinds: np.ndarray, instances: np.ndarray, focal: float,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, ...]:  # fmt: skip
-    """A sample, mirrored, with other light, and holes in its depth."""
+    """A part of a picture, larger or smaller, mirrored, in other light, with holes in its depth."""
+    import cv2
+
+    factor = math.exp(rng.uniform(*np.log(LARGER)))
+    side = round(PART / factor)
+    height, width = depth.shape
+    fruits = np.argwhere(instances > 0)
+    if len(fruits) and rng.random() < 0.75:  # most parts show a fruit
+        row, column = fruits[int(rng.integers(len(fruits)))] - rng.uniform(0.1, 0.9, 2) * side
+    else:
+        row, column = rng.uniform(-0.1, 1.0, 2) * [height - 0.8 * side, width - 0.8 * side]
+    row, column = int(row), int(column)
+    to = np.s_[max(row, 0) : row + side, max(column, 0) : column + side]
+    about = (
+        (max(-row, 0), max(row + side - height, 0)),
+        (max(-column, 0), max(column + side - width, 0)),
+    )
+    cut = [
+        np.pad(a[to], (*about, *((0, 0),) * (a.ndim - 2)), constant_values=fill)
+        for a, fill in ((rgb, BLANK), (depth, 0), (kinds, 0), (instances, 0))
+    ]
     if rng.random() < 0.5:
-        rgb, depth, kinds, instances = (a[:, ::-1] for a in (rgb, depth, kinds, instances))
-    light = rng.uniform(0.6, 1.5) * np.exp(0.08 * rng.standard_normal(3))
-    bent = 255.0 * (rgb / 255.0) ** rng.uniform(0.7, 1.4)
-    rgb = np.clip(bent * light + 3.0 * rng.standard_normal(rgb.shape), 0, 255)
-    depth = depth.copy()
+        cut = [a[:, ::-1] for a in cut]
+    size = PART, PART
+    small = cv2.INTER_AREA if factor < 1.0 else cv2.INTER_LINEAR
+    rgb = cv2.resize(np.ascontiguousarray(cut[0]), size, interpolation=small).astype(np.float32)
+    at = np.minimum(((np.arange(PART) + 0.5) / factor).astype(int), side - 1)
+    depth, kinds, instances = (a[np.ix_(at, at)] for a in cut[1:])
+    depth = depth.astype(np.float32)
+    tint = np.exp(rng.choice([0.06, 0.25], p=[0.8, 0.2]) * rng.standard_normal(3))
+    bent = 255.0 * (np.maximum(rgb, 0.0) / 255.0) ** rng.uniform(0.65, 1.5)
+    rgb = bent * (rng.uniform(0.5, 1.5) * tint).astype(np.float32)
+    if rng.random() < 0.3:
+        rgb = cv2.GaussianBlur(rgb, (0, 0), rng.uniform(0.4, 1.4))
+    grain = rng.uniform(0.5, 6.0) * rng.standard_normal(rgb.shape, dtype=np.float32)
+    rgb = np.clip(rgb + grain, 0, 255)
     if rng.random() < 0.3:  # a hole
-        r, c = rng.integers([HEIGHT, WIDTH])
-        depth[r : r + int(rng.integers(4, 40)), c : c + int(rng.integers(4, 40))] = 0.0
-    offsets = np.zeros((2, HEIGHT, WIDTH), dtype=np.float32)
-    rows, columns = np.indices(kinds.shape)
-    for each in np.unique(instances[instances > 0]):
-        mine = instances == each
-        r, c = rows[mine], columns[mine]
-        middle = 0.5 * (c.min() + c.max()), 0.5 * (r.min() + r.max())
-        offsets[0][mine], offsets[1][mine] = middle[0] - c, middle[1] - r
-    return encoded(rgb, depth), kinds.astype(np.int64), offsets, instances > 0
+        r, c = rng.integers([PART, PART])
+        depth[r : r + int(rng.integers(8, 80)), c : c + int(rng.integers(8, 80))] = 0.0
+    if rng.random() < 0.05:  # no depth at all
+        depth[:] = 0.0
+    if rng.random() < 0.1:  # a surface whose light returns nothing
+        depth[np.isin(kinds, [CODE["static"], CODE["none"]])] = 0.0
+    seen = encoded(rgb, depth, float(focal) * factor)
+    half = PART // FINE
+    fine = instances[FINE // 2 :: FINE, FINE // 2 :: FINE]
+    told = kinds[FINE // 2 :: FINE, FINE // 2 :: FINE].astype(np.int64)
+    thin = (kinds == CODE["stem"]).reshape(half, FINE, half, FINE).any(axis=(1, 3))
+    told[thin] = CODE["stem"]  # a thin stem is of every cell that it crosses
+    fine = np.where(thin, 0, fine)
+    offsets = np.zeros((2, half, half), dtype=np.float32)
+    for each in np.unique(fine[fine > 0]):
+        r, c = np.nonzero(fine == each)
+        offsets[0][r, c], offsets[1][r, c] = (
+            0.5 * (c.min() + c.max()) - c,
+            0.5 * (r.min() + r.max()) - r,
+        )
+    return seen, told, offsets, fine > 0
 
 
 def network():
-    """A U-net of 0.3 million weights with separable convolutions at a half of the picture."""
+    """A U-net of 0.5 million weights whose answer has half the rows and columns."""
     import torch
     from torch import nn
 
-    def block(inputs: int, outputs: int) -> nn.Sequential:
+    def block(inputs: int, outputs: int, stride: int = 1) -> nn.Sequential:
+        whole = stride > 1  # the way up is of separable convolutions
+        first = (
+            nn.Conv2d(inputs, outputs, 3, stride, padding=1, bias=False)
+            if whole
+            else nn.Conv2d(inputs, outputs, 1, bias=False)
+        )
         return nn.Sequential(
-            nn.Conv2d(inputs, outputs, 3, padding=1, bias=False), nn.BatchNorm2d(outputs),
-            nn.ReLU(inplace=True),
+            first, nn.BatchNorm2d(outputs), nn.ReLU(inplace=True),
             nn.Conv2d(outputs, outputs, 3, padding=1, groups=outputs, bias=False),
             nn.Conv2d(outputs, outputs, 1, bias=False), nn.BatchNorm2d(outputs),
             nn.ReLU(inplace=True),
@@ -125,30 +200,28 @@ def network():
     class Net(nn.Module):
         def __init__(self) -> None:
             super().__init__()
-            sizes = 16, 28, 56, 112
+            sizes = 20, 40, 80, 128, 160
             self.stem = nn.Sequential(
                 nn.Conv2d(5, sizes[0], 3, stride=2, padding=1, bias=False),
                 nn.BatchNorm2d(sizes[0]), nn.ReLU(inplace=True),
             )  # fmt: skip
-            self.down = nn.ModuleList(
-                block(a, b) for a, b in itertools.pairwise((sizes[0], *sizes[1:]))
-            )
+            self.down = nn.ModuleList(block(a, b, 2) for a, b in itertools.pairwise(sizes))
+            self.deep = block(sizes[-1], sizes[-1])
             self.up = nn.ModuleList(block(a + b, b) for a, b in itertools.pairwise(sizes[::-1]))
-            self.head = nn.Conv2d(sizes[0], (len(CLASSES) + 2) * 4, 1)
-            self.fine = nn.PixelShuffle(2)
-            self.pool = nn.MaxPool2d(2)
+            self.head = nn.Conv2d(sizes[0], len(CLASSES) + 2, 3, padding=1)
 
         def forward(self, x):
             x = self.stem(x)
             kept = [x]
             for each in self.down:
-                x = each(self.pool(x))
+                x = each(x)
                 kept.append(x)
             kept.pop()
+            x = x + self.deep(x)
             for each in self.up:
                 x = nn.functional.interpolate(x, scale_factor=2.0, mode="nearest")
                 x = each(torch.cat([x, kept.pop()], dim=1))
-            return self.fine(self.head(x))
+            return self.head(x)
 
     return Net()
 
@@ -169,7 +242,7 @@ def ripeness(told, kinds, fruit):
 
 
 def train(
-    data: Path | None, out: Path, minutes: float, seed: int, start: Path | None, batch: int = 8
+    data: Path | None, out: Path, minutes: float, seed: int, start: Path | None, batch: int = 12
 ) -> None:
     """Train for so many minutes, from weights or from none, and write the network."""
     import torch
@@ -180,7 +253,7 @@ def train(
     if start is not None:
         net.load_state_dict(torch.load(start))
     print(sum(p.numel() for p in net.parameters()), "weights", flush=True)
-    weights = torch.tensor([0.3, 2.0, 1.5, 1.5, 2.0, 1.0, 0.5])
+    weights = torch.tensor([0.4, 2.0, 1.5, 1.2, 2.0, 0.8, 0.4])
     optimiser = torch.optim.AdamW(net.parameters(), lr=2e-3, weight_decay=1e-4)
     feed, began, lost, step = samples(data, seed), time.process_time(), [], 0
     end = began + 60.0 * minutes
@@ -202,14 +275,17 @@ def train(
         optimiser.step()
         lost.append((float(of_kind.detach()), float(of_place.detach())))
         step += 1
+        if step % 500 == 0:
+            torch.save(net.state_dict(), out.with_suffix(".pt"))
         if step % 50 == 0:
             kind, place = np.mean(lost[-50:], axis=0)
             print(f"{step} {(now - began) / 60:.1f} min {kind:.4f} {place:.4f}", flush=True)
     torch.save(net.state_dict(), out.with_suffix(".pt"))
     net.eval()
     torch.onnx.export(
-        net, (torch.zeros(1, 5, HEIGHT, WIDTH),), str(out), input_names=["picture"],
+        net, (torch.zeros(1, 5, PART, PART),), str(out), input_names=["picture"],
         output_names=["told"], opset_version=17, dynamo=False,
+        dynamic_axes={name: {2: "rows", 3: "columns"} for name in ("picture", "told")},
     )  # fmt: skip
     print(f"wrote {out}, {out.stat().st_size / 1e6:.2f} MB, {step} steps of {batch}")
 

@@ -148,8 +148,9 @@ def network(random: Random) -> Mutant:
     made = [
         networks.right, lambda: networks.cast(random.randrange(25)),
         lambda: networks.right(name=random.choice(["x", "", "ü"])),
-        lambda: networks.right((1, random.choice([3, 5]), 240, 320), (1, 9, 240, 320)),
-        lambda: networks.right(told=(1, random.choice([1, 7, 9, 10]), 240, 320)),
+        lambda: networks.right((1, random.choice([3, 5]), 240, 320), (1, 9, 120, 160)),
+        lambda: networks.right(told=(1, random.choice([1, 7, 9, 10]), -3, -4)),
+        lambda: networks.right(most=random.choice([1.0, 1e30, float("nan")])),
         lambda: networks.filled(random.choice([0.0, 1e30, float("nan")]),
                                 *(random.choice(sizes) for _ in range(4))),
         lambda: networks.loop(always=random.random() < 0.5),

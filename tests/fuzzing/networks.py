@@ -35,6 +35,8 @@ def tensor(name: str, values: Any) -> bytes:
 def attribute(name: str, value: Any) -> bytes:
     if isinstance(value, bytes):  # a tensor
         return part(5, part(1, name) + part(5, value) + number(20, 4))
+    if isinstance(value, list):  # whole numbers
+        return part(5, part(1, name) + b"".join(number(8, each) for each in value) + number(20, 7))
     if isinstance(value, tuple):  # a graph
         return part(5, part(1, name) + part(6, value[0]) + number(20, 5))
     return part(5, part(1, name) + number(3, value) + number(20, 2))
@@ -49,7 +51,8 @@ def node(kind: str, inputs: tuple[str, ...], outputs: tuple[str, ...], **more: A
 def port(field: int, name: str, shape: tuple[int, ...] | None, kind: int = FLOAT) -> bytes:
     told = number(1, kind)
     if shape is not None:
-        told += part(2, b"".join(part(1, number(1, size)) for size in shape))
+        sizes = (number(1, size) if size >= 0 else part(2, f"any{-size}") for size in shape)
+        told += part(2, b"".join(part(1, size) for size in sizes))
     return part(field, part(1, name) + part(2, part(1, told)))
 
 
@@ -61,16 +64,20 @@ def model(content: bytes) -> bytes:
     return number(1, 9) + part(7, content) + part(8, part(1, "") + number(2, 17))
 
 
-SEEN, TOLD = (1, 5, 240, 320), (1, 9, 240, 320)
+SEEN, TOLD = (1, 5, -1, -2), (1, 9, -3, -4)
+HALVED = {"strides": [2, 2]}
+"""Of a convolution whose answer has half the rows and columns."""
 
 
 def right(
-    seen: tuple[int, ...] = SEEN, told: tuple[int, ...] = TOLD, name: str = "picture"
-) -> bytes:
+    seen: tuple[int, ...] = SEEN, told: tuple[int, ...] = TOLD, name: str = "picture",
+    most: float = 1.0,
+) -> bytes:  # fmt: skip
     """A convolution of single pixels; with other shapes a wrong network."""
-    weights = np.linspace(-1.0, 1.0, told[1] * seen[1]).reshape(told[1], seen[1], 1, 1)
+    weights = np.linspace(-most, most, told[1] * seen[1]).reshape(told[1], seen[1], 1, 1)
     ports = port(11, name, seen) + port(12, "y", told)
-    return model(graph(node("Conv", (name, "w"), ("y",)), ports, (tensor("w", weights),)))
+    made = node("Conv", (name, "w"), ("y",), **HALVED)
+    return model(graph(made, ports, (tensor("w", weights),)))
 
 
 def cast(kind: int) -> bytes:
@@ -96,7 +103,7 @@ def loop(*, always: bool) -> bytes:
     first = b"" if always else go
     body = first + node("Loop", ("n", "yes" if always else "go", "picture"), ("last",),
                         body=(graph(inner, ports),))  # fmt: skip
-    body += node("Conv", ("last", "w"), ("y",))
+    body += node("Conv", ("last", "w"), ("y",), **HALVED)
     weights = np.zeros((9, 5, 1, 1))
     tensors = (tensor("n", np.array(2**62)), tensor("yes", np.array(True)),
                tensor("zero", np.array(0.0)), tensor("w", weights))  # fmt: skip

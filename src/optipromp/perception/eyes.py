@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.ndimage import binary_dilation, gaussian_filter, maximum_filter, uniform_filter
+from scipy.spatial import cKDTree
 
 from optipromp.control.look import Look
 from optipromp.core.arrays import FloatArray, IntArray, frame_along
@@ -33,6 +34,10 @@ BEYOND = 0.012  # [m] beyond the end of a stem, where the picture tells whether 
 BEFORE = 0.004  # [m] nearer than a stem, what hides it: a choice
 CUT = 1.25  # length of a stem over what shows of it, where it is cut off: a choice
 MOST_STEM_POINTS = 6000  # that are looked at: a choice
+BESIDE = 13  # [pixel] side of the square that tells what is beside a stem: a choice
+STANDS_OUT = 0.012  # [m] by which a stem is nearer than that: a choice
+LENT = 0.05  # [m] from which a depth is lent: a choice
+UNSURE = 0.1  # [m] deviation of a lent depth, which errs with all others of its stem: a choice
 
 
 def look_at(
@@ -58,13 +63,15 @@ def look_at(
     upward = turn.T @ (np.array([0.0, 0.0, 1.0]) if up is None else np.asarray(up))
     good = _measured(picture, found, upward, p)
     good.sort(key=lambda pair: float(pair[1].center[0] / pair[1].center[2]))
-    points = _stem_points(picture, found, [region for region, _ in good])
+    stems = _stem_points(picture, found, good, p)
     focal = 0.5 * (picture.camera.fx + picture.camera.fy)
     counts = {"ripe": 0, "unripe": 0}
     detections = []
     for region, fit in good:
         wide = 0.006 * focal / fit.center[2]  # [pixel] of a stem: what errs as one
-        stem = _whole(stem_of(fit, points, upward, p, max(min(wide, 6.0), 1.0)), fit, picture)
+        per = max(min(wide, 6.0), 1.0)
+        ways = (stem_of(fit, *points, upward, p, per) for points in stems)
+        stem = _whole(next((way for way in ways if way is not None), None), fit, picture)
         counts[region.kind] += 1
         name = f"{region.kind}{counts[region.kind]}"
         detections.append(Detection(_item(name, region, fit, stem, upward), region, fit, stem))
@@ -128,20 +135,46 @@ def _left(
     return tuple(out)
 
 
-def _stem_points(picture: DepthPicture, found: Found, fruits: Sequence[Region]) -> FloatArray:
-    """Points (N, 3) of all stems in the frame of the camera [m].
+def _stem_points(
+    picture: DepthPicture, found: Found, good: Sequence[tuple[Region, Spheroid]], p: EyeParameters
+) -> tuple[tuple[FloatArray, FloatArray], ...]:
+    """Points (N, 3) of all stems in the frame of the camera, and deviations (N,) of their depths
+    [m]: as measured, and again with depths that are lent.
 
     Green regions in which no fruit fits count as stems: stems side by side are as wide as a fruit.
+    A thin stem has no depth, or that of the background: the depth of a stem that does not stand out
+    before what is beside it. Such a pixel is lent the depth of the nearest that has one, of a stem
+    or a fruit.
     """
     mask = np.zeros(picture.depth.shape, dtype=bool)
     for region in found.regions:
         if region.kind != "ripe":
             mask[region.box] |= region.pixels[region.box]
-    for region in fruits:
+    for region, _ in good:
         mask[region.box] &= ~region.pixels[region.box]
-    points = picture.points[mask & (picture.depth > 0.0)]
-    few = np.linspace(0, len(points) - 1, min(len(points), MOST_STEM_POINTS)).astype(int)
-    return points[few] if len(points) else points
+    rows = np.argwhere(mask)
+    rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), MOST_STEM_POINTS)).astype(int)]
+    rays, depth = picture.camera.through(rows[:, ::-1]), picture.depth[*rows.T]
+    measured = (
+        rays[depth > 0.0] * depth[depth > 0.0, None],
+        np.full((depth > 0.0).sum(), p.stem_depth),
+    )
+    back = maximum_filter(np.where(mask, 0.0, picture.depth), BESIDE)[*rows.T]
+    sure = (depth > 0.0) & ((back == 0.0) | (depth < back - STANDS_OUT))
+    places, depths = [rows[sure]], [depth[sure]]
+    for region, fit in good:
+        inside = np.argwhere(region.pixels[region.box])[::8] + [b.start for b in region.box]
+        places.append(inside)
+        depths.append(np.full(len(inside), fit.center[2]))
+    known, far = np.concatenate(places), np.concatenate(depths)
+    if not len(known) or sure.all():
+        return (measured,)
+    focal = 0.5 * (picture.camera.fx + picture.camera.fy)
+    away, nearest = cKDTree(known).query(rows[~sure])
+    depth[~sure] = np.where(away * far[nearest] < LENT * focal, far[nearest], 0.0)
+    there = depth > 0.0
+    lent = rays[there] * depth[there, None], np.where(sure[there], p.stem_depth, UNSURE)
+    return measured, lent
 
 
 def _whole(stem: SeenStem | None, fit: Spheroid, picture: DepthPicture) -> SeenStem | None:

@@ -1,8 +1,9 @@
 """Finding by a small network: the class of each pixel, and the way to the middle of its fruit.
 
-The network sees a picture of 320 x 240 pixels: colours, inverse depth, and where depth is missing.
+The network sees a picture at the scale at which a usual fruit has a radius of 20 pixels, whatever
+camera took the picture from wherever: colours, the scale of each pixel, and where depth is missing.
 Pixels of fruits vote for a middle; votes that lie together are one fruit. The weights are ours,
-trained by ``scripts/train_eyes.py`` on rendered pictures.
+trained by ``scripts/train_eyes.py`` on pictures of two renderers.
 """
 
 import math
@@ -17,17 +18,25 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import center_of_mass, find_objects, gaussian_filter, label, maximum_filter
 
-from optipromp.core.arrays import FloatArray, IntArray
+from optipromp.core.arrays import BoolArray, FloatArray, IntArray
 from optipromp.core.errors import InvalidRequestError, installed_by
 from optipromp.core.files import read_bytes
 from optipromp.perception.boards import opencv
 from optipromp.perception.finder import Class, Found, Region, largest
-from optipromp.perception.pictures import DepthPicture
+from optipromp.perception.pictures import MOST_SEEN, DepthPicture
 
 CLASSES = "none", "ripe", "unripe", "calyx", "stem", "leaf", "static"
 FRUITS, STEMS = [CLASSES.index("ripe"), CLASSES.index("unripe")], [CLASSES.index("stem")]
-SIZE = 240, 320  # [pixel] height and width of what the network sees
-FAR = 10.0  # [pixel] to which an offset of the network's answer is scaled
+SEEN = 20.0  # [pixel] radius of a usual fruit in what the network sees: a choice
+USUAL = 0.017  # [m] that radius in the pictures of training
+SCALE = SEEN / USUAL  # [pixel/m]
+BLOCK = 32  # [pixel] sides of what the network sees are multiples: it halves them five times
+FINE = 2  # pixels that the network sees, for each row and column of its answer
+FAR = 20.0  # [pixel] of the answer, to which an offset is scaled
+LARGEST = 1.3  # by which a picture grows, and its pixels count: a choice that bounds time
+NEAREST_FRUIT, FARTHEST_FRUIT = 0.05, 0.9  # [m] depths of fruits: a choice
+DYED = 0.2  # saturation of what may be a plant, whose depths choose the scale: a choice
+SPAN = 2.0  # farthest over nearest depth of plants beyond which two scales are seen: a choice
 SPREAD = 1.5  # [pixel] standard deviation that smooths the votes: a choice
 APART = 7  # [pixel] side of the square in which one peak of votes stands: a choice
 LEAST_VOTES = 1.2  # votes at a peak, smoothed: a choice
@@ -53,44 +62,49 @@ options.intra_op_num_threads, options.log_severity_level = 1, 4
 try:
     session = onnxruntime.InferenceSession(sys.stdin.buffer.read(), options)
     name = session.get_inputs()[0].name
-    session.run(None, {{name: numpy.zeros((1, 5, {SIZE[0]}, {SIZE[1]}), numpy.float32)}})
+    session.run(None, {{name: numpy.zeros((1, 5, {4 * BLOCK}, {5 * BLOCK}), numpy.float32)}})
 except Exception as error:
     sys.exit(" ".join(str(error).split()) or type(error).__name__)
 """
 
 
-def encoded(rgb: NDArray[Any], depth: NDArray[Any]) -> NDArray[np.float32]:
-    """What the network sees (5, height, width) of colours 0 to 255 and depths [m]."""
+def encoded(rgb: NDArray[Any], depth: NDArray[Any], focal: float) -> NDArray[np.float32]:
+    """What the network sees (5, height, width) of colours 0 to 255 and depths [m], by a camera of
+    a focal length [pixel]: colours, the scale of each pixel over :data:`SCALE`, missing depths."""
     known = depth > 0.0
-    inverse = np.where(known, 0.3 / np.maximum(depth, 0.1), 0.0)
-    parts = (*(np.moveaxis(rgb, 2, 0) / 255.0 - 0.5), inverse, 1.0 - known)
+    scale = np.where(known, focal / (SCALE * np.maximum(depth, 0.02)), 0.0)
+    parts = (*(np.moveaxis(rgb, 2, 0) / 255.0 - 0.5), np.minimum(scale, 4.0), 1.0 - known)
     return np.stack(parts).astype(np.float32)
 
 
 class ByNetwork:
     """A finder by a network in an ONNX file.
 
-    The network has one input, float of (1, 5, 240, 320), see :func:`encoded`; its first output,
-    float of (1, 9, 240, 320), has a number for each of :data:`CLASSES`, and the offset across and
-    down to the middle of the fruit, over :data:`FAR`. A file of your own is first tried in a
-    process of its own, whose time and memory are limited.
+    The network has one input, float of (1, 5, H, W), see :func:`encoded`, whose sides are multiples
+    of :data:`BLOCK`; its first output, float of (1, 9, H/2, W/2), has a number for each of
+    :data:`CLASSES`, and the offset across and down to the middle of the fruit, over :data:`FAR`. A
+    file of your own is first tried in a process of its own, whose time and memory are limited.
 
     Args:
         model: the file; None: the weights that come with the package.
         seconds: the longest that a network of your own may take, in the trial (of processor time)
             and for a picture.
+        radius: of a usual fruit [m], which chooses the scale at which a picture is seen.
 
     Raises:
         InvalidRequestError: onnxruntime is not installed, the file cannot be read, its network has
             other inputs or outputs, or its trial failed or took too long.
     """
 
-    def __init__(self, model: Path | str | None = None, seconds: float = SECONDS) -> None:
+    def __init__(
+        self, model: Path | str | None = None, seconds: float = SECONDS, radius: float = USUAL
+    ) -> None:
         try:
             import onnxruntime  # type: ignore[import-untyped]
         except ImportError:
             raise InvalidRequestError(f"the network needs {installed_by('vision')}") from None
         self._file, self._seconds = str(model or "the network"), seconds
+        self._scale = SEEN / radius  # [pixel/m]
         if model is None:
             content = (resources.files(__package__) / "data" / "eyes.onnx").read_bytes()
         else:
@@ -111,8 +125,9 @@ class ByNetwork:
     def _no_network(self, why: object) -> InvalidRequestError:
         text = " ".join(str(why).split())
         return InvalidRequestError(
-            f"{self._file}: no network of the eyes: {text}; must have one input, float (1, 5, "
-            f"{SIZE[0]}, {SIZE[1]}), and one output, float (1, 9, {SIZE[0]}, {SIZE[1]})"
+            f"{self._file}: no network of the eyes: {text}; must have one input, float "
+            f"(1, 5, H, W), and one output, float (1, {len(CLASSES) + 2}, H/{FINE}, W/{FINE}), of "
+            f"sides that are multiples of {BLOCK}"
         )
 
     def _try(self, content: bytes) -> None:
@@ -131,7 +146,7 @@ class ByNetwork:
             raise self._no_network(ends.get(code, f"it ends its process ({code})"))
 
     def _told(self, seen: NDArray[np.float32]) -> FloatArray:
-        """What the network says (9, H, W) of what it sees (5, H, W); ended when time is over."""
+        """What the network says (9, H/2, W/2) of (5, H, W); ended when time is over."""
         options = self._run_options()
         options.log_severity_level = 4
         bell = Timer(self._seconds, setattr, (options, "terminate", True))
@@ -143,7 +158,8 @@ class ByNetwork:
             raise self._no_network(late) from None
         finally:
             bell.cancel()
-        if told.shape != (1, len(CLASSES) + 2, *SIZE) or told.dtype.kind != "f":
+        half = tuple(side // FINE for side in seen.shape[1:])
+        if told.shape != (1, len(CLASSES) + 2, *half) or told.dtype.kind != "f":
             raise self._no_network(f"its output is {told.dtype} {told.shape}")
         if not np.isfinite(told).all():
             raise self._no_network("its output is not finite")
@@ -152,21 +168,60 @@ class ByNetwork:
     def find(self, picture: DepthPicture) -> Found:
         """See :class:`optipromp.perception.finder.Finder`; refuses what the network of a file of
         your own says if it is no answer (InvalidRequestError)."""
+        focal = 0.5 * (picture.camera.fx + picture.camera.fy)
+        depths = depths_seen(picture)
+        ends = np.sqrt(depths[1:] * depths[:-1])  # between two depths
+        shown: list[Region] = []
+        stems = np.zeros(picture.depth.shape, dtype=bool)
+        left_out = 0
+        for row, depth in enumerate(depths):
+            most = math.sqrt(LARGEST * MOST_SEEN / picture.depth.size)
+            factor = min(self._scale * depth / focal, LARGEST, most)
+            regions, stem, left = self._seen_at(picture, factor)
+            mine = np.digitize(picture.depth, ends) == row
+            stems |= stem & (mine | (picture.depth == 0.0))
+            left_out += left
+            for region in regions:  # a fruit is of the scale of most of its pixels
+                far = picture.depth[region.box][region.pixels[region.box]]
+                middle = float(np.median(far[far > 0.0])) if (far > 0.0).any() else depths[0]
+                if np.digitize(middle, ends) == row:
+                    shown.append(region)
+        for region in shown:
+            stems[region.box] &= ~region.pixels[region.box]
+        shown.sort(key=lambda region: -region.score)
+        return Found((*shown, *([Region("stem", stems, 1.0)] if stems.any() else [])), left_out)
+
+    def _seen_at(self, picture: DepthPicture, factor: float) -> tuple[list[Region], BoolArray, int]:
+        """Fruits and stems of the picture drawn larger or smaller by a factor, at the picture's own
+        pixels, and how many fruits are left out."""
         shape = picture.depth.shape
-        steps = shape[0] / SIZE[0], shape[1] / SIZE[1]
-        rows = ((np.arange(SIZE[0]) + 0.5) * steps[0]).astype(int)
-        columns = ((np.arange(SIZE[1]) + 0.5) * steps[1]).astype(int)
-        part = np.ix_(rows, columns)
-        told = self._told(encoded(picture.rgb[part], picture.depth[part]))
+        size = tuple(max(round(side * factor), 8) for side in shape)
+        rows, columns = (
+            ((np.arange(n) + 0.5) * side / n).astype(int)
+            for n, side in zip(size, shape, strict=True)
+        )
+        area = opencv().INTER_AREA if factor < 1.0 else opencv().INTER_LINEAR
+        whole = tuple(-(-side // BLOCK) * BLOCK for side in size)
+        rgb = np.full((*whole, 3), 110, dtype=np.uint8)  # as beyond the pictures of training
+        depth = np.zeros(whole)
+        rgb[: size[0], : size[1]] = opencv().resize(picture.rgb, size[::-1], interpolation=area)
+        depth[: size[0], : size[1]] = picture.depth[np.ix_(rows, columns)]
+        seen = encoded(rgb, depth, 0.5 * (picture.camera.fx + picture.camera.fy) * factor)
+        seen[3] *= SCALE / self._scale
+        told = self._told(seen)
+        half = tuple(-(-side // FINE) for side in size)
+        told = told[:, : half[0], : half[1]]
         kinds, offsets = told[: len(CLASSES)], FAR * told[len(CLASSES) :]
         sure = np.exp(kinds - kinds.max(axis=0))
         sure /= sure.sum(axis=0)
-        fruit = _wide(_lead(sure, FRUITS), shape) > 0.0
-        rows = np.clip(np.arange(shape[0]) / steps[0], 0, SIZE[0] - 1).astype(int)
-        columns = np.clip(np.arange(shape[1]) / steps[1], 0, SIZE[1] - 1).astype(int)
+        fruit = _wide(_lead(sure, FRUITS), size, shape) > 0.0
         owner = grouped(sure, offsets)
         # the smooth edge of a fruit may lie next to it
         spread = np.where(owner > 0, owner, maximum_filter(owner, size=3))
+        rows, columns = (
+            ((np.arange(side) + 0.5) * n / (FINE * side)).astype(int)
+            for n, side in zip(size, shape, strict=True)
+        )
         full = np.where(fruit, spread[np.ix_(rows, columns)], 0)
         regions = []
         boxes, sizes = find_objects(full), np.bincount(full.ravel())[1:]
@@ -178,11 +233,29 @@ class ByNetwork:
             ripe, unripe = (float(sure[kind][owner == k].mean()) for kind in FRUITS)
             name: Class = "ripe" if ripe > unripe else "unripe"
             regions.append(Region(name, pixels, max(ripe, unripe)))
-        regions.sort(key=lambda region: -region.score)
-        stem = (_wide(_lead(sure, STEMS), shape) > 0.0) & ~fruit
-        if stem.any():
-            regions.append(Region("stem", stem, 1.0))
-        return Found(tuple(regions), int(np.sum(np.delete(sizes, chosen) > 0)))
+        stem = (_wide(_lead(sure, STEMS), size, shape) > 0.0) & ~fruit
+        return regions, stem, int(np.sum(np.delete(sizes, chosen) > 0))
+
+
+def depths_seen(picture: DepthPicture) -> FloatArray:
+    """The depths [m] of one or two scales at which a picture is seen, the nearest first.
+
+    What is dyed tells where plants are; if that is little, all that is near. Depths that differ by
+    more than :data:`SPAN` are seen at two scales.
+    """
+    near = (picture.depth > NEAREST_FRUIT) & (picture.depth < FARTHEST_FRUIT)
+    few = picture.rgb[::4, ::4].astype(np.int64)
+    most = few.max(axis=2)
+    dyed = near[::4, ::4] & (most - few.min(axis=2) > DYED * most)
+    depth = picture.depth[::4, ::4]
+    far = depth[dyed] if dyed.mean() > 2e-3 else depth[near[::4, ::4]]
+    if not far.size:
+        return np.array([0.4])  # any: nothing is measured where fruits may be
+    weights = np.cumsum(np.sort(far) ** 2)  # a pixel stands for an area that grows with the depth
+    low, high = np.sort(far)[np.searchsorted(weights, np.array([0.1, 0.9]) * weights[-1])]
+    if high < SPAN * low:
+        return np.array([math.sqrt(low * high)])
+    return np.array([low * SPAN**0.5, max(high / SPAN**0.5, low * SPAN)])
 
 
 def _lead(sure: FloatArray, kinds: list[int]) -> FloatArray:
@@ -190,9 +263,19 @@ def _lead(sure: FloatArray, kinds: list[int]) -> FloatArray:
     return np.asarray(sure[kinds].sum(axis=0) - np.delete(sure, kinds, axis=0).max(axis=0))
 
 
-def _wide(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    """Values (h, w) at the pixels of a larger picture, linear between the middles of the small."""
-    return np.asarray(opencv().resize(values, shape[::-1]))
+def _wide(values: FloatArray, size: tuple[int, ...], shape: tuple[int, ...]) -> FloatArray:
+    """Values (h, w) of an answer at the pixels of the picture, linear between their middles."""
+    rows, columns = (
+        ((np.arange(side) + 0.5) * n / (FINE * side) - 0.5).astype(np.float32)
+        for n, side in zip(size, shape, strict=True)
+    )
+    across, down = np.meshgrid(columns, rows)
+    cv = opencv()
+    out = cv.remap(
+        np.ascontiguousarray(values, dtype=np.float32), across, down, cv.INTER_LINEAR,
+        borderMode=cv.BORDER_REPLICATE,
+    )  # fmt: skip
+    return np.asarray(out)
 
 
 def grouped(sure: FloatArray, offsets: FloatArray) -> IntArray:

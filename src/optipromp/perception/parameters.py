@@ -21,7 +21,7 @@ class EyeParameters(Checked):
     farthest: float = parameter(0.9, "m", "choice", "largest depth of a fruit")
     step: float = parameter(0.010, "m", "choice", "step of depth between two surfaces")
     thin: float = parameter(0.005, "m", "choice", "half width between stems, 3 mm, and fruits, 12")
-    least_radius: float = parameter(0.0105, "m", "choice", "of a fruit; stem bundles are less")
+    least_radius: float = parameter(0.007, "m", "choice", "of a fruit: small unripe ones")
     most_radius: float = parameter(0.028, "m", "choice", "of a fruit, across its axis")
     least_pixels: int = parameter(60, "pixel", "choice", "of a fruit")
     # logarithm of the odds; at 0.5, 4 % of the fits in `mixed` were false

@@ -447,7 +447,9 @@ def claimed(picture: DepthPicture, colour: BoolArray, fit: Spheroid, p: EyeParam
 TRIES = 20  # directions that are tried, of those to the points about a fruit: a choice
 STEEPEST = math.cos(math.radians(75.0))  # of the angle of a stem from the vertical: a choice
 BIN = 0.004  # [m] pieces of a stem that are seen or not: a choice
-GAP = 3  # pieces that may be missing within a stem, and between fruit and stem: a choice
+GAP = 3  # pieces that may be missing within a stem: a choice
+FIRST_GAP = 0.014  # [m] between the end of a fruit and what shows of its stem: a choice
+TURNING = 0.35  # share of each piece in the direction of a trace: a choice
 LONGEST = 0.40  # [m] of a stem: a choice
 RIVAL = math.cos(math.radians(15.0))  # of the angle from which two lines are two stems: a choice
 
@@ -463,34 +465,37 @@ class SeenStem:
 
 
 def stem_of(
-    fruit: Spheroid, points: FloatArray, up: FloatArray, p: EyeParameters, per: float
-) -> SeenStem | None:
+    fruit: Spheroid, points: FloatArray, deep: FloatArray, up: FloatArray, p: EyeParameters,
+    per: float,
+) -> SeenStem | None:  # fmt: skip
     """The stem of a fruit; None where too little of one is seen.
 
     The direction to each of some points about the fruit is tried; the longest piece without a gap
-    wins. Its line is then fitted to the points beside it: precise across the view, coarse along it,
-    with upright stems as a prior.
+    wins. Where none is long enough, stems that bend are traced from these points outwards, in
+    pieces between two spheres about the fruit's centre. A line is then fitted to the points of the
+    first part: precise across the view, coarse along it, with upright stems as a prior.
 
-    ``points``: (N, 3) of all stems [m], of which ``per`` err as one. ``up``: (3,) unit, upwards.
+    ``points``: (N, 3) of all stems [m], of which ``per`` err as one. ``deep``: (N,) deviations of
+    their places along the view [m]. ``up``: (3,) unit, upwards.
     """
     off = points - fruit.center
     away = np.linalg.norm(off, axis=1)
     begin = max(fruit.radius, fruit.half)
     near = (away > 0.8 * fruit.radius) & (away < LONGEST) & (off @ up > STEEPEST * away)
-    off, away, points = off[near], away[near], points[near]
+    rows = np.flatnonzero(near)[np.argsort(away[near], kind="stable")]
+    off, away, points, deep = off[rows], away[rows], points[rows], deep[rows]
     about = np.flatnonzero((away > begin) & (away < begin + p.stem_reach))
     if len(about) < 5:  # points: a choice
         return None
     chosen = about[np.linspace(0, len(about) - 1, min(len(about), TRIES)).astype(int)]
-    close, places = off[about], points[about]
     ways = off[chosen] / away[chosen][:, None]
     lengths = np.zeros(len(ways))
     for k, way in enumerate(ways):
-        beside, along = _beside(close, places, way, p)
+        beside, along = _beside(off[about], points[about], way, p)
         lengths[k] = _whole(along[beside & (along < begin + p.stem_reach)], begin)
     best = int(np.argmax(lengths + 1e-3 * (ways @ up)))  # of equals the more upright: a choice
     if lengths[best] < p.stem_least:
-        return None
+        return _bent(fruit, off, away, points, deep, up, p, per)
     way = ways[best]
     cosine = np.clip(ways @ way, -1.0, 1.0)
     rival = np.where(cosine < RIVAL, lengths, 0.0)
@@ -500,7 +505,7 @@ def stem_of(
     for _ in range(2):
         beside, along = _beside(off, points, way, p)
         used = beside & (along < begin + p.stem_reach) & (along > 0.8 * fruit.radius)
-        way, deviation = _line(off[used], points[used], way, up, p, per)
+        way, deviation = _line(off[used], points[used], deep[used], way, up, p, per)
     beside, along = _beside(off, points, way, p)
     support = _whole(along[beside & (along < begin + p.stem_reach)], begin)
     if support < p.stem_least:
@@ -532,9 +537,68 @@ def _whole(along: FloatArray, begin: float) -> float:
     return float((last + 1) * BIN)
 
 
+def _bent(
+    fruit: Spheroid, off: FloatArray, away: FloatArray, points: FloatArray, deep: FloatArray,
+    up: FloatArray, p: EyeParameters, per: float,
+) -> SeenStem | None:  # fmt: skip
+    """The longest trace that begins at the fruit, of points in the order of their distances."""
+    begin = max(fruit.radius, fruit.half)
+    about = np.flatnonzero((away > 0.9 * begin) & (away < begin + FIRST_GAP))
+    if len(about) < 5:  # points: a choice
+        return None
+    chosen = about[np.linspace(0, len(about) - 1, min(len(about), TRIES)).astype(int)]
+    view = fruit.center / np.linalg.norm(fruit.center)
+    traces = [_traced(off, away, int(k), view, p) for k in chosen]
+    lengths = np.array([away[trace[-1]].mean() for trace in traces]) - begin
+    mine = np.concatenate(traces[int(np.argmax(np.minimum(lengths, p.stem_reach)))])
+    length = float(away[mine].max())
+    used = mine[away[mine] < begin + p.stem_reach]
+    if length - begin < p.stem_least or len(used) < 5:
+        return None
+    first = off[used][away[used] > 0.7 * away[used].max()].mean(axis=0)  # the far end of the part
+    way = first / np.linalg.norm(first)
+    _, deviation = _line(off[used], points[used], deep[used], way, up, p, per)
+    across = np.cross(view, way)
+    aside = off[used] @ across / max(float(np.linalg.norm(across)), 1e-3)
+    bow = 2.0 * float(np.sqrt(np.mean(aside**2))) / float(away[used].max())
+    deviation = math.hypot(max(deviation, math.radians(p.stem_floor)), bow)
+    return SeenStem(way, length, deviation, min(length - begin, p.stem_reach))
+
+
+def _traced(
+    off: FloatArray, away: FloatArray, start: int, view: FloatArray, p: EyeParameters
+) -> list[IntArray]:
+    """The rows of the points of a stem, in pieces from a row ``start`` outwards.
+
+    ``off``: (N, 3) of points from the fruit's centre, in the order of their distance ``away``.
+    ``view``: (3,) unit, along the line of sight.
+    """
+    at, way, far = off[start], off[start] / away[start], float(away[start])
+    pieces, missing = [np.array([start])], 0
+    while missing <= GAP:
+        low, high = np.searchsorted(away, (far, far + BIN))
+        ahead = at + (missing + 1) * BIN * way
+        rest = off[low:high] - ahead
+        deep = rest @ view
+        across = (rest**2).sum(axis=1) - deep**2
+        close = (across < p.stem_aside**2) & (np.abs(deep) < 4.0 * p.stem_depth)
+        if close.any():
+            rows = low + np.flatnonzero(close)
+            here = off[rows].mean(axis=0)
+            step = here - at
+            way = way + TURNING * (step / max(float(np.linalg.norm(step)), 1e-6) - way)
+            way = way / np.linalg.norm(way)
+            at, missing = here, 0
+            pieces.append(rows)
+        else:
+            missing += 1
+        far += BIN
+    return pieces
+
+
 def _line(
-    off: FloatArray, points: FloatArray, way: FloatArray, up: FloatArray, p: EyeParameters,
-    per: float,
+    off: FloatArray, points: FloatArray, deep: FloatArray, way: FloatArray, up: FloatArray,
+    p: EyeParameters, per: float,
 ) -> tuple[FloatArray, float]:  # fmt: skip
     r"""The direction (3,) of the line through the points, and the deviation of its tilt [rad].
 
@@ -546,7 +610,8 @@ def _line(
     t = off @ way
     views = points / np.linalg.norm(points, axis=1)[:, None]
     seen = views @ axes  # (N, 2) share of the line of sight
-    error = p.stem_noise**2 * np.eye(2) + p.stem_depth**2 * seen[:, :, None] * seen[:, None, :]
+    blur = (deep**2)[:, None, None] * seen[:, :, None] * seen[:, None, :]
+    error = p.stem_noise**2 * np.eye(2) + blur
     weight = np.linalg.inv(error) / max(per, 1.0)
     design = np.zeros((len(t), 2, 4))
     design[:, 0, 0] = design[:, 1, 1] = 1.0
