@@ -170,14 +170,12 @@ class ByNetwork:
         full = np.where(fruit, spread[np.ix_(rows, columns)], 0)
         regions = []
         boxes, sizes = find_objects(full), np.bincount(full.ravel())[1:]
-        chosen = largest(sizes, full.size)
+        chosen = largest(sizes)
         for k in chosen[sizes[chosen] > 0] + 1:
             box = boxes[k - 1]
-            pixels = np.zeros(shape, dtype=bool)
-            pixels[box] = full[box] == k
             ripe, unripe = (float(sure[kind][owner == k].mean()) for kind in FRUITS)
             name: Class = "ripe" if ripe > unripe else "unripe"
-            regions.append(Region(name, pixels, max(ripe, unripe)))
+            regions.append(Region(name, full[box] == k, max(ripe, unripe), box, shape))
         regions.sort(key=lambda region: -region.score)
         stem = (_wide(_lead(sure, STEMS), shape) > 0.0) & ~fruit
         if stem.any():

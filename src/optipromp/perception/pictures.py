@@ -28,7 +28,7 @@ ENDS = ".rgb.png", ".depth.png", ".camera.json"
 OVERLAY = ".overlay.png"
 """End of the name of a picture with what was found, beside the scene that was seen."""
 MOST_PIXELS = 16_000_000  # of a picture: a choice
-MOST_SEEN = 1_310_720  # pixels that are looked at, 1280 x 1024: a choice; bounds time and memory
+MOST_SEEN = 921_600  # pixels that are looked at, 1280 x 720: a choice; bounds time and memory
 FARTHEST_PIXEL = 1e6  # [pixel] largest size, focal length and place of an axis: a choice
 WORKSPACE, CLOSEST = 10.0, 0.1  # [m] beyond which, below which all depths are in wrong units
 FORMATS = "PNG", "JPEG", "TIFF", "BMP", "PPM"

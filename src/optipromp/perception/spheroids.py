@@ -250,9 +250,8 @@ class SeedStart(NamedTuple):
 
 def start_of(picture: DepthPicture, seed: Region, p: EyeParameters) -> SeedStart | None:
     """Where a fit to the pixels of a seed begins."""
-    box = tuple(slice(max(b.start - INSIDE - 3, 0), b.stop + INSIDE + 3) for b in seed.box)
-    pixels = seed.pixels
-    pixels, depth = pixels[box], picture.depth[box]
+    box, pixels = seed.grown(INSIDE + 3)
+    depth = picture.depth[box]
     area = int(pixels.sum())
     inside = binary_erosion(pixels, iterations=INSIDE)
     if inside.sum() < 0.3 * area:  # a thin rest of a fruit: a choice
