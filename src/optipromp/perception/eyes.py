@@ -14,6 +14,7 @@ from optipromp.core.geometry.shapes import Ellipsoid, Shape, Sphere
 from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.objects import STEEPEST, Role, SceneObject, Stem, cleared
 from optipromp.core.scenes.scene import Scene
+from optipromp.perception.doubts import balanced, judged, pose_of, register_of, told
 from optipromp.perception.finder import MOST_FITS, Finder, Found, Region, box_of, largest
 from optipromp.perception.fusing import Detection as Detection
 from optipromp.perception.fusing import Sighting as Sighting
@@ -53,7 +54,9 @@ def look_at(
         parameters: of the measuring, and of the default finder.
     """
     p = parameters or EyeParameters()
-    found = (finder or ByGeometry(p)).find(picture)
+    register = register_of(picture, p)
+    picture = balanced(picture)
+    found, doubted = judged(picture, (finder or ByGeometry(p)).find(picture), p)
     turn = picture.camera.pose.rotation
     upward = turn.T @ (np.array([0.0, 0.0, 1.0]) if up is None else np.asarray(up))
     good, left_out = _measured(picture, found, upward, p)
@@ -71,7 +74,11 @@ def look_at(
         detections.append(Detection(_item(name, region, fit, stem, upward), region, fit, stem))
     items = tuple(each.item for each in detections)
     look = Look(time, picture.camera.pose, items, picture.camera.view)
-    return Sighting(look, tuple(detections), found)
+    stems = sum(each.stem is not None for each in detections)
+    above = np.array([0.0, 0.0, 1.0]) if up is None else np.asarray(up)
+    posed = pose_of(picture, [fit for _, fit in good], stems, points, above, p)
+    doubts = (*register, *told(doubted, [region for region, _ in good]), *posed)
+    return Sighting(look, tuple(detections), found, doubts)
 
 
 def _measured(
