@@ -30,6 +30,7 @@ from optipromp.perception import (
 )
 from optipromp.perception.finder import MOST_FITS, MOST_REGIONS, largest
 from optipromp.perception.geometry import is_wall
+from optipromp.perception.pictures import taken
 
 
 def wall(height: int, width: int, far: float) -> DepthPicture:
@@ -176,10 +177,13 @@ def npy(array: np.ndarray) -> bytes:
         ("a.depth.png", saved("P"), "mode P; a picture of depth must have one channel of 16"),
         ("a.depth.png", saved("L"), "mode L; a picture of depth"),
         ("a.rgb.png", saved("P", "GIF"), "must be PNG, JPEG"),
-        ("d.npy", npy(np.ones((72, 96))), "must be a picture, or NPZ"),
+        ("d.npy", npy(np.full((72, 96), "x")), "is of <U1; must be numbers"),
+        ("d.npy", npy(np.ones((72, 96)))[:200], "no NPY file of plain numbers"),
+        ("d.npy", npy(np.array([{}])), "is of object; must be numbers"),
+        ("d.npy", npy(np.ones((7, 9))), "depth has shape"),
         ("d.npz", npz(np.full((72, 96), "x")), "is of <U1; must be numbers"),
-        ("d.npz", npz(np.full((72, 96), np.nan)), "nan at row 0, column 0 and wrong at 6912"),
-        ("d.npz", npz(np.full((72, 96), 500.0)), "are they in metres"),
+        ("d.npz", npz(np.full((72, 96), -1.0)), "-1 at row 0, column 0 and wrong at 6912"),
+        ("d.npz", npz(np.full((72, 96), 500.0)), "500 to 500 m: are they in millimetres"),
         ("a.depth.png", None, "a device or pipe; must be a file"),
         ("a.rgb.png", None, "a device or pipe; must be a file"),
     ],
@@ -290,3 +294,51 @@ def test_a_camera_of_a_message_has_all_its_numbers() -> None:
     lens.k = lens.k[:2]
     with pytest.raises(InvalidRequestError, match="k has 2 and p 12 numbers"):
         Taken(colour.header, colour, depth, lens).picture()
+
+
+def tiff(array: np.ndarray) -> bytes:
+    Image.fromarray(array).save(stream := io.BytesIO(), "TIFF")
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize("kind", ["d.npy", "d.npz", "d.tiff", "steps.npy"])
+def test_depths_of_floats_are_metres_and_nan_is_not_measured(kind: str, tmp_path: Path) -> None:
+    for file, own in camera_files().items():
+        (tmp_path / file).write_bytes(own)
+    right = load_picture(
+        *(tmp_path / f"a.{end}" for end in ("rgb.png", "depth.png", "camera.json"))
+    )
+    depth = np.where(right.depth > 0.0, right.depth, np.nan).astype(np.float32)
+    depth[:3] = np.array([np.inf, np.nan, -np.inf])[:, None]
+    steps = np.rint(1e4 * right.depth).astype(np.uint16)
+    steps[:3] = 0
+    made = {"d.npy": npy, "d.npz": npz, "d.tiff": tiff}.get(kind, lambda _: npy(steps))(depth)
+    (tmp_path / kind).write_bytes(made)
+    read = load_picture(tmp_path / "a.rgb.png", tmp_path / kind, tmp_path / "a.camera.json")
+    assert (read.depth[:3] == 0.0).all()
+    assert read.depth[3:] == pytest.approx(right.depth[3:], abs=1e-6)
+
+
+def test_the_distortion_of_a_camera_file_is_undone(tmp_path: Path) -> None:
+    """A point that the lens shows nearer to the middle comes back to where a pinhole shows it."""
+    lens = CameraModel(320, 240, 300.0, 300.0, 159.5, 119.5, distortion=(-0.3, 0.1, 0.0, 0.0, 0.0))
+    x, y = 0.4, -0.3
+    square = x**2 + y**2
+    bent = 1.0 - 0.3 * square + 0.1 * square**2
+    row, column = round(300.0 * y * bent + 119.5), round(300.0 * x * bent + 159.5)
+    rgb, depth = np.zeros((240, 320, 3), np.uint8), np.full((240, 320), 0.5)
+    rgb[row - 1 : row + 2, column - 1 : column + 2] = 255
+    depth[row - 1 : row + 2, column - 1 : column + 2] = 0.4
+    for shown in (rgb[:, :, 0] > 128, depth < 0.45):
+        assert np.argwhere(shown).mean(axis=0) == pytest.approx([row, column])
+    read = taken(rgb, depth, lens)
+    for shown in (read.rgb[:, :, 0] > 128, read.depth == 0.4):
+        assert np.argwhere(shown).mean(axis=0) == pytest.approx([29.5, 279.5], abs=0.8)
+    assert read.camera.distortion == ()
+    again, _ = CameraModel.from_document(lens.document())
+    assert again.distortion == lens.distortion
+    with pytest.raises(InvalidRequestError, match="has a distortion"):
+        DepthPicture(rgb, depth, lens)
+    for wrong, told in (([1.0, 2.0], "has 2 numbers"), ("bent", "distortion must be"), (3, "must")):
+        with pytest.raises(InvalidRequestError, match=told):
+            CameraModel.from_document({**lens.document(), "distortion": wrong})

@@ -55,8 +55,7 @@ def look_at(
     """
     p = parameters or EyeParameters()
     register = register_of(picture, p)
-    picture = balanced(picture)
-    found, doubted = judged(picture, (finder or ByGeometry(p)).find(picture), p)
+    found, doubted = judged(balanced(picture), (finder or ByGeometry(p)).find(picture), p)
     turn = picture.camera.pose.rotation
     upward = turn.T @ (np.array([0.0, 0.0, 1.0]) if up is None else np.asarray(up))
     good, left_out = _measured(picture, found, upward, p)
