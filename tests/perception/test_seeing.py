@@ -1,6 +1,7 @@
 """Pictures of scenes, and what is seen in them; through the command line."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -125,7 +126,6 @@ def test_a_palm_camera_sees_what_is_below_the_target() -> None:
 
 
 def test_an_unseen_stem_is_upright_and_said(shot: Photograph) -> None:
-    from dataclasses import replace
 
     sight = look_at(shot.picture, up=shot.scene.up)
     bare = tuple(replace(item, stem=None) for item in sight.look.detections)
@@ -209,6 +209,17 @@ def test_without_a_ripe_fruit_there_is_no_scene_but_an_answer(
     (record,) = json.loads(done.stdout)["pictures"]
     assert record["scene"] is None
     assert "no ripe fruit" in record["message"]
+
+
+def test_see_tells_what_it_doubts(tmp_path: Path) -> None:
+    shown = shot_of(SEED + 1).picture
+    late = replace(shown, depth=np.roll(shown.depth, 18, 1))
+    for name, content in picture_files("late", late).items():
+        (tmp_path / name).write_bytes(content)
+    shown = [CliRunner().invoke(app, ["see", str(tmp_path), *more]) for more in (["--json"], [])]
+    (record,) = json.loads(shown[0].stdout)["pictures"]
+    assert any("not registered to the colours" in doubt for doubt in record["doubts"])
+    assert "doubt: edges of depth lie" in " ".join(shown[1].stdout.split())
 
 
 @pytest.mark.parametrize(

@@ -255,14 +255,16 @@ def _answer(
     ]
     record: dict[str, Any] = {
         "name": asked.name, "scene": None, "fruits": fruits, "ms": round(1e3 * took, 1),
-        "assumed": [], "left_out": sight.found.left_out, "status": Code.SUCCESS, "message": "",
+        "assumed": [], "left_out": sight.found.left_out, "doubts": list(sight.doubts),
+        "status": Code.SUCCESS, "message": "",
     }  # fmt: skip
     stems = sum(each.stem is not None for each in sight.detections)
     ripe = sum(each.region.kind == "ripe" for each in sight.detections)
     line = f"{asked.name}: {ripe} ripe, {len(fruits) - ripe} unripe, {stems} stems"
     if sight.found.left_out:
         line += f" ({sight.found.left_out} smaller places of their colours were left out)"
-    return record, _written(sight, known, asked.out, record, line)
+    told = _written(sight, known, asked.out, record, line)
+    return record, [*told, *(f"  doubt: {words}" for words in sight.doubts)]
 
 
 @dataclass(frozen=True)

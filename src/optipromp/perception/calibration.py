@@ -338,6 +338,10 @@ def _other_camera(
 
 
 def _matrix(camera: CameraModel) -> FloatArray:
+    if camera.distortion:
+        raise InvalidRequestError(
+            "the camera file has a distortion: calibrate with pictures and numbers without it"
+        )
     return np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
 
 

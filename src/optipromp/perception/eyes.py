@@ -15,11 +15,12 @@ from optipromp.core.geometry.shapes import Ellipsoid, Shape, Sphere
 from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.objects import STEEPEST, Role, SceneObject, Stem, cleared
 from optipromp.core.scenes.scene import Scene
-from optipromp.perception.finder import Finder, Found, Region, box_of
+from optipromp.perception.doubts import balanced, judged, pose_of, register_of, told
+from optipromp.perception.finder import MOST_FITS, Finder, Found, Region, box_of, largest
 from optipromp.perception.fusing import Detection as Detection
 from optipromp.perception.fusing import Sighting as Sighting
 from optipromp.perception.fusing import fused
-from optipromp.perception.geometry import ByGeometry, edge_of
+from optipromp.perception.geometry import ByGeometry, edge_of, is_wall
 from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.pictures import CLOSEST, WORKSPACE, DepthPicture, Image8
 from optipromp.perception.spheroids import NEAREST, SeenStem, Spheroid, all_fitted, claimed, stem_of
@@ -58,63 +59,75 @@ def look_at(
         parameters: of the measuring, and of the default finder.
     """
     p = parameters or EyeParameters()
-    found = (finder or ByGeometry(p)).find(picture)
+    register = register_of(picture, p)
+    finder = finder or ByGeometry(p)
+    by_colour = isinstance(finder, ByGeometry)
+    found, doubted = judged(balanced(picture), finder.find(picture), p, by_colour)
     turn = picture.camera.pose.rotation
     upward = turn.T @ (np.array([0.0, 0.0, 1.0]) if up is None else np.asarray(up))
-    good = _measured(picture, found, upward, p)
+    good, left_out = _measured(picture, found, upward, p)
+    found = replace(found, left_out=found.left_out + left_out)
     good.sort(key=lambda pair: float(pair[1].center[0] / pair[1].center[2]))
-    stems = _stem_points(picture, found, good, p)
+    traces = _stem_points(picture, found, good, p)
     focal = 0.5 * (picture.camera.fx + picture.camera.fy)
     counts = {"ripe": 0, "unripe": 0}
     detections = []
     for region, fit in good:
         wide = 0.006 * focal / fit.center[2]  # [pixel] of a stem: what errs as one
         per = max(min(wide, 6.0), 1.0)
-        ways = (stem_of(fit, *points, upward, p, per) for points in stems)
+        ways = (stem_of(fit, *points, upward, p, per) for points in traces)
         stem = _whole(next((way for way in ways if way is not None), None), fit, picture)
         counts[region.kind] += 1
         name = f"{region.kind}{counts[region.kind]}"
         detections.append(Detection(_item(name, region, fit, stem, upward), region, fit, stem))
     items = tuple(each.item for each in detections)
     look = Look(time, picture.camera.pose, items, picture.camera.view)
-    return Sighting(look, tuple(detections), found)
+    above = np.array([0.0, 0.0, 1.0]) if up is None else np.asarray(up)
+    posed = pose_of(picture, [fit for _, fit in good], traces[0], above, p)
+    doubts = (*register, *told(doubted, [region for region, _ in good]), *posed)
+    return Sighting(look, tuple(detections), found, doubts)
 
 
 def _measured(
     picture: DepthPicture, found: Found, up: FloatArray, p: EyeParameters
-) -> list[tuple[Region, Spheroid]]:
+) -> tuple[list[tuple[Region, Spheroid]], int]:
     """Fruits and what shows them, of regions each of which may be a fruit, a part of one, two, or
-    none: the likeliest first, then those that are beside them."""
+    none: the likeliest first, then those that are beside them; and how many were not tried."""
     colours = np.zeros(picture.depth.shape, dtype=np.int64)
     for region in (*found.stems, *found.fruits):
-        colours[region.box][region.pixels[region.box]] = KINDS[region.kind]
+        colours[region.box][region.part] = KINDS[region.kind]
     out: list[tuple[Region, Spheroid]] = []
-    seeds = found.fruits
+    masks = {kind: colours == KINDS[kind] for kind in ("ripe", "unripe")}
+    seeds = [region for region in found.fruits if not is_wall(picture, region, p)]
+    chosen = largest(np.array([region.part.sum() for region in seeds], dtype=np.int64), MOST_FITS)
+    left_out, seeds = len(seeds) - len(chosen), [seeds[k] for k in chosen]
     for _ in range(SEEDINGS):
         kinds = np.array([KINDS[region.kind] for region in seeds], dtype=np.int64)
         fits = all_fitted(picture, seeds, kinds, colours, up, p)
         pairs = [(r, fit) for r, fit in zip(seeds, fits, strict=True) if fit is not None]
         for region, fit in sorted(pairs, key=lambda pair: -pair[1].odds):
-            beside = all(
-                np.linalg.norm(fit.center - other.center) > TOGETHER * (fit.radius + other.radius)
-                for _, other in out
+            if fit.odds <= p.least_odds:
+                break
+            far = np.linalg.norm(
+                fit.center - np.array([o.center for _, o in out]).reshape(-1, 3), axis=1
             )
-            if beside and fit.odds > p.least_odds:
-                mine = claimed(picture, colours == KINDS[region.kind], fit, p)
+            near = TOGETHER * (fit.radius + np.array([other.radius for _, other in out]))
+            if (far > near).all():
+                mine = claimed(picture, masks[region.kind], fit, p)
                 out.append((Region(region.kind, mine, 1.0 / (1.0 + math.exp(-fit.odds))), fit))
         seeds = _left(picture, colours, [region for region, _ in out], p)
-    return out
+    return out, left_out
 
 
 def _left(
     picture: DepthPicture, colours: IntArray, fruits: Sequence[Region], p: EyeParameters
-) -> tuple[Region, ...]:
+) -> list[Region]:
     """Where much is left of the colour of fruits that no fruit explains."""
     out = []
     for kind in ("ripe", "unripe"):
         left = (colours == KINDS[kind]) & (picture.depth > 0.0)
         for region in fruits:
-            left[region.box] &= ~region.pixels[region.box]
+            left[region.box] &= ~region.part
         box = box_of(left, 0)
         left, depth = left[box], picture.depth[box]
         if not left.any():
@@ -128,11 +141,12 @@ def _left(
         rows = rows[np.argsort(-dense[peaks], kind="stable")[:MOST_LEFT]]
         for row, column in rows:
             part = tuple(slice(max(at - wide, 0), at + wide) for at in (row, column))
-            pixels = np.zeros(picture.depth.shape, dtype=bool)
-            near = np.abs(depth[part] - depth[row, column]) < p.radius
-            pixels[box][part] = left[part] & near
-            out.append(Region(kind, pixels, 0.0))
-    return tuple(out)
+            near = left[part] & (np.abs(depth[part] - depth[row, column]) < p.radius)
+            rows_of, columns_of = (
+                slice(b.start + c.start, b.stop + c.start) for b, c in zip(part, box, strict=True)
+            )
+            out.append(Region(kind, near, 0.0, (rows_of, columns_of), picture.depth.shape))
+    return out
 
 
 def _stem_points(
@@ -149,9 +163,9 @@ def _stem_points(
     mask = np.zeros(picture.depth.shape, dtype=bool)
     for region in found.regions:
         if region.kind != "ripe":
-            mask[region.box] |= region.pixels[region.box]
+            mask[region.box] |= region.part
     for region, _ in good:
-        mask[region.box] &= ~region.pixels[region.box]
+        mask[region.box] &= ~region.part
     rows = np.argwhere(mask)
     rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), MOST_STEM_POINTS)).astype(int)]
     rays, depth = picture.camera.through(rows[:, ::-1]), picture.depth[*rows.T]
@@ -163,7 +177,7 @@ def _stem_points(
     sure = (depth > 0.0) & ((back == 0.0) | (depth < back - STANDS_OUT))
     places, depths = [rows[sure]], [depth[sure]]
     for region, fit in good:
-        inside = np.argwhere(region.pixels[region.box])[::8] + [b.start for b in region.box]
+        inside = np.argwhere(region.part)[::8] + [b.start for b in region.box]
         places.append(inside)
         depths.append(np.full(len(inside), fit.center[2]))
     known, far = np.concatenate(places), np.concatenate(depths)

@@ -1,37 +1,65 @@
 """What is in a picture: regions with a class. The door of every finder."""
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Literal, Protocol
 
 import numpy as np
 
-from optipromp.core.arrays import BoolArray, IntArray
+from optipromp.core.arrays import BoolArray, IntArray, read_only
 from optipromp.perception.pictures import DepthPicture
 
 Class = Literal["ripe", "unripe", "stem"]
 MOST_REGIONS = 256  # of a picture: a choice; pictures of rows have up to 201
-MOST_MASKS = 120_000_000  # [pixel] of all regions, a byte each, which bounds memory: a choice
+MOST_FITS = 160  # regions that are fitted, which bounds time and memory: a choice
 
 
-@dataclass(frozen=True, eq=False)
 class Region:
-    """The pixels of one thing.
+    """The pixels of one thing. Kept are those of its box alone.
 
     Attributes:
         kind: ``ripe`` or ``unripe`` of one fruit; ``stem`` of all stems together.
-        pixels: (height, width) whether a pixel shows it.
         score: 0 to 1, how sure the finder is.
+        shape: height and width of the picture.
+        box: the rows and columns of its pixels.
+        part: (h, w) of the box, whether a pixel shows it.
+
+    Args:
+        kind, score: see above.
+        pixels: (height, width) whether a pixel shows it; with a ``box``, those of the box.
+        box: rows and columns of ``pixels`` in a picture of ``shape``; None: the whole picture.
+        shape: height and width of the picture; with a box.
     """
 
-    kind: Class
-    pixels: BoolArray
-    score: float
+    def __init__(
+        self, kind: Class, pixels: BoolArray, score: float,
+        box: tuple[slice, slice] | None = None, shape: tuple[int, int] | None = None,
+    ) -> None:  # fmt: skip
+        rows, columns = inner = box_of(pixels, 0)
+        self.kind, self.score, self.shape = kind, score, shape or pixels.shape
+        self.part = read_only(np.array(pixels[inner], dtype=bool))
+        top, left = (0, 0) if box is None else (box[0].start, box[1].start)
+        self.box = (
+            slice(rows.start + top, rows.stop + top),
+            slice(columns.start + left, columns.stop + left),
+        )
 
-    @cached_property
-    def box(self) -> tuple[slice, slice]:
-        """The rows and columns of its pixels."""
-        return box_of(self.pixels, 0)
+    @property
+    def pixels(self) -> BoolArray:
+        """(height, width) whether a pixel shows it: a new array at each call."""
+        out = np.zeros(self.shape, dtype=bool)
+        out[self.box] = self.part
+        return out
+
+    def grown(self, margin: int) -> tuple[tuple[slice, slice], BoolArray]:
+        """Its box with a margin [pixel] as far as the picture goes, and its pixels in that."""
+        rows, columns = (
+            slice(max(b.start - margin, 0), min(b.stop + margin, size))
+            for b, size in zip(self.box, self.shape, strict=True)
+        )
+        out = np.zeros((rows.stop - rows.start, columns.stop - columns.start), dtype=bool)
+        top, left = self.box[0].start - rows.start, self.box[1].start - columns.start
+        out[top : top + self.part.shape[0], left : left + self.part.shape[1]] = self.part
+        return (rows, columns), out
 
 
 def box_of(mask: BoolArray, margin: int) -> tuple[slice, slice]:
@@ -67,10 +95,8 @@ class Found:
         return tuple(region for region in self.regions if region.kind == "stem")
 
 
-def largest(sizes: IntArray, pixels: int) -> IntArray:
-    """The rows, in order, of the largest of sizes (K,): :data:`MOST_REGIONS`, or as many as
-    :data:`MOST_MASKS` holds in a picture of some pixels."""
-    most = min(MOST_REGIONS, MOST_MASKS // pixels)
+def largest(sizes: IntArray, most: int = MOST_REGIONS) -> IntArray:
+    """The rows, in order, of the largest of sizes (K,), at most as many as told."""
     return np.sort(np.argsort(-sizes, kind="stable")[:most])
 
 

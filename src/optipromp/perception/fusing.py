@@ -48,11 +48,13 @@ class Sighting:
         look: the detections as closed loops take them.
         detections: with pixels, fits and stems.
         found: the regions, also those in which no fruit fits.
+        doubts: what may be wrong with the picture, in words.
     """
 
     look: Look
     detections: tuple[Detection, ...]
     found: Found
+    doubts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from scipy import ndimage
@@ -17,8 +18,11 @@ HOLE = 4  # [pixel] from a depth, within which colours count where none was meas
 RAGGED = 2  # [pixel] by which edges of depth are ragged: a choice
 WALL = 1.2  # radii of the largest fruit inside a surface that is a wall: a choice
 REACH = 1.6  # radii of the ball inside a fruit up to which the fruit goes: a choice
+LARGE = 4.0  # areas of the largest fruit's disc that no fruit has, be it twice as long: a choice
+FLAT, SURE = 0.25, 2.0  # curvatures of the largest fruit, deviations; below: a wall: choices
+FEW = 20  # depths that tell no curvature: a choice
 MOST_BALLS = 512  # of an island: a choice; pictures of rows have up to 196
-MOST_WORK = 6  # areas of the picture that the boxes of islands have together; rows have 1.8
+MOST_WORK = 3  # areas of the picture that the boxes of islands have together; rows have 1.8
 
 
 @dataclass(frozen=True)
@@ -44,10 +48,10 @@ class ByGeometry:
         rgb = ndimage.gaussian_filter(rgb, (0.7, 0.7, 0.0), truncate=2.0)  # [pixel] grain
         hue, dye, bright = hsv(rgb[close])
         dyed = (dye > p.least_dye) & (bright > p.least_bright)
-        red = _apart(hue, p.ripe_hue) < p.ripe_width
+        red = apart(hue, p.ripe_hue) < p.ripe_width
         ripe, green = np.zeros_like(close), np.zeros_like(close)
         ripe[close] = dyed & red
-        green[close] = dyed & (_apart(hue, p.green_hue) < p.green_width) & ~red
+        green[close] = dyed & (apart(hue, p.green_hue) < p.green_width) & ~red
         depth = _filled(np.where(near, picture.depth[box], 0.0), ripe | green)
         focal = 0.5 * (camera.fx + camera.fy)
         stems = np.zeros(picture.depth.shape, dtype=bool)
@@ -60,12 +64,14 @@ class ByGeometry:
             found += [(kind, part, pixels) for part, pixels in parts]
             left_out += left
         regions = []
-        for k in largest(np.array([pixels.sum() for _, _, pixels in found]), stems.size):
+        for k in largest(np.array([pixels.sum() for _, _, pixels in found])):
             kind, part, pixels = found[k]
-            whole = np.zeros(picture.depth.shape, dtype=bool)
-            whole[box][part] = pixels
             stems[box][part] &= ~pixels
-            regions.append(Region(kind, whole, _roundness(pixels)))
+            rows, columns = (
+                slice(b.start + c.start, b.stop + c.start) for b, c in zip(part, box, strict=True)
+            )
+            roundness = _roundness(pixels)
+            regions.append(Region(kind, pixels, roundness, (rows, columns), picture.depth.shape))
         left_out += len(found) - len(regions)
         regions.sort(key=lambda region: -region.score)
         return Found((*regions, Region("stem", stems, 1.0)), left_out)
@@ -95,7 +101,7 @@ class ByGeometry:
         grown = ndimage.maximum_filter(parts, 2 * RAGGED + 1)
         parts = np.where(mask & (parts == 0), grown, parts)
         boxes, sizes = ndimage.find_objects(parts), np.bincount(parts.ravel(), minlength=1)[1:]
-        out, chosen = [], largest(sizes, mask.size)
+        out, chosen = [], largest(sizes)
         for row in chosen:
             if boxes[row] is not None:
                 box = tuple(slice(max(b.start - MARGIN, 0), b.stop + MARGIN) for b in boxes[row])
@@ -174,7 +180,7 @@ def _filled(depth: FloatArray, where: BoolArray) -> FloatArray:
     return np.asarray(out.reshape(-1, wide)[1:-1, 1:-1])
 
 
-def _apart(hue: FloatArray, middle: float) -> FloatArray:
+def apart(hue: FloatArray, middle: float) -> FloatArray:
     """Difference of hues on their circle [deg]."""
     return np.asarray(np.abs((hue - middle + 180.0) % 360.0 - 180.0))
 
@@ -185,6 +191,59 @@ def _roundness(pixels: BoolArray) -> float:
     spread = np.cov(np.vstack([rows, columns]))
     whole = 4.0 * np.pi * np.sqrt(max(float(np.linalg.det(spread)), 1e-9))
     return float(min(len(rows) / whole, 1.0))
+
+
+class Front(NamedTuple):
+    """How the front of a region bulges towards the camera: largest and least curvature [1/m], of a
+    ball one over its radius, and their standard deviation."""
+
+    most: float
+    least: float
+    deviation: float
+
+
+def front_of(picture: DepthPicture, region: Region, p: EyeParameters) -> Front | None:
+    """The front of a region, by a paraboloid through its depths; None where too few are known."""
+    rows, columns = region.box
+    depth = picture.depth[region.box]
+    inner = ndimage.binary_erosion(region.part, SQUARE, RAGGED) & (depth > 0.0)
+    places = np.argwhere(inner)
+    if len(places) < FEW:
+        return None
+    every = np.linspace(0, len(places) - 1, min(len(places), 200)).astype(int)
+    places = places[every]
+    far = depth[places[:, 0], places[:, 1]]
+    middle = float(np.median(far))
+    near = np.abs(far - middle) < p.most_radius
+    if near.sum() < FEW:
+        return None
+    places = places[near] + [rows.start, columns.start]
+    x, y, z = (picture.camera.through(places[:, ::-1]) * far[near, None]).T
+    x, y = x - x.mean(), y - y.mean()
+    design = np.column_stack([np.ones(len(x)), x, y, x**2, x * y, y**2])
+    inverse = np.linalg.pinv(design.T @ design, hermitian=True)
+    told = inverse @ (design.T @ z)
+    error = max(p.depth_noise * middle**2, float(np.std(z - design @ told)))
+    # depths err in patches
+    error *= math.sqrt(max(len(x) * p.patch / region.part.sum(), 1.0))
+    bend = np.array([[2.0 * told[3], told[4]], [told[4], 2.0 * told[5]]])
+    least, most = np.linalg.eigvalsh(bend)
+    return Front(
+        float(most), float(least), 2.0 * error * math.sqrt(max(inverse[3, 3], inverse[5, 5]))
+    )
+
+
+def is_wall(picture: DepthPicture, region: Region, p: EyeParameters) -> bool:
+    """Whether a region is no fruit, before it is fitted: larger than the largest, or flat."""
+    depth = picture.depth[region.box][region.part]
+    depth = depth[depth > 0.0]
+    if not depth.size:
+        return False
+    size = float(np.median(depth)) ** 2 / (picture.camera.fx * picture.camera.fy)
+    if depth.size * size > LARGE * math.pi * p.most_radius**2:
+        return True
+    front = front_of(picture, region, p)
+    return front is not None and front.most + SURE * front.deviation < FLAT / p.most_radius
 
 
 def edge_of(pixels: BoolArray) -> BoolArray:

@@ -182,12 +182,12 @@ class ByNetwork:
             stems |= stem & (mine | (picture.depth == 0.0))
             left_out += left
             for region in regions:  # a fruit is of the scale of most of its pixels
-                far = picture.depth[region.box][region.pixels[region.box]]
+                far = picture.depth[region.box][region.part]
                 middle = float(np.median(far[far > 0.0])) if (far > 0.0).any() else depths[0]
                 if np.digitize(middle, ends) == row:
                     shown.append(region)
         for region in shown:
-            stems[region.box] &= ~region.pixels[region.box]
+            stems[region.box] &= ~region.part
         shown.sort(key=lambda region: -region.score)
         return Found((*shown, *([Region("stem", stems, 1.0)] if stems.any() else [])), left_out)
 
@@ -225,14 +225,12 @@ class ByNetwork:
         full = np.where(fruit, spread[np.ix_(rows, columns)], 0)
         regions = []
         boxes, sizes = find_objects(full), np.bincount(full.ravel())[1:]
-        chosen = largest(sizes, full.size)
+        chosen = largest(sizes)
         for k in chosen[sizes[chosen] > 0] + 1:
             box = boxes[k - 1]
-            pixels = np.zeros(shape, dtype=bool)
-            pixels[box] = full[box] == k
             ripe, unripe = (float(sure[kind][owner == k].mean()) for kind in FRUITS)
             name: Class = "ripe" if ripe > unripe else "unripe"
-            regions.append(Region(name, pixels, max(ripe, unripe)))
+            regions.append(Region(name, full[box] == k, max(ripe, unripe), box, shape))
         stem = (_wide(_lead(sure, STEMS), size, shape) > 0.0) & ~fruit
         return regions, stem, int(np.sum(np.delete(sizes, chosen) > 0))
 

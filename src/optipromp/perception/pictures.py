@@ -28,7 +28,7 @@ ENDS = ".rgb.png", ".depth.png", ".camera.json"
 OVERLAY = ".overlay.png"
 """End of the name of a picture with what was found, beside the scene that was seen."""
 MOST_PIXELS = 16_000_000  # of a picture: a choice
-MOST_SEEN = 1_310_720  # pixels that are looked at, 1280 x 1024: a choice; bounds time and memory
+MOST_SEEN = 921_600  # pixels that are looked at, 1280 x 720: a choice; bounds time and memory
 FARTHEST_PIXEL = 1e6  # [pixel] largest size, focal length and place of an axis: a choice
 WORKSPACE, CLOSEST = 10.0, 0.1  # [m] beyond which, below which all depths are in wrong units
 FORMATS = "PNG", "JPEG", "TIFF", "BMP", "PPM"
@@ -36,7 +36,8 @@ FORMATS = "PNG", "JPEG", "TIFF", "BMP", "PPM"
 DEPTHS = "I;16", "I;16B", "I;16L", "I;16N", "I", "F"
 """Pillow's modes of a picture of depth: one channel of 16 or 32 bits."""
 _REQUIRED = "width", "height", "fx", "fy", "cx", "cy"
-_KEYS = (*_REQUIRED, "position", "orientation", "depth_scale", "mount")
+_KEYS = (*_REQUIRED, "position", "orientation", "depth_scale", "mount", "distortion")
+_BENT = 4, 5, 8, 12, 14  # numbers of a lens's distortion, as OpenCV has them
 Mount = Literal["base", "hand"]
 
 
@@ -51,7 +52,7 @@ def check_near(position: FloatArray, what: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class CameraModel:
-    """A pinhole camera without distortion; its z axis points forward, x right and y down.
+    """A pinhole camera; its z axis points forward, x right and y down.
 
     Attributes:
         width, height: of its pictures [pixel].
@@ -59,10 +60,12 @@ class CameraModel:
         cx, cy: column and row of the optical axis [pixel]; the middle of the first pixel is 0, 0.
         pose: of the camera in the frame of ``mount``.
         mount: ``base`` of the robot; or ``hand``, the flange: see :meth:`on`.
+        distortion: of its lens, in OpenCV's order k1, k2, p1, p2, k3, ...; empty: none. Only
+            :func:`taken` uses it: rays and pictures are without.
 
     Raises:
-        InvalidRequestError: an unknown mount, a size or focal length that is not 1 to 1e6 pixels,
-            an axis farther than 1e6 pixels, or too many pixels.
+        InvalidRequestError: an unknown mount, a distortion of another length, a size or focal
+            length that is not 1 to 1e6 pixels, an axis farther than 1e6 pixels, or too many pixels.
     """
 
     width: int
@@ -73,8 +76,14 @@ class CameraModel:
     cy: float
     pose: Pose = field(default_factory=Pose)
     mount: Mount = "base"
+    distortion: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
+        bent = self.distortion
+        if bent and (len(bent) not in _BENT or not all(map(math.isfinite, bent))):
+            raise InvalidRequestError(
+                f"camera.distortion has {len(bent)} numbers; must be 4, 5, 8, 12 or 14 finite ones"
+            )
         if self.mount not in get_args(Mount):
             raise InvalidRequestError(f"camera.mount is {self.mount!r}; must be base or hand")
         for name in _REQUIRED:
@@ -131,8 +140,8 @@ class CameraModel:
         """The camera of a document, and the depth of a step of a 16-bit picture [m].
 
         Keys are width, height, fx, fy, cx, cy; position and orientation (quaternion ``w, x, y, z``)
-        in the frame of mount, by default at its origin; mount, by default base; and depth_scale,
-        by default 0.001 m.
+        in the frame of mount, by default at its origin; mount, by default base; depth_scale, by
+        default 0.001 m; and distortion, by default none.
 
         Raises:
             InvalidRequestError: an unknown or missing key, or a value that cannot be used.
@@ -158,7 +167,12 @@ class CameraModel:
             )
             check_near(pose.position, "position")
             numbers = {key: document[key] for key in _REQUIRED}
-            return cls(**numbers, pose=pose, mount=document.get("mount", "base")), float(scale)
+            bent = tuple(float(value) for value in document.get("distortion", ()))
+            mount = document.get("mount", "base")
+            made = cls(**numbers, pose=pose, mount=mount, distortion=bent if any(bent) else ())
+            return made, float(scale)
+        except (TypeError, ValueError):
+            raise InvalidRequestError(f"{source}: distortion must be a list of numbers") from None
         except OptiPrompError as error:
             raise InvalidRequestError(f"{source}: {error.message}") from None
 
@@ -170,6 +184,7 @@ class CameraModel:
             "orientation": self.pose.orientation.tolist(),
             "depth_scale": DEPTH_SCALE,
             **({} if self.mount == "base" else {"mount": self.mount}),
+            **({"distortion": list(self.distortion)} if self.distortion else {}),
         }
 
 
@@ -192,6 +207,8 @@ class DepthPicture:
     camera: CameraModel
 
     def __post_init__(self) -> None:
+        if self.camera.distortion:
+            raise InvalidRequestError("the camera has a distortion: 'taken' makes pictures without")
         size = self.camera.height, self.camera.width
         for name, value in (("rgb", self.rgb), ("depth", self.depth)):
             if value.shape != (size if name == "depth" else (*size, 3)):
@@ -227,6 +244,28 @@ class DepthPicture:
         return read_only(self.camera.rays * self.depth[:, :, None])
 
 
+def taken(rgb: Image8, depth: FloatArray, camera: CameraModel) -> DepthPicture:
+    """A picture without the distortion of its lens; NaN and infinite depths are not measured.
+
+    ``rgb`` (height, width, 3) and ``depth`` (height, width) [m]: as the camera gives them.
+    """
+    depth = np.where(np.isfinite(depth), depth, 0.0)
+    lens = replace(camera, distortion=())
+    picture = DepthPicture(rgb, depth, lens)
+    if not camera.distortion:
+        return picture
+    from optipromp.perception.boards import opencv
+
+    cv = opencv()
+    matrix = np.array([[lens.fx, 0, lens.cx], [0, lens.fy, lens.cy], [0, 0, 1.0]])
+    bent, size = np.array(camera.distortion), (lens.width, lens.height)
+    across, down = cv.initUndistortRectifyMap(matrix, bent, None, matrix, size, cv.CV_32FC1)
+    colours = cv.remap(picture.rgb, across, down, cv.INTER_LINEAR)
+    return DepthPicture(
+        np.asarray(colours), np.asarray(cv.remap(depth, across, down, cv.INTER_NEAREST)), lens
+    )
+
+
 def load_camera(path: Path) -> tuple[CameraModel, float]:
     """The camera of a JSON or YAML file, and a step of its depth [m]; see ``from_document``."""
     held = "a camera (width, height, fx, fy, cx, cy)"
@@ -256,8 +295,9 @@ def load_picture(rgb: Path, depth: Path, camera: Path, hand: Pose | None = None)
 
     Args:
         rgb: one of :data:`FORMATS`.
-        depth: 16-bit PNG or TIFF whose steps are the camera's ``depth_scale``, or NPZ with an array
-            ``depth`` (height, width) [m].
+        depth: 16-bit PNG or TIFF, or NPY of integers, whose steps are the camera's ``depth_scale``;
+            or TIFF or NPY of floats [m], or NPZ with an array ``depth`` (height, width) [m]. NaN
+            and infinite ones are not measured.
         camera: JSON or YAML, see :meth:`CameraModel.from_document`.
         hand: in the base frame; for a camera on it.
 
@@ -273,22 +313,43 @@ def load_picture(rgb: Path, depth: Path, camera: Path, hand: Pose | None = None)
         if far.dtype.kind not in "fiu":
             raise InvalidRequestError(f"{depth}: 'depth' is of {far.dtype}; must be numbers [m]")
         far = far.astype(np.float64)
-    elif depth.suffix.lower() == ".npy":
-        raise InvalidRequestError(f"{depth}: must be a picture, or NPZ with an array 'depth' [m]")
     else:
-        far = read_pixels(depth).astype(np.float64) * scale
+        raw = read_npy(depth) if depth.suffix.lower() == ".npy" else read_pixels(depth)
+        far = raw.astype(np.float64) * (1.0 if raw.dtype.kind == "f" else scale)
     colours = read_pixels(rgb, "RGB").astype(np.uint8)
     try:
-        picture = DepthPicture(colours, far, model.on(hand))
+        picture = taken(colours, far, model.on(hand))
     except InvalidRequestError as error:
         raise InvalidRequestError(f"{rgb}, {depth}: {error.message}") from None
-    known = far[far > 0.0]
+    known = picture.depth[picture.depth > 0.0]
     if known.size and not (known.min() < WORKSPACE and known.max() > CLOSEST):
+        low, high = float(known.min()), float(known.max())
+        units = {1e-3: "millimetres", 1e-4: "steps of 0.1 mm", 0.01: "centimetres", 1e3: "km"}
+        fits = [name for f, name in units.items() if f * low < 2.0 and f * high > CLOSEST]
         raise InvalidRequestError(
-            f"{depth}: measured depths are {known.min():.3g} to {known.max():.3g} m: are they in "
-            "metres, or by the camera's depth_scale?"
+            f"{depth}: measured depths are {low:.3g} to {high:.3g} m: are they in "
+            f"{fits[0] if fits else 'metres'}? must be metres, or steps of the camera's "
+            "depth_scale"
         )
     return picture.thinned()
+
+
+def read_npy(path: Path) -> NDArray[Any]:
+    """The numbers of an NPY file. Never unpickles, and reserves no more than the file holds."""
+    content = read_bytes(path, InvalidRequestError)
+    stream = io.BytesIO(content)
+    try:
+        head = np.lib.format
+        version = head.read_magic(stream)
+        read = head.read_array_header_1_0 if version == (1, 0) else head.read_array_header_2_0
+        shape, turned, kind = read(stream)
+        if kind.kind in "fiu":
+            flat = np.frombuffer(content, kind, math.prod(shape), stream.tell())
+            return flat.reshape(shape, order="F" if turned else "C")
+        wrong = f"is of {kind}; must be numbers"
+    except Exception as error:  # of NumPy's readers, which raise whatever goes wrong in them
+        wrong = f"no NPY file of plain numbers ({str(error).partition(chr(10))[0][:120]})"
+    raise InvalidRequestError(f"{path}: {wrong}")
 
 
 def read_pixels(path: Path, mode: str | None = None) -> NDArray[Any]:

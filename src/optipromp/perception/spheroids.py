@@ -250,9 +250,8 @@ class SeedStart(NamedTuple):
 
 def start_of(picture: DepthPicture, seed: Region, p: EyeParameters) -> SeedStart | None:
     """Where a fit to the pixels of a seed begins."""
-    box = tuple(slice(max(b.start - INSIDE - 3, 0), b.stop + INSIDE + 3) for b in seed.box)
-    pixels = seed.pixels
-    pixels, depth = pixels[box], picture.depth[box]
+    box, pixels = seed.grown(INSIDE + 3)
+    depth = picture.depth[box]
     area = int(pixels.sum())
     inside = binary_erosion(pixels, iterations=INSIDE)
     if inside.sum() < 0.3 * area:  # a thin rest of a fruit: a choice
@@ -466,7 +465,7 @@ class SeenStem:
 
 def stem_of(
     fruit: Spheroid, points: FloatArray, deep: FloatArray, up: FloatArray, p: EyeParameters,
-    per: float,
+    per: float, bends: bool = True,
 ) -> SeenStem | None:  # fmt: skip
     """The stem of a fruit; None where too little of one is seen.
 
@@ -495,7 +494,7 @@ def stem_of(
         lengths[k] = _whole(along[beside & (along < begin + p.stem_reach)], begin)
     best = int(np.argmax(lengths + 1e-3 * (ways @ up)))  # of equals the more upright: a choice
     if lengths[best] < p.stem_least:
-        return _bent(fruit, off, away, points, deep, up, p, per)
+        return _bent(fruit, off, away, points, deep, up, p, per) if bends else None
     way = ways[best]
     cosine = np.clip(ways @ way, -1.0, 1.0)
     rival = np.where(cosine < RIVAL, lengths, 0.0)

@@ -11,7 +11,7 @@ from optipromp.core.scenes.pose import Pose
 from optipromp.perception.eyes import Sighting, look_at
 from optipromp.perception.finder import Finder
 from optipromp.perception.parameters import EyeParameters
-from optipromp.perception.pictures import CameraModel, DepthPicture, Image8
+from optipromp.perception.pictures import CameraModel, DepthPicture, Image8, taken
 
 
 class Watcher:
@@ -64,7 +64,7 @@ class Watcher:
 
         Args:
             rgb: (height, width, 3) sRGB, 0 to 255.
-            depth: (height, width) along the camera's z axis [m]; 0 where nothing was measured.
+            depth: (height, width) along the camera's z axis [m]; 0 or NaN: not measured.
             time: of the exposure, by the clock of the controller [s].
             hand: the flange in the base at that time; for a camera on it.
 
@@ -73,7 +73,7 @@ class Watcher:
         """
         if self._camera is None:
             raise InvalidRequestError("the watcher has no camera: give it one, or use watch")
-        self.watch(DepthPicture(rgb, depth, self._camera.on(hand)), time)
+        self.watch(taken(rgb, depth, self._camera.on(hand)), time)
 
     def watch(self, picture: DepthPicture, time: float) -> None:
         """Feed a picture in that has its camera; ``time``: of the exposure [s]."""

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.scenes.pose import Pose
-from optipromp.perception.boards import opencv
-from optipromp.perception.pictures import CameraModel, DepthPicture, Image8, decoded
+from optipromp.perception.pictures import CameraModel, DepthPicture, Image8, decoded, taken
 from optipromp.ros.trajectories import NANO, nanoseconds
 from optipromp.ros.types import Message
 
@@ -75,11 +74,14 @@ class Taken:
         matrix = info.p if self.rectified and info.p[0] > 0.0 else info.k
         wide = len(matrix) // 3  # columns of P or K
         fx, cx, fy, cy = (float(matrix[k]) for k in (0, 2, wide + 1, wide + 2))
-        camera = CameraModel(int(info.width), int(info.height), fx, fy, cx, cy, pose)
-        picture = DepthPicture(rgb, depth, camera)
-        if not self.rectified and np.any(info.d):
-            picture = _straight(picture, np.asarray(info.d), info.distortion_model)
-        return picture.thinned()
+        bent = () if self.rectified or not np.any(info.d) else tuple(map(float, info.d))
+        if bent and info.distortion_model not in ("plumb_bob", "rational_polynomial", ""):
+            raise InvalidRequestError(
+                f"distortion {info.distortion_model!r} is not read: take the rectified pictures"
+            )
+        size = int(info.width), int(info.height)
+        camera = CameraModel(*size, fx, fy, cx, cy, pose, distortion=bent)
+        return taken(rgb, depth, camera).thinned()
 
 
 class Pictures:
@@ -262,20 +264,3 @@ def _line(slope: FloatArray, place: NDArray[np.int64]) -> tuple[float, float, fl
     rows = np.column_stack([slope, np.ones_like(slope)])
     found = np.linalg.lstsq(rows, place, rcond=None)[0]
     return float(found[0]), float(found[1]), math.sqrt(float(((rows @ found - place) ** 2).mean()))
-
-
-def _straight(picture: DepthPicture, bent: FloatArray, model: str) -> DepthPicture:
-    """The picture without the distortion of its lens, by OpenCV."""
-    if model not in ("plumb_bob", "rational_polynomial", ""):
-        raise InvalidRequestError(f"distortion {model!r} is not read: take the rectified pictures")
-    if len(bent) not in (4, 5, 8, 12, 14) or not np.isfinite(bent).all():
-        raise InvalidRequestError(
-            f"distortion has {len(bent)} numbers; must be 4, 5, 8, 12 or 14 finite ones"
-        )
-    cv, lens = opencv(), picture.camera
-    matrix = np.array([[lens.fx, 0, lens.cx], [0, lens.fy, lens.cy], [0, 0, 1.0]])
-    size = lens.width, lens.height
-    across, down = cv.initUndistortRectifyMap(matrix, bent, None, matrix, size, cv.CV_32FC1)
-    rgb = cv.remap(picture.rgb, across, down, cv.INTER_LINEAR)
-    depth = cv.remap(picture.depth, across, down, cv.INTER_NEAREST)
-    return DepthPicture(np.asarray(rgb), np.asarray(depth), lens)
