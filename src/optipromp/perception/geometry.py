@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
@@ -42,16 +43,13 @@ class ByGeometry:
         close = ndimage.maximum_filter(near, 2 * HOLE + 1)
         rgb = picture.rgb[box].astype(np.float32)
         rgb = ndimage.gaussian_filter(rgb, (0.7, 0.7, 0.0), truncate=2.0)  # [pixel] grain
-        hue, dye, bright = hsv(rgb[close])
-        dyed = (dye > p.least_dye) & (bright > p.least_bright)
-        red = _apart(hue, p.ripe_hue) < p.ripe_width
-        ripe, green = np.zeros_like(close), np.zeros_like(close)
-        ripe[close] = dyed & red
-        green[close] = dyed & (_apart(hue, p.green_hue) < p.green_width) & ~red
+        colours = np.zeros(close.shape, dtype=np.int8)
+        colours[close] = coloured(rgb[close], p)
+        ripe, green = colours == 1, colours == 2
         depth = _filled(np.where(near, picture.depth[box], 0.0), ripe | green)
         focal = 0.5 * (camera.fx + camera.fy)
         stems = np.zeros(picture.depth.shape, dtype=bool)
-        stems[box] = green & near
+        stems[box] = (colours >= 2) & near
         kinds: tuple[tuple[Class, BoolArray], ...] = (("ripe", ripe), ("unripe", green))
         left_out = 0
         found: list[tuple[Class, tuple[slice, ...], BoolArray]] = []
@@ -145,6 +143,23 @@ def _part(island: BoolArray, metres: FloatArray, p: EyeParameters) -> tuple[IntA
         peaks, radii = peaks[apart], radii[apart]
     parts[~(island & (least < (REACH**2 - 1.0) * np.array(squares)[parts]))] = 0
     return parts, len(peaks)
+
+
+def coloured(rgb: FloatArray, p: EyeParameters) -> NDArray[np.int8]:
+    """Row (N,), from 1, of :attr:`EyeParameters.colours` that each pixel (N, 3) has; 0: none."""
+    hue, dye, bright = hsv(rgb)
+    out, least = np.zeros(len(hue), dtype=np.int8), np.ones(len(hue), dtype=np.float32)
+    for row, colour in enumerate(p.colours, start=1):
+        if colour.width == 0.0:
+            continue
+        far = _apart(hue, colour.hue) / np.float32(colour.width)
+        if colour.dye_width < np.inf or colour.bright_width < np.inf:
+            pale, dark = (dye - colour.dye) / colour.dye_width, bright - colour.bright
+            far = np.sqrt(far**2 + pale**2 + (dark / colour.bright_width) ** 2)
+        nearer = far < least
+        out[nearer], least[nearer] = row, far[nearer]
+    out[(dye <= p.least_dye) | (bright <= p.least_bright)] = 0
+    return out
 
 
 def hsv(rgb: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
