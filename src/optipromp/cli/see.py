@@ -1,7 +1,7 @@
 """``optipromp see``, ``calibrate`` and ``measure-crop``: from pictures and rulers to scenes."""
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -13,6 +13,7 @@ from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.files import check_folder, is_file, is_folder, json_text, write_atomically
 
 if TYPE_CHECKING:
+    from optipromp.core.scenes.crops import Crop
     from optipromp.core.scenes.scene import Scene
     from optipromp.perception.boards import Board
     from optipromp.perception.calibration import HandEye
@@ -49,6 +50,7 @@ def see(
     every: float = 1.0,
     crop: str | None = None,
     eyes: str | None = None,
+    teach: str | None = None,
 ) -> Report:
     """Find fruits and stems in pictures, and write scenes to plan in.
 
@@ -63,6 +65,8 @@ def see(
         optipromp see views --together --known row.yaml --out seen
         optipromp see --rgb a.png --depth a.npz --camera camera.json --known row.yaml --out a.yaml
         optipromp see --bag row.mcap --known row.yaml --every 2 --out seen
+        optipromp see pictures --teach page --out my-crop.yaml
+        optipromp see pictures --crop my-crop.yaml --out seen
         optipromp plan a.yaml --out reach
 
     Args:
@@ -86,6 +90,10 @@ def see(
             sizes and colours are looked for, and fruits of other sizes are said.
         eyes (CROP|FILE): Colours and sizes alone: a crop, or a YAML file of EyeParameters, as
             'ripe_hue: 55'.
+        teach (page|FILE.json): Write a crop to --out, with the colours and sizes of some ten ripe
+            and unripe fruits and stems that you click on a page, or that a file marks: COCO, or a
+            list of picture, kind, and box (left, top, right, bottom) or at (column, row). What is
+            not seen is of --crop, by default strawberry.
     """
     from optipromp.core.scenes.crops import load_crop
     from optipromp.perception.detector import finder_named
@@ -104,7 +112,9 @@ def see(
     elif topics is not None:
         raise InvalidRequestError("--topics goes with --bag")
     else:
-        asked = _asked(folder, rgb, depth, camera, known, out)
+        asked = _asked(folder, rgb, depth, camera, known, out if teach is None else None)
+    if teach is not None:
+        return _taught(asked, teach, grown or load_crop("strawberry"), out)
     records, lines = list[dict[str, Any]](), list[str]()
     sights: list[tuple[Sighting, Scene, EyeParameters, Path]] = []
     for each in asked:
@@ -133,6 +143,39 @@ def see(
         document, records, lines = {**document, "together": record}, [record], [*lines, *told]
     seen = all(record["scene"] is not None for record in records)
     return Report(document, lines, OK if seen else FAILED)
+
+
+def _taught(asked: Iterable[_Asked], teach: str, like: "Crop", out: Path | None) -> Report:
+    """Write the crop whose fruits are marked, on a page or in a file."""
+    from optipromp.core.scenes.crops import save_crop
+    from optipromp.perception.pictures import load_camera
+    from optipromp.perception.teaching import Mark, picture_name, read_marks, taught
+
+    if out is None or out.suffix not in (".yaml", ".yml", ".json"):
+        raise InvalidRequestError("--teach writes a crop: give --out FILE.yaml")
+    pictures, steps = dict[str, "DepthPicture"](), dict[str, int]()
+    for each in asked:
+        name = picture_name(each.name)
+        picture = _load(each, optipromp.load_scene(each.known or "scenario-3"))
+        wide = load_camera(each.files[2])[0].width if each.files else picture.camera.width
+        pictures[name], steps[name] = picture, round(wide / picture.camera.width)
+
+    def learn(marks: "Sequence[Mark]") -> tuple["Crop", tuple[str, ...]]:
+        return taught(out.stem, like, pictures, marks)
+
+    if teach == "page":
+        from optipromp.looks.page.teaching import TeachingPage
+
+        page = TeachingPage({name: each.rgb for name, each in pictures.items()}, learn)
+        with waiting(f"mark fruits and stems at {page.url}"):
+            crop, told = page.result()
+    else:  # of pictures with many pixels every second (third, ...) is looked at
+        crop, told = learn(
+            [each.seen(steps.get(each.picture, 1)) for each in read_marks(Path(teach))]
+        )
+    save_crop(crop, out)
+    document = {"file": str(out), "name": crop.name, "learnt": list(told), "eyes": dict(crop.eyes)}
+    return Report(document, [*told, f"wrote {out}; see with --crop {out}"])
 
 
 def _together(
