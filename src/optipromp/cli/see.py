@@ -1,5 +1,6 @@
 """``optipromp see``, ``calibrate`` and ``measure-crop``: from pictures and rulers to scenes."""
 
+import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -164,11 +165,14 @@ def _taught(asked: Iterable[_Asked], teach: str, like: "Crop", out: Path | None)
         return taught(out.stem, like, pictures, marks)
 
     if teach == "page":
+        import webbrowser
+
         from optipromp.looks.page.teaching import TeachingPage
 
         page = TeachingPage({name: each.rgb for name, each in pictures.items()}, learn)
-        with waiting(f"mark fruits and stems at {page.url}"):
-            crop, told = page.result()
+        sys.stderr.write(f"mark fruits and stems at {page.url}  (Ctrl-C ends it)\n")
+        webbrowser.open(page.url)
+        crop, told = page.result()
     else:  # of pictures with many pixels every second (third, ...) is looked at
         crop, told = learn(
             [each.seen(steps.get(each.picture, 1)) for each in read_marks(Path(teach))]

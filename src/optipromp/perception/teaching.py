@@ -198,27 +198,30 @@ def _about(picture: DepthPicture, at: IntArray, kind: Class) -> tuple[BoolArray,
     depth = picture.depth[box]
     if not (0 <= row < depth.shape[0] and 0 <= column < depth.shape[1]):
         return out, 0.0
-    known = np.argwhere(depth > 0.0)
-    away = np.linalg.norm(known - [row, column], axis=1)
-    if away.min(initial=np.inf) > HOLE:
-        return out, 0.0
-    row, column = known[away.argmin()]
     hue, dye, bright = hsv(smooth(picture.rgb[box]).reshape(-1, 3))
     here = int(row * depth.shape[1] + column)
     wide = ALIKE[0] if dye[here] > PALE else MOST_WIDE[0]
     about = Colour(hue[here], wide, dye[here], ALIKE[1], bright[here], ALIKE[2])
     like = (off(about, hue, dye, bright) < 1.0).reshape(depth.shape)
-    like &= np.abs(depth - depth[row, column]) < BAND
-    parts, _ = ndimage.label(ndimage.binary_closing(like))
-    part = ndimage.binary_fill_holes(parts == parts[row, column])
-    edge = ndimage.distance_transform_edt(np.pad(part, 1))[1:-1, 1:-1]
-    for _ in range(CLIMBS):  # to the middle of the largest disc that is reached by discs
-        near = np.hypot(*np.indices(part.shape) - np.array([row, column])[:, None, None])
-        inside = np.where(near <= edge[row, column], edge, 0.0)
-        row, column = np.unravel_index(int(inside.argmax()), part.shape)
-    near = np.hypot(*np.indices(part.shape) - np.array([row, column])[:, None, None])
-    radius = float(edge[row, column])
-    out[box] = part & (near < (reach if kind == "stem" else INNER * radius))
+    near = tuple(slice(max(k - HOLE, 0), k + HOLE + 1) for k in (row, column))
+    known = depth[near][like[near] & (depth[near] > 0.0)]
+    if not known.size:
+        return out, 0.0
+    like &= np.abs(depth - np.median(known)) < 2.0 * BAND
+    like[row, column] = True
+    radius, rows, columns = 0.0, *np.indices(like.shape, sparse=True)
+    for _ in range(2):  # a stem before a fruit cuts it in two; the second bridge is wider
+        bridge = max(HOLE, round(radius / 3.0))
+        parts, _ = ndimage.label(ndimage.binary_closing(like, iterations=bridge))
+        part = ndimage.binary_fill_holes(parts == parts[row, column])
+        edge = ndimage.distance_transform_edt(np.pad(part, 1))[1:-1, 1:-1]
+        for _ in range(CLIMBS):  # to the middle of the largest disc that is reached by discs
+            near = np.hypot(rows - row, columns - column)
+            inside = np.where(near <= edge[row, column], edge, 0.0)
+            row, column = np.unravel_index(int(inside.argmax()), part.shape)
+        radius = float(edge[row, column])
+    near = np.hypot(rows - row, columns - column)
+    out[box] = part & like & (near < (reach if kind == "stem" else INNER * radius))
     return out, radius
 
 

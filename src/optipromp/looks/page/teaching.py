@@ -47,9 +47,11 @@ class TeachingPage(Generic[Made]):
         server.initial_camera.position = 0.0, 0.0, -AWAY
         server.initial_camera.look_at = 0.0, 0.0, 0.0
         server.initial_camera.up = 0.0, -1.0, 0.0
+        server.gui.configure_theme(show_logo=False, show_share_button=False)
+        server.gui.set_panel_label("OptI-ProMP: teach a crop")
         self.status = server.gui.add_html("")
         self.picture = server.gui.add_dropdown("picture", tuple(pictures))
-        self.kind = server.gui.add_button_group("kind", tuple(COLOURS))
+        self.kind = server.gui.add_dropdown("kind", tuple(COLOURS))
         self.picture.on_update(lambda _: self.show())
         server.gui.add_button("Undo").on_click(lambda _: self.undo())
         server.gui.add_button("Write").on_click(lambda _: self.write())
