@@ -24,7 +24,7 @@ FEWEST = 3  # ripe fruits that must be marked: a choice
 LEAST_PIXELS = 8  # of a mark, with a depth: a choice
 MOST_PIXELS = 400  # of a mark, that are looked at: a choice
 INNER = 0.75  # share of a box whose ellipse is surely fruit: a choice
-ALIKE = 30.0, 0.4, 0.6  # of hue [deg], saturation, brightness about a click: its fruit's: a choice
+ALIKE = 30.0, 0.4, 1.5  # of hue [deg], saturation, brightness about a click: its fruit's: a choice
 PALE = 0.2  # saturation below which a hue is noise: a choice
 STEM_REACH, FRUIT_REACH = 6, 300  # [pixel] about a click: a choice
 QUANTILE, WIDER = 0.7, 2.5  # of differences from a middle, and a width over that: choices
@@ -209,7 +209,8 @@ def _about(picture: DepthPicture, at: IntArray, kind: Class) -> tuple[BoolArray,
         return out, 0.0
     like &= np.abs(depth - np.median(known)) < 2.0 * BAND
     like[row, column] = True
-    radius, rows, columns = 0.0, *np.indices(like.shape, sparse=True)
+    radius = 0.0
+    rows, columns = np.arange(depth.shape[0])[:, None], np.arange(depth.shape[1])
     for _ in range(2):  # a stem before a fruit cuts it in two; the second bridge is wider
         bridge = max(HOLE, round(radius / 3.0))
         parts, _ = ndimage.label(ndimage.binary_closing(like, iterations=bridge))
