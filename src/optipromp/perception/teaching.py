@@ -257,12 +257,15 @@ def _colours(samples: Sequence[_Sample]) -> tuple[dict[str, float], str]:
         if best >= 1.0:
             break
     ripe, green, by_hue = found
+    one, other = middles["ripe"], np.array([green.hue, green.dye, green.bright])
+    if plant:
+        other = np.median(np.concatenate(plant, axis=1), axis=1)
     words = ", ".join(
-        f"{name} {one:.{digits}f} from {other:.{digits}f}"
-        for name, one, other, digits in (
-            ("hue", ripe.hue, green.hue, 0), ("saturation", ripe.dye, green.dye, 2),
-            ("brightness", ripe.bright, green.bright, 2),
-        )[: 1 if by_hue else 3]
+        f"{name} {mine:.{digits}f} from {others:.{digits}f}"
+        for name, mine, others, digits in (
+            ("hue", ripe.hue, green.hue, 0), ("saturation", one[1], other[1], 2),
+            ("brightness", one[2], other[2], 2),
+        )[: 1 if by_hue and best >= 1.0 else 3]
     )  # fmt: skip
     if best < 1.0:
         wrong = ", ".join(f"{100 * share:.0f} % of {kind}" for kind, share in shares.items())
