@@ -38,8 +38,8 @@ LONG = {
     "geometry": "grids",
     "judging": "against_coal_and_mujoco crowds planted",
     "looks": "looks",
-    "perception": "bounds calibration network seeing spheroids watcher",
-    "page": "first_sight loop_replay page sources words",
+    "perception": "bounds calibration network other_crops seeing spheroids teaching watcher",
+    "page": "first_sight loop_replay page sources teaching words",
     "planning": (
         "approaches cutting follow goals legs many moving moving_neighbours options paper "
         "paper_in_two_dimensions paper_settings prediction regions requests risk static_margin "

@@ -29,6 +29,7 @@ def ros_node(
     loop: bool = False,
     detections: str = "~/detections",
     pictures: str | None = None,
+    eyes: str | None = None,
     role: list[str] | None = None,
     guard: str | None = None,
 ) -> None:
@@ -66,6 +67,7 @@ def ros_node(
         detections (TOPIC): With --loop or --guard: of the Detection3DArray messages.
         pictures (COLOUR,DEPTH,INFO): With --loop, in place of detections: topics of a camera, Image
             (or CompressedImage by its usual end) and CameraInfo; or one of PointCloud2.
+        eyes (CROP|FILE): Of --pictures: see 'see --eyes'; by default of the scene's crop.
         role (CLASS=ROLE): Role of a detected class; :stem: z is its stem.
         guard (TOPIC): Of the Float64MultiArray commands that are filtered.
     """
@@ -89,8 +91,8 @@ def ros_node(
         meaning = None if role is None else _meaning(role)
         seen = {detections: DETECTIONS} if pictures is None else _types(pictures)
         place = optipromp.load_scene(scene)
-        with _eyes(place, pictures is not None) as eyes:
-            pick = PickLoop(place, parameters=meaning, rate=rate, prefix=prefix, watcher=eyes)
+        with _watcher(place, pictures is not None, eyes) as watcher:
+            pick = PickLoop(place, parameters=meaning, rate=rate, prefix=prefix, watcher=watcher)
             _pick(pick, seen, execute or "~/joint_trajectory")
         return
     settings = {"prefix": prefix, "rate": rate, "demonstrations": demonstrations}
@@ -231,15 +233,19 @@ def _types(pictures: str) -> dict[str, str]:
 
 
 @contextmanager
-def _eyes(scene: "optipromp.Scene", wanted: bool) -> Iterator["Watcher | None"]:
+def _watcher(
+    scene: "optipromp.Scene", wanted: bool, eyes: str | None
+) -> Iterator["Watcher | None"]:
     """What looks at pictures, in a process of its own; None if none come."""
     if not wanted:
         yield None
         return
+    from optipromp.perception.parameters import eyes_of
     from optipromp.perception.watcher import Watcher
 
+    p = eyes_of(scene.crop, eyes)
     with ProcessPoolExecutor(1, get_context("spawn")) as process:
-        yield Watcher(up=scene.up, executor=process)
+        yield Watcher(up=scene.up, parameters=p, executor=process)
 
 
 def _pick(loop: "PickLoop", seen: dict[str, str], moved: str) -> None:

@@ -1,7 +1,8 @@
 """``optipromp see``, ``calibrate`` and ``measure-crop``: from pictures and rulers to scenes."""
 
+import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -13,10 +14,12 @@ from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.files import check_folder, is_file, is_folder, json_text, write_atomically
 
 if TYPE_CHECKING:
+    from optipromp.core.scenes.crops import Crop
     from optipromp.core.scenes.scene import Scene
     from optipromp.perception.boards import Board
     from optipromp.perception.calibration import HandEye
     from optipromp.perception.eyes import Sighting
+    from optipromp.perception.parameters import EyeParameters
     from optipromp.perception.pictures import DepthPicture
 
 
@@ -47,6 +50,8 @@ def see(
     topics: str | None = None,
     every: float = 1.0,
     crop: str | None = None,
+    eyes: str | None = None,
+    teach: str | None = None,
 ) -> Report:
     """Find fruits and stems in pictures, and write scenes to plan in.
 
@@ -61,6 +66,8 @@ def see(
         optipromp see views --together --known row.yaml --out seen
         optipromp see --rgb a.png --depth a.npz --camera camera.json --known row.yaml --out a.yaml
         optipromp see --bag row.mcap --known row.yaml --every 2 --out seen
+        optipromp see pictures --teach page --out my-crop.yaml
+        optipromp see pictures --crop my-crop.yaml --out seen
         optipromp plan a.yaml --out reach
 
     Args:
@@ -80,15 +87,23 @@ def see(
         bag: Of ROS 2, in place of files: colour and depth, or a cloud, and frames.
         topics (A,B): Of the bag: colour and depth, or the cloud, to take.
         every (SECONDS 0..): Of the bag: between pictures.
-        crop (CROP): Of the fruits: strawberry, tomato, apple or a file. The scenes name it; fruits
-            of other sizes are said.
+        crop (CROP): Of the fruits: strawberry, tomato, apple or a file. The scenes name it, its
+            sizes and colours are looked for, and fruits of other sizes are said.
+        eyes (CROP|FILE): Colours and sizes alone: a crop, or a YAML file of EyeParameters, as
+            'ripe_hue: 55'.
+        teach (page|FILE.json): Write a crop to --out, with the colours and sizes of some ten ripe
+            and unripe fruits and stems that you click on a page, or that a file marks: COCO, or a
+            list of picture, kind, and box (left, top, right, bottom) or at (column, row). What is
+            not seen is of --crop, by default strawberry.
     """
     from optipromp.core.scenes.crops import load_crop
     from optipromp.perception.detector import finder_named
     from optipromp.perception.eyes import overlay
+    from optipromp.perception.geometry import ByGeometry
+    from optipromp.perception.parameters import eyes_of
     from optipromp.perception.pictures import OVERLAY, png_file
 
-    eye = finder_named(finder, model)
+    eye = None if finder == "geometry" and model is None else finder_named(finder, model)
     grown = None if crop is None else load_crop(crop)
     asked: Iterator[_Asked] | list[_Asked]
     if bag is not None:
@@ -98,9 +113,11 @@ def see(
     elif topics is not None:
         raise InvalidRequestError("--topics goes with --bag")
     else:
-        asked = _asked(folder, rgb, depth, camera, known, out)
+        asked = _asked(folder, rgb, depth, camera, known, out if teach is None else None)
+    if teach is not None:
+        return _taught(asked, teach, grown or load_crop("strawberry"), out)
     records, lines = list[dict[str, Any]](), list[str]()
-    sights: list[tuple[Sighting, Scene, Path]] = []
+    sights: list[tuple[Sighting, Scene, EyeParameters, Path]] = []
     for each in asked:
         scene = optipromp.load_scene(each.known or "scenario-3")
         scene = scene if grown is None else replace(scene, crop=grown)
@@ -108,27 +125,65 @@ def see(
         began = time.perf_counter()
         from optipromp.perception.eyes import doubt_of, look_at
 
-        sight = look_at(picture, up=scene.up, finder=eye)
+        p = eyes_of(scene.crop, eyes)
+        sight = look_at(picture, up=scene.up, finder=eye, parameters=p)
         took = time.perf_counter() - began
-        record, told = _answer(sight, scene, each, took)
-        if record["scene"] is None and (doubt := doubt_of(picture, up=scene.up, finder=eye)):
+        record, told = _answer(sight, scene, each, took, p)
+        tuned = eye or ByGeometry(p)
+        if record["scene"] is None and (doubt := doubt_of(picture, up=scene.up, finder=tuned)):
             record["message"] += f"; {doubt}"
             told = [f"{told[0]}; {doubt}", *told[1:]]
         drawn = each.out.with_suffix(OVERLAY)
         write_atomically(drawn, png_file(overlay(picture, sight)))
         records.append({**record, "overlay": str(drawn)})
         lines += told
-        sights.append((sight, scene, each.out))
+        sights.append((sight, scene, p, each.out))
     document: dict[str, Any] = {"pictures": records}
     if together and sights:
-        record, told = _together([sight for sight, _, _ in sights], *sights[0][1:])
+        record, told = _together([sight for sight, *_ in sights], *sights[0][1:])
         document, records, lines = {**document, "together": record}, [record], [*lines, *told]
     seen = all(record["scene"] is not None for record in records)
     return Report(document, lines, OK if seen else FAILED)
 
 
+def _taught(asked: Iterable[_Asked], teach: str, like: "Crop", out: Path | None) -> Report:
+    """Write the crop whose fruits are marked, on a page or in a file."""
+    from optipromp.core.scenes.crops import save_crop
+    from optipromp.perception.pictures import load_camera
+    from optipromp.perception.teaching import Mark, picture_name, read_marks, taught
+
+    if out is None or out.suffix not in (".yaml", ".yml", ".json"):
+        raise InvalidRequestError("--teach writes a crop: give --out FILE.yaml")
+    pictures, steps = dict[str, "DepthPicture"](), dict[str, int]()
+    for each in asked:
+        name = picture_name(each.name)
+        picture = _load(each, optipromp.load_scene(each.known or "scenario-3"))
+        wide = load_camera(each.files[2])[0].width if each.files else picture.camera.width
+        pictures[name], steps[name] = picture, round(wide / picture.camera.width)
+
+    def learn(marks: "Sequence[Mark]") -> tuple["Crop", tuple[str, ...]]:
+        return taught(out.stem, like, pictures, marks)
+
+    if teach == "page":
+        import webbrowser
+
+        from optipromp.looks.page.teaching import TeachingPage
+
+        page = TeachingPage({name: each.rgb for name, each in pictures.items()}, learn)
+        sys.stderr.write(f"mark fruits and stems at {page.url}  (Ctrl-C ends it)\n")
+        webbrowser.open(page.url)
+        crop, told = page.result()
+    else:  # of pictures with many pixels every second (third, ...) is looked at
+        crop, told = learn(
+            [each.seen(steps.get(each.picture, 1)) for each in read_marks(Path(teach))]
+        )
+    save_crop(crop, out)
+    document = {"file": str(out), "name": crop.name, "learnt": list(told), "eyes": dict(crop.eyes)}
+    return Report(document, [*told, f"wrote {out}; see with --crop {out}"])
+
+
 def _together(
-    sights: "list[Sighting]", known: "Scene", out: Path
+    sights: "list[Sighting]", known: "Scene", p: "EyeParameters", out: Path
 ) -> tuple[dict[str, Any], list[str]]:
     """What is said of all pictures as one, whose scene is written beside ``out``."""
     from optipromp.perception.fusing import fused
@@ -143,13 +198,14 @@ def _together(
     }  # fmt: skip
     several = sum(fruit.views > 1 for fruit in fruits)
     line = f"together: {len(fruits)} fruits, {several} of them in several pictures"
-    told = _written(sights, known, out.with_name("together.yaml"), record, line)
+    told = _written(sights, known, p, out.with_name("together.yaml"), record, line)
     return record, told
 
 
 def _written(
     sights: "Sighting | list[Sighting]",
     known: "Scene",
+    p: "EyeParameters",
     file: Path,
     record: dict[str, Any],
     line: str,
@@ -158,7 +214,7 @@ def _written(
     from optipromp.perception.eyes import seen_scene
 
     try:
-        scene, assumed = seen_scene(sights, known)
+        scene, assumed = seen_scene(sights, known, p)
     except InvalidRequestError as error:
         record.update(status=error.code, message=error.message)
         return [f"{line}; no scene: {error.message}"]
@@ -243,7 +299,7 @@ def _load(asked: _Asked, known: "Scene") -> "DepthPicture":
 
 
 def _answer(
-    sight: "Sighting", known: "Scene", asked: _Asked, took: float
+    sight: "Sighting", known: "Scene", asked: _Asked, took: float, p: "EyeParameters"
 ) -> tuple[dict[str, Any], list[str]]:
     """What is said of a picture under --json and to people."""
     from optipromp.perception.eyes import summary
@@ -263,7 +319,7 @@ def _answer(
     line = f"{asked.name}: {ripe} ripe, {len(fruits) - ripe} unripe, {stems} stems"
     if sight.found.left_out:
         line += f" ({sight.found.left_out} smaller places of their colours were left out)"
-    told = _written(sight, known, asked.out, record, line)
+    told = _written(sight, known, p, asked.out, record, line)
     return record, [*told, *(f"  doubt: {words}" for words in sight.doubts)]
 
 

@@ -20,6 +20,7 @@ from optipromp.perception.fusing import fused as fused
 from optipromp.perception.geometry import ByGeometry as ByGeometry
 from optipromp.perception.network import ByNetwork as ByNetwork
 from optipromp.perception.parameters import EyeParameters as EyeParameters
+from optipromp.perception.parameters import eyes_of as eyes_of
 from optipromp.perception.pictures import CameraModel as CameraModel
 from optipromp.perception.pictures import DepthPicture as DepthPicture
 from optipromp.perception.pictures import flange_of as flange_of

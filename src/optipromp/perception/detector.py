@@ -10,10 +10,12 @@ from scipy.ndimage import label
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.perception.finder import Class, Found, Region
+from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.pictures import DepthPicture, Image8
 
 KNOWN: Mapping[str, Class] = {"ripe": "ripe", "unripe": "unripe", "stem": "stem"}
-BAND = 0.03  # [m] of depth about the middle of a box that is its fruit: as large as fruits
+BAND = 0.03  # [m] least depth about the middle of a box that is its fruit: as of strawberries
+THIN = 0.01  # [m] the same about the nearest fifth of a stem's box: a choice
 CORE = 0.3  # share of a box's width and height, about its middle, that tells its depth: a choice
 
 
@@ -92,8 +94,11 @@ def _pixels(each: Detected, picture: DepthPicture) -> BoolArray:
     return cut(picture, each.box)
 
 
-def cut(picture: DepthPicture, box: tuple[float, float, float, float]) -> BoolArray:
-    """The pixels (height, width) of a box at the depth of its middle, in one piece."""
+def cut(
+    picture: DepthPicture, box: tuple[float, float, float, float], thin: bool = False
+) -> BoolArray:
+    """The pixels (height, width) of a box at the depth of its middle, in one piece; of something
+    ``thin``, at that of its nearest fifth."""
     out = np.zeros(picture.depth.shape, dtype=bool)
     height, width = picture.depth.shape[:2]
     left, top = (max(int(value), 0) for value in box[:2])
@@ -102,12 +107,15 @@ def cut(picture: DepthPicture, box: tuple[float, float, float, float]) -> BoolAr
         return out
     part: FloatArray = picture.depth[top:bottom, left:right]
     rows, columns = bottom - top, right - left
-    r, c = (int(0.5 * (1.0 - CORE) * side) for side in (rows, columns))
+    r, c = (0 if thin else int(0.5 * (1.0 - CORE) * side) for side in (rows, columns))
     core = part[r : rows - r, c : columns - c]
     known = core[core > 0.0]
     if not known.size:
         return out
-    near = (part > 0.0) & (np.abs(part - np.median(known)) < BAND)
+    middle = float(np.quantile(known, 0.2 if thin else 0.5))
+    band = max(BAND, 0.5 * max(rows, columns) * middle / picture.camera.fx)  # a radius behind
+    band = THIN if thin else band
+    near = (part > 0.0) & (np.abs(part - middle) < band)
     marks, _ = label(near)
     inner = marks[r : rows - r, c : columns - c]
     if inner.any():
@@ -117,8 +125,9 @@ def cut(picture: DepthPicture, box: tuple[float, float, float, float]) -> BoolAr
     return out
 
 
-def finder_named(name: str, model: Any = None) -> Any:
-    """A finder by name: ``geometry``, ``network`` (with a ``model`` file), or ``MODULE:NAME``.
+def finder_named(name: str, model: Any = None, parameters: EyeParameters | None = None) -> Any:
+    """A finder by name: ``geometry`` (with its ``parameters``), ``network`` (with a ``model``
+    file), or ``MODULE:NAME``.
 
     What the module has under that name is a finder, or is called without arguments to make one.
 
@@ -133,7 +142,7 @@ def finder_named(name: str, model: Any = None) -> Any:
     if model is not None and name != "network":
         raise InvalidRequestError(f"a model goes with the finder 'network', not with {name!r}")
     if name == "geometry":
-        return ByGeometry()
+        return ByGeometry(parameters or EyeParameters())
     if name == "network":
         return ByNetwork(model)
     module, colon, attribute = name.partition(":")

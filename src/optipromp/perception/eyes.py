@@ -21,7 +21,7 @@ from optipromp.perception.fusing import Detection as Detection
 from optipromp.perception.fusing import Sighting as Sighting
 from optipromp.perception.fusing import fused
 from optipromp.perception.geometry import ByGeometry, edge_of, is_wall
-from optipromp.perception.parameters import EyeParameters
+from optipromp.perception.parameters import EyeParameters, eyes_of
 from optipromp.perception.pictures import CLOSEST, WORKSPACE, DepthPicture, Image8
 from optipromp.perception.spheroids import NEAREST, SeenStem, Spheroid, all_fitted, claimed, stem_of
 
@@ -233,13 +233,13 @@ def seen_scene(
     pushable. A fruit whose stem was not seen gets one that is unseen: about upright, clear of the
     other fruits, as long as the median of those seen
     (:func:`optipromp.core.scenes.objects.cleared`). Its tilts have the standard deviation
-    ``parameters.tilt``. The crop of ``known`` is the scene's: a stem is as long as the crop's where
-    none was seen, and fruits of an unusual width are told.
+    ``parameters.tilt``; ``parameters`` are by default those of the crop of ``known``. That crop is
+    the scene's, and fruits of a width that is unusual of it are told.
 
     Raises:
         InvalidRequestError: no ripe fruit is seen.
     """
-    p = parameters or EyeParameters()
+    p = parameters or eyes_of(known.crop)
     sights = [sight] if isinstance(sight, Sighting) else list(sight)
     found = tuple(fruit.item for fruit in fused(sights))
     ripe = [item for item in found if item.role == "target"]
@@ -252,8 +252,7 @@ def seen_scene(
         others = ", ".join(item.id for item in ripe if item is not target)
         assumed.append(f"{target.id} is the target, the lowest ripe fruit; pushable: {others}")
     lengths = [item.stem.length for item in found if item.stem is not None]
-    usual = p.stem_length if known.crop is None else known.crop["stem_length"]
-    long = float(np.median(lengths)) if lengths else usual
+    long = float(np.median(lengths)) if lengths else p.stem_length
     unseen = [item.id for item in found if item.stem is None]
     if unseen:
         assumed.append(

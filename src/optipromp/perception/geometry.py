@@ -2,15 +2,16 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
 from optipromp.perception.finder import Class, Found, Region, box_of, largest
-from optipromp.perception.parameters import EyeParameters
-from optipromp.perception.pictures import DepthPicture
+from optipromp.perception.parameters import Colour, EyeParameters
+from optipromp.perception.pictures import DepthPicture, Image8
 
 SQUARE = np.ones((3, 3), dtype=bool)
 MARGIN = 3  # [pixel] about a fruit, in which its holes are filled: a choice
@@ -44,18 +45,14 @@ class ByGeometry:
         box = box_of(near, HOLE)
         near = near[box]
         close = ndimage.maximum_filter(near, 2 * HOLE + 1)
-        rgb = picture.rgb[box].astype(np.float32)
-        rgb = ndimage.gaussian_filter(rgb, (0.7, 0.7, 0.0), truncate=2.0)  # [pixel] grain
-        hue, dye, bright = hsv(rgb[close])
-        dyed = (dye > p.least_dye) & (bright > p.least_bright)
-        red = apart(hue, p.ripe_hue) < p.ripe_width
-        ripe, green = np.zeros_like(close), np.zeros_like(close)
-        ripe[close] = dyed & red
-        green[close] = dyed & (apart(hue, p.green_hue) < p.green_width) & ~red
+        rgb = smooth(picture.rgb[box])
+        colours = np.zeros(close.shape, dtype=np.int8)
+        colours[close] = coloured(rgb[close], p)
+        ripe, green = colours == 1, colours == 2
         depth = _filled(np.where(near, picture.depth[box], 0.0), ripe | green)
         focal = 0.5 * (camera.fx + camera.fy)
         stems = np.zeros(picture.depth.shape, dtype=bool)
-        stems[box] = green & near
+        stems[box] = (colours >= 2) & near
         kinds: tuple[tuple[Class, BoolArray], ...] = (("ripe", ripe), ("unripe", green))
         left_out = 0
         found: list[tuple[Class, tuple[slice, ...], BoolArray]] = []
@@ -153,7 +150,39 @@ def _part(island: BoolArray, metres: FloatArray, p: EyeParameters) -> tuple[IntA
     return parts, len(peaks)
 
 
-def hsv(rgb: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def smooth(rgb: Image8) -> NDArray[np.float32]:
+    """Colours (height, width, 3) without their grain, as they are judged."""
+    grain = 0.7  # [pixel] a choice
+    return np.asarray(
+        ndimage.gaussian_filter(rgb.astype(np.float32), (grain, grain, 0.0), truncate=2.0)
+    )
+
+
+def off(colour: Colour, hue: FloatArray, dye: FloatArray, bright: FloatArray) -> FloatArray:
+    """How far pixels (N,) are from a colour, in its widths; it has them below 1."""
+    far = apart(hue, colour.hue) / np.float32(colour.width)
+    if colour.dye_width == colour.bright_width == np.inf:
+        return far
+    pale = (dye - colour.dye) / colour.dye_width
+    dark = (bright - colour.bright) / colour.bright_width
+    return np.asarray(np.sqrt(far**2 + pale**2 + dark**2))
+
+
+def coloured(rgb: FloatArray, p: EyeParameters) -> NDArray[np.int8]:
+    """Row (N,), from 1, of :attr:`EyeParameters.colours` that each pixel (N, 3) has; 0: none."""
+    hue, dye, bright = hsv(rgb)
+    out, least = np.zeros(len(hue), dtype=np.int8), np.ones(len(hue), dtype=np.float32)
+    for row, colour in enumerate(p.colours, start=1):
+        if colour.width == 0.0:
+            continue
+        far = off(colour, hue, dye, bright)
+        nearer = far < least
+        out[nearer], least[nearer] = row, far[nearer]
+    out[(dye <= p.least_dye) | (bright <= p.least_bright)] = 0
+    return out
+
+
+def hsv(rgb: NDArray[Any]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Hue [deg], saturation and value (0 to 1) of pixels (N, 3) of 0 to 255."""
     red, green, blue = rgb.T / np.float32(255.0)
     most = np.maximum(np.maximum(red, green), blue)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -49,7 +49,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 
 SPAN = 0.5, 2.0  # factors from a guess to its ends, where the file states no range: a choice
 MOST_ANGLES = 91  # of abscission, one for each degree: a choice
-_FOLDER = "crop_files"
+CROP_FOLDER = "crop_files"
 
 
 @dataclass(frozen=True)
@@ -94,10 +94,14 @@ class Row:
 
 @dataclass(frozen=True)
 class Crop:
-    """A crop: all :data:`ROWS` by name. ``crop[name]`` is the value of a row."""
+    """A crop: all :data:`ROWS` by name. ``crop[name]`` is the value of a row.
+
+    ``eyes``: what :class:`optipromp.perception.EyeParameters` differ in, and their ``source``.
+    """
 
     name: str
     rows: Mapping[str, Row]
+    eyes: Mapping[str, float | str] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> float:
         return self.rows[name].value
@@ -164,13 +168,15 @@ def _row(name: str) -> Any:
 
 def crop_names() -> tuple[str, ...]:
     """Names of the built-in crops."""
-    return tuple(built_in(_FOLDER))
+    return tuple(built_in(CROP_FOLDER))
 
 
 _CROP = schema.form(
     format=Value(Literal[1], default=1), name=needed(schema.NAME),
     like=Value(Literal[crop_names()]), **{name: Value(_row(name)) for name in ROWS},
+    eyes=Value(dict[schema.Text, schema.Number | schema.Text], default={}),
 )  # fmt: skip
+CROP_KEYS = frozenset({"format", "name", "like", "eyes", *ROWS})
 
 
 def crop_from_dict(document: Any, source: str) -> Crop:
@@ -180,7 +186,8 @@ def crop_from_dict(document: Any, source: str) -> Crop:
         InvalidSceneError: names the row, its value, and what would be right.
     """
     model = schema.parse(document, source, _CROP)
-    rows = {} if model.like is None else dict(load_crop(model.like).rows)
+    usual = Crop("", {}) if model.like is None else load_crop(model.like)
+    rows = dict(usual.rows)
     rows |= {name: row for name in ROWS if (row := getattr(model, name)) is not None}
     for name in ROWS:
         if name not in rows:
@@ -188,7 +195,7 @@ def crop_from_dict(document: Any, source: str) -> Crop:
                 f"{source}: {name} is missing: state it, or like: {', '.join(crop_names())}, whose "
                 "rows take the place of those that are missing"
             )
-    return Crop(model.name, rows)
+    return Crop(model.name, rows, {**usual.eyes, **model.eyes})
 
 
 def load_crop(name_or_path: str | Path | dict[str, Any]) -> Crop:
@@ -200,7 +207,7 @@ def load_crop(name_or_path: str | Path | dict[str, Any]) -> Crop:
     if isinstance(name_or_path, dict):
         return crop_from_dict(name_or_path, "crop")
     holds = "a crop (format: 1, name, width, density, ...)"
-    document, source, _ = read_named(name_or_path, _FOLDER, InvalidSceneError, holds)
+    document, source, _ = read_named(name_or_path, CROP_FOLDER, InvalidSceneError, holds)
     return crop_from_dict(document, source)
 
 
@@ -217,7 +224,7 @@ def crop_to_dict(crop: Crop) -> dict[str, Any]:
             **({"range": list(row.range)} if row.range else {}),
             "source": row.source,
         }  # fmt: skip
-    return document
+    return document | ({"eyes": dict(crop.eyes)} if crop.eyes else {})
 
 
 def crop_in_scene(crop: Crop) -> str | dict[str, Any]:

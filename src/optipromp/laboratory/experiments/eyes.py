@@ -36,6 +36,7 @@ from optipromp.laboratory.simulation.sight import standing_pose
 from optipromp.perception.detector import finder_named
 from optipromp.perception.eyes import Detection, Sighting, look_at, seen_scene
 from optipromp.perception.finder import Finder, Found, Region
+from optipromp.perception.parameters import eyes_of
 from optipromp.perception.spheroids import SeenStem, Spheroid
 
 WAYS = "rendered", "fitted"
@@ -66,7 +67,7 @@ def situation(
     Of the ``views`` before a plan, see :class:`optipromp.laboratory.experiments.study.Study`.
     """
     if condition == "rendered":
-        found = finder_named(finder)
+        found = finder_named(finder, parameters=eyes_of(scene.crop))
         eye = functools.partial(RenderedDetector, finder=found)
         detector = replace(EYES["palm"], rate=RENDERED_RATE)
         see = functools.partial(_by_picture, finder=found)
@@ -158,7 +159,8 @@ def _looked(
 def _by_picture(scene: Scene, seed: int, finder: Finder) -> _Sight:
     shot = photograph(scene, "beside", seed)
     began = time.process_time()
-    sight = look_at(shot.picture, up=scene.up, finder=finder)
+    p = eyes_of(scene.crop)
+    sight = look_at(shot.picture, up=scene.up, finder=finder, parameters=p)
     seconds = time.process_time() - began
     fruits, wrong = paired(shot, sight)
     visible = [fruit for fruit in fruits if fruit.visible]

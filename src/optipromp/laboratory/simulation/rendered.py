@@ -15,6 +15,7 @@ from optipromp.laboratory.simulation.detector_parameters import DetectorParamete
 from optipromp.laboratory.simulation.photograph import photograph
 from optipromp.perception.eyes import look_at
 from optipromp.perception.finder import Finder
+from optipromp.perception.parameters import eyes_of
 
 OFTEN = 10_000  # pictures of one seed: above those of a pick
 
@@ -46,7 +47,8 @@ class RenderedDetector(Detector):
         self._count += 1
         mount = self.parameters.mount
         shot = photograph(self.moment(q, fruits), mount, self._first + self._count)
-        look = look_at(shot.picture, time, up=self.scene.up, finder=self._finder).look
+        p = eyes_of(self.scene.crop)
+        look = look_at(shot.picture, time, up=self.scene.up, finder=self._finder, parameters=p).look
         if mount == "beside":
             return look
         return replace(look, detections=tuple(replace(o, stem=None) for o in look.detections))
