@@ -99,11 +99,10 @@ def see(
     from optipromp.core.scenes.crops import load_crop
     from optipromp.perception.detector import finder_named
     from optipromp.perception.eyes import overlay
-    from optipromp.perception.geometry import ByGeometry
-    from optipromp.perception.parameters import eyes_of
+    from optipromp.perception.parameters import EyeParameters, eyes_of
     from optipromp.perception.pictures import OVERLAY, png_file
 
-    eye = None if finder == "geometry" and model is None else finder_named(finder, model)
+    made = {EyeParameters(): finder_named(finder, model)}  # refused before anything is read
     grown = None if crop is None else load_crop(crop)
     asked: Iterator[_Asked] | list[_Asked]
     if bag is not None:
@@ -126,11 +125,13 @@ def see(
         from optipromp.perception.eyes import doubt_of, look_at
 
         p = eyes_of(scene.crop, eyes)
+        if p not in made:
+            made[p] = finder_named(finder, model, p)
+        eye = made[p]
         sight = look_at(picture, up=scene.up, finder=eye, parameters=p)
         took = time.perf_counter() - began
         record, told = _answer(sight, scene, each, took, p)
-        tuned = eye or ByGeometry(p)
-        if record["scene"] is None and (doubt := doubt_of(picture, up=scene.up, finder=tuned)):
+        if record["scene"] is None and (doubt := doubt_of(picture, up=scene.up, finder=eye)):
             record["message"] += f"; {doubt}"
             told = [f"{told[0]}; {doubt}", *told[1:]]
         drawn = each.out.with_suffix(OVERLAY)

@@ -126,8 +126,8 @@ def cut(
 
 
 def finder_named(name: str, model: Any = None, parameters: EyeParameters | None = None) -> Any:
-    """A finder by name: ``geometry`` (with its ``parameters``), ``network`` (with a ``model``
-    file), or ``MODULE:NAME``.
+    """A finder by name: ``geometry``, ``network`` (with a ``model`` file; at the scale of the
+    ``parameters``), or ``MODULE:NAME``.
 
     What the module has under that name is a finder, or is called without arguments to make one.
 
@@ -144,7 +144,7 @@ def finder_named(name: str, model: Any = None, parameters: EyeParameters | None 
     if name == "geometry":
         return ByGeometry(parameters or EyeParameters())
     if name == "network":
-        return ByNetwork(model)
+        return ByNetwork(model, radius=(parameters or EyeParameters()).radius)
     module, colon, attribute = name.partition(":")
     if not colon:
         raise InvalidRequestError(

@@ -23,12 +23,13 @@ from optipromp.core.errors import InvalidRequestError, installed_by
 from optipromp.core.files import read_bytes
 from optipromp.perception.boards import opencv
 from optipromp.perception.finder import Class, Found, Region, largest
+from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.pictures import MOST_SEEN, DepthPicture
 
 CLASSES = "none", "ripe", "unripe", "calyx", "stem", "leaf", "static"
 FRUITS, STEMS = [CLASSES.index("ripe"), CLASSES.index("unripe")], [CLASSES.index("stem")]
 SEEN = 20.0  # [pixel] radius of a usual fruit in what the network sees: a choice
-USUAL = 0.017  # [m] that radius in the pictures of training
+USUAL = EyeParameters().radius  # [m] that radius in the pictures of training
 SCALE = SEEN / USUAL  # [pixel/m]
 BLOCK = 32  # [pixel] sides of what the network sees are multiples: it halves them five times
 FINE = 2  # pixels that the network sees, for each row and column of its answer
