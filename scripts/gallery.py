@@ -53,6 +53,7 @@ def photograph(address: str, path: Path, patience: float) -> None:
     with sync_playwright() as play:
         browser = play.chromium.launch(executable_path="/usr/bin/chromium", args=[*FLAGS])
         tab = browser.new_page(viewport={"width": 1280, "height": 800})
+        tab.set_default_timeout(6e5)
         for _ in range(120):  # the page opens once its plan is made
             try:
                 tab.goto(address)
@@ -60,7 +61,7 @@ def photograph(address: str, path: Path, patience: float) -> None:
             except Exception:
                 time.sleep(1.0)
         tab.wait_for_timeout(1e3 * patience)
-        tab.screenshot(path=path)
+        tab.screenshot(path=path, timeout=6e5)  # [ms] the processor draws
         browser.close()
 
 
