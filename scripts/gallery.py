@@ -61,6 +61,8 @@ def photograph(address: str, path: Path, patience: float) -> None:
             except Exception:
                 time.sleep(1.0)
         tab.wait_for_timeout(1e3 * patience)
+        # what the browser says of its own speed is not the page's
+        tab.add_style_tag(content=".mantine-Notification-root { display: none }")
         tab.screenshot(path=path, timeout=6e5)  # [ms] the processor draws
         browser.close()
 

@@ -225,6 +225,17 @@ def test_every_picture_of_the_documentation_has_its_command() -> None:
             assert re.search(r"`(?:optipromp|python) [^`]+`", text), page
 
 
+def test_the_gallery_has_a_command_under_each_of_a_dozen_pictures() -> None:
+    found = runpy.run_path(str(ROOT / "scripts/gallery.py"))["entries"]()
+    assert len(found) >= 12
+    pictures = re.findall(r"!\[[^\]]*\]\((images/[^)]+)\)", (ROOT / "docs/gallery.md").read_text())
+    assert [f"images/{shown.name}" for shown, _, _ in found] == pictures
+    for shown, made, commands in found:
+        assert shown.is_file()
+        folder = made.partition("/")[0]
+        assert folder in commands or made.startswith("http"), shown
+
+
 def test_nothing_tells_to_install_this_package_from_an_index() -> None:
     """It is on none, so such a command would install a stranger, or nothing."""
     wrong = re.compile(r"pip install [^\n]*?(?<![\w/.-])optipromp\b(?!\.)")
