@@ -135,7 +135,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--only", nargs="*", default=None)
-    parser.add_argument("--patience", type=float, default=30.0, help="[s] for a page in a browser")
+    parser.add_argument("--patience", type=float, default=120.0, help="[s] for a page in a browser")
     parser.add_argument("--guard", type=Path, help="draw the picture of the guard there, only")
     chosen = parser.parse_args()
     if chosen.guard:
