@@ -11,7 +11,8 @@ from optipromp.core.pushing.parameters import PUSH
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "push-parameters.md"
 HEAD = """# Numbers of the push models
 
-Every tuned number of the models, of the method's rules and of the candidate paths. The numbers
+Look up here what a prediction rests on, and how sure each number is. These are the tuned
+numbers of the models, of the method's rules and of the candidate paths. The numbers
 cannot be set: the kernels are compiled with them. *Measured*: on generated scenes, see
 [decisions](decisions.md). *Reported*: a size that the harvesting literature gives often.
 *Published*: the method's. *Guess*: ours, of a plausible size. *Choice*: of the model, not of

@@ -132,6 +132,9 @@ def main() -> None:
     lines = [
         "# Robots tried",
         "",
+        "Look here whether your arm, or one like it, was read as its maker means it;",
+        "`optipromp check my-arm.urdf --out look` shows what is made of yours.",
+        "",
         "Stock files of the package example-robot-data 6.0, loaded as they are, without `tip`,",
         "`base` or `srdf`. Written by `scripts/robots_tried.py`, which also holds what is right; a",
         "file with two arms that are alike must be asked about. The rule was made with these files",

@@ -135,7 +135,8 @@ def test_figures_told_elsewhere_are_those_of_the_kept_results() -> None:
 def test_what_is_promised_stands_on_the_page_beside_it() -> None:
     """Rates with intervals of the README's table; an interval may be Wilson's of 200 scenes."""
     text = (ROOT / "README.md").read_text("utf-8")
-    rows = re.findall(r"^\|(.+)\|$", text.partition("## What is promised")[2], re.MULTILINE)[2:]
+    table = text.partition("## What is promised")[2].partition("\n## ")[0]
+    rows = re.findall(r"^\|(.+)\|$", table, re.MULTILINE)[2:]
     told = 0
     for row in rows:
         page = (ROOT / re.findall(r"\]\((docs/[\w-]+\.md)", row)[-1]).read_text("utf-8")
@@ -146,7 +147,9 @@ def test_what_is_promised_stands_on_the_page_beside_it() -> None:
             assert counted or f"{rate} ({low}–{high})" in shown, (rate, row)
             told += 1
     assert told > 20
-    assert " %" not in text.partition("## What is inside")[2]  # a rate stands in the table alone
+    assert " %" not in text.partition("## Six doors")[2]  # a rate stands in the table alone
+    home = (ROOT / "docs/index.md").read_text("utf-8")
+    assert table.replace("](docs/", "](").strip() in home  # the start page has the same one
 
 
 def test_the_page_on_concepts_has_the_largest_harm_of_each_risk() -> None:
@@ -199,6 +202,16 @@ def test_a_cell_shows_its_last_expression_and_what_it_prints() -> None:
     assert script["run"](second, {"a": 3}).said == "1\n5\n"
 
 
+def test_the_page_on_commands_lists_every_command() -> None:
+    page = (ROOT / "docs/commands.md").read_text("utf-8")
+    shown = subprocess.run(
+        [sys.executable, "-m", "optipromp", "--help"], capture_output=True, text=True, check=True
+    ).stdout
+    names = re.findall(r"^│ ([a-z]+(?:-[a-z]+)*) +[A-Z]", shown, re.MULTILINE)
+    assert {"plan", "ros-node", "bench"} <= set(names)
+    assert [name for name in names if f"`optipromp {name}" not in page] == []
+
+
 def test_every_page_is_in_the_navigation() -> None:
     listed = set(re.findall(r"[\w/-]+\.md", (ROOT / "mkdocs.yml").read_text("utf-8")))
     pages = {str(path.relative_to(ROOT / "docs")) for path in (ROOT / "docs").rglob("*.md")}
@@ -210,6 +223,17 @@ def test_every_picture_of_the_documentation_has_its_command() -> None:
         text = page.read_text("utf-8")
         if re.search(r"!\[[^\]]*\]\([^)]+\.(?:png|gif)\)", text):
             assert re.search(r"`(?:optipromp|python) [^`]+`", text), page
+
+
+def test_the_gallery_has_a_command_under_each_of_a_dozen_pictures() -> None:
+    found = runpy.run_path(str(ROOT / "scripts/gallery.py"))["entries"]()
+    assert len(found) >= 12
+    pictures = re.findall(r"!\[[^\]]*\]\((images/[^)]+)\)", (ROOT / "docs/gallery.md").read_text())
+    assert [f"images/{shown.name}" for shown, _, _ in found] == pictures
+    for shown, made, commands in found:
+        assert shown.is_file()
+        folder = made.partition("/")[0]
+        assert folder in commands or made.startswith("http"), shown
 
 
 def test_nothing_tells_to_install_this_package_from_an_index() -> None:
