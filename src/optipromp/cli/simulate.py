@@ -11,9 +11,8 @@ from optipromp.cli.check import scene_or_plan as loaded
 from optipromp.cli.command import FAILED, OK, Report, command
 from optipromp.cli.console import ChosenStrategy, Seed, Strategy, say_if_compiling, waiting
 from optipromp.cli.robot import ArmOptions, InPlace, Named
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, check_one_of
 from optipromp.core.files import check_folder, is_folder
-from optipromp.core.shown import check_one_of
 
 if TYPE_CHECKING:
     from optipromp.laboratory.simulation import DetectorParameters, Loop, Run, SimulationParameters

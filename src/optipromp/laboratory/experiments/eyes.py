@@ -20,12 +20,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, frame_along, rotation
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, check_one_of
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import JointGoal, Role, Scene, SceneObject
-from optipromp.core.shown import check_one_of
 from optipromp.laboratory.experiments.situations import CONDITIONS, Situation
 from optipromp.laboratory.simulation.detector import Detector, Truth
 from optipromp.laboratory.simulation.detector_parameters import EYES, DetectorParameters
