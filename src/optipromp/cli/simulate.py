@@ -113,8 +113,7 @@ def pick(
 
     Without ``truth``, ``seen`` is the true scene, and is first seen with the errors of the noise.
     """
-    from optipromp.laboratory.experiments.loops import picked
-    from optipromp.laboratory.experiments.situations import SETTLE, Situation, seen_at_once
+    from optipromp.laboratory.experiments.situations import SETTLE, Situation, picked, seen_at_once
     from optipromp.laboratory.generate import NOISES, noisy
 
     detector, known = eyes.detector(), truth is not None
@@ -135,7 +134,7 @@ def pick(
 
 def loop_document(loop: "Loop") -> dict[str, Any]:
     """What is told of a loop: result, decisions, cycles [s], innovations, executed curve."""
-    from optipromp.laboratory.experiments.loops import loop_figures
+    from optipromp.laboratory.experiments.situations import loop_figures
 
     made = loop.controller.plans
     return {

@@ -28,8 +28,8 @@ from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.experiments import situations
 from optipromp.laboratory.experiments.eyes import NOT_SEEN, check_eyes, situation
-from optipromp.laboratory.experiments.loops import LOOP_PLANNER, LOOPS, loop_figures, picked
 from optipromp.laboratory.experiments.rows import ERROR, NO_PLAN, Key, Row, source_version
+from optipromp.laboratory.experiments.situations import LOOP_PLANNER, LOOPS, loop_figures, picked
 from optipromp.laboratory.generate import (
     NOISES,
     PANDA,
