@@ -33,7 +33,7 @@ SECONDS = 10.0  # [s] of processor time
 DATA = ROOT / "src" / "optipromp"
 READERS = [
     "yaml", "defusedxml", "optipromp.core.documents", "optipromp.core.files",
-    "optipromp.core.geometry.loading", "optipromp.core.shown", "optipromp.core.output",
+    "optipromp.core.geometry.loading", "optipromp.core.errors", "optipromp.core.output",
     "optipromp.core.trajectory", "optipromp.core.promp.demonstrations",
     "optipromp.core.promp.checks", "optipromp.core.promp.model", "optipromp.core.scenes.io",
     "optipromp.core.scenes.schema", "optipromp.core.scenes.objects", "optipromp.core.scenes.values",

@@ -16,8 +16,7 @@ import numpy as np
 from optipromp.bench.flight import execute
 from optipromp.core.scenes.io import scene_to_dict
 from optipromp.core.trajectory import State
-from optipromp.laboratory.experiments.loops import picked
-from optipromp.laboratory.experiments.situations import CONDITIONS
+from optipromp.laboratory.experiments.situations import CONDITIONS, picked
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import Loop
 

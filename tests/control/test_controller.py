@@ -21,7 +21,7 @@ from optipromp.core.planning import plan
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
-from optipromp.laboratory.experiments.loops import executed
+from optipromp.laboratory.experiments.situations import executed
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.detector import Truth
 

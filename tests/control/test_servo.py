@@ -17,7 +17,7 @@ from optipromp.core import judging
 from optipromp.core.arrays import FloatArray
 from optipromp.core.planning import plan
 from optipromp.core.trajectory import State
-from optipromp.laboratory.experiments.loops import cut
+from optipromp.laboratory.experiments.situations import cut
 from optipromp.laboratory.generate import generate
 
 PERIOD = CONTROL.period

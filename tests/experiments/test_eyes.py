@@ -13,7 +13,13 @@ from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.task import posed
 from optipromp.laboratory.experiments import eyes
-from optipromp.laboratory.experiments.eyes import NOT_SEEN, STILL, aimed_at, situation
+from optipromp.laboratory.experiments.eyes import (
+    NOT_SEEN,
+    STILL,
+    RenderedDetector,
+    aimed_at,
+    situation,
+)
 from optipromp.laboratory.experiments.rows import rows_of
 from optipromp.laboratory.experiments.situations import Situation
 from optipromp.laboratory.experiments.study import Study
@@ -21,7 +27,6 @@ from optipromp.laboratory.experiments.trials import run_trials
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.detector import Truth
 from optipromp.laboratory.simulation.detector_parameters import EYES, DetectorParameters
-from optipromp.laboratory.simulation.rendered import RenderedDetector
 from optipromp.perception.detector import finder_named
 
 ROOT = Path(__file__).parents[2]

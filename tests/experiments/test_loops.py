@@ -14,13 +14,15 @@ from optipromp.core.robots.library import load_robot
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.trajectory import State, Trajectory
 from optipromp.laboratory.experiments import study, trials
-from optipromp.laboratory.experiments.loops import LOOPS, cut, executed
 from optipromp.laboratory.experiments.rows import STUDY, Row, row_of, rows_of
 from optipromp.laboratory.experiments.situations import (
     CAMERA_OFF,
     CONDITIONS,
+    LOOPS,
     SETTLE,
+    cut,
     drop_one,
+    executed,
     miscalibrated,
     seen_at_once,
 )

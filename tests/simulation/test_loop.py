@@ -10,8 +10,7 @@ from optipromp.control.parameters import LoopParameters
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning.task import posed
 from optipromp.core.trajectory import State
-from optipromp.laboratory.experiments.loops import executed, picked
-from optipromp.laboratory.experiments.situations import CONDITIONS, Situation
+from optipromp.laboratory.experiments.situations import CONDITIONS, Situation, executed, picked
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import (
     Detector,
@@ -173,7 +172,7 @@ def test_in_a_simulation_too_the_arm_stands_while_no_look_comes() -> None:
 def test_an_arm_that_cannot_follow_is_held_in_a_simulation_too(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("optipromp.laboratory.simulation.loop.LONGEST", 3.0)
+    monkeypatch.setattr("optipromp.laboratory.simulation.execute.LONGEST", 3.0)
     given = situation("zero-mean", 101)
     controller = Controller(given.seen, parameters=LoopParameters(off_curve=1e-3))
     eye = Eye(Detector(given.scene, controller.robot, given.detector, 101))

@@ -19,10 +19,9 @@ from gymnasium import spaces
 from optipromp.bench.episode import RATE, Episode, Observation, joints_for, score
 from optipromp.bench.primitive import COUNT, OfWeights
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
+from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError, check_one_of
 from optipromp.core.planning import Plan, plan
 from optipromp.core.scenes.scene import Scene, SceneObject
-from optipromp.core.shown import check_one_of
 from optipromp.guard import Guard, Safe
 from optipromp.laboratory.experiments.situations import CONDITIONS, Situation
 from optipromp.laboratory.generate import PRESETS, Preset, generate

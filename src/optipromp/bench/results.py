@@ -29,7 +29,7 @@ from optipromp.bench import tracks
 from optipromp.bench.running import ENGINES, STEADY, Engine, Exercise, again, rows_and_arrays
 from optipromp.bench.serve import SERVED, dismissed, hired
 from optipromp.bench.sets import Round, SceneSet, entry_digest
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, check_one_of, is_name
 from optipromp.core.files import (
     check_folder,
     is_folder,
@@ -41,7 +41,6 @@ from optipromp.core.files import (
     write_atomically,
 )
 from optipromp.core.processes import cores
-from optipromp.core.shown import check_one_of, is_name
 from optipromp.laboratory.experiments.cluster import Progress, gathered
 from optipromp.laboratory.experiments.rows import (
     BENCH,

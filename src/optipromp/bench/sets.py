@@ -31,11 +31,10 @@ from pydantic import TypeAdapter, ValidationError
 from optipromp.bench.entrant import parts
 from optipromp.bench.serve import SERVED
 from optipromp.bench.tracks import RUN_FILE, words
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, check_one_of, is_name
 from optipromp.core.files import read_bytes
 from optipromp.core.scenes.io import scene_to_dict
 from optipromp.core.scenes.scene import Scene
-from optipromp.core.shown import check_one_of, is_name
 from optipromp.laboratory.experiments.rows import source_version
 from optipromp.laboratory.generate import PRESETS as ALL
 from optipromp.laboratory.generate import Preset, generate

@@ -24,13 +24,12 @@ import numpy as np
 from optipromp.bench.entrant import Motion, Refused, motion_of
 from optipromp.bench.episode import LONGEST, Episode, Observation
 from optipromp.core.arrays import FloatArray, frozen
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, printable
 from optipromp.core.judging import extremes
 from optipromp.core.parameters import parameter
 from optipromp.core.planning import Picked, Plan
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.scene import Scene
-from optipromp.core.shown import printable
 from optipromp.core.trajectory import CURVE, Trajectory
 from optipromp.laboratory.experiments.situations import Situation
 from optipromp.perception.pictures import DepthPicture

@@ -8,9 +8,8 @@ import typer
 
 from optipromp.cli.command import FAILED, OK, Report, Shown, command
 from optipromp.cli.console import Cluster, Workers, grid, progress_bar, say_if_compiling
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, suggest
 from optipromp.core.files import is_there, json_text, write_atomically
-from optipromp.core.shown import suggest
 
 if TYPE_CHECKING:
     from optipromp.bench.table import Leaderboard

@@ -7,8 +7,7 @@ from typing import Any
 
 import optipromp
 from optipromp.cli.command import Report, command, entries
-from optipromp.core.errors import InvalidRequestError
-from optipromp.core.shown import suggest
+from optipromp.core.errors import InvalidRequestError, suggest
 
 
 @command()

@@ -14,9 +14,8 @@ from typing import Annotated, Any, get_origin, get_type_hints
 import typer
 
 from optipromp.cli.console import stdout
-from optipromp.core.errors import Code, OptiPrompError
+from optipromp.core.errors import Code, OptiPrompError, printable
 from optipromp.core.files import json_text
-from optipromp.core.shown import printable
 
 Shown = Iterable[Any]
 """Lines and rich's renderables, for people; a generator does not run under ``--json``."""

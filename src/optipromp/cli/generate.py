@@ -12,8 +12,7 @@ from optipromp.cli.command import Report, Shown, command
 from optipromp.cli.console import Cluster, Preset, Workers, progress_bar, say_if_compiling, seeds_of
 from optipromp.cli.robot import ArmOptions, Named, Whose
 from optipromp.core import files
-from optipromp.core.errors import InvalidRequestError
-from optipromp.core.shown import check_one_of
+from optipromp.core.errors import InvalidRequestError, check_one_of
 
 if TYPE_CHECKING:
     from optipromp.core.scenes.scene import Scene

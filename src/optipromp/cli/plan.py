@@ -15,9 +15,8 @@ import optipromp
 from optipromp.cli import console
 from optipromp.cli.command import FAILED, OK, Report, Shown, command, exit_code
 from optipromp.cli.robot import ArmOptions, InPlace
-from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
+from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError, printable
 from optipromp.core.files import file_name, is_folder, is_there, json_text, write_atomically
-from optipromp.core.shown import printable
 
 if TYPE_CHECKING:
     from rich.table import Table

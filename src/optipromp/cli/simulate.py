@@ -11,9 +11,8 @@ from optipromp.cli.check import scene_or_plan as loaded
 from optipromp.cli.command import FAILED, OK, Report, command
 from optipromp.cli.console import ChosenStrategy, Seed, Strategy, say_if_compiling, waiting
 from optipromp.cli.robot import ArmOptions, InPlace, Named
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, check_one_of
 from optipromp.core.files import check_folder, is_folder
-from optipromp.core.shown import check_one_of
 
 if TYPE_CHECKING:
     from optipromp.laboratory.simulation import DetectorParameters, Loop, Run, SimulationParameters
@@ -114,8 +113,7 @@ def pick(
 
     Without ``truth``, ``seen`` is the true scene, and is first seen with the errors of the noise.
     """
-    from optipromp.laboratory.experiments.loops import picked
-    from optipromp.laboratory.experiments.situations import SETTLE, Situation, seen_at_once
+    from optipromp.laboratory.experiments.situations import SETTLE, Situation, picked, seen_at_once
     from optipromp.laboratory.generate import NOISES, noisy
 
     detector, known = eyes.detector(), truth is not None
@@ -136,7 +134,7 @@ def pick(
 
 def loop_document(loop: "Loop") -> dict[str, Any]:
     """What is told of a loop: result, decisions, cycles [s], innovations, executed curve."""
-    from optipromp.laboratory.experiments.loops import loop_figures
+    from optipromp.laboratory.experiments.situations import loop_figures
 
     made = loop.controller.plans
     return {

@@ -107,8 +107,7 @@ def study(
     """
     from optipromp.core.scenes.crops import load_crop
     from optipromp.laboratory.experiments.eyes import WAYS
-    from optipromp.laboratory.experiments.loops import LOOP_PLANNER, LOOPS
-    from optipromp.laboratory.experiments.situations import CONDITIONS
+    from optipromp.laboratory.experiments.situations import CONDITIONS, LOOP_PLANNER, LOOPS
     from optipromp.laboratory.experiments.study import Study, run_study
     from optipromp.laboratory.experiments.trials import study_planners
     from optipromp.laboratory.generate import PRESETS

@@ -24,9 +24,8 @@ import numpy as np
 import yaml
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import OptiPrompError
+from optipromp.core.errors import OptiPrompError, suggest
 from optipromp.core.files import LARGEST_TEXT, is_there, read_bytes, write_atomically
-from optipromp.core.shown import suggest
 
 _MOST_VALUES = 3_000_000  # with aliases unfolded, chosen: 100,000 objects have 1.1 million
 _DEEPEST = 100  # levels of nesting, chosen: a scene has 6

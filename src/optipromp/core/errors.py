@@ -1,9 +1,12 @@
-"""The errors of the library: one root, one code each.
+"""The errors of the library, one root, one code each, and the words of refusals.
 
 Wrong input raises one of these; a plan that fails is a returned value that carries the code
 (:class:`optipromp.core.planning.Plan`).
 """
 
+import difflib
+import reprlib
+from collections.abc import Collection, Iterable
 from enum import StrEnum
 
 
@@ -100,3 +103,53 @@ class ExecutionError(OptiPrompError):
     def __init__(self, message: str, executed: object = None) -> None:
         super().__init__(message)
         self.executed = executed
+
+
+LONGEST_NAME = 1000  # most letters of a name
+
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = 60
+
+
+def is_name(text: str) -> bool:
+    """Whether ``text`` can name something: 1 to :data:`LONGEST_NAME` letters, all printable."""
+    return 0 < len(text) <= LONGEST_NAME and printable(text) == text
+
+
+def no_name(text: str) -> str:
+    """The words of a refusal of ``text``, which is no name."""
+    return (
+        f"'{printable(text)[:60]}': must have 1 to {LONGEST_NAME} letters and no control characters"
+    )
+
+
+def short(value: object) -> str:
+    """A value in at most some 60 letters."""
+    return _SHORT.repr(value)
+
+
+def suggest(name: object, valid: Iterable[str]) -> str:
+    """``valid are ...``, and ``did you mean ...?`` if a valid name is close to ``name``."""
+    names = list(valid)
+    near = difflib.get_close_matches(str(name), names, n=1)
+    question = f"; did you mean {near[0]!r}?" if near else ""
+    return f"valid are {', '.join(names)}{question}"
+
+
+def check_one_of(what: str, value: object, valid: Collection[str]) -> None:
+    """Refuse a value that is none of the valid names."""
+    if not (isinstance(value, str) and value in valid):
+        raise InvalidRequestError(f"{what} is {value!r}: {suggest(value, valid)}")
+
+
+def printable(text: str) -> str:
+    """``text`` with characters escaped that control a terminal or the direction of writing."""
+    if text.isprintable():
+        return text
+    joiners = "\u200c\u200d"  # which some scripts need
+    return "".join(
+        letter
+        if letter.isprintable() or letter in joiners or letter == "\u00a0"
+        else letter.encode("unicode_escape").decode()
+        for letter in text
+    )

@@ -24,6 +24,7 @@ from optipromp.core.errors import (
     InvalidRequestError,
     InvalidSceneError,
     OptiPrompError,
+    printable,
 )
 from optipromp.core.judging import Metrics, Overlap
 from optipromp.core.planning import Plan, Term
@@ -37,7 +38,6 @@ from optipromp.core.pushing.model import Prediction
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import scene_from_dict, scene_to_dict
 from optipromp.core.scenes.scene import Scene
-from optipromp.core.shown import printable
 from optipromp.core.trajectory import State, arrays, csv, from_arrays
 
 FORMAT = 4

@@ -16,8 +16,7 @@ from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
-from optipromp.core.errors import InvalidRequestError
-from optipromp.core.shown import suggest
+from optipromp.core.errors import InvalidRequestError, suggest
 
 GRAVITY = 9.81  # [m/s²]
 Kind = Literal["measured", "reported", "published", "guess", "choice"]

@@ -7,10 +7,9 @@ from contextlib import suppress
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, suggest
 from optipromp.core.parameters import GRAVITY
 from optipromp.core.scenes.crops import ROWS, Crop, crop_from_dict, crop_to_dict
-from optipromp.core.shown import suggest
 
 MEASURED: Mapping[str, str] = {
     "width": "mm", "length": "mm", "mass": "g", "stem_length": "mm", "stem_diameter": "mm",

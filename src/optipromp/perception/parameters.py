@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from optipromp.core.documents import read_named
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, short
 from optipromp.core.parameters import Checked, parameter
 from optipromp.core.scenes.crops import CROP_FOLDER, CROP_KEYS, Crop, crop_from_dict
-from optipromp.core.shown import short
 
 LARGEST = {"deg": 360.0, "1": 20.0, "m": 10.0, "1/m": 1.0, "pixel": 1e6}
 """Of a number, by its unit; larger ones are mistakes: choices."""

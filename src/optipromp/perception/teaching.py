@@ -11,9 +11,8 @@ from scipy import ndimage
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
 from optipromp.core.documents import read_document
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, short, suggest
 from optipromp.core.scenes.crops import Crop, crop_from_dict, crop_to_dict
-from optipromp.core.shown import short, suggest
 from optipromp.perception.detector import BAND, KNOWN, cut
 from optipromp.perception.finder import Class, box_of
 from optipromp.perception.geometry import HOLE, coloured, hsv, off, smooth

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, IntArray, frozen
-from optipromp.core.errors import InvalidRobotError
+from optipromp.core.errors import InvalidRobotError, printable
 from optipromp.core.processes import in_threads
 from optipromp.core.robots.description import (
     LeftOut,
@@ -26,7 +26,6 @@ from optipromp.core.robots.library import Choice
 from optipromp.core.robots.model import BodySpheres, Dynamics, Robot
 from optipromp.core.robots.resolved import MOST_JOINTS, MOST_SPHERES
 from optipromp.core.robots.tool_geometry import cover_box, cover_capsule, cover_cylinder
-from optipromp.core.shown import printable
 from optipromp.readers import self_collision
 from optipromp.readers.arm import choose_arm, disabled_pairs, read_srdf, srdf_beside
 from optipromp.readers.chain import Chain, serial_chain

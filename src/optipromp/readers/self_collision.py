@@ -15,10 +15,14 @@ from scipy.spatial import ConvexHull
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frozen, lengths
 from optipromp.core.compiled import inlined, inner, kernel
-from optipromp.core.robots import self_collision
 from optipromp.core.robots.description import LeftOut
 from optipromp.core.robots.kernels import PRISMATIC, distances_between
-from optipromp.core.robots.model import Robot
+from optipromp.core.robots.model import (
+    Robot,
+    candidate_pairs,
+    drop_always_touching,
+    random_postures,
+)
 from optipromp.readers.fit import shared_out
 
 PIECE = 0.010  # [m] chosen: longest side of a piece that two spheres share
@@ -299,7 +303,7 @@ def with_self_pairs(
 def _sorted(
     robot: Robot, allowed: Collection[tuple[str, str]], parts: FloatArray, count: int
 ) -> Robot:
-    pairs = self_collision.candidate_pairs(robot, allowed)
+    pairs = candidate_pairs(robot, allowed)
     pairs, slack, out = sorted_out(robot, pairs, list(robot.excess), parts, count)
     return replace(
         robot, self_pairs=frozen(pairs, np.int64), self_slack=frozen(slack), left_out=out
@@ -318,9 +322,7 @@ def loose_spheres(robot: Robot, parts: FloatArray) -> IntArray:
     surfaces, count = Parts(len(robot.spheres.radius), parts), np.zeros(len(robot.spheres.radius))
     wrong = 0
     parts_of = 1 + SHARED * max(len(robot.self_pairs), 1) // _GAPS_AT_ONCE
-    for postures in np.array_split(
-        self_collision.random_postures(robot, SHARED), max(10, parts_of)
-    ):
+    for postures in np.array_split(random_postures(robot, SHARED), max(10, parts_of)):
         row, pair = np.nonzero(robot.self_gaps(postures) < 0.0)
         pairs = robot.self_pairs[pair]
         meet = surfaces.touch(robot, robot.segment_frames(postures), row, pairs)
@@ -361,14 +363,14 @@ def sorted_out(
     link, names = robot.spheres.link, robot.link_names
     pairs = pairs[np.lexsort((link[pairs[:, 1]], link[pairs[:, 0]]))] if fitted else pairs
     looked = np.isin(link[pairs], [names.index(name) for name in fitted]).all(axis=1)
-    kept = [self_collision.drop_always_touching(robot, pairs[~looked])]
+    kept = [drop_always_touching(robot, pairs[~looked])]
     slacks = [np.zeros(len(kept[0]))]
     pairs, out = pairs[looked], list[LeftOut]()
     if not len(pairs):
         return kept[0], slacks[0], ()
     links, first = np.unique(link[pairs], axis=0, return_index=True)
     if len(links) > MOST_LINKS:
-        pairs = np.concatenate([*kept, self_collision.drop_always_touching(robot, pairs)])
+        pairs = np.concatenate([*kept, drop_always_touching(robot, pairs)])
         return pairs, np.zeros(len(pairs)), ()
     sample = _Sample(robot, Parts(len(link), given), count)
     for (a, b), of_links in zip(links, np.split(pairs, first[1:]), strict=True):
@@ -393,7 +395,7 @@ class _Sample:
 
     def __init__(self, robot: Robot, parts: Parts, count: int) -> None:
         self.robot, self.parts = robot, parts
-        postures = np.vstack([robot.home, self_collision.random_postures(robot, count)])
+        postures = np.vstack([robot.home, random_postures(robot, count)])
         self.frames = robot.segment_frames(postures)
         self.balls = dict[tuple[int, int], tuple[FloatArray, float]]()
         self.radius = robot.spheres.radius + parts.beyond(robot)

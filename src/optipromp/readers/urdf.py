@@ -16,10 +16,9 @@ from typing import Literal, NoReturn
 from xml.sax.handler import ContentHandler
 from xml.sax.xmlreader import AttributesImpl, Locator
 
-from optipromp.core.errors import InvalidRobotError
+from optipromp.core.errors import LONGEST_NAME, InvalidRobotError, is_name, printable
 from optipromp.core.files import LARGEST_TEXT, read_bytes
 from optipromp.core.robots.description import LinkShape, Vector
-from optipromp.core.shown import LONGEST_NAME, is_name, printable
 
 _XACRO = re.compile(r"\$\{[^}]*\}?|\$\([^)]*\)?")
 

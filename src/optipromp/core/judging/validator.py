@@ -212,8 +212,6 @@ class Judgement:
         contacts: pairs that touch but must not.
         notes: remarks that do not make the trajectory invalid.
         at_start: pairs that touch but must not at the first instant, with their depths then.
-        near: the moving link nearest to a static object, where it touches none and is nearer than
-            :data:`STATIC_MARGIN`; ``depth`` is minus the distance [m].
     """
 
     metrics: Metrics
@@ -221,7 +219,6 @@ class Judgement:
     contacts: tuple[Overlap, ...]
     notes: tuple[str, ...] = ()
     at_start: tuple[Overlap, ...] = ()
-    near: Overlap | None = None
 
     @property
     def message(self) -> str:
@@ -289,7 +286,7 @@ def judge(
         )
         violations.append(Violation("speed", text, "", when, fast, "m/s"))
     notes += at_goal if stem_side else [*at_goal, *map(str, astray)]
-    near, room = None, distances["clearance_static"]
+    room = distances["clearance_static"]
     if room is not None and room < STATIC_MARGIN:
         near = clearance.nearest_static(scene, robot, fine, times)
         if near is not None and 0.0 < -near.depth < STATIC_MARGIN:
@@ -297,8 +294,6 @@ def judge(
                 f"{near.link} comes within {-1e3 * near.depth:.1f} mm of {near.other}; a "
                 f"controller needs about {1e3 * STATIC_MARGIN:g} mm"
             )
-        else:
-            near = None
     for name, away in beside.items():
         closest = distances[name]
         distances[name] = away if closest is None else min(closest, away)
@@ -308,9 +303,8 @@ def judge(
         drift_shortfall=passed.drift_shortfall, stem_gap=passed.stem_gap,
         approach_speed=fast, goal_error=end.error, goal_axis_error=end.angle, **figures,
     )  # fmt: skip
-    return Judgement(
-        metrics, tuple(violations), tuple(contacts), (*notes, *scene.assumed), tuple(at_start), near
-    )
+    notes += scene.assumed
+    return Judgement(metrics, tuple(violations), tuple(contacts), tuple(notes), tuple(at_start))
 
 
 def paper_violations(scene: Scene, metrics: Metrics, tolerance: float = 1e-4) -> list[Violation]:

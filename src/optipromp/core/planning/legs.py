@@ -39,9 +39,8 @@ from optipromp.core.pushing.path import length
 from optipromp.core.pushing.stems.cup import flange_of
 from optipromp.core.pushing.stems.hanging import Hanging, Leaving
 from optipromp.core.robots import ik
-from optipromp.core.robots.model import Robot
+from optipromp.core.robots.model import Robot, letting_touch
 from optipromp.core.robots.mounted import Mounted
-from optipromp.core.robots.self_collision import letting_touch
 from optipromp.core.scenes.held import RETREAT as RETREAT_LENGTH
 from optipromp.core.scenes.held import Attached, Place
 from optipromp.core.scenes.io import load_scene

@@ -10,12 +10,11 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, short, suggest
 from optipromp.core.optimization.costs import Cost
 from optipromp.core.parameters import Settings
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.rules import DriftRule
-from optipromp.core.shown import short, suggest
 
 Strategy = Literal["joint", "sequential"]
 Constraints = Literal["push-model", "paper"]

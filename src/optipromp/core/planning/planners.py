@@ -21,7 +21,7 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import Budget, clock
-from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.errors import Code, InvalidRequestError, suggest
 from optipromp.core.planning import goals, primitive
 from optipromp.core.planning.follow import keeps_path
 from optipromp.core.planning.lines import along_lines
@@ -42,7 +42,6 @@ from optipromp.core.planning.timing import timed
 from optipromp.core.promp.model import ProMP
 from optipromp.core.pushing.rules import detection_variance, pushes
 from optipromp.core.scenes.scene import PoseGoal, Scene
-from optipromp.core.shown import suggest
 
 GROUP = "optipromp.planners"
 WAY = "path", "waypoints"  # what a scene may say of the whole way to its goal

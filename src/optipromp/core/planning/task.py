@@ -29,9 +29,8 @@ from optipromp.core.pushing.stems.cup import flange_of
 from optipromp.core.pushing.stems.hanging import Hanging
 from optipromp.core.robots import ik
 from optipromp.core.robots.grippers import PRESS, Scissor
-from optipromp.core.robots.model import Robot
+from optipromp.core.robots.model import Robot, letting_touch
 from optipromp.core.robots.mounted import Mounted, loads_of, unmounted
-from optipromp.core.robots.self_collision import letting_touch
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.robots.tools import make_tool, with_tool
 from optipromp.core.scenes.goals import ANGLE, WITHIN, Goal, JointGoal, PoseGoal, RegionGoal

@@ -7,8 +7,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optipromp.core.arrays import FloatArray, all_finite
-from optipromp.core.errors import InvalidDemonstrationError, InvalidRequestError, OptiPrompError
-from optipromp.core.shown import is_name, no_name
+from optipromp.core.errors import (
+    InvalidDemonstrationError,
+    InvalidRequestError,
+    OptiPrompError,
+    is_name,
+    no_name,
+)
 
 PHASE_TOLERANCE = 1e-9
 """[-] Phases no farther apart are one phase, and may lie so far outside [0, 1] (rounding)."""

@@ -15,12 +15,11 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from optipromp.core.arrays import frozen, lengths
-from optipromp.core.errors import InvalidRequestError, InvalidRobotError
+from optipromp.core.errors import InvalidRequestError, InvalidRobotError, is_name, printable
 from optipromp.core.files import members, npz, read_npz, reading, write_atomically
 from optipromp.core.robots.description import Arm, LeftOut, LinkGeometry, LinkShape, meshes_found
 from optipromp.core.robots.kernels import Kinematics
 from optipromp.core.robots.model import BodySpheres, Dynamics, Robot
-from optipromp.core.shown import is_name, printable
 
 SUFFIX = ".robot"
 MOST_JOINTS = 200  # moving, of an arm, chosen: frames at 20,000 configurations take 0.4 GB

@@ -14,9 +14,8 @@ from optipromp.core.errors import InvalidRequestError, InvalidSceneError
 from optipromp.core.geometry.shapes import Box, Cylinder, MeshShape, Shape, hull_faces
 from optipromp.core.robots.cup_cover import NECK_RADIUS, cover_cup
 from optipromp.core.robots.grippers import FingerGripper, MeshTool, Scissor, Suction
-from optipromp.core.robots.model import BodySpheres, Robot
+from optipromp.core.robots.model import BodySpheres, Robot, candidate_pairs, drop_always_touching
 from optipromp.core.robots.mounted import Mounted, cover_load, loads_of
-from optipromp.core.robots.self_collision import candidate_pairs, drop_always_touching
 from optipromp.core.robots.tool_geometry import Part, Solid, strip
 from optipromp.core.robots.tool_protocol import LARGEST, Tool, check_length, check_tool, quaternion
 

@@ -27,13 +27,12 @@ from pydantic import (
 )
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from optipromp.core.errors import InvalidSceneError
+from optipromp.core.errors import LONGEST_NAME, InvalidSceneError, printable, short
 from optipromp.core.geometry.shapes import PRIMITIVES
 from optipromp.core.robots.tools import TOOLS
 from optipromp.core.scenes.objects import Role
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.values import suggest
-from optipromp.core.shown import LONGEST_NAME, printable, short
 
 
 def refuse(what: str) -> PydanticCustomError:

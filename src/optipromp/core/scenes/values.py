@@ -7,9 +7,8 @@ import math
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, frozen
-from optipromp.core.errors import InvalidSceneError
+from optipromp.core.errors import InvalidSceneError, is_name, no_name, suggest
 from optipromp.core.geometry.shapes import FARTHEST
-from optipromp.core.shown import is_name, no_name, suggest
 
 __all__ = ["array", "named", "numbers", "suggest", "unit"]
 

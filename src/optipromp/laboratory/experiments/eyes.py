@@ -19,25 +19,81 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from optipromp.control.look import Look
 from optipromp.core.arrays import FloatArray, frame_along, rotation
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, check_one_of
 from optipromp.core.planning.task import posed
+from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.held import pairs_among
+from optipromp.core.scenes.objects import STEM_SLACK
 from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.scene import JointGoal, Role, Scene, SceneObject
-from optipromp.core.shown import check_one_of
+from optipromp.core.scenes.rotations import to_quaternion
+from optipromp.core.scenes.scene import JointGoal, Role, Scene, SceneObject, Stem
 from optipromp.laboratory.experiments.situations import CONDITIONS, Situation
 from optipromp.laboratory.simulation.detector import Detector, Truth
 from optipromp.laboratory.simulation.detector_parameters import EYES, DetectorParameters
 from optipromp.laboratory.simulation.parameters import SimulationParameters
 from optipromp.laboratory.simulation.photograph import FRUITS, Photograph, photograph
-from optipromp.laboratory.simulation.rendered import RenderedDetector
 from optipromp.laboratory.simulation.sight import standing_pose
 from optipromp.perception.detector import finder_named
 from optipromp.perception.eyes import Detection, Sighting, look_at, seen_scene
 from optipromp.perception.finder import Finder, Found, Region
 from optipromp.perception.parameters import eyes_of
 from optipromp.perception.spheroids import SeenStem, Spheroid
+
+OFTEN = 10_000  # pictures of one seed: above those of a pick
+
+
+class RenderedDetector(Detector):
+    """A detector that renders the moment and looks at the picture.
+
+    Light, colours, background and the errors of depth are drawn anew for each picture. A picture
+    takes a second, so ``parameters.rate`` is best low. Of ``parameters``, mount, rate and latency
+    count. Stems are taken from a standing camera only: one below a fruit sees the stems of others.
+
+    Args:
+        scene: the true one.
+        robot: with its tool.
+        parameters: of camera and delays.
+        seed: of all pictures.
+        finder: of fruits and stems; None: by geometry.
+    """
+
+    def __init__(
+        self, scene: Scene, robot: Robot, parameters: DetectorParameters, seed: int = 0,
+        finder: Finder | None = None,
+    ) -> None:  # fmt: skip
+        super().__init__(scene, robot, parameters, seed)
+        self._finder, self._first, self._count = finder, OFTEN * seed, 0
+
+    def expose(self, time: float, q: FloatArray, fruits: Truth) -> Look:
+        """The detections of one picture, rendered at ``time`` [s] with the arm at ``q`` (n,)."""
+        self._count += 1
+        mount = self.parameters.mount
+        shot = photograph(self.moment(q, fruits), mount, self._first + self._count)
+        p = eyes_of(self.scene.crop)
+        look = look_at(shot.picture, time, up=self.scene.up, finder=self._finder, parameters=p).look
+        if mount == "beside":
+            return look
+        return replace(look, detections=tuple(replace(o, stem=None) for o in look.detections))
+
+    def moment(self, q: FloatArray, fruits: Truth) -> Scene:
+        """The scene with the arm at ``q`` (n,) and the fruits where they are."""
+        positions, rotations, stems = self._placed(fruits)
+        moved = {}
+        for item, place, turn, points in zip(self.fruits, positions, rotations, stems, strict=True):
+            stem = None
+            holds = (
+                len(points) > 1 and np.linalg.norm(points[0] - place) <= item.radius + STEM_SLACK
+            )
+            if item.stem is not None and holds:
+                stem = Stem(np.asarray(points), item.stem.radius)
+            moved[item.id] = replace(
+                item, position=place, orientation=to_quaternion(turn), stem=stem
+            )
+        objects = tuple(moved.get(item.id, item) for item in self.scene.objects)
+        return replace(self.scene, start=q, camera=self._stand, objects=objects)
+
 
 WAYS = "rendered", "fitted"
 

@@ -14,10 +14,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from optipromp.core.errors import InvalidRequestError, installed_by
+from optipromp.core.errors import InvalidRequestError, installed_by, short
 from optipromp.core.files import check_folder, is_file, json_text, write_atomically
 from optipromp.core.robots.library import NOTHING
-from optipromp.core.shown import short
 from optipromp.laboratory.experiments.cluster import Progress, gathered
 from optipromp.laboratory.experiments.rows import (
     LOCK,

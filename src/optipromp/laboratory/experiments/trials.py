@@ -17,7 +17,7 @@ from typing import Any, Literal, cast
 import numpy as np
 
 from optipromp.core.arrays import lengths
-from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
+from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError, check_one_of
 from optipromp.core.planning import Picked, Plan, PlanOptions, plan, planner_names
 from optipromp.core.planning.legs import REACH, way_out
 from optipromp.core.planning.planners import factory, make
@@ -25,12 +25,11 @@ from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice
 from optipromp.core.scenes.crops import Crop, crop_in_scene
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene, SceneObject
-from optipromp.core.shown import check_one_of
 from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.experiments import situations
 from optipromp.laboratory.experiments.eyes import NOT_SEEN, check_eyes, situation
-from optipromp.laboratory.experiments.loops import LOOP_PLANNER, LOOPS, loop_figures, picked
 from optipromp.laboratory.experiments.rows import ERROR, NO_PLAN, Key, Row, source_version
+from optipromp.laboratory.experiments.situations import LOOP_PLANNER, LOOPS, loop_figures, picked
 from optipromp.laboratory.generate import (
     NOISES,
     PANDA,

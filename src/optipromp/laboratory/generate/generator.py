@@ -15,11 +15,10 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, check_one_of
 from optipromp.core.robots.library import NOTHING, Choice
 from optipromp.core.scenes.crops import Crop
 from optipromp.core.scenes.scene import Scene
-from optipromp.core.shown import check_one_of
 from optipromp.laboratory.generate import bunches, plants, shelves
 from optipromp.laboratory.generate.checks import OverlapError, interpenetration, unsolvable
 from optipromp.laboratory.generate.placing import UnfitError, at_robot

@@ -7,11 +7,11 @@ from optipromp.laboratory.simulation.detector import DETECTORS as DETECTORS
 from optipromp.laboratory.simulation.detector import Detector as Detector
 from optipromp.laboratory.simulation.detector import DetectorParameters as DetectorParameters
 from optipromp.laboratory.simulation.detector import Eye as Eye
+from optipromp.laboratory.simulation.execute import Loop as Loop
 from optipromp.laboratory.simulation.execute import Run as Run
+from optipromp.laboratory.simulation.execute import closed_loop as closed_loop
 from optipromp.laboratory.simulation.execute import simulate as simulate
 from optipromp.laboratory.simulation.export import stem_mjcf as stem_mjcf
-from optipromp.laboratory.simulation.loop import Loop as Loop
-from optipromp.laboratory.simulation.loop import closed_loop as closed_loop
 from optipromp.laboratory.simulation.outcome import Cause as Cause
 from optipromp.laboratory.simulation.outcome import Contact as Contact
 from optipromp.laboratory.simulation.outcome import Outcome as Outcome

@@ -13,8 +13,7 @@ from optipromp.core import files
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.scenes.io import scene_to_dict
-from optipromp.laboratory.simulation.execute import Run
-from optipromp.laboratory.simulation.loop import Loop
+from optipromp.laboratory.simulation.execute import Loop, Run
 from optipromp.laboratory.simulation.parameters import SimulationParameters
 
 

@@ -17,12 +17,10 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
 from optipromp.control.look import Look
 from optipromp.core.arrays import FloatArray, IntArray
-from optipromp.core.errors import InvalidRequestError, installed_by
-from optipromp.core.shown import check_one_of
+from optipromp.core.errors import InvalidRequestError, check_one_of, installed_by
 from optipromp.laboratory.simulation.engine import engine
-from optipromp.laboratory.simulation.execute import Run
+from optipromp.laboratory.simulation.execute import Loop, Run
 from optipromp.laboratory.simulation.files import LoopRecord, ellipsoids, record_of
-from optipromp.laboratory.simulation.loop import Loop
 from optipromp.laboratory.simulation.studio import EYE, SHOWN, Studio
 from optipromp.laboratory.simulation.world import World, build
 from optipromp.perception.pictures import CameraModel, Image8

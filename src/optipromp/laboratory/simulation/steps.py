@@ -14,7 +14,7 @@ from optipromp.laboratory.simulation.contacts import ContactLog, is_sound, press
 from optipromp.laboratory.simulation.disturbances import CARRIAGE_MASS, roots_of
 from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.grasps import between_blades, carried_by, scissor_of
-from optipromp.laboratory.simulation.harms import HarmLog
+from optipromp.laboratory.simulation.outcome import HarmLog
 from optipromp.laboratory.simulation.rollout import Rollout, StemCut, used
 from optipromp.laboratory.simulation.world import Fruit, World
 

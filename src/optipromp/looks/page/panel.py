@@ -14,14 +14,13 @@ from typing import Any
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import InvalidRequestError, OptiPrompError
+from optipromp.core.errors import InvalidRequestError, OptiPrompError, is_name
 from optipromp.core.files import check_folder, file_name
 from optipromp.core.planning import STRATEGIES, planner_names
 from optipromp.core.planning.task import posed
 from optipromp.core.promp import Basis, fit
 from optipromp.core.promp.demonstrations import save_demonstrations
 from optipromp.core.scenes.scene import Scene
-from optipromp.core.shown import is_name
 from optipromp.looks.page import content, tabs
 from optipromp.looks.page.stage import LAYERS, NARROW, PLANNED, SHEET, Source
 from optipromp.looks.page.window import Window

@@ -17,12 +17,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from optipromp.core.arrays import FloatArray, IntArray, lengths
-from optipromp.core.errors import InvalidRequestError, installed_by
+from optipromp.core.errors import InvalidRequestError, installed_by, printable
 from optipromp.core.planning import Plan
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject
-from optipromp.core.shown import printable
 from optipromp.looks.appearance import (
     STEM,
     Part,
