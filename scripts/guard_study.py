@@ -26,7 +26,7 @@ from optipromp.laboratory.experiments.situations import CONDITIONS
 from optipromp.laboratory.generate import generate
 
 LONG = 60.0  # [s] of a random policy
-FIRST = 900_000  # of the scenes' seeds: above those of training, sets and studies
+FIRST = 940_000  # of the scenes' seeds; the guard's numbers were set on 900000 to 900003
 GAIN = 2.0  # [1/s] of the joints' error of position
 LATE = 0.02  # [rad] of a joint
 Policy = Callable[[Observation], FloatArray]
@@ -122,6 +122,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("entries", nargs="+")
     parser.add_argument("--scenes", type=int, default=5)
+    parser.add_argument("--first", type=int, default=FIRST, help="seed of the scenes")
     parser.add_argument("--presets", default="cluster,field")
     parser.add_argument("--condition", default="none")
     parser.add_argument("--risk", type=float, default=GuardParameters.risk)
@@ -134,12 +135,11 @@ def main() -> None:
             results, told, causes = Counter[str](), [], list[str]()
             for k in range(asked.scenes):
                 for preset in asked.presets.split(","):
-                    result, some, cause = run(
-                        name, preset, asked.condition, FIRST + k, parameters if guards else None
-                    )
+                    seed, given = asked.first + k, parameters if guards else None
+                    result, some, cause = run(name, preset, asked.condition, seed, given)
                     results[result] += 1
                     told += some
-                    causes += [f"{preset} {FIRST + k}: {cause}"] * (result == "harmed")
+                    causes += [f"{preset} {seed}: {cause}"] * (result == "harmed")
             words = ", ".join(f"{results[w]} {w}" for w in ("clean", "harmed", "missed", "refused"))
             line = f"{name:<12} {'guarded' if guards else 'alone':<8} {words}"
             if told:

@@ -122,6 +122,33 @@ def test_lerobot_reads_them(made: list[EpisodeData], tmp_path: Path) -> None:
     assert frame["task"] == "pick the ripe fruit of a limp"
 
 
+def test_where_a_guard_acted_is_a_column(made: list[EpisodeData], tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    acted = [np.arange(len(each.rewards)) % 3 == k for k, each in enumerate(made)]
+    guarded = [replace(each, acted=where) for each, where in zip(made, acted, strict=True)]
+    write_lerobot(guarded, tmp_path / "guarded")
+    write_lerobot(made, tmp_path / "alone")
+    one, other = (tmp_path / name for name in ("guarded", "alone"))
+    table = parquet.read_table(one / "data/chunk-000/file-000.parquet")
+    assert np.array_equal(np.ravel(table["guarded"].to_pylist()), np.concatenate(acted))
+    info = json.loads((one / "meta/info.json").read_text())
+    assert set(table.column_names) == set(info["features"])
+    alone = parquet.read_table(other / "data/chunk-000/file-000.parquet")
+    assert "guarded" not in alone.column_names
+
+
+def test_minari_tells_where_a_guard_acted(
+    made: list[EpisodeData], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    minari = pytest.importorskip("minari")
+    pytest.importorskip("pyarrow")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    acted = np.arange(len(made[0].rewards)) % 2 == 0
+    write_minari([replace(made[0], acted=acted)], tmp_path, NAME)
+    (episode,) = minari.load_dataset(NAME).iterate_episodes()
+    assert np.array_equal(np.ravel(episode.infos["guarded"]), [*acted, False])
+
+
 def test_pictures_are_columns(made: list[EpisodeData], tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     image = pytest.importorskip("PIL.Image")
