@@ -39,7 +39,7 @@ from optipromp.control.controller import Controller
 from optipromp.control.look import Look
 from optipromp.control.parameters import CONTROL
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, check_one_of
 from optipromp.core.execution.streaming import Line
 from optipromp.core.geometry import Sphere
 from optipromp.core.robots.model import Robot
@@ -47,7 +47,6 @@ from optipromp.core.scenes import load_scene
 from optipromp.core.scenes.objects import SceneObject
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene
-from optipromp.core.shown import check_one_of
 from optipromp.core.trajectory import State, Trajectory
 from optipromp.guard import Guard, GuardParameters, Safe
 

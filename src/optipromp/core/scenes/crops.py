@@ -96,7 +96,7 @@ class Row:
 class Crop:
     """A crop: all :data:`ROWS` by name. ``crop[name]`` is the value of a row.
 
-    ``eyes``: what the numbers of the perception (``EyeParameters``) differ in, and their ``source``.
+    ``eyes``: what numbers of the perception (``EyeParameters``) differ in, and their ``source``.
     """
 
     name: str
