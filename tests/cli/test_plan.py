@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ from typer.testing import CliRunner
 from optipromp.cli.main import app
 from optipromp.core.output import load_plan
 from optipromp.core.planning import plan
+from optipromp.core.scenes.io import save_scene
+from optipromp.laboratory.generate import generate
 
 RUN = [sys.executable, "-m", "optipromp"]
 RECORDED = (
@@ -293,3 +296,21 @@ def test_progress_is_told_where_it_is_asked_for(tmp_path: Path) -> None:
     assert re.fullmatch(r" +\d s  reading scene and robot", first)
     assert all(re.fullmatch(r" +\d+ s  [a-z ()]+", line) for line in rest)
     assert found["pipe"] == ""
+
+
+@pytest.mark.parametrize(("deviation", "helps"), [(0.0085, True), (0.012, False)])
+def test_a_second_picture_is_asked_for_where_it_would_help(
+    deviation: float, helps: bool, tmp_path: Path
+) -> None:
+    """Places known to 8.5 mm allow no promise, to 6 mm one; 12 mm and 8.5 mm none."""
+    scene = generate("cluster", 5).each(
+        lambda item: (
+            item if item.role == "static" else replace(item, covariance=deviation**2 * np.eye(3))
+        )
+    )
+    save_scene(scene, tmp_path / "seen.yaml")
+    done = CliRunner().invoke(app, ["plan", str(tmp_path / "seen.yaml"), "--json"])
+    assert done.exit_code == 1
+    document = json.loads(done.stdout)
+    assert document["status"] == "HARM_PREDICTED"
+    assert ("--together" in document.get("advice", "")) == helps

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.perception.shots import SEED
 from typer.testing import CliRunner
 
 from optipromp import load_scene
@@ -16,6 +17,7 @@ from optipromp.laboratory.experiments.eyes import middle
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.photograph import Photograph, photograph
 from optipromp.perception import Sighting, fused, look_at, seen_scene
+from optipromp.perception.finder import Region
 from optipromp.perception.pictures import picture_files
 
 
@@ -82,6 +84,35 @@ def test_a_fruit_that_is_elsewhere_is_another(sights: list[Sighting]) -> None:
     apart = replace(look.camera, position=look.camera.position + [0.0, 0.0, 0.05])
     moved = replace(sights[0], look=replace(look, camera=apart))
     assert len(fused([sights[0], moved])) == 2 * len(look.detections)
+
+
+def doubted(sight: Sighting, ripe: float) -> Sighting:
+    """The sight by a finder that is so sure of what is ripe."""
+    out = []
+    for each in sight.detections:
+        region = each.region
+        if region.kind == "ripe":
+            part = region.part, region.score, region.box, region.shape
+            region = Region("ripe", *part, ripe=ripe)
+        out.append(replace(each, region=region))
+    return replace(sight, detections=tuple(out))
+
+
+def test_a_second_picture_may_make_sure_that_a_fruit_is_ripe() -> None:
+    """Odds of 7 to 3 and of 9 to 1 are 21 to 1 together; 9 to 1 alone is told."""
+    known = generate("cluster", SEED)
+    shots = [photograph(known, seed=seed) for seed in (SEED, SEED + 1)]
+    first, second = (look_at(shot.picture, up=known.up) for shot in shots)
+    with pytest.raises(InvalidRequestError, match=r"probability of 0\.70, below 0\.8; take an"):
+        seen_scene(doubted(first, 0.7), known)
+    _, words = seen_scene(doubted(first, 0.9), known)
+    assert any("is ripe with a probability of 0.90" in each for each in words)
+    both = [doubted(first, 0.7), doubted(second, 0.9)]
+    (ripe,) = (fruit.ripe for fruit in fused(both) if fruit.item.role == "target")
+    assert ripe == pytest.approx(21.0 / 22.0)
+    scene, words = seen_scene(both, known)
+    assert scene.target is not None
+    assert not any("probability" in each for each in words)
 
 
 def test_no_picture_is_refused() -> None:

@@ -7,7 +7,7 @@ import math
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from optipromp.core.planning import Picked, Plan
     from optipromp.core.planning.sequence import PickSequence
     from optipromp.core.promp import ProMP
-    from optipromp.core.scenes.scene import Scene
+    from optipromp.core.scenes.scene import Scene, SceneObject
 
 _SUFFIXES = (".yaml", ".yml", ".json")
 ORDER = "sequence.json"
@@ -234,18 +234,47 @@ def plan_one(
     if legs and variant.previous is not None:
         raise InvalidRequestError("--previous goes without --retreat, in a scene without a place")
     running = None if variant.previous is None else optipromp.load_plan(variant.previous)
-    result: Plan | Picked
-    with console.waiting(f"planning {scene.name}", progress) as say:
-        if legs:
-            result = optipromp.plan_pick(scene, progress=say, **request)
-        else:
+
+    def planned(scene: "Scene") -> "Plan | Picked":
+        with console.waiting(f"planning {scene.name}", progress) as say:
+            if legs:
+                return optipromp.plan_pick(scene, progress=say, **request)
             at = variant.at
-            result = optipromp.plan(scene, progress=say, previous=running, at=at, **request)
+            return optipromp.plan(scene, progress=say, previous=running, at=at, **request)
+
+    result = planned(scene)
+    advice = ""
+    unsure = any(each.covariance is not None for each in scene.objects)
+    if unsure and exit_code(result.status) == FAILED and result.status is not Code.TIMEOUT:
+        advice = SECOND if exit_code(planned(better_known(scene)).status) != FAILED else ""
     written: tuple[str, ...] = ()
     if output.out is not None:
         with console.waiting("drawing", progress):
             written = output.write(result, output.out, figures=True)
-    return Report(result.to_dict(), shown(result, written, output.out), exit_code(result.status))
+    document = result.to_dict() | ({"advice": advice} if advice else {})
+    lines = [*shown(result, written, output.out), *([advice] if advice else [])]
+    return Report(document, lines, exit_code(result.status))
+
+
+SECOND = (
+    "a second picture would help: take one from aside (70 degrees about the vertical), look at "
+    "both with 'optipromp see FOLDER --together', and plan in that"
+)
+"""Advice where a plan is found once places are known as two pictures tell them."""
+
+
+def better_known(scene: "Scene") -> "Scene":
+    """The scene as a second picture would tell it: half the variances of places, and of the tilts
+    of stems that were not seen."""
+
+    def better(item: "SceneObject") -> "SceneObject":
+        if item.covariance is not None:
+            item = replace(item, covariance=0.5 * item.covariance)
+        if item.stem is not None and item.stem.tilt is not None:
+            item = replace(item, stem=replace(item.stem, tilt=math.sqrt(0.5) * item.stem.tilt))
+        return item
+
+    return scene.each(better)
 
 
 def shown(result: "Plan | Picked", written: tuple[str, ...], out: Path | None) -> Shown:

@@ -29,6 +29,7 @@ KINDS = {"ripe": 1, "unripe": 2, "stem": 2}
 SEEDINGS = 2  # of fits: to what the finder tells, and to what that leaves: a choice
 DENSE, MOST_LEFT = 0.4, 12  # share of a fruit's breadth that is left, and such places: a choice
 ROUND = 1.06  # length over width below which a fruit is a sphere: a choice
+SURELY = 0.95  # probability of ripeness below which it is told: a choice
 UNUSUAL = 3.0  # standard deviations of a crop's width, beyond which a fruit is reported: a choice
 TOGETHER = 0.6  # of the sum of two fruits' radii, the least distance of their centres: a choice
 BEYOND = 0.012  # [m] beyond the end of a stem, where the picture tells whether it ends: a choice
@@ -114,7 +115,8 @@ def _measured(
             near = TOGETHER * (fit.radius + np.array([other.radius for _, other in out]))
             if (far > near).all():
                 mine = claimed(picture, masks[region.kind], fit, p)
-                out.append((Region(region.kind, mine, 1.0 / (1.0 + math.exp(-fit.odds))), fit))
+                odds = 1.0 / (1.0 + math.exp(-fit.odds))
+                out.append((Region(region.kind, mine, odds, ripe=region.ripe), fit))
         seeds = _left(picture, colours, [region for region, _ in out], p)
     return out, left_out
 
@@ -237,17 +239,28 @@ def seen_scene(
     the scene's, and fruits of a width that is unusual of it are told.
 
     Raises:
-        InvalidRequestError: no ripe fruit is seen.
+        InvalidRequestError: no fruit is ripe with the probability ``parameters.least_ripe``.
     """
     p = parameters or eyes_of(known.crop)
     sights = [sight] if isinstance(sight, Sighting) else list(sight)
-    found = tuple(fruit.item for fruit in fused(sights))
-    ripe = [item for item in found if item.role == "target"]
+    together = fused(sights)
+    found = tuple(fruit.item for fruit in together)
+    chances = {fruit.item.id: fruit.ripe for fruit in together}
+    ripe = [item for item in found if chances[item.id] >= p.least_ripe]
     if not ripe:
         seen = ", ".join(item.id for item in found) or "no fruit"
+        likely = max(found, key=lambda item: chances[item.id], default=None)
+        if likely is not None and chances[likely.id] > 0.5:
+            raise InvalidRequestError(
+                f"no fruit is surely ripe: {likely.id} is with a probability of "
+                f"{chances[likely.id]:.2f}, below {p.least_ripe:g}; take another picture from "
+                "aside, and look at both with --together"
+            )
         raise InvalidRequestError(f"no ripe fruit is seen: the picture shows {seen}")
     assumed = []
     target = min(ripe, key=lambda item: float(item.position @ known.up))
+    if chances[target.id] < SURELY:
+        assumed.append(f"{target.id} is ripe with a probability of {chances[target.id]:.2f}")
     if len(ripe) > 1:
         others = ", ".join(item.id for item in ripe if item is not target)
         assumed.append(f"{target.id} is the target, the lowest ripe fruit; pushable: {others}")
@@ -317,6 +330,7 @@ def summary(each: Detection) -> dict[str, object]:
         "id": item.id,
         "kind": each.region.kind,
         "score": round(each.region.score, 3),
+        "ripe": round(each.region.ripe, 3),
         "radius": round(each.spheroid.radius, 5),
         "length": round(2.0 * each.spheroid.half, 5),
         "sigma": [round(float(value), 5) for value in deviations],

@@ -65,11 +65,13 @@ class FusedFruit:
         item: in the robot's base frame, with the covariance of its position.
         views: how many pictures show it.
         stem_deviation: of each tilt of its stem [rad]; nan where no picture shows one.
+        ripe: probability that it is ripe: the odds of all pictures multiplied.
     """
 
     item: SceneObject
     views: int
     stem_deviation: float
+    ripe: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +79,7 @@ class _View:
     """A detection in the base frame: direction and deviation are None and nan without a stem."""
 
     item: SceneObject
-    score: float
+    ripe: float
     stem: FloatArray | None
     deviation: float
 
@@ -89,7 +91,7 @@ def fused(sights: Sequence[Sighting]) -> tuple[FusedFruit, ...]:
     squared normalised distance, within a gate; a pair nearer than two fruits can be is one, too. A
     position is the mean weighted by information, and its covariance the inverse of their sum. Sizes
     are weighted means by what each picture knows of the position, directions of stems by their
-    variances; the longest stem counts. The role has the votes of all pictures, by their scores.
+    variances; the longest stem counts. The odds of ripeness are those of all pictures, multiplied.
 
     Args:
         sights: of pictures whose camera poses are in one base frame.
@@ -124,7 +126,7 @@ def _views(sight: Sighting) -> list[_View]:
         if each.stem is not None:
             way = sight.look.camera.rotation @ each.stem.direction
             deviation = each.stem.deviation
-        out.append(_View(item, each.region.score, way, deviation))
+        out.append(_View(item, each.region.ripe, way, deviation))
     return out
 
 
@@ -167,8 +169,8 @@ def _fruit(track: Sequence[_View]) -> FusedFruit:
     weights = np.array([1.0 / np.trace(_covariance(item)) for item in items])
     sizes = np.array([_sizes(item) for item in items])
     size = weights @ sizes / weights.sum()
-    ripe = sum(view.score if view.item.role == "target" else -view.score for view in track)
-    role: Role = "target" if ripe > 0.0 else "pushable"
+    odds = sum(math.log(view.ripe / (1.0 - view.ripe)) for view in track)
+    role: Role = "target" if odds > 0.0 else "pushable"
     best = items[int(np.argmax(weights))]
     shape = Ellipsoid((float(size[0]), float(size[0]), float(size[1])))
     ball = isinstance(best.shape, Sphere)
@@ -178,7 +180,7 @@ def _fruit(track: Sequence[_View]) -> FusedFruit:
             best, role=role, position=place, covariance=covariance, stem=stem,
             shape=Sphere(float(np.cbrt(size[0] ** 2 * size[1]))) if ball else shape,
         ),
-        len(track), deviation,
+        len(track), deviation, 1.0 / (1.0 + math.exp(-odds)),
     )  # fmt: skip
 
 

@@ -231,7 +231,9 @@ class ByNetwork:
             box = boxes[k - 1]
             ripe, unripe = (float(sure[kind][owner == k].mean()) for kind in FRUITS)
             name: Class = "ripe" if ripe > unripe else "unripe"
-            regions.append(Region(name, full[box] == k, max(ripe, unripe), box, shape))
+            sure_of = ripe / max(ripe + unripe, 1e-6)
+            mask = full[box] == k
+            regions.append(Region(name, mask, max(ripe, unripe), box, shape, sure_of))
         stem = (_wide(_lead(sure, STEMS), size, shape) > 0.0) & ~fruit
         return regions, stem, int(np.sum(np.delete(sizes, chosen) > 0))
 

@@ -72,6 +72,9 @@ class EyeParameters(Checked):
     least_pixels: int = parameter(60, "pixel", "choice", "of a fruit")
     # logarithm of the odds; at 0.5, 4 % of the fits in `mixed` were false
     least_odds: float = parameter(1.5, "1", "measured", "above which a fit is a fruit")
+    least_ripe: float = parameter(
+        0.8, "1", "choice", "probability from which on a fruit is a target"
+    )
     radius: float = parameter(0.0165, "m", "reported", "prior median of a fruit's radius")
     radius_spread: float = parameter(0.25, "1", "guess", "prior deviation of its logarithm")
     longer: float = parameter(0.10, "1", "guess", "prior of the logarithm of length over width")
