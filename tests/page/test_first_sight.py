@@ -82,15 +82,12 @@ def test_the_phone_sees_the_cluster_above_the_panel(phone: Opened) -> None:
     panel = phone.tab.locator(".mantine-Paper-root").filter(has=phone.tab.locator(".status"))
     top = panel.first.bounding_box()["y"]
     assert top > 0.45 * phone.tab.viewport_size["height"]
-    for _ in range(40):  # the page tells its size, and is aimed for it, some time after it opens
-        seen = outlines(phone)
-        if np.ptp(seen[:, 1]) > 0.6 * top:
-            break
-        phone.tab.wait_for_timeout(250)
+    # the page tells its size, and is aimed for it, some time after it opens
+    phone.until(lambda: np.ptp(outlines(phone)[:, 1]) > 0.6 * top, "the cluster stays small")
+    seen = outlines(phone)
     assert (seen > 0.0).all()
     assert seen[:, 0].max() < phone.tab.viewport_size["width"]
     assert seen[:, 1].max() < top
-    assert np.ptp(seen[:, 1]) > 0.6 * top
 
 
 @pytest.mark.parametrize("screen", [pytest.param("desk", marks=SLOW), "phone"])
