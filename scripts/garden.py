@@ -701,9 +701,10 @@ def _lights(mi: Any, rng: np.random.Generator) -> dict[str, Any]:
     way[1], way[2] = abs(way[1]) * rng.choice([1, 1, -1]), -abs(way[2]) - 0.2
     bright = rng.uniform(0.5, 4.0) if rng.random() < 0.6 else 1e-3
     power = bright * tint * np.exp(0.05 * rng.standard_normal(3))
-    if True:
-        out["sun"] = {"type": "directional", "direction": mi.ScalarVector3f(*unit(way).tolist()),
-                      "irradiance": {"type": "rgb", "value": power.tolist()}}  # fmt: skip
+    out["sun"] = {
+        "type": "directional", "direction": mi.ScalarVector3f(*unit(way).tolist()),
+        "irradiance": {"type": "rgb", "value": power.tolist()},
+    }  # fmt: skip
     return out
 
 

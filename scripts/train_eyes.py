@@ -27,7 +27,7 @@ from shapes import shapes
 from optipromp.core.scenes.scene import Scene
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.photograph import PhotoParameters, photograph
-from optipromp.perception.network import CLASSES, FAR, FINE, encoded
+from optipromp.perception.network import BLANK, CLASSES, FAR, FINE, encoded
 
 RECIPE = (  # preset, looks, mount, share
     ("wild", "rich", "beside", 0.40), ("wild", "rich", "palm", 0.12),
@@ -39,7 +39,6 @@ FOCALS = 380.0, 640.0  # [pixel] of the cameras of rendered pictures
 RADII = 0.0008, 0.003  # [m] of their stems
 PART = 256  # [pixel] sides of the parts of pictures that training sees
 LARGER = 0.55, 1.7  # by which parts are smaller and larger
-BLANK = 110  # colour beyond a picture
 MIXED = 0.15  # share of abstract shapes among the rendered pictures of training: a choice
 CODE = {name: k for k, name in enumerate(CLASSES)}
 

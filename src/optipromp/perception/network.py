@@ -33,6 +33,7 @@ USUAL = EyeParameters().radius  # [m] that radius in the pictures of training
 SCALE = SEEN / USUAL  # [pixel/m]
 BLOCK = 32  # [pixel] sides of what the network sees are multiples: it halves them five times
 FINE = 2  # pixels that the network sees, for each row and column of its answer
+BLANK = 110  # colour beyond a picture, in training, too
 FAR = 20.0  # [pixel] of the answer, to which an offset is scaled
 LARGEST = 1.3  # by which a picture grows, and its pixels count: a choice that bounds time
 NEAREST_FRUIT, FARTHEST_FRUIT = 0.05, 0.9  # [m] depths of fruits: a choice
@@ -203,13 +204,12 @@ class ByNetwork:
         )
         area = opencv().INTER_AREA if factor < 1.0 else opencv().INTER_LINEAR
         whole = tuple(-(-side // BLOCK) * BLOCK for side in size)
-        rgb = np.full((*whole, 3), 110, dtype=np.uint8)  # as beyond the pictures of training
+        rgb = np.full((*whole, 3), BLANK, dtype=np.uint8)
         depth = np.zeros(whole)
         rgb[: size[0], : size[1]] = opencv().resize(picture.rgb, size[::-1], interpolation=area)
         depth[: size[0], : size[1]] = picture.depth[np.ix_(rows, columns)]
-        seen = encoded(rgb, depth, 0.5 * (picture.camera.fx + picture.camera.fy) * factor)
-        seen[3] *= SCALE / self._scale
-        told = self._told(seen)
+        focal = 0.5 * (picture.camera.fx + picture.camera.fy) * factor
+        told = self._told(encoded(rgb, depth, focal * SCALE / self._scale))
         half = tuple(-(-side // FINE) for side in size)
         told = told[:, : half[0], : half[1]]
         kinds, offsets = told[: len(CLASSES)], FAR * told[len(CLASSES) :]
