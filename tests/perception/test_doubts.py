@@ -63,8 +63,12 @@ def test_a_ripe_fruit_in_white_light_is_a_target_without_doubts_of_its_colour() 
     assert "target" not in words(sight)
 
 
+def test_a_small_knuckle_is_no_target() -> None:
+    assert "ripe" not in kinds(look_at(still(ball(SKIN, radius=0.011)), up=UP))
+
+
 @pytest.mark.parametrize("radius", [0.014, 0.017, 0.024])
-def test_skin_is_no_target(radius: float) -> None:
+def test_skin_is_no_target_and_is_told(radius: float) -> None:
     """A knuckle and a thumb: as round and as large as fruits."""
     sight = look_at(still(ball(SKIN, radius=radius)), up=UP)
     assert "ripe" not in kinds(sight)
