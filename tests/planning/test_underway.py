@@ -205,6 +205,19 @@ def test_a_join_keeps_the_limits_the_rows_and_the_rest(seed: int, before: Plan) 
     assert (found.largest <= limits * (1.0 + 1e-9)).all()
 
 
+@pytest.mark.parametrize("share", [0.1, 0.3])
+def test_a_plan_that_begins_in_motion_keeps_the_shares_of_the_limits(share: float) -> None:
+    scene = load_scene("scenario-3")
+    asked = {"velocity_scaling": share, "acceleration_scaling": share}
+    first = plan(scene, **asked)  # type: ignore[arg-type]
+    state = first.trajectory.at(0.3 * first.trajectory.duration)
+    made = plan(shifted(scene, np.array([0.01, 0.0, 0.0])), start_state=state, **asked)  # type: ignore[arg-type]
+    assert np.abs(state.velocity).max() > 0.0
+    assert_begins(made, state)
+    used = made.metrics
+    assert max(used.velocity_ratio, used.acceleration_ratio, used.jerk_ratio) <= share * (1 + 1e-6)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_without_a_plan_a_moving_arm_comes_to_rest(seed: int) -> None:
     scene, rng = load_scene("scenario-3"), np.random.default_rng(seed)

@@ -49,7 +49,7 @@ def timed(
         made = made.slowed(options.duration / made.duration)
     if not task.state.moving:
         return made
-    return joined(task.robot, task.state, made, slow, options.corridor)
+    return joined(robot, task.state, made, slow, options.corridor)
 
 
 def shortest(robot: Robot, q: FloatArray, slow: Slow = None, speed: float = np.inf) -> Trajectory:
@@ -430,7 +430,7 @@ def paced(
     made = quickened(robot, even, np.where(slow, limit / slowest, aside))
     if not task.state.moving:
         return made
-    return joined(task.robot, task.state, made, slow, options.corridor)
+    return joined(robot, task.state, made, slow, options.corridor)
 
 
 def leaving(task: Task, options: Timed, q: FloatArray, fruits: Iterable[SceneObject]) -> Trajectory:
