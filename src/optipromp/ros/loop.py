@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -396,7 +397,7 @@ def answer(
 
     Read are ``start_state`` (where it names joints; with velocities the plan begins in motion),
     ``goal_constraints`` (none: the target of the world), ``planner_id`` (empty: opti-promp),
-    ``allowed_planning_time``, and the scaling factors of velocity and acceleration (0: 1). A
+    ``allowed_planning_time``, and the scaling factors (0: those of ``options``). A
     ``group_name`` must be one of this arm, where an SRDF states its groups. Workspace, number of
     attempts and pipeline are ignored. Path and trajectory constraints, reference trajectories and a
     Cartesian speed are refused.
@@ -418,17 +419,11 @@ def answer(
         joints, state = request.start_state.joint_state, None
         if joints.name:
             state = trajectories.joint_motion(joints, world.joints, "start_state.joint_state")
-        slowing = _slowing(request)
-        options = options or PlanOptions()
+        options = replace(options or PlanOptions(), **_scalings(request))
         if request.allowed_planning_time > 0.0:
             options = replace(options, timeout=float(request.allowed_planning_time))
         if state is not None:
             world = world.at(state.q)
-            if state.moving and slowing != 1.0:
-                raise InvalidRequestError(
-                    "start_state moves and a scaling factor is below 1: one of them must go; a "
-                    "motion that runs cannot be slowed at once"
-                )
         scene = world.scene(live.read_goal(request.goal_constraints, world, prefix))
         planner = request.planner_id or "opti-promp"
         factory(planner, "planner_id")  # refuses an unknown name
@@ -441,7 +436,7 @@ def answer(
         )
     except OptiPrompError as error:
         return PlanAnswer(_response(request, error.code, error.message))
-    motion = made.trajectory.slowed(slowing)
+    motion = made.trajectory
     start = trajectories.robot_state(motion.at(0.0), motion.joint_names, prefix)
     done = {"trajectory_start": start, "planning_time": made.time["total"]}
     if made.success:
@@ -478,15 +473,17 @@ def _response(request: Message, code: Code, words: str, **fields: Message) -> Me
     return message(RESPONSE, group_name=request.group_name, error_code=error, **fields)
 
 
-def _slowing(request: Message) -> float:
-    """The factor by which the scaling factors of the request slow the motion."""
-    factors = []
-    for field in ("max_velocity_scaling_factor", "max_acceleration_scaling_factor"):
-        value = float(getattr(request, field)) or 1.0
-        if not 0.0 < value <= 1.0:
-            raise InvalidRequestError(f"{field} is {value:g}: must be above 0 and at most 1, or 0")
-        factors.append(value)
-    return max(1.0 / factors[0], 1.0 / math.sqrt(factors[1]))
+def _scalings(request: Message) -> dict[str, Any]:
+    """The scaling factors that a request states, as options of the plan."""
+    factors = {}
+    for name in ("velocity_scaling", "acceleration_scaling"):
+        value = float(getattr(request, f"max_{name}_factor"))
+        if not 0.0 <= value <= 1.0:
+            told = f"max_{name}_factor is {value:g}"
+            raise InvalidRequestError(f"{told}: must be above 0 and at most 1, or 0")
+        if value:
+            factors[name] = value
+    return factors
 
 
 def _refuse_unread(request: Message) -> None:
