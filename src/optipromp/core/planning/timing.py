@@ -436,14 +436,16 @@ def paced(
 def leaving(task: Task, options: Timed, q: FloatArray, fruits: Iterable[SceneObject]) -> Trajectory:
     """A way out through waypoints (T, n), from among ``fruits`` that hang, from rest to rest.
 
-    The tool has the speed of a push until it is past the last of them for good, then it is as fast
-    as the joints allow, unless the options are ``unhurried``.
+    The tool has the speed of a push, or a lower one of the options, until it is past the last of
+    them for good. Then it is as fast as the joints allow, unless the options are ``unhurried`` or
+    state a speed or a duration.
     """
     robot = eased(task.robot, options)
-    made = shortest(robot, q, 0, PUSH.hanging.speed)
+    speed = min(options.approach_speed or np.inf, PUSH.hanging.speed)
+    made = shortest(robot, q, 0, speed)
     near = _near_hanging(task, q, fruits)
     free = np.cumsum(near[::-1])[::-1] == 0
-    if options.unhurried or not free.any():
+    if options.unhurried or options.timed or not free.any():
         return made
     return quickened(robot, made, np.where(free, np.inf, 1.0))
 
