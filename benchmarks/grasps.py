@@ -60,7 +60,9 @@ def main() -> None:
     """Plan each goal twice, print the counts of statuses."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=100, help="goals (default: %(default)s)")
-    count, seed = parser.parse_args().count, FIRST
+    parser.add_argument("--first", type=int, default=FIRST, help="seed of the first table")
+    asked = parser.parse_args()
+    count, seed = asked.count, asked.first
     bare, paired = Counter[str](), Counter[str]()
     while sum(bare.values()) < count:
         scene = generate("table-pick", seed)
@@ -73,9 +75,12 @@ def main() -> None:
         paired[made.status.value] += 1
         if not made.success:
             print(f"seed {seed - 1}: {made.message}", flush=True)
-    print(f"{count} goals of tables {FIRST} to {seed - 1}")
-    print("as they are:", dict(bare))
-    print("with may_touch:", dict(paired))
+    print(f"{count} goals of tables {asked.first} to {seed - 1}")
+    print(f"| {count} goals | valid | refused |\n|---|---|---|")
+    rows = ("as they are", bare), ("with `may_touch: [[tool, thing]]`", paired)
+    for name, found in rows:
+        refused = ", ".join(f"{n} {status}" for status, n in found.items() if status != "success")
+        print(f"| {name} | {found['success']} | {refused or 0} |")
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@
     python scripts/ablate.py table ablation                      print the table of docs/ablation.md
 
 A scene is planned by the whole planner and with each part off. Where the status or the path
-differs, both plans are executed in the simulation. Seeds begin at FIRST: they are of no study.
+differs, both plans are executed in the simulation.
 """
 
 import argparse
@@ -29,7 +29,7 @@ from optipromp.core.pushing.stems import hanging as paths
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import simulate
 
-FIRST = 440_000
+FIRST = 440_000  # seed of the first scene of each preset
 PRESETS = [
     "cluster",
     "side-clusters",
@@ -129,7 +129,7 @@ def _scene(preset: str, seed: int) -> dict[str, Any]:
     return out
 
 
-def run(count: int, out: Path) -> None:
+def run(count: int, out: Path, first: int = FIRST) -> None:
     """Plan and execute ``count`` scenes of each preset; rows that are there are kept."""
     plan("scenario-3")
     out.mkdir(parents=True, exist_ok=True)
@@ -138,13 +138,13 @@ def run(count: int, out: Path) -> None:
     if file.exists():
         rows = [json.loads(line) for line in file.read_text().splitlines()]
         done = {(row["preset"], row["seed"]) for row in rows}
-    for seed in range(FIRST, FIRST + count):
+    for seed in range(first, first + count):
         for preset in PRESETS:
             if (preset, seed) not in done:
                 row = _scene(preset, seed)
                 with file.open("a") as stream:
                     stream.write(json.dumps(row) + "\n")
-        print(f"{seed - FIRST + 1} of {count}", flush=True)
+        print(f"{seed - first + 1} of {count}", flush=True)
 
 
 def table(out: Path) -> None:
@@ -178,11 +178,12 @@ def main() -> None:
     parser.add_argument("folder", nargs="?", type=Path)
     parser.add_argument("--out", type=Path, default=Path("ablation"))
     parser.add_argument("--count", type=int, default=100)
+    parser.add_argument("--first", type=int, default=FIRST)
     given = parser.parse_args()
     warnings.simplefilter("ignore")
     folder = given.folder or given.out
     if given.command == "run":
-        run(given.count, folder)
+        run(given.count, folder, given.first)
     else:
         table(folder)
 

@@ -119,12 +119,13 @@ def main() -> None:
     if not asked.wall:
         time.perf_counter = time.process_time
     warm_up()
-    over = 0
+    over, rows = 0, []
     with tempfile.TemporaryDirectory() as folder:
         for name, (scene, more) in cases(Path(folder)).items():
             if asked.only not in name:
                 continue
             plan(scene, strategy=asked.strategy, options=PlanOptions(timeout=1e-6, **more))
+            times, ends = [], []
             for budget in asked.seconds:
                 began = time.perf_counter()
                 options = PlanOptions(timeout=budget, **more)
@@ -134,7 +135,13 @@ def main() -> None:
                 over += late
                 row = f"{name:32s} budget {budget:5.2f} s  took {took:6.3f} s  {made.status}"
                 print(row + late * "  LATE", flush=True)
-    print(f"late: {over}")
+                times.append(f"{took:.2f}")
+                ends.append(str(made.status))
+            rows.append(" | ".join(["", name, *times, ", then ".join(dict.fromkeys(ends)), ""]))
+    print(f"late: {over}\n")
+    heads = " | ".join(f"took, of {budget:g} s" for budget in asked.seconds)
+    print(f"| scene | {heads} | ends as |\n|---|{'---|' * len(asked.seconds)}---|")
+    print("\n".join(row.strip() for row in rows))
 
 
 if __name__ == "__main__":

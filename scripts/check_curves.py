@@ -23,7 +23,7 @@ from optipromp.laboratory.generate import generate
 SEED = 70_000
 
 
-def plans(count: int) -> Iterator[tuple[str, Plan]]:
+def plans(count: int, seed: int = SEED) -> Iterator[tuple[str, Plan]]:
     """``count`` plans with the name of their kind, spread over the kinds."""
     presets = ("cluster", "side-clusters", "table-top", "mixed")
     kinds = [(preset, "opti-promp", "joint", 8) for preset in presets] + [
@@ -35,9 +35,9 @@ def plans(count: int) -> Iterator[tuple[str, Plan]]:
     for name, planner, strategy, share in kinds:
         for k in range(round(count * share / shares)):
             if name in ("panda", "scara"):
-                yield f"{name}, free", plan(free(name, SEED + k))
+                yield f"{name}, free", plan(free(name, seed + k))
             else:
-                made = plan(generate(name, SEED + k), planner=planner, strategy=strategy)
+                made = plan(generate(name, seed + k), planner=planner, strategy=strategy)
                 yield f"{name}, {planner if strategy == 'joint' else strategy}", made
 
 
@@ -88,8 +88,10 @@ def main() -> None:
     """Print one line a kind."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--plans", type=int, default=1000)
+    parser.add_argument("--first", type=int, default=SEED, help="seed of the first scenes")
+    asked = parser.parse_args()
     found: dict[str, list[tuple[float, float]]] = {}
-    for name, made in plans(parser.parse_args().plans):
+    for name, made in plans(asked.plans, asked.first):
         if not np.ptp(made.trajectory.positions, axis=0).any():
             continue  # no goal configuration was found: the arm stays
         found.setdefault(name, []).append((excess(made), made.trajectory.duration / before(made)))

@@ -5,10 +5,15 @@ project as it was, and that of one that holds the project as it is. BEFORE write
 read and plan them in processes of their own, in turn, ``ROUNDS`` times or more. The figure of a
 scene is its least process time, so work beside this script hardly counts. The script exits with 1
 where the ratio after : before is over ``MEDIAN`` in the median, or over ``TAIL`` at 95 %;
-``.ci/speed`` calls it.
+``.ci/speed`` calls it. ``python scripts/plan_times.py --commit 3be406b --presets cluster,mixed``
+compares this Python's installation with a commit, for which it makes an environment, and exits
+with 0.
 """
 
+import argparse
 import json
+import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -60,10 +65,24 @@ def slower(least: dict[str, list[float]]) -> bool:
     return ratios[len(ratios) // 2] > MEDIAN or ratios[int(0.95 * len(ratios))] > TAIL
 
 
-def main(before: str, after: str) -> int:
+def environment(commit: str, folder: Path) -> str:
+    """The Python of a new environment in a folder that holds the project as of a commit."""
+    root, source = Path(__file__).resolve().parents[1], folder / "source"
+    archive = folder / "source.tar"
+    with archive.open("wb") as stream:
+        subprocess.run(["git", "-C", root, "archive", commit], stdout=stream, check=True)
+    shutil.unpack_archive(archive, source)
+    subprocess.run([sys.executable, "-m", "venv", folder / "before"], check=True)
+    python = folder / "before/bin/python"
+    install = [python, "-m", "pip", "install", "-q", "-c", "constraints.txt", "."]
+    subprocess.run(install, cwd=source, check=True)
+    return str(python)
+
+
+def main(before: str, after: str, presets: dict[str, int] = PRESETS) -> int:
     """Print the ratio of process times; 1 where plans are slower."""
     with tempfile.TemporaryDirectory() as folder:
-        for preset, count in PRESETS.items():
+        for preset, count in presets.items():
             words = ["--preset", preset, "--seed", str(FIRST), "--count", str(count)]
             words += ["--out", str(Path(folder, preset))]
             run(before, "-m", "optipromp", "generate", *words)
@@ -86,7 +105,25 @@ def main(before: str, after: str) -> int:
     return int(slower(least))
 
 
+def command_line() -> int:
+    """See the module."""
+    ask = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    ask.add_argument("pythons", nargs="*", metavar="BEFORE AFTER")
+    ask.add_argument("--commit", help="in place of BEFORE and AFTER")
+    ask.add_argument("--presets", default=",".join(PRESETS), help="of the scenes")
+    told = ask.parse_args()
+    presets = {name: PRESETS[name] for name in told.presets.split(",")}
+    if told.commit:
+        if "PYTHONPATH" in os.environ:
+            ask.error("PYTHONPATH is set, which the other commit would import: unset it")
+        with tempfile.TemporaryDirectory() as folder:
+            main(environment(told.commit, Path(folder)), sys.executable, presets)
+        return 0
+    if len(told.pythons) != 2:
+        ask.error("name two Pythons, or --commit")
+    before, after = (str(Path(python).absolute()) for python in told.pythons)
+    return main(before, after, presets)
+
+
 if __name__ == "__main__":
-    if len(sys.argv) != 3:
-        sys.exit(__doc__)
-    sys.exit(main(*(str(Path(python).absolute()) for python in sys.argv[1:])))
+    sys.exit(command_line())

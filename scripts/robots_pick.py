@@ -1,11 +1,10 @@
-"""Stock arms pick their own ``cluster`` scenes in the simulation; a table for robots-tried.md.
+"""Stock arms pick their own ``cluster`` scenes in the simulation: a table of robots-tried.md.
 
-    python scripts/robots_pick.py FOLDER [--count 50] [--write] [ARM ...] [NAME=FILE ...]
+    python scripts/robots_pick.py [--folder FOLDER] [--count 50] [ARM ...] [NAME=FILE ...]
 
-FOLDER is ``share/example-robot-data/robots`` of the package example-robot-data (extra ``models``).
-Before each plan the built-in Panda plans its scene of the same seed: processor times are compared
-within one process, on whatever machine this is. NAME=FILE adds an arm. ``--write`` puts the table
-into docs/robots-tried.md.
+FOLDER is ``share/example-robot-data/robots`` of the package example-robot-data (extra ``models``),
+by default the installed one. Before each plan the built-in Panda plans its scene of the same seed:
+processor times are compared within one process, on whatever machine this is. NAME=FILE adds an arm.
 """
 
 import argparse
@@ -14,14 +13,14 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-from robots_tried import OUT, PICKING
+from robots_tried import models
 
 from optipromp.core.planning import plan, warm_up
 from optipromp.core.robots.library import NOTHING, Choice
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import simulate
 
-SEED = 77_000
+SEED = 77_000  # of the first scene
 TIAGO = """format: 1
 name: tiago
 urdf: {urdf}
@@ -40,11 +39,11 @@ ARMS = {
 }
 
 
-def pick(name: str, path: str | Path, choice: Choice, count: int) -> str:
-    """A row of the table: what became of ``count`` scenes."""
+def pick(name: str, path: str | Path, choice: Choice, seeds: range) -> str:
+    """A row of the table: what became of the scenes of these seeds."""
     valid, picked, own, panda, causes = 0, 0, [], [], []
-    generate("cluster", SEED, path, choice)
-    for seed in range(SEED, SEED + count):
+    generate("cluster", seeds[0], path, choice)
+    for seed in seeds:
         for times, args in ((panda, ()), (own, (path, choice))):
             scene = generate("cluster", seed, *args)
             began = time.thread_time()
@@ -60,18 +59,19 @@ def pick(name: str, path: str | Path, choice: Choice, count: int) -> str:
     neck = made.scene.tool.parameters["length"] if made.scene.tool else 0.0
     return (
         f"| {name} | {joints} | {spheres} | {1e3 * neck:.0f} mm | {valid} | {picked} | "
-        f"{100.0 * picked / count:.0f} % | {ratio:.1f} | {late:.1f} |"
+        f"{100.0 * picked / len(seeds):.0f} % | {ratio:.1f} | {late:.1f} |"
     )
 
 
 def main() -> None:
-    """Run the arms that are named, or all; print the table, and write it where asked."""
+    """Run the arms that are named, or all, and print the table."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("folder", type=Path)
     parser.add_argument("arms", nargs="*")
+    parser.add_argument("--folder", type=Path)
     parser.add_argument("--count", type=int, default=50)
-    parser.add_argument("--write", action="store_true")
+    parser.add_argument("--first", type=int, default=SEED, help="seed of the first scene")
     given = parser.parse_intermixed_args()
+    folder, seeds = given.folder or models(), range(given.first, given.first + given.count)
     warnings.simplefilter("ignore")  # of arms without demonstrations
     warm_up()
     rows = []
@@ -80,32 +80,17 @@ def main() -> None:
     for name, file in {"built-in Panda": "panda", **ARMS, **own_arms}.items():
         if named and name not in (*named, *own_arms):
             continue
-        path: str | Path = file if file == "panda" else given.folder / file
+        path: str | Path = file if file == "panda" else folder / file
         if name.startswith("TIAGo"):
             own = Path("tiago.yaml").absolute()
             own.write_text(TIAGO.format(urdf=path))
             path = own
-        rows.append(pick(name, path, NOTHING, given.count))
-        print(rows[-1], flush=True)
-    lines = [
-        PICKING,
-        "",
-        f"{given.count} scenes of the preset `cluster` an arm (seeds from {SEED}), placed in its",
-        "reach by `optipromp generate --robot FILE`, planned without demonstrations (the built-in",
-        "Panda with its own) and executed in the simulation with masses and torque limits of the",
-        "URDF. Processor times are over those of the built-in Panda, planned alternately in one",
-        "process. Written by `scripts/robots_pick.py`.",
-        "",
-        "| arm | joints | spheres | neck of the cup | valid plans | picked | picked, % | "
-        "median time | p95 |",
-        "|---|---|---|---|---|---|---|---|---|",
-        *rows,
-    ]
-    print("\n".join(lines))
-    if given.write:
-        before, _, rest = OUT.read_text().partition(f"\n{PICKING}\n")
-        after = "".join(rest.partition("\n## ")[1:])  # other tables
-        OUT.write_text(before.rstrip() + "\n\n" + "\n".join(lines) + "\n" + after)
+        rows.append(pick(name, path, NOTHING, seeds))
+    print(
+        "\n| arm | joints | spheres | neck of the cup | valid plans | picked | picked, % | "
+        "median time | p95 |\n|---|---|---|---|---|---|---|---|---|"
+    )
+    print("\n".join(rows))
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
-"""Write docs/robots-tried.md: what is made of stock robot files, and whether that is right.
+"""Print a table of docs/robots-tried.md: what is made of stock robot files, and is that right?
 
-    python scripts/robots_tried.py FOLDER
+    python scripts/robots_tried.py [FOLDER]
 
-FOLDER is ``share/example-robot-data/robots`` of the package example-robot-data (extra ``models``).
+FOLDER is ``share/example-robot-data/robots`` of the package example-robot-data (extra ``models``),
+by default the installed one.
 ``EXPECTED`` was written by hand: the joints of each arm, as first and last, and the links that may
 be called its flange. The rule was made with these files at hand, so the page is a record of what
 loads, not a measure of how well the rule does on files that it has not met.
@@ -11,14 +12,14 @@ loads, not a measure of how well the rule does on files that it has not met.
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.metadata import distribution
 from pathlib import Path
 
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.description import Arm
 from optipromp.core.robots.library import load_arm
 
-PICKING = "## Arms that pick"  # what robots_pick.py writes; it and what follows are kept
-OUT = Path(__file__).resolve().parents[1] / "docs" / "robots-tried.md"
+MODELS = "cmeel.prefix/share/example-robot-data/robots"  # in the folder of installed packages
 
 
 @dataclass(frozen=True)
@@ -124,33 +125,21 @@ def row(expected: Expected, folder: Path) -> tuple[str, ...]:
     return path.name, joints, f"`{arm.tip}`", tool, arm.why, said
 
 
+def models() -> Path:
+    """The installed robots of example-robot-data."""
+    return Path(str(distribution("example-robot-data").locate_file(MODELS)))
+
+
 def main() -> None:
-    """Write the page; exit with 1 when more than one file is neither right nor asked about."""
-    folder = Path(sys.argv[1])
+    """Print the table; exit with 1 when more than one file is neither right nor asked about."""
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else models()
     rows = [row(expected, folder) for expected in EXPECTED]
     wrong = sum(cells[-1] == "wrong" for cells in rows)
-    lines = [
-        "# Robots tried",
-        "",
-        "Look here whether your arm, or one like it, was read as its maker means it;",
-        "`optipromp check my-arm.urdf --out look` shows what is made of yours.",
-        "",
-        "Stock files of the package example-robot-data 6.0, loaded as they are, without `tip`,",
-        "`base` or `srdf`. Written by `scripts/robots_tried.py`, which also holds what is right; a",
-        "file with two arms that are alike must be asked about. The rule was made with these files",
-        "at hand.",
-        "",
-        "How the arm is chosen: [add a robot](add-a-robot.md#which-joints-which-flange).",
-        "",
-        f"Right or asked about: {len(rows) - wrong} of {len(rows)}.",
-        "",
-        "| file | arm joints | flange | tool of the file | chosen by | verdict |",
-        "|---|---|---|---|---|---|",
-        *(f"| {' | '.join(cells)} |" for cells in rows),
-    ]
-    _, heading, kept = OUT.read_text().partition(f"\n{PICKING}\n")
-    OUT.write_text("\n".join(lines) + "\n" + heading + kept)
-    print(f"{OUT}: {wrong} of {len(rows)} wrong")
+    print(f"Right or asked about: {len(rows) - wrong} of {len(rows)}\n")
+    print("| file | arm joints | flange | tool of the file | chosen by | verdict |")
+    print("|---|---|---|---|---|---|")
+    for cells in rows:
+        print(f"| {' | '.join(cells)} |")
     sys.exit(wrong > 1)
 
 

@@ -27,6 +27,11 @@ def main() -> None:
     ask.add_argument("--seeds", default="20000:20060")
     told = ask.parse_args()
     first, end = map(int, told.seeds.split(":"))
+    heads = (
+        "preset", "planner", "plans", "both succeed", "both fail", "only in the simulation",
+        "only in the second", "agree", "of promised successes kept in the second",
+    )  # fmt: skip
+    print(f"| {' | '.join(heads)} |\n{'|---' * len(heads)}|")
     for preset in told.preset.split(","):
         for planner in told.planners.split(","):
             both: Counter[tuple[bool, bool]] = Counter()

@@ -16,7 +16,6 @@ from optipromp.core.errors import Code
 from optipromp.core.planning import PlanOptions
 from optipromp.core.pushing.parameters import DETECTED, KNOWN, PACKS
 from optipromp.core.scenes import load_scene
-from optipromp.laboratory.experiments.statistics import wilson
 from optipromp.laboratory.simulation import SimulationParameters
 from optipromp.laboratory.simulation.outcome import Cause
 
@@ -110,46 +109,6 @@ def test_every_file_that_the_page_on_reading_names_is_there() -> None:
     assert len(named) > 40
     places = ROOT / "src/optipromp", ROOT
     assert not [name for name in named if not any((top / name).is_file() for top in places)]
-
-
-def test_the_tables_of_the_page_on_studies_are_those_of_the_kept_results() -> None:
-    script = runpy.run_path(str(ROOT / "scripts/study_tables.py"))
-    text = (ROOT / "docs/studies.md").read_text(encoding="utf-8")
-    assert len(script["MARKED"].findall(text)) >= 9
-    assert script["page"](text) == text, "run scripts/study_tables.py --pages"
-    assert script["overview"](["clean"])[-1] in text
-
-
-def test_figures_told_elsewhere_are_those_of_the_kept_results() -> None:
-    script = runpy.run_path(str(ROOT / "scripts/study_tables.py"))
-    pages = (ROOT / "README.md").read_text("utf-8")
-    for name in ("clean", "noisy", "shelf"):
-        found = script["kept"](name)["all"]
-        ends = f"({100 * found['low']:.0f}–{100 * found['high']:.0f})"
-        assert f"{100 * found['rate']:.1f} {ends}" in pages
-        assert f"{found['broken']} of {found['plans']} promises" in pages
-        (version,) = script["kept"](name)["versions"]
-        assert f"| {version} |" in pages
-
-
-def test_what_is_promised_stands_on_the_page_beside_it() -> None:
-    """Rates with intervals of the README's table; an interval may be Wilson's of 200 scenes."""
-    text = (ROOT / "README.md").read_text("utf-8")
-    table = text.partition("## What is promised")[2].partition("\n## ")[0]
-    rows = re.findall(r"^\|(.+)\|$", table, re.MULTILINE)[2:]
-    told = 0
-    for row in rows:
-        page = (ROOT / re.findall(r"\]\((docs/[\w-]+\.md)", row)[-1]).read_text("utf-8")
-        shown = page.replace("*", "")
-        for rate, low, high in re.findall(r"([\d.]+) \((\d+)–(\d+)\)", row):
-            ends = [round(100.0 * end) for end in wilson(round(2.0 * float(rate)), 200)]
-            counted = f" {rate}," in shown and ends == [int(low), int(high)]
-            assert counted or f"{rate} ({low}–{high})" in shown, (rate, row)
-            told += 1
-    assert told > 20
-    assert " %" not in text.partition("## Six doors")[2]  # a rate stands in the table alone
-    home = (ROOT / "docs/index.md").read_text("utf-8")
-    assert table.replace("](docs/", "](").strip() in home  # the start page has the same one
 
 
 def test_the_page_on_concepts_has_the_largest_harm_of_each_risk() -> None:
