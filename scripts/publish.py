@@ -119,6 +119,8 @@ class Runner:
                 return f"command {k} of {len(commands_of(row))} was not begun"
             print(f"{row['name']}: {command}", flush=True)
             code = self.run(command, folder, k)
+            if self.ended:
+                return f"command {k} was interrupted"
             if code:
                 told = (folder / f"{k}.err").read_text("utf-8").strip().splitlines() or ["no words"]
                 return f"command {k} ended with {code}: {told[-1][:300]}"
@@ -138,12 +140,12 @@ class Runner:
         with part.open("wb") as out, (folder / f"{k}.err").open("wb") as err:
             process = subprocess.Popen(
                 [*program.get(first, [first]), *words], cwd=self.root, stdout=out, stderr=err,
-                env={**os.environ, **SINGLE, **settings},
+                env={**os.environ, **SINGLE, **settings}, start_new_session=True,
             )  # fmt: skip
             self.running.add(process)
             code = process.wait()
             self.running.discard(process)
-        if not code:
+        if not code and not self.ended:
             part.replace(folder / f"{k}.out")
         return code
 
@@ -334,7 +336,8 @@ def main(arguments: Sequence[str] | None = None, root: Path = ROOT) -> int:
     runner = Runner(root, version, time.monotonic() + 60.0 * asked.minutes)
     code = 0
     if asked.run is not None:
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
+        for end in (signal.SIGTERM, signal.SIGINT):  # of a job in the background, too
+            signal.signal(end, signal.default_int_handler)
         wanted = [
             row for row in chosen(book, asked.run)
             if asked.run or why_stale(root, row["name"], version)

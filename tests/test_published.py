@@ -2,6 +2,10 @@
 
 import json
 import re
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -72,7 +76,7 @@ def test_the_seeds_that_are_told_are_those_of_the_commands() -> None:
 
 
 def test_a_rate_of_the_readme_stands_in_the_table_alone() -> None:
-    text = (ROOT / "README.md").read_text("utf-8").partition("<!-- end -->")[2]
+    text = (ROOT / "README.md").read_text("utf-8").partition("## Six doors")[2]
     assert len(text) > 1000
     assert not re.search(r"\d %", text)
 
@@ -262,6 +266,33 @@ def test_nothing_is_begun_after_the_minutes(
 ) -> None:
     assert publish.main(["--run", "--minutes", "0"], house) == 1
     assert "first: command 1 of 2 was not begun" in capsys.readouterr().out
+    assert not (house / "docs/results").exists()
+
+
+WAITS = """
+import pathlib, time
+try:
+    pathlib.Path("began").touch()
+    time.sleep(600)
+except KeyboardInterrupt:
+    pathlib.Path("ended").touch()
+"""
+
+
+def test_an_interrupted_run_ends_what_runs(house: Path) -> None:
+    (house / "waits.py").write_text(WAITS)
+    row = 'name = "waits"\nkind = "printed"\ncommands = ["python waits.py"]\n'
+    row += 'seeds = "none"\nsize = "one"\nminutes = 1\n'
+    (house / "scripts/publish.toml").write_text(f"[[result]]\n{row}")
+    code = "import pathlib, sys; from scripts import publish; "
+    code += "publish.main(['--run'], pathlib.Path(sys.argv[1]))"
+    run = subprocess.Popen([sys.executable, "-c", code, house], cwd=ROOT)
+    late = time.monotonic() + 120.0
+    while not (house / "began").exists() and time.monotonic() < late and run.poll() is None:
+        time.sleep(0.05)
+    run.send_signal(signal.SIGTERM)
+    assert run.wait(60.0) != 0
+    assert (house / "ended").exists()
     assert not (house / "docs/results").exists()
 
 
