@@ -262,19 +262,20 @@ def tracks(folder: Path, row: Mapping[str, Any]) -> Figures:
     rows, told = [], {}
     for entry in row["entries"]:
         found = board_of.leaderboard([folder / entry])
-        run, whole = found.run, [found.of(entry, engine) for engine in found.run.engines]
+        run, (name,) = found.run, found.order
+        whole = [found.of(name, engine) for engine in run.engines]
         for c in whole:
-            by = [found.of(entry, c.engine, preset) for preset in run.scenes.presets]
+            by = [found.of(name, c.engine, preset) for preset in run.scenes.presets]
             rows.append(
                 [f"`{run.track}`, `{run.condition}`", f"`{entry}`", c.engine,
                  f"**{100 * c.clean / c.runs:.0f}** ({c.interval})", str(c.harmed), str(c.missed),
                  str(c.refused + c.errors), str(c.runs),
                  ", ".join(f"`{each.preset}` {each.clean} of {each.runs}" for each in by)]
             )  # fmt: skip
-        first = [found.of(entry, run.engines[0], preset) for preset in run.scenes.presets]
-        for name, pick in (("best", max), ("worst", min)):
+        first = [found.of(name, run.engines[0], preset) for preset in run.scenes.presets]
+        for end, pick in (("best", max), ("worst", min)):
             c = pick(first, key=lambda cell: cell.clean / cell.runs)
-            told[f"{entry}.{name}"] = f"`{c.preset}` {c.clean} of {c.runs}"
+            told[f"{entry}.{end}"] = f"`{c.preset}` {c.clean} of {c.runs}"
         told[f"{entry}.all"] = (
             f"{', '.join(rate(c.clean, c.runs) for c in whole)} of {whole[0].runs}"
         )
@@ -337,6 +338,7 @@ def eyes(folder: Path, _: Mapping[str, Any]) -> Figures:
          f"{f['ms']:.0f}"]
         for f in lines
     ]  # fmt: skip
+    rows = [[cell.replace("nan", "–") for cell in row] for row in rows]  # nothing tells it
     return {"tables": {"eyes": {"columns": columns, "rows": rows}}, "lines": lines}
 
 

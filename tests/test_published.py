@@ -11,6 +11,9 @@ from pathlib import Path
 import pytest
 from scripts import publish
 
+from benchmarks.machine import describe
+from benchmarks.registry import Metric
+from benchmarks.registry import Row as Measured
 from optipromp.laboratory.experiments.rows import STUDY, Row, lines_of, source_version
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -169,6 +172,32 @@ def test_the_judge_is_told_where_every_case_was_run(tmp_path: Path) -> None:
     (tmp_path / "1.out").write_text(text.partition("self,")[0])
     with pytest.raises(ValueError, match="holds the cases"):
         publish.tables.judged(tmp_path, {"words": {}})
+
+
+def test_what_the_eyes_see_is_told_with_intervals(tmp_path: Path) -> None:
+    seen = {
+        "preset": "wild", "mount": "beside", "looks": "rich", "finder": "network", "pictures": 2,
+        "visible": 10, "recall": 0.9, "false": 1, "false_share": 0.1, "center_median_mm": 2.04,
+        "center_90_mm": 4.0, "normalised_mean": 1.0, "normalised_beyond_99": 0.05,
+        "ripe_right": float("nan"), "stems_found": 3, "stems_visible": 4, "angle_mean_deg": 2.0,
+        "angle_90_deg": 3.0, "angle_over_deviation": 1.0, "ms": 50.0,
+    }  # fmt: skip
+    (tmp_path / "1.out").write_text(f"words\n{json.dumps(seen)}\n")
+    words = publish.tables.shown("eyes", publish.tables.eyes(tmp_path, {}))
+    assert words["eyes"].splitlines()[2] == (
+        "| `wild`, beside, rich | network | 2 | 10 | 90.0 (60–98) | 1 (10.0) | 2.0, 4.0 | 1.0 (5.0)"
+        " | – | 3 of 4 | 2.0, 3.0 (1.0) | 50 |"
+    )
+
+
+def test_the_suite_is_told_by_table_and_by_value(tmp_path: Path) -> None:
+    metric = Metric("cycles/still plant/median", "ms", target=8.0)
+    results = describe() | {"rows": [Measured(metric, "measured", 2.25).to_dict()]}
+    (tmp_path / "results.json").write_text(json.dumps(results))
+    words = publish.tables.shown("benchmarks", publish.tables.benchmarks(tmp_path, {}))
+    assert words["cycles"] == "| | median |\n|---|---|\n| still plant | 2.25 ms (≤ 8) |"
+    assert words["cycles/still plant/median"] == "2.25 ms"
+    assert words["page"].endswith("| still plant | 2.25 ms (≤ 8) |")
 
 
 # running
