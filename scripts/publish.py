@@ -211,6 +211,7 @@ def words_of(root: Path, book: Book) -> dict[str, dict[str, str]]:
         if found:
             own = tables.shown(row["kind"], found["figures"])
             told = "\n".join(found["commands"]).replace("{out}", row["name"])
+            told = told.replace("{entry}", "NAME").replace("{python}", "python")
             about = {
                 "version": found.get("made_by", found["version"]), "date": found["date"][:10],
                 "seeds": found["seeds"], "size": found["size"], "commands": f"```\n{told}\n```",
