@@ -299,10 +299,12 @@ def status(root: Path, book: Book, version: str, workers: int) -> str:
     for row in book["result"]:
         why = why_stale(root, row["name"], version)
         minutes += row["minutes"] if why else 0.0
+        begun = (root / "build/publish" / version / row["name"]).exists()
+        why += ", begun" if why and begun else ""
         lacking = f"; lacks {', '.join(lacks(row))}" if why and lacks(row) else ""
         lines.append(
             f"{row['name']:<12}{row['minutes']:>6g}  {row['seeds']:<32}{row['size']:<44}"
-            f"{why}{lacking}"
+            f"{why}{lacking}".rstrip()
         )
     lines.append(
         f"stale: {minutes / 60:.1f} hours of one core, about {minutes / 60 / workers:.1f} hours "
@@ -348,7 +350,11 @@ def main(arguments: Sequence[str] | None = None, root: Path = ROOT) -> int:
         for row in wanted:
             if row not in able:
                 print(f"{row['name']}: not run, lacks {', '.join(lacks(row))}", flush=True)
-        code = int(run(runner, able, asked.workers) + len(wanted) - len(able) > 0)
+        try:
+            code = int(run(runner, able, asked.workers) + len(wanted) - len(able) > 0)
+        except KeyboardInterrupt:
+            print("interrupted: the same command goes on", flush=True)
+            return 130
     for row in chosen(book, asked.keep) if asked.keep else ():
         keep(root, row, runner.folder(row["name"]), version)
     if asked.pages:

@@ -259,6 +259,8 @@ def test_a_run_goes_on_after_a_failure_and_its_result_is_shown(
     assert "first: command 1 ended with 1" in told
     assert "FileNotFoundError" in told
     assert "second: done" in told  # nothing waits for what failed
+    publish.main([], house)
+    assert "no result, begun" in capsys.readouterr().out
     (house / "a.txt").write_text("| n |\n|---|\n| 3 |\n")
     # the files of the second result may be made once: what is done is not run again
     assert publish.main(["--run"], house) == 0
@@ -314,13 +316,13 @@ def test_an_interrupted_run_ends_what_runs(house: Path) -> None:
     row += 'seeds = "none"\nsize = "one"\nminutes = 1\n'
     (house / "scripts/publish.toml").write_text(f"[[result]]\n{row}")
     code = "import pathlib, sys; from scripts import publish; "
-    code += "publish.main(['--run'], pathlib.Path(sys.argv[1]))"
+    code += "sys.exit(publish.main(['--run'], pathlib.Path(sys.argv[1])))"
     run = subprocess.Popen([sys.executable, "-c", code, house], cwd=ROOT)
     late = time.monotonic() + 120.0
     while not (house / "began").exists() and time.monotonic() < late and run.poll() is None:
         time.sleep(0.05)
     run.send_signal(signal.SIGTERM)
-    assert run.wait(60.0) != 0
+    assert run.wait(60.0) == 130
     assert (house / "ended").exists()
     assert not (house / "docs/results").exists()
 
