@@ -290,6 +290,17 @@ def unlisted(root: Path, book: Book) -> list[str]:
     ]
 
 
+def dead(root: Path, book: Book) -> list[str]:
+    """What ``unmarked`` names and no page has."""
+    out = []
+    for page, begins in book.get("unmarked", {}).items():
+        path = root / page
+        heads = list(figured(path.read_text("utf-8"))) if path.exists() else []
+        lost = [each for each in begins if not any(h.startswith(f"| {each}") for h in heads)]
+        out += [f"scripts/publish.toml: {page} has no unmarked table {each!r}" for each in lost]
+    return out
+
+
 # the commands
 
 
@@ -364,7 +375,7 @@ def main(arguments: Sequence[str] | None = None, root: Path = ROOT) -> int:
             if new != text:
                 (root / page).write_text(new, encoding="utf-8")
     if asked.check:
-        found = differences(root, book) + unlisted(root, book)
+        found = differences(root, book) + unlisted(root, book) + dead(root, book)
         stale = [(row["name"], why_stale(root, row["name"], version)) for row in book["result"]]
         found += [f"{name}: {why}" for name, why in stale if why]
         print("\n".join(found) or "all pages and results are of this version")

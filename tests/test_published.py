@@ -46,11 +46,11 @@ def test_a_figure_changed_by_hand_is_named(page: str, told: str, wrong: str, mar
 
 
 def test_every_table_with_figures_is_of_a_result_or_is_listed() -> None:
-    assert publish.unlisted(ROOT, BOOK) == []
-    for page, begins in BOOK["unmarked"].items():
-        heads = list(publish.figured((ROOT / page).read_text("utf-8")))
-        for begin in begins:
-            assert any(head.startswith(f"| {begin}") for head in heads), (page, begin)
+    assert publish.unlisted(ROOT, BOOK) == [], "mark it, or list it in scripts/publish.toml"
+    listed = {page: dict(begins) for page, begins in BOOK["unmarked"].items()}
+    del listed["docs/learners.md"]["entry | learns from"]
+    (found,) = publish.unlisted(ROOT, {"unmarked": listed})
+    assert found.startswith("docs/learners.md: | entry | learns from")
 
 
 def test_a_table_of_figures_is_told_from_one_of_words() -> None:
