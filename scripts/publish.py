@@ -270,6 +270,18 @@ def texts_of(root: Path) -> dict[str, str]:
     return {str(page.relative_to(root)): page.read_text("utf-8") for page in pages_of(root)}
 
 
+def shown_in(root: Path, book: Book) -> dict[str, list[str]]:
+    """The pages that show each result, by itself or in a table that the book lays out."""
+    out: dict[str, list[str]] = {row["name"]: [] for row in book["result"]}
+    for page, text in texts_of(root).items():
+        names = {match[2] for match in MARK.finditer(text)}
+        laid = [book["tables"][name]["rows"] for name in names & book.get("tables", {}).keys()]
+        names |= {place[1] for rows in laid for row in rows for place in PLACE.finditer(str(row))}
+        for name in out.keys() & names:
+            out[name].append(Path(page).stem)
+    return out
+
+
 def figured(text: str) -> Iterator[str]:
     """The header lines of tables that hold figures and stand between no marks."""
     for found in re.findall(r"(?:^\|.*\|\n)+", MARK.sub("", text), re.MULTILINE):
@@ -306,7 +318,8 @@ def dead(root: Path, book: Book) -> list[str]:
 
 def status(root: Path, book: Book, version: str, workers: int) -> str:
     """What is published, what of it is stale, and how long that takes."""
-    lines, minutes = [f"{'result':<12}{'min':>6}  {'seeds':<32}{'size':<44}stale"], 0.0
+    heads = f"{'result':<12}{'min':>6}  {'seeds':<26}{'size':<42}{'stale':<24}shown in"
+    lines, minutes, places = [heads], 0.0, shown_in(root, book)
     for row in book["result"]:
         why = why_stale(root, row["name"], version)
         minutes += row["minutes"] if why else 0.0
@@ -314,8 +327,8 @@ def status(root: Path, book: Book, version: str, workers: int) -> str:
         why += ", begun" if why and begun else ""
         lacking = f"; lacks {', '.join(lacks(row))}" if why and lacks(row) else ""
         lines.append(
-            f"{row['name']:<12}{row['minutes']:>6g}  {row['seeds']:<32}{row['size']:<44}"
-            f"{why}{lacking}".rstrip()
+            f"{row['name']:<12}{row['minutes']:>6g}  {row['seeds']:<26}{row['size']:<42}"
+            f"{why:<24}{', '.join(places[row['name']])}{lacking}".rstrip()
         )
     lines.append(
         f"stale: {minutes / 60:.1f} hours of one core, about {minutes / 60 / workers:.1f} hours "
