@@ -288,21 +288,21 @@ def tracks(folder: Path, row: Mapping[str, Any]) -> Figures:
 
 
 def printed(folder: Path, row: Mapping[str, Any]) -> Figures:
-    """Of what the commands printed: tables in the order of ``tables``, words by ``told``.
+    """Of what the last command printed: tables in the order of ``tables``, words by ``told``.
 
     Words are what the group of a regular expression finds first.
     """
-    outs = sorted(folder.glob("*.out"), key=lambda path: int(path.stem))
-    text = "\n\n".join(path.read_text("utf-8") for path in outs)
+    last = max(folder.glob("*.out"), key=lambda path: int(path.stem))
+    text = last.read_text("utf-8")
     found, names, told = tables_in(text), row.get("tables", []), {}
-    if len(found) < len(names):
+    if len(found) != len(names):
         raise ValueError(f"{folder} holds {len(found)} tables; {row['name']} has {names}")
     for name, pattern in row.get("told", {}).items():
         match = re.search(pattern, text)
         if match is None:
             raise ValueError(f"{folder} holds nothing like {pattern}")
         told[name] = match[1]
-    return {"tables": dict(zip(names, found, strict=False)), "told": told}
+    return {"tables": dict(zip(names, found, strict=True)), "told": told}
 
 
 def printed_words(found: Figures) -> Words:

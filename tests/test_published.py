@@ -207,8 +207,8 @@ ROWS = """
 name = "first"
 kind = "printed"
 commands = [
-  "python -c 'print(open(\\"a.txt\\").read())'",
-  "WORD=7 python -c 'import os; print(os.environ[\\"WORD\\"], \\"passed\\")'",
+  '''python -c 'open("a.txt")' ''',
+  '''WORD=7 python -c 'import os; print(open("a.txt").read(), os.environ["WORD"], "passed")' ''',
 ]
 tables = ["counts"]
 told = {passed = '(\\d+) passed'}
