@@ -117,6 +117,7 @@ def command_line() -> int:
         if "PYTHONPATH" in os.environ:
             ask.error("PYTHONPATH is set, which the other commit would import: unset it")
         with tempfile.TemporaryDirectory() as folder:
+            os.environ["OPTIPROMP_CACHE"] = str(Path(folder, "cache"))
             main(environment(told.commit, Path(folder)), sys.executable, presets)
         return 0
     if len(told.pythons) != 2:

@@ -389,8 +389,9 @@ def main(arguments: Sequence[str] | None = None, root: Path = ROOT) -> int:
                 (root / page).write_text(new, encoding="utf-8")
     if asked.check:
         found = differences(root, book) + unlisted(root, book) + dead(root, book)
-        stale = [(row["name"], why_stale(root, row["name"], version)) for row in book["result"]]
-        found += [f"{name}: {why}" for name, why in stale if why]
+        for name, pages in shown_in(root, book).items():
+            if why := why_stale(root, name, version):
+                found.append(f"{name}: {why}; shown in {', '.join(pages) or 'no page'}")
         print("\n".join(found) or "all pages and results are of this version")
         code = int(bool(found))
     if asked.run is None and not (asked.keep or asked.pages or asked.check):

@@ -287,7 +287,7 @@ def test_a_result_of_another_version_is_stale(
     publish.main(["--pages"], house)
     capsys.readouterr()
     assert publish.main(["--check"], house) == 1
-    assert capsys.readouterr().out == "first: of before\n"
+    assert capsys.readouterr().out == "first: of before; shown in README, x\n"
     publish.main([], house)
     assert "stale: 0.0 hours of one core" in capsys.readouterr().out
 
