@@ -26,6 +26,7 @@ from optipromp.looks.viewer.figures import (
     primitive_figure,
     reach_figure,
 )
+from optipromp.looks.viewer.reach import WORDS
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
@@ -165,12 +166,11 @@ def test_the_picture_names_the_moment_and_what_is_predicted(result: Plan) -> Non
     now = drawn.moment(result)
     title = figure.get_suptitle()
     assert str(now) in title
-    harm = f"predicted harm {result.prediction.harm:.2f} of at most"
-    assert f"{harm} {result.prediction.threshold:g}" in title
+    assert f"end clean with probability {1.0 - result.prediction.probability:.2f}" in title
     assert "%" not in title  # one figure, of one meaning
     assert str(result.status) in title
     words = {text.get_text() for legend in figure.legends for text in legend.get_texts()}
-    assert {f"tool, {motion.name}" for motion in drawn.motions(result)} <= words
+    assert {f"tool, {WORDS.get(m.name, m.name)}" for m in drawn.motions(result)} <= words
     assert {"chosen tool path", "where it was"} <= words
     assert {"tool at this moment", "tool at the end"} <= words
     assert not [panel for panel in figure.axes if "$" in panel.get_title()]
