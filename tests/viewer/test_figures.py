@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -14,12 +15,14 @@ from matplotlib.lines import Line2D
 from optipromp.core.geometry.shapes import Box
 from optipromp.core.planning import Plan, Term, plan
 from optipromp.core.promp import Basis, Demonstration, Demonstrations, fit
+from optipromp.core.robots import load_robot
 from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.generate import generate
 from optipromp.looks.viewer import drawn
 from optipromp.looks.viewer.figures import (
     changed_terms,
     cost_figure,
+    cover_figure,
     joint_figure,
     plan_figures,
     png,
@@ -262,3 +265,15 @@ def test_a_panel_a_joint_with_every_demonstration_and_the_band(joints: int) -> N
         assert corners.max() == pytest.approx(np.max(mean.get_ydata() + 2 * deviation))
         assert corners.min() == pytest.approx(np.min(mean.get_ydata() - 2 * deviation))
     assert png(figure).startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("name", ["panda", "scara"])
+def test_the_ticks_of_a_narrow_view_of_an_arm_stand_apart(name: str) -> None:
+    figure = cover_figure(load_robot(name))
+    png(figure)
+    for panel in figure.axes:
+        low, high = panel.get_xlim()
+        ticks = [tick for tick in panel.xaxis.get_major_ticks() if low <= tick.get_loc() <= high]
+        boxes = [tick.label1.get_window_extent() for tick in ticks]
+        assert boxes
+        assert all(right.x0 - left.x1 > 8.0 for left, right in pairwise(boxes))  # [pixel]
