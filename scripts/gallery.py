@@ -26,6 +26,7 @@ ENTRY = re.compile(r"!\[[^\]]*\]\(([^)]+)\)\n\n((?:(?!```).)*?)```bash\n(.*?)```
 NAMES = """optipromp() {{ "{0}" -m optipromp "$@"; }}
 python() {{ "{0}" "${{@/#scripts/{1}/scripts}}"; }}
 """
+PHOTOGRAPH = "photograph"  # of a page in a browser
 WIDE, SMALL = 1600, (480, 270)  # [pixel] of a picture; of an instant of a film
 FLAGS = "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"
 
@@ -88,7 +89,9 @@ def keep(made: Path, shown: Path) -> None:
         picture = Image.open(made).convert("RGB")
         picture.thumbnail((WIDE, WIDE), Image.Resampling.LANCZOS)
         if shown.suffix == ".png":
-            picture = picture.quantize(256, dither=Image.Dither.NONE)
+            # an octree's palette keeps the thin vivid lines of a page
+            shades = Image.Quantize.FASTOCTREE if made.stem == PHOTOGRAPH else None
+            picture = picture.quantize(256, shades, dither=Image.Dither.NONE)
         picture.save(shown, **({"optimize": True} if shown.suffix == ".png" else {"quality": 85}))
     print(shown.relative_to(ROOT), f"{shown.stat().st_size / 1e3:.0f} kB", flush=True)
 
@@ -147,9 +150,9 @@ def main() -> None:
             continue
         running = run(commands, chosen.folder)
         if made.startswith("http"):
-            photograph(made, chosen.folder / "photograph.png", chosen.patience)
+            photograph(made, chosen.folder / f"{PHOTOGRAPH}.png", chosen.patience)
             os.killpg(running.pid, signal.SIGTERM)  # bash and its command
-            made = "photograph.png"
+            made = f"{PHOTOGRAPH}.png"
         elif running.wait():
             raise SystemExit(f"failed: {commands}")
         keep(chosen.folder / made, shown)

@@ -7,6 +7,7 @@ show is kept. Left are ``examples/notebooks/NAME.ipynb`` and ``docs/notebooks/NA
 pictures. Cells of nothing but ``assert`` are for those who run the script, and are left out.
 """
 
+import argparse
 import ast
 import base64
 import contextlib
@@ -115,8 +116,16 @@ def page(found: Sequence[NotebookCell], name: str) -> tuple[str, dict[str, bytes
 
 def main(names: Sequence[str]) -> None:
     """Run the scripts and write their notebooks and pages."""
+    known = sorted(path.stem for path in SOURCES.glob("*.py"))
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"{', '.join(known)}; else all")
+    names = parser.parse_args(names).names
+    if unknown := sorted({*names} - {*known}):
+        parser.error(f"no script {', '.join(unknown)}; there are {', '.join(known)}")
     PAGES.mkdir(exist_ok=True)
-    for name in names or sorted(path.stem for path in SOURCES.glob("*.py")):
+    for name in names or known:
         space: dict[str, Any] = {"__name__": "__main__"}
         script = (SOURCES / f"{name}.py").read_text(encoding="utf-8")
         found = [run(cell, space) if cell.code else cell for cell in cells(script)]

@@ -1,6 +1,6 @@
 """The falls of the paper's figure 8, from the starts that the paper must have had.
 
-    python scripts/paper_falls.py [--seeds 5] [--page docs/concepts.md]
+    python scripts/paper_falls.py [--seeds 5] [--page docs/paper.md]
 
 prints a table of both stages of scenarios III and IV, or writes it between the marks of the page.
 

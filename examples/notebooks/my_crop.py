@@ -50,7 +50,7 @@ print(result.status)
 print(result.message)
 
 # %%
-print(f"harm {result.prediction.harm:.2f}, allowed {result.prediction.threshold:g}")
+print(f"not clean with probability {result.prediction.probability:.0%}")
 print({name: f"{force:.1f} N" for name, force in result.prediction.forces.items()})
 
 # %%
@@ -65,15 +65,15 @@ outcome = simulate(result).outcome
 print(outcome.success, "-", outcome.message)
 
 # %% [markdown]
-# A detector errs. `sigma` tells by how much, as a standard deviation in metres. The predicted harm
-# is a mean over places where the fruits may hang. Here there is room, and it stays small.
+# A detector errs. `sigma` is its standard deviation in metres. The prediction is a mean over places
+# where the fruits may hang. Here there is room, and the probability stays small.
 
 # %%
 for millimetres in (0, 5, 10):
-    told = f"role: pushable, sigma: {millimetres / 1000},"
-    (folder / "seen.yaml").write_text(SCENE.replace("role: pushable,", told))
+    seen = f"role: pushable, sigma: {millimetres / 1000},"
+    (folder / "seen.yaml").write_text(SCENE.replace("role: pushable,", seen))
     made = plan(load_scene(folder / "seen.yaml"))
-    print(f"{millimetres:2d} mm: {made.status}, harm {made.prediction.harm:.2f}")
+    print(f"{millimetres:2d} mm: {made.status}, not clean: {made.prediction.probability:.0%}")
 
 # %%
 assert result.success

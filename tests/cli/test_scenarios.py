@@ -7,7 +7,7 @@ from optipromp.cli.scenarios import BEGIN, END, _shown, markdown, renew
 from optipromp.laboratory.experiments.scenarios import CASES, ScenarioRow
 
 Rows = tuple[ScenarioRow, ...]
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "concepts.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "paper.md"
 NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]\d+)?(?![\w-])")
 
 

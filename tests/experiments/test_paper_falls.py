@@ -12,7 +12,7 @@ from optipromp.core.planning.task import posed
 
 pytestmark = pytest.mark.slow  # the paper's costs of two scenes, begun five times
 falls = script("paper_falls")
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "concepts.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "paper.md"
 
 
 def test_the_body_is_joint_origins_and_tool_point() -> None:

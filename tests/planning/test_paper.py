@@ -195,7 +195,7 @@ def test_rows_push_as_their_penalty_falls(seed: int, count: int) -> None:
 def test_a_plan_that_keeps_every_constraint_still_swallows_both_unripe_fruits(
     name: str, planned: Planned
 ) -> None:
-    """What was found (docs/concepts.md): the rim decides, not the tool point."""
+    """What was found (docs/paper.md): the rim decides, not the tool point."""
     pytest.importorskip("mujoco")
     from optipromp.laboratory.simulation import simulate
 

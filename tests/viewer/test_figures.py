@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -14,18 +15,21 @@ from matplotlib.lines import Line2D
 from optipromp.core.geometry.shapes import Box
 from optipromp.core.planning import Plan, Term, plan
 from optipromp.core.promp import Basis, Demonstration, Demonstrations, fit
+from optipromp.core.robots import load_robot
 from optipromp.core.trajectory import Trajectory
 from optipromp.laboratory.generate import generate
 from optipromp.looks.viewer import drawn
 from optipromp.looks.viewer.figures import (
     changed_terms,
     cost_figure,
+    cover_figure,
     joint_figure,
     plan_figures,
     png,
     primitive_figure,
     reach_figure,
 )
+from optipromp.looks.viewer.reach import WORDS
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
@@ -165,12 +169,11 @@ def test_the_picture_names_the_moment_and_what_is_predicted(result: Plan) -> Non
     now = drawn.moment(result)
     title = figure.get_suptitle()
     assert str(now) in title
-    harm = f"predicted harm {result.prediction.harm:.2f} of at most"
-    assert f"{harm} {result.prediction.threshold:g}" in title
+    assert f"end clean with probability {1.0 - result.prediction.probability:.2f}" in title
     assert "%" not in title  # one figure, of one meaning
     assert str(result.status) in title
     words = {text.get_text() for legend in figure.legends for text in legend.get_texts()}
-    assert {f"tool, {motion.name}" for motion in drawn.motions(result)} <= words
+    assert {f"tool, {WORDS.get(m.name, m.name)}" for m in drawn.motions(result)} <= words
     assert {"chosen tool path", "where it was"} <= words
     assert {"tool at this moment", "tool at the end"} <= words
     assert not [panel for panel in figure.axes if "$" in panel.get_title()]
@@ -262,3 +265,15 @@ def test_a_panel_a_joint_with_every_demonstration_and_the_band(joints: int) -> N
         assert corners.max() == pytest.approx(np.max(mean.get_ydata() + 2 * deviation))
         assert corners.min() == pytest.approx(np.min(mean.get_ydata() - 2 * deviation))
     assert png(figure).startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("name", ["panda", "scara"])
+def test_the_ticks_of_a_narrow_view_of_an_arm_stand_apart(name: str) -> None:
+    figure = cover_figure(load_robot(name))
+    png(figure)
+    for panel in figure.axes:
+        low, high = panel.get_xlim()
+        ticks = [tick for tick in panel.xaxis.get_major_ticks() if low <= tick.get_loc() <= high]
+        boxes = [tick.label1.get_window_extent() for tick in ticks]
+        assert boxes
+        assert all(right.x0 - left.x1 > 8.0 for left, right in pairwise(boxes))  # [pixel]

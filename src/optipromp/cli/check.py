@@ -102,7 +102,7 @@ def _inside(path: Path) -> Kind:
 def check(item: str, /, out: Path | None = None, *, arm: ArmOptions) -> Report:
     """Check a scene, robot, demonstrations or plan, and say what it holds.
 
-    The file tells the kind; a primitive that learn wrote is a kind too.
+    The kind is found from the file; a primitive that learn wrote is a kind too.
     What is wrong is one line: the code, the file, the field.
 
     Examples:

@@ -1,4 +1,4 @@
-"""``optipromp export``, ``view`` and ``report``: scenes and plans for other programs and eyes."""
+"""``optipromp export``, ``view`` and ``report``: scenes and plans for other programs and people."""
 
 import threading
 from pathlib import Path
@@ -188,7 +188,7 @@ def report(item: Path, /, out: Path | None = None) -> Report:
 
     Args:
         item (PLAN_DIR|ROLLOUT_DIR|STUDY_DIR): What 'plan', 'simulate' or 'study' left at --out.
-        out (FILE.html): Where the report goes; else beside what it tells.
+        out (FILE.html): Where the report goes; else beside what it reports.
     """
     from optipromp.laboratory.experiments.rows import ROWS
     from optipromp.looks.reports import plan_report, run_report, study_report

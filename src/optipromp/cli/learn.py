@@ -59,8 +59,8 @@ def learn(
         bases (N): Number of bases a joint; cross-validated if left out.
         width: Width of a basis; larger is narrower.
         figure: Draw FILE with the suffix .png.
-        robot (ROBOT): Put the columns, told by name, into this robot's order; columns without names
-            are taken to be in it.
+        robot (ROBOT): Put the columns, by name, into this robot's order; columns without names are
+            taken to be in it.
     """
     from optipromp.core.promp import residuals
 

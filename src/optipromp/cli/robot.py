@@ -52,7 +52,7 @@ class ArmOptions:
         arm (NAME): Of the robot: a group, or a part of a name such as left.
         tip (LINK): Of the robot: the flange link.
         base (LINK): Of the robot: joints before it are held.
-        srdf: Of the robot: groups that tell the arm.
+        srdf: Of the robot: its groups, one of which is the arm.
         package_dir (FOLDER): Of the robot: holds packages of package:// names.
         robot_arg (NAME:=VALUE): Of the robot's xacro: an argument.
     """

@@ -370,11 +370,11 @@ def calibrate(
     board: BoardOptions,
     known: str | None = None,
 ) -> Report:
-    """Tell where a camera is, from pictures of a board or from the arm's own tool.
+    """Find where a camera is, from pictures of a board or from the arm's own tool.
 
     A camera on the hand looks at a board that stands; a camera that stands looks at a board fixed
     on the hand, or at the tool itself. Take 10 to 20 pictures, tilt the hand by 15 to 30 degrees to
-    all sides between them, and turn it. Told are what each view leaves, the standard deviation of
+    all sides between them, and turn it. Reported: what each view leaves, the standard deviation of
     the camera's place, and how far it moves when one view is left out. Needs the extra 'vision'.
 
     Examples:

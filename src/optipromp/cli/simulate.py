@@ -60,11 +60,11 @@ class LoopOptions:
     """The options of the closed loop and its camera.
 
     Attributes:
-        closed_loop: Look, plan, look again from near, and correct the motion with every look.
-        looks_only: Of the loop: execute the plan made at the second look blind.
-        noise (NAME): Of the looks: perfect, zero-mean, detector (perfect).
-        latency (SECONDS): Of the looks: how late they come (0.06).
-        camera (MOUNT): Of the looks: palm, hand or beside (palm).
+        closed_loop: Detect, plan, detect again from near, and correct the motion all the time.
+        looks_only: Of the loop: execute the plan that is made from near without correction.
+        noise (NAME): Of the detections: perfect, zero-mean, detector (perfect).
+        latency (SECONDS): Of the detections: how late they come (0.06).
+        camera (MOUNT): Where the camera is: palm, hand or beside (palm).
     """
 
     closed_loop: bool = False

@@ -116,7 +116,7 @@ class Crop:
         return replace(self, rows={**self.rows, name: self.rows[name].at(value)})
 
     def detaching(self, angles: FloatArray) -> FloatArray:
-        """Forces (K,) that detach a fruit, pulled at ``angles`` (K,) to the stem [degrees] [N].
+        """Forces (K,) [N] that detach a fruit, pulled at ``angles`` (K,) [degrees] to the stem.
 
         Between the row's angles it is interpolated. Beyond 90 degrees the fruit is pushed towards
         its stem, and only the part of the force across the stem detaches it.

@@ -318,7 +318,8 @@ def cover_figure(robot: Robot) -> Figure:
         high = (centers[:, view] + radius[:, None]).max(axis=0)
         axes.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         axes.set(xlabel=f"{'xyz'[view[0]]} [m]", ylabel=f"{'xyz'[view[1]]} [m]")
-        axes.locator_params("x", nbins=int(np.clip(_TICKS * np.divide(*(high - low)), 1, _TICKS)))
+        bins = int(np.clip(_TICKS * np.divide(*(high - low)), 1, _TICKS))
+        axes.locator_params("x", nbins=bins, min_n_ticks=min(2, bins))
     count, most = len(radius), max(robot.excess.values(), default=0.0)
     reach = f", at most {1000.0 * most:.0f} mm beyond the links" if robot.excess else ""
     figure.suptitle(f"{robot.name}: {count} body spheres{reach}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -35,6 +35,7 @@ _RIM = 0.15  # of the width of an object to avoid; a close view that shows less 
 _NOW, _END = 0.34, 0.14  # opacity of the tool in the close views, at the moment and at the end
 _DOWN = 0.7  # of the vertical in a direction of sight that is called down: 45 degrees
 _DOTS = 0.015  # [m] between the dots of the chosen tool path
+WORDS = {"conditioned ProMP": "learnt motion", "followed path": "led past the fruits"}
 
 
 def reach_figure(plan: Plan) -> Figure:
@@ -96,9 +97,11 @@ def title(plan: Plan, now: Moment | None = None) -> str:
     lines = [f"{plan.scene.name}, {author(plan)}: {plan.status}"]
     if now is not None:
         lines.append(f"{now} of {plan.trajectory.duration:.1f} s")
-        if plan.prediction is not None or plan.scene.pushables:
-            told = plan.prediction and replace(plan.prediction, probability=math.nan)
-            lines[-1] += f"; {told or 'the push is not predicted'}"
+        clean = math.nan if plan.prediction is None else 1.0 - plan.prediction.probability
+        if clean >= 0.0:
+            lines[-1] += f"; predicted to end clean with probability {clean:.2f}"
+        elif plan.scene.pushables:
+            lines[-1] += "; whether it ends clean is not predicted"
     return "\n".join(lines).replace("$", r"\$")
 
 
@@ -295,7 +298,7 @@ def _legend(figure: Figure, plan: Plan, objects: Sequence[Placed], now: Moment) 
         return Line2D([], [], label=text, color=colour, **style)  # type: ignore[arg-type]
 
     paths: Sequence[Motion] = () if drawn.still(plan) else drawn.motions(plan)
-    first = [line(f"tool, {m.name}", m.colour, lw=m.width) for m in paths]
+    first = [line(f"tool, {WORDS.get(m.name, m.name)}", m.colour, lw=m.width) for m in paths]
     if len(drawn.tool_path(plan)):
         first.append(line("chosen tool path", "black", marker="o", ls="none", ms=3.2))
     block = {"marker": "s", "ls": "none", "ms": 9}
@@ -304,12 +307,8 @@ def _legend(figure: Figure, plan: Plan, objects: Sequence[Placed], now: Moment) 
         ends["tool at the end"] = _END
     first += [line(text, OPTIMISED, alpha=alpha, **block) for text, alpha in ends.items()]
     pushed = any(item.shift > STILL for item in objects)
-    names = {
-        "target": "target",
-        "pushable": "to push aside" + ", as predicted" * pushed,
-        "avoid": "to avoid",
-        "static": "static",
-    }
+    aside = "to push aside" + ", and how far it is pushed" * pushed
+    names = {"target": "target", "pushable": aside, "avoid": "to avoid", "static": "static"}
     roles = {item.item.role for item in objects}
     ball = {"marker": "o", "ls": "none", "ms": 8}
     second = [
