@@ -225,6 +225,54 @@ def network():
     return Net()
 
 
+def quick(net):
+    """The trained network as another that says the same in three quarters of the time.
+
+    On the way up, a convolution of one pixel is taken before its input is doubled, not after, and
+    joins nothing: it is the sum of one of what comes up and one of what was kept.
+    """
+    import torch
+    from torch import nn
+
+    class Joined(nn.Module):
+        def __init__(self, block: nn.Sequential, kept: int) -> None:
+            super().__init__()
+            whole, norm, *rest = block
+            gain = norm.weight / torch.sqrt(norm.running_var + norm.eps)
+            weight = (whole.weight * gain[:, None, None, None]).detach()
+            outputs, inputs = weight.shape[:2]
+            self.coarse = nn.Conv2d(inputs - kept, outputs, 1, bias=False)
+            self.fine = nn.Conv2d(kept, outputs, 1)
+            self.coarse.weight.data = weight[:, :-kept].clone()
+            self.fine.weight.data = weight[:, -kept:].clone()
+            self.fine.bias.data = (norm.bias - norm.running_mean * gain).detach()
+            self.rest = nn.Sequential(*rest)
+
+        def forward(self, x, kept):
+            coarse = nn.functional.interpolate(self.coarse(x), scale_factor=2.0, mode="nearest")
+            return self.rest(coarse + self.fine(kept))
+
+    class Quick(nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            self.stem, self.down, self.deep, self.head = net.stem, net.down, net.deep, net.head
+            self.up = nn.ModuleList(Joined(block, block[-2].num_features) for block in net.up)
+
+        def forward(self, x):
+            x = self.stem(x)
+            kept = [x]
+            for each in self.down:
+                x = each(x)
+                kept.append(x)
+            kept.pop()
+            x = x + self.deep(x)
+            for each in self.up:
+                x = each(x, kept.pop())
+            return self.head(x)
+
+    return Quick().eval()
+
+
 def ripeness(told, kinds, fruit):
     """Cross entropy of ripe against unripe in fruits, each counting one half.
 
@@ -280,13 +328,19 @@ def train(
             kind, place = np.mean(lost[-50:], axis=0)
             print(f"{step} {(now - began) / 60:.1f} min {kind:.4f} {place:.4f}", flush=True)
     torch.save(net.state_dict(), out.with_suffix(".pt"))
-    net.eval()
+    write(net.eval(), out)
+    print(f"wrote {out}, {out.stat().st_size / 1e6:.2f} MB, {step} steps of {batch}")
+
+
+def write(net, out: Path) -> None:
+    """Write a trained network as an ONNX file."""
+    import torch
+
     torch.onnx.export(
-        net, (torch.zeros(1, 5, PART, PART),), str(out), input_names=["picture"],
+        quick(net), (torch.zeros(1, 5, PART, PART),), str(out), input_names=["picture"],
         output_names=["told"], opset_version=17, dynamo=False,
         dynamic_axes={name: {2: "rows", 3: "columns"} for name in ("picture", "told")},
     )  # fmt: skip
-    print(f"wrote {out}, {out.stat().st_size / 1e6:.2f} MB, {step} steps of {batch}")
 
 
 def main() -> None:

@@ -5,12 +5,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy import ndimage
+from numpy.typing import NDArray
+from scipy import fft, ndimage
 from scipy.spatial.transform import Rotation
 
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.scenes.pose import Pose
-from optipromp.perception.finder import Found, Region
+from optipromp.perception.finder import Found, Region, most_about
 from optipromp.perception.geometry import apart, front_of, hsv
 from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.pictures import DepthPicture
@@ -38,17 +39,18 @@ OFF_AXIS = 0.2  # of the width and height, from the middle to the optical axis: 
 def balanced(picture: DepthPicture) -> DepthPicture:
     """The picture in white light, where many pixels have one colour that a warm or cold lamp gives
     to grey; else itself. Gains are those that make these pixels grey."""
-    rgb = picture.rgb[::4, ::4].reshape(-1, 3).astype(np.float32)
-    rgb = rgb[(rgb.max(axis=1) > DARK) & (rgb.max(axis=1) < BLOWN)]
-    if len(rgb) < LEAST_SAMPLES:
+    rgb = picture.rgb[::4, ::4].reshape(-1, 3).T.astype(np.float32)
+    most = rgb.max(axis=0)
+    rgb = rgb[:, (most > DARK) & (most < BLOWN)]
+    if rgb.shape[1] < LEAST_SAMPLES:
         return picture
-    red, blue = (np.log((rgb[:, k] + 1.0) / (rgb[:, 1] + 1.0)) for k in (0, 2))
+    red, blue = (np.log((rgb[k] + 1.0) / (rgb[1] + 1.0)) for k in (0, 2))
     # a lamp's red and blue go opposite ways from green
     lamp = (np.abs(red) < WARMEST) & (np.abs(blue + 1.3 * red) < 0.3) & (np.abs(blue) < 0.9)
-    counts, edges, _ = np.histogram2d(red[lamp], blue[lamp], 36, [[-0.9, 0.9]] * 2)
-    counts = ndimage.uniform_filter(counts, 3)
-    row, column = np.unravel_index(int(counts.argmax()), counts.shape)
-    at = edges[[row, column]] + 0.5 * (edges[1] - edges[0])
+    cells = ((np.stack([red, blue])[:, lamp] + 0.9) / 0.05).astype(int)  # of -0.9 to 0.9
+    counts = np.bincount(36 * cells[0] + cells[1], minlength=36**2).reshape(36, 36)
+    counts = ndimage.uniform_filter(counts.astype(float), 3)
+    at = 0.05 * (np.array(np.unravel_index(int(counts.argmax()), counts.shape)) + 0.5) - 0.9
     here = lamp & (np.hypot(red - at[0], blue - at[1]) < PEAK)
     neutral = np.hypot(red, blue) < CAST
     if np.hypot(*at) < CAST or here.mean() < 0.2 or neutral.sum() > here.sum() / 3:  # a choice
@@ -68,8 +70,9 @@ def light_of(picture: DepthPicture, found: Found, p: EyeParameters) -> str:
     for region in found.fruits:
         if region.kind == "ripe":
             near[region.box] &= ~region.part
-    rgb = picture.rgb[near].astype(np.float32)
-    rgb = rgb[:: max(len(rgb) // 20_000, 1)]
+    some = np.flatnonzero(near)
+    some = some[:: max(len(some) // 20_000, 1)]
+    rgb = picture.rgb.reshape(-1, 3)[some].astype(np.float32)
     most = rgb.max(axis=1, initial=0.0)
     rgb, most = rgb[most > DARK], most[most > DARK]
     if len(rgb) < LEAST_SAMPLES:
@@ -165,17 +168,16 @@ def register_of(picture: DepthPicture, p: EyeParameters) -> tuple[str, ...]:
     k = max(round(picture.camera.width / 320), 1)
     depth = picture.depth[::k, ::k]
     near = (depth > 0.0) & (depth < p.farthest)
-    edges = near & (ndimage.maximum_filter(depth, 3) - depth > 2.0 * p.step)
+    edges = near & (most_about(depth, 3) - depth > 2.0 * p.step)
     if edges.sum() < LEAST_EDGE:
         return ()
     rgb = picture.rgb[::k, ::k].astype(np.float32)
-    steep = sum(ndimage.sobel(rgb[:, :, c], a) ** 2 for c in range(3) for a in (0, 1))
-    steep = np.sqrt(steep)
+    steep = _steep(rgb)
     steep = np.minimum(steep, np.quantile(steep, 0.98))
     size = [n + FARTHEST_SHIFT for n in depth.shape]
-    there = np.fft.rfft2(steep - steep.mean(), size) * np.conj(np.fft.rfft2(edges, size))
+    there = fft.rfft2(steep - steep.mean(), size) * fft.rfft2(edges.astype(np.float32), size).conj()
     far = FARTHEST_SHIFT // k
-    match = np.roll(np.fft.irfft2(there, size), (far, far), (0, 1))[: 2 * far + 1, : 2 * far + 1]
+    match = np.roll(fft.irfft2(there, size), (far, far), (0, 1))[: 2 * far + 1, : 2 * far + 1]
     match = ndimage.gaussian_filter(match, 1.0)
     row, column = np.unravel_index(int(match.argmax()), match.shape)
     across, down = k * (int(column) - far), k * (int(row) - far)
@@ -188,8 +190,19 @@ def register_of(picture: DepthPicture, p: EyeParameters) -> tuple[str, ...]:
     )
 
 
+def _steep(rgb: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The steepness (h, w) of colours (h, w, 3), by Sobel's kernels."""
+    out = np.zeros(rgb.shape[:2], dtype=np.float32)
+    planes = np.pad(np.moveaxis(rgb, 2, 0), ((0, 0), (1, 1), (1, 1)), mode="edge")
+    for there in (out, out.T):
+        smooth = planes[:, :-2] + 2.0 * planes[:, 1:-1] + planes[:, 2:]
+        there += ((smooth[:, :, 2:] - smooth[:, :, :-2]) ** 2).sum(axis=0)
+        planes = planes.transpose(0, 2, 1)
+    return np.sqrt(out)
+
+
 def pose_of(
-    picture: DepthPicture, fruits: Sequence[Spheroid],
+    picture: DepthPicture, fruits: Sequence[Spheroid], hanging: Sequence[bool],
     points: tuple[FloatArray, FloatArray], up: FloatArray, p: EyeParameters,
 ) -> tuple[str, ...]:  # fmt: skip
     """What may be wrong with the camera's pose and numbers.
@@ -197,8 +210,9 @@ def pose_of(
     Where few of the fruits have a stem above them, others are looked for by other poses: the
     picture turned, the quaternion in the order x, y, z, w, the pose inverted, z not forward.
 
-    ``points``: (N, 3) of all stems in the frame of the camera,
-    and deviations (N,) of their depths [m]. ``up``: (3,) unit, upwards in the robot's base frame.
+    ``hanging``: of each fruit, whether it has a straight stem above it by this pose.
+    ``points``: (N, 3) of all stems in the frame of the camera, and deviations (N,) of their depths
+    [m]. ``up``: (3,) unit, upwards in the robot's base frame.
     """
     lens, out = picture.camera, []
     wide = (lens.width - 1) / 2 - lens.cx, (lens.height - 1) / 2 - lens.cy
@@ -209,14 +223,15 @@ def pose_of(
         )
     if lens.pose.is_identity:
         out.append("the camera has no pose: places are in its own frame, with z forward")
-    some = fruits[:: max(len(fruits) // TRIED, 1)][:TRIED]
+    every = slice(None, None, max(len(fruits) // TRIED, 1))
+    some = fruits[every][:TRIED]
 
     def straight(turn: FloatArray) -> int:
         """How many of some fruits have a straight stem above them, by a camera turned so."""
         stems = (stem_of(fit, *points, turn.T @ up, p, 3.0, bends=False) for fit in some)
         return sum(stem is not None for stem in stems)
 
-    now = straight(lens.pose.rotation)
+    now = sum(hanging[every][:TRIED])
     if 2 * now >= len(some):
         return tuple(out)
     turn = lens.pose.rotation

@@ -5,25 +5,41 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import binary_dilation, gaussian_filter, maximum_filter, uniform_filter
+from scipy.ndimage import binary_dilation, gaussian_filter, uniform_filter
 from scipy.spatial import cKDTree
 
 from optipromp.control.look import Look
-from optipromp.core.arrays import FloatArray, IntArray, frame_along
+from optipromp.core.arrays import FloatArray, frame_along
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Ellipsoid, Shape, Sphere
 from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.objects import STEEPEST, Role, SceneObject, Stem, cleared
 from optipromp.core.scenes.scene import Scene
 from optipromp.perception.doubts import balanced, judged, pose_of, register_of, told
-from optipromp.perception.finder import MOST_FITS, Finder, Found, Region, box_of, largest
+from optipromp.perception.finder import (
+    MOST_FITS,
+    Finder,
+    Found,
+    Region,
+    box_of,
+    largest,
+    most_about,
+)
 from optipromp.perception.fusing import Detection as Detection
 from optipromp.perception.fusing import Sighting as Sighting
 from optipromp.perception.fusing import fused
 from optipromp.perception.geometry import ByGeometry, edge_of, is_wall
 from optipromp.perception.parameters import EyeParameters, eyes_of
 from optipromp.perception.pictures import CLOSEST, WORKSPACE, DepthPicture, Image8
-from optipromp.perception.spheroids import NEAREST, SeenStem, Spheroid, all_fitted, claimed, stem_of
+from optipromp.perception.spheroids import (
+    NEAREST,
+    Codes,
+    SeenStem,
+    Spheroid,
+    all_fitted,
+    claimed,
+    stem_of,
+)
 
 KINDS = {"ripe": 1, "unripe": 2, "stem": 2}
 SEEDINGS = 2  # of fits: to what the finder tells, and to what that leaves: a choice
@@ -72,19 +88,22 @@ def look_at(
     traces = _stem_points(picture, found, good, p)
     focal = 0.5 * (picture.camera.fx + picture.camera.fy)
     counts = {"ripe": 0, "unripe": 0}
-    detections = []
+    detections, straight = [], []  # whether a fruit has a straight stem above it
     for region, fit in good:
         wide = 0.006 * focal / fit.center[2]  # [pixel] of a stem: what errs as one
         per = max(min(wide, 6.0), 1.0)
-        ways = (stem_of(fit, *points, upward, p, per) for points in traces)
-        stem = _whole(next((way for way in ways if way is not None), None), fit, picture)
+        stem = stem_of(fit, *traces[0], upward, p, per)
+        straight.append(stem is not None and not stem.bent)
+        if stem is None and len(traces) > 1:
+            stem = stem_of(fit, *traces[1], upward, p, per)
+        stem = _whole(stem, fit, picture)
         counts[region.kind] += 1
         name = f"{region.kind}{counts[region.kind]}"
         detections.append(Detection(_item(name, region, fit, stem, upward), region, fit, stem))
     items = tuple(each.item for each in detections)
     look = Look(time, picture.camera.pose, items, picture.camera.view)
     above = np.array([0.0, 0.0, 1.0]) if up is None else np.asarray(up)
-    posed = pose_of(picture, [fit for _, fit in good], traces[0], above, p)
+    posed = pose_of(picture, [fit for _, fit in good], straight, traces[0], above, p)
     doubts = (*register, *told(doubted, [region for region, _ in good]), *posed)
     return Sighting(look, tuple(detections), found, doubts)
 
@@ -94,7 +113,7 @@ def _measured(
 ) -> tuple[list[tuple[Region, Spheroid]], int]:
     """Fruits and what shows them, of regions each of which may be a fruit, a part of one, two, or
     none: the likeliest first, then those that are beside them; and how many were not tried."""
-    colours = np.zeros(picture.depth.shape, dtype=np.int64)
+    colours = np.zeros(picture.depth.shape, dtype=np.int8)
     for region in (*found.stems, *found.fruits):
         colours[region.box][region.part] = KINDS[region.kind]
     out: list[tuple[Region, Spheroid]] = []
@@ -102,7 +121,9 @@ def _measured(
     seeds = [region for region in found.fruits if not is_wall(picture, region, p)]
     chosen = largest(np.array([region.part.sum() for region in seeds], dtype=np.int64), MOST_FITS)
     left_out, seeds = len(seeds) - len(chosen), [seeds[k] for k in chosen]
-    for _ in range(SEEDINGS):
+    for again in range(SEEDINGS):
+        if again:
+            seeds = _left(picture, colours, [region for region, _ in out], p)
         kinds = np.array([KINDS[region.kind] for region in seeds], dtype=np.int64)
         fits = all_fitted(picture, seeds, kinds, colours, up, p)
         pairs = [(r, fit) for r, fit in zip(seeds, fits, strict=True) if fit is not None]
@@ -114,15 +135,15 @@ def _measured(
             )
             near = TOGETHER * (fit.radius + np.array([other.radius for _, other in out]))
             if (far > near).all():
-                mine = claimed(picture, masks[region.kind], fit, p)
+                box, mine = claimed(picture, masks[region.kind], fit, p)
                 odds = 1.0 / (1.0 + math.exp(-fit.odds))
-                out.append((Region(region.kind, mine, odds, ripe=region.ripe), fit))
-        seeds = _left(picture, colours, [region for region, _ in out], p)
+                shape = picture.depth.shape
+                out.append((Region(region.kind, mine, odds, box, shape, region.ripe), fit))
     return out, left_out
 
 
 def _left(
-    picture: DepthPicture, colours: IntArray, fruits: Sequence[Region], p: EyeParameters
+    picture: DepthPicture, colours: Codes, fruits: Sequence[Region], p: EyeParameters
 ) -> list[Region]:
     """Where much is left of the colour of fruits that no fruit explains."""
     out = []
@@ -138,7 +159,7 @@ def _left(
         wide = round(0.6 * p.radius * focal / max(float(np.median(depth[left])), NEAREST))
         wide = 2 * min(wide, max(left.shape)) + 1
         dense = gaussian_filter(uniform_filter(left.astype(np.float32), wide), 2.0)
-        peaks = (dense == maximum_filter(dense, wide)) & (dense > DENSE) & left
+        peaks = (dense == most_about(dense, wide)) & (dense > DENSE) & left
         rows = np.argwhere(peaks)
         rows = rows[np.argsort(-dense[peaks], kind="stable")[:MOST_LEFT]]
         for row, column in rows:
@@ -175,7 +196,10 @@ def _stem_points(
         rays[depth > 0.0] * depth[depth > 0.0, None],
         np.full((depth > 0.0).sum(), p.stem_depth),
     )
-    back = maximum_filter(np.where(mask, 0.0, picture.depth), BESIDE)[*rows.T]
+    box = box_of(mask, BESIDE // 2)
+    behind = np.where(mask[box], 0.0, picture.depth[box]).astype(np.float32)
+    back = most_about(behind, BESIDE)
+    back = back[rows[:, 0] - box[0].start, rows[:, 1] - box[1].start]
     sure = (depth > 0.0) & ((back == 0.0) | (depth < back - STANDS_OUT))
     places, depths = [rows[sure]], [depth[sure]]
     for region, fit in good:

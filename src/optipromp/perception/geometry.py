@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
-from optipromp.perception.finder import Class, Found, Region, box_of, largest
+from optipromp.perception.finder import Class, Found, Region, box_of, largest, most_about
 from optipromp.perception.parameters import Colour, EyeParameters
 from optipromp.perception.pictures import DepthPicture, Image8
 
@@ -44,7 +44,7 @@ class ByGeometry:
         near = (picture.depth > 0.0) & (picture.depth < p.farthest)
         box = box_of(near, HOLE)
         near = near[box]
-        close = ndimage.maximum_filter(near, 2 * HOLE + 1)
+        close = most_about(near, 2 * HOLE + 1)
         rgb = smooth(picture.rgb[box])
         colours = np.zeros(close.shape, dtype=np.int8)
         colours[close] = coloured(rgb[close], p)
@@ -79,7 +79,7 @@ class ByGeometry:
         """The largest fruits among the pixels of one colour: boxes, and the pixels in them; and
         how many others there are."""
         p = self.parameters
-        steps = depth - ndimage.minimum_filter(depth, 3) > p.step  # the nearer side keeps its edge
+        steps = depth + most_about(-depth, 3) > p.step  # the nearer side keeps its edge
         whole = ndimage.binary_closing(mask, SQUARE) & ~steps
         parts = np.zeros(mask.shape, dtype=np.int64)
         islands, _ = ndimage.label(whole)
@@ -95,7 +95,7 @@ class ByGeometry:
             fruits, left = _part(islands[box] == row + 1, depth[box] / focal, p)
             parts[box] += np.where(fruits > 0, fruits + count, 0)
             count, left_out = count + int(fruits.max()), left_out + left
-        grown = ndimage.maximum_filter(parts, 2 * RAGGED + 1)
+        grown = most_about(parts, 2 * RAGGED + 1)
         parts = np.where(mask & (parts == 0), grown, parts)
         boxes, sizes = ndimage.find_objects(parts), np.bincount(parts.ravel(), minlength=1)[1:]
         out, chosen = [], largest(sizes)
@@ -127,7 +127,7 @@ def _part(island: BoolArray, metres: FloatArray, p: EyeParameters) -> tuple[IntA
         within = ndimage.distance_transform_edt(~wall) * metres <= 1.1 * WALL * p.most_radius
         return _part(island & ~within, metres, p)
     smooth = ndimage.gaussian_filter(edge, 1.0)
-    peaks = np.argwhere((smooth == ndimage.maximum_filter(smooth, 5)) & core)
+    peaks = np.argwhere((smooth == most_about(smooth, 5)) & core)
     radii = edge[peaks[:, 0], peaks[:, 1]]
     island = island & (ndimage.distance_transform_edt(~core) * metres <= p.thin)  # without its stem
     order = np.argsort(-radii, kind="stable")

@@ -9,6 +9,7 @@ trained by ``scripts/train_eyes.py`` on pictures of two renderers.
 import math
 import subprocess
 import sys
+from collections.abc import Iterable, Iterator
 from importlib import resources
 from pathlib import Path
 from threading import Timer
@@ -16,13 +17,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import center_of_mass, find_objects, gaussian_filter, label, maximum_filter
+from scipy.ndimage import find_objects, gaussian_filter, label
 
-from optipromp.core.arrays import BoolArray, FloatArray, IntArray
+from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.errors import InvalidRequestError, installed_by
 from optipromp.core.files import read_bytes
 from optipromp.perception.boards import opencv
-from optipromp.perception.finder import Class, Found, Region, largest
+from optipromp.perception.finder import Class, Found, Region, box_of, largest, most_about
 from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.pictures import MOST_SEEN, DepthPicture
 
@@ -73,10 +74,14 @@ except Exception as error:
 def encoded(rgb: NDArray[Any], depth: NDArray[Any], focal: float) -> NDArray[np.float32]:
     """What the network sees (5, height, width) of colours 0 to 255 and depths [m], by a camera of
     a focal length [pixel]: colours, the scale of each pixel over :data:`SCALE`, missing depths."""
-    known = depth > 0.0
-    scale = np.where(known, focal / (SCALE * np.maximum(depth, 0.02)), 0.0)
-    parts = (*(np.moveaxis(rgb, 2, 0) / 255.0 - 0.5), np.minimum(scale, 4.0), 1.0 - known)
-    return np.stack(parts).astype(np.float32)
+    out = np.empty((5, *depth.shape), dtype=np.float32)
+    np.multiply(np.moveaxis(rgb, 2, 0), np.float32(1.0 / 255.0), out=out[:3], dtype=np.float32)
+    out[:3] -= 0.5
+    far = np.maximum(depth, np.float32(0.02), dtype=np.float32)
+    np.minimum(np.float32(focal / SCALE) / far, 4.0, out=out[3])
+    np.less_equal(depth, 0.0, out=out[4])
+    out[3] *= 1.0 - out[4]
+    return out
 
 
 class ByNetwork:
@@ -171,17 +176,21 @@ class ByNetwork:
         """See :class:`optipromp.perception.finder.Finder`; refuses what the network of a file of
         your own says if it is no answer (InvalidRequestError)."""
         focal = 0.5 * (picture.camera.fx + picture.camera.fy)
+        most = min(LARGEST, math.sqrt(LARGEST * MOST_SEEN / picture.depth.size))
         depths = depths_seen(picture)
+        factors, first = np.unique(
+            np.minimum(self._scale * depths / focal, most), return_index=True
+        )
+        depths = depths[first]  # depths of one scale are seen once
         ends = np.sqrt(depths[1:] * depths[:-1])  # between two depths
         shown: list[Region] = []
         stems = np.zeros(picture.depth.shape, dtype=bool)
         left_out = 0
-        for row, depth in enumerate(depths):
-            most = math.sqrt(LARGEST * MOST_SEEN / picture.depth.size)
-            factor = min(self._scale * depth / focal, LARGEST, most)
-            regions, stem, left = self._seen_at(picture, factor)
-            mine = np.digitize(picture.depth, ends) == row
-            stems |= stem & (mine | (picture.depth == 0.0))
+        for row, factor in enumerate(factors):
+            regions, stem, left = self._seen_at(picture, float(factor))
+            if len(ends):
+                stem &= (np.digitize(picture.depth, ends) == row) | (picture.depth == 0.0)
+            stems |= stem
             left_out += left
             for region in regions:  # a fruit is of the scale of most of its pixels
                 far = picture.depth[region.box][region.part]
@@ -205,9 +214,10 @@ class ByNetwork:
         area = opencv().INTER_AREA if factor < 1.0 else opencv().INTER_LINEAR
         whole = tuple(-(-side // BLOCK) * BLOCK for side in size)
         rgb = np.full((*whole, 3), BLANK, dtype=np.uint8)
-        depth = np.zeros(whole)
+        depth = np.zeros(whole, dtype=np.float32)
         rgb[: size[0], : size[1]] = opencv().resize(picture.rgb, size[::-1], interpolation=area)
-        depth[: size[0], : size[1]] = picture.depth[np.ix_(rows, columns)]
+        far = picture.depth.astype(np.float32)
+        depth[: size[0], : size[1]] = far.take(rows, 0).take(columns, 1)
         focal = 0.5 * (picture.camera.fx + picture.camera.fy) * factor
         told = self._told(encoded(rgb, depth, focal * SCALE / self._scale))
         half = tuple(-(-side // FINE) for side in size)
@@ -215,27 +225,29 @@ class ByNetwork:
         kinds, offsets = told[: len(CLASSES)], FAR * told[len(CLASSES) :]
         sure = np.exp(kinds - kinds.max(axis=0))
         sure /= sure.sum(axis=0)
-        fruit = _wide(_lead(sure, FRUITS), size, shape) > 0.0
+        leads = _lead(sure, FRUITS), _lead(sure, STEMS)
+        fruit, stem = (wide > 0.0 for wide in _wide(leads, size, shape))
         owner = grouped(sure, offsets)
         # the smooth edge of a fruit may lie next to it
-        spread = np.where(owner > 0, owner, maximum_filter(owner, size=3))
+        spread = np.where(owner > 0, owner, most_about(owner, 3))
         rows, columns = (
             ((np.arange(side) + 0.5) * n / (FINE * side)).astype(int)
             for n, side in zip(size, shape, strict=True)
         )
-        full = np.where(fruit, spread[np.ix_(rows, columns)], 0)
+        full = np.where(fruit, spread.take(rows, 0).take(columns, 1), 0)
         regions = []
         boxes, sizes = find_objects(full), np.bincount(full.ravel())[1:]
+        cells = find_objects(owner)
         chosen = largest(sizes)
         for k in chosen[sizes[chosen] > 0] + 1:
             box = boxes[k - 1]
-            ripe, unripe = (float(sure[kind][owner == k].mean()) for kind in FRUITS)
+            cell = cells[k - 1]
+            ripe, unripe = (float(sure[kind][cell][owner[cell] == k].mean()) for kind in FRUITS)
             name: Class = "ripe" if ripe > unripe else "unripe"
             sure_of = ripe / max(ripe + unripe, 1e-6)
             mask = full[box] == k
             regions.append(Region(name, mask, max(ripe, unripe), box, shape, sure_of))
-        stem = (_wide(_lead(sure, STEMS), size, shape) > 0.0) & ~fruit
-        return regions, stem, int(np.sum(np.delete(sizes, chosen) > 0))
+        return regions, stem & ~fruit, int(np.sum(np.delete(sizes, chosen) > 0))
 
 
 def depths_seen(picture: DepthPicture) -> FloatArray:
@@ -261,25 +273,31 @@ def depths_seen(picture: DepthPicture) -> FloatArray:
 
 def _lead(sure: FloatArray, kinds: list[int]) -> FloatArray:
     """How much likelier (H, W) some classes together are than the likeliest other one."""
-    return np.asarray(sure[kinds].sum(axis=0) - np.delete(sure, kinds, axis=0).max(axis=0))
+    others = [sure[k] for k in range(len(sure)) if k not in kinds]
+    most = others[0]
+    for other in others[1:]:
+        most = np.maximum(most, other)
+    return np.asarray(sum(sure[k] for k in kinds) - most)
 
 
-def _wide(values: FloatArray, size: tuple[int, ...], shape: tuple[int, ...]) -> FloatArray:
-    """Values (h, w) of an answer at the pixels of the picture, linear between their middles."""
+def _wide(
+    answers: Iterable[FloatArray], size: tuple[int, ...], shape: tuple[int, ...]
+) -> Iterator[FloatArray]:
+    """Answers (h, w) at the pixels of the picture, linear between their middles."""
     rows, columns = (
         ((np.arange(side) + 0.5) * n / (FINE * side) - 0.5).astype(np.float32)
         for n, side in zip(size, shape, strict=True)
     )
     across, down = np.meshgrid(columns, rows)
     cv = opencv()
-    out = cv.remap(
-        np.ascontiguousarray(values, dtype=np.float32), across, down, cv.INTER_LINEAR,
-        borderMode=cv.BORDER_REPLICATE,
-    )  # fmt: skip
-    return np.asarray(out)
+    for values in answers:
+        yield cv.remap(
+            np.ascontiguousarray(values, dtype=np.float32), across, down, cv.INTER_LINEAR,
+            borderMode=cv.BORDER_REPLICATE,
+        )  # fmt: skip
 
 
-def grouped(sure: FloatArray, offsets: FloatArray) -> IntArray:
+def grouped(sure: FloatArray, offsets: FloatArray) -> NDArray[np.int32]:
     """Number of the fruit (H, W) that a pixel shows, from 1; 0: none.
 
     Each pixel of a fruit votes for the middle that its offset points to. The peaks of the smoothed
@@ -288,20 +306,27 @@ def grouped(sure: FloatArray, offsets: FloatArray) -> IntArray:
     ``sure``: (7, H, W) of :data:`CLASSES`. ``offsets``: (2, H, W) across and down [pixel].
     """
     height, width = sure.shape[1:]
-    out = np.zeros((height, width), dtype=np.int64)
+    out = np.zeros((height, width), dtype=np.int32)
     rows, columns = np.nonzero(_lead(sure, FRUITS) > 0.0)
     across = np.clip(np.rint(columns + offsets[0, rows, columns]), 0, width - 1).astype(int)
     down = np.clip(np.rint(rows + offsets[1, rows, columns]), 0, height - 1).astype(int)
     votes = np.bincount(down * width + across, minlength=out.size).reshape(out.shape)
-    smooth = gaussian_filter(votes.astype(float), SPREAD)
-    peaks = (smooth == maximum_filter(smooth, size=APART)) & (smooth >= LEAST_VOTES)
+    peaks = np.zeros(out.shape, dtype=bool)
+    box = box_of(votes > 0, math.ceil(4.0 * SPREAD) + APART)  # beyond, all is as if it were empty
+    smooth = gaussian_filter(votes[box].astype(float), SPREAD)
+    peaks[box] = (smooth == most_about(smooth, APART)) & (smooth >= LEAST_VOTES)
     marks, count = label(peaks, np.ones((3, 3)))
     if not count:
         return out
-    places = np.array(center_of_mass(peaks, marks, range(1, count + 1)))
-    for part in np.array_split(np.arange(len(rows)), 1 + len(rows) * count // MOST_PAIRS):
-        away = np.hypot(down[part, None] - places[:, 0], across[part, None] - places[:, 1])
+    at = np.nonzero(marks)
+    kinds = marks[at] - 1
+    places = np.stack([np.bincount(kinds, each) / np.bincount(kinds) for each in at], axis=1)
+    cells = np.flatnonzero(votes)
+    owner = np.zeros(out.size, dtype=np.int32)  # of the votes for a place
+    for part in np.array_split(cells, 1 + len(cells) * count // MOST_PAIRS):
+        row, column = np.divmod(part, width)
+        away = np.hypot(row[:, None] - places[:, 0], column[:, None] - places[:, 1])
         mine = away.argmin(axis=1)
-        near = away[np.arange(len(mine)), mine] < REACH
-        out[rows[part[near]], columns[part[near]]] = mine[near] + 1
+        owner[part] = np.where(away[np.arange(len(mine)), mine] < REACH, mine + 1, 0)
+    out[rows, columns] = owner[down * width + across]
     return out

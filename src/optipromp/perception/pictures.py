@@ -115,8 +115,10 @@ class CameraModel:
 
     def through(self, pixels: FloatArray | IntArray) -> FloatArray:
         """Directions (..., 3), of depth 1, through columns and rows (..., 2)."""
-        flat = (pixels - np.array([self.cx, self.cy])) / [self.fx, self.fy]
-        return np.concatenate([flat, np.ones((*flat.shape[:-1], 1))], axis=-1)
+        out = np.ones((*pixels.shape[:-1], 3))
+        out[..., 0] = (pixels[..., 0] - self.cx) / self.fx
+        out[..., 1] = (pixels[..., 1] - self.cy) / self.fy
+        return out
 
     def pixels(self, points: FloatArray) -> FloatArray:
         """Columns and rows (..., 2) of points (..., 3) in the frame of the camera."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frame_along
@@ -14,6 +15,7 @@ from optipromp.perception.geometry import edge_of
 from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.pictures import DepthPicture
 
+Codes = NDArray[np.int8]  # (height, width) the colour of each pixel; 0: none
 HUBER = 2.0  # [standard deviations] beyond which a residual counts linearly: a choice
 
 
@@ -24,6 +26,11 @@ class FitData(NamedTuple):
     weights: FloatArray  # (R, P) [1/m]
     rays: FloatArray  # (R, K, 3) through free outlines
     pulls: FloatArray  # (R, K) their weights [1/m]
+
+
+def _squares(vectors: FloatArray) -> FloatArray:
+    """Squared lengths (R, N) of vectors (R, N, 3)."""
+    return np.asarray(np.einsum("rni,rni->rn", vectors, vectors))
 
 
 def axis_of(x: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -44,10 +51,10 @@ def system(x: FloatArray, axes: FloatArray, data: FitData) -> tuple[FloatArray, 
     metric = center + k * (center * axis).sum(axis=1)[:, None] * axis
     along = np.matmul(data.rays, axis[:, :, None])[:, :, 0]
     share = np.matmul(data.rays, metric[:, :, None])[:, :, 0]
-    share /= np.maximum((data.rays**2).sum(axis=2) + k * along**2, 1e-12)
+    share /= np.maximum(_squares(data.rays) + k * along**2, 1e-12)
     off = np.concatenate([data.points, share[:, :, None] * data.rays], axis=1) - center[:, None]
     s = np.matmul(off, axis[:, :, None])[:, :, 0]
-    size = np.sqrt(np.maximum((off**2).sum(axis=2) + k * s**2, 1e-12))
+    size = np.sqrt(np.maximum(_squares(off) + k * s**2, 1e-12))
     slope = np.empty((*size.shape, 7))
     slope[:, :, :3] = -(off + (k * s)[:, :, None] * axis[:, None]) / size[:, :, None]
     slope[:, :, 3] = -radius
@@ -97,7 +104,7 @@ def surface(rays: FloatArray, balls: SpheroidRows) -> tuple[FloatArray, FloatArr
     metric = center + k * (center * axis).sum(axis=1)[:, None] * axis
     along = np.matmul(rays, axis[:, :, None])[:, :, 0]
     across = np.matmul(rays, metric[:, :, None])[:, :, 0]
-    size = (rays**2).sum(axis=2) + k * along**2
+    size = _squares(rays) + k * along**2
     share = across / size
     square = (center * metric).sum(axis=1)[:, None] - across * share
     root = np.sqrt(np.maximum(radius**2 - square, 0.0) / size)
@@ -148,15 +155,26 @@ class SpheroidViews(NamedTuple):
 
 
 def _at(
-    picture: DepthPicture, colours: IntArray, where: FloatArray
-) -> tuple[FloatArray, FloatArray, IntArray]:
+    picture: DepthPicture, colours: Codes, where: FloatArray
+) -> tuple[FloatArray, FloatArray, Codes]:
     """Rays (..., 3), depths (nan outside the picture) and colours at pixels (..., 2)."""
+    cells, place, depth = _there(picture, where)
+    return picture.camera.through(cells), depth, colours.ravel()[place]
+
+
+def _there(picture: DepthPicture, where: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
+    """The nearest pixels (..., 2) to places (..., 2), their numbers, and their depths (nan outside
+    the picture)."""
     camera = picture.camera
-    cells = np.rint(where).astype(np.int64)
-    inside = np.clip(cells, 0, [camera.width - 1, camera.height - 1])
-    column, row = inside[..., 0], inside[..., 1]
-    depth = np.where((inside == cells).all(axis=-1), picture.depth[row, column], np.nan)
-    return camera.through(inside), depth, colours[row, column]
+    cells = np.rint(where)
+    inside = np.empty(cells.shape)
+    for k, size in enumerate((camera.width, camera.height)):
+        np.clip(cells[..., k], 0.0, size - 1.0, out=inside[..., k])
+    place = (inside[..., 1] * camera.width + inside[..., 0]).astype(np.int64)
+    depth = picture.depth.ravel()[place]
+    beyond = (inside[..., 0] != cells[..., 0]) | (inside[..., 1] != cells[..., 1])
+    depth[beyond] = np.nan
+    return inside, place, depth
 
 
 def slack_of(depth: Any, p: EyeParameters) -> Any:
@@ -165,7 +183,7 @@ def slack_of(depth: Any, p: EyeParameters) -> Any:
 
 
 def shown_of(
-    picture: DepthPicture, colours: IntArray, kinds: IntArray, x: FloatArray, axes: FloatArray,
+    picture: DepthPicture, colours: Codes, kinds: IntArray, x: FloatArray, axes: FloatArray,
     p: EyeParameters,
 ) -> SpheroidViews:  # fmt: skip
     """Where spheroids (R, 7) are seen, hidden, or seen through."""
@@ -204,7 +222,7 @@ def shown_of(
 
 
 def _outlines(
-    picture: DepthPicture, colours: IntArray, kinds: IntArray, balls: SpheroidRows,
+    picture: DepthPicture, colours: Codes, kinds: IntArray, balls: SpheroidRows,
     about: tuple[FloatArray, FloatArray, FloatArray], p: EyeParameters,
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Rays (R, K, 3) through the free outlines of spheroids (R, 7), and their weights (R, K)."""
@@ -233,7 +251,7 @@ def _outlines(
     close = np.abs(aside - 1.0) * size[:, None] < np.maximum(0.25 * size, 4.0)[:, None]
     free = (deep >= 0) & (last < TICKS - 1) & close
     for ahead in BEYOND:
-        _, beyond, _ = _at(picture, colours, edge + ahead * turn)
+        _, _, beyond = _there(picture, edge + ahead * turn)
         free &= ~((beyond > 0.0) & (beyond < front + BEFORE)) & ~np.isnan(beyond)
     around = 2.0 * math.pi * size / TURNS  # [pixel] of a direction
     per = np.maximum(p.outline_run / around, 1.0)
@@ -338,7 +356,7 @@ class Spheroid:
 
 
 def all_fitted(
-    picture: DepthPicture, seeds: Sequence[Region], kinds: IntArray, colours: IntArray,
+    picture: DepthPicture, seeds: Sequence[Region], kinds: IntArray, colours: Codes,
     up: FloatArray, p: EyeParameters,
 ) -> list[Spheroid | None]:  # fmt: skip
     r"""The likeliest spheroid of each seed; None where it shows none.
@@ -420,17 +438,19 @@ def _spheroid(
     )  # fmt: skip
 
 
-def claimed(picture: DepthPicture, colour: BoolArray, fit: Spheroid, p: EyeParameters) -> BoolArray:
-    """The pixels (height, width) of a colour that show a fruit."""
+def claimed(
+    picture: DepthPicture, colour: BoolArray, fit: Spheroid, p: EyeParameters
+) -> tuple[tuple[slice, slice], BoolArray]:
+    """A box, and its pixels (h, w) of a colour (height, width) that show a fruit."""
     camera = picture.camera
     column, row = camera.pixels(fit.center)
     size = 1.1 * max(fit.radius, fit.half) / fit.center[2]
-    box = tuple(
-        slice(max(int(at - size * f), 0), max(int(at + size * f) + 2, 0))
-        for at, f in ((row, camera.fy), (column, camera.fx))
+    high, wide = (
+        slice(max(int(at - size * f), 0), min(max(int(at + size * f) + 2, 0), most))
+        for at, f, most in ((row, camera.fy, camera.height), (column, camera.fx, camera.width))
     )
-    out = np.zeros(colour.shape, dtype=bool)
-    rows = np.argwhere(colour[box]) + [box[0].start, box[1].start]
+    out = np.array(colour[high, wide])
+    rows = np.argwhere(out) + [high.start, wide.start]
     balls = SpheroidRows(
         fit.center[None], fit.axis[None], np.array([fit.radius]), np.array([fit.half])
     )
@@ -439,8 +459,8 @@ def claimed(picture: DepthPicture, colour: BoolArray, fit: Spheroid, p: EyeParam
     inner = (aside[0] < 1.1) & (
         (depth == 0.0) | (np.abs(depth - front[0]) < 2.0 * slack_of(fit.center[2], p))
     )
-    out[rows[inner, 0], rows[inner, 1]] = True
-    return out
+    out[out] = inner
+    return (high, wide), out
 
 
 TRIES = 20  # directions that are tried, of those to the points about a fruit: a choice
@@ -461,6 +481,7 @@ class SeenStem:
     length: float  # from the fruit's centre as far as it was seen [m]
     deviation: float  # standard deviation of its tilt, the larger of two axes [rad]
     support: float  # length of it that told the direction [m]
+    bent: bool = False  # whether it was traced, as no straight one was seen
 
 
 def stem_of(
@@ -482,19 +503,18 @@ def stem_of(
     begin = max(fruit.radius, fruit.half)
     near = (away > 0.8 * fruit.radius) & (away < LONGEST) & (off @ up > STEEPEST * away)
     rows = np.flatnonzero(near)[np.argsort(away[near], kind="stable")]
-    off, away, points, deep = off[rows], away[rows], points[rows], deep[rows]
+    off, away, deep = off[rows], away[rows], deep[rows]
+    views = points[rows] / np.linalg.norm(points[rows], axis=1)[:, None]
     about = np.flatnonzero((away > begin) & (away < begin + p.stem_reach))
     if len(about) < 5:  # points: a choice
         return None
     chosen = about[np.linspace(0, len(about) - 1, min(len(about), TRIES)).astype(int)]
     ways = off[chosen] / away[chosen][:, None]
-    lengths = np.zeros(len(ways))
-    for k, way in enumerate(ways):
-        beside, along = _beside(off[about], points[about], way, p)
-        lengths[k] = _whole(along[beside & (along < begin + p.stem_reach)], begin)
+    beside, along = _beside(off[about], views[about], ways, p)
+    lengths = _whole(along, beside & (along < begin + p.stem_reach), begin)
     best = int(np.argmax(lengths + 1e-3 * (ways @ up)))  # of equals the more upright: a choice
     if lengths[best] < p.stem_least:
-        return _bent(fruit, off, away, points, deep, up, p, per) if bends else None
+        return _bent(fruit, off, away, views, deep, up, p, per) if bends else None
     way = ways[best]
     cosine = np.clip(ways @ way, -1.0, 1.0)
     rival = np.where(cosine < RIVAL, lengths, 0.0)
@@ -502,42 +522,48 @@ def stem_of(
     odds = rival[other] / lengths[best]
     doubt = odds**2 / (1.0 + odds**2) * math.acos(float(cosine[other])) ** 2
     for _ in range(2):
-        beside, along = _beside(off, points, way, p)
-        used = beside & (along < begin + p.stem_reach) & (along > 0.8 * fruit.radius)
-        way, deviation = _line(off[used], points[used], deep[used], way, up, p, per)
-    beside, along = _beside(off, points, way, p)
-    support = _whole(along[beside & (along < begin + p.stem_reach)], begin)
+        beside, along = _beside(off, views, way[None], p)
+        used = (beside & (along < begin + p.stem_reach) & (along > 0.8 * fruit.radius))[0]
+        way, deviation = _line(off[used], views[used], deep[used], way, up, p, per)
+    beside, along = _beside(off, views, way[None], p)
+    support = float(_whole(along, beside & (along < begin + p.stem_reach), begin)[0])
     if support < p.stem_least:
         return None
-    length = begin + _whole(along[beside], begin)
+    length = begin + float(_whole(along, beside, begin)[0])
     deviation = math.hypot(max(deviation, math.radians(p.stem_floor)), 0.5 * math.sqrt(doubt))
     return SeenStem(way, length, deviation, support)
 
 
 def _beside(
-    off: FloatArray, points: FloatArray, way: FloatArray, p: EyeParameters
+    off: FloatArray, views: FloatArray, ways: FloatArray, p: EyeParameters
 ) -> tuple[BoolArray, FloatArray]:
-    """Whether points (N,) are beside the line along ``way``, and how far along [m]."""
-    along = off @ way
-    rest = off - along[:, None] * way
-    views = points / np.linalg.norm(points, axis=1)[:, None]
-    deep = np.abs(np.einsum("ni,ni->n", rest, views))
-    across = np.sqrt(np.maximum((rest**2).sum(axis=1) - deep**2, 0.0))
-    return (across < p.stem_aside) & (deep < 4.0 * p.stem_depth) & (along > 0.0), along
+    """Whether points (N,) are beside the lines along ``ways`` (K, 3), (K, N), and how far along
+    these they are [m]. ``views``: (N, 3) unit, along the lines of sight."""
+    along = ways @ off.T
+    deep = np.abs((off * views).sum(axis=1) - along * (ways @ views.T))
+    across = (off**2).sum(axis=1) - along**2 - deep**2  # squared
+    close = (across < p.stem_aside**2) & (deep < 4.0 * p.stem_depth)
+    return close & (along > 0.0), along
 
 
-def _whole(along: FloatArray, begin: float) -> float:
-    """Length of the piece from ``begin`` on without a long gap [m]."""
-    bins = np.flatnonzero(np.bincount(((along[along > begin] - begin) / BIN).astype(int)))
-    if not len(bins) or bins[0] > GAP:
-        return 0.0
-    gaps = np.flatnonzero(np.diff(bins) > GAP)
-    last = bins[gaps[0]] if len(gaps) else bins[-1]
-    return float((last + 1) * BIN)
+def _whole(along: FloatArray, there: BoolArray, begin: float) -> FloatArray:
+    """Lengths (K,) of pieces from ``begin`` on without a long gap [m], of points (K, N) that are
+    ``there`` (K, N)."""
+    row, column = np.nonzero(there & (along > begin))
+    bins = ((along[row, column] - begin) / BIN).astype(int)
+    seen = np.zeros((len(along), int(bins.max(initial=0)) + 1), dtype=bool)
+    seen[row, bins] = True
+    last, ends = np.zeros(len(along), dtype=np.int64), np.zeros(len(along))
+    for k in range(seen.shape[1]):
+        goes_on = seen[:, k] & (k - last <= GAP)
+        last[goes_on], ends[goes_on] = k, (k + 1) * BIN
+        if k - int(last.max()) > GAP:
+            break
+    return ends
 
 
 def _bent(
-    fruit: Spheroid, off: FloatArray, away: FloatArray, points: FloatArray, deep: FloatArray,
+    fruit: Spheroid, off: FloatArray, away: FloatArray, views: FloatArray, deep: FloatArray,
     up: FloatArray, p: EyeParameters, per: float,
 ) -> SeenStem | None:  # fmt: skip
     """The longest trace that begins at the fruit, of points in the order of their distances."""
@@ -556,12 +582,12 @@ def _bent(
         return None
     first = off[used][away[used] > 0.7 * away[used].max()].mean(axis=0)  # the far end of the part
     way = first / np.linalg.norm(first)
-    _, deviation = _line(off[used], points[used], deep[used], way, up, p, per)
+    _, deviation = _line(off[used], views[used], deep[used], way, up, p, per)
     across = np.cross(view, way)
     aside = off[used] @ across / max(float(np.linalg.norm(across)), 1e-3)
     bow = 2.0 * float(np.sqrt(np.mean(aside**2))) / float(away[used].max())
     deviation = math.hypot(max(deviation, math.radians(p.stem_floor)), bow)
-    return SeenStem(way, length, deviation, min(length - begin, p.stem_reach))
+    return SeenStem(way, length, deviation, min(length - begin, p.stem_reach), bent=True)
 
 
 def _traced(
@@ -596,7 +622,7 @@ def _traced(
 
 
 def _line(
-    off: FloatArray, points: FloatArray, deep: FloatArray, way: FloatArray, up: FloatArray,
+    off: FloatArray, views: FloatArray, deep: FloatArray, way: FloatArray, up: FloatArray,
     p: EyeParameters, per: float,
 ) -> tuple[FloatArray, float]:  # fmt: skip
     r"""The direction (3,) of the line through the points, and the deviation of its tilt [rad].
@@ -606,20 +632,23 @@ def _line(
     Gaussian before: as wide as a stem, and as stems lean.
     """
     axes = frame_along(way)[:, :2]
-    t = off @ way
-    views = points / np.linalg.norm(points, axis=1)[:, None]
-    seen = views @ axes  # (N, 2) share of the line of sight
-    blur = (deep**2)[:, None, None] * seen[:, :, None] * seen[:, None, :]
-    error = p.stem_noise**2 * np.eye(2) + blur
-    weight = np.linalg.inv(error) / max(per, 1.0)
-    design = np.zeros((len(t), 2, 4))
-    design[:, 0, 0] = design[:, 1, 1] = 1.0
-    design[:, 0, 2] = design[:, 1, 3] = t
+    t, place = off @ way, off @ axes
+    x, y = (views @ axes).T  # (N,) share of the line of sight
+    sharp = 1.0 / (p.stem_noise**2 * max(per, 1.0))
+    # the inverse of the error, of p.stem_noise all around and of deep along the line of sight
+    blunt = deep**2 / (p.stem_noise**2 + deep**2 * (x**2 + y**2))
+    weights = sharp * np.array([1.0 - blunt * x**2, -blunt * x * y, 1.0 - blunt * y**2])
+    sums = weights[[0, 1, 1, 2]] @ np.stack([np.ones(len(t)), t, t**2], axis=1)
+    one, first, second = sums.T.reshape(3, 2, 2)
+    pulls = np.stack([
+        weights[0] * place[:, 0] + weights[1] * place[:, 1],
+        weights[1] * place[:, 0] + weights[2] * place[:, 1],
+    ])  # fmt: skip
     tilt = math.radians(p.tilt)
     before = np.diag([1.0 / p.stem_aside**2] * 2 + [1.0 / tilt**2] * 2)
     leaning = up @ axes / max(float(up @ way), STEEPEST)
-    matrix = before + np.einsum("nia,nij,njb->ab", design, weight, design)
-    vector = np.einsum("nia,nij,nj->a", design, weight, off @ axes)
+    matrix = before + np.block([[one, first], [first, second]])
+    vector = np.concatenate([pulls.sum(axis=1), pulls @ t])
     vector[2:] += leaning / tilt**2
     covariance = np.linalg.inv(matrix)
     turned = way + axes @ (covariance @ vector)[2:]
