@@ -43,7 +43,6 @@ SPAN = 2.0  # farthest over nearest depth of plants beyond which two scales are 
 SPREAD = 1.5  # [pixel] standard deviation that smooths the votes: a choice
 APART = 7  # [pixel] side of the square in which one peak of votes stands: a choice
 LEAST_VOTES = 1.2  # votes at a peak, smoothed: a choice
-MOST_PAIRS = 4_000_000  # of votes and peaks that are compared at once, which bounds memory
 REACH = 9.0  # [pixel] farthest vote from its peak: a choice
 SECONDS, MEMORY = 10.0, 4 << 30  # [s], [bytes] that a network of your own may take: a choice
 PATIENCE = 6  # [s] of the clock for a second of processor time in a trial: a choice
@@ -321,12 +320,14 @@ def grouped(sure: FloatArray, offsets: FloatArray) -> NDArray[np.int32]:
     at = np.nonzero(marks)
     kinds = marks[at] - 1
     places = np.stack([np.bincount(kinds, each) / np.bincount(kinds) for each in at], axis=1)
-    cells = np.flatnonzero(votes)
-    owner = np.zeros(out.size, dtype=np.int32)  # of the votes for a place
-    for part in np.array_split(cells, 1 + len(cells) * count // MOST_PAIRS):
-        row, column = np.divmod(part, width)
-        away = np.hypot(row[:, None] - places[:, 0], column[:, None] - places[:, 1])
-        mine = away.argmin(axis=1)
-        owner[part] = np.where(away[np.arange(len(mine)), mine] < REACH, mine + 1, 0)
-    out[rows, columns] = owner[down * width + across]
+    owner, least = np.zeros(out.shape, dtype=np.int32), np.full(out.shape, REACH)  # of votes
+    for k, (row, column) in enumerate(places, 1):
+        high, wide = (
+            slice(max(math.ceil(at - REACH), 0), math.floor(at + REACH) + 1) for at in (row, column)
+        )
+        rest = np.ogrid[high.start : min(high.stop, height), wide.start : min(wide.stop, width)]
+        away = np.hypot(rest[0] - row, rest[1] - column)
+        nearer = away < least[high, wide]
+        least[high, wide][nearer], owner[high, wide][nearer] = away[nearer], k
+    out[rows, columns] = owner[down, across]
     return out
