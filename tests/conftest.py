@@ -38,7 +38,7 @@ LONG = {
     "geometry": "grids",
     "judging": "against_coal_and_mujoco crowds planted",
     "looks": "looks",
-    "perception": "bounds calibration network other_crops seeing spheroids teaching watcher",
+    "perception": "bounds calibration doubts network other_crops seeing spheroids teaching watcher",
     "page": "first_sight loop_replay page sources teaching words",
     "planning": (
         "approaches cutting follow goals legs many moving moving_neighbours options paper "

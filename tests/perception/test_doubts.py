@@ -4,12 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.perception.shots import shot_of
+from tests.perception.shots import shot_of, with_flower
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.scenes.pose import Pose
+from optipromp.laboratory.experiments.eyes import paired
 from optipromp.perception import (
     ByDetector,
+    ByGeometry,
+    ByNetwork,
     CameraModel,
     DepthPicture,
     Detected,
@@ -18,10 +21,13 @@ from optipromp.perception import (
     look_at,
 )
 from optipromp.perception.doubts import balanced, register_of
+from optipromp.perception.eyes import doubt_of
 
 UP = np.array([0.0, -1.0, 0.0])  # of a camera without pose that looks ahead
 LENS = CameraModel(320, 240, 300.0, 300.0, 159.5, 119.5)
 GREEN, GREY, RIPE, SKIN = (85, 140, 60), (150, 150, 150), (190, 25, 30), (205, 150, 125)
+WHITE, YELLOW, GOLD = (225, 225, 215), (235, 205, 60), (225, 170, 30)
+WEAK = [(1.0, s, t) for s in (0.5, 0.35) for t in (0.9 * s, 0.95)]  # red and grow light
 TUNGSTEN, RED, GROW = (1.0, 0.77, 0.56), (1.0, 0.25, 0.2), (1.0, 0.3, 0.9)
 
 
@@ -131,6 +137,57 @@ def test_a_red_wall_behind_is_no_lamp() -> None:
     rgb = np.where((shown.depth > 0.5)[..., None], np.uint8([190, 60, 50]), shown.rgb)
     assert balanced(replace(shown, rgb=rgb)) is not None
     assert (balanced(replace(shown, rgb=rgb)).rgb == rgb).all()
+
+
+@pytest.mark.parametrize("looks", ["plain", "rich"])
+@pytest.mark.parametrize("light", [(1.0, 1.0, 1.0), *WEAK])
+def test_weak_coloured_light_makes_no_unripe_fruit_a_target(
+    looks: str, light: tuple[float, ...]
+) -> None:
+    shot = shot_of(looks=looks)
+    rgb = np.rint(shot.picture.rgb * np.array(light)).astype(np.uint8)
+    sight = look_at(replace(shot.picture, rgb=rgb), up=shot.scene.up)
+    pairs, _ = paired(shot, sight)
+    assert sum(pair.detection is not None for pair in pairs) >= 2
+    for pair in pairs:
+        assert (
+            pair.detection is None
+            or pair.detection.region.kind != "ripe"
+            or (pair.item.role == "target")
+        )
+    if light[1] == 1.0:
+        assert "ripe" in kinds(sight)
+        assert sight.doubts == ()
+    else:
+        assert "ripe" not in kinds(sight)
+        assert "red, blue or grow light?" in words(sight)
+
+
+@pytest.mark.parametrize("finder", [ByGeometry, ByNetwork])
+@pytest.mark.parametrize("dyes", [(WHITE, YELLOW), (YELLOW, GOLD)])
+def test_flowers_are_no_fruits(
+    finder: type[ByGeometry | ByNetwork], dyes: tuple[tuple[int, int, int], ...]
+) -> None:
+    """A strawberry's and a yellow one, small and large, beside fruits and their stems."""
+    shot, eye = shot_of(), finder()
+    fruits = kinds(look_at(shot.picture, up=shot.scene.up, finder=eye))
+    assert len(fruits) == 3
+    shown = shot.picture
+    for at, size in (((343, 88), 0.008), ((420, 180), 0.009), ((180, 400), 0.011)):
+        shown = with_flower(shown, at, 0.4, size, *dyes)
+    assert kinds(look_at(shown, up=shot.scene.up, finder=eye)) == fruits
+
+
+@pytest.mark.parametrize("finder", [ByGeometry, ByNetwork])
+def test_red_and_blue_exchanged_are_told(finder: type[ByGeometry | ByNetwork]) -> None:
+    shot, eye = shot_of(), finder()
+    bgr = replace(shot.picture, rgb=shot.picture.rgb[:, :, ::-1].copy())
+    assert "ripe" not in kinds(look_at(bgr, up=shot.scene.up, finder=eye))
+    assert "must be RGB" in doubt_of(bgr, up=shot.scene.up, finder=eye)
+    red = np.isin(shot.masks, [k for k, m in enumerate(shot.marked, 1) if m.kind == "ripe"])
+    green = np.where(red[..., None], shot.picture.rgb[:, :, [1, 0, 2]], shot.picture.rgb)
+    unripe = replace(shot.picture, rgb=green)
+    assert doubt_of(unripe, up=shot.scene.up, finder=eye) == ""
 
 
 @pytest.mark.parametrize("shift", [(0, 18), (0, -12), (10, 10)])

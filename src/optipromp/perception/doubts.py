@@ -20,6 +20,9 @@ from optipromp.perception.spheroids import Spheroid, stem_of
 DARK, BLOWN = 25.0, 250.0  # largest channel below, above which a pixel tells no colour: a choice
 GREENISH, LEAST_GREENISH = 0.8, 0.12  # green over the largest channel of what is no fruit, and the
 # least share of such pixels: 0.31 in pictures in white light, 0.05 at most in red and grow light
+WEAKER, GREENEST = 0.75, 1.4  # the same share, and green over the others of the greenest, 98 %:
+# light is weakly red below both; one is 0.82 or the other 1.5 in white light
+BLUISH = 1.2  # blue over red of blue things, which tell nothing of red light: a choice
 LEAST_SAMPLES = 200  # pixels that tell of the light: a choice
 GREY = 0.06  # saturation that 98 % of a grey picture are below: a choice
 WARMEST = 0.5  # logarithm of red over green of a lamp of 2,700 K is 0.41: a choice
@@ -64,7 +67,7 @@ def light_of(picture: DepthPicture, found: Found, p: EyeParameters) -> str:
     """Why colours cannot be judged; empty: they can.
 
     In white light much of what is near and no ripe fruit reflects green: stems, leaves, gutters. In
-    red, blue and grow light nothing does.
+    red, blue and grow light nothing does; where it is weak, leaves still do a little.
     """
     near = (picture.depth > 0.0) & (picture.depth < p.farthest)
     for region in found.fruits:
@@ -80,9 +83,15 @@ def light_of(picture: DepthPicture, found: Found, p: EyeParameters) -> str:
     _, dye, _ = hsv(rgb)
     if np.quantile(dye, 0.98) < GREY:
         return "the picture is grey: ripe cannot be told from unripe"
-    if (rgb[:, 1] > GREENISH * most).mean() < LEAST_GREENISH:
+    red, green, blue = rgb.T
+    greenish, other = green > GREENISH * most, np.maximum(red, blue)
+    warm = blue < BLUISH * red
+    weak = warm.sum() > LEAST_SAMPLES and (
+        greenish[warm].mean() < WEAKER and np.quantile((green / other)[warm], 0.98) < GREENEST
+    )
+    if greenish.mean() < LEAST_GREENISH or weak:
         return (
-            "nothing near reflects green: red, blue or grow light? ripe cannot be told from unripe"
+            "little near reflects green: red, blue or grow light? ripe cannot be told from unripe"
         )
     return ""
 

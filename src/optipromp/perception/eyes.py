@@ -126,7 +126,7 @@ def _measured(
             seeds = _left(picture, colours, [region for region, _ in out], p)
         kinds = np.array([KINDS[region.kind] for region in seeds], dtype=np.int64)
         fits = all_fitted(picture, seeds, kinds, colours, up, p)
-        pairs = [(r, fit) for r, fit in zip(seeds, fits, strict=True) if fit is not None]
+        pairs = [(r, f) for r, f in zip(seeds, fits, strict=True) if f and f.round > p.least_round]
         for region, fit in sorted(pairs, key=lambda pair: -pair[1].odds):
             if fit.odds <= p.least_odds:
                 break
@@ -322,7 +322,8 @@ def doubt_of(
 ) -> str:
     """What may be wrong with a picture in which no ripe fruit is seen; empty: nothing is known.
 
-    Depths in other units are tried: whether ripe fruits are seen by them.
+    Depths in other units are tried, and red and blue exchanged: whether ripe fruits are seen so, in
+    the latter one on a stem.
     """
     known = picture.depth[picture.depth > 0.0]
     if not known.size:
@@ -338,6 +339,14 @@ def doubt_of(
                 f"depths are {np.median(known):.3g} m in the middle; with {factor:g} times these, "
                 f"{ripe} ripe are seen: compare the unit of depth and the camera's depth_scale"
             )
+    turned = replace(picture, rgb=np.ascontiguousarray(picture.rgb[:, :, ::-1]))
+    seen = look_at(turned, up=up, finder=finder).detections
+    if any(each.region.kind == "ripe" and each.stem is not None for each in seen):
+        ripe = sum(each.region.kind == "ripe" for each in seen)
+        return (
+            f"with red and blue exchanged, {ripe} ripe are seen: are the colours in the order BGR? "
+            "must be RGB"
+        )
     return ""
 
 
