@@ -34,12 +34,11 @@ from optipromp.perception.pictures import CLOSEST, WORKSPACE, DepthPicture, Imag
 from optipromp.perception.spheroids import (
     NEAREST,
     Codes,
-    SeenStem,
     Spheroid,
     all_fitted,
     claimed,
-    stem_of,
 )
+from optipromp.perception.stems import SeenStem, stem_of
 
 KINDS = {"ripe": 1, "unripe": 2, "stem": 2}
 SEEDINGS = 2  # of fits: to what the finder tells, and to what that leaves: a choice

@@ -39,7 +39,8 @@ from optipromp.perception.detector import finder_named
 from optipromp.perception.eyes import Detection, Sighting, look_at, seen_scene
 from optipromp.perception.finder import Finder, Found, Region
 from optipromp.perception.parameters import eyes_of
-from optipromp.perception.spheroids import SeenStem, Spheroid
+from optipromp.perception.spheroids import Spheroid
+from optipromp.perception.stems import SeenStem
 
 OFTEN = 10_000  # pictures of one seed: above those of a pick
 
