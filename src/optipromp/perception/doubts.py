@@ -15,8 +15,7 @@ from optipromp.perception.finder import Found, Region, most_about
 from optipromp.perception.geometry import apart, front_of, hsv
 from optipromp.perception.parameters import EyeParameters
 from optipromp.perception.pictures import DepthPicture
-from optipromp.perception.spheroids import Spheroid
-from optipromp.perception.stems import stem_of
+from optipromp.perception.stems import Spheroid, stem_of
 
 DARK, BLOWN = 25.0, 250.0  # largest channel below, above which a pixel tells no colour: a choice
 GREENISH, LEAST_GREENISH = 0.8, 0.12  # green over the largest channel of what is no fruit, and the

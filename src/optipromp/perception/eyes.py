@@ -31,13 +31,7 @@ from optipromp.perception.fusing import fused
 from optipromp.perception.geometry import ByGeometry, edge_of, is_wall
 from optipromp.perception.parameters import EyeParameters, eyes_of
 from optipromp.perception.pictures import CLOSEST, WORKSPACE, DepthPicture, Image8
-from optipromp.perception.spheroids import (
-    NEAREST,
-    Codes,
-    Spheroid,
-    all_fitted,
-    claimed,
-)
+from optipromp.perception.spheroids import NEAREST, Codes, Spheroid, all_fitted, claimed
 from optipromp.perception.stems import SeenStem, stem_of
 
 KINDS = {"ripe": 1, "unripe": 2, "stem": 2}

@@ -16,8 +16,7 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Ellipsoid, Sphere
 from optipromp.core.scenes.objects import Role, SceneObject, Stem
 from optipromp.perception.finder import Found, Region
-from optipromp.perception.spheroids import Spheroid
-from optipromp.perception.stems import SeenStem
+from optipromp.perception.stems import SeenStem, Spheroid
 
 GATE = 16.0  # squared normalised distance of one fruit in two pictures; 0.1 % are farther: a choice
 NEAR = 0.7  # of the sum of two radii, the distance below which two detections are one: a choice

@@ -7,7 +7,7 @@ import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frame_along
 from optipromp.perception.parameters import EyeParameters
-from optipromp.perception.spheroids import Spheroid
+from optipromp.perception.spheroids import Spheroid as Spheroid
 
 TRIES = 20  # directions that are tried, of those to the points about a fruit: a choice
 STEEPEST = math.cos(math.radians(75.0))  # of the angle of a stem from the vertical: a choice

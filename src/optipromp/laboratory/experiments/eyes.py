@@ -39,8 +39,7 @@ from optipromp.perception.detector import finder_named
 from optipromp.perception.eyes import Detection, Sighting, look_at, seen_scene
 from optipromp.perception.finder import Finder, Found, Region
 from optipromp.perception.parameters import eyes_of
-from optipromp.perception.spheroids import Spheroid
-from optipromp.perception.stems import SeenStem
+from optipromp.perception.stems import SeenStem, Spheroid
 
 OFTEN = 10_000  # pictures of one seed: above those of a pick
 
