@@ -21,6 +21,7 @@ from optipromp.core.planning.legs import (
     RETREAT,
     Picked,
     _retreats,
+    after,
     held,
     leg,
     leg_task,
@@ -56,12 +57,25 @@ def caught() -> Picked:
     return plan_pick(placing("elongated", 2), options=PlanOptions(risk=0.1))
 
 
+def test_another_approach_is_taken_where_the_way_out_harms() -> None:
+    pytest.importorskip("mujoco")
+    scene = generate("cluster", 76002)
+    straight, picked = after(plan(scene)), plan_pick(scene)
+    assert straight.reach.success
+    assert straight.status is Code.HARM_PREDICTED
+    assert picked.success, picked.message
+    assert picked.failure < straight.failure
+    assert picked.reach.scene.frame[2] @ straight.reach.scene.frame[2] < 0.99
+    outcome = simulate(picked, scene).outcome
+    assert outcome.success, outcome.message
+
+
 def test_the_legs_join_and_the_judge_accepts_each(picked: Picked) -> None:
     assert picked.success, picked.message
     assert list(picked.legs) == [REACH, RETREAT, CARRY]
     reach, retreat, carry = picked.legs.values()
-    for before, after in ((reach, retreat), (retreat, carry)):
-        assert (before.trajectory.positions[-1] == after.trajectory.positions[0]).all()
+    for one, other in ((reach, retreat), (retreat, carry)):
+        assert (one.trajectory.positions[-1] == other.trajectory.positions[0]).all()
     for one in picked.legs.values():
         assert verdict(one.task, one.trajectory).status is Code.SUCCESS
         assert np.abs(one.trajectory.velocities[[0, -1]]).max() < 1e-9

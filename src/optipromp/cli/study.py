@@ -39,7 +39,7 @@ class LoopChoices:
     conditions: str = ""
     eyes: str = ""
     finder: str = "geometry"
-    views: int = 1
+    views: int = 2
 
 
 @command()

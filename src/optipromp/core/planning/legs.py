@@ -28,7 +28,7 @@ from optipromp.core.budget import clock
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.planning.options import DEFAULTS, PlanOptions, Timed, stated
 from optipromp.core.planning.parameters import BACK, LIFTING
-from optipromp.core.planning.plan import plan
+from optipromp.core.planning.plan import check_request, other_reaches, plan
 from optipromp.core.planning.result import Plan, best_of
 from optipromp.core.planning.task import Task, laden, resolve, tool_motion
 from optipromp.core.planning.timing import eased, leaving, shortest
@@ -138,44 +138,70 @@ def plan_pick(
         told = "the legs of a pick know no motion; leave out the motions, or plan the reach alone"
         raise InvalidRequestError(f"in {scene.name} {names} move: {told}")
     reach = plan(scene, progress=progress, **request)
-    return after(reach, progress, **request)
+    return after(reach, progress, scene, **request)
 
 
-def after(reach: Plan, progress: Callable[[str], None] | None = None, **request: Any) -> Picked:
-    """A pick from its reach, with the legs that come after; see :func:`plan_pick`."""
+def after(
+    reach: Plan, progress: Callable[[str], None] | None = None, scene: Scene | None = None,
+    **request: Any,
+) -> Picked:  # fmt: skip
+    """A pick from its reach, with the legs that come after; see :func:`plan_pick`.
+
+    ``scene``: of which another approach is taken where the way out harms; None: the reach stays.
+    """
     legs = {REACH: reach}
     if reach.robot.tool is None:
         raise InvalidRequestError(f"{reach.robot.name} has no tool, which would hold the target")
     if reach.success:
         (progress or str)("retreat")
-        legs |= way_out(reach, _settings(request))
+        legs = reach_and_way_out(reach, scene, **request)
     if RETREAT in legs and legs[RETREAT].success and reach.scene.place is not None:
         scene, robot = carry_scene(legs)
         legs[CARRY] = plan(scene, progress=progress, **request | {"robot": robot})
     return Picked(legs)
 
 
-def _settings(request: Mapping[str, Any]) -> Timed:
-    """The settings of the motion in a request of :func:`plan_pick`."""
-    if isinstance(planner := request.get("planner"), Timed):
-        return planner
+def reach_and_way_out(reach: Plan, scene: Scene | None = None, **request: Any) -> dict[str, Plan]:
+    """A reach and its way out; where that harms, those by the least harmful other approach.
+
+    Where no other approach is harmless, those of the first. ``scene``, ``request``: see
+    :func:`after`.
+    """
     names = {item.name for item in fields(PlanOptions)} & request.keys()
-    return stated(request.get("options"), {name: request[name] for name in names}, plan)
+    options = stated(request.get("options"), {name: request[name] for name in names}, plan)
+    planner = request.get("planner", "opti-promp")
+    settings: Timed = planner if isinstance(planner, Timed) else options
+    legs = {REACH: reach, **way_out(reach, settings)}
+    harms = reach.success and whole(legs)[0] is Code.HARM_PREDICTED
+    if scene is None or stands(scene) or not harms:
+        return legs
+    solver = check_request(planner, request.get("strategy", "joint"), options)
+    reaches = other_reaches(reach, scene, solver, options)
+
+    def rank(tried: dict[str, Plan]) -> tuple[bool, float]:
+        return whole(tried)[0] is not Code.SUCCESS, Picked(tried).failure
+
+    best = best_of(
+        ({REACH: other, **way_out(other, settings, sparing=True)} for other in reaches),
+        rank,
+        lambda tried: rank(tried) <= (False, BACK.good),
+    )
+    return legs if best is None or rank(best)[0] else best
 
 
-def way_out(reach: Plan, options: Timed = DEFAULTS) -> dict[str, Plan]:
+def way_out(reach: Plan, options: Timed = DEFAULTS, sparing: bool = False) -> dict[str, Plan]:
     """The legs by which the tool leaves the plant after a reach; see :func:`plan_pick`."""
     if stands(reach.scene):
         return lifted(reach, options)
-    return {RETREAT: retreat(reach, options)}
+    return {RETREAT: retreat(reach, options, sparing)}
 
 
-def retreat(reach: Plan, options: Timed = DEFAULTS) -> Plan:
+def retreat(reach: Plan, options: Timed = DEFAULTS, sparing: bool = False) -> Plan:
     """The retreat of least harm from the end of a reach; the best invalid one where none is valid.
 
     The push model ranks all proposals by a few states; the best of them are judged. Longer retreats
     are tried where all shorter ones harm, or end where the robot or the fruit touches something
-    that the carry must not touch.
+    that the carry must not touch; none where ``sparing``.
     """
     began, place = clock(), reach.scene.place
     _, robot = held(reach)
@@ -199,7 +225,7 @@ def retreat(reach: Plan, options: Timed = DEFAULTS) -> Plan:
 
     best = None
     distance = _distance(reach)
-    for factor in (1.0, 0.5 * (1.0 + BACK.farther), BACK.farther):
+    for factor in (1.0, 0.5 * (1.0 + BACK.farther), BACK.farther)[: 1 if sparing else None]:
         path = reach.trajectory.positions
         proposed = sorted(_retreats(reach.robot, path, factor * distance), key=screened)
         for first in range(0, len(proposed), BACK.judged):

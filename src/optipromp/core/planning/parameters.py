@@ -165,6 +165,7 @@ class Approach:
     turns, rings = 24, 4  # [1] directions of the cone across which a long target is measured
     room = 0.002  # [m] between target and mouth at the end
     tried = 3  # [1] measured: approaches that are planned; with 6, 2 % more succeed, but later
+    ways = 12  # [1] approaches of which one has a harmless way out, that are planned for it
     candidates = 5  # [1] first paths of a push model that are tried
     # measured: share of the harm's threshold, below which an approach is planned at once
     promising = 0.4  # [1]
@@ -222,6 +223,8 @@ class Retreat:
     screened = 4  # [1] states by which all retreats are ranked
     judged = 6  # [1] retreats of least harm that are judged at once, with all states
     farther = 2.0  # [1] retreats so much longer are tried where the shorter ends among fruits
+    # [1] probability that a pick by another approach is not clean, with which none further is tried
+    good = 0.12
     alike = 0.05  # [1] measured: harms below it are equal: 1 % of such plans fail (docs/studies.md)
 
 

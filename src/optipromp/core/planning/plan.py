@@ -385,8 +385,31 @@ def _stay(task: Task) -> Planned:
     return Planned(made, 1, optimised=False)
 
 
-def other_approaches(task: Task, end: float = np.inf) -> Iterator[Task]:
-    """The task with each of the most promising approaches that its scene allows.
+def other_reaches(
+    reach: Plan, scene: Scene, planner: planners.Planner, options: PlanOptions
+) -> Iterator[Plan]:
+    """Successes by other approaches to the target of a ``scene`` than that of a ``reach``.
+
+    The most promising come first. The time of ``options`` begins anew.
+    """
+    straight = approached(reach.task, scene)
+    if not getattr(planner, "approaches", False) or straight.begun:
+        return
+    late = _late(clock() + options.timeout, options)
+    for task in other_approaches(straight, late, APPROACH.ways):
+        if task.scene.frame[2] @ reach.scene.frame[2] > 1.0 - SAME:
+            continue
+        made = _plan(
+            replace(task, sparing=True), planner=planner, options=options, end=late, say=str
+        )
+        if isinstance(made, Plan) and made.success:
+            yield made
+        if clock() > late:
+            return
+
+
+def other_approaches(task: Task, end: float = np.inf, most: int = APPROACH.tried) -> Iterator[Task]:
+    """The task with each of the ``most`` promising approaches that its scene allows.
 
     The tool ends no farther beside the target's centre than its mouth leaves room, so that the cup
     stays round the target. To a long target that does not fit in every state, it comes only from
@@ -433,7 +456,7 @@ def other_approaches(task: Task, end: float = np.inf) -> Iterator[Task]:
         directions = [(axis, scene.approach.shift) for axis in tilts]
         beside = (reach * flat for flat in flats if reach > 0.0)
         directions += [(z_g, scene.approach.shift + shift) for shift in beside]
-    left, best = APPROACH.tried, list[tuple[float, int, Task]]()
+    left, best = most, list[tuple[float, int, Task]]()
     for k, (direction, shift) in enumerate(directions):
         if clock() > end:
             return

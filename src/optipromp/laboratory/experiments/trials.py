@@ -19,7 +19,7 @@ import numpy as np
 from optipromp.core.arrays import lengths
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError, check_one_of
 from optipromp.core.planning import Picked, Plan, PlanOptions, plan, planner_names
-from optipromp.core.planning.legs import REACH, way_out
+from optipromp.core.planning.legs import REACH, reach_and_way_out
 from optipromp.core.planning.planners import factory, make
 from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice
 from optipromp.core.scenes.crops import Crop, crop_in_scene
@@ -82,17 +82,19 @@ def attempt(scene: Scene, planner: str, *, seed: int = 0, risk: float = PlanOpti
     successes that may be broken, see :class:`PlanOptions`.
     """
     solver = make(planner)
-    made = plan(scene, planner=solver, seed=seed, options=PlanOptions(risk=risk))
+    options = PlanOptions(risk=risk)
+    made = plan(scene, planner=solver, seed=seed, options=options)
     moves = bool(np.ptp(made.trajectory.positions, axis=0).max() > 0.0)
     told, legs, status, message = made.prediction, None, made.status, made.message
     failure = math.nan if told is None else told.probability
     if moves and takes_out(made):
         legs = Picked({REACH: made})
         with suppress(OptiPrompError):  # a target that cannot be lifted stays
-            legs = Picked(legs.legs | way_out(made))
+            legs = Picked(reach_and_way_out(made, scene, planner=solver, options=options))
+            made = legs.reach
         failure = legs.failure
         if made.success and len(legs.legs) > 1:
-            status, message = legs.status, legs.message
+            status, message, told = legs.status, legs.message, made.prediction
     return Answer(
         planner, status, message, made.trajectory if moves else None, made.time["total"],
         None if told is None else told.harm,
@@ -149,7 +151,7 @@ class Study:
     conditions: tuple[str, ...] = ("none",)  # of CONDITIONS; of loops
     eyes: tuple[str, ...] = ()  # of eyes.WAYS, in place of conditions
     finder: str = "geometry"  # of fruits in rendered pictures, see detector.finder_named
-    views: int = 1  # pictures from as many sides are fused before a plan: 1 or 2
+    views: int = 2  # pictures from as many sides are fused before a plan: 1 or 2
     files: tuple[Path, ...] = ()  # scene files, whose names stand for presets; see of_files
     crop: Crop | None = None  # of all scenes; None: that of a scene file
 
