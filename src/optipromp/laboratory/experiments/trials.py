@@ -17,6 +17,7 @@ from typing import Any, Literal, cast
 import numpy as np
 
 from optipromp.core.arrays import lengths
+from optipromp.core.budget import clock
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError, check_one_of
 from optipromp.core.planning import Picked, Plan, PlanOptions, plan, planner_names
 from optipromp.core.planning.legs import REACH, reach_and_way_out
@@ -63,7 +64,7 @@ class Answer:
     status: Code  # ``success`` only where the judge found no violation
     message: str  # the status in words
     trajectory: Trajectory | None  # to execute; None where the planner has none
-    seconds: float  # wall time of planning the reach [s]
+    seconds: float  # wall time of planning the reach; with the ways out that led to another one [s]
     harm: float | None = None  # predicted harm of the push; None where no push model applies
     guard: float = 0.0  # time until which the tool's mouth is closed [s]; 0: it is open
     # predicted probability that the pick is not clean; None where it is not predicted
@@ -84,19 +85,20 @@ def attempt(scene: Scene, planner: str, *, seed: int = 0, risk: float = PlanOpti
     solver = make(planner)
     options = PlanOptions(risk=risk)
     made = plan(scene, planner=solver, seed=seed, options=options)
-    moves = bool(np.ptp(made.trajectory.positions, axis=0).max() > 0.0)
+    moves, seconds = bool(np.ptp(made.trajectory.positions, axis=0).max() > 0.0), made.time["total"]
     told, legs, status, message = made.prediction, None, made.status, made.message
     failure = math.nan if told is None else told.probability
     if moves and takes_out(made):
-        legs = Picked({REACH: made})
+        legs, began = Picked({REACH: made}), clock()
         with suppress(OptiPrompError):  # a target that cannot be lifted stays
             legs = Picked(reach_and_way_out(made, scene, planner=solver, options=options))
-            made = legs.reach
+        if legs.reach is not made:
+            made, seconds = legs.reach, seconds + clock() - began
         failure = legs.failure
         if made.success and len(legs.legs) > 1:
             status, message, told = legs.status, legs.message, made.prediction
     return Answer(
-        planner, status, message, made.trajectory if moves else None, made.time["total"],
+        planner, status, message, made.trajectory if moves else None, seconds,
         None if told is None else told.harm,
         pushed(made) if getattr(solver, "guard", False) else 0.0,
         None if math.isnan(failure) else failure,
