@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import nnls
 
-from optipromp.core.arrays import FloatArray
+from optipromp.core.arrays import FloatArray, lengths
+from optipromp.core.pushing.path import STEP
 from optipromp.core.robots.model import Robot
 from optipromp.core.trajectory import Motion, State, Trajectory
 
@@ -87,6 +88,18 @@ def later(curve: Trajectory, period: float) -> Trajectory:
     rest = curve.times[curve.times > 1.5 * period] - period
     times = np.unique(np.concatenate([[0.0, period], np.round(rest / period) * period]))
     return Trajectory(times, *curve.sample(times + period), curve.joint_names)
+
+
+def sampled(poses: FloatArray) -> FloatArray:
+    """Poses (P, 6) each :data:`STEP` farther along a way through tool poses (k, 6), and its end.
+
+    They stay where they are when the way grows, all but the last.
+    """
+    gone = np.append(0.0, np.cumsum(lengths(np.diff(poses[:, :3], axis=0))))
+    at = np.append(np.arange(0.0, max(gone[-1] - ROUNDING, 0.0), STEP), gone[-1])
+    out = np.stack([np.interp(at, gone, column) for column in poses.T], axis=1)
+    out[:, 3:] /= lengths(out[:, 3:])[:, None]
+    return out
 
 
 def fastest(room: FloatArray, acceleration: FloatArray, jerk: FloatArray) -> FloatArray:
