@@ -11,6 +11,7 @@ from optipromp.core.pushing import Hanging
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP
 from optipromp.core.scenes.scene import Scene
+from optipromp.guard.motion import sampled
 from optipromp.laboratory.generate import NOISES, generate, noisy
 
 STATES = 8  # of the harm, more than those of the search
@@ -72,3 +73,16 @@ def test_a_push_that_goes_on_is_the_push_of_the_whole_motion(preset: str, share:
         assert told == pytest.approx(back, abs=1e-9)
         left = seen_one.moved(points[rest], axes[rest]).positions
         np.testing.assert_allclose(left, places, rtol=0, atol=1e-9)
+
+
+def test_sampled_poses_stay_where_they_are_when_the_way_grows() -> None:
+    rng = np.random.default_rng(3)
+    steps = rng.uniform(-0.1, 1.0, (60, 3)) * 0.002
+    axes = np.array([0.0, 0.0, 1.0]) + rng.uniform(-0.1, 0.1, (60, 3))
+    way = np.hstack([np.cumsum(steps, axis=0), axes / np.linalg.norm(axes, axis=1)[:, None]])
+    whole = sampled(way)
+    assert np.linalg.norm(np.diff(whole[:, :3], axis=0), axis=1).max() <= STEP + 1e-12
+    np.testing.assert_allclose(whole[-1], way[-1], rtol=0, atol=1e-12)
+    for count in (1, 2, 30, 59):
+        part = sampled(way[:count])[:-1]  # the last is the end of the way
+        np.testing.assert_allclose(part, whole[: len(part)], rtol=0, atol=1e-12)
