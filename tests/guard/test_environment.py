@@ -74,7 +74,7 @@ def test_only_an_environment_of_steps_has_a_guard() -> None:
 
 
 def test_an_expert_behind_a_guard_picks_and_says_where_the_guard_acted() -> None:
-    ask = EpisodeAsk("limp", 300_000, guarded=True)
+    ask = EpisodeAsk("limp", 300_004, guarded=True)
     made = driven_episode(ask)
     assert made is not None
     assert made.success

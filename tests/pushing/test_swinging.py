@@ -14,6 +14,7 @@ from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems import swinging
 from optipromp.core.pushing.stems.bending import Stems
 from optipromp.core.pushing.stems.cup import Mouth, cup_distance
+from optipromp.core.pushing.stems.kept_states import NOT_KEPT
 from optipromp.core.pushing.stems.swinging import Harm, push
 
 NOTHING = pack([])
@@ -30,7 +31,8 @@ def led(
     count, steps = len(stems.root), len(points)
     out = np.zeros((steps, count, 3)), np.zeros((steps, count)), np.zeros((steps, count))
     axes = np.tile(axis, (steps, 1))
-    assert push(stems, points, axes, DT, cup, solid, np.inf, *out, np.zeros(5)) == steps
+    new = np.zeros(5), 0, NOT_KEPT
+    assert push(stems, points, axes, DT, cup, solid, np.inf, *out, *new) == steps
     return out
 
 

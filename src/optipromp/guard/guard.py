@@ -26,14 +26,22 @@ from optipromp.core.judging.clearance import pieces
 from optipromp.core.judging.speed import among_fruits, largest_speed
 from optipromp.core.parameters import Checked, parameter
 from optipromp.core.planning.task import Task, resolve, spaced, stands
-from optipromp.core.pushing.model import Combined
+from optipromp.core.pushing.model import Combined, PushModel
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP
 from optipromp.core.pushing.stems.hanging import Hanging
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
-from optipromp.guard.motion import Change, fastest, joints_for, later, nearest, stopping
+from optipromp.guard.motion import (
+    Change,
+    fastest,
+    joints_for,
+    later,
+    nearest,
+    sampled,
+    stopping,
+)
 
 Kind = Literal["limits", "contact", "speed", "harm"]
 ROUNDING = 1e-9  # [rad or m; 1] of positions, and of shares of the other limits
@@ -43,10 +51,10 @@ FASTER = 1.05  # times the speed among fruits; the judge allows 1.1 of it: a cho
 SHARE = 0.9  # of a limit, in a wish that is to pass: a choice
 LOOKS = 7  # poses of the tool in a prediction, 5 mm apart at the speed of a push: a choice
 ASIDE = 0.002  # [m] of a fruit that the tool has pushed aside: a choice, as of what moved
-BETTER = 0.5  # of the harm that may be, for what replaces a harmful wish: no state is swallowed
 OUT = 2.0  # times the harm that may be, on the way in and out again: an emergency, a choice
 OUT_STATES = 4  # of the plant on the way out: a choice
 HOPELESS = 10.0  # times the harm that may be: all larger harm is alike
+EVERY = PUSH.hanging.every  # points of a motion in a step of the model
 TRAIL = 400  # poses of the way here, each at least STEP apart, that are remembered: a choice
 
 
@@ -59,16 +67,33 @@ class GuardParameters(Checked):
     margin: float = parameter(
         0.002, "m", "measured", "an arm in the simulation is 1 mm off its way"
     )
-    risk: float = parameter(PUSH.harm.risk, "1", "choice", "share of promises that may be broken")
-    states: int = parameter(6, "1", "choice", "of the plant in a prediction; plans use 24 or 32")
+    risk: float = parameter(
+        0.02, "1", "measured", "a fruit may be swallowed in one of 16 states; with 0.03 in three"
+    )
+    states: int = parameter(16, "1", "choice", "of the plant in a prediction; plans use 24 or 32")
     out: float = parameter(0.05, "m", "choice", "of the way back that must stay open")
-    tries: int = parameter(3, "1", "choice", "actions near a wish; each takes 0.5 to 2 ms")
+    tries: int = parameter(3, "1", "choice", "actions near a wish; each takes 0.5 to 1 ms")
     near: float = parameter(0.1, "m", "choice", "distance from which on a barrier counts")
     rate: float = parameter(5.0, "1/s", "choice", "share of a distance that an action may use up")
     rows: int = parameter(16, "1", "choice", "nearest pairs of bodies that are barriers")
     off: float = parameter(0.1, "rad or m", "choice", "of a joint: beyond, the curve begins anew")
     changed: float = parameter(0.002, "m", "choice", "motion of a fruit that changes the scene")
     known: float = parameter(0.003, "m", "choice", "deviation of a fruit that states none")
+
+
+class Course(NamedTuple):
+    """Fruits on stems where the motion so far has led them: the model of a push that goes on.
+
+    ``going``: in the states of a prediction. ``seen``: in the perceived state.
+    """
+
+    going: Hanging
+    seen: Hanging
+
+    def on(self, poses: FloatArray, states: int) -> "Course":
+        """After the tool went on through poses (P, 6)."""
+        points, axes = np.split(poses, 2, axis=1)
+        return Course(self.going.after(points, axes, states), self.seen.after(points, axes, 1))
 
 
 class Refusal(NamedTuple):
@@ -129,9 +154,9 @@ class Guard:
         self._tracker, self._newest = tracker, -math.inf
         self._curve: Trajectory | None = None
         self._trail = np.zeros((0, 6))  # tool points and axes on the way here, oldest first
-        self._choice = 0
         self._stays: float | None = None  # share of harm of a stop here; None: not known
         self._pushing = 0  # rows at the end of the trail since which the tool may touch fruits
+        self._last = self._trail  # (k, 6) poses since the last step of the push that is kept
         task = resolve(self._base, robot)
         spheres = task.robot.spheres
         of_tool = spheres.distal & (spheres.link >= task.robot.n_own_links)
@@ -185,7 +210,6 @@ class Guard:
         whole = bool(np.isfinite(wish).all())
         first: Refusal | None = None if whole else Refusal("limits", "the action is not finite")
         wish, asked = wish if whole else np.zeros_like(wish), wish
-        harmful = False  # whether a wish was refused for harm: what replaces it must be better
         waiting, tries = [np.clip(wish, *self._box(begin.q))], self.parameters.tries
         while waiting and tries > 0:
             wanted, tries = waiting.pop(0), tries - 1
@@ -194,8 +218,7 @@ class Guard:
             told = self._refusal(curve)
             probability = 0.0
             if told is None:
-                told, probability = self._predicted(step, BETTER if harmful else 1.0)
-                harmful |= told is not None
+                told, probability = self._predicted(step)
             if told is None:
                 if first is None and (np.abs(wanted - asked) > 1e-9).any():
                     joint = self.robot.joint_names[int(np.argmax(np.abs(wanted - asked)))]
@@ -203,9 +226,9 @@ class Guard:
                 return self._given(curve, first, probability)
             if first is None:
                 first = told
-            others = list(self._instead(told, begin.q, wanted))
-            waiting.append(others[self._choice % len(others)])
-        self._choice += 1  # others are tried in turn; one that passes is tried first again
+            if told.kind == "harm":  # what nobody wished may harm where the wish did not
+                break
+            waiting += self._instead(told, begin.q, wanted)
         if self._curve is None:  # nothing passed before: brake from here
             still = Change.of(self.robot, begin, np.zeros_like(wish), self.parameters.period)
             curve = stopping(self.robot, still, self.parameters.period)
@@ -222,7 +245,7 @@ class Guard:
     def _anchored(self, state: State) -> State:
         """The state that the next period begins in: on the curve, if the arm follows it."""
         if self._curve is not None:
-            begin = self._curve.at(0.0)
+            begin = State(*(row[0] for row in self._curve.rows()))
             if np.abs(begin.q - state.q).max() <= self.parameters.off:
                 return begin
         elif state.q.shape != self.robot.home.shape:
@@ -259,10 +282,19 @@ class Guard:
         """Remember where the tool is, and whether it may touch fruits there."""
         self._trail, self._stays = np.vstack([self._trail[-TRAIL:], pose]), None
         free = self._clear(pose[None])
-        if self._pushing or not free:
-            self._pushing = min(self._pushing + 1, len(self._trail))
-            if free and not self._aside():
-                self._pushing = 0
+        if not (self._pushing or not free):
+            return
+        if not self._pushing:
+            self._last, self._courses = self._trail[-2:-1], self._fresh
+        self._pushing = min(self._pushing + 1, len(self._trail))
+        self._last = sampled(np.vstack([self._last, pose]))
+        whole = (len(self._last) - 2) // EVERY * EVERY  # the last point may be a part of a step
+        if whole > 0:
+            way, states = self._last[: whole + 1], self.parameters.states
+            self._courses = tuple(one.on(way, states) for one in self._courses)
+            self._last = self._last[whole:]
+        if free and not self._aside():
+            self._pushing = 0
 
     # -- the plant
 
@@ -286,6 +318,9 @@ class Guard:
                 for k, part in enumerate(parts)
             ]
         self._task, self._models, self._stays = task, tuple(models), None
+        self._standing = tuple(one for one in models if not isinstance(one, Hanging))
+        self._fresh = tuple(Course(one.leaving(0), one) for one in hanging)
+        self._courses = self._fresh
         self._judged = replace(task.scene, objects=tuple(objects))
         self._around = replace(task, scene=self._judged).surroundings
         if self._curve is not None:
@@ -330,10 +365,12 @@ class Guard:
         out: dict[str, FloatArray] = {}
         if self._pushing:
             places = {item.id: item.position for item in self.scene.objects}
-            way = spaced(*np.split(self._trail[-self._pushing - 1 :], 2, axis=1))
-            for model in self._models:
-                moved = model.moved(*way)
-                pairs = zip(moved.ids, moved.positions, strict=True)
+            moved = [one.seen.moved(*np.split(self._last, 2, axis=1)) for one in self._courses]
+            if self._standing:
+                way = spaced(*np.split(self._trail[-self._pushing - 1 :], 2, axis=1))
+                moved += [model.moved(*way) for model in self._standing]
+            for one in moved:
+                pairs = zip(one.ids, one.positions, strict=True)
                 out |= {name: place - places[name] for name, place in pairs}
         return out
 
@@ -383,7 +420,7 @@ class Guard:
         aside = self._aside() if fruits else frozenset()
         return [c for c in fruits if c.other.removeprefix("the stem of ") not in aside]
 
-    def _predicted(self, step: Change, limit: float) -> tuple[Refusal | None, float]:
+    def _predicted(self, step: Change) -> tuple[Refusal | None, float]:
         """Why a wish that is followed for a while would harm; the probability of harm."""
         if not self._models:
             return None, 0.0
@@ -391,8 +428,8 @@ class Guard:
         ahead = np.hstack(self.robot.tool_pose(step.at(times)[0]))
         if not self._pushing and self._clear(np.vstack([self._trail[-1:], ahead])):
             return None, 0.0
-        share, probability = self._share(ahead, limit)
-        if share <= limit:
+        share, probability = self._share(ahead, 1.0)
+        if share <= 1.0:
             if self._share(ahead, OUT, out=True)[0] <= OUT:
                 return None, probability
             return Refusal("harm", "harm is predicted on the way out from there"), probability
@@ -400,7 +437,7 @@ class Guard:
             if self._stays is None:
                 self._stays = self._share(ahead[:1], HOPELESS)[0]
             stays = self._stays
-            if stays > limit and self._share(ahead, stays)[0] <= stays:
+            if stays > 1.0 and self._share(ahead, stays)[0] <= stays:
                 return None, probability
         return Refusal("harm", "harm is predicted"), probability
 
@@ -410,28 +447,29 @@ class Guard:
         The tool goes on through ``ahead`` (k, 6); if ``out``, then back along its way. A share
         above ``limit`` may be any number above it.
         """
-        p = self.parameters
-        way = self._trail[-self._pushing - 1 :]  # from where the tool was clear of fruits
-        came = np.vstack([self._trail, ahead])
-        gone = np.append(0.0, np.cumsum(lengths(np.diff(came[::-1, :3], axis=0))))
-        back = came[::-1][: int(np.searchsorted(gone, p.out)) + 1]
-        points, axes = spaced(*np.split(np.vstack([way, ahead]), 2, axis=1))
+        p, way = self.parameters, self._last if self._pushing else self._trail[-1:]
+        points = sampled(np.vstack([way, ahead]))
         first, share, probability = len(points) - 1, 0.0, 0.0
-        if out and len(back) > 1:
-            more = spaced(*np.split(back, 2, axis=1))
-            points, axes = np.concatenate([points, more[0]]), np.concatenate([axes, more[1]])
-        for model in self._models:
-            calibration, most = model.calibration, model.threshold
-            if isinstance(model, Hanging):
-                states = OUT_STATES if out else p.states
-                harm = model.leaving(first).harm(points, axes, states, most * limit)
-            elif out:
-                continue  # what stands does not come back
-            else:
-                harm = model.harm(points, axes, min(p.states, model.states), most * limit)
-            share += harm / most
-            if calibration is not None:
-                probability = max(probability, calibration.probability(harm))
+        if out:
+            came = np.vstack([self._trail, ahead])
+            gone = np.append(0.0, np.cumsum(lengths(np.diff(came[::-1, :3], axis=0))))
+            back = came[::-1][: int(np.searchsorted(gone, p.out)) + 1]
+            points = np.concatenate([points, sampled(back)[1:]])
+        places, axes = np.split(points, 2, axis=1)
+        harms: list[tuple[PushModel, float]] = []
+        for one in self._courses if self._pushing else self._fresh:
+            states = min(OUT_STATES, p.states) if out else p.states
+            going, most = one.going.leaving(first), one.going.threshold * limit
+            harms.append((going, going.harm(places, axes, states, most)))
+        for model in () if out else self._standing:  # what stands does not come back
+            way = np.vstack([self._trail[-self._pushing - 1 :], ahead])
+            places, axes = spaced(*np.split(way, 2, axis=1))
+            states = min(p.states, model.states)
+            harms.append((model, model.harm(places, axes, states, model.threshold * limit)))
+        for model, harm in harms:
+            share += harm / model.threshold
+            if model.calibration is not None:
+                probability = max(probability, model.calibration.probability(harm))
         return share, probability
 
     def _clear(self, poses: FloatArray) -> bool:
@@ -462,10 +500,6 @@ class Guard:
             beside = nearest(wanted, rows, least) if len(rows) else None
             if beside is not None:
                 yield np.clip(beside, *self._box(q))
-        if told.kind == "harm" and speed > 0.0:
-            across = np.linalg.svd(tool[None] / speed)[2][1:]
-            for side in (*across, *-across):
-                yield wanted + joints_for(self.robot, q, speed * side - tool * 0.5)
         if told.joints is not None:
             wanted = np.where(told.joints, 0.0, 2.0 * wanted)
         yield 0.5 * wanted

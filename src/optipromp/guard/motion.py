@@ -10,11 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import nnls
 
-from optipromp.core.arrays import FloatArray
+from optipromp.core.arrays import BoolArray, FloatArray, lengths
+from optipromp.core.pushing.path import STEP
 from optipromp.core.robots.model import Robot
 from optipromp.core.trajectory import Motion, State, Trajectory
 
 PERIODS = 400  # of the longest change of a velocity: 8 s at 50 Hz, more than any arm's
+FEW = 30  # of nearly all changes: those are tried first
 ROUNDING = 1e-9  # share of a limit
 LARGE = 1e9  # in place of a limit that there is not [rad or m, and per s² or s³]
 GAIN = 3.0  # [1/s] of the turn of the tool's axis: a choice
@@ -42,7 +44,18 @@ class Change:
 
         Where no change is within the limits, it lasts ``PERIODS``.
         """
-        lasting = period * np.arange(1, PERIODS + 1)[:, None]
+        for most in (FEW, PERIODS):
+            lasting = period * np.arange(1.0, most + 1.0)[:, None]
+            fits = cls._within(robot, begin, velocity, lasting)
+            if fits.any(axis=0).all():
+                break
+        else:
+            fits[-1] = True
+        return cls(begin, velocity, period * (1 + np.argmax(fits, axis=0)))
+
+    @staticmethod
+    def _within(robot: Robot, begin: State, velocity: FloatArray, lasting: FloatArray) -> BoolArray:
+        """Whether changes that last so long (m, 1) [s] keep the limits (m, n)."""
         by, gain = velocity - begin.velocity, begin.acceleration * lasting
         middle, last = 3.0 * by - 2.0 * gain, gain - 2.0 * by  # coefficients of s² and s³
         turn = -middle / np.where(last == 0.0, np.inf, 3.0 * last)
@@ -50,9 +63,7 @@ class Change:
         peak = np.abs(gain + 2.0 * middle * turn + 3.0 * last * turn**2) / lasting
         jerk = np.maximum(np.abs(2.0 * middle), np.abs(2.0 * middle + 6.0 * last)) / lasting**2
         most = 1.0 + ROUNDING
-        fits = (peak <= most * robot.acceleration) & (jerk <= most * robot.jerk)
-        fits[-1] = True
-        return cls(begin, velocity, period * (1 + np.argmax(fits, axis=0)))
+        return np.asarray((peak <= most * robot.acceleration) & (jerk <= most * robot.jerk))
 
     def at(self, times: FloatArray) -> Motion:
         """Positions, velocities and accelerations (m, n) at ``times`` (m,) from the begin [s]."""
@@ -87,6 +98,18 @@ def later(curve: Trajectory, period: float) -> Trajectory:
     rest = curve.times[curve.times > 1.5 * period] - period
     times = np.unique(np.concatenate([[0.0, period], np.round(rest / period) * period]))
     return Trajectory(times, *curve.sample(times + period), curve.joint_names)
+
+
+def sampled(poses: FloatArray) -> FloatArray:
+    """Poses (P, 6) each :data:`STEP` farther along a way through tool poses (k, 6), and its end.
+
+    They stay where they are when the way grows, all but the last.
+    """
+    gone = np.append(0.0, np.cumsum(lengths(np.diff(poses[:, :3], axis=0))))
+    at = np.append(np.arange(0.0, max(gone[-1] - ROUNDING, 0.0), STEP), gone[-1])
+    out = np.stack([np.interp(at, gone, column) for column in poses.T], axis=1)
+    out[:, 3:] /= lengths(out[:, 3:])[:, None]
+    return out
 
 
 def fastest(room: FloatArray, acceleration: FloatArray, jerk: FloatArray) -> FloatArray:

@@ -96,7 +96,12 @@ class Shape(ABC):
     def volume(self) -> float:
         """See :class:`Measure` [m³]."""
         known = self.measure.volume
-        return mesh_volume(self.mesh(FINE)) if known is None else known
+        if known is not None:
+            return known
+        with suppress(TypeError):  # a class without a hash is measured each time
+            hash(self)
+            return _volume(self)
+        return _volume.__wrapped__(self)
 
     def balls(self, line: FloatArray) -> BallPair:
         """The two balls for which a push model takes a fruit whose stem leaves along ``line`` (3,).
@@ -494,6 +499,11 @@ def mesh_volume(mesh: MeshShape) -> float:
     """Volume of a closed mesh, by its signed tetrahedra about the origin [m³]."""
     a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
     return float(abs(np.einsum("ij,ij->i", a, np.cross(b, c)).sum()) / 6.0)
+
+
+@lru_cache(maxsize=256)  # each look has fruits of its own, of the same shapes
+def _volume(shape: Shape) -> float:
+    return mesh_volume(shape.mesh(FINE))
 
 
 def _normals(around: int) -> FloatArray:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, lengths
-from optipromp.core.compiled import inner
+from optipromp.core.compiled import inner, kernel
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.tool_protocol import Tool
@@ -18,6 +18,7 @@ from optipromp.core.robots.tools import WALL
 from optipromp.core.scenes.objects import SceneObject
 
 SWING = PUSH.swing
+TOUCHES = 1e-3  # [m] gap below which the force on a fruit is the cup's: contacts press fruits apart
 ABOVE = 1.0  # [m] added to the gap of a piece of stem over the rim, which touches nothing
 
 
@@ -185,3 +186,38 @@ def taken(x, y, z, rx, ry, rz, at, cup):
     h, rho, x, y, z = in_cup(x + share * rx, y + share * ry, z + share * rz, at)
     across = abs(x * cup.ax + y * cup.ay + z * cup.az)
     return rho < cup.inner and across < cup.within and abs(h) < cup.rim - SWING.barely
+
+
+@kernel
+def steps_inside(positions, points, axes, cup):
+    """Number of steps (N,) in which each fruit, at ``positions`` (P, N, 3), is inside the cup."""
+    within = np.zeros(positions.shape[1], dtype=np.int64)
+    for p in range(len(points)):
+        at = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
+        for i in range(len(within)):
+            x, y, z = positions[p, i, 0], positions[p, i, 1], positions[p, i, 2]
+            within[i] += inside_cup(x, y, z, at, cup)
+    return within
+
+
+@kernel
+def pulled(s, positions, forces, points, axes, cup, first, end, pulls):
+    """Largest pull of the cup on each fruit away from its root, in the steps ``first`` to ``end``.
+
+    ``positions`` (P, N, 3), ``forces`` (P, N): as :func:`.swinging.push` returns them; the other
+    arguments as there. ``pulls``: (N,) out [N]. The floor of a cup that leaves draws fruits along
+    their stems.
+    """
+    pulls[:] = 0.0
+    for p in range(first, end):
+        at = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
+        for i in range(len(s.root)):
+            if forces[p, i] <= pulls[i]:
+                continue
+            x, y, z = positions[p, i, 0], positions[p, i, 1], positions[p, i, 2]
+            gap, n0, n1, n2 = fruit_gap(x, y, z, s.radius[i], at, cup)
+            if gap > TOUCHES:
+                continue
+            x, y, z = x - s.root[i, 0], y - s.root[i, 1], z - s.root[i, 2]
+            along = (n0 * x + n1 * y + n2 * z) / math.sqrt(x * x + y * y + z * z)
+            pulls[i] = max(pulls[i], forces[p, i] * along)

@@ -22,8 +22,8 @@ from optipromp.core.pushing import rules
 from optipromp.core.pushing.model import Candidates, Continued, Moved, PushModel, Round, Schedule
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP, ToolPath, length, through
-from optipromp.core.pushing.stems import bending, swinging
-from optipromp.core.pushing.stems.cup import Mouth, fits
+from optipromp.core.pushing.stems import bending, kept_states, swinging
+from optipromp.core.pushing.stems.cup import Mouth, fits, steps_inside
 from optipromp.core.robots.cup_cover import NECK_RADIUS
 from optipromp.core.robots.grippers import Scissor
 from optipromp.core.robots.ik import uniform
@@ -37,6 +37,7 @@ HANGING = PUSH.hanging
 BEAM = PUSH.beam
 TOGETHER = 4  # states whose harm is computed between two steps of a plan that works in slices
 WEIGHT = 4  # of these states, in steps, measured: a step takes 1 ms in the median, 4 states 2 to 5
+NEW = np.zeros((0, 0, 0))  # kept of a push that begins
 NOTHING = swinging.Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
 
 
@@ -215,6 +216,7 @@ class Hanging(PushModel):
         self.good = PUSH.harm.good + self.least
         self._by: FloatArray | None = None  # (N, P, 3) drifts of the roots [m]
         self._leaves = swinging.NEVER
+        self._kept, self._behind = NEW, np.zeros((0, 6))
         self.candidates = PathsPast(
             scene, neighbours, self.cup, (self.static, avoid), camera, gripper_radius, self.searched
         )
@@ -222,18 +224,19 @@ class Hanging(PushModel):
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
-        every = HANGING.screened_every if states == 1 else HANGING.every
+        every = HANGING.screened_every if states == 1 and not len(self._kept) else HANGING.every
         if self.least > limit:
             return self.least
-        told = states > self.searched
+        told = max(states, len(self._kept)) > self.searched
         some, motion = self._steps(self.searched if told else 0, states, points, axes, every)
-        hopeless, leaves = PUSH.harm.hopeless, self._leaves // every
+        hopeless, begin = PUSH.harm.hopeless, len(self._behind)
+        leaves = self._leaves // every + max(begin - 1, 0)
         total, worst = 0.0, (limit - self.least) * states
         for first in range(0, states, TOGETHER):
             which = first, min(first + TOGETHER, states)
             total = swinging.summed_score(
                 some, self.count, which, *motion, self.cup, self.static, hopeless, worst, not told,
-                leaves, total,
+                leaves, total, begin, self._kept,
             )  # fmt: skip
             if not told and first == 0 and total >= hopeless:
                 return self.least + float(total)
@@ -248,7 +251,9 @@ class Hanging(PushModel):
     def led(self, state: int, points: FloatArray, axes: FloatArray) -> swinging.Led:
         """Effect of a motion of the tool on the fruits in one state."""
         one, motion = self._steps(state, 1, points, axes)
-        return swinging.led(one, *motion, self.cup, self.static, self._leaves // HANGING.every)
+        leaves, begin = self._leaves // HANGING.every, len(self._behind)
+        kept = self._kept[state] if begin else kept_states.NOT_KEPT
+        return swinging.led(one, *motion, self.cup, self.static, leaves, begin, kept)
 
     def drifting(self, by: Mapping[str, FloatArray]) -> Self:
         moved = copy.copy(self)
@@ -262,6 +267,25 @@ class Hanging(PushModel):
         out._leaves, out.cup = first, self.cup._replace(rubbing=PUSH.swing.leaving)
         out.least = 0.0  # the target is inside, or it was not picked
         return out
+
+    def after(self, points: FloatArray, axes: FloatArray, states: int) -> Self:
+        """The model of motions that go on from here, after the tool was led through points (P, 3).
+
+        The next motion begins at the last point. The model may be asked for :meth:`harm` in
+        ``states`` states at most and, where that is 1, for :meth:`moved`. P is 1 more than a
+        multiple of ``HANGING.every``: points of both motions fall on the same steps. Not for roots
+        that drift.
+        """
+        on, count = copy.copy(self), self.count
+        first = self.searched if states > self.searched else 0
+        some, (points, axes, dt) = self._steps(first, states, points, axes)
+        width = kept_states.width(dt)
+        on._kept = self._kept.copy() if len(self._kept) else np.zeros((states, count, width))
+        swinging.lead_on(
+            some, count, points, axes, dt, self.cup, self.static, len(self._behind), on._kept
+        )
+        on._behind = np.hstack([points, axes])[-((width - kept_states.ROWS) // 2) :]
+        return on
 
     def clear(self, points: FloatArray, axes: FloatArray) -> bool:
         every, (points, axes, _) = self._steps(0, self.searched + self.states, points, axes, 1)
@@ -278,7 +302,7 @@ class Hanging(PushModel):
         names = [fruit.id for fruit in self.fruits]
         if found.inside > PUSH.harm.inside_time:
             _, (points, axes, dt) = self._steps(0, 1, points, axes)
-            within = swinging.steps_inside(worst.positions, points, axes, self.cup)[1:]
+            within = steps_inside(worst.positions, points, axes, self.cup)[1:]
             most = max(int(within.max()), 1)
             first, *others = (
                 name
@@ -335,7 +359,11 @@ class Hanging(PushModel):
         chosen = np.append(np.arange(0, len(points) - 1, every), len(points) - 1)
         if self._by is not None:
             some = some._replace(drift=np.tile(self._by[:, chosen], (states, 1, 1)))
-        return some, (points[chosen], axes[chosen], every * STEP / HANGING.model_speed)
+        points, axes = points[chosen], axes[chosen]
+        if len(self._behind):
+            points = np.concatenate([self._behind[:, :3], points[1:]])
+            axes = np.concatenate([self._behind[:, 3:], axes[1:]])
+        return some, (points, axes, every * STEP / HANGING.model_speed)
 
 
 class Leaving(Continued):

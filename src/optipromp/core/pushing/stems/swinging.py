@@ -26,15 +26,15 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.compiled import inlined, inner, kernel
 from optipromp.core.geometry.obstacles import Obstacles
 from optipromp.core.pushing.parameters import PUSH
-from optipromp.core.pushing.stems import contacts
+from optipromp.core.pushing.stems import contacts, kept_states
 from optipromp.core.pushing.stems.bending import Stems
 from optipromp.core.pushing.stems.cup import (
     ABOVE,
     Mouth,
     MouthPose,
-    fruit_gap,
     in_cup,
     inside_cup,
+    pulled,
     stem_gap,
     taken,
 )
@@ -77,7 +77,6 @@ def score_of(stem, fruit, target, inside, pinched, missed):
 
 
 NEVER = 1 << 40  # the first step of the way out, of a motion that has none
-TOUCHES = 1e-3  # [m] gap below which the force on a fruit is the cup's: contacts press fruits apart
 
 
 class CupStep(NamedTuple):
@@ -248,7 +247,9 @@ def _step(s, f, i, d):
 
 
 @kernel
-def push(s, points, axes, dt, cup, solid, worst, positions, forces, stem_forces, so_far):
+def push(
+    s, points, axes, dt, cup, solid, worst, positions, forces, stem_forces, so_far, begin, kept
+):
     """Lead the cup along a path.
 
     ``s``: the N stems. ``points``: (P, 3) of the tool point; ``axes`` (P, 3) out of the mouth.
@@ -257,7 +258,10 @@ def push(s, points, axes, dt, cup, solid, worst, positions, forces, stem_forces,
     (:func:`score_of`) above which the push ends. ``positions``:
     (P, N, 3) out, of the fruits [m]. ``forces``: (P, N) out, largest contact force on each fruit
     [N]. ``stem_forces``: (P, N) out, of the cup on each stem [N]. ``so_far``: (5,) in and out, the
-    numbers of :class:`Harm`.
+    numbers of :class:`Harm`. ``begin``: number of points that the cup was led through before; 0 for
+    a push that begins. ``kept``: (N, :func:`.kept_states.width`) in and out, what a push goes on
+    from, whose points before are the last ``begin``; (0, 0) for a push that does not go on.
+    Drifting roots are not kept.
 
     Returns: Number of points that the cup was led through.
     """
@@ -293,7 +297,13 @@ def push(s, points, axes, dt, cup, solid, worst, positions, forces, stem_forces,
     for i in range(count):
         contacts.hang(s, f, i)
         contacts.freely(s, i, d)
-    for p in range(len(points)):
+    if begin:
+        kept_states.resume(
+            s, f, c, solid, spell, pinched, positions, forces, stem_forces, so_far, begin, kept
+        )
+        if score_of(so_far[0], so_far[1], so_far[2], so_far[3], so_far[4], False) > worst:
+            return begin
+    for p in range(begin, len(points)):
         at = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
         _drift(s, f, fixed, held, p)
         if p > 0 and _untouched(s, f, at, cup):
@@ -308,6 +318,8 @@ def push(s, points, axes, dt, cup, solid, worst, positions, forces, stem_forces,
         _take(f, at, cup, dt, p, forces, stem_forces, spell, pinched, so_far)
         if score_of(so_far[0], so_far[1], so_far[2], so_far[3], so_far[4], False) > worst:
             return p + 1
+    if len(kept):
+        kept_states.keep(s, f, c, spell, pinched, forces, stem_forces, so_far, begin, kept)
     return len(points)
 
 
@@ -459,16 +471,20 @@ class Led(NamedTuple):
 
 def led(
     s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Mouth, solid: Obstacles,
-    leaves: int = NEVER,
+    leaves: int = NEVER, begin: int = 0, kept: FloatArray = kept_states.NOT_KEPT,
 ) -> Led:  # fmt: skip
     """Effect of the cup along a path (arguments of :func:`push`); the first fruit is the target.
 
-    ``leaves``: first step of the way out.
+    ``leaves``: first step of the way out. Of a push that goes on, forces are those of the last
+    steps.
     """
     steps, count = len(points), len(s.root)
     positions, so_far = np.zeros((steps, count, 3)), np.zeros(5)
     forces, stem_forces = np.zeros((steps, count)), np.zeros((steps, count))
-    push(s, points, axes, dt, cup, solid, np.inf, positions, forces, stem_forces, so_far)
+    push(
+        s, points, axes, dt, cup, solid, np.inf, positions, forces, stem_forces, so_far, begin,
+        kept.copy(),
+    )  # fmt: skip
     x, y, z = positions[-1, 0]
     end = MouthPose(*points[-1], *axes[-1])
     rx, ry, rz = s.root[0]
@@ -489,42 +505,22 @@ def led(
 
 
 @kernel
-def steps_inside(positions, points, axes, cup):
-    """Number of steps (N,) in which each fruit, at ``positions`` (P, N, 3), is inside the cup."""
-    within = np.zeros(positions.shape[1], dtype=np.int64)
-    for p in range(len(points)):
-        at = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
-        for i in range(len(within)):
-            x, y, z = positions[p, i, 0], positions[p, i, 1], positions[p, i, 2]
-            within[i] += inside_cup(x, y, z, at, cup)
-    return within
-
-
-@kernel
-def pulled(s, positions, forces, points, axes, cup, first, end, pulls):
-    """Largest pull of the cup on each fruit away from its root, in the steps ``first`` to ``end``.
-
-    ``positions`` (P, N, 3), ``forces`` (P, N): as :func:`push` returns them; the other arguments as
-    there. ``pulls``: (N,) out [N]. The floor of a cup that leaves draws fruits along their stems.
-    """
-    pulls[:] = 0.0
-    for p in range(first, end):
-        at = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
-        for i in range(len(s.root)):
-            if forces[p, i] <= pulls[i]:
-                continue
-            x, y, z = positions[p, i, 0], positions[p, i, 1], positions[p, i, 2]
-            gap, n0, n1, n2 = fruit_gap(x, y, z, s.radius[i], at, cup)
-            if gap > TOUCHES:
-                continue
-            x, y, z = x - s.root[i, 0], y - s.root[i, 1], z - s.root[i, 2]
-            along = (n0 * x + n1 * y + n2 * z) / math.sqrt(x * x + y * y + z * z)
-            pulls[i] = max(pulls[i], forces[p, i] * along)
-
-
-@kernel
 def summed_score(
-    s, count, states, points, axes, dt, cup, solid, hopeless, worst, seen, leaves, total
+    s,
+    count,
+    states,
+    points,
+    axes,
+    dt,
+    cup,
+    solid,
+    hopeless,
+    worst,
+    seen,
+    leaves,
+    total,
+    begin,
+    kept,
 ):
     """Sum of the scores of a path over sampled states of the same fruits.
 
@@ -533,32 +529,33 @@ def summed_score(
     largest score of a single state. ``worst``: largest sum of interest; a larger sum may be
     returned as any number above it. ``seen``: whether the first state is the perceived one; a
     hopeless perceived state ends the sum. ``leaves``: first step of the way out, in which a pull
-    counts (:func:`pulled`). ``total``: the sum over the states before.
+    counts (:func:`pulled`). ``total``: the sum over the states before. ``begin``, ``kept``: see
+    :func:`push`, the latter for each state, or (0, 0, 0).
     """
     steps = len(points)
     positions, forces = np.zeros((steps, count, 3)), np.zeros((steps, count))
     stem_forces, h, pulls = np.zeros((steps, count)), np.zeros(5), np.zeros(count)
+    own, before = np.zeros(kept.shape[1:]), 0.0
     p = steps - 1
     end = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
     for d in range(*states):
-        low, high = d * count, (d + 1) * count
-        one = Stems(
-            s.root[low:high], s.axes[low:high], s.length[low:high], s.mass[low:high],
-            s.radius[low:high], s.thickness[low:high], s.upper[low:high], s.above[low:high],
-            s.shape[low:high], s.stiffness[low:high], s.compliance[low:high],
-            s.shortening[low:high], s.joint[low:high], s.rest[low:high], s.lifted[low:high],
-            s.drift[low:high],
-        )  # fmt: skip
+        low = d * count
+        one = _state(s, low, low + count)
+        if begin:
+            own[:] = kept[d]
+            before = own[0, kept_states.MOST]
         left = min(worst - total, hopeless)
         h[:], forces[:], stem_forces[:] = 0.0, 0.0, 0.0
-        done = push(one, points, axes, dt, cup, solid, left, positions, forces, stem_forces, h)
+        done = push(
+            one, points, axes, dt, cup, solid, left, positions, forces, stem_forces, h, begin, own
+        )
         x, y, z = positions[p, 0, 0], positions[p, 0, 1], positions[p, 0, 2]
         rx, ry, rz = s.root[low, 0], s.root[low, 1], s.root[low, 2]
         missed = done < steps or (cup.inner > 0.0 and not taken(x, y, z, rx, ry, rz, end, cup))
         score = score_of(h[0], h[1], h[2], h[3], h[4], missed)
         if leaves < done:  # the first fruit is as any other
             pulled(one, positions, forces, points, axes, cup, leaves, done, pulls)
-            crushed = max(h[1], forces[:done, 0].max())
+            crushed = max(h[1], forces[:done, 0].max(), before)
             score = score_of(h[0], crushed, 0.0, h[3], h[4], False) + pulls.max() / HARM.pull
         total += min(score, hopeless)
         if seen and d == 0 and total >= hopeless:
@@ -566,3 +563,33 @@ def summed_score(
         if total > worst:
             break
     return total
+
+
+@kernel
+def lead_on(s, count, points, axes, dt, cup, solid, begin, kept):
+    """Lead the cup along a path in all states that are ``kept`` (S, N, W), and keep them.
+
+    The other arguments are those of :func:`summed_score`.
+    """
+    steps, h = len(points), np.zeros(5)
+    positions, forces = np.zeros((steps, count, 3)), np.zeros((steps, count))
+    stem_forces = np.zeros((steps, count))
+    for d in range(len(kept)):
+        h[:], forces[:], stem_forces[:] = 0.0, 0.0, 0.0
+        one = _state(s, d * count, (d + 1) * count)
+        push(
+            one, points, axes, dt, cup, solid, np.inf, positions, forces, stem_forces, h, begin,
+            kept[d],
+        )  # fmt: skip
+
+
+@kernel
+def _state(s, low, high):
+    """The stems from ``low`` to ``high``."""
+    return Stems(
+        s.root[low:high], s.axes[low:high], s.length[low:high], s.mass[low:high],
+        s.radius[low:high], s.thickness[low:high], s.upper[low:high], s.above[low:high],
+        s.shape[low:high], s.stiffness[low:high], s.compliance[low:high],
+        s.shortening[low:high], s.joint[low:high], s.rest[low:high], s.lifted[low:high],
+        s.drift[low:high],
+    )  # fmt: skip
