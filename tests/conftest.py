@@ -1,8 +1,9 @@
 """What the whole suite needs set before its modules are imported.
 
-Hypothesis draws anew at every local run; CI draws the same, so that a run can be repeated. MuJoCo
-decides how it renders when it is first imported, by whichever test: off screen. A background job
-ignores Ctrl-C, and so would the programs that tests start and interrupt.
+A worker among others computes in one thread: further threads would wait for theirs. Hypothesis
+draws anew at every local run; CI draws the same, so that a run can be repeated. MuJoCo decides how
+it renders when it is first imported, by whichever test: off screen. A background job ignores
+Ctrl-C, and so would the programs that tests start and interrupt.
 """
 
 import os
@@ -19,6 +20,8 @@ from hypothesis import settings
 settings.register_profile("ci", derandomize=True)
 if os.environ.get("CI"):
     settings.load_profile("ci")
+if "PYTEST_XDIST_WORKER" in os.environ:
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
 if sys.platform.startswith("linux"):
     os.environ.setdefault("MUJOCO_GL", "egl")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -69,13 +72,23 @@ FLAGS = (
 )  # fmt: skip
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """With ``-n``, a file's tests run in one worker, which makes what they share once."""
+    from xdist.scheduler import LoadFileScheduling
+
+    config.option.loadscopereorder = False  # the order of pytest_collection_modifyitems
+    return LoadFileScheduling(config, log) if config.getvalue("dist") == "load" else None
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests of all files but the long ones as quick."""
+    """Mark the tests of all files but the long ones as quick; these come last, and fill gaps."""
     long = {(room, f"test_{name}") for room, names in LONG.items() for name in names.split()}
     for item in items:
         room = item.path.parent.relative_to(Path(__file__).parent).as_posix()
         if (room, item.path.stem) not in long and not item.get_closest_marker("slow"):
             item.add_marker(pytest.mark.quick)
+    items.sort(key=lambda item: item.get_closest_marker("quick") is not None)
 
 
 @pytest.fixture(scope="session")
