@@ -81,12 +81,21 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     return LoadFileScheduling(config, log) if config.getvalue("dist") == "load" else None
 
 
+def is_long(file: Path) -> bool:
+    """Whether a test file is among those of ``LONG``."""
+    room = Path(os.path.relpath(file.parent, Path(__file__).parent)).as_posix()
+    return file.stem.removeprefix("test_") in LONG.get(room, "").split()
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """With ``-m quick`` the long files are not even imported."""
+    return True if config.option.markexpr == "quick" and is_long(collection_path) else None
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the tests of all files but the long ones as quick; these come last, and fill gaps."""
-    long = {(room, f"test_{name}") for room, names in LONG.items() for name in names.split()}
     for item in items:
-        room = item.path.parent.relative_to(Path(__file__).parent).as_posix()
-        if (room, item.path.stem) not in long and not item.get_closest_marker("slow"):
+        if not is_long(item.path) and not item.get_closest_marker("slow"):
             item.add_marker(pytest.mark.quick)
     items.sort(key=lambda item: item.get_closest_marker("quick") is not None)
 
