@@ -15,7 +15,7 @@ import pytest
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError, StartInvalidError
 from optipromp.core.geometry import PointCloudShape
 from optipromp.core.optimization.costs import Cost
-from optipromp.core.planning import Plan, Planner, PlanOptions, plan, plan_many, sequence
+from optipromp.core.planning import Plan, PlanOptions, plan, plan_many, sequence
 from optipromp.core.planning.sequence import Result
 from optipromp.core.planning.task import resolve
 from optipromp.core.processes import run_each
@@ -33,14 +33,13 @@ def without_times(result: object) -> dict[str, object]:
     return document
 
 
-@pytest.mark.parametrize("planner", ["i-promp", "opti-promp"])
-def test_plans_are_those_of_one_scene_at_a_time(planner: Planner) -> None:
+def test_plans_are_those_of_one_scene_at_a_time() -> None:
     scenes = ["scenario-4", *(generate("table-top", seed) for seed in range(8)), "scenario-3"]
     options = PlanOptions(max_step=0.05)
-    together = plan_many(scenes, options, planner=planner, seed=3, workers=3)
+    together = plan_many(scenes, options, seed=3, workers=3)
     assert len(together) == len(scenes)
     for scene, result in zip(scenes, together, strict=True):
-        alone = plan(scene, planner=planner, options=options, seed=3)
+        alone = plan(scene, options=options, seed=3)
         assert isinstance(result, Plan)
         assert result.scene.name == alone.scene.name
         assert np.array_equal(result.trajectory.positions, alone.trajectory.positions)

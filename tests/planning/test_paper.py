@@ -127,7 +127,7 @@ def test_the_drift_offset_is_what_is_kept(offset: float, planned: Planned) -> No
 @pytest.mark.parametrize("strategy", ["joint", "sequential"])
 def test_a_plan_that_lacks_drift_is_no_success(strategy: Any, three: Scene) -> None:
     """0.9 m aside, left and right, within 75 mm of height: the arm is too short."""
-    options = PlanOptions(constraints="paper", paper=PaperOptions(drift_offset=0.9), timeout=5.0)
+    options = PlanOptions(constraints="paper", paper=PaperOptions(drift_offset=0.9), timeout=1.0)
     result = plan(three, strategy=strategy, options=options)
     assert result.status in (Code.INVALID_PLAN, Code.TIMEOUT)
     assert "constraint 1 of the paper asks for 900.0 mm" in result.message

@@ -69,7 +69,7 @@ def test_where_no_pack_is_a_neighbour_the_tool_is_slow_beside_them() -> None:
 
 def test_a_shelf_without_a_plan_says_what_is_missing() -> None:
     """An offset that no arm has beside a board: the status is typed, and its cause is told."""
-    options = PlanOptions(timeout=3.0, paper=PaperOptions(drift_offset=0.5))
+    options = PlanOptions(timeout=1.0, paper=PaperOptions(drift_offset=0.5))
     result = plan(generate("shelf", 7), planner="paper", options=options)
     assert result.status in (Code.INVALID_PLAN, Code.TIMEOUT)
     assert "constraint 1 of the paper asks for 500.0 mm" in result.message
