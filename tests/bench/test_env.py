@@ -37,7 +37,7 @@ def test_the_import_alone_registers_both_in_either_order(modules: str) -> None:
     code = f"""
 import {modules}
 for name in ("Pick-v0", "PickProMP-v0"):
-    print(gymnasium.make(f"optipromp/{{name}}").spec.id)
+    print(gymnasium.spec(f"optipromp/{{name}}").id)
 """
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert told.stdout.split() == ["optipromp/Pick-v0", "optipromp/PickProMP-v0"], told.stderr
