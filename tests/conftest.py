@@ -93,11 +93,12 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests of all files but the long ones as quick; these come last, and fill gaps."""
+    """Mark the tests of all files but the long ones as quick; workers begin with the long ones."""
     for item in items:
         if not is_long(item.path) and not item.get_closest_marker("slow"):
             item.add_marker(pytest.mark.quick)
-    items.sort(key=lambda item: item.get_closest_marker("quick") is not None)
+    if "PYTEST_XDIST_WORKER" in os.environ:  # so that none is left to one worker at the end
+        items.sort(key=lambda item: item.get_closest_marker("quick") is not None)
 
 
 @pytest.fixture(scope="session")
