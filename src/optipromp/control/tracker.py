@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from optipromp.control.belief import (
     Arrival,
@@ -208,7 +208,7 @@ class Innovations:
         if not count:
             return float("nan"), 0.0, float("inf"), False
         tail = 0.5 * (1.0 - level)
-        low, high = chi2.ppf([tail, 1.0 - tail], self.degrees * count) / count
+        low, high = chdtri(self.degrees * count, [1.0 - tail, tail]) / count
         mean = float(self.squares.mean())
         return mean, float(low), float(high), bool(low <= mean <= high)
 
