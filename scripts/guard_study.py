@@ -1,35 +1,75 @@
 """What the guard gives: entries and a random policy, on the same scenes with and without it.
 
-Run from the repository: ``python scripts/guard_study.py --scenes 5 random straight clone``. Each
-line is one entry: clean, harmed and missed of the runs in the main simulation without the guard,
-then with it, with the share of periods in which the guard acted and its time by step. Motions of
-entries that plan are followed by joint velocities, in both cases.
+    python scripts/guard_study.py random straight clone --scenes 5
+    python scripts/guard_study.py clone act --scenes 50 --engines arm,flight \\
+        --noise none,detector,sway --json guard.jsonl      # goes on where it was stopped
+    python scripts/guard_study.py clone --presets cluster --first 900000 --film guard.gif
+
+Run it from the repository. Of each entry, engine and noise there are two lines: without the guard,
+and with it. They tell clean, harmed and missed with Wilson's intervals (95 %), the share of periods
+in which the guard acted, and its time by step. Engines are those of ``optipromp bench``: ``arm`` is
+the main simulation, ``flight`` the second; plants that move are of ``arm`` alone. Motions of
+entries that plan are followed by joint velocities, in both cases. ``--json`` keeps a line for each
+run. Several processes may share the file, with presets of their own. ``--film`` draws the first
+scene: alone at the left, guarded at the right.
 """
 
 import argparse
+import itertools
+import json
+import re
+import sys
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # for the benchmarks
 
 import numpy as np
 
 from optipromp.bench.entries import ENTRIES
 from optipromp.bench.env import guarded
-from optipromp.bench.episode import LONGEST, Episode, Observation
+from optipromp.bench.episode import LONGEST, Episode, FlightWorld, Observation
+from optipromp.bench.running import ENGINES, STEADY
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.trajectory import Trajectory
 from optipromp.guard import Guard, GuardParameters, Safe
+from optipromp.laboratory.experiments.rows import source_version
 from optipromp.laboratory.experiments.situations import CONDITIONS
-from optipromp.laboratory.generate import generate
+from optipromp.laboratory.experiments.statistics import percent, wilson
+from optipromp.laboratory.generate import PRESETS, generate
+from optipromp.laboratory.simulation import Run, Simulation
 
 LONG = 60.0  # [s] of a random policy
 FIRST = 940_000  # of the scenes' seeds; the guard's numbers were set on 900000 to 900003
 GAIN = 2.0  # [1/s] of the joints' error of position
 LATE = 0.02  # [rad] of a joint
+RESULTS = "clean", "harmed", "missed", "refused", "error"
+SHARES = np.linspace(0.0, 1.0, 21)  # of the steps of a run, whose times are kept
+VIEW = 480, 540  # [pixel] of each half of a film
 Policy = Callable[[Observation], FloatArray]
+
+
+@dataclass(frozen=True)
+class Asked:
+    """One run."""
+
+    entry: str
+    guarded: bool
+    engine: str
+    noise: str  # of CONDITIONS
+    preset: str
+    seed: int
+
+    @property
+    def group(self) -> tuple[Any, ...]:
+        """Of the line of the table that it counts in."""
+        return self.entry, self.engine, self.noise, self.guarded
 
 
 class Timed(Guard):
@@ -92,63 +132,166 @@ def policy_of(name: str, episode: Episode, seed: int) -> Policy | None:
     return following(motion, episode.period) if isinstance(motion, Trajectory) else None
 
 
-def run(
-    name: str, preset: str, condition: str, seed: int, parameters: GuardParameters | None
-) -> tuple[str, list[Any], str]:
-    """The result of one run, whether the guard acted and its time by step [s], the cause of harm.
+def driven(asked: Asked, parameters: GuardParameters) -> tuple[dict[str, Any], Run | None]:
+    """What became of one run, as in the file; and the run, for a film.
 
-    ``parameters`` of the guard; None: there is none.
+    ``steps`` is the number of calls of the guard, ``acted`` in how many it acted, ``spent`` their
+    times [ms] at the shares SHARES, ``why`` counts its reasons.
     """
-    scene = generate(preset, seed)
-    episode = Episode(CONDITIONS[condition](scene, seed), seed)
-    policy = policy_of(name, episode, seed)
+    situation = CONDITIONS[asked.noise](generate(asked.preset, asked.seed), asked.seed)
+    world = FlightWorld(situation.scene, asked.seed) if asked.engine == "flight" else None
+    episode = Episode(situation, asked.seed, world=world)
+    policy = policy_of(asked.entry, episode, asked.seed)
     if policy is None:
-        return "refused", [], ""
+        return {"result": "refused"}, None
     guard = Timed(episode.scene, episode.robot, parameters=parameters)
-    told, most = [], LONG if name == "random" else LONGEST
+    acted, spent, why = 0, list[float](), Counter[str]()
+    most = LONG if asked.entry == "random" else LONGEST
     while episode.time < most and not episode.done:
         wish = policy(episode.observe())
-        if parameters is None:
-            episode.act(wish)
-        else:
+        if asked.guarded:
             safe = guarded(guard, wish, episode)
-            told.append((safe.acted, guard.spent))
+            acted += safe.acted
+            why.update([re.sub(r"\d+(\.\d+)?", "…", safe.reason)] * safe.acted)
+            spent.append(guard.spent)
+        else:
+            episode.act(wish)
+    end, simulation = episode.simulation.time, episode.simulation
     outcome = episode.outcome(out=False)
-    return outcome.result, told, " ".join(map(str, getattr(outcome, "causes", ())))
+    causes = getattr(outcome, "causes", ()) or getattr(outcome, "harm", ())
+    row = {
+        "result": outcome.result, "causes": " ".join(map(str, causes)),
+        "seconds": round(episode.time, 2), "steps": len(spent), "acted": acted,
+        "spent": (1e3 * np.quantile(spent, SHARES)).round(2).tolist() if spent else [],
+        "why": dict(why),
+    }  # fmt: skip
+    if not isinstance(simulation, Simulation):
+        return row, None
+    shown = situation.scene, episode.robot, simulation.parameters, asked.seed
+    return row, Run(*shown, simulation.rollout(end), outcome, 0.0)  # type: ignore[arg-type]
+
+
+def line(rows: Sequence[dict[str, Any]]) -> str:
+    """The runs of one line of the table in words."""
+    results, runs = Counter(row["result"] for row in rows), len(rows)
+    words = [
+        f"{results[name]} {name} ({percent(*wilson(results[name], runs))} %)"
+        for name in RESULTS if results[name] or name in RESULTS[:3]
+    ]  # fmt: skip
+    steps = np.array([row["steps"] for row in rows if row.get("steps")])
+    if steps.size:
+        spent = np.array([row["spent"] for row in rows if row.get("steps")])
+        weights = np.repeat(steps / len(SHARES), len(SHARES))
+        half, most = np.quantile(spent.ravel(), [0.5, 0.95], weights=weights, method="inverted_cdf")
+        acted = sum(row["acted"] for row in rows if row.get("steps")) / steps.sum()
+        words.append(f"acted in {100 * acted:.0f} %")
+        words.append(f"{half:.1f} ms, 95 % {most:.1f}, most {spent.max():.1f}")
+    return "; ".join(words)
+
+
+def known(file: Path | None, parameters: GuardParameters) -> dict[Asked, dict[str, Any]]:
+    """The runs of a file by what was asked; those of another guard are passed over."""
+    found: dict[Asked, dict[str, Any]] = {}
+    if file is None or not file.exists():
+        return found
+    for text in file.read_text("utf-8").splitlines():
+        row = json.loads(text)
+        asked = Asked(**row["asked"])
+        if not asked.guarded or row["parameters"] == asdict(parameters):
+            found[asked] = row
+    return found
+
+
+def film(path: Path, asked: Asked, parameters: GuardParameters, slow: float) -> None:
+    """Draw a scene twice as a GIF: the policy alone at the left, behind the guard at the right."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    from optipromp.laboratory.simulation import film as films
+
+    halves, fps = [], 10
+    for guards in (False, True):
+        row, run = driven(Asked(asked.entry, guards, *list(asdict(asked).values())[2:]), parameters)
+        print(("guarded" if guards else "alone"), row["result"], row.get("causes", ""), flush=True)
+        if run is None:
+            raise SystemExit(f"{asked.entry} does not move in {asked.preset} {asked.seed}")
+        halves.append(run)
+    most = max(half.rollout.times[-1] for half in halves)
+    times, view = np.arange(0.0, most + 1e-9, 1.0 / (fps * slow)), films.View(*VIEW)
+    made = [films.frames(half, times, view, caption=True) for half in halves]
+    pictures = []
+    for pair in zip(*made, strict=True):
+        picture = Image.fromarray(np.concatenate(pair, axis=1))
+        pen, font = ImageDraw.Draw(picture), ImageFont.load_default(VIEW[1] // 22)
+        for k, words in enumerate((f"{asked.entry} alone", f"{asked.entry} behind the guard")):
+            pen.text((k * VIEW[0] + 12, 10), words, films.PALE, font, stroke_width=3,
+                     stroke_fill=films.DARK)  # fmt: skip
+        pen.line((VIEW[0], 0, VIEW[0], VIEW[1]), films.PALE, 2)
+        pictures.append(np.asarray(picture))
+    path.write_bytes(films.gif(pictures, fps))
 
 
 def main() -> None:
-    """Print a line for each entry."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("entries", nargs="+")
-    parser.add_argument("--scenes", type=int, default=5)
+    """Print two lines for each entry, engine and noise."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("entries", nargs="+", help="of optipromp bench list, MODULE:CLASS, random")
+    parser.add_argument("--scenes", type=int, default=5, help="of each preset")
     parser.add_argument("--first", type=int, default=FIRST, help="seed of the scenes")
     parser.add_argument("--presets", default="cluster,field")
-    parser.add_argument("--condition", default="none")
+    parser.add_argument("--engines", default="arm", help="arm, flight")
+    parser.add_argument("--noise", default="none", help=f"of {', '.join(CONDITIONS)}")
     parser.add_argument("--risk", type=float, default=GuardParameters.risk)
     parser.add_argument("--states", type=int, default=GuardParameters.states)
     parser.add_argument("--guarded", action="store_true", help="with the guard alone")
-    asked = parser.parse_args()
-    parameters = GuardParameters(risk=asked.risk, states=asked.states)
-    for name in asked.entries:
-        for guards in (False, True)[asked.guarded :]:
-            results, told, causes = Counter[str](), [], list[str]()
-            for k in range(asked.scenes):
-                for preset in asked.presets.split(","):
-                    seed, given = asked.first + k, parameters if guards else None
-                    result, some, cause = run(name, preset, asked.condition, seed, given)
-                    results[result] += 1
-                    told += some
-                    causes += [f"{preset} {seed}: {cause}"] * (result == "harmed")
-            words = ", ".join(f"{results[w]} {w}" for w in ("clean", "harmed", "missed", "refused"))
-            line = f"{name:<12} {'guarded' if guards else 'alone':<8} {words}"
-            if told:
-                acted, spent = np.array(told).T
-                line += f"; acted in {100 * acted.mean():.0f} %"
-                line += "; {:.1f} ms, 95 % {:.1f}, most {:.1f}".format(
-                    *1e3 * np.percentile(spent, [50, 95, 100])
-                )
-            print(line, *causes, sep="\n    ", flush=True)
+    parser.add_argument("--json", type=Path, metavar="FILE", help="a line for each run, as it ends")
+    parser.add_argument(
+        "--film", type=Path, metavar="FILE.gif", help="of the first scene; no table"
+    )
+    parser.add_argument("--slow", type=float, default=1.0, help="times slower that a film runs")
+    given = parser.parse_args()
+    parameters = GuardParameters(risk=given.risk, states=given.states)
+    lists = {k: getattr(given, k).split(",") for k in ("presets", "engines", "noise")}
+    may = {"presets": PRESETS, "engines": ENGINES, "noise": CONDITIONS}
+    for name, words in lists.items():
+        if wrong := [word for word in words if word not in may[name]]:
+            parser.error(f"--{name}: {wrong[0]} is none of {', '.join(may[name])}")
+    asks = [
+        Asked(entry, guards, engine, noise, preset, given.first + k)
+        for entry, engine, noise, guards in itertools.product(
+            given.entries, lists["engines"], lists["noise"], (False, True)[given.guarded :]
+        )
+        if engine == "arm" or noise in STEADY
+        for k, preset in itertools.product(range(given.scenes), lists["presets"])
+    ]
+    if given.film:
+        film(given.film, asks[0], parameters, given.slow)
+        return
+    done, version, began = known(given.json, parameters), source_version(), time.monotonic()
+    left = sum(each not in done for each in asks)
+    for (name, engine, noise, guards), group in itertools.groupby(asks, lambda a: a.group):
+        rows = []
+        for each in group:
+            if each not in done:
+                try:
+                    row, _ = driven(each, parameters)
+                except OptiPrompError as error:
+                    row = {"result": "error", "causes": str(error)}
+                row |= {"asked": asdict(each), "parameters": asdict(parameters), "version": version}
+                done[each], left = row, left - 1
+                if given.json:
+                    with given.json.open("a", encoding="utf-8") as stream:
+                        stream.write(json.dumps(row) + "\n")
+                gone = (time.monotonic() - began) / 60.0
+                print(f"{gone:.1f} min, {left} runs left", end="\r", file=sys.stderr, flush=True)
+            rows.append(done[each])
+        print(f"{name} {engine} {noise} {'guarded' if guards else 'alone'}: {line(rows)}")
+        for row in rows:
+            if row["result"] in ("harmed", "error"):
+                print(f"    {row['asked']['preset']} {row['asked']['seed']}: {row['causes']}")
+        sys.stdout.flush()
+    if len(versions := {done[each]["version"] for each in asks}) > 1:
+        print(f"the runs are of {len(versions)} versions of the library: {', '.join(versions)}")
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@
     python scripts/train_policies.py set DATA --out set.onnx --minutes 10   # proposals from a scene
     python scripts/train_policies.py steps DATA --seeds 210000:210300       # our plans, driven
     python scripts/train_policies.py clone DATA --out clone.onnx --minutes 10
+    python scripts/train_policies.py act DATA --out act.onnx --minutes 120  # chunks of velocities
     python scripts/train_policies.py curves DATA --out learning.png         # of all CSV files there
     python scripts/train_policies.py sac --out sac.onnx --minutes 30  # weights by reward alone
 
@@ -11,6 +12,11 @@
 ``set`` learns several proposals of weights from objects, as a set: the nearest one learns (winner
 takes all), and a score learns which one that is. ``steps`` drives our plans in the simulation with
 disturbed velocities, and keeps what a policy saw and should have done. ``clone`` learns that.
+With ``--labels`` it learns from the guard, too: from the rows in which the guard acted of episodes
+of ``optipromp episodes --policy ... --guarded --keep all --format lerobot``. ``act`` learns the
+velocities of the next half second at once, by a transformer over hand and objects (ACT, Zhao et
+al. 2023, without its latent style: of one scene our planner has one plan). Two cores give it some
+20,000 samples a minute, and it wants two hours; the shipped weights had less (docs/learners.md).
 ``sac`` is soft actor-critic of stable-baselines3 on ``optipromp/PickProMP-v0``, whose reward is the
 push model's word; it sees no plan.
 
@@ -34,7 +40,7 @@ import numpy as np
 
 from benchmarks.entries.learnt import hand_of
 from optipromp.bench.env import MOST, WIDTH, PickEnv, PickProMPEnv, objects_of
-from optipromp.bench.episodes import follower
+from optipromp.bench.episodes import DATA, follower
 from optipromp.bench.primitive import COUNT, weights_of
 from optipromp.bench.sets import PRESETS
 from optipromp.core.errors import OptiPrompError
@@ -46,6 +52,7 @@ SCALE = 10.0  # of metres before the network: objects are decimetres away
 PROPOSALS = 6
 HELD_OUT = 20  # every so many scenes are for figures, not for training
 EPISODE_NOISE = 0.3  # standard deviation of disturbed actions in ``steps``
+CHUNK = 25  # velocities that ``act`` tells at once: half a second, a choice
 FEW = 200_000, 200_500  # seeds of the scenes of ``sac``, of each preset: held in memory
 
 
@@ -216,46 +223,103 @@ def train_set(data: Path, out: Path, minutes: float) -> None:
     write(net, out, (torch.zeros(1, MOST, WIDTH),), ["objects"])
 
 
-def train_clone(data: Path, out: Path, minutes: float) -> None:
-    """What to do now from what is seen now."""
+def labelled(folder: Path) -> dict[str, np.ndarray]:
+    """The rows of a LeRobot dataset of ``optipromp episodes`` in which the guard acted."""
+    import pyarrow.parquet as pq
+
+    table = pq.read_table(folder / DATA.format(chunk_index=0, file_index=0))
+    acted = table["guarded"].to_numpy()
+    arm, objects, action = (
+        np.stack(table[name].to_numpy())[acted]
+        for name in ("observation.state", "observation.environment_state", "action")
+    )
+    return {"arm": arm, "objects": objects.reshape(-1, MOST, WIDTH), "action": action}
+
+
+def train_steps(
+    data: Path, out: Path, minutes: float, chunk: int = 1, labels: Path | None = None
+) -> None:
+    """What to do now, and in the next ``chunk`` periods, from what is seen now."""
     import torch
     from torch.nn import functional
 
-    shards = loaded(data, "steps")
+    shards = loaded(data, "steps") + ([labelled(labels)] if labels else [])
     arm, objects, action = (
         np.concatenate([s[k].astype(np.float32) for s in shards])
         for k in ("arm", "objects", "action")
     )
     held = np.zeros(len(arm), dtype=bool)
     held[: len(shards[0]["arm"])] = True
+    ends = np.append(np.flatnonzero(np.diff(arm[:, -1]) <= 0.0), len(arm) - 1)  # time begins anew
+    last = ends[np.searchsorted(ends, np.arange(len(arm)))]
     torch.manual_seed(0)
     torch.set_num_threads(1)
     hand = hand_of(arm).astype(np.float32)
-    rng, net = np.random.default_rng(0), network(3, hand.shape[1])
+    rng = np.random.default_rng(0)
+    net = network(3, hand.shape[1]) if chunk == 1 else transformer(chunk, hand.shape[1])
     rows_of = np.flatnonzero(~held)
 
-    def loss(seen: np.ndarray, own: np.ndarray, right: np.ndarray) -> Any:
-        told = net(torch.from_numpy(seen), torch.from_numpy(own))
-        return functional.smooth_l1_loss(told, torch.from_numpy(right), beta=0.1)
+    def ahead(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The next actions (b, chunk, 3), and which of them are of the episode (b, chunk)."""
+        then = rows[:, None] + np.arange(chunk)
+        return action[np.minimum(then, last[rows][:, None])], then <= last[rows][:, None]
+
+    def loss(seen: np.ndarray, own: np.ndarray, right: np.ndarray, there: np.ndarray) -> Any:
+        told = net(torch.from_numpy(seen), torch.from_numpy(own)).reshape(right.shape)
+        off = functional.smooth_l1_loss(told, torch.from_numpy(right), beta=0.1, reduction="none")
+        return off[torch.from_numpy(there)].mean()
 
     def figures() -> dict[str, float]:
         rows = np.flatnonzero(held)[::5]
         with torch.no_grad():
-            return {"loss": float(loss(objects[rows], hand[rows], action[rows]))}
+            return {"loss": float(loss(objects[rows], hand[rows], *ahead(rows)))}
 
     def batches() -> Iterator[Any]:
         while True:
             rows = rng.choice(rows_of, 256)
-            own, right = hand[rows].copy(), action[rows].copy()
+            own, (right, there) = hand[rows].copy(), ahead(rows)
             across = own.reshape(-1, 3, 3)[:, :, :2]
-            seen, across, wanted = turned(objects[rows], rng, across, right[:, None, :2])
+            seen, across, wanted = turned(objects[rows], rng, across, right[:, :, :2])
             own.reshape(-1, 3, 3)[:, :, :2] = across
-            right[:, :2] = wanted[:, 0]
-            yield loss(seen, own, right)
+            right[:, :, :2] = wanted
+            yield loss(seen, own, right, there)
 
     fit(net, batches(), figures, out, minutes, 256)
     empty = torch.zeros(1, MOST, WIDTH), torch.zeros(1, hand.shape[1])
     write(net, out, empty, ["objects", "arm"])
+
+
+def transformer(chunk: int, arm: int) -> Any:
+    """Objects (b, MOST, WIDTH) and ``arm`` further numbers to ``chunk`` velocities (b, 3 chunk)."""
+    import torch
+    from torch import nn
+
+    torch.backends.mha.set_fastpath_enabled(False)  # it has no ONNX
+
+    class Transformer(nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            wide = 96
+            self.each = nn.Sequential(nn.Linear(WIDTH, wide), nn.ReLU(), nn.Linear(wide, wide))
+            self.own = nn.Sequential(nn.Linear(arm, wide), nn.ReLU(), nn.Linear(wide, wide))
+            kind = {"dim_feedforward": 2 * wide, "dropout": 0.0, "batch_first": True}
+            see = nn.TransformerEncoderLayer(wide, 4, **kind)
+            self.see = nn.TransformerEncoder(see, 2, enable_nested_tensor=False)
+            self.do = nn.TransformerDecoder(nn.TransformerDecoderLayer(wide, 4, **kind), 1)
+            self.asks = nn.Parameter(torch.randn(chunk, wide))
+            self.tell = nn.Linear(wide, 3)
+
+        def forward(self, objects: Any, own: Any) -> Any:
+            none = objects[:, :, 13:].sum(-1) < 0.5
+            none = torch.cat([torch.zeros_like(none[:, :1]), none], 1)
+            scale = torch.ones(WIDTH)
+            scale[:3] = scale[6:9] = scale[12] = SCALE
+            tokens = torch.cat([self.own(own)[:, None], self.each(objects * scale)], 1)
+            seen = self.see(tokens, src_key_padding_mask=none)
+            asks = self.asks.expand(len(objects), -1, -1)
+            return self.tell(self.do(asks, seen, memory_key_padding_mask=none)).flatten(1)
+
+    return Transformer()
 
 
 def fit(
@@ -393,11 +457,12 @@ def curves(folder: Path, out: Path) -> None:
 def main() -> None:
     """See the module."""
     ask = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    ask.add_argument("what", choices=("plans", "set", "steps", "clone", "sac", "curves"))
+    ask.add_argument("what", choices=("plans", "set", "steps", "clone", "act", "sac", "curves"))
     ask.add_argument("data", nargs="?", type=Path)
     ask.add_argument("--seeds", default="200000:204000", metavar="A:B")
     ask.add_argument("--out", type=Path)
     ask.add_argument("--minutes", type=float, default=10.0)
+    ask.add_argument("--labels", type=Path, help="a dataset of guarded episodes, for clone")
     ask.add_argument("--presets", default=",".join(PRESETS), help="of scenes to learn from")
     told = ask.parse_args()
     presets = told.presets.split(",")
@@ -413,8 +478,12 @@ def main() -> None:
     if told.what in ("plans", "steps"):
         {"plans": plans, "steps": steps}[told.what](told.data, seeds, presets)
         return
-    learn = {"set": train_set, "clone": train_clone}[told.what]
-    learn(told.data, told.out or ask.error(f"{told.what} needs --out FILE.onnx"), told.minutes)
+    out = told.out or ask.error(f"{told.what} needs --out FILE.onnx")
+    if told.what == "set":
+        train_set(told.data, out, told.minutes)
+    else:
+        chunk = CHUNK if told.what == "act" else 1
+        train_steps(told.data, out, told.minutes, chunk, told.labels)
 
 
 if __name__ == "__main__":

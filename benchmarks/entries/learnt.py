@@ -112,18 +112,32 @@ class Sac:
 
 
 class Cloned:
-    """The tool's velocity from what is seen now, cloned from our plans' steps."""
+    """The tool's velocity from what is seen now, cloned from our plans' steps.
+
+    A network that tells the velocities of a chunk of periods is asked anew in each. What was told
+    of one period is averaged, as ACT does (Zhao et al. 2023; its weights are nearly equal).
+    """
+
+    weights: ClassVar[str] = "clone.onnx"
 
     def reset(self, scene: Scene, seed: int) -> None:
         """See :class:`optipromp.bench.tracks.Acting`."""
         self.scene = scene
         self.robot: Robot = posed(scene)[0]
+        self.chunks: list[FloatArray] = []  # the newest first
 
     def act(self, seen: Observation) -> FloatArray:
         """See :class:`optipromp.bench.tracks.Acting`."""
         state = state_of(seen, self.scene)
-        action = np.clip(
-            told("clone.onnx", objects=state["objects"], arm=hand_of(state["arm"])), -1.0, 1.0
-        )
+        chunk = told(self.weights, objects=state["objects"], arm=hand_of(state["arm"]))
+        self.chunks = [chunk.reshape(-1, 3), *self.chunks][: chunk.size // 3]
+        now = np.mean([rows[age] for age, rows in enumerate(self.chunks)], axis=0)
         frame = self.scene.frame
-        return joints_for(self.robot, seen.q, SPEED * action @ frame, frame[2])
+        velocity = SPEED * np.clip(now, -1.0, 1.0) @ frame
+        return joints_for(self.robot, seen.q, velocity, frame[2])
+
+
+class Act(Cloned):
+    """Chunks of the tool's velocities by a transformer, cloned from our plans' steps."""
+
+    weights: ClassVar[str] = "act.onnx"

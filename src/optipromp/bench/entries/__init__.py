@@ -44,6 +44,7 @@ LEARNT: Mapping[str, Contender] = {
         ("set-checked", "SetChecked", "its proposals, one of which our push model takes", "plan"),
         ("sac", "Sac", "soft actor-critic on weights, by the push model's word", "plan"),
         ("clone", "Cloned", "behaviour cloning of our plans' steps", "policy"),
+        ("act", "Act", "action chunks by a transformer, cloned from our plans' steps", "policy"),
     )
 }
 ENTRIES: Mapping[str, Contender] = {
