@@ -22,7 +22,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
@@ -156,12 +156,13 @@ def driven(asked: Asked, parameters: GuardParameters) -> tuple[dict[str, Any], R
             spent.append(guard.spent)
         else:
             episode.act(wish)
-    end, simulation = episode.simulation.time, episode.simulation
+    simulation, seconds = episode.simulation, round(episode.time, 2)
+    end = simulation.time
     outcome = episode.outcome(out=False)
     causes = getattr(outcome, "causes", ()) or getattr(outcome, "harm", ())
     row = {
         "result": outcome.result, "causes": " ".join(map(str, causes)),
-        "seconds": round(episode.time, 2), "steps": len(spent), "acted": acted,
+        "seconds": seconds, "steps": len(spent), "acted": acted,
         "spent": (1e3 * np.quantile(spent, SHARES)).round(2).tolist() if spent else [],
         "why": dict(why),
     }  # fmt: skip
@@ -207,26 +208,38 @@ def film(path: Path, asked: Asked, parameters: GuardParameters, slow: float) -> 
     from PIL import Image, ImageDraw, ImageFont
 
     from optipromp.laboratory.simulation import film as films
+    from optipromp.laboratory.simulation.studio import Studio
+    from optipromp.laboratory.simulation.world import build
 
-    halves, fps = [], 10
-    for guards in (False, True):
-        row, run = driven(Asked(asked.entry, guards, *list(asdict(asked).values())[2:]), parameters)
-        print(("guarded" if guards else "alone"), row["result"], row.get("causes", ""), flush=True)
+    fps, size, runs, words = 10, VIEW[1] // 24, list[Run](), list[tuple[str, str]]()
+    for guards, name in ((False, "alone"), (True, "behind the guard")):
+        row, run = driven(replace(asked, guarded=guards), parameters)
         if run is None:
             raise SystemExit(f"{asked.entry} does not move in {asked.preset} {asked.seed}")
-        halves.append(run)
-    most = max(half.rollout.times[-1] for half in halves)
-    times, view = np.arange(0.0, most + 1e-9, 1.0 / (fps * slow)), films.View(*VIEW)
-    made = [films.frames(half, times, view, caption=True) for half in halves]
-    pictures = []
-    for pair in zip(*made, strict=True):
-        picture = Image.fromarray(np.concatenate(pair, axis=1))
-        pen, font = ImageDraw.Draw(picture), ImageFont.load_default(VIEW[1] // 22)
-        for k, words in enumerate((f"{asked.entry} alone", f"{asked.entry} behind the guard")):
-            pen.text((k * VIEW[0] + 12, 10), words, films.PALE, font, stroke_width=3,
-                     stroke_fill=films.DARK)  # fmt: skip
-        pen.line((VIEW[0], 0, VIEW[0], VIEW[1]), films.PALE, 2)
-        pictures.append(np.asarray(picture))
+        runs.append(run)
+        words.append((f"{asked.entry} {name}", f"{row['result']} {row['causes']}"))
+        print(*words[-1], sep=": ", flush=True)
+    most = max(run.rollout.times[-1] for run in runs)
+    times = np.arange(0.0, most + 1e-9, 1.0 / (fps * slow))
+    world = build(runs[1].scene, runs[1].robot, runs[1].parameters, runs[1].seed)
+    pictures, font = [], ImageFont.load_default(size)
+    with Studio(world, fine=True) as studio:
+        camera = films.shot(world, studio.model, runs[1], times, films.View(*VIEW))
+        for k, time_ in enumerate(times):
+            whole = Image.new("RGB", (2 * VIEW[0], VIEW[1]))
+            pen = ImageDraw.Draw(whole)
+            for left, run, (name, result) in zip((0, VIEW[0]), runs, words, strict=True):
+                last = run.rollout.times[-1]
+                record = max(int(np.searchsorted(run.rollout.times, time_ + 1e-9)) - 1, 0)
+                studio.stand(run.rollout.states[record])
+                whole.paste(Image.fromarray(studio.colours(camera.at(k), *VIEW)), (left, 0))
+                ended = time_ >= run.rollout.motion or k == len(times) - 1
+                told = f"{min(time_, last):.1f} s" + (f"   {result}" if ended else "")
+                for at, text in ((size, name), (VIEW[1] - 2 * size, told)):
+                    pen.text((left + size, at), text, films.PALE, font, stroke_width=3,
+                             stroke_fill=films.DARK)  # fmt: skip
+            pen.line((VIEW[0], 0, VIEW[0], VIEW[1]), films.PALE, 2)
+            pictures.append(np.asarray(whole))
     path.write_bytes(films.gif(pictures, fps))
 
 

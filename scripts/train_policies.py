@@ -316,7 +316,7 @@ def transformer(chunk: int, arm: int) -> Any:
             scale[:3] = scale[6:9] = scale[12] = SCALE
             tokens = torch.cat([self.own(own)[:, None], self.each(objects * scale)], 1)
             seen = self.see(tokens, src_key_padding_mask=none)
-            asks = self.asks.expand(len(objects), -1, -1)
+            asks = self.asks + torch.zeros_like(tokens[:, :1])  # for each of the batch
             return self.tell(self.do(asks, seen, memory_key_padding_mask=none)).flatten(1)
 
     return Transformer()

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from tests.loaded import script
 
-from benchmarks.entries.learnt import proposals, told
+from benchmarks.entries.learnt import hand_of, proposals, told
 from optipromp.bench.env import MOST, WIDTH, objects_in
+from optipromp.bench.episodes import EpisodeAsk, EpisodeData, write_lerobot
 from optipromp.bench.primitive import COUNT
 from optipromp.bench.sets import scene_of
 from optipromp.core.arrays import FloatArray
@@ -76,6 +77,50 @@ def test_a_network_is_trained_on_plans(tmp_path: Path) -> None:
     session = runtime.InferenceSession(str(out), providers=["CPUExecutionProvider"])
     (told_,) = session.run(None, {"objects": objects})
     assert told_.shape == (400, train.PROPOSALS * (2 * COUNT + 1))
+
+
+@pytest.mark.parametrize("chunk", [1, 25])
+def test_velocities_are_learnt_from_steps(chunk: int, tmp_path: Path) -> None:
+    """Episodes of ten steps, in each of which the action is that toward one place."""
+    pytest.importorskip("torch")
+    pytest.importorskip("onnx")
+    runtime = pytest.importorskip("onnxruntime")
+    rng = np.random.default_rng(0)
+    arm = np.repeat(rng.uniform(-0.2, 0.2, (150, 25)), 10, axis=0).astype(np.float32)
+    arm[:, -1] = np.tile(0.02 * np.arange(10), 150)
+    objects = np.zeros((1500, MOST, WIDTH), dtype=np.float16)
+    objects[:, 0, 13] = 1.0
+    action = -4.0 * arm[:, -11:-8]
+    for k in range(3):
+        part = slice(500 * k, 500 * (k + 1))
+        np.savez(tmp_path / f"steps-{k}.npz", arm=arm[part], objects=objects[part],
+                 action=action[part])  # fmt: skip
+    out = tmp_path / "out.onnx"
+    script("train_policies").train_steps(tmp_path, out, 0.1, chunk)
+    with out.with_suffix(".csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert float(rows[-1]["loss"]) < 0.3 * float(rows[0]["loss"])
+    session = runtime.InferenceSession(str(out), providers=["CPUExecutionProvider"])
+    given = {"objects": objects.astype(np.float32), "arm": hand_of(arm).astype(np.float32)}
+    (velocities,) = session.run(None, given)
+    assert velocities.shape == (1500, 3 * chunk)
+    assert np.abs(velocities.reshape(-1, chunk, 3) - action[:, None]).mean() < 0.15
+
+
+def test_labels_are_the_rows_in_which_the_guard_acted(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    rng = np.random.default_rng(0)
+    seen = {"arm": rng.normal(size=(6, 25)), "objects": rng.normal(size=(6, MOST, WIDTH))}
+    seen = {name: value.astype(np.float32) for name, value in seen.items()}
+    actions, acted = rng.normal(size=(5, 3)).astype(np.float32), np.array([0, 1, 1, 0, 1], bool)
+    made = EpisodeData(
+        EpisodeAsk("cluster", 1), seen, actions, np.zeros(5, np.float32), True, True, acted
+    )
+    write_lerobot([made], tmp_path / "data")
+    rows = script("train_policies").labelled(tmp_path / "data")
+    assert np.array_equal(rows["arm"], seen["arm"][:5][acted])
+    assert np.array_equal(rows["objects"], seen["objects"][:5][acted])
+    assert np.array_equal(rows["action"], actions[acted])
 
 
 def test_sac_learns_without_a_plan(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ from optipromp.core.planning.task import posed
 from optipromp.core.scenes import Scene, load_scene
 from optipromp.core.scenes.goals import JointGoal
 from optipromp.laboratory.experiments.situations import CONDITIONS
-from optipromp.laboratory.generate import generate
+from optipromp.laboratory.generate import Preset, generate
 from optipromp.lerobot import (
     FRUITS,
     GuardStep,
@@ -44,43 +44,27 @@ GOALS = {  # of free scenes: a place within the limits
     "so101": [-0.1] * 5,
 }
 MODELS = Path("cmeel.prefix/share/example-robot-data/robots")
+FILES = {
+    "xarm7": "xarm_description/urdf/xarm7.urdf",
+    "so101": "so_arm_description/urdf/so101.urdf",
+}
 SO101 = "shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"
 
 
-def so101(folder: Path) -> Path:
-    """An arm with the joints' names, order and axes of the SO-101; lengths are rough."""
-    places = "0 0 0.06", "0.03 0 0.05", "0 0 0.116", "0.135 0 0", "0.06 0 0"
-    axes = "0 0 1", "0 1 0", "0 1 0", "0 1 0", "1 0 0"
-    links = '<link name="base"/>' + "".join(
-        f'<link name="{name}_link"><collision><origin xyz="0 0 0.01"/>'
-        '<geometry><sphere radius="0.015"/></geometry></collision></link>' for name in SO101
-    )  # fmt: skip
-    before = ["base", *(f"{name}_link" for name in SO101)]
-    joints = "".join(
-        f'<joint name="{name}" type="revolute"><parent link="{parent}"/>'
-        f'<child link="{name}_link"/><origin xyz="{at}"/><axis xyz="{axis}"/>'
-        '<limit lower="-1.9" upper="1.9" velocity="3" effort="10"/></joint>'
-        for name, parent, at, axis in zip(SO101, before, places, axes, strict=False)
-    )
-    out = folder / "so101.urdf"
-    out.write_text(f'<robot name="so101">{links}{joints}</robot>')
-    return out
+def description(arm: str) -> str:
+    """A built-in arm, or the file of one that example-robot-data brings."""
+    if arm not in FILES:
+        return arm
+    found = [Path(p) / MODELS / FILES[arm] for p in site.getsitepackages()]
+    if not any(map(Path.exists, found)):
+        pytest.skip("example-robot-data is not installed")
+    return str(next(filter(Path.exists, found)))
 
 
-def described(arm: str, folder: Path) -> Scene:
-    """A free scene with an arm of a description."""
-    if arm == "so101":
-        robot = str(so101(folder))
-    elif arm == "panda":
-        robot = "panda"
-    else:
-        found = [Path(p) / MODELS / "xarm_description/urdf/xarm7.urdf"
-                 for p in site.getsitepackages()]  # fmt: skip
-        if not any(map(Path.exists, found)):
-            pytest.skip("example-robot-data is not installed")
-        robot = str(next(filter(Path.exists, found)))
+def free(arm: str) -> Scene:
+    """A scene with nothing but an arm."""
     goal = JointGoal(np.array(GOALS[arm]))
-    return Scene(name="free", robot=robot, objects=(), goal=goal)
+    return Scene(name="free", robot=description(arm), objects=(), goal=goal)
 
 
 def test_lerobot_finds_the_policy_by_name_saves_it_and_loads_it(tmp_path: Path) -> None:
@@ -164,9 +148,23 @@ def test_the_policy_picks_in_the_benchmark(commands: str) -> None:
     env.close()
 
 
+@pytest.mark.filterwarnings("ignore:no built-in demonstrations")
+@pytest.mark.parametrize(("arm", "preset"), [("xarm7", "limp"), ("so101", "cluster")])
+def test_the_policy_picks_with_an_arm_of_a_description(arm: str, preset: Preset) -> None:
+    """Its velocities of the joints go to the arm, 50 times a second."""
+    scene = generate(preset, 77_000, description(arm))
+    episode = Episode(CONDITIONS["none"](scene, 1), 1)
+    policy = OptiPrompPolicy(OptiPrompConfig(n_action_steps=2, commands="velocities"), scene=scene)
+    assert len(policy.names) == episode.robot.n_joints
+    while not (episode.done or episode.ended):
+        seen = batch_of(episode.state.q, episode.observe().look, episode.time)
+        episode.act(policy.select_action(seen).numpy()[0].astype(np.float64))
+    assert episode.outcome(out=False).result == "clean", policy.controller.history
+
+
 @pytest.mark.parametrize("arm", ["panda", "xarm7", "so101"])
-def test_the_guard_is_a_step_of_a_robots_pipeline(arm: str, tmp_path: Path) -> None:
-    scene = described(arm, tmp_path)
+def test_the_guard_is_a_step_of_a_robots_pipeline(arm: str) -> None:
+    scene = free(arm)
     step = GuardStep(commands="positions", rate=50.0)
     step.use(scene)
     robot = step.guard.robot
