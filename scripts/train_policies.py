@@ -368,6 +368,7 @@ def write(net: Any, out: Path, empty: tuple[Any, ...], names: list[str]) -> None
     net.eval()
     with warnings.catch_warnings():  # the new exporter needs one package more
         warnings.simplefilter("ignore", DeprecationWarning)
+        warnings.simplefilter("ignore", torch.jit.TracerWarning)  # of checks of shapes
         torch.onnx.export(
             net, empty, str(out), input_names=names, output_names=["told"], dynamo=False,
             dynamic_axes={name: {0: "batch"} for name in (*names, "told")}, opset_version=17,
