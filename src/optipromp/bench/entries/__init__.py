@@ -54,9 +54,7 @@ ENTRIES: Mapping[str, Contender] = {
     },
     **CLASSIC,
     **LEARNT,
-    "blind": Contender(
-        "optipromp.bench.entries.own:Blind", "ours, planned once and followed blind", "policy"
-    ),
+    "blind": Contender("optipromp.bench.entries.own:Blind", "ours, one plan, blind", "policy"),
     "closed": Contender(
         "optipromp.bench.entries.own:Closed", "ours, the closed loop: look and look again", "policy"
     ),
