@@ -15,8 +15,9 @@ disturbed velocities, and keeps what a policy saw and should have done. ``clone`
 With ``--labels`` it learns from the guard, too: from the rows in which the guard acted of episodes
 of ``optipromp episodes --policy ... --guarded --keep all --format lerobot``. ``act`` learns the
 velocities of the next half second at once, by a transformer over hand and objects (ACT, Zhao et
-al. 2023, without its latent style: of one scene our planner has one plan). Two cores give it some
-20,000 samples a minute, and it wants two hours; the shipped weights had less (docs/learners.md).
+al. 2023, without its latent style: of one scene our planner has one plan). A core gives it some
+20,000 samples a minute. It is meant for an hour of ``steps`` on one core and two hours of training
+on the other; the shipped weights had less (docs/learners.md).
 ``sac`` is soft actor-critic of stable-baselines3 on ``optipromp/PickProMP-v0``, whose reward is the
 push model's word; it sees no plan.
 
