@@ -43,7 +43,7 @@ from optipromp.laboratory.experiments.rows import source_version
 from optipromp.laboratory.experiments.situations import CONDITIONS
 from optipromp.laboratory.experiments.statistics import percent, wilson
 from optipromp.laboratory.generate import PRESETS, generate
-from optipromp.laboratory.simulation import Run, Simulation
+from optipromp.laboratory.simulation import Outcome, Run, Simulation
 
 LONG = 60.0  # [s] of a random policy
 FIRST = 940_000  # of the scenes' seeds; the guard's numbers were set on 900000 to 900003
@@ -159,7 +159,10 @@ def driven(asked: Asked, parameters: GuardParameters) -> tuple[dict[str, Any], R
     simulation, seconds = episode.simulation, round(episode.time, 2)
     end = simulation.time
     outcome = episode.outcome(out=False)
-    causes = getattr(outcome, "causes", ()) or getattr(outcome, "harm", ())
+    causes = (
+        outcome.causes if isinstance(outcome, Outcome)
+        else (*outcome.harm, *(f"swallowed {name}" for name in outcome.swallowed))
+    )  # fmt: skip
     row = {
         "result": outcome.result, "causes": " ".join(map(str, causes)),
         "seconds": seconds, "steps": len(spent), "acted": acted,
