@@ -189,7 +189,7 @@ def remark(number: int = 0) -> int:
 def test_warnings_of_helpers_are_given_here_each_once() -> None:
     found: dict[int, object] = {}
     with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("default")
+        warnings.simplefilter("always")
         tasks = [(2 * number + 1,) for number in range(6)]  # remark 0 is of what prepares helpers
         run_each(remark, tasks, found.__setitem__, workers=2, prepare=remark)
     assert [found[i] for i in range(6)] == [number for (number,) in tasks]

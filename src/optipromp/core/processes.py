@@ -102,6 +102,7 @@ def _run(
     two empty lists.
     """
     queue, under_way = deque(indices), dict[Future[bytes], int]()
+    given: set[tuple[str, type[Warning]]] = set()  # filters that change forget what they showed
 
     def deliver(future: Future[bytes]) -> None:
         index = under_way[future]
@@ -114,7 +115,9 @@ def _run(
             raise
         del under_way[future]
         for words, category in told:
-            warnings.warn(words, category, stacklevel=4)
+            if (words, category) not in given:
+                given.add((words, category))
+                warnings.warn(words, category, stacklevel=4)
         done(index, result)
 
     pool = ProcessPoolExecutor(workers, _context(), initializer=_begin, initargs=(settings,))
