@@ -2,11 +2,14 @@
 
 import re
 import tomllib
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from packaging.requirements import Requirement
+from scripts.licences import in_doubt, licence
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
@@ -46,6 +49,45 @@ def test_all_is_every_extra_of_a_user_without_an_arm() -> None:
     }  # of those who work on the package
     assert {*inside[1].split(",")} == {*extras} - own - {"franky", "panda-py", "episodes", "ray"}
     assert extras["test"][0] == "optipromp[all]"
+
+
+def installed() -> dict[str, str]:
+    """The licence of each package that is installed here for the package and its extras."""
+    found: dict[str, str] = {}
+    left = [Requirement(each) for each in metadata.requires("optipromp") or []]
+    while left:
+        wanted = left.pop()
+        try:
+            package = metadata.distribution(wanted.name)
+        except metadata.PackageNotFoundError:
+            continue  # of an extra that is not here
+        if package.name in found:
+            continue
+        found[package.name] = licence(package.metadata.json)
+        for each in map(Requirement, package.requires or []):
+            extras = ["", *wanted.extras]
+            if each.marker is None or any(each.marker.evaluate({"extra": x}) for x in extras):
+                left.append(each)
+    return found
+
+
+def test_no_package_that_is_brought_has_a_licence_in_doubt() -> None:
+    found = installed()
+    assert {"numpy", "numba", "scipy"} <= {*found}
+    assert {name: said for name, said in found.items() if in_doubt(name, said)} == {}
+
+
+@pytest.mark.parametrize(
+    ("said", "doubt"),
+    [
+        ("", True), ("GPL-3.0-only", True), ("MIT AND GPL-2.0-or-later", True), ("AGPLv3", True),
+        ("GNU General Public License v3 (GPLv3)", True), ("BSD, Other/Proprietary", True),
+        ("MIT OR GPL-3.0", False), ("LGPL-3.0-or-later", False), ("BSD License", False),
+        ("GNU Lesser General Public License v2 (LGPLv2)", False),
+    ],
+)  # fmt: skip
+def test_what_is_a_licence_in_doubt(said: str, doubt: bool) -> None:
+    assert in_doubt("a-new-package", said) is doubt
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -177,6 +178,21 @@ def test_tasks_that_end_their_process_are_told_and_the_rest_is_done() -> None:
         run_each(deadly, [(number,) for number in range(30)], found.__setitem__, workers=2)
     assert {index for index, result in found.items() if isinstance(result, Exception)} == {3, 17}
     assert all(found[number] == 2 * number for number in set(range(30)) - {3, 17})
+
+
+def remark(number: int = 0) -> int:
+    warnings.warn(f"remark {number % 2}", stacklevel=1)
+    return number
+
+
+def test_warnings_of_helpers_are_given_here_each_once() -> None:
+    found: dict[int, object] = {}
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        tasks = [(2 * number + 1,) for number in range(6)]  # remark 0 is of what prepares helpers
+        run_each(remark, tasks, found.__setitem__, workers=2, prepare=remark)
+    assert [found[i] for i in range(6)] == [number for (number,) in tasks]
+    assert sorted(str(each.message) for each in told) == ["remark 0", "remark 1"]
 
 
 def interrupted(folder: Path, wait: float, code: str) -> str:

@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import pytest
 
 from optipromp.core.errors import Code, InvalidRobotError
 from optipromp.core.robots.library import load_robot
+from optipromp.readers.urdf import read_urdf
 
 Writer = Callable[..., Path]
 
@@ -150,6 +152,23 @@ def test_a_joint_far_from_its_parent_is_remarked_on(
     far = urdf(joint("ab", "a", "b", origin='<origin xyz="0 0 12"/>') + joint("bc", "b", "c"))
     with pytest.warns(UserWarning, match=r"joint 'ab' stands 12 m .*millimetres.*scale: 0\.001"):
         load_robot(far)
+
+
+@pytest.mark.parametrize(("origin", "warned"), [('xyz="0 1.57 0"', 1), ('rpy="0 1.57 0"', 0)])
+def test_a_mesh_that_is_solid_far_from_where_it_is_shown_is_remarked_on(
+    urdf: Writer, joint: Callable[..., str], origin: str, warned: int
+) -> None:
+    """As in a file that its makers publish: a quarter turn stands in xyz."""
+    mesh = '<geometry><mesh filename="nub.stl"/></geometry>'
+    shown = f'<visual><origin rpy="0 1.57 0"/>{mesh}</visual>'
+    solid = f"<collision><origin {origin}/>{mesh}</collision>"
+    link = f'<link name="a"/><link name="b">{shown}{solid}</link>'
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        read_urdf(urdf(joint("ab", "a", "b"), link))
+    assert ["link 'b': nub.stl is solid 1.57 m off" in str(each.message) for each in told] == (
+        [True] * warned
+    )
 
 
 def test_mimics_in_a_ring_or_of_a_fixed_joint(urdf: Writer, joint: Callable[..., str]) -> None:

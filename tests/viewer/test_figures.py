@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from io import BytesIO
 from itertools import pairwise
 
 import numpy as np
@@ -24,6 +25,7 @@ from optipromp.looks.viewer.figures import (
     cost_figure,
     cover_figure,
     joint_figure,
+    limits_figure,
     plan_figures,
     png,
     primitive_figure,
@@ -134,6 +136,19 @@ def test_the_joint_figure_shows_each_joint_between_its_limits(result: Plan, pape
         for panel, limits in ((place, (0, 100)), (velocity, (-100, 100))):
             bottom, top = panel.get_ylim()
             assert bottom < limits[0] < limits[1] < top
+
+
+@pytest.mark.parametrize("name", ["q", "panda_joint", "left_shoulder_pitch_", "a" * 40])
+def test_the_names_of_all_joints_fit_below_the_joint_figure(result: Plan, name: str) -> None:
+    names = tuple(f"{name}{i}" for i in range(result.robot.n_joints))
+    figure = limits_figure(
+        result.trajectory, replace(result.robot, joint_names=names), (), "long names"
+    )
+    figure.savefig(BytesIO())
+    (legend,) = figure.legends
+    around, page = legend.get_window_extent(), figure.bbox
+    assert page.x0 <= around.x0 < around.x1 <= page.x1
+    assert [text.get_text() for text in legend.texts] == [*names]
 
 
 def test_the_joint_figure_dots_the_primitive_where_it_differs(result: Plan, paper: Plan) -> None:

@@ -121,7 +121,8 @@ def check(item: str, /, out: Path | None = None, *, arm: ArmOptions) -> Report:
     if kind is Kind.ROBOT:
         from optipromp.core.robots.library import load_arm
 
-        robot, found = load_arm(item, choice=named.choice)
+        with waiting("reading the robot, covering its links with spheres"):
+            robot, found = load_arm(item, choice=named.choice)
         summary = _robot(robot, found)
         if out is not None:
             from optipromp.looks.viewer.figures import cover_figure, png

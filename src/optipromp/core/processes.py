@@ -36,6 +36,7 @@ THREADS = dict.fromkeys(
 )  # fmt: skip
 
 _function: Callable[..., Any]  # of the tasks; in a helper process only
+_told: list[warnings.WarningMessage] = []  # before the first task; in a helper process only
 
 
 def cores() -> int:
@@ -61,7 +62,8 @@ def run_each(
 ) -> None:
     """Call ``function(*task)`` for every task, in helper processes of one thread each.
 
-    Ctrl-C lets the tasks under way finish, hands them to ``done`` and raises KeyboardInterrupt.
+    Ctrl-C lets the tasks under way finish, hands them to ``done`` and raises KeyboardInterrupt. A
+    warning of a task is given in this process, so that it is shown, once, as any other.
 
     ``function``: can be pickled, and so can its results. ``tasks``: the arguments of each call.
     ``done``: called in this thread with the index and the result of each task, in the order in
@@ -100,17 +102,22 @@ def _run(
     two empty lists.
     """
     queue, under_way = deque(indices), dict[Future[bytes], int]()
+    given: set[tuple[str, type[Warning]]] = set()  # filters that change forget what they showed
 
     def deliver(future: Future[bytes]) -> None:
         index = under_way[future]
         try:
-            result = pickle.loads(future.result())
+            result, told = pickle.loads(future.result())
         except BrokenProcessPool:
             raise
         except Exception as error:
             error.add_note(f"while at task {index}")
             raise
         del under_way[future]
+        for words, category in told:
+            if (words, category) not in given:
+                given.add((words, category))
+                warnings.warn(words, category, stacklevel=4)
         done(index, result)
 
     pool = ProcessPoolExecutor(workers, _context(), initializer=_begin, initargs=(settings,))
@@ -168,8 +175,10 @@ def _begin(settings: bytes) -> None:
     try:
         environment, _function, prepare = pickle.loads(settings)
         os.environ.update(environment | THREADS)
-        if prepare is not None:
-            prepare()
+        with warnings.catch_warnings(record=True) as told:
+            if prepare is not None:
+                prepare()
+        _told.extend(told)
     except Exception as error:  # raised by the first task, which reports it to the caller
         _function = functools.partial(_raise, error)
 
@@ -186,7 +195,10 @@ def _end_with_caller() -> None:
 
 
 def _call(task: bytes) -> bytes:
-    return pickled(_function(*pickle.loads(task)))
+    with warnings.catch_warnings(record=True) as told:
+        result = _function(*pickle.loads(task))
+    told, _told[:] = [*_told, *told], []
+    return pickled((result, [(str(each.message), each.category) for each in told]))
 
 
 def pickled(item: object) -> bytes:

@@ -112,6 +112,7 @@ LENGTH_LIMIT = 20.0  # [m] chosen: a larger length is a number in millimetres
 SMALLEST = 1e-9  # [m] chosen: least size of a solid; hulls of tiny solids cannot be found
 MOST_LINKS = 10_000  # chosen: they take 8 s
 FAR_LENGTH = 10.0  # [m] chosen: a joint farther from its parent causes a warning
+ASIDE = 0.3  # [m] chosen: a mesh that is solid farther from where it is shown causes a warning
 ANGLE_LIMIT = 4.0 * math.pi  # [rad] chosen: a larger angle is a number in degrees
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
@@ -251,6 +252,12 @@ class _Reader:
             if child.tag in found:
                 found[child.tag].append(self.geometry(child, f"link '{name}' <{child.tag}>"))
         collisions, visuals = tuple(found["collision"]), tuple(found["visual"])
+        for mesh in {shape.mesh for shape in collisions if shape.mesh}:
+            solid, shown = ([x.xyz for x in on if x.mesh == mesh] for on in (collisions, visuals))
+            away = max(min((math.dist(a, b) for b in shown), default=0.0) for a in solid)
+            if away > ASIDE:
+                told = f"link '{name}': {mesh} is solid {away:.3g} m off where it is shown: are"
+                warnings.warn(self.at(f"{told} xyz and rpy exchanged?", node), stacklevel=2)
         return UrdfLink(name, collisions, visuals, self.inertial(node, f"link '{name}' <inertial>"))
 
     def inertial(self, node: Node, owner: str) -> UrdfInertial | None:

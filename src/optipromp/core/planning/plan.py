@@ -313,7 +313,10 @@ def _plan(
     there = resting and all(task.at_goal(q) for q in stay.trajectory.positions)
     answer: Planned | Failed | Harmful = stay
     if touching:
-        answer = Failed(Code.START_IN_COLLISION, "at the start " + "; ".join(map(str, touching)))
+        told = "at the start " + "; ".join(map(str, touching))
+        if any(x.role == "the robot itself" and "tool" in (x.link, x.other) for x in touching):
+            told += ": start elsewhere, or turn the tool by its 'mount' if flange z points inward"
+        answer = Failed(Code.START_IN_COLLISION, told)
     elif astray := judging.left_path(task.scene, task.robot, np.zeros(1), task.start[None]):
         told = f"{'; '.join(map(str, astray))}: choose a start that keeps the path, or widen it"
         answer = Failed(Code.START_INVALID, f"at the start {told}")

@@ -179,7 +179,9 @@ def _over_limits(
         _plain(panel, words)
     panels[-1].set_xlabel("time [s]")
     handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=7, frameon=False)
+    widest = 0.7 + 0.09 * max(map(len, labels))  # [in] of a line and its name, measured
+    columns = min(7, max(1, int(9.0 / widest)))
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False)
     figure.suptitle(heading, fontsize=11)
     return figure
 
