@@ -7,10 +7,10 @@
 
 Run it from the repository. Of each entry, engine and noise there are two lines: without the guard,
 and with it. They tell clean, harmed and missed with Wilson's intervals (95 %), the share of periods
-in which the guard acted, and its time by step. Engines are those of ``optipromp bench``: ``arm`` is
-the main simulation, ``flight`` the second; plants that move are of ``arm`` alone. Motions of
-entries that plan are followed by joint velocities, in both cases. ``--json`` keeps a line for each
-run. Several processes may share the file, with presets of their own. ``--film`` draws the first
+in which the guard acted, and its time by step. A run behind the guard ends where the arm has stood
+still for 4 s. Engines are those of ``optipromp bench``: ``arm`` is the main simulation, ``flight``
+the second; plants that move are of ``arm`` alone. Motions of entries that plan are followed by
+joint velocities, in both cases. ``--json`` keeps a line for each run. Several processes may share the file, with presets of their own. ``--film`` draws the first
 scene: alone at the left, guarded at the right.
 """
 
@@ -49,6 +49,7 @@ LONG = 60.0  # [s] of a random policy
 FIRST = 940_000  # of the scenes' seeds; the guard's numbers were set on 900000 to 900003
 GAIN = 2.0  # [1/s] of the joints' error of position
 LATE = 0.02  # [rad] of a joint
+STILL, REST = 4.0, 1e-3  # [s], [rad/s]: behind the guard an arm that stands so long goes on no more
 RESULTS = "clean", "harmed", "missed", "refused", "error"
 SHARES = np.linspace(0.0, 1.0, 21)  # of the steps of a run, whose times are kept
 VIEW = 480, 540  # [pixel] of each half of a film
@@ -145,10 +146,14 @@ def driven(asked: Asked, parameters: GuardParameters) -> tuple[dict[str, Any], R
     if policy is None:
         return {"result": "refused"}, None
     guard = Timed(episode.scene, episode.robot, parameters=parameters)
-    acted, spent, why = 0, list[float](), Counter[str]()
-    most = LONG if asked.entry == "random" else LONGEST
-    while episode.time < most and not episode.done:
-        wish = policy(episode.observe())
+    acted, spent, why, moved = 0, list[float](), Counter[str](), 0.0
+    wanders = asked.entry == "random"
+    most, patience = (LONG, LONG) if wanders else (LONGEST, STILL if asked.guarded else LONGEST)
+    while episode.time < min(most, moved + patience) and not episode.done:
+        seen = episode.observe()
+        if np.abs(seen.velocity).max() > REST:
+            moved = episode.time
+        wish = policy(seen)
         if asked.guarded:
             safe = guarded(guard, wish, episode)
             acted += safe.acted
