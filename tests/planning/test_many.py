@@ -5,8 +5,10 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 import warnings
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -170,6 +172,28 @@ def deadly(number: int) -> int:
     if number in (3, 17):
         os._exit(1)
     return 2 * number
+
+
+def cut_short(number: int) -> int | bytes:
+    """A large result of the number 3, in the middle of which its process ends."""
+
+    def watch() -> None:
+        while sys._current_frames()[threading.main_thread().ident or 0].f_code.co_name != "_send":
+            pass
+        os._exit(1)
+
+    if number != 3:
+        return number
+    threading.Thread(target=watch, daemon=True).start()
+    return bytes(50_000_000)
+
+
+def test_a_process_that_ends_within_its_answer_holds_nobody_up() -> None:
+    found: dict[int, object] = {}
+    with pytest.warns(RuntimeWarning, match="helper process"):
+        run_each(cut_short, [(number,) for number in range(6)], found.__setitem__, workers=2)
+    assert isinstance(found.pop(3), BrokenProcessPool)
+    assert found == {number: number for number in range(6) if number != 3}
 
 
 def test_tasks_that_end_their_process_are_told_and_the_rest_is_done() -> None:

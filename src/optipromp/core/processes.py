@@ -12,20 +12,18 @@ import os
 import pickle
 import signal
 import threading
+import traceback
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    Future,
-    ProcessPoolExecutor,
-    ThreadPoolExecutor,
-    wait,
-)
+from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from multiprocessing import forkserver, resource_tracker
+from multiprocessing.connection import Connection, wait
 from multiprocessing.context import ForkServerContext, SpawnContext
-from typing import Any, NoReturn, TypeVar
+from multiprocessing.process import BaseProcess
+from typing import Any, NoReturn, TypeVar, cast
 
 from optipromp.core.errors import InvalidRequestError
 
@@ -78,15 +76,13 @@ def run_each(
             done(index, function(*task))
         return
     settings = pickled((dict(os.environ), function, prepare))
-    left: Sequence[int] = range(len(tasks))
-    while left:
-        under_way, left = _run(settings, tasks, left, done, min(workers, len(left)))
-        if under_way:
-            words = "a helper process ended early; its work is repeated"
-            warnings.warn(words, RuntimeWarning, stacklevel=3)
-        for index in under_way:  # each alone, which shows the task that ends its process
-            if _run(settings, tasks, [index], done, 1)[0]:
-                done(index, BrokenProcessPool("the process of this task ended (out of memory?)"))
+    lost = _run(settings, tasks, range(len(tasks)), done, min(workers, len(tasks)))
+    if lost:
+        words = "a helper process ended early; its work is repeated"
+        warnings.warn(words, RuntimeWarning, stacklevel=3)
+    for index in lost:  # each alone, which shows the task that ends its process
+        if _run(settings, tasks, [index], done, 1):
+            done(index, BrokenProcessPool("the process of this task ended (out of memory?)"))
 
 
 def _run(
@@ -95,50 +91,66 @@ def _run(
     indices: Iterable[int],
     done: Callable[[int, Any], None],
     workers: int,
-) -> tuple[list[int], list[int]]:
-    """Run tasks in one pool.
+) -> list[int]:
+    """Run tasks in helpers, each of which has a pipe of its own: one that ends breaks no other's.
 
-    Returns the indices of the tasks under way and of those left when a process ended early, else
-    two empty lists.
+    Returns the indices of the tasks whose processes ended early.
     """
-    queue, under_way = deque(indices), dict[Future[bytes], int]()
+    queue, under_way, lost = deque(indices), dict[Connection, int](), list[int]()
+    helpers = dict[Connection, BaseProcess]()
     given: set[tuple[str, type[Warning]]] = set()  # filters that change forget what they showed
 
-    def deliver(future: Future[bytes]) -> None:
-        index = under_way[future]
-        try:
-            result, told = pickle.loads(future.result())
-        except BrokenProcessPool:
-            raise
-        except Exception as error:
+    def deliver(index: int, answer: bytes) -> None:
+        result, told, error = pickle.loads(answer)
+        if error is not None:
             error.add_note(f"while at task {index}")
-            raise
-        del under_way[future]
+            raise error
         for words, category in told:
             if (words, category) not in given:
                 given.add((words, category))
                 warnings.warn(words, category, stacklevel=4)
         done(index, result)
 
-    pool = ProcessPoolExecutor(workers, _context(), initializer=_begin, initargs=(settings,))
+    def ask(end: Connection) -> None:
+        if queue:
+            under_way[end] = queue.popleft()
+            with suppress(OSError):  # it ended: there is no answer either
+                end.send_bytes(pickled(tasks[under_way[end]]))
+
+    def begin() -> None:
+        end, theirs = _context().Pipe()
+        helper = _context().Process(target=_help, args=(theirs, settings))
+        helper.start()
+        theirs.close()
+        helpers[end] = helper
+        ask(end)
+
     try:
-        while queue or under_way:
-            while queue and len(under_way) < 2 * workers:
-                future = pool.submit(_call, pickled(tasks[queue[0]]))
-                under_way[future] = queue.popleft()
-            for future in wait(under_way, return_when=FIRST_COMPLETED).done:
-                deliver(future)
-    except BrokenProcessPool:
-        return list(under_way.values()) or [queue.popleft()], list(queue)
+        for _ in range(workers):
+            begin()
+        while under_way:
+            for end in cast(list[Connection], wait(list(under_way))):
+                try:
+                    answer = end.recv_bytes()
+                except (EOFError, OSError):
+                    lost.append(under_way.pop(end))
+                    if queue:
+                        begin()
+                    continue
+                index = under_way.pop(end)
+                ask(end)
+                deliver(index, answer)
     except KeyboardInterrupt:
-        pool.shutdown(cancel_futures=True)
-        for future in list(under_way):
-            if not future.cancelled() and future.exception() is None:
-                deliver(future)
+        for end, index in under_way.items():
+            with suppress(EOFError, OSError):
+                end.send_bytes(b"")  # the last one
+                deliver(index, end.recv_bytes())
         raise
     finally:
-        pool.shutdown(cancel_futures=True)
-    return [], []
+        for end, helper in helpers.items():
+            end.close()
+            helper.join()
+    return lost
 
 
 @functools.cache
@@ -194,11 +206,27 @@ def _end_with_caller() -> None:
         os._exit(1)
 
 
+def _help(end: Connection, settings: bytes) -> None:
+    """Answer one task after another, in a helper process, until the caller closes the pipe."""
+    _begin(settings)
+    with suppress(EOFError, OSError):
+        while task := end.recv_bytes():
+            end.send_bytes(_call(task))
+
+
 def _call(task: bytes) -> bytes:
-    with warnings.catch_warnings(record=True) as told:
-        result = _function(*pickle.loads(task))
-    told, _told[:] = [*_told, *told], []
-    return pickled((result, [(str(each.message), each.category) for each in told]))
+    """What a task came to: its result, warnings and error, pickled."""
+    try:
+        with warnings.catch_warnings(record=True) as told:
+            result = _function(*pickle.loads(task))
+        told, _told[:] = [*_told, *told], []
+        return pickled((result, [(str(each.message), each.category) for each in told], None))
+    except BaseException as error:
+        error.add_note(f"in a helper process:\n{traceback.format_exc()}")
+        with suppress(Exception):
+            pickle.loads(answer := pickled((None, [], error)))
+            return answer
+        return pickled((None, [], RuntimeError(f"{error!r}, which cannot be handed over")))
 
 
 def pickled(item: object) -> bytes:
