@@ -90,6 +90,22 @@ def test_the_phone_sees_the_cluster_above_the_panel(phone: Opened) -> None:
     assert seen[:, 1].max() < top
 
 
+@SLOW
+def test_a_page_that_changes_its_size_frames_the_cluster_again(
+    opener: Callable[..., Opened],
+) -> None:
+    opened = opener(Source(load_scene("scenario-3")), **DESK)
+    tall = {"width": 400, "height": 900}
+    opened.tab.set_viewport_size(tall)
+
+    def framed() -> bool:
+        seen = outlines(opened)
+        inside = (seen > 0.0).all() and seen[:, 0].max() < tall["width"]
+        return bool(inside and np.ptp(seen[:, 1]) > 0.25 * tall["height"])
+
+    opened.until(framed, "the cluster is not framed")
+
+
 @pytest.mark.parametrize("screen", [pytest.param("desk", marks=SLOW), "phone"])
 def test_words_and_legend_stand_before_the_numbers(
     screen: str, request: pytest.FixtureRequest

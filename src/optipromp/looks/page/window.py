@@ -25,6 +25,8 @@ from optipromp.looks.viewer.drawn import conditioned_on, moment
 from optipromp.looks.viewer.words import complaint, seconds, without_codes
 
 HASTE = 0.08  # [s] of a plan during a drag, at most; of 0.15 s until the screen shows it
+AIMS = 20  # of a view that does not arrive in a page, at most: a choice
+ARRIVED = 1e-3  # [m] of a view from where it was placed: a choice
 _planning = threading.Lock()  # windows plan one after another: two at once gain nothing
 
 
@@ -64,9 +66,12 @@ class Window:
         self.replays: list[Replay] = list(source.replays)
         self.replayed: tuple[tuple[Replay, PlanNodes], ...] = ()
         self.forces = ""  # of the replay, in words
+        self._aimed: tuple[Any, ...] | None = None  # what is framed, for which size, from where
+        self._arrived, self._aims = False, AIMS
 
     def start(self) -> None:
         """Show the first scene, and a plan."""
+        self.client.camera.on_update(self._reported)
         self.open(self.source.scene, self.source.plan)
         if self.replays:
             self.replay(self.replays[:2])
@@ -98,8 +103,28 @@ class Window:
                 tool = robot.tool_pose(state.q)[0]
                 self.stage.show(scene, robot)
                 self.stage.pose(state.q)
-            look(self.client.camera, scene, tool)
+            self._look(scene, tool)
             self.staged()
+
+    def _look(self, *what: Any) -> None:
+        """See :func:`optipromp.looks.page.stage.look`."""
+        camera = self.client.camera
+        size = camera.image_width, camera.image_height
+        look(camera, *what)
+        self._aimed = what, size, np.array(camera.position)
+
+    def _reported(self, camera: Any) -> None:
+        """Frame the scene again: the page has another size, and its user did not turn the view; or
+        the view did not arrive, which a page that opens may not hear."""
+        if self._aimed is None:
+            return
+        what, size, place = self._aimed
+        there = np.abs(camera.position - place).max() < ARRIVED
+        self._arrived |= there
+        other = (camera.image_width, camera.image_height) != size
+        if other if there else not self._arrived and self._aims > 0:
+            self._aims -= not there
+            self.post("look", lambda: self._look(*what))
 
     @contextlib.contextmanager
     def working(self, words: str = "") -> Iterator[None]:
@@ -247,7 +272,7 @@ class Window:
             scene = chosen[0].scene
             apart = -ROLLOUTS_APART * scene.frame[1]
             tool = chosen[0].robot.tool_pose(chosen[0].arrays["q"][0])[0]
-            look(self.client.camera, scene, tool, apart if len(chosen) > 1 else None)
+            self._look(scene, tool, apart if len(chosen) > 1 else None)
             there = scene.base.rotation @ apart
             stages = [self.stage, *(PlanNodes(self.client.scene, "b", there) for _ in chosen[1:])]
             with self.client.atomic():
