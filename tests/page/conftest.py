@@ -73,7 +73,7 @@ class Opened:
         if red is not None:
             assert ("600" in (row.first.get_attribute("style") or "")) == red, label
 
-    def until(self, holds: Callable[[], bool], what: str) -> None:
+    def until(self, holds: Callable[[], bool], what: str | list[str]) -> None:
         """Wait until something holds."""
         end = time.monotonic() + PATIENCE
         while not holds():

@@ -80,14 +80,18 @@ def test_the_desk_sees_the_cluster_beside_the_panel(desk: Opened) -> None:
 
 def test_the_phone_sees_the_cluster_above_the_panel(phone: Opened) -> None:
     panel = phone.tab.locator(".mantine-Paper-root").filter(has=phone.tab.locator(".status"))
-    top = panel.first.bounding_box()["y"]
-    assert top > 0.45 * phone.tab.viewport_size["height"]
-    # the page tells its size, and is aimed for it, some time after it opens
-    phone.until(lambda: np.ptp(outlines(phone)[:, 1]) > 0.6 * top, "the cluster stays small")
-    seen = outlines(phone)
-    assert (seen > 0.0).all()
-    assert seen[:, 0].max() < phone.tab.viewport_size["width"]
-    assert seen[:, 1].max() < top
+    size, told = phone.tab.viewport_size, list[str]()
+
+    def framed() -> bool:
+        top, seen = panel.first.bounding_box()["y"], outlines(phone)
+        camera = phone.window.client.camera
+        told[:] = [f"panel from {top}, seen {seen.min(axis=0)} to {seen.max(axis=0)}, "
+                   f"size {camera.image_width} x {camera.image_height} of {size}"]  # fmt: skip
+        inside = (seen > 0.0).all() and seen[:, 0].max() < size["width"]
+        wide = np.ptp(seen[:, 1]) > 0.6 * top > 0.6 * 0.45 * size["height"]
+        return bool(inside and wide and seen[:, 1].max() < top)
+
+    phone.until(framed, told)  # the page tells its size, and lays itself out, after it opens
 
 
 @SLOW
