@@ -10,8 +10,9 @@ and with it. They tell clean, harmed and missed with Wilson's intervals (95 %), 
 in which the guard acted, and its time by step. A run behind the guard ends where the arm has stood
 still for 4 s. Engines are those of ``optipromp bench``: ``arm`` is the main simulation, ``flight``
 the second; plants that move are of ``arm`` alone. Motions of entries that plan are followed by
-joint velocities, in both cases. ``--json`` keeps a line for each run. Several processes may share the file, with presets of their own. ``--film`` draws the first
-scene: alone at the left, guarded at the right.
+joint velocities, in both cases. ``--json`` keeps a line for each run. Several processes may share
+the file, with presets of their own. ``--film`` draws the first scene: alone at the left, guarded
+at the right.
 """
 
 import argparse
