@@ -62,11 +62,13 @@ def cpu_model() -> str:
 
 
 def commit() -> str | None:
-    """The commit of the working tree, marked where it has changes."""
+    """The commit of the working tree, marked where it has changes; those of pages count not."""
     head = first_line(["git", "-C", str(ROOT), "rev-parse", "--short=12", "HEAD"])
     if head is None:
         return None
-    changed = first_line(["git", "-C", str(ROOT), "status", "--porcelain", "-uno"])
+    changed = first_line(
+        ["git", "-C", str(ROOT), "status", "--porcelain", "-uno", "--", ".", ":!docs"]
+    )
     return f"{head} with changes" if changed else head
 
 
