@@ -3,7 +3,7 @@
 import numpy as np
 
 from optipromp.bench.entrant import Motion, Refused
-from optipromp.bench.entries.planners import with_way_out
+from optipromp.bench.entries.planners import picked
 from optipromp.bench.episode import Observation
 from optipromp.control.controller import Controller
 from optipromp.core.arrays import FloatArray
@@ -25,9 +25,8 @@ class Blind:
         self.motion: Trajectory = plan(scene, seed=seed).trajectory
 
     def act(self, seen: Observation) -> FloatArray:
-        q, velocity, _ = (
-            row[0] for row in self.motion.sample(min(seen.time, self.motion.duration))
-        )
+        now = min(seen.time, self.motion.duration)
+        q, velocity, _ = (row[0] for row in self.motion.sample(now))
         return np.asarray(velocity + GAIN * (q - seen.q))
 
 
@@ -72,4 +71,4 @@ class ByEyes:
             scene, _ = seen_scene(look_at(picture, up=known.up), known)
         except InvalidRequestError:  # no ripe fruit is seen
             return None
-        return with_way_out(plan(scene, seed=seed))
+        return picked(scene, seed)

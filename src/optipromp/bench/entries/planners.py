@@ -6,7 +6,7 @@ import numpy as np
 
 from optipromp.bench.entrant import Motion, Refused
 from optipromp.core.planning import Plan, plan
-from optipromp.core.planning.legs import RETREAT, after
+from optipromp.core.planning.legs import RETREAT, plan_pick
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
 from optipromp.timing import LEAST, gentle
@@ -28,15 +28,15 @@ def gentle_plan(made: Plan, scene: Scene) -> Trajectory | None:
 UNLIKELY = 0.5  # of a failed pick, which costs as much as a clean one counts
 
 
-def with_way_out(made: Plan) -> Plan | Motion | Refused:
+def picked(scene: Scene, seed: int, planner: str = "opti-promp") -> Plan | Motion | Refused:
     """A pick that leaves by the way of least harm; refused where it is rather not clean."""
-    if not made.success:
-        return made
-    legs = after(made)
+    legs = plan_pick(scene, planner=planner, seed=seed)
+    if not legs.reach.success:
+        return legs.reach
     if legs.failure > UNLIKELY:
         return Refused(f"{legs.status}: {legs.message}")
     back = legs.legs.get(RETREAT)
-    return Motion(made.trajectory, None if back is None or not back.valid else back.trajectory)
+    return Motion(legs.reach.trajectory, back.trajectory if back and back.valid else None)
 
 
 class OfPlanner:
@@ -45,8 +45,9 @@ class OfPlanner:
     planner: ClassVar[str]
 
     def plan(self, scene: Scene, seed: int) -> Plan | Motion | Refused | Trajectory | None:
-        made = plan(scene, planner=self.planner, seed=seed)
-        return with_way_out(made) if self.planner in PREDICTING else gentle_plan(made, scene)
+        if self.planner in PREDICTING:
+            return picked(scene, seed, self.planner)
+        return gentle_plan(plan(scene, planner=self.planner, seed=seed), scene)
 
 
 def __getattr__(name: str) -> Any:
