@@ -51,6 +51,7 @@ FIRST = 940_000  # of the scenes' seeds; the guard's numbers were set on 900000 
 GAIN = 2.0  # [1/s] of the joints' error of position
 LATE = 0.02  # [rad] of a joint
 STILL, REST = 4.0, 1e-3  # [s], [rad/s]: behind the guard an arm that stands so long goes on no more
+SLOWED = 0.5  # [s] twice, before the end of a run: in the first the wishes go to 0
 RESULTS = "clean", "harmed", "missed", "refused", "error"
 SHARES = np.linspace(0.0, 1.0, 21)  # of the steps of a run, whose times are kept
 VIEW = 480, 540  # [pixel] of each half of a film
@@ -154,7 +155,8 @@ def driven(asked: Asked, parameters: GuardParameters) -> tuple[dict[str, Any], R
         seen = episode.observe()
         if np.abs(seen.velocity).max() > REST:
             moved = episode.time
-        wish = policy(seen)
+        left = most - episode.time  # a run of its longest time ends at rest
+        wish = policy(seen) * min(max(left - SLOWED, 0.0) / SLOWED, 1.0)
         if asked.guarded:
             safe = guarded(guard, wish, episode)
             acted += safe.acted

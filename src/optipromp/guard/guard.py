@@ -20,7 +20,7 @@ from optipromp.control.tracker import Tracker
 from optipromp.control.tracks import TrackerParameters
 from optipromp.core.arrays import BoolArray, FloatArray, lengths
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.geometry import distances
+from optipromp.core.geometry import Sphere, distances
 from optipromp.core.judging import Overlap, clearances, extremes, refined, swept
 from optipromp.core.judging.clearance import pieces
 from optipromp.core.judging.speed import among_fruits, largest_speed
@@ -31,17 +31,10 @@ from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP
 from optipromp.core.pushing.stems.hanging import Hanging
 from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.objects import SceneObject
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
-from optipromp.guard.motion import (
-    Change,
-    fastest,
-    joints_for,
-    later,
-    nearest,
-    sampled,
-    stopping,
-)
+from optipromp.guard.motion import Change, fastest, joints_for, later, nearest, sampled, stopping
 
 Kind = Literal["limits", "contact", "speed", "harm"]
 ROUNDING = 1e-9  # [rad or m; 1] of positions, and of shares of the other limits
@@ -54,6 +47,7 @@ ASIDE = 0.002  # [m] of a fruit that the tool has pushed aside: a choice, as of 
 OUT = 2.0  # times the harm that may be, on the way in and out again: an emergency, a choice
 OUT_STATES = 4  # of the plant on the way out: a choice
 HOPELESS = 10.0  # times the harm that may be: all larger harm is alike
+ROOT = 0.005  # [m] about the root of a stem: 2 N bend 5 mm of 150 MPa by 0.3 mm; a choice
 EVERY = PUSH.hanging.every  # points of a motion in a step of the model
 TRAIL = 400  # poses of the way here, each at least STEP apart, that are remembered: a choice
 
@@ -253,10 +247,8 @@ class Guard:
                 f"state has {state.q.size} joints; {self.robot.name} has {self.robot.n_joints}"
             )
         self._curve, robot = None, self.robot
-        self._lower, self._upper = (
-            np.minimum(robot.lower, state.q),
-            np.maximum(robot.upper, state.q),
-        )
+        self._lower = np.minimum(robot.lower, state.q)
+        self._upper = np.maximum(robot.upper, state.q)
         sizes = np.abs([state.velocity, state.acceleration])
         self._rates = np.stack(
             [*np.maximum(sizes, [robot.velocity, robot.acceleration]), robot.jerk]
@@ -308,14 +300,17 @@ class Guard:
         objects = []
         for item in task.scene.objects:  # what no model knows must not be touched
             known = item.id in pushed or (loose and item.stem is None)
+            stem, parts = item.stem, list[SceneObject]()
             if item.role in ("static", "avoid") or known:
                 objects.append(item)
-                continue
-            stems = () if item.stem is None else item.stem.likely()
-            parts = [replace(item, stem=None), *(one for s in stems for one in pieces(item, s))]
+                if known and stem is not None and stem.parent is None and not stem.unseen:
+                    parts = [replace(item, shape=Sphere(ROOT), position=stem.points[-1], stem=None)]
+            else:
+                stems = () if stem is None else stem.likely()
+                parts = [replace(item, stem=None), *(one for s in stems for one in pieces(item, s))]
             objects += [
                 replace(part, id=f"{item.id}/{k}" if k else item.id, role="static", motion=None)
-                for k, part in enumerate(parts)
+                for k, part in enumerate(parts, int(known))
             ]
         self._task, self._models, self._stays = task, tuple(models), None
         self._standing = tuple(one for one in models if not isinstance(one, Hanging))
