@@ -346,38 +346,40 @@ def guard(folder: Path, _: Mapping[str, Any]) -> Figures:
     """Of the runs in ``guard.jsonl`` of ``scripts/guard_study.py``: alone beside guarded."""
     lines = [json.loads(line) for line in (folder / "guard.jsonl").read_text("utf-8").splitlines()]
     columns = [
-        "entry", "engine", "noise", "n", "alone: clean (95 %)", "harmed (95 %)", "missed",
-        "guarded: clean (95 %)", "harmed (95 %)", "missed", "the guard acted in",
-        "a step: median, 95 %",
+        "entry", "preset", "engine", "noise", "n", "alone: clean % (95 %)", "harmed % (95 %)",
+        "guarded: clean % (95 %)", "harmed % (95 %)", "the guard acted in", "a step: median, 95 %",
     ]  # fmt: skip
     groups: dict[tuple[str, ...], dict[bool, list[Any]]] = {}
     for line in lines:
         asked = line["asked"]
-        key = asked["entry"], asked["engine"], asked["noise"]
-        groups.setdefault(key, {False: [], True: []})[asked["guarded"]].append(line)
+        noise, guarded = asked["noise"], asked["guarded"]
+        key = f"`{asked['entry']}`", f"`{asked['preset']}`", asked["engine"], f"`{noise}`"
+        keys = [key]
+        if asked["entry"] != "random":
+            keys.append(("all", "", "", f"`{noise}`"))
+        for each in keys:
+            groups.setdefault(each, {False: [], True: []})[guarded].append(line)
     rows = []
-    for key, sides in groups.items():
-        cells = [f"`{key[0]}`", key[1], f"`{key[2]}`", str(len(sides[True]))]
+    for key in sorted(groups, key=lambda key: (key[0] == "all", key[3], *key)):
+        sides = groups[key]
+        cells = [*key, str(len(sides[True]))]
         for side in (sides[False], sides[True]):
-            count = {name: sum(line["result"] == name for line in side) for name in _ENDS}
-            cells += [rate(count[name], len(side)) for name in ("clean", "harmed")]
-            cells.append(str(count["missed"]))
-        moved = [line for line in sides[True] if line.get("steps")]
-        told = ["–", "–"]
-        if moved:
-            steps = np.array([line["steps"] for line in moved])
-            times = np.array([line["spent"] for line in moved])  # quantiles of each run [ms]
-            weights = np.broadcast_to(steps[:, None], times.shape).ravel()
-            half, most = np.quantile(
-                times.ravel(), [0.5, 0.95], weights=weights, method="inverted_cdf"
-            )
-            acted = sum(line["acted"] for line in moved) / steps.sum()
-            told = [f"{100 * acted:.0f} %", f"{half:.1f} ms, {most:.1f} ms"]
-        rows.append([*cells, *told])
+            for name in ("clean", "harmed"):
+                cells.append(rate(sum(line["result"] == name for line in side), len(side)))
+        rows.append([*cells, *steps_of([line for line in sides[True] if line.get("steps")])])
     return {"tables": {"guard": {"columns": columns, "rows": rows}}}
 
 
-_ENDS = "clean", "harmed", "missed"
+def steps_of(runs: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
+    """In how many periods the guard acted, and its time a step, of guarded runs."""
+    if not runs:
+        return "–", "–"
+    steps = np.array([line["steps"] for line in runs])
+    times = np.array([line["spent"] for line in runs])  # quantiles of each run [ms]
+    weights = np.broadcast_to(steps[:, None], times.shape).ravel()
+    half, late = np.quantile(times.ravel(), [0.5, 0.95], weights=weights, method="inverted_cdf")
+    acted = sum(line["acted"] for line in runs) / steps.sum()
+    return f"{100 * acted:.0f} %", f"{half:.1f} ms, {late:.1f} ms"
 
 
 CASES = {  # of scripts/judged, in words

@@ -29,20 +29,24 @@ def test_pages_show_what_the_results_give() -> None:
 
 
 @pytest.mark.parametrize(
-    ("page", "told", "wrong", "mark"),
+    ("page", "shown"),
     [
-        ("README.md", "94.6 (93–96) of 800", "95.6 (93–96) of 800", "promised"),
-        ("docs/index.md", "@19d765a4", "@19d765a5", "promised"),
-        ("docs/benchmark.md", "**92.9** (91–94)", "**93.9** (91–94)", "board:board"),
-        ("docs/studies.md", "| 12.9 |", "| 11.9 |", "noisy:reliability"),
-        ("docs/robots-tried.md", "30 of 30<", "29 of 30<", "robots:right"),
+        ("README.md", "promised"),
+        ("docs/index.md", "promised"),
+        ("docs/benchmark.md", "board:board"),
+        ("docs/studies.md", "noisy:reliability"),
+        ("docs/robots-tried.md", "robots:right"),
     ],
 )
-def test_a_figure_changed_by_hand_is_named(page: str, told: str, wrong: str, mark: str) -> None:
+def test_a_figure_changed_by_hand_is_named(page: str, shown: str) -> None:
     text = publish.texts_of(ROOT)[page]
-    assert text.count(told) == 1
-    found = publish.differences(ROOT, BOOK, {page: text.replace(told, wrong)})
-    assert found == [f"{page}: <!-- result {mark} --> has other figures than the result"]
+    begin = text.index(f"<!-- result {shown} -->")
+    end = text.index("<!-- end -->", begin)
+    (*_, last) = re.finditer(r"\d", text[begin:end])
+    at = begin + last.start()
+    changed = text[:at] + str((int(text[at]) + 1) % 10) + text[at + 1 :]
+    found = publish.differences(ROOT, BOOK, {page: changed})
+    assert found == [f"{page}: <!-- result {shown} --> has other figures than the result"]
 
 
 def test_every_table_with_figures_is_of_a_result_or_is_listed() -> None:
