@@ -154,10 +154,11 @@ def test_the_guard_is_told_beside_the_policy_alone(tmp_path: Path) -> None:
             lines.append(json.dumps({"asked": asked, "result": result, **steps}))
     (tmp_path / "guard.jsonl").write_text("\n".join(lines) + "\n")
     words = publish.tables.shown("guard", publish.tables.guard(tmp_path, {}))
-    assert words["guard"].splitlines()[-1] == (
-        "| `clone` | arm | `none` | 2 | 50 (9–91) | 50 (9–91) | 0 | 50 (9–91) | 0 (0–66) | 1 | "
-        "10 % | 2.0 ms, 2.0 ms |"
-    )
+    told = "2 | 50 (9–91) | 50 (9–91) | 50 (9–91) | 0 (0–66) | 10 % | 2.0 ms, 2.0 ms |"
+    assert words["guard"].splitlines()[-2:] == [
+        f"| `clone` | `cluster` | arm | `none` | {told}",
+        f"| all | | | `none` | {told}",
+    ]
 
 
 def test_the_judge_is_told_where_every_case_was_run(tmp_path: Path) -> None:
