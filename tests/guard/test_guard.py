@@ -292,6 +292,25 @@ def test_a_fruit_that_no_model_knows_is_not_touched(cluster: Scene) -> None:
     assert any("stray" in safe.reason or "what stands" in safe.reason for safe in told)
 
 
+def test_nothing_comes_near_the_root_of_a_stem(cluster: Scene) -> None:
+    scene = cluster.each(lambda item: item.shifted(np.array([0.2, 0.2, -0.3])))
+    robot, start = posed(scene)
+    assert scene.target is not None
+    assert scene.target.stem is not None
+    root = scene.target.stem.points[-1]
+    beside = root - 0.2 * root * [1.0, 1.0, 0.0] / np.linalg.norm(root[:2])  # where no fruit hangs
+
+    def to_the_root(k: int, state: State) -> FloatArray:
+        off = (beside if k < 100 else root) - robot.tool_pose(state.q)[0]
+        return joints_for(robot, state.q, 3.0 * off)
+
+    motion, told = driven(Guard(scene), start, to_the_root, 200)
+    spheres = robot.sphere_centers(motion.positions)
+    away = np.linalg.norm(spheres - root, axis=-1) - robot.spheres.radius
+    assert 0.005 <= away.min() < 0.02
+    assert "tool would touch ripe/1" in {one.reason for one in told}
+
+
 def test_looks_move_the_fruits_that_the_guard_knows(cluster: Scene) -> None:
     _, start = posed(cluster)
     guard, by = Guard(cluster), np.array([0.0, 0.02, 0.0])
