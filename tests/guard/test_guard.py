@@ -308,7 +308,7 @@ def test_nothing_comes_near_the_root_of_a_stem(cluster: Scene) -> None:
     spheres = robot.sphere_centers(motion.positions)
     away = np.linalg.norm(spheres - root, axis=-1) - robot.spheres.radius
     assert 0.005 <= away.min() < 0.02
-    assert "tool would touch ripe/1" in {one.reason for one in told}
+    assert "tool would touch ripe/root" in {one.reason for one in told}
 
 
 def test_looks_move_the_fruits_that_the_guard_knows(cluster: Scene) -> None:

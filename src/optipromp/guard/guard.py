@@ -300,7 +300,7 @@ class Guard:
         objects = []
         for item in task.scene.objects:  # what no model knows must not be touched
             known = item.id in pushed or (loose and item.stem is None)
-            stem, parts = item.stem, list[SceneObject]()
+            stem, parts, of = item.stem, list[SceneObject](), "/root" if known else ""
             if item.role in ("static", "avoid") or known:
                 objects.append(item)
                 if known and stem is not None and stem.parent is None and not stem.unseen:
@@ -309,8 +309,8 @@ class Guard:
                 stems = () if stem is None else stem.likely()
                 parts = [replace(item, stem=None), *(one for s in stems for one in pieces(item, s))]
             objects += [
-                replace(part, id=f"{item.id}/{k}" if k else item.id, role="static", motion=None)
-                for k, part in enumerate(parts, int(known))
+                replace(part, id=item.id + of + (f"/{k}" if k else ""), role="static", motion=None)
+                for k, part in enumerate(parts)
             ]
         self._task, self._models, self._stays = task, tuple(models), None
         self._standing = tuple(one for one in models if not isinstance(one, Hanging))
