@@ -38,9 +38,8 @@ from optipromp.guard.motion import Change, fastest, joints_for, later, nearest, 
 
 Kind = Literal["limits", "contact", "speed", "harm"]
 ROUNDING = 1e-9  # [rad or m; 1] of positions, and of shares of the other limits
-KEPT = "what must not be touched"
 NEARLY = {"clearance_static": "what stands", "clearance_self": "another link"}
-NEARLY |= {"clearance_avoid": KEPT, "clearance_avoid_tool": KEPT}
+NEARLY |= {"clearance_avoid": "what is to be avoided"}  # of the arm, as the judge has it
 DEEPER = 1e-5  # [m] by which a contact that was there may deepen: of the judge's checks
 FASTER = 1.05  # times the speed among fruits; the judge allows 1.1 of it: a choice
 SHARE = 0.9  # of a limit, in a wish that is to pass: a choice
