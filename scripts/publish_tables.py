@@ -346,21 +346,22 @@ def guard(folder: Path, _: Mapping[str, Any]) -> Figures:
     """Of the runs in ``guard.jsonl`` of ``scripts/guard_study.py``: alone beside guarded."""
     lines = [json.loads(line) for line in (folder / "guard.jsonl").read_text("utf-8").splitlines()]
     columns = [
-        "entry", "preset", "engine", "noise", "n", "alone: clean % (95 %)", "harmed % (95 %)",
-        "guarded: clean % (95 %)", "harmed % (95 %)", "the guard acted in", "a step: median, 95 %",
+        "entry", "preset", "engine", "n", "alone: clean % (95 %)", "harmed % (95 %)",
+        "guarded: clean % (95 %)", "harmed % (95 %)", "acted", "a step: median, 95 %",
     ]  # fmt: skip
     groups: dict[tuple[str, ...], dict[bool, list[Any]]] = {}
     for line in lines:
         asked = line["asked"]
         noise, guarded = asked["noise"], asked["guarded"]
-        key = f"`{asked['entry']}`", f"`{asked['preset']}`", asked["engine"], f"`{noise}`"
+        moved = "" if noise == "none" else f", {noise}"
+        key = f"`{asked['entry']}`", f"`{asked['preset']}`", f"{asked['engine']}{moved}"
         keys = [key]
         if asked["entry"] != "random":
-            keys.append(("all", "", "", f"`{noise}`"))
+            keys.append(("all", "", moved.removeprefix(", ")))
         for each in keys:
             groups.setdefault(each, {False: [], True: []})[guarded].append(line)
     rows = []
-    for key in sorted(groups, key=lambda key: (key[0] == "all", key[3], *key)):
+    for key in sorted(groups, key=lambda key: (key[0] == "all", "," in key[2], *key)):
         sides = groups[key]
         cells = [*key, str(len(sides[True]))]
         for side in (sides[False], sides[True]):

@@ -156,8 +156,8 @@ def test_the_guard_is_told_beside_the_policy_alone(tmp_path: Path) -> None:
     words = publish.tables.shown("guard", publish.tables.guard(tmp_path, {}))
     told = "2 | 50 (9–91) | 50 (9–91) | 50 (9–91) | 0 (0–66) | 10 % | 2.0 ms, 2.0 ms |"
     assert words["guard"].splitlines()[-2:] == [
-        f"| `clone` | `cluster` | arm | `none` | {told}",
-        f"| all | | | `none` | {told}",
+        f"| `clone` | `cluster` | arm | {told}",
+        f"| all | | | {told}",
     ]
 
 
