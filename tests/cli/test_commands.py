@@ -1,6 +1,7 @@
 """The commands, called in this process."""
 
 import json
+import re
 from pathlib import Path
 from typing import get_args
 
@@ -274,7 +275,9 @@ def test_learn_warns_of_what_its_bases_cannot_follow(tmp_path: Path) -> None:
     assert result.stderr.startswith("warning: ")
     assert ".py" not in result.stderr
     assert "warning: the bases are more than 0.05 rad (or m) from 1 of 4 demon" in result.stderr
-    assert "furthest is demonstration 2, a, at phase 0.5" in result.stderr
+    furthest = re.search(r"furthest is demonstration 2, a, at phase ([\d.]+)", result.stderr)
+    assert furthest
+    assert furthest[1] in ("0.49", "0.51")  # samples 19 and 20 are as far away
     message = json.loads(runner.invoke(app, [*arguments, "--json"]).stdout)["message"]
     assert message in result.stderr
 

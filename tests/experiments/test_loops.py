@@ -289,6 +289,7 @@ def test_cells_count_results_and_pool_the_presets() -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.slow  # test_study_compares_loops has two of them
 def test_every_loop_runs_and_tells_its_figures(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     chosen = small(presets=("mixed",), seeds=(0, 1), loops=LOOPS, conditions=("none",))
