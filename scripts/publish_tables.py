@@ -353,17 +353,17 @@ def guard(folder: Path, _: Mapping[str, Any]) -> Figures:
     for line in lines:
         asked = line["asked"]
         noise, guarded = asked["noise"], asked["guarded"]
-        moved = "" if noise == "none" else f", {noise}"
-        key = f"`{asked['entry']}`", f"`{asked['preset']}`", f"{asked['engine']}{moved}"
-        keys = [key]
+        told = "" if noise == "none" else noise
+        where = ", ".join(filter(None, (asked["engine"], told)))
+        keys = [("", told, f"`{asked['entry']}`", f"`{asked['preset']}`", where)]
         if asked["entry"] != "random":
-            keys.append(("all", "", moved.removeprefix(", ")))
+            keys.append(("all", told, "all", "", told))
         for each in keys:
             groups.setdefault(each, {False: [], True: []})[guarded].append(line)
     rows = []
-    for key in sorted(groups, key=lambda key: (key[0] == "all", "," in key[2], *key)):
+    for key in sorted(groups):
         sides = groups[key]
-        cells = [*key, str(len(sides[True]))]
+        cells = [*key[2:], str(len(sides[True]))]
         for side in (sides[False], sides[True]):
             for name in ("clean", "harmed"):
                 cells.append(rate(sum(line["result"] == name for line in side), len(side)))

@@ -56,7 +56,6 @@ def frail(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return file
 
 
-@pytest.mark.slow  # a study, twice
 def test_a_study_tells_which_guess_changes_a_result(frail: Path, tmp_path: Path) -> None:
     told = ["study", "--preset", "cluster", "--planners", "opti-promp", "--seeds", "4:5"]
     told += ["--workers", "1", "--crop", str(frail), "--out", str(tmp_path)]

@@ -94,8 +94,10 @@ def test_obstacles_come_as_the_scene_says(preset: str, seed: int) -> None:
     assert made.failure is not None
 
 
-# The paper's planner, which takes longest, answers in tests/planning.
-@pytest.mark.parametrize("planner", [name for name in STUDY_PLANNERS if name != "paper"])
+@pytest.mark.parametrize(
+    "planner",
+    [pytest.param(p, marks=pytest.mark.slow if p == "paper" else ()) for p in STUDY_PLANNERS],
+)
 def test_every_planner_answers(planner: str) -> None:
     made = attempt(generate("cluster", 1), planner, seed=1)
     assert made.planner == planner

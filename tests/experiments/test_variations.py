@@ -76,7 +76,7 @@ def test_a_variation_changes_what_it_names(name: str) -> None:
     ]
 
 
-@pytest.mark.slow  # a study of all variations, twice
+@pytest.mark.slow  # executes all variations
 def test_one_plan_is_executed_under_every_variation_and_as_assumed_as_ever(tmp_path: Path) -> None:
     study = Study(("cluster",), ("opti-promp",), (9100, 9101), vary=True)
     rows = run_study(study, tmp_path, workers=1)
