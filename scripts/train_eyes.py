@@ -210,19 +210,27 @@ def network():
             self.head = nn.Conv2d(sizes[0], len(CLASSES) + 2, 3, padding=1)
 
         def forward(self, x):
-            x = self.stem(x)
-            kept = [x]
-            for each in self.down:
-                x = each(x)
-                kept.append(x)
-            kept.pop()
-            x = x + self.deep(x)
-            for each in self.up:
+            def joined(block, x, kept):
                 x = nn.functional.interpolate(x, scale_factor=2.0, mode="nearest")
-                x = each(torch.cat([x, kept.pop()], dim=1))
-            return self.head(x)
+                return block(torch.cat([x, kept], dim=1))
+
+            return through(self, x, joined)
 
     return Net()
+
+
+def through(net, x, joined):
+    """What a network says of ``x``: down, then up by ``joined(block, x, kept)``."""
+    x = net.stem(x)
+    kept = [x]
+    for each in net.down:
+        x = each(x)
+        kept.append(x)
+    kept.pop()
+    x = x + net.deep(x)
+    for each in net.up:
+        x = joined(each, x, kept.pop())
+    return net.head(x)
 
 
 def quick(net):
@@ -259,16 +267,7 @@ def quick(net):
             self.up = nn.ModuleList(Joined(block, block[-2].num_features) for block in net.up)
 
         def forward(self, x):
-            x = self.stem(x)
-            kept = [x]
-            for each in self.down:
-                x = each(x)
-                kept.append(x)
-            kept.pop()
-            x = x + self.deep(x)
-            for each in self.up:
-                x = each(x, kept.pop())
-            return self.head(x)
+            return through(self, x, lambda block, x, kept: block(x, kept))
 
     return Quick().eval()
 
