@@ -8,6 +8,7 @@ processor times are compared within one process, on whatever machine this is. NA
 """
 
 import argparse
+import tempfile
 import time
 import warnings
 from pathlib import Path
@@ -82,7 +83,7 @@ def main() -> None:
             continue
         path: str | Path = file if file == "panda" else folder / file
         if name.startswith("TIAGo"):
-            own = Path("tiago.yaml").absolute()
+            own = Path(tempfile.mkdtemp()) / "tiago.yaml"
             own.write_text(TIAGO.format(urdf=path))
             path = own
         rows.append(pick(name, path, NOTHING, seeds))
