@@ -78,15 +78,16 @@ def main() -> None:
     rows = []
     own_arms = dict(arm.split("=", 1) for arm in given.arms if "=" in arm)
     named = [arm for arm in given.arms if "=" not in arm]
-    for name, file in {"built-in Panda": "panda", **ARMS, **own_arms}.items():
-        if named and name not in (*named, *own_arms):
-            continue
-        path: str | Path = file if file == "panda" else folder / file
-        if name.startswith("TIAGo"):
-            own = Path(tempfile.mkdtemp()) / "tiago.yaml"
-            own.write_text(TIAGO.format(urdf=path))
-            path = own
-        rows.append(pick(name, path, NOTHING, seeds))
+    with tempfile.TemporaryDirectory() as written:
+        for name, file in {"built-in Panda": "panda", **ARMS, **own_arms}.items():
+            if named and name not in (*named, *own_arms):
+                continue
+            path: str | Path = file if file == "panda" else folder / file
+            if name.startswith("TIAGo"):
+                own = Path(written, "tiago.yaml")
+                own.write_text(TIAGO.format(urdf=path))
+                path = own
+            rows.append(pick(name, path, NOTHING, seeds))
     print(
         "\n| arm | joints | spheres | neck of the cup | valid plans | picked | picked, % | "
         "median time | p95 |\n|---|---|---|---|---|---|---|---|---|"

@@ -8,6 +8,8 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from benchmarks.peers import drake, mplib, ompl, tesseract
 from benchmarks.peers.common import Answer, Planner
 from benchmarks.registry import (
@@ -25,25 +27,19 @@ from benchmarks.timing import median, paired_ratio
 from optipromp.core.errors import Code, OptiPrompError
 from optipromp.core.planning import judge, plan, warm_up
 from optipromp.core.scenes.scene import Scene
-from optipromp.laboratory.experiments.trials import attempt
 
 GROUPS = ("scenario-3", "scenario-4", "generated")
 SEEDS = 7  # a single scene is planned as often, each time with another seed
 TURNS = 2  # with the same seed; the faster counts, so that other work on the machine counts less
 
 
-def ours(scene: Scene, seed: int) -> Answer:
-    """Our default planner."""
-    made = plan(scene, seed=seed)
-    return Answer(made.trajectory, "" if made.success else str(made.status))
-
-
-def baseline(name: str) -> Planner:
-    """A baseline of our studies."""
+def ours(name: str = "opti-promp") -> Planner:
+    """A planner of ours, by default the default, as far as the target: no peer plans a way out."""
 
     def answer(scene: Scene, seed: int) -> Answer:
-        made = attempt(scene, name, seed=seed)
-        return Answer(made.trajectory, "" if made.trajectory is not None else made.message)
+        made = plan(scene, planner=name, seed=seed)
+        moves = bool(np.ptp(made.trajectory.positions, axis=0).max() > 0.0)
+        return Answer(made.trajectory if moves else None, made.message, scene=made.scene)
 
     return answer
 
@@ -51,11 +47,11 @@ def baseline(name: str) -> Planner:
 PEERS: dict[str, tuple[str, Callable[[], Planner]]] = {
     "obstacles": (
         "a baseline of our studies: our optimiser, every fruit is avoided by cost",
-        lambda: baseline("obstacles"),
+        lambda: ours("obstacles"),
     ),
     "chomp": (
         "another one: covariant gradient descent from a ProMP, fruits are obstacles",
-        lambda: baseline("chomp"),
+        lambda: ours("chomp"),
     ),
     "OMPL RRT-Connect": (
         "our collision checker and goals; the tool may push", lambda: ompl.rrt_connect(False)
@@ -104,7 +100,7 @@ class Score:
             self.success.append(False)
             self.valid.append(False)
             return
-        found = judge(scene, answer.trajectory)
+        found = judge(answer.scene or scene, answer.trajectory)
         said = [str(violation) for violation in found.judgement.violations]
         self.success.append(found.status is Code.SUCCESS)
         self.valid.append(not said)
@@ -145,7 +141,8 @@ def metrics_of(planner: str, about: str = "", ratio: bool = True) -> list[Metric
 
 def beside(label: str, make: Callable[[], Planner] | None, context: Context) -> Values:
     """Run a planner (None: ours alone) in turn with ours on every group."""
-    peer = ours if make is None else make()
+    default = ours()
+    peer = default if make is None else make()
     warm_up()
     out: dict[str, Value] = {}
     for group, scenes in groups(context.quick).items():
@@ -155,7 +152,7 @@ def beside(label: str, make: Callable[[], Planner] | None, context: Context) -> 
         Score().add(peer, *jobs[0])  # what is made once is not timed
         for scene, seed in jobs:
             context.say(f"{label}: {scene.name}, seed {seed}")
-            mine.add(ours, scene, seed)
+            mine.add(default, scene, seed)
             theirs.add(peer, scene, seed)
         name = f"planners, {group}/{label}"
         out |= theirs.values(name)
