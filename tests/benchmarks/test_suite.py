@@ -16,7 +16,7 @@ from benchmarks.grasps import touching
 from benchmarks.peers.common import Answer
 from benchmarks.registry import SUITE, Context
 from benchmarks.run import apart, load_suite
-from benchmarks.suite.planners import Score, baseline, ours
+from benchmarks.suite.planners import Score, ours
 from benchmarks.timing import in_turn, percentile
 from optipromp.core.errors import Code
 from optipromp.core.planning import plan
@@ -90,10 +90,10 @@ def test_success_of_a_planner_is_what_the_judge_says() -> None:
     assert made.success
     assert "on the side of its stem" in made.message
     score = Score()
-    score.add(ours, scene, 0)
+    score.add(ours(), scene, 0)
     assert (score.success, score.valid) == ([True], [True])
     assert not score.faults
-    score.add(baseline("straight"), scene, 0)  # touches nothing it must not, and swallows both
+    score.add(ours("straight"), scene, 0)  # touches nothing it must not, and swallows both
     assert (score.success, score.valid) == ([True, False], [True, True])
     (fault,) = score.faults
     assert "swallowed" in fault
