@@ -187,6 +187,7 @@ def loops_words(found: Figures) -> Words:
             words[name] = f"`{condition}` {rate(c.clean, c.runs)}"
             words[f"{name}.harmed"] = f"`{condition}` {100 * c.harmed / c.runs:.0f}"
         words["conditions"] = _conditions(whole)
+        words["presets"] = _presets(cells)
     return words
 
 
@@ -204,9 +205,27 @@ def _conditions(whole: Mapping[tuple[str, str], Cell]) -> str:
         if o is not None:
             beside = [str(o.runs), rate(o.clean, o.runs), f"{100 * o.harmed / o.runs:.1f}"]
         rows.append(
-            [f"{words} (`{condition}`)", *beside, c.runs, f"**{rate(c.clean, c.runs)}**",
+            [f"{words} (`{condition}`)", *beside, c.runs, rate(c.clean, c.runs),
              f"{100 * c.harmed / c.runs:.1f}", f"{100 * c.gave_up / c.runs:.1f}"]
         )  # fmt: skip
+    return table(columns, rows)
+
+
+def _presets(cells: list[Cell]) -> str:
+    """All conditions together, without intervals: each scene counts once under each of them."""
+    rows = []
+    for preset in dict.fromkeys(c.preset for c in cells):
+        row = ["all" if preset == ALL else f"`{preset}`"]
+        for part, ends in (("open", ("clean", "harmed")), ("closed", ("clean", "harmed", "gave_up"))):
+            own = [c for c in cells if (c.part, c.preset) == (part, preset)]
+            runs = sum(c.runs for c in own)
+            row += [str(runs)] if part == "open" else []
+            row += [f"{100 * sum(getattr(c, e) for c in own) / runs:.1f}" if runs else "" for e in ends]
+        rows.append(row)
+    columns = [
+        "kind of scene", "runs of each loop", "open: clean %", "harmed %", "closed: clean %",
+        "harmed %", "gave up %",
+    ]  # fmt: skip
     return table(columns, rows)
 
 
