@@ -213,14 +213,15 @@ def _conditions(whole: Mapping[tuple[str, str], Cell]) -> str:
 
 def _presets(cells: list[Cell]) -> str:
     """All conditions together, without intervals: each scene counts once under each of them."""
-    rows = []
+    rows, ends = [], {"open": ("clean", "harmed"), "closed": ("clean", "harmed", "gave_up")}
     for preset in dict.fromkeys(c.preset for c in cells):
         row = ["all" if preset == ALL else f"`{preset}`"]
-        for part, ends in (("open", ("clean", "harmed")), ("closed", ("clean", "harmed", "gave_up"))):
+        for part, names in ends.items():
             own = [c for c in cells if (c.part, c.preset) == (part, preset)]
             runs = sum(c.runs for c in own)
             row += [str(runs)] if part == "open" else []
-            row += [f"{100 * sum(getattr(c, e) for c in own) / runs:.1f}" if runs else "" for e in ends]
+            counts = [sum(getattr(c, name) for c in own) for name in names]
+            row += [f"{100 * count / runs:.1f}" if runs else "" for count in counts]
         rows.append(row)
     columns = [
         "kind of scene", "runs of each loop", "open: clean %", "harmed %", "closed: clean %",
