@@ -162,7 +162,7 @@ def loops(folder: Path, row: Mapping[str, Any]) -> Figures:
 
 
 def loops_words(found: Figures) -> Words:
-    """Table ``conditions``, of parts open and closed; words by part, preset and condition."""
+    """Tables ``conditions`` and ``presets`` of both loops; words by part, preset and condition."""
     cells = [Cell(each) for each in found["cells"]]
     words, whole = {}, dict[tuple[str, str], Cell]()
     for c in cells:
@@ -219,13 +219,12 @@ def _presets(cells: list[Cell]) -> str:
         for part, names in ends.items():
             own = [c for c in cells if (c.part, c.preset) == (part, preset)]
             runs = sum(c.runs for c in own)
-            row += [str(runs)] if part == "open" else []
             counts = [sum(getattr(c, name) for c in own) for name in names]
-            row += [f"{100 * count / runs:.1f}" if runs else "" for count in counts]
+            row += [str(runs), *(f"{100 * n / runs:.1f}" if runs else "" for n in counts)]
         rows.append(row)
     columns = [
-        "kind of scene", "runs of each loop", "open: clean %", "harmed %", "closed: clean %",
-        "harmed %", "gave up %",
+        "kind of scene", "open: n", "clean %", "harmed %", "closed: n", "clean %", "harmed %",
+        "gave up %",
     ]  # fmt: skip
     return table(columns, rows)
 

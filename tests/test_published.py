@@ -143,8 +143,8 @@ def test_loops_are_told_by_condition(tmp_path: Path) -> None:
     row = "| as seen (`none`) | 6 | 33 (10–70) | 33.3 | 6 | 67 (30–90) | 0.0 | 33.3 |"
     assert row in words["conditions"]
     assert words["worst"] == "`none` 67 (30–90)"
-    assert "| `mixed` | 5 | 40.0 | 40.0 | 80.0 | 0.0 | 20.0 |" in words["presets"]
-    assert "| all | 10 | 40.0 | 40.0 | 80.0 | 0.0 | 20.0 |" in words["presets"]
+    assert "| `mixed` | 5 | 40.0 | 40.0 | 5 | 80.0 | 0.0 | 20.0 |" in words["presets"]
+    assert "| all | 10 | 40.0 | 40.0 | 10 | 80.0 | 0.0 | 20.0 |" in words["presets"]
 
 
 def test_the_guard_is_told_beside_the_policy_alone(tmp_path: Path) -> None:
