@@ -54,10 +54,11 @@ def test_a_limit_changes_no_cost_below_it(tried):
 def test_a_jam_costs_more_the_earlier_it_comes(tried):
     board, bench, states, slips = tried
     side = float(board.bench.walls.box[:, 3].max())  # the outer side of a wall
-    early = np.array([[board.entry, 0.0], [board.entry + 0.03, side], [0.0, 0.0]])
+    straight = np.array([[board.entry, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    early = np.insert(straight, 1, [board.entry + 0.03, side, 0.0], axis=0)
     costs = [
         standing.cost_of(bench, way, states[:1], slips[:1], np.zeros(1), np.inf)
-        for way in (early, np.array([[board.entry, 0.0], [0.0, 0.0]]))
+        for way in (early, straight)
     ]
     assert costs[0] > PUSH.pack.worst
     assert costs[0] > costs[1]
