@@ -205,18 +205,17 @@ def pages_of(root: Path) -> list[Path]:
 
 def words_of(root: Path, book: Book) -> dict[str, dict[str, str]]:
     """What each result can show, by key; a table that the book lays out has the key ``""``."""
-    words = {}
+    words: dict[str, dict[str, str]] = {}
     for row in book["result"]:
         found = kept(root, row["name"])
         if found:
-            own = tables.shown(row["kind"], found["figures"])
             told = "\n".join(found["commands"]).replace("{out}", row["name"])
             told = told.replace("{entry}", "NAME").replace("{python}", "python")
             about = {
                 "version": found.get("made_by", found["version"]), "date": found["date"][:10],
                 "seeds": found["seeds"], "size": found["size"], "commands": f"```\n{told}\n```",
             }  # fmt: skip
-            words[row["name"]] = about | own
+            words[row["name"]] = tables.shown(row["kind"], found["figures"], about)
     known, laid_out = {row["name"] for row in book["result"]}, {}
 
     def filled(cell: str) -> str:
@@ -258,10 +257,13 @@ def differences(root: Path, book: Book, texts: Mapping[str, str] | None = None) 
             shown = f"{page}: {match[1]}"
             if match[2] in known - words.keys():
                 continue  # nothing is shown before it is run; the result counts as stale
-            if (match[3] or "") not in words.get(match[2], {}):
-                out.append(f"{shown} names no result")
-            elif written(match[0], words, page == "README.md") != match[0]:
-                out.append(f"{shown} has other figures than the result")
+            try:
+                words[match[2]][match[3] or ""]
+                same = written(match[0], words, page == "README.md") == match[0]
+            except KeyError as error:
+                out.append(f"{shown} names no result: {error}")
+            else:
+                out += [] if same else [f"{shown} has other figures than the result"]
     return out
 
 

@@ -7,14 +7,16 @@ A kind of result is a function of the folder that its commands left and of its r
 
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from optipromp.bench import table as board_of
+from optipromp.bench.results import submission, zip_of
 from optipromp.laboratory.experiments.rows import Row, rows_of
 from optipromp.laboratory.experiments.statistics import (
     ALL,
@@ -27,7 +29,7 @@ from optipromp.laboratory.experiments.statistics import (
 )
 
 Figures = dict[str, Any]
-Words = dict[str, str]
+Texts = dict[str, str]  # of a result, by key
 CONDITIONS = {  # of the closed loop, in words
     "none": "as seen", "zero-mean": "errors of 5 mm, 5°", "detector": "bias, misses, swaps",
     "missed": "a neighbour not seen at first", "lower": "10 mm lower",
@@ -60,6 +62,70 @@ def tables_in(text: str) -> list[Figures]:
         elif found:  # rows that follow after other lines belong to the table before
             found[-1]["rows"] += lines
     return found
+
+
+class Words(dict[str, str]):
+    """Texts of a result, by key. A key ``LIST/ROWS/COLUMN/HOW`` is worked out of its figures.
+
+    LIST is a table, or a list of cells, of the result. ROWS is a regular expression: it finds the
+    rows among their words, joined by ", ". COLUMN is how the head of a column begins, or the
+    column's number from 1. HOW: ``cell`` of the one row as it stands; ``range`` of the numbers with
+    which cells begin ("86 to 96"); their ``sum``; or the ``count`` that shares in % of ``n`` are.
+    """
+
+    def __init__(self, texts: Mapping[str, str], found: Figures) -> None:
+        super().__init__(texts)
+        self.found = found
+
+    def rows(self, name: str) -> list[dict[str, str]]:
+        """The cells of each row by the head of their column, which ends in its number."""
+        listed = self.found.get(name)
+        if isinstance(listed, list):
+            return [_flat(row) for row in listed]
+        (table,) = tables_in(self[name])
+        heads = [f"{head}#{k}" for k, head in enumerate(table["columns"], 1)]
+        return [dict(zip(heads, cells, strict=True)) for cells in table["rows"]]
+
+    def __missing__(self, key: str) -> str:
+        try:
+            name, pattern, column, how = key.split("/")
+        except ValueError:
+            raise KeyError(key) from None
+        rows = [row for row in self.rows(name) if re.search(pattern, ", ".join(row.values()))]
+        cells = [cell for row in rows for cell in _under(row, column)]
+        if not cells or (how == "cell" and len(cells) > 1):
+            raise KeyError(f"{key}: {len(cells)} cells")
+        if how == "cell":
+            return cells[0]
+        numbers = [found[0] for cell in cells if (found := re.search(r"\d[\d.]*", cell))]
+        values = [float(number) for number in numbers]
+        if how == "range":
+            low, high = min(numbers, key=float), max(numbers, key=float)
+            return low if low == high else f"{low} to {high}"
+        if how == "sum":
+            return f"{sum(values):,.0f}"
+        if how == "count":
+            runs = [float(cell) for row in rows for cell in _under(row, "n")]
+            return f"{sum(n * v for n, v in zip(runs, values, strict=True)) / 100:,.0f}"
+        raise KeyError(f"{key}: {how} is none of cell, range, sum, count")
+
+
+def _flat(row: Mapping[str, Any]) -> dict[str, str]:
+    """The cells of a row in words; one that holds others has one for each: ``causes.torn``."""
+    parts = [
+        [(f"{key}.{name}", part) for name, part in cell.items()]
+        if isinstance(cell, dict) else [(key, cell)]
+        for key, cell in row.items()
+    ]  # fmt: skip
+    return {key: str(cell) for part in parts for key, cell in part}
+
+
+def _under(row: Mapping[str, str], column: str) -> list[str]:
+    """The cell under the column of that number, else under the first that begins so, if any."""
+    heads = [head for head in row if head.endswith(f"#{column}")]
+    heads += [head for head in row if head.partition("#")[0] == column]
+    heads += [head for head in row if head.startswith(column)]
+    return [row[heads[0]]] if heads else []
 
 
 def rate(count: int, of: int, digits: int = 0) -> str:
@@ -97,7 +163,7 @@ def result(rows: Sequence[Row]) -> Figures:
     }
 
 
-def study_words(found: Figures) -> Words:
+def study_words(found: Figures) -> Texts:
     """Tables ``rates`` and ``reliability``; words for a table of several studies."""
     cells, whole = [Cell(each) for each in found["cells"]], Cell(found["all"])
     best, worst = (pick(cells, key=lambda cell: cell.rate) for pick in (max, min))
@@ -152,16 +218,39 @@ def _reliability(found: Figures) -> str:
 
 def loops(folder: Path, row: Mapping[str, Any]) -> Figures:
     """Of the studies of loops in the folders that ``parts`` names, over all presets and by each."""
+    rows = {part: rows_of(folder / part) for part in row["parts"]}
     return {
         "cells": [
             {"part": part, **cell.to_dict()}
             for part in row["parts"]
-            for cell in loop_summary(rows_of(folder / part))
-        ]
+            for cell in loop_summary(rows[part])
+        ],
+        "pairs": _pairs(*rows.values()) if len(rows) == 2 else [],
     }
 
 
-def loops_words(found: Figures) -> Words:
+def _pairs(first: Sequence[Row], second: Sequence[Row]) -> list[Figures]:
+    """How often one way alone came to an end, of the scenes and conditions that both met."""
+    sides = [{(r.preset, r.seed, r.condition): r.result for r in rows} for rows in (first, second)]
+    both, out = sides[0].keys() & sides[1].keys(), []
+    if not both:
+        return []
+    for condition in dict.fromkeys([ALL, *(key[2] for key in sorted(both))]):
+        keys = [key for key in both if condition in (ALL, key[2])]
+        for end in ("clean", "harmed"):
+            pairs = [(sides[0][key] == end, sides[1][key] == end) for key in keys]
+            p = board_of.paired(pairs)
+            out.append({
+                "condition": "every" if condition == ALL else condition,
+                "end": end, "pairs": len(pairs),
+                "first alone": sum(a and not b for a, b in pairs),
+                "second alone": sum(b and not a for a, b in pairs),
+                "p": "< 0.001" if p < 0.001 else f"= {p:.2g}",
+            })  # fmt: skip
+    return out
+
+
+def loops_words(found: Figures) -> Texts:
     """Tables ``conditions`` and ``presets`` of both loops; words by part, preset and condition."""
     cells = [Cell(each) for each in found["cells"]]
     words, whole = {}, dict[tuple[str, str], Cell]()
@@ -241,10 +330,23 @@ def board(folder: Path, row: Mapping[str, Any]) -> Figures:
         "tables": {"board": tables[0], "presets": tables[1]},
         "told": {"set": f"{run.scenes.count} scenes each of {', '.join(run.scenes.presets)}"},
         "standings": [cell.to_dict() for cell in found.standings],
+        "torn": torn(folder / entry for entry in row["entries"]),
     }
 
 
-def board_words(found: Figures) -> Words:
+def torn(folders: Iterable[Path]) -> list[Figures]:
+    """How many runs of each entry tore a fruit or pulled it too hard, engine by engine."""
+    out = []
+    for folder in folders:
+        run, rows, *_ = submission(zip_of(folder))
+        for engine in run.engines:
+            own = [r.cause for r in rows if r.engine == engine and r.result == "harmed"]
+            count = sum("torn" in cause or "pulled" in cause for cause in own)
+            out.append({"entry": run.entry, "engine": engine, "torn": count})
+    return out
+
+
+def board_words(found: Figures) -> Texts:
     """Its tables, and of the first entry best, worst, all and harmed, engine by engine."""
     words = printed_words(found)
     standings = [Cell(each) for each in found.get("standings", ())]
@@ -278,10 +380,11 @@ def tracks(folder: Path, row: Mapping[str, Any]) -> Figures:
         "track, condition", "entry", "engine", "clean (95 %)", "harmed", "missed", "refused", "n",
         "clean by preset",
     ]  # fmt: skip
-    rows, told = [], {}
+    rows, told, standings = [], {}, []
     for entry in row["entries"]:
         found = board_of.leaderboard([folder / entry])
         run, (name,) = found.run, found.order
+        standings += [cell.to_dict() for cell in found.standings]
         whole = [found.of(name, engine) for engine in run.engines]
         for c in whole:
             by = [found.of(name, c.engine, preset) for preset in run.scenes.presets]
@@ -300,7 +403,12 @@ def tracks(folder: Path, row: Mapping[str, Any]) -> Figures:
         )
         shares = ", ".join(f"{100 * c.harmed / c.runs:.0f}" for c in whole)
         told[f"{entry}.harmed"] = f"{shares} % harmed"
-    return {"tables": {"tracks": {"columns": columns, "rows": rows}}, "told": told}
+    return {
+        "tables": {"tracks": {"columns": columns, "rows": rows}},
+        "told": told,
+        "standings": standings,
+        "torn": torn(folder / entry for entry in row["entries"]),
+    }
 
 
 # what a command prints, or leaves as JSON
@@ -324,7 +432,7 @@ def printed(folder: Path, row: Mapping[str, Any]) -> Figures:
     return {"tables": dict(zip(names, found, strict=True)), "told": told}
 
 
-def printed_words(found: Figures) -> Words:
+def printed_words(found: Figures) -> Texts:
     """Its tables and words as they are kept."""
     return {
         **{name: table(each["columns"], each["rows"]) for name, each in found["tables"].items()},
@@ -450,7 +558,7 @@ def benchmarks(folder: Path, _: Mapping[str, Any]) -> Figures:
     return {"tables": found, "told": {"page": text.strip(), **told}}
 
 
-KINDS: Mapping[str, tuple[Callable[[Path, Mapping[str, Any]], Figures], Callable[..., Words]]] = {
+KINDS: Mapping[str, tuple[Callable[[Path, Mapping[str, Any]], Figures], Callable[..., Texts]]] = {
     "study": (study, study_words),
     "loops": (loops, loops_words),
     "board": (board, board_words),
@@ -463,6 +571,10 @@ KINDS: Mapping[str, tuple[Callable[[Path, Mapping[str, Any]], Figures], Callable
 }
 
 
-def shown(kind: str, found: Figures) -> Words:
-    """The texts of figures. Tables and words that were kept as they are stand for themselves."""
-    return printed_words(found) if "tables" in found and kind != "board" else KINDS[kind][1](found)
+def shown(kind: str, found: Figures, about: Mapping[str, str] = MappingProxyType({})) -> Words:
+    """The texts of figures, beside those of ``about``.
+
+    Tables and words that were kept as they are stand for themselves.
+    """
+    words = printed_words if "tables" in found and kind != "board" else KINDS[kind][1]
+    return Words({**about, **words(found)}, found)
