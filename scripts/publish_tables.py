@@ -5,6 +5,7 @@ A kind of result is a function of the folder that its commands left and of its r
 :func:`shown` makes texts of figures, by name: a table, or words for a cell or a sentence.
 """
 
+import itertools
 import json
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -225,26 +226,29 @@ def loops(folder: Path, row: Mapping[str, Any]) -> Figures:
             for part in row["parts"]
             for cell in loop_summary(rows[part])
         ],
-        "pairs": _pairs(*rows.values()) if len(rows) == 2 else [],
+        "pairs": pairs(*rows.items()) if len(rows) == 2 else [],
     }
 
 
-def _pairs(first: Sequence[Row], second: Sequence[Row]) -> list[Figures]:
-    """How often one way alone came to an end, of the scenes and conditions that both met."""
-    sides = [{(r.preset, r.seed, r.condition): r.result for r in rows} for rows in (first, second)]
-    both, out = sides[0].keys() & sides[1].keys(), []
-    if not both:
-        return []
-    for condition in dict.fromkeys([ALL, *(key[2] for key in sorted(both))]):
+def pairs(first: tuple[str, Sequence[Row]], second: tuple[str, Sequence[Row]]) -> list[Figures]:
+    """How often one of two alone came to an end, of what both met; p by McNemar's exact test."""
+    ends = [
+        {(r.preset, r.seed, r.condition): r.result for r in rows} for _, rows in (first, second)
+    ]
+    both = sorted(ends[0].keys() & ends[1].keys())
+    conditions = dict.fromkeys(condition for *_, condition in both)
+    out = []
+    for condition in [ALL, *conditions] if len(conditions) > 1 else conditions:
         keys = [key for key in both if condition in (ALL, key[2])]
         for end in ("clean", "harmed"):
-            pairs = [(sides[0][key] == end, sides[1][key] == end) for key in keys]
-            p = board_of.paired(pairs)
+            met = [(ends[0][key] == end, ends[1][key] == end) for key in keys]
+            p = board_of.paired(met)
             out.append({
+                "end": end, "first": first[0], "second": second[0],
                 "condition": "every" if condition == ALL else condition,
-                "end": end, "pairs": len(pairs),
-                "first alone": sum(a and not b for a, b in pairs),
-                "second alone": sum(b and not a for a, b in pairs),
+                "met": len(met),
+                "first alone": sum(a and not b for a, b in met),
+                "second alone": sum(b and not a for a, b in met),
                 "p": "< 0.001" if p < 0.001 else f"= {p:.2g}",
             })  # fmt: skip
     return out
@@ -381,6 +385,7 @@ def tracks(folder: Path, row: Mapping[str, Any]) -> Figures:
         "clean by preset",
     ]  # fmt: skip
     rows, told, standings = [], {}, []
+    held = {entry: submission(zip_of(folder / entry)) for entry in row["entries"]}
     for entry in row["entries"]:
         found = board_of.leaderboard([folder / entry])
         run, (name,) = found.run, found.order
@@ -407,7 +412,12 @@ def tracks(folder: Path, row: Mapping[str, Any]) -> Figures:
         "tables": {"tracks": {"columns": columns, "rows": rows}},
         "told": told,
         "standings": standings,
-        "torn": torn(folder / entry for entry in row["entries"]),
+        "pairs": [
+            pair
+            for (one, first), (other, second) in itertools.combinations(held.items(), 2)
+            if first[0].track == second[0].track
+            for pair in pairs((one, first[1]), (other, second[1]))
+        ],
     }
 
 
