@@ -50,12 +50,14 @@ from optipromp.laboratory.experiments.rows import source_version  # noqa: E402
 MARK = re.compile(r"(<!-- result ([\w-]+)(?::([^\n>]+?))? -->)(\n?)(.*?)<!-- end -->", re.DOTALL)
 PLACE = re.compile(r"\{([\w-]+):([^}]+)\}")
 NUMBER = re.compile(r"(?<![\w`-])\d[\d.,]*")
+SAID = re.compile(r"\d %|\d of (?:the |its )?\d")  # a share or a count in a sentence
+HISTORY = "docs/decisions.md"  # what was measured at each decision, dated there
 FIGURES = 0.25  # share of a table's cells that hold a number from which it holds figures: a choice
 Book = Mapping[str, Any]
 
 
 def book_of(root: Path) -> Book:
-    """What is published: ``result`` (rows, the most important first), ``tables``, ``unmarked``."""
+    """What is published: ``result`` (in order), ``tables``, ``unmarked``, ``prose``."""
     return tomllib.loads((root / "scripts/publish.toml").read_text("utf-8"))
 
 
@@ -304,9 +306,31 @@ def unlisted(root: Path, book: Book) -> list[str]:
     ]
 
 
-def dead(root: Path, book: Book) -> list[str]:
-    """What ``unmarked`` names and no page has."""
+def sentences(text: str) -> str:
+    """The words of a page that stand between no marks, in no table and in no example."""
+    text = re.sub(r"```.*?```", "", MARK.sub("_", text), flags=re.DOTALL)
+    return " ".join(re.sub(r"^\|.*$", "", text, flags=re.MULTILINE).split())
+
+
+def unsaid(root: Path, book: Book, texts: Mapping[str, str] | None = None) -> list[str]:
+    """Shares and counts in sentences that are of no result, and that ``prose`` does not name."""
     out = []
+    for page, text in (texts or texts_of(root)).items():
+        words = "" if page == HISTORY else sentences(text)
+        for known in book.get("prose", {}).get(page, {}):
+            words = words.replace(known, "")
+        for found in SAID.finditer(words):
+            out.append(f"{page}: {words[max(0, found.start() - 40) : found.end() + 20]}")
+    return out
+
+
+def dead(root: Path, book: Book) -> list[str]:
+    """What ``unmarked`` and ``prose`` name and no page has."""
+    out, texts = [], texts_of(root)
+    for page, phrases in book.get("prose", {}).items():
+        words = sentences(texts.get(page, ""))
+        lost = [each for each in phrases if each not in words]
+        out += [f"scripts/publish.toml: {page} does not say {each!r}" for each in lost]
     for page, begins in book.get("unmarked", {}).items():
         path = root / page
         heads = list(figured(path.read_text("utf-8"))) if path.exists() else []
@@ -390,7 +414,8 @@ def main(arguments: Sequence[str] | None = None, root: Path = ROOT) -> int:
             if new != text:
                 (root / page).write_text(new, encoding="utf-8")
     if asked.check:
-        found = differences(root, book) + unlisted(root, book) + dead(root, book)
+        found = differences(root, book) + unlisted(root, book) + unsaid(root, book)
+        found += dead(root, book)
         for name, pages in shown_in(root, book).items():
             if why := why_stale(root, name, version):
                 found.append(f"{name}: {why}; shown in {', '.join(pages) or 'no page'}")

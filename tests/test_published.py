@@ -57,6 +57,40 @@ def test_every_table_with_figures_is_of_a_result_or_is_listed() -> None:
     assert found.startswith("docs/learners.md: | entry | learns from")
 
 
+def test_every_share_in_a_sentence_is_of_a_result_or_is_listed() -> None:
+    assert publish.unsaid(ROOT, BOOK) == [], "mark it, or list it in scripts/publish.toml"
+    assert publish.dead(ROOT, BOOK) == []
+    page = "docs/closed-loop.md"
+    text = publish.texts_of(ROOT)[page] + "\nIt picks 94 % of all scenes.\n\n```\n3 of 4\n```\n"
+    found = publish.unsaid(ROOT, BOOK, {page: text})
+    (told,) = found
+    assert "It picks 94 % of all scenes." in told
+    listed = {"prose": {page: {"no such words": "why"}}}
+    assert publish.dead(ROOT, listed) == [
+        f"scripts/publish.toml: {page} does not say 'no such words'"
+    ]
+
+
+def test_a_sentence_can_show_what_cells_are_worked_out_to() -> None:
+    rows = [
+        ["a", "x", "50", "60 (46–72)"],
+        ["b", "x", "50", "7.5 (1–9)"],
+        ["c", "y", "20", "5 of 9"],
+    ]
+    cells = [{"who": "a", "causes": {"torn": 3}}, {"who": "b", "causes": {"torn": 1200}}]
+    table = {"columns": ["arm", "cell", "n", "clean % (95 %)"], "rows": rows}
+    words = publish.tables.shown("printed", {"tables": {"arms": table}, "cells": cells})
+    assert words["arms/^., x/clean/range"] == "7.5 to 60"
+    assert words["arms/^c/4/range"] == "5"
+    assert words["arms/, x/clean/count"] == "34"  # 30 and 3.75 of 50
+    assert words["arms/./n/sum"] == "120"
+    assert words["arms/^a/cell/cell"] == "x"
+    assert words["cells/./causes.torn/sum"] == "1,203"
+    for none in ("arms/^d/n/sum", "arms/./n/cell", "arms/./none/sum", "arms/./n/most", "nothing"):
+        with pytest.raises(KeyError, match=re.escape(none)):
+            words[none]
+
+
 def test_a_table_of_figures_is_told_from_one_of_words() -> None:
     rows = "| a | b |\n|---|---|\n"
     assert list(publish.figured(f"{rows}| one | 93 % |\n")) == ["| a | b |"]
@@ -143,6 +177,8 @@ def test_loops_are_told_by_condition(tmp_path: Path) -> None:
     row = "| as seen (`none`) | 6 | 33 (10–70) | 33.3 | 6 | 67 (30–90) | 0.0 | 33.3 |"
     assert row in words["conditions"]
     assert words["worst"] == "`none` 67 (30–90)"
+    first = words["pairs/^clean.*, none/first alone/cell"], words["pairs/^clean.*, none/p/cell"]
+    assert first == ("0", "= 0.5")  # of two scenes of each kind one more by the second
     assert "| `mixed` | 5 | 40.0 | 40.0 | 5 | 80.0 | 0.0 | 20.0 |" in words["presets"]
     assert "| all | 10 | 40.0 | 40.0 | 10 | 80.0 | 0.0 | 20.0 |" in words["presets"]
 
