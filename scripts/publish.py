@@ -14,8 +14,9 @@ is of another version of the source. Pages show results between marks:
     <!-- result NAME:KEY -->        of a table that stands between them, or, in one line,
     <!-- end -->                    <!-- result NAME:KEY -->94 of 100<!-- end --> of words
 
-What a result can show is its tables and words (``scripts/publish_tables.py``), its ``version``,
-``date``, ``seeds``, ``size`` and ``commands``; or a table that the rows of ``[tables.NAME]`` lay
+What a result can show is its tables and words (``scripts/publish_tables.py``), what cells of them
+come to (``Words`` there: a key like ``short/^panda/harmed/sum``), its ``version``, ``date``,
+``seeds``, ``size`` and ``commands``; or a table that the rows of ``[tables.NAME]`` lay
 out: ``{NAME:KEY}`` in a cell stands for words of a result.
 In a command ``{out}`` is the folder of the run, ``{python}`` this Python, ``{entry}`` each entry.
 """
