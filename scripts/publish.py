@@ -9,7 +9,8 @@
 ``scripts/publish.toml`` has a row for each result. A run leaves ``build/publish/VERSION/NAME``, in
 which it goes on after an interruption, and ends with ``docs/results/NAME.json``: version, commit,
 date, machine, commands, seeds, figures. A result is stale where there is no such file, or where it
-is of another version of the source. Pages show results between marks:
+is of another version of the source; but not where ``same`` says that the plans of both versions
+are the same, and what shows it. Pages show results between marks:
 
     <!-- result NAME:KEY -->        of a table that stands between them, or, in one line,
     <!-- end -->                    <!-- result NAME:KEY -->94 of 100<!-- end --> of words
@@ -73,12 +74,13 @@ def kept(root: Path, name: str) -> dict[str, Any]:
     return dict(json.loads(path.read_text("utf-8"))) if path.exists() else {}
 
 
-def why_stale(root: Path, name: str, version: str) -> str:
-    """Why a result is not of this version; empty where it is."""
+def why_stale(root: Path, book: Book, name: str, version: str) -> str:
+    """Why a result is not of this version, nor of one that is the ``same``; empty where it is."""
     found = kept(root, name)
     if not found:
         return "no result"
-    return "" if found["version"] == version else f"of {found['version']}"
+    alike = {version, *book.get("same", {}).get(version, {})}
+    return "" if found["version"] in alike else f"of {found['version']}"
 
 
 def lacks(row: Book) -> list[str]:
@@ -215,7 +217,7 @@ def words_of(root: Path, book: Book) -> dict[str, dict[str, str]]:
             told = "\n".join(found["commands"]).replace("{out}", row["name"])
             told = told.replace("{entry}", "NAME").replace("{python}", "python")
             about = {
-                "version": found.get("made_by", found["version"]), "date": found["date"][:10],
+                "version": found["version"], "date": found["date"][:10],
                 "seeds": found["seeds"], "size": found["size"], "commands": f"```\n{told}\n```",
             }  # fmt: skip
             words[row["name"]] = tables.shown(row["kind"], found["figures"], about)
@@ -348,7 +350,7 @@ def status(root: Path, book: Book, version: str, workers: int) -> str:
     heads = f"{'result':<12}{'min':>6}  {'seeds':<26}{'size':<42}{'stale':<24}shown in"
     lines, minutes, places = [heads], 0.0, shown_in(root, book)
     for row in book["result"]:
-        why = why_stale(root, row["name"], version)
+        why = why_stale(root, book, row["name"], version)
         minutes += row["minutes"] if why else 0.0
         begun = (root / "build/publish" / version / row["name"]).exists()
         why += ", begun" if why and begun else ""
@@ -394,7 +396,7 @@ def main(arguments: Sequence[str] | None = None, root: Path = ROOT) -> int:
             signal.signal(end, signal.default_int_handler)
         wanted = [
             row for row in chosen(book, asked.run)
-            if asked.run or why_stale(root, row["name"], version)
+            if asked.run or why_stale(root, book, row["name"], version)
         ]  # fmt: skip
         print(status(root, book, version, asked.workers), flush=True)
         able = [row for row in wanted if not lacks(row)]
@@ -418,7 +420,7 @@ def main(arguments: Sequence[str] | None = None, root: Path = ROOT) -> int:
         found = differences(root, book) + unlisted(root, book) + unsaid(root, book)
         found += dead(root, book)
         for name, pages in shown_in(root, book).items():
-            if why := why_stale(root, name, version):
+            if why := why_stale(root, book, name, version):
                 found.append(f"{name}: {why}; shown in {', '.join(pages) or 'no page'}")
         print("\n".join(found) or "all pages and results are of this version")
         code = int(bool(found))

@@ -334,6 +334,12 @@ def test_a_result_of_another_version_is_stale(
     assert capsys.readouterr().out == "first: of before; shown in README, x\n"
     publish.main([], house)
     assert "stale: 0.0 hours of one core" in capsys.readouterr().out
+    book = house / "scripts/publish.toml"
+    same = f'[same."{source_version()}"]\nbefore = "a comment was mended"\n'
+    book.write_text(book.read_text() + same)
+    assert publish.main(["--check"], house) == 0
+    book.write_text(book.read_text().replace(source_version(), "another"))
+    assert publish.main(["--check"], house) == 1
 
 
 def test_nothing_is_begun_after_the_minutes(

@@ -342,6 +342,19 @@ def test_a_fruit_is_led_by_its_root_into_one_that_hangs_still() -> None:
     assert forces[-1].min() > 0.0
 
 
+def test_a_stem_on_the_cup_slips_by_its_own_drift_alone() -> None:
+    """A contact's partner is a piece of the stem here, and no fruit that drifts, too."""
+    s = hung(((0, 0, 0), (0.0, 0.0, 0.2)))
+    points = along((0.06, 0, 0.05), (0.01, 0, 0.05))
+    held = np.full((64, len(points), 3), np.nan)  # what lies behind the drift of the one fruit
+    held[0] = np.linspace(0.0, 0.02, len(points))[:, None] * [0.0, 1.0, 0.0]
+    found, wanted = (led(s._replace(drift=by), points) for by in (held[:1], held[:1].copy()))
+    for one, other in zip(found, wanted, strict=True):
+        assert np.isfinite(one).all()
+        np.testing.assert_array_equal(one, other)
+    assert wanted[2].max() > 0.1  # the cup presses the stem
+
+
 def test_no_drift_and_a_drift_of_zero_are_the_same_push() -> None:
     s = hung(((0, 0, 0), (0.0, 0.0, 0.2)), ((0.04, 0, 0), (0.06, 0.0, 0.2)))
     points = along((0.06, 0.01, 0), (0.0, 0, 0))
