@@ -173,8 +173,7 @@ def _slip(s, f, step, i, kind, o, share):
         now, last = s.drift[:, step.point], s.drift[:, max(step.point - 1, 0)]
         d0, d1, d2 = now[i, 0] - last[i, 0], now[i, 1] - last[i, 1], now[i, 2] - last[i, 2]
         if kind not in (contacts.ON_CUP, contacts.STEM_ON_CUP):  # the partner ``o`` is a fruit
-            d0 -= now[o, 0] - last[o, 0]
-            d1 -= now[o, 1] - last[o, 1]
+            d0, d1 = d0 - (now[o, 0] - last[o, 0]), d1 - (now[o, 1] - last[o, 1])
             d2 -= now[o, 2] - last[o, 2]
         shift = MouthPose(shift.x - d0, shift.y - d1, shift.z - d2, 0.0, 0.0, 0.0)
     x0, x1, x2 = f.center[i, 0], f.center[i, 1], f.center[i, 2]
