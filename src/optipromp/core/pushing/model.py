@@ -209,7 +209,7 @@ class PushModel(ABC):
         """Final poses of the objects of the perceived state, after a motion through the points."""
 
 
-class _Guided(PushModel):
+class Guided(PushModel):
     """A model whose candidates, states and thresholds are those of another, ``lead``."""
 
     def __init__(self, lead: PushModel) -> None:
@@ -218,7 +218,7 @@ class _Guided(PushModel):
         self.least = lead.least
 
 
-class Combined(_Guided):
+class Combined(Guided):
     """Several models of one scene, whose harms are added, each in proportion to its threshold.
 
     Args:
@@ -274,7 +274,7 @@ class Combined(_Guided):
         )
 
 
-class Continued(_Guided):
+class Continued(Guided):
     """A model of a push that has begun: every path is preceded by the motion so far.
 
     ``model``: of the scene before the push. ``points``, ``axes``: (P, 3) of the tool so far.

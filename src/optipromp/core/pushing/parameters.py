@@ -142,7 +142,7 @@ class HarmParameters(NamedTuple):
     # picks 14 were of a target that is wider, or reaches below the floor, among them all 4 that
     # harmed it. The floor lifts a fruit as far for nothing
     fit: float = 0.001
-    pull: float = 4.0  # [N] measured: of the way out along a stem, in the model
+    pull: float = 5.0  # [N] guess: along a stem, that it bears; as in the simulation
     lasting: float = 0.2  # [s] time in which a lasting force does not fall
     swallowed: float = 5.0  # harm of a swallowed neighbour or a missed target
     # measured: largest harm of a state; 9 % of paths harmed, 13 % without a largest
@@ -155,6 +155,8 @@ class HangingParameters(NamedTuple):
     """States and candidate paths among fruits on stems (``stems/hanging.py``)."""
 
     every: int = 3  # points of a path in a step of the model
+    # measured: the same on a way out: in steps of 3 a fruit slides off the floor within one step
+    every_out: int = 1
     # measured: the same to compare candidates; with 3 as many plans succeed, later
     screened_every: int = 6
     model_speed: float = 0.07  # [m/s] of the tool in the model

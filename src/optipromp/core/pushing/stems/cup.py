@@ -200,24 +200,57 @@ def steps_inside(positions, points, axes, cup):
     return within
 
 
+@inner
+def _ball(s, i, upper, x, y, z):
+    """Centre and radius of a ball of fruit i, whose lower ball is at (x, y, z), and the direction
+    of its stem from the root [m]."""
+    a, b, c = x - s.root[i, 0], y - s.root[i, 1], z - s.root[i, 2]
+    far = math.sqrt(a * a + b * b + c * c)
+    a, b, c = a / far, b / far, c / far
+    if not upper:
+        return x, y, z, s.radius[i], a, b, c
+    back = (1.0 - s.upper[i]) * s.length[i]
+    return x - back * a, y - back * b, z - back * c, s.above[i], a, b, c
+
+
+@inner
+def wedged(mass, along, speed):
+    """Pull on a fruit along its taut stem, as the cup's blow slides it aside [N].
+
+    The fruit cannot move along its stem. Along the contact's normal n, whose cosine with the stem
+    is ``along`` = n·s, it weighs m / (sin α (sin α − μ cos α)), and a contact of stiffness k that
+    meets it at ``speed`` [m/s] presses with N = v √(k m / (sin α (sin α − μ cos α))). Where
+    tan α ≤ μ the fruit jams: the pull is infinite. Derivation: docs/push-parameters.md.
+    """
+    across = math.sqrt(max(1.0 - along * along, 0.0))
+    slides = across * (across - SWING.leaving * along)
+    if slides <= 0.0:
+        return np.inf
+    force = max(speed, 0.0) * math.sqrt(SWING.stiffness * mass / slides)
+    return force * (along + SWING.leaving * across) + mass * PUSH.beam.gravity
+
+
 @kernel
-def pulled(s, positions, forces, points, axes, cup, first, end, pulls):
+def pulled(s, positions, forces, points, axes, speed, cup, first, end, pulls):
     """Largest pull of the cup on each fruit away from its root, in the steps ``first`` to ``end``.
 
     ``positions`` (P, N, 3), ``forces`` (P, N): as :func:`.swinging.push` returns them; the other
-    arguments as there. ``pulls``: (N,) out [N]. The floor of a cup that leaves draws fruits along
-    their stems.
+    arguments as there. ``speed``: of the cup [m/s]. ``pulls``: (N,) out [N]: the largest of the
+    force on a ball of the fruit, along the stem, and of :func:`wedged`. The floor of a cup that
+    leaves draws fruits along their stems.
     """
     pulls[:] = 0.0
-    for p in range(first, end):
+    for p in range(max(first, 1), end):
         at = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
+        u, v, w = at.x - points[p - 1, 0], at.y - points[p - 1, 1], at.z - points[p - 1, 2]
+        rate = speed / max(math.sqrt(u * u + v * v + w * w), 1e-9)
         for i in range(len(s.root)):
-            if forces[p, i] <= pulls[i]:
-                continue
-            x, y, z = positions[p, i, 0], positions[p, i, 1], positions[p, i, 2]
-            gap, n0, n1, n2 = fruit_gap(x, y, z, s.radius[i], at, cup)
-            if gap > TOUCHES:
-                continue
-            x, y, z = x - s.root[i, 0], y - s.root[i, 1], z - s.root[i, 2]
-            along = (n0 * x + n1 * y + n2 * z) / math.sqrt(x * x + y * y + z * z)
-            pulls[i] = max(pulls[i], forces[p, i] * along)
+            for upper in range(2 if s.upper[i] < 1.0 else 1):
+                place = positions[p, i]
+                x, y, z, radius, a, b, c = _ball(s, i, upper, place[0], place[1], place[2])
+                gap, n0, n1, n2 = fruit_gap(x, y, z, radius, at, cup)
+                along = n0 * a + n1 * b + n2 * c
+                if gap > TOUCHES or along <= 0.0:
+                    continue
+                blow = wedged(s.mass[i], along, rate * (u * n0 + v * n1 + w * n2))
+                pulls[i] = max(pulls[i], forces[p, i] * along, blow)

@@ -19,7 +19,7 @@ from optipromp.core.compiled import kernel
 from optipromp.core.geometry import signed_distance
 from optipromp.core.geometry.obstacles import Obstacles, near
 from optipromp.core.pushing import rules
-from optipromp.core.pushing.model import Candidates, Continued, Moved, PushModel, Round, Schedule
+from optipromp.core.pushing.model import Candidates, Guided, Moved, PushModel, Round, Schedule
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP, ToolPath, length, through
 from optipromp.core.pushing.stems import bending, kept_states, swinging
@@ -215,7 +215,8 @@ class Hanging(PushModel):
         self.least = unfit(scene, tool, self.stems.axes[:: self.count, 2], self.searched)
         self.good = PUSH.harm.good + self.least
         self._by: FloatArray | None = None  # (N, P, 3) drifts of the roots [m]
-        self._leaves = swinging.NEVER
+        self._leaves, self._speed = swinging.NEVER, HANGING.speed  # of the way out
+        self._every, self._hopeless = HANGING.every, PUSH.harm.hopeless
         self._kept, self._behind = NEW, np.zeros((0, 6))
         self.candidates = PathsPast(
             scene, neighbours, self.cup, (self.static, avoid), camera, gripper_radius, self.searched
@@ -224,19 +225,19 @@ class Hanging(PushModel):
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
-        every = HANGING.screened_every if states == 1 and not len(self._kept) else HANGING.every
+        every = HANGING.screened_every if states == 1 and not len(self._kept) else self._every
         if self.least > limit:
             return self.least
         told = max(states, len(self._kept)) > self.searched
         some, motion = self._steps(self.searched if told else 0, states, points, axes, every)
-        hopeless, begin = PUSH.harm.hopeless, len(self._behind)
+        hopeless, begin = self._hopeless, len(self._behind)
         leaves = self._leaves // every + max(begin - 1, 0)
         total, worst = 0.0, (limit - self.least) * states
         for first in range(0, states, TOGETHER):
             which = first, min(first + TOGETHER, states)
             total = swinging.summed_score(
                 some, self.count, which, *motion, self.cup, self.static, hopeless, worst, not told,
-                leaves, total, begin, self._kept,
+                leaves, self._speed, total, begin, self._kept,
             )  # fmt: skip
             if not told and first == 0 and total >= hopeless:
                 return self.least + float(total)
@@ -251,9 +252,12 @@ class Hanging(PushModel):
     def led(self, state: int, points: FloatArray, axes: FloatArray) -> swinging.Led:
         """Effect of a motion of the tool on the fruits in one state."""
         one, motion = self._steps(state, 1, points, axes)
-        leaves, begin = self._leaves // HANGING.every, len(self._behind)
-        kept = self._kept[state] if begin else kept_states.NOT_KEPT
-        return swinging.led(one, *motion, self.cup, self.static, leaves, begin, kept)
+        leaves, begin = self._leaves // self._every, len(self._behind)
+        first = self.searched if len(self._kept) > self.searched else 0
+        kept = self._kept[state - first] if begin else kept_states.NOT_KEPT
+        return swinging.led(
+            one, *motion, self.cup, self.static, leaves, self._speed, begin, kept
+        )
 
     def drifting(self, by: Mapping[str, FloatArray]) -> Self:
         moved = copy.copy(self)
@@ -266,6 +270,16 @@ class Hanging(PushModel):
         out = copy.copy(self)
         out._leaves, out.cup = first, self.cup._replace(rubbing=PUSH.swing.leaving)
         out.least = 0.0  # the target is inside, or it was not picked
+        return out
+
+    def departing(self, speed: float) -> Self:
+        """The model of motions out at a ``speed`` [m/s], from rest where a motion :meth:`after` led.
+
+        Only what happens on the way out is harm; the harm of a state is at most 1.
+        """
+        out = self.leaving(0)
+        out._kept, out._behind = kept_states.at_rest(self._kept), self._behind[-1:]
+        out._every, out._hopeless, out._speed = HANGING.every_out, 1.0, speed
         return out
 
     def after(self, points: FloatArray, axes: FloatArray, states: int) -> Self:
@@ -348,12 +362,13 @@ class Hanging(PushModel):
 
     def _steps(
         self, first: int, states: int, points: FloatArray, axes: FloatArray,
-        every: int = HANGING.every,
+        every: int | None = None,
     ) -> tuple[bending.Stems, tuple[FloatArray, FloatArray, float]]:  # fmt: skip
         """The stems of ``states`` states from the ``first`` on, and the motion at the steps.
 
         The motion is points and tool axes (T, 3), and the time of a step [s].
         """
+        every = every or self._every
         low, high = first * self.count, (first + states) * self.count
         some = bending.Stems(*(values[low:high] for values in self.stems))
         chosen = np.append(np.arange(0, len(points) - 1, every), len(points) - 1)
@@ -366,25 +381,44 @@ class Hanging(PushModel):
         return some, (points, axes, every * STEP / HANGING.model_speed)
 
 
-class Leaving(Continued):
-    """The push model of a way out after a push: on it, pulls along the stems are harm, too.
+class Leaving(Guided):
+    """The push model of ways out after a push: on them, pulls along the stems are harm, too.
+
+    The harm is that of the way out alone, from rest where the way in has led all fruits.
 
     ``model``: of the scene before the push. ``points``, ``axes``: (P, 3) of the tool on its way in.
+    ``speed``: of the tool among fruits on the way out [m/s].
     """
 
-    def __init__(self, model: Hanging, points: FloatArray, axes: FloatArray) -> None:
-        super().__init__(model, points, axes)
-        self._model, self._length = model, length(points)
+    def __init__(
+        self, model: Hanging, points: FloatArray, axes: FloatArray, speed: float = HANGING.speed
+    ) -> None:
+        super().__init__(model)
         self.calibration = model.on_leaving
-        self.threshold = self.calibration.allowed(model.risk)
+        self.threshold, self.least = self.calibration.allowed(model.risk), 0.0
+        self._going = model.after(points, axes, model.states)
+        self._seen = model.after(points, axes, 1)
+        self.speed = speed
 
-    def _led(
-        self, points: FloatArray, axes: FloatArray
-    ) -> tuple[PushModel, FloatArray, FloatArray]:
-        """The model that knows where the way out begins, and the whole motion."""
-        whole, turned = self._whole(points, axes)
-        share = self._length / max(length(whole), 1e-9)
-        return self._model.leaving(round(share * (len(whole) - 1))), whole, turned
+    def at(self, speed: float) -> "Leaving":
+        """The model of ways out at another speed [m/s]."""
+        other = copy.copy(self)
+        other.speed = speed
+        return other
+
+    def harm(
+        self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
+    ) -> float:
+        return self._going.departing(self.speed).harm(points, axes, states, limit)
+
+    def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
+        return self._going.departing(self.speed).cause(points, axes)
+
+    def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
+        return self._seen.departing(self.speed).forces(points, axes)
+
+    def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
+        return self._seen.departing(self.speed).moved(points, axes)
 
 
 def _hanging(

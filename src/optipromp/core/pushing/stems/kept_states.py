@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from optipromp.core.arrays import FloatArray
 from optipromp.core.compiled import inner
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems import contacts
@@ -69,3 +70,14 @@ def keep(s, f, c, spell, pinched, forces, stem_forces, so_far, begin, kept):
             kept[i, ROWS + most + q] = stem_forces[len(forces) - rows + q, i]
     for k in range(5):
         kept[0, SUMS + k] = so_far[k]
+
+
+def at_rest(kept: FloatArray) -> FloatArray:
+    """What is kept (S, N, W), at rest: the forces of the last step, and no harm so far."""
+    most = (kept.shape[2] - ROWS) // 2
+    out = np.concatenate(
+        [kept[..., :ROWS], kept[..., [ROWS + most - 1, -1]]], axis=2
+    )
+    out[..., DOFS:PLACE] = out[..., :DOFS]
+    out[..., PLACE + 12 : ROWS] = 0.0
+    return out

@@ -471,12 +471,13 @@ class Led(NamedTuple):
 
 def led(
     s: Stems, points: FloatArray, axes: FloatArray, dt: float, cup: Mouth, solid: Obstacles,
-    leaves: int = NEVER, begin: int = 0, kept: FloatArray = kept_states.NOT_KEPT,
+    leaves: int = NEVER, speed: float = 0.0, begin: int = 0,
+    kept: FloatArray = kept_states.NOT_KEPT,
 ) -> Led:  # fmt: skip
     """Effect of the cup along a path (arguments of :func:`push`); the first fruit is the target.
 
-    ``leaves``: first step of the way out. Of a push that goes on, forces are those of the last
-    steps.
+    ``leaves``: first step of the way out, on which the cup has that ``speed`` [m/s]. Of a push that
+    goes on, forces are those of the last steps.
     """
     steps, count = len(points), len(s.root)
     positions, so_far = np.zeros((steps, count, 3)), np.zeros(5)
@@ -490,7 +491,7 @@ def led(
     rx, ry, rz = s.root[0]
     missed = cup.inner > 0.0 and not taken(x, y, z, rx, ry, rz, end, cup)
     pulls = np.zeros(count)
-    pulled(s, positions, forces, points, axes, cup, leaves, steps, pulls)
+    pulled(s, positions, forces, points, axes, speed, cup, leaves, steps, pulls)
     stem, fruit, target, within, pinched = so_far.tolist()
     if leaves < steps:
         fruit, target, missed = max(fruit, float(forces[:, 0].max())), 0.0, False
@@ -518,6 +519,7 @@ def summed_score(
     worst,
     seen,
     leaves,
+    speed,
     total,
     begin,
     kept,
@@ -528,8 +530,8 @@ def summed_score(
     last plus one. ``points``: see :func:`push`, as for the arguments up to ``solid``. ``hopeless``:
     largest score of a single state. ``worst``: largest sum of interest; a larger sum may be
     returned as any number above it. ``seen``: whether the first state is the perceived one; a
-    hopeless perceived state ends the sum. ``leaves``: first step of the way out, in which a pull
-    counts (:func:`pulled`). ``total``: the sum over the states before. ``begin``, ``kept``: see
+    hopeless perceived state ends the sum. ``leaves``: first step of the way out, on which a pull
+    counts (:func:`pulled`) and the cup has that ``speed`` [m/s]. ``total``: the sum over the states before. ``begin``, ``kept``: see
     :func:`push`, the latter for each state, or (0, 0, 0).
     """
     steps = len(points)
@@ -554,7 +556,7 @@ def summed_score(
         missed = done < steps or (cup.inner > 0.0 and not taken(x, y, z, rx, ry, rz, end, cup))
         score = score_of(h[0], h[1], h[2], h[3], h[4], missed)
         if leaves < done:  # the first fruit is as any other
-            pulled(one, positions, forces, points, axes, cup, leaves, done, pulls)
+            pulled(one, positions, forces, points, axes, speed, cup, leaves, done, pulls)
             crushed = max(h[1], forces[:done, 0].max(), before)
             score = score_of(h[0], crushed, 0.0, h[3], h[4], False) + pulls.max() / HARM.pull
         total += min(score, hopeless)
