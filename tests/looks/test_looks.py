@@ -9,8 +9,8 @@ import pytest
 from optipromp.core.geometry import Box, Cylinder, HalfSpace
 from optipromp.core.geometry.faces import revolve, sphere
 from optipromp.core.planning.task import resolve
-from optipromp.core.robots import load_robot
-from optipromp.core.robots.tools import TOOL_LINK, TOOLS, with_tool
+from optipromp.core.robots import Tool, load_robot
+from optipromp.core.robots.tools import TOOL_LINK, Cup, FrankaHand, with_tool
 from optipromp.core.scenes import SceneObject, Stem, load_scene
 from optipromp.looks.appearance import (
     arm_parts,
@@ -69,16 +69,18 @@ def test_an_arm_without_meshes_shows_the_hulls_of_its_spheres() -> None:
     }
 
 
-@pytest.mark.parametrize("kind", ["cup", "franka_hand"])
-def test_a_tool_looks_as_large_as_it_is(kind: str) -> None:
-    robot = with_tool(
-        load_robot("panda"), TOOLS[kind](**({"radius": 0.04} if kind == "cup" else {}))
-    )
+@pytest.mark.parametrize("tool", [Cup(0.04), Cup(0.04, taper=45), FrankaHand()])
+def test_a_tool_looks_as_large_as_it_is(tool: Tool) -> None:
+    robot = with_tool(load_robot("panda"), tool)
     parts = [part for part in arm_parts(robot) if part.name.startswith(TOOL_LINK)]
     points = np.concatenate([part.vertices for part in parts]) - robot.flange_translation
     heights = points @ robot.flange_rotation[:, 2]
     assert heights.max() == pytest.approx(robot.tool.tip, abs=4e-3)
     assert heights.min() == pytest.approx(0.0, abs=0.03)  # the maker's hand encloses the flange
+    if isinstance(tool, Cup):
+        mouth = next(part for part in parts if part.name == "tool/mouth").vertices
+        low = (mouth - robot.flange_translation) @ robot.flange_rotation[:, 2]
+        assert low.min() == pytest.approx(tool.front - tool.cone)
 
 
 def test_visual_meshes_are_shown_and_missing_ones_are_not_missed(tmp_path: Path) -> None:

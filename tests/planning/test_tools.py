@@ -12,7 +12,7 @@ from optipromp.core.planning import Plan, judge, plan
 from optipromp.core.planning.task import resolve
 from optipromp.core.pushing.packs.standing import Standing, plane
 from optipromp.core.pushing.stems.hanging import Hanging
-from optipromp.core.robots import Scissor, load_robot, with_tool
+from optipromp.core.robots import Cup, Mounted, Scissor, load_robot, with_tool
 from optipromp.core.scenes import Scene, ToolSpec, load_scene
 from optipromp.laboratory.generate import generate
 from optipromp.looks.viewer.reach import tool_faces
@@ -60,6 +60,14 @@ def test_fingers_end_level(name: str) -> None:
     turned = robot.segment_frames(q)[1][0, -1] @ robot.flange_rotation
     opens = turned @ TOOLS[name].rotation[:, 1]
     assert abs(opens @ given(name).frame[0]) < np.sin(np.deg2rad(2.0))
+
+
+def test_the_push_model_has_the_cone_of_a_cup_however_it_is_mounted() -> None:
+    cup = Cup(0.03, taper=45)
+    for tool, cone in ((cup, 0.02), (Mounted(cup, (0.0, 0.0, 0.03)), 0.02), (Cup(0.03), 0.0)):
+        task = resolve(load_scene("scenario-3"), with_tool(load_robot("panda"), tool))
+        model = Hanging(task.scene, tool, task.scene.pushables, task.camera, 0.03)
+        assert model.cup.cone == pytest.approx(cone)
 
 
 @pytest.mark.parametrize("name", TOOLS)

@@ -11,16 +11,17 @@ from optipromp.core.pushing.stems.cup import Mouth, cup_distance, flange_of
 from optipromp.core.robots import Cup, FrankaHand, load_robot, with_tool
 
 CUPS = st.builds(
-    lambda inner, wall, base, rim, neck, flange, under: Mouth(
-        inner, inner + wall, base, rim, 0.002, neck * inner, flange * inner, base - under
+    lambda inner, wall, base, rim, neck, flange, under, cone: Mouth(
+        inner, inner + wall, base, rim, 0.002, neck * inner, flange * inner, base - under, cone=cone
     ),
     st.floats(0.015, 0.04), st.floats(0.001, 0.01), st.floats(-0.06, -0.02), st.floats(0.0, 0.03),
     st.floats(0.2, 0.8), st.sampled_from([0.0, 1.0, 1.7]), st.floats(0.01, 0.08),
+    st.sampled_from([0.0, 0.003, 0.02, 0.06]),
 )  # fmt: skip
 
 
 def outline(cup: Mouth, spacing: float = 2e-4) -> np.ndarray:
-    """Points on the edges of wall, floor, neck and flange, in the half-plane and mirrored."""
+    """Points on the edges of wall, floor, neck, cone and flange, in the half-plane and mirrored."""
     flange = ((-cup.flange, cup.flange, cup.flange_top - 0.2, cup.flange_top),)
     boxes = (
         *(flange if cup.flange > cup.neck else ()),
@@ -34,6 +35,9 @@ def outline(cup: Mouth, spacing: float = 2e-4) -> np.ndarray:
         y = np.linspace(low, high, int((high - low) / spacing) + 2)
         edges += [np.stack([x, np.full_like(x, v)], axis=1) for v in (low, high)]
         edges += [np.stack([np.full_like(y, v), y], axis=1) for v in (left, right)]
+    ends = np.array([[cup.outer, cup.base], [cup.neck, cup.base - cup.cone]])
+    count = int(np.linalg.norm(ends[0] - ends[1]) / spacing) + 2
+    edges += [np.linspace(*(ends * [side, 1.0]), count) for side in (-1.0, 1.0) if cup.cone]
     return np.vstack(edges)
 
 
@@ -41,7 +45,8 @@ def solid(cup: Mouth, rho: float, h: float) -> bool:
     wall = cup.inner <= rho <= cup.outer and cup.base <= h <= cup.rim
     floor = rho <= cup.outer and cup.base <= h <= cup.base + cup.floor
     flange = cup.neck < cup.flange >= rho and h <= cup.flange_top
-    return wall or floor or flange or (rho <= cup.neck and h <= cup.base)
+    wide = np.interp(h, [cup.base - cup.cone, cup.base], [cup.neck, cup.outer])
+    return wall or floor or flange or (rho <= (wide if cup.cone else cup.neck) and h <= cup.base)
 
 
 @settings(max_examples=200, deadline=None)

@@ -51,6 +51,18 @@ def stepped(s: Stems, u: np.ndarray, ahead: np.ndarray, inertia: float, share: f
     return d.gradient, d.inverse
 
 
+@settings(max_examples=100, deadline=None)
+@given(st.floats(0.001, 0.05), st.floats(-0.1, -0.0301), st.floats(0.0, 0.05))
+def test_a_stem_beside_the_cone_meets_its_radius_there(rho: float, h: float, cone: float) -> None:
+    cup, at = CUP._replace(cone=cone), MouthPose(0.0, 0.0, 0.0, *UP)
+    gap, *way = stem_gap(0.6 * rho, 0.8 * rho, h, 0.001, False, at, cup)
+    wide = cup.neck
+    if cone:
+        wide = np.interp(h, [cup.base - cone, cup.base], [cup.neck, cup.outer])
+    assert abs(gap - (rho - wide - 0.001)) < 1e-12
+    np.testing.assert_allclose(way, [0.6, 0.8, 0.0])
+
+
 def descent(s: Stems, inertia: float) -> Descent:
     """Before the first step of one stem."""
     loads, count = s.stiffness.shape[1], 2 * s.stiffness.shape[1]

@@ -112,6 +112,15 @@ def test_straight_under_a_neighbour_the_cup_takes_it_in() -> None:
     assert h.missed  # the cup ends before the target
 
 
+@pytest.mark.parametrize("aside", [0.022, 0.025, 0.028])
+def test_a_cone_slides_off_a_fruit_on_which_a_flat_floor_lies(aside: float) -> None:
+    """On the way out a cup comes down on a fruit that hangs beside its neck."""
+    s, points = hung(((0, 0, 0), (0.0, 0.0, 0.15))), along((aside, 0, 0.06), (aside, 0, -0.03))
+    flat, cone = (led(s, points, cup=CUP._replace(cone=high))[1].max() for high in (0.0, 0.015))
+    assert flat > 2.0
+    assert cone < 0.4 * flat
+
+
 def test_past_it_the_floor_carries_it_up_or_presses_it() -> None:
     s = hung(((0, 0, 0), (0, 0, 0.1)), ((0.003, 0, -0.08), (0.0, 0.0, 0.2)))
     h = predicted(s, along((0, 0, -0.25), (0, 0, 0)))

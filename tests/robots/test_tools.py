@@ -15,12 +15,14 @@ from optipromp.core.robots.tools import Cup, FrankaHand, with_tool, without_tool
 
 
 def cup_surface(cup: Cup) -> np.ndarray:
-    """Dense points of outer wall, base, rim and neck, in the flange frame."""
+    """Dense points of outer wall, base or cone, rim and neck, in the flange frame."""
     angle = np.linspace(0.0, 2.0 * math.pi, 90, endpoint=False) + 0.003
     ring = np.column_stack([np.cos(angle), np.sin(angle)])
     inner = cup.radius if cup.opening is None else cup.opening / 2.0
     rows = [(cup.radius, cup.length + z) for z in np.linspace(0.0, cup.height, 40)]
     rows += [(r, cup.length) for r in np.linspace(0.0, cup.radius, 25)]
+    cone = np.linspace([cup.radius, cup.length], [min(0.01, cup.radius), cup.length - cup.cone], 60)
+    rows += cone.tolist()
     rows += [(r, cup.length + cup.height) for r in np.linspace(inner, cup.radius, 25)]
     rows += [(0.01, z) for z in np.linspace(0.0, cup.length, 25) if cup.length > 0.0]
     return np.concatenate([np.column_stack([r * ring, np.full(len(ring), z)]) for r, z in rows])
@@ -39,19 +41,53 @@ def worst_gap(points: np.ndarray, cover: np.ndarray) -> float:
     height=st.floats(0.01, 3.0),
     length=st.floats(0.0, 0.3),
     share=st.floats(0.05, 1.0),
+    steep=st.sampled_from([0.0, 0.2, 0.6, 1.0]),
 )
-@example(radius=0.0390625, height=2.0, length=0.0, share=0.5)
+@example(radius=0.0390625, height=2.0, length=0.0, share=0.5, steep=0.0)
+@example(radius=0.05, height=0.05, length=0.1, share=0.9, steep=0.7)
 def test_cup_is_covered_and_little_more(
-    radius: float, height: float, length: float, share: float
+    radius: float, height: float, length: float, share: float, steep: float
 ) -> None:
-    cup = Cup(radius, height, length, depth=height / 2, opening=2.0 * radius * share)
+    most = min(math.degrees(math.atan2(length, max(radius - 0.01, 0.0))), 89.0)
+    taper = steep * round(most, 2)
+    cup = Cup(radius, height, length, height / 2, opening=2.0 * radius * share, taper=taper)
     cover = cup.spheres()
     assert worst_gap(cup_surface(cup), cover) <= 1e-9
     bulge = max(0.004, 0.09 * radius) + 1e-6
     body = cover[cover[:, 2] > length - 1e-9] if length else cover
     outward = np.hypot(cover[:, 0], cover[:, 1]) + cover[:, 3]
-    assert (outward <= max(radius, 0.01) + bulge).all()
+    if not cup.cone or radius <= height + bulge:  # spheres under a wide dish are larger
+        assert (outward <= max(radius, 0.01) + bulge).all()
     assert ((body[:, 2] + body[:, 3]) <= length + height + bulge).all()
+
+
+@pytest.mark.parametrize("taper", [20.0, 45.0, 60.0])
+@pytest.mark.parametrize("radius", [0.022, 0.025, 0.03, 0.05])
+def test_a_cone_is_covered_as_close_as_a_flat_floor(radius: float, taper: float) -> None:
+    """Behind the base the spheres of both stand out, of the cone by less."""
+    ball = np.random.default_rng(0).normal(size=(4000, 3))
+    ball /= np.linalg.norm(ball, axis=1)[:, None]
+    out = []
+    for cup in (Cup(radius, taper=taper), Cup(radius)):
+        cover = cup.spheres()
+        shell = (cover[:, None, :3] + cover[:, None, 3:] * ball).reshape(-1, 3)
+        rho, h = np.hypot(shell[:, 0], shell[:, 1]), shell[:, 2] - cup.length
+        beside = (h < 0.0) & (h > -cup.length)
+        rho, h, slope = rho[beside], h[beside], math.radians(cup.taper)
+        side = (rho - radius) * math.sin(slope) - h * math.cos(slope)
+        out.append(np.minimum(side, rho - 0.01).max())
+    assert out[0] < out[1]
+
+
+def test_a_cone_ends_on_the_neck() -> None:
+    assert Cup(0.05).cone == 0.0
+    assert Cup(0.05, taper=45).cone == pytest.approx(0.04)
+    assert Cup(0.03, length=0.02, taper=45).cone == pytest.approx(0.02)
+    assert Cup(0.008, taper=45).cone == 0.0  # thinner than the neck
+    polygon = Cup(0.03, taper=45).outline()[-1]
+    np.testing.assert_allclose(
+        polygon, [[-0.05, -0.01], [-0.03, -0.03], [-0.03, 0.03], [-0.05, 0.01]]
+    )
 
 
 def test_a_second_tool_takes_the_place_of_the_first() -> None:
@@ -110,6 +146,13 @@ def test_tool_against_the_forearm_is_seen() -> None:
         ({"radius": 0.05, "depth": -0.01}, ["depth"]),
         ({"radius": 0.05, "opening": 0.11}, ["opening", "0.11", "0.1]"]),
         ({"radius": 0.05, "opening": 0.0}, ["opening"]),
+        ({"radius": 0.05, "taper": -1}, ["taper is -1", "[0, 68.2] degrees"]),
+        ({"radius": 0.05, "taper": 90}, ["taper is 90", "[0, 68.2] degrees", "neck of 0.1 metres"]),
+        ({"radius": 0.05, "taper": 70.0}, ["taper is 70.0", "[0, 68.2] degrees"]),
+        ({"radius": 0.05, "length": 0.0, "taper": 1}, ["taper is 1", "[0, 0] degrees"]),
+        ({"radius": 0.01, "taper": 90}, ["taper is 90"]),
+        ({"radius": 0.05, "taper": math.nan}, ["taper is nan"]),
+        ({"radius": 0.05, "taper": "45"}, ["taper is '45'"]),
     ],
 )
 def test_cup_refused(values: dict[str, float], words: list[str]) -> None:

@@ -73,6 +73,16 @@ def test_a_root_in_the_tool(
     assert rooted(aside, height, approach) is inside
 
 
+def test_a_root_in_the_cone() -> None:
+    """It goes from 0.03 beside the base, 0.03 under the target, to 0.01 and 0.05 under it."""
+    tapered = Cup(radius=0.03, taper=45)
+    for aside, height, inside in (
+        (0.024, -0.035, True), (0.028, -0.035, False), (0.014, -0.049, True), (0.0, -0.131, True),
+        (0.013, -0.10, False),
+    ):  # fmt: skip
+        assert rooted(aside, height, Approach(), tapered) is inside
+
+
 def test_a_root_in_the_way_of_the_cup_by_brute_force() -> None:
     """Every way of the cup over the target's last stretch: none may miss what is refused."""
     rng = np.random.default_rng(0)

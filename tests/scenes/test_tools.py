@@ -9,7 +9,7 @@ from tests.scenes.documents import MINIMAL
 
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.planning.task import resolve
-from optipromp.core.robots import FingerGripper, MeshTool, Scissor
+from optipromp.core.robots import Cup, FingerGripper, MeshTool, Scissor
 from optipromp.core.scenes import (
     Scene,
     ToolSpec,
@@ -23,6 +23,7 @@ MESH = {"kind": "mesh", "file": "parts/cup.obj", "scale": 0.001, "tool_point": [
         "opening": 0.044, "height": 0.04}  # fmt: skip
 STATED = {
     "cup": {"kind": "cup", "radius": 0.03, "opening": 0.052},
+    "tapered cup": {"kind": "cup", "radius": 0.03, "taper": 45.0},
     "franka_hand": {"kind": "franka_hand"},
     "finger_gripper": {"kind": "finger_gripper", "opening": 0.06, "turn": 0.4},
     "scissor": {"kind": "scissor", "opening": 0.05},
@@ -94,6 +95,8 @@ def test_lengths_are_scaled_and_turns_are_not(folder: Path) -> None:
     gripper = tool({"kind": "finger_gripper", "opening": 60, "depth": 10, "turn": 0.4})
     assert gripper == FingerGripper(0.06, depth=0.01, turn=0.4)
     assert tool({"kind": "scissor", "opening": 50}) == Scissor(0.05)
+    cup = {"kind": "cup", "radius": 30, "height": 50, "length": 100, "depth": 20, "taper": 45}
+    assert tool(cup) == Cup(0.03, taper=45)
     mesh = tool(MESH | {"tool_point": [0, 0, 120], "opening": 44, "height": 40})
     assert isinstance(mesh, MeshTool)
     assert (mesh.tool_point, mesh.opening) == ((0.0, 0.0, 0.12), pytest.approx(0.044))
@@ -131,6 +134,7 @@ def test_a_mesh_from_memory_cannot_be_saved(tmp_path: Path) -> None:
         ({"kind": "cup"}, ["tool.radius is missing"]),
         ({"kind": "cup", "radius": "0.05"}, ["tool.radius is '0.05'", "without quotes"]),
         ({"kind": "cup", "radius": 0.05, "depth": 0.06}, ["tool cup: depth is 0.06", "0.05]"]),
+        ({"kind": "cup", "radius": 0.05, "taper": 80}, ["tool cup: taper is 80", "[0, 68.2] deg"]),
         ({"kind": "cup", "radius": 0.05, "turn": 1}, ["tool: turn is no parameter of cup"]),
         ({"kind": "finger_gripper"}, ["tool.opening is missing"]),
         ({"kind": "finger_gripper", "opening": 0.06, "finger": 1}, ["did you mean 'finger_"]),

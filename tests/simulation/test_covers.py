@@ -32,7 +32,7 @@ from optipromp.core.robots import (
     robot_names,
     with_tool,
 )
-from optipromp.core.robots.mounted import Load
+from optipromp.core.robots.mounted import Load, unmounted
 from optipromp.core.robots.tools import TOOLS as KINDS
 from optipromp.core.scenes import JointGoal, Scene
 from optipromp.laboratory.simulation.engine import engine
@@ -56,7 +56,9 @@ def holding(name: str) -> Tool:
 
 CASES: dict[str, Tool] = {
     **TOOLS,
-    "wide cup": Cup(0.05), "short cup": Cup(0.035, height=0.03, length=0.0, opening=0.06),
+    "wide cup": Cup(0.05), "tapered cup": Cup(0.03, taper=45), "steep cup": Cup(0.05, taper=65),
+    "mounted tapered cup": Mounted(Cup(0.04, taper=20), (0.0, 0.0, 0.05), (0.8, 0.0, 0.6, 0.0)),
+    "short cup": Cup(0.035, height=0.03, length=0.0, opening=0.06),
     "narrow hand": FrankaHand(gripper_radius=0.02),
     "mounted": Mounted(FrankaHand(), (0.01, -0.02, 0.03), (0.8, 0.0, 0.6, 0.0)),
     **{f"holding a {name}": holding(name) for name in HELD},
@@ -143,8 +145,9 @@ def test_the_solids_of_a_tool_lie_inside_of_its_spheres(name: str) -> None:
     found = beyond(with_tool(load_robot("panda"), tool))
     solids = {geom: out for geom, out in found.items() if not geom.startswith("body:")}
     assert len(solids) >= len(tool.solids())
-    allowed = FLAT * tool.radius if isinstance(tool, Cup) else TOLERANCE
-    assert max(solids.values()) <= allowed, max(solids, key=lambda geom: solids[geom])
+    walls = FLAT * tool.gripper_radius if isinstance(unmounted(tool), Cup) else 0.0
+    for geom, out in solids.items():
+        assert out <= (walls if geom.startswith("tool:wall") else TOLERANCE), geom
 
 
 @pytest.mark.parametrize("name", robot_names())

@@ -93,6 +93,20 @@ def test_it_hangs_a_fruit_where_the_scene_shows_it() -> None:
         second.execute(scene_to_dict(far), (times, q))
 
 
+@pytest.mark.parametrize(("taper", "wide"), [(None, 0.01), (0.0, 0.01), (45.0, 0.02)])
+def test_the_cup_has_the_cone_that_the_scene_says(taper: float | None, wide: float) -> None:
+    """5 mm under the floor of a cup of 25 mm: as wide as the neck, or a cone."""
+    mujoco = pytest.importorskip("mujoco")
+    tool = {"radius": 0.025, "height": 0.05, "length": 0.1, "taper": taper}
+    model = second.model_of({"objects": [], "tool": tool})
+    data, hit = mujoco.MjData(model), np.zeros(1, dtype=np.int32)
+    mujoco.mj_forward(model, data)
+    for turn in np.linspace(0.0, 6.0, 20):
+        out = np.array([np.cos(turn), np.sin(turn), 0.0])
+        away = mujoco.mj_ray(model, data, 0.1 * out + [0, 0, 0.095], -out, None, 1, -1, hit)
+        assert 0.1 - away == pytest.approx(wide, abs=1e-4)
+
+
 def test_the_cup_is_as_deep_as_the_scene_says() -> None:
     """Nothing stands on its floor: a long fruit reaches as far down as there is room."""
     mujoco = pytest.importorskip("mujoco")

@@ -1,14 +1,17 @@
 """Tools of every kind in the simulation: their bodies, what they take hold of, and runs."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from tests.robots.builders import INNER, SIDES, TOOLS, mesh_cup, probe
 
-from optipromp.core.planning import plan
+from optipromp.core.planning import plan, plan_pick
+from optipromp.core.pushing.stems.cup import Mouth, cup_distance
 from optipromp.core.robots import Cup, FingerGripper, Scissor, Tool, load_robot, with_tool
-from optipromp.core.scenes import load_scene
+from optipromp.core.robots.tools import cone_of
+from optipromp.core.scenes import JointGoal, Scene, ToolSpec, load_scene
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import Cause, SimulationParameters, simulate
 from optipromp.laboratory.simulation.engine import engine
@@ -69,6 +72,35 @@ def test_a_ray_in_the_mouth_of_a_mesh_meets_its_walls():
         assert away == pytest.approx(INNER, abs=1e-4)
         assert world.model.geom(int(met[0])).name.startswith("tool:piece")
     assert mujoco.mj_ray(world.model, data, point, axis, None, 1, -1, met) != pytest.approx(0.02)
+
+
+@pytest.mark.parametrize("taper", [0.0, 30.0, 60.0])
+def test_a_cup_collides_where_the_push_model_has_it(taper):
+    """From points under the base, a ray against the gradient meets the cup at the distance."""
+    tool, mujoco = Cup(0.03, taper=taper), engine()
+    robot = equipped(tool)
+    world = build(Scene("alone", robot.name, (), goal=JointGoal(robot.home)), robot)
+    data, met = world.data(robot.home), np.zeros(1, dtype=np.int32)
+    mujoco.mj_forward(world.model, data)
+    base = tool.front - tool.reach
+    cup = Mouth(*tool.mouth, base, tool.depth, 0.002, 0.01, end=-tool.reach, cone=cone_of(tool))
+    point, axis = robot.tool_pose(robot.home)
+    out = np.linalg.svd(axis[None])[2][1]
+    for rho, under in itertools.product([0.012, 0.02, 0.028, 0.035], [0.003, 0.01, 0.03, 0.06]):
+        d, along, up = cup_distance(rho, base - under, cup)
+        if d > 1e-3:
+            start, way = point + rho * out + (base - under) * axis, along * out + up * axis
+            away = mujoco.mj_ray(world.model, data, start, -way, None, 1, -1, met)
+            assert away == pytest.approx(d, abs=2e-4)
+            assert world.model.geom(int(met[0])).name.startswith("tool:")
+
+
+def test_a_cup_with_a_cone_is_planned_with_and_leaves():
+    scene = generate("cluster", 3)
+    tool = ToolSpec("cup", {**scene.tool.parameters, "taper": 45.0})
+    run = simulate(pick := plan_pick(replace(scene, tool=tool)))
+    assert pick.reach.robot.tool.taper == 45.0
+    assert run.success, run.outcome.message
 
 
 def test_a_finger_gripper_picks_a_can_off_a_shelf():

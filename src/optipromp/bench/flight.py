@@ -68,8 +68,17 @@ def _text(values: Any) -> str:
     return " ".join(f"{value:.9g}" for value in np.ravel(values))
 
 
+def _cone(tool: Mapping[str, Any]) -> str:
+    """The mesh of the cone under the cup's floor, down to the neck; of a flat floor none."""
+    radius, length = float(tool["radius"]), float(tool["length"])
+    deep = min((radius - NECK) * np.tan(np.deg2rad(tool.get("taper") or 0.0)), length)
+    edges, turns = ((radius, length), (NECK, length - deep)), np.arange(60) * np.pi / 30.0
+    corners = [(r * np.cos(t), r * np.sin(t), z) for r, z in edges for t in turns]
+    return f'<asset><mesh name="cone" vertex="{_text(corners)}"/></asset>' if deep > 0.0 else ""
+
+
 def _cup(tool: Mapping[str, Any]) -> str:
-    """The cup, its neck and the arm's last link, in the flange's frame."""
+    """The cup, its cone and neck and the arm's last link, in the flange's frame."""
     radius, height, length = (float(tool[k]) for k in ("radius", "height", "length"))
     inner = 0.5 * float(tool.get("opening") or 2.0 * (radius - WALL))
     middle, half = 0.5 * (radius + inner), 0.5 * (radius - inner)
@@ -77,6 +86,7 @@ def _cup(tool: Mapping[str, Any]) -> str:
     out = [
         f'<geom type="cylinder" size="{NECK}" fromto="0 0 0 0 0 {length}"/>',
         f'<geom type="cylinder" size="{radius} {0.5 * WALL}" pos="0 0 {length + 0.5 * WALL}"/>',
+        '<geom type="mesh" mesh="cone"/>' if _cone(tool) else "",
         f'<geom type="cylinder" size="{DISC[0]}" fromto="0 0 0 0 0 {-DISC[1]}"/>',
         f'<geom type="cylinder" size="{LINK[0]}" fromto="0 0 {-DISC[1]} 0 0 {-LINK[1]}"/>',
     ]
@@ -232,7 +242,7 @@ def model_of(
         <option timestep="{STEP}" integrator="implicitfast" cone="pyramidal" iterations="50"/>
         <size memory="32M"/>
         <default><geom friction="{FRICTION} 0.003 0.0001" solref="{SOFT} 1"/></default>
-        <worldbody><body name="lead" mocap="true"/>
+        {_cone(scene["tool"])}<worldbody><body name="lead" mocap="true"/>
         <body name="cup" gravcomp="1"><freejoint/><inertial pos="0 0 0" mass="3"
           diaginertia="0.02 0.02 0.02"/>{_cup(scene["tool"])}{inside}</body>{bodies}</worldbody>
         <equality><weld body1="lead" body2="cup" solref="0.002 1"

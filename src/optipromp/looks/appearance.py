@@ -580,13 +580,13 @@ def _tool(robot: Robot) -> list[Part]:
 
 
 def _cup(cup: Cup) -> dict[str, list[FloatArray]]:
-    """A turned cup with a rounded rim on its neck."""
+    """A turned cup with a rounded rim, on its cone and its neck."""
     inner, outer = cup.mouth
     base, rim, neck = cup.length, cup.length + cup.height, min(NECK_RADIUS, cup.radius)
-    wall = outer - inner
+    wall, low = outer - inner, [[r, base - cup.cone] for r in (0.0, neck)[: 1 + (cup.cone > 0.0)]]
     floor, bevel = min(wall, cup.height / 4.0), 0.3 * min(wall, 0.01)
     mouth = np.array([
-        [0.0, base], [outer - bevel, base], [outer, base + bevel], [outer, rim - bevel],
+        *low, [outer - bevel, base], [outer, base + bevel], [outer, rim - bevel],
         [outer - bevel, rim], [inner + bevel, rim], [inner, rim - bevel], [inner, base + floor],
         [0.0, base + floor],
     ])  # fmt: skip

@@ -13,6 +13,7 @@ One sphere on the axis of radius R + b covers h = sqrt((R + b)² - R²). The wal
 bands, from the rim down; the cheapest stack is found by dynamic programming over heights.
 """
 
+import itertools
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -38,16 +39,19 @@ class _Band:
     half_height: float  # [m] of the wall that it covers, above and below its height
 
 
-def cover_cup(radius: float, inner: float, height: float, length: float) -> FloatArray:
+def cover_cup(radius: float, inner: float, height: float, length: float, cone: float) -> FloatArray:
     """Spheres (k, 4) over a cup whose base stands ``length`` above the origin, mouth along z [m].
 
-    Covered: the outer wall, the base disc, the rim from ``inner`` to ``radius``, the neck.
+    Covered: the outer wall, the base disc, the rim from ``inner`` to ``radius``, the neck, and the
+    cone of height ``cone`` under the base. 0: none. Under a cup wider than high, its spheres stand
+    out farther than a bulge.
     """
     bulge = max(0.004, 0.09 * radius)
     rows = _stack(radius, height, bulge)
     rows += _rim(radius, inner, height, bulge, rows)
     rings = [_ring(z, band) for z, band in rows]
-    cup = np.concatenate([*rings, _base(radius, height, bulge, rows)])
+    under = _cone(radius, height, cone, bulge) if cone else _base(radius, height, bulge, rows)
+    cup = np.concatenate([*rings, under])
     cup[:, 2] += length
     neck = np.zeros((0, 4))
     # the neck ends where a sphere on the axis begins to cover it
@@ -226,3 +230,19 @@ def _base(
         if float(np.hypot(x, y).max()) + size <= radius + bulge:
             return np.column_stack([x, y, np.zeros(len(x)), np.full(len(x), size)])
         count += 1
+
+
+def _cone(radius: float, height: float, cone: float, bulge: float) -> FloatArray:
+    """Spheres on the axis, each through both edges of a slice of the cone, or wider."""
+    side, top = math.hypot(radius - NECK_RADIUS, cone), height + bulge
+    slices = math.ceil(side / math.sqrt(8.0 * bulge * NECK_RADIUS * side / cone))
+    edges = np.linspace([radius, 0.0], [NECK_RADIUS, -cone], slices + 1).tolist()
+    out = []
+    for (r, h), (a, b) in itertools.pairwise(edges):
+        z = min(
+            (r * r + h * h - a * a - b * b) / (2.0 * (h - b)),
+            h + math.sqrt((radius + bulge) ** 2 - r * r),  # beside the wall
+            (top * top - h * h - r * r) / (2.0 * (top - h)),  # below the rim
+        )
+        out.append((0.0, 0.0, z, math.hypot(r, h - z)))
+    return np.array(out)

@@ -180,15 +180,16 @@ def check_tool(tool: Tool) -> None:
 
 
 def check_length(
-    tool: str, field: str, value: object, low: float, high: float, open_below: bool = False
-) -> None:
-    """Refuse a length that is no number between ``low`` and ``high`` [m]."""
+    tool: str, field: str, value: object, low: float, high: float, open_below: bool = False,
+    unit: str = "metres",
+) -> None:  # fmt: skip
+    """Refuse a value that is no number between ``low`` and ``high``, by default a length [m]."""
     number = value if isinstance(value, int | float) and not isinstance(value, bool) else np.nan
     if number <= high and (low < number if open_below else low <= number):
         return
     bracket = "(" if open_below else "["
     raise InvalidRequestError(
-        f"tool {tool}: {field} is {value!r}; it must be in {bracket}{low:g}, {high:g}] metres"
+        f"tool {tool}: {field} is {value!r}; it must be in {bracket}{low:g}, {high:g}] {unit}"
     )
 
 

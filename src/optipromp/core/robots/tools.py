@@ -15,7 +15,7 @@ from optipromp.core.geometry.shapes import Box, Cylinder, MeshShape, Shape, hull
 from optipromp.core.robots.cup_cover import NECK_RADIUS, cover_cup
 from optipromp.core.robots.grippers import FingerGripper, MeshTool, Scissor, Suction
 from optipromp.core.robots.model import BodySpheres, Robot, candidate_pairs, drop_always_touching
-from optipromp.core.robots.mounted import Mounted, cover_load, loads_of
+from optipromp.core.robots.mounted import Mounted, cover_load, loads_of, unmounted
 from optipromp.core.robots.tool_geometry import Part, Solid, strip
 from optipromp.core.robots.tool_protocol import LARGEST, Tool, check_length, check_tool, quaternion
 
@@ -54,7 +54,8 @@ class Cup(Tool):
     The neck (radius 0.01) of ``length`` joins the flange and the cup's base. The wall of outer
     ``radius`` and ``height`` joins the base and the rim. ``opening`` is the inner diameter, by
     default 2 ``radius``: a thin wall. The tool point, where the centre of a swallowed fruit rests,
-    is ``depth`` below the rim. The tool axis points out of the mouth.
+    is ``depth`` below the rim. The tool axis points out of the mouth. ``taper`` is the slope of a
+    cone under the base, from its edge down to the neck [degrees]; 0: the underside is flat.
     """
 
     radius: float
@@ -62,6 +63,7 @@ class Cup(Tool):
     length: float = 0.10
     depth: float = 0.02
     opening: float | None = None
+    taper: float = 0.0
 
     def __post_init__(self) -> None:
         check_length("cup", "radius", self.radius, 0.0, LARGEST, open_below=True)
@@ -70,6 +72,16 @@ class Cup(Tool):
         check_length("cup", "depth", self.depth, 0.0, self.height)
         if self.opening is not None:
             check_length("cup", "opening", self.opening, 0.0, 2.0 * self.radius, open_below=True)
+        wide = max(self.radius - NECK_RADIUS, 0.0)
+        most = min(round(math.degrees(math.atan2(self.length, wide)), 2), 89.99)
+        unit = f"degrees, so that the cone ends on the neck of {self.length:g} metres"
+        check_length("cup", "taper", self.taper, 0.0, most, unit=unit)
+
+    @property
+    def cone(self) -> float:
+        """Height of the cone under the base [m]; 0: none."""
+        high = (self.radius - NECK_RADIUS) * math.tan(math.radians(self.taper))
+        return min(max(high, 0.0), self.length)
 
     @property
     def point(self) -> FloatArray:
@@ -77,7 +89,7 @@ class Cup(Tool):
 
     def spheres(self) -> FloatArray:
         inner = self.radius if self.opening is None else self.opening / 2.0
-        return cover_cup(self.radius, inner, self.height, self.length)
+        return cover_cup(self.radius, inner, self.height, self.length, self.cone)
 
     @property
     def front(self) -> float:
@@ -96,17 +108,19 @@ class Cup(Tool):
         return min(self.opening / 2.0, self.radius - 1e-4), self.radius
 
     def outline(self) -> tuple[FloatArray, ...]:
-        """The cup cut along its axis: neck, base and walls; see :meth:`Tool.outline`."""
+        """The cup cut along its axis: neck, base, walls and cone; see :meth:`Tool.outline`."""
         (inner, outer), rim, flange = self.mouth, self.depth, -self.reach
         base = rim - self.height
         neck = (flange, base, -NECK_RADIUS, NECK_RADIUS)
         floor = (base, base + WALL, -outer, outer)
         walls = (base, rim, inner, outer), (base, rim, -outer, -inner)
         sides = [neck, floor, *walls] if self.length > 0.0 else [floor, *walls]
-        return tuple(strip(*side) for side in sides)
+        cone = strip(base - self.cone, base, -outer, outer)
+        cone[[0, 3], 1] = -NECK_RADIUS, NECK_RADIUS
+        return (*(strip(*side) for side in sides), *([cone] if self.cone else []))
 
     def solids(self) -> tuple[Solid, ...]:
-        """Neck, floor and a ring of flat walls."""
+        """Neck, floor, cone and a ring of flat walls."""
         (inner, outer), floor = self.mouth, min(WALL, self.height / 4.0)
         wide = 2.0 * (self.radius * np.tan(np.pi / WALLS))
         wall = outer - inner
@@ -117,6 +131,13 @@ class Cup(Tool):
             out.append(Solid("neck", neck, np.array([0.0, 0.0, self.length / 2.0]), part="neck"))
         at = np.array([0.0, 0.0, self.length + floor / 2.0])
         out.append(Solid("floor", Cylinder(self.radius, floor), at, part="mouth"))
+        if self.cone:
+            turn = np.linspace(0.0, 2.0 * np.pi, 3 * WALLS, endpoint=False)
+            edge = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(len(turn))])
+            down = NECK_RADIUS * edge - [0.0, 0.0, self.cone]
+            corners = np.concatenate([self.radius * edge, down])
+            cone, base = MeshShape(corners, hull_faces(corners)), np.array([0.0, 0.0, self.length])
+            out.append(Solid("cone", cone, base, part="mouth"))
         for k in range(WALLS):
             angle = 2.0 * np.pi * k / WALLS
             at = np.array([aside * np.cos(angle), aside * np.sin(angle), middle])
@@ -204,6 +225,12 @@ def _hand(hand: FrankaHand) -> tuple[Solid, ...]:
             middle, shape = 0.5 * (corners.min(0) + corners.max(0)), Box(tuple(np.ptp(corners, 0)))
         out.append(Solid(f"hand:{name}", shape, hand.rotation @ middle, (w, x, y, z), part))
     return tuple(out)
+
+
+def cone_of(tool: Tool) -> float:
+    """Height of the cone under the base of a cup, as it is mounted [m]; 0 of other tools."""
+    own = unmounted(tool)
+    return own.cone if isinstance(own, Cup) else 0.0
 
 
 TOOLS: dict[str, type[Tool]] = {

@@ -520,7 +520,7 @@ def _tool(model: Any, scale: float, base_dir: Path | None) -> ToolSpec | None:
         fixed = {"meshes": meshes, "tool_point": point, **axis}
         fixed |= {"finger_meshes": sides} if sides else {}
     else:
-        fixed = {name: given.pop(name) for name in ("turn", "angle") if name in given}
+        fixed = {name: given.pop(name) for name in ("turn", "angle", "taper") if name in given}
     if (mount := model.tool.mount) is not None:
         at = tuple(scale * value for value in mount.position)
         fixed["mount"] = at, tuple(mount.orientation)

@@ -18,7 +18,7 @@ from optipromp.core.robots import ik
 from optipromp.core.robots.cup_cover import NECK_RADIUS
 from optipromp.core.robots.ik import level, rolled, rolls
 from optipromp.core.robots.tool_protocol import Tool
-from optipromp.core.robots.tools import WALL
+from optipromp.core.robots.tools import WALL, cone_of
 from optipromp.core.scenes.scene import Scene, SceneObject
 
 SAMPLE = 0.004  # [m] between the points of a segment that are checked: a choice
@@ -163,7 +163,7 @@ def unsolvable(scene: Scene) -> str | None:
 def _rooted_in_tool(scene: Scene, item: SceneObject, tool: Tool | None) -> bool:
     """Whether a cup must go through a stem's root, which does not yield; False for fingers.
 
-    The root is then in the cup or its neck at the goal, or in the volume that the cup sweeps on
+    The root is then in cup, cone or neck at the goal, or in the volume that the cup sweeps on
     every path: once the target's lowest point is in the mouth, the cup can only rise, and the
     target leaves the cup little room to the side. In that volume a wall of at most :data:`WALL`
     does not count.
@@ -182,11 +182,9 @@ def _rooted_in_tool(scene: Scene, item: SceneObject, tool: Tool | None) -> bool:
     inner = outer if outer - inner < WALL + 1e-9 else inner
     sure = outer - max(inner - target.radius, 0.0)
     rise = tool.depth + target.radius
-    for radius, low, high in (
-        (outer, base, rim),
-        (NECK_RADIUS, flange, base),
-        (sure, base - rise, rim),
-    ):
+    share = np.clip(1.0 - (base - height) / max(cone_of(tool), 1e-9), 0.0, 1.0)
+    neck = NECK_RADIUS + share * (outer - NECK_RADIUS)  # or the cone, level with the root
+    for radius, low, high in ((outer, base, rim), (neck, flange, base), (sure, base - rise, rim)):
         beyond = max(low - height, height - high, 0.0)
         if np.hypot(max(aside - radius, 0.0), beyond) < item.stem.radius:
             return True

@@ -264,7 +264,7 @@ def list_pieces(s, c, at, cup):
     for i in range(len(s.root)):
         c.top[i] = _level_with(s, i, at, cup.rim)
         c.bottom[i] = _level_with(s, i, at, cup.base)
-        low = _level_with(s, i, at, cup.base - SWING.neck)
+        low = _level_with(s, i, at, cup.base - max(SWING.neck, cup.cone))
         c.first[i] = int(c.top[i] * n) + 1
         end = int(low * n) if low > 0.0 else int(under_fruit(s, i) * n)
         before = 1 + 3 * (len(s.root) - 1) + c.walls[i]

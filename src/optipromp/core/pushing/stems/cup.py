@@ -1,4 +1,4 @@
-"""Gaps of fruits and stems to a cup: to its wall, floor, neck and flange.
+"""Gaps of fruits and stems to a cup: to its wall, floor, cone, neck and flange.
 
 Kernels take and return points and directions as three numbers each, which stay in registers.
 """
@@ -40,6 +40,7 @@ class Mouth(NamedTuple):
     ay: float = 0.0
     az: float = 0.0
     rubbing: float = PUSH.swing.friction  # coefficient of friction on fruits
+    cone: float = 0.0  # height of the cone under the base, from its edge to the neck; 0: none
 
 
 class MouthPose(NamedTuple):
@@ -111,7 +112,7 @@ def _box(rho, h, low, high, bottom, top):
 
 @inner
 def cup_distance(rho, h, cup):
-    """Signed distance to wall, floor, neck and flange in the half-plane, with d/drho and d/dh."""
+    """Signed distance to the cup in the half-plane, with d/drho and d/dh."""
     best, g0, g1 = _box(rho, h, cup.inner, cup.outer, cup.base, cup.rim)
     d, e0, e1 = _box(rho, h, -cup.outer, cup.outer, cup.base, cup.base + cup.floor)
     if d < best:
@@ -122,6 +123,13 @@ def cup_distance(rho, h, cup):
     if cup.flange > cup.neck:
         d, e0, e1 = _box(rho, h, -cup.flange, cup.flange, cup.end, cup.flange_top)
         if d < best:
+            best, g0, g1 = d, e0, e1
+    if cup.cone > 0.0 and h < cup.base:  # wall and neck have the ends of the cone's side
+        x, y, wide = rho - cup.outer, h - cup.base, cup.outer - cup.neck
+        side = math.sqrt(wide * wide + cup.cone * cup.cone)
+        e0, e1 = cup.cone / side, -wide / side
+        d = x * e0 + y * e1
+        if d < best and 0.0 < x * e1 - y * e0 < side:
             best, g0, g1 = d, e0, e1
     return best, g0, g1
 
@@ -146,7 +154,7 @@ def fruit_gap(x, y, z, radius, at, cup):
 
 @inner
 def stem_gap(x, y, z, radius, within, at, cup):
-    """Gap of a piece of stem to wall or neck, and the direction in which the cup pushes the piece.
+    """Gap of a piece of stem to the cup's side, and the direction in which it pushes the piece.
 
     ``within``: whether the fruit is inside the wall, which decides the side: a stem may move
     farther in one step than a wall is thick. A piece over the rim touches nothing: its gap is its
@@ -157,7 +165,10 @@ def stem_gap(x, y, z, radius, within, at, cup):
         return ABOVE + max(h - cup.rim, 0.0), 0.0, 0.0, 0.0
     out = 1.0 / rho
     if h < cup.base - 1e-6:
-        gap = rho - cup.neck - radius
+        wide = cup.neck
+        if h > cup.base - cup.cone:
+            wide += (cup.outer - cup.neck) * (1.0 - (cup.base - h) / cup.cone)
+        gap = rho - wide - radius
     elif within:
         gap, out = cup.inner - rho - radius, -out
     else:

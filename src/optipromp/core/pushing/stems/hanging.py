@@ -29,7 +29,7 @@ from optipromp.core.robots.grippers import Scissor
 from optipromp.core.robots.ik import uniform
 from optipromp.core.robots.mounted import unmounted
 from optipromp.core.robots.tool_protocol import Tool
-from optipromp.core.robots.tools import WALL
+from optipromp.core.robots.tools import WALL, cone_of
 from optipromp.core.scenes.objects import UNSEEN_SPREAD
 from optipromp.core.scenes.scene import Scene, SceneObject
 
@@ -197,7 +197,8 @@ class Hanging(PushModel):
         inner = inner if inner > 0.0 else -outer  # solid
         base = tool.front - tool.reach
         walls = inner, outer, base, tool.depth, WALL
-        self.cup = Mouth(*walls, NECK_RADIUS, *flange, *_cut(scene, tool))
+        cup = Mouth(*walls, NECK_RADIUS, *flange, *_cut(scene, tool))
+        self.cup = cup._replace(cone=cone_of(tool))
         where = target.position, HANGING.around
         self.static, avoid = (
             near(scene.packed(scene.around(*where, role)), *where) for role in ("static", "avoid")
