@@ -98,9 +98,9 @@ def study(
             too low or high), missed (fruits not seen, hidden ones more often), detector (low and
             missed).
         only_valid: Do not execute plans that the judge refuses.
-        vary: Execute each plan under a table of physical variations: softer and stiffer stems,
-            friction, mass, size, damping, a tool off its place, fruits lower than seen. --vary crop
-            varies what nobody measured of a crop instead.
+        vary: Execute each plan under a table of physical variations: softer and stiffer stems, that
+            stretch, friction, mass, size, damping, a tool off its place, fruits lower than seen.
+            --vary crop varies what nobody measured of a crop instead.
         risk: Share of promised successes that may be broken; less refuses more.
         crop (CROP): Of the scenes' fruits: strawberry, tomato, apple or a file; harm is judged in
             its units.

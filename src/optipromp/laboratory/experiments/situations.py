@@ -127,8 +127,9 @@ def _disturbed(p: SimulationParameters, values: Mapping[str, Any]) -> Simulation
 def _changed(
     scene: Scene, p: SimulationParameters, *, stiffness: float = 1.0, friction: float | None = None,
     density: float = 1.0, damping: float = 1.0, size: float = 1.0, calyx: Any = None,
+    stretch: float = 0.0,
 ) -> tuple[Scene, SimulationParameters]:  # fmt: skip
-    """A world with other materials: factors, but for ``friction`` and ``calyx``, which are values.
+    """A world with other materials: factors, but for ``friction``, ``calyx`` and ``stretch``.
 
     ``stiffness``: of every stem, also where it follows from the stem's lean. ``size``: radius of
     hanging balls.
@@ -141,6 +142,7 @@ def _changed(
         swing_damping=damping * p.stem.swing_damping,
         damping_ratio=damping * p.stem.damping_ratio,
         calyx=calyx or p.stem.calyx,
+        stretch=stretch or p.stem.stretch,
     )
     p = replace(p, stem=stem, fruit=replace(p.fruit, density=density * p.fruit.density))
     if friction is not None:
@@ -269,7 +271,9 @@ VARIATIONS: Mapping[str, Change] = {
     "stems 3 times softer": Change(world={"stiffness": LIMP}),
     "stems 3 times stiffer": Change(world={"stiffness": 3.0}),
     "friction 0.2": Change(world={"friction": 0.2}),
+    "friction 0.6": Change(world={"friction": 0.6}),
     "friction 0.8": Change(world={"friction": 0.8}),
+    "stems stretch": Change(world={"stretch": 1.0}),
     "fruits half as heavy": Change(world={"density": 0.5}),
     "fruits 1.5 times as heavy": Change(world={"density": 1.5}),
     "fruits 10 % smaller": Change(world={"size": 0.9}),

@@ -39,6 +39,7 @@ class StemParameters(Checked):
     damping_time: float = parameter(0.06, "s", "guess", "damping over stiffness (Kelvin-Voigt)")
     swing_damping: float = parameter(2e-4, "N m s/rad", "guess", "at the root: leaves brake it")
     damping_ratio: float = parameter(0.0, "1", "choice", "in place of both dampings; 0: they hold")
+    stretch: float = parameter(0.0, "1", "choice", "over F L / E A under a pull F; 0: none")
     bow_least: float = parameter(PUSH.beam.bow_least, "1", "guess", "of a straight stem's middle")
     bow_most: float = parameter(PUSH.beam.bow_most, "1", "guess", "drawn evenly between both")
     segment_length: float = parameter(0.025, "m", "choice", "of one capsule of the chain")
