@@ -152,16 +152,12 @@ def _changed(
             stem=replace(p.stem, friction=friction),
             robot=replace(p.robot, tool_friction=friction),
         )
-    if size != 1.0:
-        scene = _fruits(
-            scene,
-            lambda item: (
-                replace(item, shape=Sphere(size * item.shape.radius))
-                if isinstance(item.shape, Sphere)
-                else item
-            ),
-        )
-    return scene, p
+
+    def sized(item: SceneObject) -> SceneObject:
+        of = item.shape
+        return replace(item, shape=Sphere(size * of.radius)) if isinstance(of, Sphere) else item
+
+    return scene if size == 1.0 else _fruits(scene, sized), p
 
 
 def _fruits(scene: Scene, change: Callable[[SceneObject], SceneObject]) -> Scene:

@@ -116,18 +116,10 @@ class BuiltFruit:
 
 
 def add_fruit(
-    spec: Any,
-    obj: SceneObject,
-    parameters: SimulationParameters,
-    entity: int,
-    stem_entity: int,
-    up: FloatArray,
-    *,
-    key: str | None = None,
-    kind: str | None = None,
-    truss: Truss | None = None,
+    spec: Any, obj: SceneObject, parameters: SimulationParameters, entity: int, stem_entity: int,
+    up: FloatArray, *, key: str | None = None, kind: str | None = None, truss: Truss | None = None,
     bow: FloatArray | None = None,
-) -> BuiltFruit:
+) -> BuiltFruit:  # fmt: skip
     """Add a target or pushable: a free body, welded to the end of its stem where it has one.
 
     ``entity``, ``stem_entity``: user data of the geoms of fruit and stem. ``up``: (3,) unit,

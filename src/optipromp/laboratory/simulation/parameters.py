@@ -14,6 +14,8 @@ from optipromp.core.planning.options import require
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.scenes.crops import Crop
 
+STEM_FORCE = 2.0  # [N] that a stem bears by the definition of 0.3.0: a choice
+
 
 @dataclass(frozen=True)
 class FruitParameters(Checked):
@@ -134,7 +136,7 @@ class Thresholds(Checked):
 
     static_force: float = parameter(0.5, "N", "choice", "a harder touch fails the run")
     avoid_force: float = parameter(0.5, "N", "choice", "of a cluster by a link but the last")
-    stem_force: float = parameter(PUSH.harm.stem_force, "N", "choice", "pressed harder: caught")
+    stem_force: float = parameter(STEM_FORCE, "N", "choice", "pressed harder: caught")
     stem_time: float = parameter(0.05, "s", "choice", "and for longer than this")
     fruit_force: float = parameter(10.0, "N", "reported", "papers grip with less, not to bruise")
     inside_margin: float = parameter(0.0, "m", "choice", "of the target's centre below the rim")
@@ -189,6 +191,14 @@ def of_crop(parameters: SimulationParameters, crop: Crop | None) -> SimulationPa
         if getattr(group, leaf) == getattr(getattr(usual, branch), leaf):
             parameters = replace(parameters, **{branch: replace(group, **{leaf: crop[row]})})
     return parameters
+
+
+def bearing(parameters: SimulationParameters, crop: Crop | None) -> SimulationParameters:
+    """The parameters with what a crop's stems bear, where that is cited; physics stays."""
+    limits = parameters.thresholds
+    if crop is None or crop.rows["grip_force"].guess or limits.stem_force != STEM_FORCE:
+        return parameters
+    return replace(parameters, thresholds=replace(limits, stem_force=crop["grip_force"]))
 
 
 OF_CROP: Mapping[tuple[str, str], str] = {
