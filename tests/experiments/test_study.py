@@ -41,7 +41,7 @@ ROW = Row.of(
     stem_force=1.0, duration=3.0, predicted_harm=0.2, predicted_failure=0.03, plan_time=0.1,
     simulation_time=1.0, version="x", retreats=0, looks=9, cycle_median=0.001, cycle_p99=0.01,
     nis=3.1, worst_jump=1e-9, worst_limit=0.9, views=1, pictures=2, visible=4, found=3, false=1,
-    see_time=0.2,
+    see_time=0.2, success_before=False,
 )  # fmt: skip
 
 
@@ -85,7 +85,7 @@ def test_wilson_against_published_values() -> None:
 
 def test_summary_counts() -> None:
     rows = [
-        replace(ROW, seed=0, success=True, cause=""),
+        ROW.having(seed=0, success=True, cause="", success_before=None),
         ROW.having(
             seed=1,
             static_force=3.0,
@@ -103,6 +103,9 @@ def test_summary_counts() -> None:
     assert (cell.static_contacts, cell.torn, cell.redraws) == (1, 1, 20)
     assert cell.unripe_force == 12.5
     assert cell.low < cell.rate == 0.25 < cell.high
+    assert cell.kept_before == 1  # rows of 0.3.0 have success alone
+    (cell,) = summary([rows[0].having(success_before=before) for before in (True, False, False)])
+    assert (cell.kept, cell.kept_before) == (3, 1)
 
 
 # --- the rows file ------------------------------------------------------------------------------

@@ -8,8 +8,11 @@ import pytest
 from optipromp.core.geometry.shapes import Box, Sphere
 from optipromp.core.scenes.crops import load_crop
 from optipromp.core.scenes.scene import SceneObject
-from optipromp.laboratory.simulation import Cause, Simulation, simulate
+from optipromp.laboratory.generate import PRESETS
+from optipromp.laboratory.generate import crop_of as crop_of_preset
+from optipromp.laboratory.simulation import Cause, Simulation, SimulationParameters, simulate
 from optipromp.laboratory.simulation.outcome import judge
+from optipromp.laboratory.simulation.parameters import bearing
 
 RADIUS = 0.015
 MASS = 950.0 * 4.0 / 3.0 * np.pi * RADIUS**3
@@ -154,3 +157,24 @@ def test_a_stem_is_caught_by_its_crops_grip_and_a_scene_without_a_crop_is_as_bef
     assert without.stem_caught == ("ripe",)
     assert held.stem_caught == ()
     assert held.to_dict()["crop"]["figures"]["ripe"]["grip_force"] == held.stem_force["ripe"]
+    assert held.stem_pressed == ()  # 0.3.0 judged a stated crop by its rows, too
+    told = bearing(SimulationParameters(), crop_of_preset("cluster"))
+    named = simulate(way, scene, parameters=told).outcome
+    assert (named.stem_caught, named.stem_pressed) == ((), ("ripe",))
+    assert not named.to_dict()["success_before"]
+    assert replace(named, success=True, stem_pressed=()).success_before
+    assert (without.stem_pressed, named.stem_force) == (("ripe",), without.stem_force)
+
+
+def test_presets_name_their_crop_and_a_guess_is_no_limit():
+    named = {preset: crop_of_preset(preset) for preset in (*PRESETS, "mine.yaml")}
+    assert {preset for preset, crop in named.items() if crop is None} == {"shelf", "mine.yaml"}
+    usual, crop = SimulationParameters(), named["field"]
+    told = bearing(usual, crop)
+    assert (told.thresholds.stem_force, usual.thresholds.stem_force) == (10.0, 2.0)
+    assert replace(told, thresholds=usual.thresholds) == usual  # physics stays
+    guessed = replace(crop.rows["grip_force"], guess=True)
+    for other in (None, replace(crop, rows={**crop.rows, "grip_force": guessed})):
+        assert bearing(usual, other) is usual
+    mine = replace(usual, thresholds=replace(usual.thresholds, stem_force=3.0))
+    assert bearing(mine, crop) is mine

@@ -1,6 +1,8 @@
 """Fruits hang still where a scene shows them, and swing as beams do, on stems of any stiffness."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
+from optipromp.control.parameters import CONTROL
 from optipromp.core.arrays import frame_along
 from optipromp.core.geometry.shapes import Capsule, Cone, Sphere
 from optipromp.core.planning.task import posed, resolve
@@ -26,9 +29,9 @@ STEP = 1e-3  # [s] of the simulation
 REACH = {BERRY: 0.0379, LONG: 0.034}  # [m] of the shapes from their middle up to the calyx
 
 
-def moved(scene, seed, seconds):
+def moved(scene, seed, seconds, **groups):
     """Largest displacement of each fruit on a stem while the arm stands still [m], by id."""
-    world = build(scene, resolve(scene).robot, SimulationParameters(), seed)
+    world = build(scene, resolve(scene).robot, SimulationParameters(**groups), seed)
     q = np.tile(posed(scene, None)[1].q, (2, 1))
     stay = Trajectory.through(q, seconds - 0.5, world.robot.joint_names)
     run = Execution(world, stay, 50.0)
@@ -184,3 +187,91 @@ def test_a_fruit_that_is_pushed_and_released_swings_as_on_a_beam(
     push = 0.01 * length / expected.max()
     seen = pushed_fruit(stiffness, length, mass, lean, lag, push, steps)
     assert np.abs(seen - push * expected).max() < 0.08 * (0.01 * length)
+
+
+BALL, BALL_MASS = 0.016, 0.016  # [m] [kg]
+
+
+def plumb(length, **stem):
+    """A ball on a plumb stem of a length from root to fruit [m], as a model and its data."""
+    up, default = np.array([0.0, 0.0, 1.0]), SimulationParameters()
+    ball = SceneObject(
+        "b", "pushable", Sphere(BALL), np.zeros(3),
+        stem=Stem.along(np.zeros(3), up, length + BALL), physical={"mass": BALL_MASS},
+    )  # fmt: skip
+    parameters = replace(default, stem=replace(default.stem, **stem))
+    model = mujoco.MjModel.from_xml_string(stem_mjcf(ball, parameters))
+    return model, mujoco.MjData(model)
+
+
+def tracked(model, data, seconds, force=(0.0, 0.0, 0.0)):
+    """Places (N, 3) of the ball, a step a row, under a force [N] at its middle."""
+    place = data.qpos[model.joint("free:b").qposadr[0] :][:3]
+    data.xfrc_applied[model.body("fruit:b").id, :3] = force
+    out = []
+    for _ in range(round(seconds / STEP)):
+        mujoco.mj_step(model, data)
+        out.append(place.copy())
+    return np.array(out)
+
+
+def let_go(length, aside, seconds, **stem):
+    """Displacement of a ball [m] that is let go at ``aside`` [m], with its stem straight."""
+    model, data = plumb(length, **stem)
+    turn = aside / (length + BALL)
+    way = np.array([np.cos(0.5 * turn), 0.0, -np.sin(0.5 * turn), 0.0])
+    root, free = (int(model.joint(name).qposadr[0]) for name in ("bend:b:0", "free:b"))
+    data.qpos[root : root + 4] = data.qpos[free + 3 : free + 7] = way
+    data.qpos[free : free + 3] = (length + BALL) * np.array([np.sin(turn), 0.0, 1 - np.cos(turn)])
+    return tracked(model, data, seconds)[:, 0]
+
+
+def turning(x):
+    """Times [s] at which a swing turns, and how far it is then [m]."""
+    far = np.abs(x)
+    at = np.flatnonzero((far[1:-1] > far[:-2]) & (far[1:-1] >= far[2:])) + 1
+    return at * STEP, far[at]
+
+
+def test_a_stem_stretches_by_its_own_modulus_and_swings_as_before():
+    default = SimulationParameters().stem
+    for length, share in ((0.15, 1.0), (0.25, 1.0), (0.15, 0.3)):
+        wanted = share * 5.0 * length / (default.youngs_modulus * np.pi / 4 * default.diameter**2)
+        model, data = plumb(length, stretch=share)
+        assert np.abs(tracked(model, data, 1.0)).max() < 1e-5  # it hangs where the scene shows it
+        pulled = -tracked(model, data, 1.0, (0.0, 0.0, -5.0))[-1, 2]
+        assert pulled == pytest.approx(wanted, rel=0.03)
+        model, data = plumb(length)  # as ever: the weld alone yields
+        assert -tracked(model, data, 1.0, (0.0, 0.0, -5.0))[-1, 2] < 1e-4
+    (times, far), (later, near) = (turning(let_go(0.15, 0.03, 6.0, stretch=s)) for s in (0.0, 1.0))
+    np.testing.assert_allclose(later[:10], times[:10], rtol=0.01)
+    np.testing.assert_allclose(near[:10], far[:10], rtol=0.02)
+
+
+@pytest.mark.parametrize("seed", [170001, 170005])
+def test_the_fruits_of_a_truss_stay_on_stems_that_stretch(seed):
+    stem = replace(SimulationParameters().stem, stretch=1.0)
+    for preset in ("truss", "mixed"):
+        assert max(moved(generate(preset, seed), seed, 3.0, stem=stem).values()) < 1e-3
+
+
+@pytest.mark.parametrize("length", [0.15, 0.25])
+def test_a_swing_dies_as_slowly_as_the_docs_say(length):
+    """Damping ratio, time to a tenth, and what is left at the next look."""
+    page = (Path(__file__).parents[2] / "docs" / "simulation.md").read_text(encoding="utf-8")
+    (row,) = (line for line in page.splitlines() if line.startswith(f"| {1e3 * length:.0f} mm |"))
+    told = [float(number) for number in re.findall(r"[\d.]+", row)][1:]
+    x, aside, looks = let_go(length, 0.03, 32.0), 0.03, (0.5, 1.0, 2.0)
+    times, far = turning(x)
+    fall = np.log(far[0] / far[20]) / (20.0 * np.pi)
+    rest = np.interp(looks, np.append(0.0, times), np.append(aside, far))
+    gone = [STEP * np.flatnonzero(np.abs(x) > least)[-1] for least in (0.1 * aside, 5e-3)]
+    means = [
+        max(abs(x[k : k + round(span / STEP)].mean()) for k in range(500, 2000, 5))
+        for span in (CONTROL.look, CONTROL.patient)
+    ]
+    measured = [
+        2.0 * np.diff(times).mean(), fall / np.hypot(1.0, fall), gone[0], *(1e3 * rest), gone[1],
+        *(1e3 * np.array(means)),
+    ]  # fmt: skip
+    np.testing.assert_allclose(told, measured, rtol=0.04)

@@ -319,8 +319,8 @@ def study_report(
         head,
         section(
             "Success", picture(png(study_figure(cells), DPI), "Success rates and causes"),
-            table(_rates(cells), ("preset", "planner", "runs", "promised and picked",
-                                  "95 % (Wilson)", "broken promises", "95 %",
+            table(_rates(cells), ("preset", "planner", "runs", "kept by 0.3.0",
+                                  "promised and picked", "95 % (Wilson)", "broken promises", "95 %",
                                   "picked if executed although refused",
                                   "median force on unripe", "90 %", "time to plan",
                                   *(["runs that it changes"] if by_crop else []))),
@@ -340,7 +340,7 @@ def study_report(
 
 def _rates(cells: Sequence[statistics.Cell]) -> list[tuple[str, ...]]:
     return [
-        (c.preset, c.planner, str(c.runs), f"{c.kept} ({100 * c.rate:.1f} %)",
+        (c.preset, c.planner, str(c.runs), str(c.kept_before), f"{c.kept} ({100 * c.rate:.1f} %)",
          f"{c.interval} %", f"{c.broken} of {c.plans}",
          f"{statistics.percent(c.broken_low, c.broken_high)} %", str(c.successes),
          _newton(c.unripe_force), _newton(c.unripe_force_90), f"{1e3 * c.plan_time:.0f} ms",

@@ -20,6 +20,7 @@ from optipromp.core.planning.options import PlanOptions
 from optipromp.core.planning.result import Plan, with_notes
 from optipromp.core.planning.task import MOST_POINTS, Task, as_of, passages, resolve, spaced
 from optipromp.core.pushing.model import Prediction, PushModel
+from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP, along
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import load_scene
@@ -28,6 +29,11 @@ from optipromp.core.trajectory import Trajectory, read_trajectory
 
 BELOW = PlanOptions.corridor  # [m] a height this little below the entry counts as the entry's
 VALID = "reaches the target, keeps all limits, touches nothing it must not"
+GUESSED = (
+    f"by guessed limits: fruit {PUSH.harm.fruit_force:g} N, target {PUSH.harm.target_force:g} N, "
+    f"stem {PUSH.harm.stem_force:g} N, pull {PUSH.harm.pull:g} N"
+)
+"""What fruits and stems bear in the push model: no source of it is cited."""
 COARSE = 0.01
 """[m] where the tool moves farther between two waypoints, the curve between them is sampled."""
 
@@ -69,12 +75,16 @@ class Verdict:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Remarks on a success: those of the judge, and where the pushed fruits are passed."""
+        """Remarks on a success: those of the judge, where the pushed fruits are passed, and which
+        limits of what hangs are guesses."""
         if self.status is not Code.SUCCESS:
             return ()
-        push = self.prediction
-        pushes = "" if push is None else push.pushes(self.judgement.metrics.passage)
-        return (*self.judgement.notes, *([pushes] if pushes else []))
+        push, figures = self.prediction, self.judgement.metrics
+        if push is None or not push.forces:
+            return self.judgement.notes
+        hangs = any(figures.stem_projection.get(name) is not None for name in push.forces)
+        pushes = push.pushes(figures.passage)
+        return (*self.judgement.notes, pushes, *([GUESSED] if hangs else []))
 
     @property
     def message(self) -> str:

@@ -44,6 +44,8 @@ STUDY: Columns = {
     "plan_status": (str, ...),  # code of the plan; of a loop, success: it said that it was done
     "success": (bool, False), "cause": (str, ""), "message": (str, ""),
     "picked": (bool | None, None),
+    # success by the definition of 0.3.0: a stem bears 2 N; None: as ``success``
+    "success_before": (bool | None, None),
     "swallowed": (str, ""),  # ids of other objects in the tool at the end, separated by spaces
     "unripe_force": _MEASURED,  # largest on any object but the target [N]; None: not executed
     "target_force": _MEASURED,  # largest on the target [N]

@@ -127,8 +127,9 @@ def _disturbed(p: SimulationParameters, values: Mapping[str, Any]) -> Simulation
 def _changed(
     scene: Scene, p: SimulationParameters, *, stiffness: float = 1.0, friction: float | None = None,
     density: float = 1.0, damping: float = 1.0, size: float = 1.0, calyx: Any = None,
+    stretch: float = 0.0,
 ) -> tuple[Scene, SimulationParameters]:  # fmt: skip
-    """A world with other materials: factors, but for ``friction`` and ``calyx``, which are values.
+    """A world with other materials: factors, but for ``friction``, ``calyx`` and ``stretch``.
 
     ``stiffness``: of every stem, also where it follows from the stem's lean. ``size``: radius of
     hanging balls.
@@ -141,6 +142,7 @@ def _changed(
         swing_damping=damping * p.stem.swing_damping,
         damping_ratio=damping * p.stem.damping_ratio,
         calyx=calyx or p.stem.calyx,
+        stretch=stretch or p.stem.stretch,
     )
     p = replace(p, stem=stem, fruit=replace(p.fruit, density=density * p.fruit.density))
     if friction is not None:
@@ -150,16 +152,12 @@ def _changed(
             stem=replace(p.stem, friction=friction),
             robot=replace(p.robot, tool_friction=friction),
         )
-    if size != 1.0:
-        scene = _fruits(
-            scene,
-            lambda item: (
-                replace(item, shape=Sphere(size * item.shape.radius))
-                if isinstance(item.shape, Sphere)
-                else item
-            ),
-        )
-    return scene, p
+
+    def sized(item: SceneObject) -> SceneObject:
+        of = item.shape
+        return replace(item, shape=Sphere(size * of.radius)) if isinstance(of, Sphere) else item
+
+    return scene if size == 1.0 else _fruits(scene, sized), p
 
 
 def _fruits(scene: Scene, change: Callable[[SceneObject], SceneObject]) -> Scene:
@@ -269,7 +267,9 @@ VARIATIONS: Mapping[str, Change] = {
     "stems 3 times softer": Change(world={"stiffness": LIMP}),
     "stems 3 times stiffer": Change(world={"stiffness": 3.0}),
     "friction 0.2": Change(world={"friction": 0.2}),
+    "friction 0.6": Change(world={"friction": 0.6}),
     "friction 0.8": Change(world={"friction": 0.8}),
+    "stems stretch": Change(world={"stretch": 1.0}),
     "fruits half as heavy": Change(world={"density": 0.5}),
     "fruits 1.5 times as heavy": Change(world={"density": 1.5}),
     "fruits 10 % smaller": Change(world={"size": 0.9}),

@@ -133,6 +133,8 @@ def study_figures(rows: Sequence[Row]) -> dict[str, Any]:
         "runs": runs,
         "plans": plans,  # runs whose plan promised a success
         "kept": kept,  # promised and picked: of a robot that executes no refused plan
+        # by the definition of 0.3.0; its own rows have no other
+        "kept_before": sum(row.success and row.success_before is not False for row in promised),
         "rate": kept / runs, "low": low, "high": high,
         "broken_rate": (plans - kept) / max(plans, 1),  # of the promises
         "broken_low": broken_low, "broken_high": broken_high,
@@ -174,6 +176,7 @@ def loop_figures(rows: Sequence[Row]) -> dict[str, Any]:
             name: counts[name]
             for name in ("clean", "harmed", "gave_up", "refused", "missed", "error")
         },
+        "kept_before": sum(r.result == "clean" and r.success_before is not False for r in rows),
         "rate": counts["clean"] / runs, "low": low, "high": high,
         "causes": causes_of(row for row in rows if row.result != "clean"),
         "duration": over(median, "duration"),

@@ -37,11 +37,13 @@ from optipromp.laboratory.generate import (
     PRESETS,
     Noise,
     Preset,
+    crop_of,
     generate_with_report,
     noisy,
 )
 from optipromp.laboratory.generate.noise import perceived
 from optipromp.laboratory.simulation import Outcome, Run, simulate
+from optipromp.laboratory.simulation.parameters import bearing
 
 STUDY_PLANNERS = (
     "straight", "promp", "i-promp", "i-promp-guard", "drift", "paper", "obstacles", "chomp",
@@ -348,10 +350,10 @@ def run_trials(
         for variation in study.variations:
             try:
                 if looping and contender != "open":
-                    values = _looped(begin(), contender, seed)
+                    values = _looped(_borne(begin(), preset), contender, seed)
                 else:
                     made, setting = planned(mine.planner)
-                    values = _opened(made, setting, variation, seed, study)
+                    values = _opened(made, setting, mine.having(variation=variation), study)
             except OptiPrompError as error:
                 values = _broken(str(error.code), error.message, looping)
             except Exception as error:  # the row tells of it, and the study goes on
@@ -371,13 +373,13 @@ def again(
     """
     setting = setting_of(row, robot, source, crop)
     if row.loop not in ("", "open"):
-        return picked(setting, row.seed, servo=row.loop == "closed").run
+        return picked(_borne(setting, row.preset), row.seed, servo=row.loop == "closed").run
     study = Study(planners=(row.planner,), risk=risk, loops=(row.loop,) if row.loop else ())
     made, setting = _planned(setting, row.planner, row.seed, study)
     if not _executable(made, study):
         return None
     assert made is not None
-    return _executed(made, situations.varied(setting, row.variation, row.seed), row.seed)
+    return _executed(made, setting, row)
 
 
 def setting_of(
@@ -427,9 +429,9 @@ def _executable(made: Answer | None, study: Study) -> bool:
 
 
 def _opened(
-    made: Answer | None, setting: situations.Situation, variation: str, seed: int, study: Study
+    made: Answer | None, setting: situations.Situation, row: Row, study: Study
 ) -> dict[str, Any]:
-    """The values of a row for a plan that is executed blind in the true scene."""
+    """The values of ``row`` for a plan that is executed blind in the true scene."""
     if made is None:
         return {**setting.figures, **_BLIND}
     values: dict[str, Any] = {
@@ -444,7 +446,7 @@ def _opened(
         result = "refused" if study.loops else ""
         return {**values, "cause": NO_PLAN, "message": made.message, "result": result}
     began = time.perf_counter()
-    outcome = _executed(made, situations.varied(setting, variation, seed), seed).outcome
+    outcome = _executed(made, setting, row).outcome
     return {
         **values,
         **outcome_values(outcome, setting.scene.target),
@@ -453,12 +455,19 @@ def _opened(
     }
 
 
-def _executed(made: Answer, setting: situations.Situation, seed: int) -> Run:
+def _borne(setting: situations.Situation, preset: str) -> situations.Situation:
+    """A situation with what the stems of the crop bear that a preset's fruits are of."""
+    crop = crop_of(preset) if setting.scene.crop is None else None
+    return setting._replace(parameters=bearing(setting.parameters, crop))
+
+
+def _executed(made: Answer, setting: situations.Situation, row: Row) -> Run:
     assert made.trajectory is not None
+    setting = _borne(situations.varied(setting, row.variation, row.seed), row.preset)
     p = setting.parameters
     p = replace(p, robot=replace(p.robot, guard_until=made.guard))
     motion = made.legs or made.trajectory
-    return simulate(motion, setting.scene, parameters=p, seed=seed, failed_leg=True)
+    return simulate(motion, setting.scene, parameters=p, seed=row.seed, failed_leg=True)
 
 
 def _looped(setting: situations.Situation, loop: str, seed: int) -> dict[str, Any]:
@@ -491,6 +500,7 @@ def outcome_values(outcome: Outcome, target: SceneObject | None) -> dict[str, An
         "causes": " ".join(outcome.causes),
         "message": outcome.message,
         "picked": outcome.picked,
+        "success_before": outcome.success_before,
         "swallowed": " ".join(outcome.swallowed_others),
         "unripe_force": outcome.unripe_peak_force,
         "target_force": None if target is None else outcome.peak_force.get(target.id),

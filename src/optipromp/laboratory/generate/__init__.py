@@ -6,6 +6,7 @@ from optipromp.laboratory.generate.generator import PANDA as PANDA
 from optipromp.laboratory.generate.generator import PRESETS as PRESETS
 from optipromp.laboratory.generate.generator import GenerationReport as GenerationReport
 from optipromp.laboratory.generate.generator import Preset as Preset
+from optipromp.laboratory.generate.generator import crop_of as crop_of
 from optipromp.laboratory.generate.generator import generate as generate
 from optipromp.laboratory.generate.generator import generate_with_report as generate_with_report
 from optipromp.laboratory.generate.noise import noisy as noisy

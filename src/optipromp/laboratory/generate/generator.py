@@ -17,7 +17,7 @@ import numpy as np
 
 from optipromp.core.errors import InvalidRequestError, check_one_of
 from optipromp.core.robots.library import NOTHING, Choice
-from optipromp.core.scenes.crops import Crop
+from optipromp.core.scenes.crops import Crop, load_crop
 from optipromp.core.scenes.scene import Scene
 from optipromp.laboratory.generate import bunches, plants, shelves
 from optipromp.laboratory.generate.checks import OverlapError, interpenetration, unsolvable
@@ -48,6 +48,7 @@ class Kind(NamedTuple):
     gutter: bool | None = None  # whether one stands on the sampled side; None: no side is sampled
     plants: tuple[Sampler, ...] = ()  # one is sampled, and is the first argument of ``sample``
     panda_only: bool = False
+    crop: str = "strawberry"  # that the fruits are of, though no scene states it; empty: of none
 
 
 KINDS: Mapping[Preset, Kind] = {
@@ -60,11 +61,17 @@ KINDS: Mapping[Preset, Kind] = {
     "elongated": Kind(bunches.elongated),
     "truss": Kind(plants.truss, 2),
     "field": Kind(plants.field, 2, plants=(bunches.sample, bunches.tight, plants.truss)),
-    "shelf": Kind(shelves.sample, 2, 6, panda_only=True),
+    "shelf": Kind(shelves.sample, 2, 6, panda_only=True, crop=""),
     "wild": Kind(
         plants.wild, number=lambda rng: round(plants.of_quantiles(rng, plants.WILD_FRUITS))
     ),
 }
+
+
+def crop_of(preset: str) -> Crop | None:
+    """The crop of a preset's fruits, None of others: by it harm is judged; physics is drawn."""
+    name = next((kind.crop for known, kind in KINDS.items() if known == preset), "")
+    return load_crop(name) if name else None
 
 
 @dataclass(frozen=True)

@@ -118,9 +118,8 @@ class ContactLog:
         count = len(world.entities)
         self._owners, self._timestep = world.geom_entity, float(world.model.opt.timestep)
         self._world, self._threshold = world, threshold
-        self.torn: dict[
-            str, str
-        ] = {}  # why fruits came off, in words, by key; empty without a crop
+        # why fruits came off, in words, by key; empty without a crop
+        self.torn: dict[str, str] = {}
         self._pairs = pairs = np.zeros((count, count), _PAIR)
         pairs["first"] = np.nan
         self.peak: FloatArray = pairs["peak"]  # (E, E) largest force [N]
@@ -128,10 +127,13 @@ class ContactLog:
         self.hard: FloatArray = pairs["hard"]  # (E, E) longest spell above the threshold [s]
         self.first: FloatArray = pairs["first"]  # (E, E) first touch [s]; NaN where there was none
         self._steps = 0
+        self.before: ContactLog = self  # by the definition of 0.3.0, counted too
 
     def add(self, data: Any) -> None:
         """Count the contacts of ``data`` at the next step."""
         self._steps += 1
+        if self.before is not self:
+            self.before.add(data)
         if data.ncon:
             contact = data.contact
             log_contacts(

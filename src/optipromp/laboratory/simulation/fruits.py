@@ -83,6 +83,7 @@ STEM_COLOUR = (0.30, 0.50, 0.18, 1.0)
 CAN_GAP = 1e-3  # [m] by which the capsule in a can is shorter than the can
 UNSEEN = (0.0, 0.0, 0.0, 0.0)  # colour
 SWEEPS = 8  # of the search for a damping time; each brings its ratio nearer by some 3 times
+BOUNCE = 0.17  # damping ratio of a fruit that stretches its stem: a guess, as coffee on its pedicel
 WELD_TIME = 0.004  # [s] time constant of the joint between stem and fruit
 # [rad] turns of stems that stand still at rest, once their load goes. An elastic stem that holds a
 # load off the vertical falls over from 2.7 on, one that holds the bow of a thread from 60 on.
@@ -115,18 +116,10 @@ class BuiltFruit:
 
 
 def add_fruit(
-    spec: Any,
-    obj: SceneObject,
-    parameters: SimulationParameters,
-    entity: int,
-    stem_entity: int,
-    up: FloatArray,
-    *,
-    key: str | None = None,
-    kind: str | None = None,
-    truss: Truss | None = None,
+    spec: Any, obj: SceneObject, parameters: SimulationParameters, entity: int, stem_entity: int,
+    up: FloatArray, *, key: str | None = None, kind: str | None = None, truss: Truss | None = None,
     bow: FloatArray | None = None,
-) -> BuiltFruit:
+) -> BuiltFruit:  # fmt: skip
     """Add a target or pushable: a free body, welded to the end of its stem where it has one.
 
     ``entity``, ``stem_entity``: user data of the geoms of fruit and stem. ``up``: (3,) unit,
@@ -154,6 +147,8 @@ def add_fruit(
     if grows_from is None and (parameters.disturbance.in_motion or obj.course is not None):
         grows_from = add_carriage(spec, key, nodes[0])
     _add_chain(spec, obj.stem, chain, stiffness, parameters, key, stem_entity, grows_from)
+    if parameters.stem.stretch > 0.0:
+        _add_stretch(spec, chain, parameters, gravity, key, truss)
     mouth = obj.rotation.T @ (nodes[-1] - obj.position)
     weld = spec.add_equality(
         name=f"weld:{key}", type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY,
@@ -254,6 +249,7 @@ class Truss:
     # (N, 3) torques at its joints that carry the stems and fruits that hang on it [N m]; None where
     # none do
     carries: FloatArray | None
+    load: float  # mass of these [kg]
     carried_by: Mapping[str, FloatArray]  # see :class:`BuiltFruit`
 
 
@@ -281,7 +277,9 @@ def trusses_of(
             grows = f"stem:{chain.parent}:{chain.link}", joint
         if grows is not None or held:
             carries = stems[name] + np.sum(held, axis=0) if held else None
-            out[name] = Truss(grows, carries, fruits.get(name, {}))
+            on_it = (chains[other] for other, own in fruits.items() if name in own)
+            load = float(sum(each.fruit + each.masses.sum() for each in on_it))
+            out[name] = Truss(grows, carries, load, fruits.get(name, {}))
     return out
 
 
@@ -418,3 +416,27 @@ def _add_chain(
             solref=[parameters.fruit.contact_time, 1.0], userdata=[float(entity)],
             **layers("stem"),
         )  # fmt: skip
+
+
+def _add_stretch(
+    spec: Any, chain: StemChain, parameters: SimulationParameters, gravity: FloatArray, key: str,
+    truss: Truss | None,
+) -> None:  # fmt: skip
+    """Let a stem slide off its root along its first piece, as far as all of it stretches.
+
+    A pull F stretches the length L by F L / EA, times ``stem.stretch``. In the scene's pose the
+    spring carries what hangs on it.
+    """
+    mujoco, p, line = engine(), parameters.stem, np.diff(chain.nodes, axis=0)
+    carries = truss is not None and truss.carries is not None
+    thickness = p.truss_diameter if carries else p.diameter
+    pieces = np.linalg.norm(line, axis=1)
+    spring = p.youngs_modulus * np.pi / 4.0 * thickness**2 / (pieces.sum() * p.stretch)
+    mass = chain.fruit + float(chain.masses.sum()) + (0.0 if truss is None else truss.load)
+    joint = spec.body(f"stem:{key}:0").add_joint(
+        name=f"stretch:{key}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=line[0] / pieces[0]
+    )
+    joint.springref = -mass * float(gravity @ line[0]) / pieces[0] / spring
+    joint.stiffness[0] = spring
+    numerical = spring * parameters.engine.timestep  # MuJoCo adds the stiffness x step
+    joint.damping[0] = max(2.0 * BOUNCE * np.sqrt(spring * mass) - numerical, 0.0)

@@ -197,6 +197,7 @@ class Outcome:
         peak_force: largest force on each target and pushable, by id [N].
         torn: fruits that came off their stems.
         stem_caught: fruits whose stem was pressed by arm or tool beyond the thresholds.
+        stem_pressed: the same by the definition of 0.3.0: by 2 N, unless the scene states a crop.
         stem_force: largest force of arm or tool on each stem, by the fruit's id [N].
         stem_tension: largest pull along each stem, by the fruit's id [N].
         static_contacts: of robot links with static objects, and of the tool.
@@ -237,6 +238,7 @@ class Outcome:
     peak_force: Mapping[str, float] = field(default_factory=dict)
     torn: tuple[str, ...] = ()
     stem_caught: tuple[str, ...] = ()
+    stem_pressed: tuple[str, ...] = ()
     stem_force: Mapping[str, float] = field(default_factory=dict)
     stem_tension: Mapping[str, float] = field(default_factory=dict)
     static_contacts: tuple[Contact, ...] = ()
@@ -259,6 +261,11 @@ class Outcome:
     placed: bool | None = None
     placed_off: float | None = None
     crop: CropVerdict | None = None
+
+    @property
+    def success_before(self) -> bool:
+        """Whether it is a success by the definition of 0.3.0, too."""
+        return self.success and not self.stem_pressed
 
     @property
     def result(self) -> str:
@@ -289,6 +296,7 @@ class Outcome:
         document["cause"] = None if self.cause is None else str(self.cause)
         document["causes"] = [str(cause) for cause in self.causes]
         document["unripe_peak_force"] = self.unripe_peak_force
+        document["success_before"] = self.success_before
         cut, crop = document.pop("cut"), document.pop("crop")
         document |= {} if crop is None else {"crop": crop}
         if self.cut is not None:
@@ -334,7 +342,7 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
     arm_fruit = tuple(
         c for c, distal, kind in contacts if kind in ("fruit", "thing") and not distal
     )
-    caught, stem_force = [], {}
+    caught, pressed, stem_force = [], [], {}
     robot = [i for i, e in enumerate(entities) if e.kind in ("link", "tool")]
     peak_force = {}
     for fruit in shown:
@@ -344,6 +352,8 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
         stem_force[fruit.id] = float(log.peak[fruit.stem_entity, robot].max())
         if log.hard[fruit.stem_entity, robot].max() > limits.stem_time:
             caught.append(fruit.id)
+        if log.before.hard[fruit.stem_entity, robot].max() > limits.stem_time:
+            pressed.append(fruit.id)
     picked = swallowed_at = None
     displacement = None if target is None else float(moved[target].max())
     tool = world.robot.tool
@@ -361,34 +371,19 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
             displacement = float(moved[target][: entered + 1].max())
     others = [fruit.id for fruit in shown if fruit.id != target]
     facts = Outcome(
-        success=False,
-        cause=None,
-        message="",
-        picked=picked,
+        success=False, cause=None, message="", picked=picked,
         swallowed_others=tuple(id_ for id_ in others if inside[id_][-1]),
         entered=tuple(id_ for id_ in others if inside[id_].any()),
-        peak_force=peak_force,
-        torn=tuple(rollout.torn_at),
-        stem_caught=tuple(caught),
-        stem_force=stem_force,
-        stem_tension=dict(rollout.tension),
-        static_contacts=static,
-        avoid_contacts=avoid,
-        tool_avoid_contacts=brushed,
-        arm_fruit_contacts=arm_fruit,
-        target_displacement=displacement,
-        swallowed_at=swallowed_at,
+        peak_force=peak_force, torn=tuple(rollout.torn_at), stem_caught=tuple(caught),
+        stem_pressed=tuple(pressed), stem_force=stem_force, stem_tension=dict(rollout.tension),
+        static_contacts=static, avoid_contacts=avoid, tool_avoid_contacts=brushed,
+        arm_fruit_contacts=arm_fruit, target_displacement=displacement, swallowed_at=swallowed_at,
         displacement={id_: float(values.max()) for id_, values in moved.items()},
-        tracking_error=rollout.tracking_error,
-        joint_error=rollout.joint_error,
-        cut=rollout.cut,
-        limit_use=dict(rollout.limit_use),
-        overlapping=world.overlapping,
-        parted=dict(world.parted),
-        duration=rollout.motion,
-        warnings=rollout.warnings,
+        tracking_error=rollout.tracking_error, joint_error=rollout.joint_error, cut=rollout.cut,
+        limit_use=dict(rollout.limit_use), overlapping=world.overlapping,
+        parted=dict(world.parted), duration=rollout.motion, warnings=rollout.warnings,
         target=target,
-    )
+    )  # fmt: skip
     if isinstance(log, HarmLog):
         facts = replace(facts, crop=_verdict(facts, log, log.crop))
     failures = list(_failures(facts, world, log))

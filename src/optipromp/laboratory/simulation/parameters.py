@@ -14,6 +14,8 @@ from optipromp.core.planning.options import require
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.scenes.crops import Crop
 
+STEM_FORCE = 2.0  # [N] that a stem bears by the definition of 0.3.0: a choice
+
 
 @dataclass(frozen=True)
 class FruitParameters(Checked):
@@ -39,6 +41,7 @@ class StemParameters(Checked):
     damping_time: float = parameter(0.06, "s", "guess", "damping over stiffness (Kelvin-Voigt)")
     swing_damping: float = parameter(2e-4, "N m s/rad", "guess", "at the root: leaves brake it")
     damping_ratio: float = parameter(0.0, "1", "choice", "in place of both dampings; 0: they hold")
+    stretch: float = parameter(0.0, "1", "choice", "over F L / E A under a pull F; 0: none")
     bow_least: float = parameter(PUSH.beam.bow_least, "1", "guess", "of a straight stem's middle")
     bow_most: float = parameter(PUSH.beam.bow_most, "1", "guess", "drawn evenly between both")
     segment_length: float = parameter(0.025, "m", "choice", "of one capsule of the chain")
@@ -133,7 +136,7 @@ class Thresholds(Checked):
 
     static_force: float = parameter(0.5, "N", "choice", "a harder touch fails the run")
     avoid_force: float = parameter(0.5, "N", "choice", "of a cluster by a link but the last")
-    stem_force: float = parameter(PUSH.harm.stem_force, "N", "choice", "pressed harder: caught")
+    stem_force: float = parameter(STEM_FORCE, "N", "choice", "pressed harder: caught")
     stem_time: float = parameter(0.05, "s", "choice", "and for longer than this")
     fruit_force: float = parameter(10.0, "N", "reported", "papers grip with less, not to bruise")
     inside_margin: float = parameter(0.0, "m", "choice", "of the target's centre below the rim")
@@ -188,6 +191,14 @@ def of_crop(parameters: SimulationParameters, crop: Crop | None) -> SimulationPa
         if getattr(group, leaf) == getattr(getattr(usual, branch), leaf):
             parameters = replace(parameters, **{branch: replace(group, **{leaf: crop[row]})})
     return parameters
+
+
+def bearing(parameters: SimulationParameters, crop: Crop | None) -> SimulationParameters:
+    """The parameters with what a crop's stems bear, where that is cited; physics stays."""
+    limits = parameters.thresholds
+    if crop is None or crop.rows["grip_force"].guess or limits.stem_force != STEM_FORCE:
+        return parameters
+    return replace(parameters, thresholds=replace(limits, stem_force=crop["grip_force"]))
 
 
 OF_CROP: Mapping[tuple[str, str], str] = {

@@ -15,6 +15,7 @@ from optipromp.laboratory.simulation.disturbances import CARRIAGE_MASS, roots_of
 from optipromp.laboratory.simulation.engine import engine
 from optipromp.laboratory.simulation.grasps import between_blades, carried_by, scissor_of
 from optipromp.laboratory.simulation.outcome import HarmLog
+from optipromp.laboratory.simulation.parameters import STEM_FORCE
 from optipromp.laboratory.simulation.rollout import Rollout, StemCut, used
 from optipromp.laboratory.simulation.world import Fruit, World
 
@@ -94,6 +95,8 @@ class Execution:
         crop, caught = world.scene.crop, p.thresholds.stem_force
         harm = None if crop is None else HarmLog(world, caught, crop)
         self.log = harm or ContactLog(world, caught)
+        if harm is None and caught != STEM_FORCE:
+            self.log.before = ContactLog(world, STEM_FORCE)
         self.stems = StemWatch(world, harm)
         self.step = p.engine.timestep
         self.every = max(round(1.0 / (record_rate * self.step)), 1)

@@ -49,7 +49,7 @@ class Fruit:
     position: int  # first index into qpos
     spin: int  # first index into qvel
     weld: int  # its equality, -1 without a stem
-    dofs: slice  # of its stem's joints, in qvel
+    dofs: IntArray  # of the bends of its stem's joints, in qvel
     last: int  # body of the stem's last segment, -1 without a stem
     along: FloatArray  # (3,) unit, in that body's frame, from the fruit up the stem
 
@@ -345,11 +345,11 @@ class _Draft:
     ) -> Fruit:
         body = model.body(f"fruit:{built.key}").id
         free = model.joint(f"free:{built.key}")
-        weld, dofs, last, along = -1, slice(0, 0), -1, np.zeros(3)
+        weld, dofs, last, along = -1, np.zeros(0, dtype=np.int64), -1, np.zeros(3)
         if built.has_stem:
             count = len(built.nodes) - 1
-            start = int(model.joint(f"bend:{built.key}:0").dofadr[0])
-            dofs = slice(start, start + 3 * count)
+            first = [model.joint(f"bend:{built.key}:{k}").dofadr[0] for k in range(count)]
+            dofs = (np.array(first, dtype=np.int64)[:, None] + np.arange(3)).ravel()
             weld = model.equality(f"weld:{built.key}").id
             last = model.body(f"stem:{built.key}:{count - 1}").id
             along = built.nodes[-2] - built.nodes[-1]
