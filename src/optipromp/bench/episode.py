@@ -10,8 +10,8 @@ from optipromp.control.driver import path_back
 from optipromp.control.look import Look
 from optipromp.core.arrays import BoolArray, FloatArray, frozen
 from optipromp.core.errors import ExecutionError, InvalidRequestError
-from optipromp.core.planning.legs import back_along
 from optipromp.core.planning.task import posed
+from optipromp.core.planning.ways import back_along
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.held import RETREAT

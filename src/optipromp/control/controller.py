@@ -30,9 +30,10 @@ from optipromp.core.budget import Sliced
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning import Plan, plan
-from optipromp.core.planning.legs import way_out, ways_out
+from optipromp.core.planning.legs import way_out
 from optipromp.core.planning.plan import compile_once
 from optipromp.core.planning.task import posed
+from optipromp.core.planning.ways import ways_out
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene

@@ -28,7 +28,8 @@ from optipromp.core.errors import (
 )
 from optipromp.core.judging import Metrics, Overlap
 from optipromp.core.planning import Plan, Term
-from optipromp.core.planning.legs import AFTER, REACH, Picked, leg, stands, task_of
+from optipromp.core.planning.leg_tasks import AFTER, REACH, leg, stands, task_of
+from optipromp.core.planning.legs import Picked
 from optipromp.core.planning.options import Strategy
 from optipromp.core.planning.result import Stage, ViaPoint
 from optipromp.core.planning.task import posed, resolve

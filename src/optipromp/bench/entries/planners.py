@@ -6,7 +6,8 @@ import numpy as np
 
 from optipromp.bench.entrant import Motion, Refused
 from optipromp.core.planning import Plan, plan
-from optipromp.core.planning.legs import RETREAT, plan_pick
+from optipromp.core.planning.leg_tasks import RETREAT
+from optipromp.core.planning.legs import plan_pick
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
 from optipromp.timing import LEAST, gentle

@@ -196,6 +196,7 @@ class Timing:
     meeting = 0.5  # [1] share of its largest speed at the target
     still = 1e-6  # [m/s] speed of a tool that hardly moves
     paces = 100  # [1] trials of the rates until all limits are kept
+    told = 1.1  # [1] ratio of two speeds of a way out that a prediction tells apart
 
 
 class InTime:
@@ -219,12 +220,13 @@ class Retreat:
     cone = 25.0  # [deg] off the tool axis: as that of an approach
     around = 8  # [1] directions about the tool axis that are tried
     # [1] steps aside before a retreat, over the tool's outer radius: hung fruits slide off
-    aside = (0.6, 1.2, 1.8)
+    aside = (1.8, 1.2, 0.6)
+    slower = 0.5645  # [1] speed of the next proposal of a way that harms: six steps of TIMING.told
+    slowest = 0.03  # [m/s] least speed: back along the way in, 10 of 13 hard picks are clean
     screened = 4  # [1] states by which all retreats are ranked
-    judged = 6  # [1] retreats of least harm that are judged at once, with all states
+    judged = 6  # [1] retreats that are judged, at most
     farther = 2.0  # [1] retreats so much longer are tried where the shorter ends among fruits
-    # [1] probability that a pick by another approach is not clean, with which none further is tried
-    good = 0.12
+    good = 0.25  # [1] harm of a pick, up to which no other approach is tried
     alike = 0.05  # [1] measured: harms below it are equal: 1 % of such plans fail (docs/studies.md)
 
 

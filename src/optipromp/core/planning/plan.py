@@ -396,19 +396,16 @@ def other_reaches(
     The most promising come first. The time of ``options`` begins anew.
     """
     straight = approached(reach.task, scene)
-    if not getattr(planner, "approaches", False) or straight.begun:
+    if not getattr(planner, "approaches", False) or straight.begun or not reach.success:
         return
     late = _late(clock() + options.timeout, options)
-    for task in other_approaches(straight, late, APPROACH.ways):
+    for task in _until(late, other_approaches(straight, late, APPROACH.ways)):
         if task.scene.frame[2] @ reach.scene.frame[2] > 1.0 - SAME:
             continue
-        made = _plan(
-            replace(task, sparing=True), planner=planner, options=options, end=late, say=str
-        )
+        task = replace(task, sparing=True)
+        made = _plan(task, planner=planner, options=options, end=late, say=str)
         if isinstance(made, Plan) and made.success:
             yield made
-        if clock() > late:
-            return
 
 
 def other_approaches(task: Task, end: float = np.inf, most: int = APPROACH.tried) -> Iterator[Task]:

@@ -1,12 +1,15 @@
 """The results of planning: stages of an optimisation, a planner's answers, a plan."""
 
 import functools
+import heapq
+import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from optipromp.core.arrays import FloatArray
+from optipromp.core.budget import clock
 from optipromp.core.errors import Code
 from optipromp.core.files import plain
 from optipromp.core.judging import Judgement, Metrics, Overlap
@@ -38,6 +41,41 @@ def best_of(
         if enough(best):
             break
     return best
+
+
+class Proposal(NamedTuple, Generic[Made]):
+    """What may become a motion.
+
+    Attributes:
+        rank: of the motion, or a lower bound of it.
+        make: the motion; or work that gives it, or further proposals.
+    """
+
+    rank: Any
+    make: Made | Callable[[], Iterable["Proposal[Made]"]]
+
+
+def cheapest(proposals: Iterable[Proposal[Made]], late: float = math.inf) -> Iterator[Made]:
+    """The motions of proposals, those of least rank first.
+
+    The work of least bound is done first. No work is begun after ``late`` [s], a time of the plan's
+    clock, once there is a motion.
+    """
+    waiting, order, some = list[tuple[Any, int, Any]](), itertools.count(), False
+
+    def wait(new: Iterable[Proposal[Made]]) -> None:
+        nonlocal some
+        for rank, make in new:
+            some |= not callable(make)
+            heapq.heappush(waiting, (rank, next(order), make))
+
+    wait(proposals)
+    while waiting:
+        _, _, make = heapq.heappop(waiting)
+        if not callable(make):
+            yield make
+        elif not some or clock() <= late:
+            wait(make())
 
 
 def with_notes(reason: str, notes: Sequence[str]) -> str:

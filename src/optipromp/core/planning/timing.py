@@ -433,21 +433,30 @@ def paced(
     return joined(robot, task.state, made, slow, options.corridor)
 
 
-def leaving(task: Task, options: Timed, q: FloatArray, fruits: Iterable[SceneObject]) -> Trajectory:
+def leaving(
+    robot: Robot, options: Timed, q: FloatArray, fruits: Iterable[SceneObject], speed: float
+) -> Trajectory:
     """A way out through waypoints (T, n), from among ``fruits`` that hang, from rest to rest.
 
-    The tool has the speed of a push, or a lower one of the options, until it is past the last of
-    them for good. Then it is as fast as the joints allow, unless the options are ``unhurried`` or
-    state a speed or a duration.
+    The tool has the ``speed`` [m/s] until it is past the last of them for good. Then it is as fast
+    as the joints allow, unless the options are ``unhurried`` or state a speed or a duration.
     """
-    robot = eased(task.robot, options)
-    speed = min(options.approach_speed or np.inf, PUSH.hanging.speed)
-    made = shortest(robot, q, 0, speed)
-    near = _near_hanging(task, q, fruits)
-    free = np.cumsum(near[::-1])[::-1] == 0
+    made = shortest(eased(robot, options), q, 0, speed)
+    free = np.cumsum(_near_hanging(robot, q, fruits)[::-1])[::-1] == 0
     if options.unhurried or options.timed or not free.any():
         return made
-    return quickened(robot, made, np.where(free, np.inf, 1.0))
+    return quickened(eased(robot, options), made, np.where(free, np.inf, 1.0))
+
+
+def among_fruits(robot: Robot, made: Trajectory, fruits: Iterable[SceneObject]) -> float:
+    """Largest speed of the tool near any of the ``fruits`` that hang [m/s].
+
+    It is the speed of a push times a power of ``TIMING.told``: speeds that differ little are one.
+    """
+    near = _near_hanging(robot, made.positions, fruits)
+    fast = float(tool_speeds(robot, made, near, TIMING.parts).max(initial=TIMING.still))
+    steps = round(math.log(fast / PUSH.hanging.speed) / math.log(TIMING.told))
+    return float(PUSH.hanging.speed * TIMING.told**steps)
 
 
 def quickened(robot: Robot, made: Trajectory, rate: FloatArray) -> Trajectory:
@@ -552,7 +561,7 @@ def _among_hanging(task: Task, q: FloatArray, first: int | None) -> Slow:
     target = task.scene.target
     if task.robot.tool is None or target is None or target.stem is None:
         return first
-    among, path = _near_hanging(task, q, task.scene.pushables), intervals(first, len(q))
+    among, path = _near_hanging(task.robot, q, task.scene.pushables), intervals(first, len(q))
     return among | path if (among & ~path).any() else first
 
 
@@ -564,14 +573,13 @@ def hurried(task: Task, options: Timed, q: FloatArray) -> BoolArray:
     target, plain = task.scene.target, options.unhurried or options.timed or stands(task)
     if plain or task.robot.tool is None or target is None or target.stem is None:
         return np.zeros(len(q) - 1, dtype=bool)
-    near = _near_hanging(task, q, (*task.scene.pushables, target))
+    near = _near_hanging(task.robot, q, (*task.scene.pushables, target))
     return np.asarray((np.cumsum(near) == 0) & near.any())
 
 
-def _near_hanging(task: Task, q: FloatArray, fruits: Iterable[SceneObject]) -> BoolArray:
+def _near_hanging(robot: Robot, q: FloatArray, fruits: Iterable[SceneObject]) -> BoolArray:
     """The intervals (T-1,) in which the tool is near any of the ``fruits`` that hang."""
-    robot, near = task.robot, np.zeros(len(q), dtype=bool)
-    tool = robot.tool
+    near, tool = np.zeros(len(q), dtype=bool), robot.tool
     assert tool is not None
     points, axes = robot.tool_pose(q)
     low, high = points.min(axis=0), points.max(axis=0)

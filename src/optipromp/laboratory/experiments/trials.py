@@ -20,7 +20,8 @@ from optipromp.core.arrays import lengths
 from optipromp.core.budget import clock
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError, check_one_of
 from optipromp.core.planning import Picked, Plan, PlanOptions, plan, planner_names
-from optipromp.core.planning.legs import REACH, reach_and_way_out
+from optipromp.core.planning.leg_tasks import REACH
+from optipromp.core.planning.legs import with_way_out
 from optipromp.core.planning.planners import factory, make
 from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice
 from optipromp.core.scenes.crops import Crop, crop_in_scene
@@ -93,7 +94,7 @@ def attempt(scene: Scene, planner: str, *, seed: int = 0, risk: float = PlanOpti
     if moves and takes_out(made):
         legs, began = Picked({REACH: made}), clock()
         with suppress(OptiPrompError):  # a target that cannot be lifted stays
-            legs = Picked(reach_and_way_out(made, scene, planner=solver, options=options))
+            legs = Picked(with_way_out(made, scene, planner=solver, options=options))
         if legs.reach is not made:
             made, seconds = legs.reach, seconds + clock() - began
         failure = legs.failure

@@ -21,7 +21,7 @@ from optipromp.core.geometry.obstacles import Obstacles, near
 from optipromp.core.pushing import rules
 from optipromp.core.pushing.model import Candidates, Guided, Moved, PushModel, Round, Schedule
 from optipromp.core.pushing.parameters import PUSH
-from optipromp.core.pushing.path import STEP, ToolPath, length, through
+from optipromp.core.pushing.path import STEP, ToolPath, through
 from optipromp.core.pushing.stems import bending, kept_states, swinging
 from optipromp.core.pushing.stems.cup import Mouth, fits, steps_inside
 from optipromp.core.robots.cup_cover import NECK_RADIUS
@@ -256,9 +256,7 @@ class Hanging(PushModel):
         leaves, begin = self._leaves // self._every, len(self._behind)
         first = self.searched if len(self._kept) > self.searched else 0
         kept = self._kept[state - first] if begin else kept_states.NOT_KEPT
-        return swinging.led(
-            one, *motion, self.cup, self.static, leaves, self._speed, begin, kept
-        )
+        return swinging.led(one, *motion, self.cup, self.static, leaves, self._speed, begin, kept)
 
     def drifting(self, by: Mapping[str, FloatArray]) -> Self:
         moved = copy.copy(self)
@@ -274,7 +272,7 @@ class Hanging(PushModel):
         return out
 
     def departing(self, speed: float) -> Self:
-        """The model of motions out at a ``speed`` [m/s], from rest where a motion :meth:`after` led.
+        """The model of motions out at a ``speed`` [m/s], from rest where :meth:`after` led.
 
         Only what happens on the way out is harm; the harm of a state is at most 1.
         """
@@ -388,18 +386,19 @@ class Leaving(Guided):
     The harm is that of the way out alone, from rest where the way in has led all fruits.
 
     ``model``: of the scene before the push. ``points``, ``axes``: (P, 3) of the tool on its way in.
-    ``speed``: of the tool among fruits on the way out [m/s].
+    ``least``: harm of that way, part of every harm: the threshold is of the whole pick.
     """
 
+    speed = HANGING.speed  # of the tool among fruits on the way out [m/s]
+
     def __init__(
-        self, model: Hanging, points: FloatArray, axes: FloatArray, speed: float = HANGING.speed
+        self, model: Hanging, points: FloatArray, axes: FloatArray, least: float = 0.0
     ) -> None:
         super().__init__(model)
-        self.calibration = model.on_leaving
-        self.threshold, self.least = self.calibration.allowed(model.risk), 0.0
+        self.calibration, self.least = model.on_leaving, least
+        self.threshold = self.calibration.allowed(model.risk)
         self._going = model.after(points, axes, model.states)
-        self._seen = model.after(points, axes, 1)
-        self.speed = speed
+        self._before = model, points, axes
 
     def at(self, speed: float) -> "Leaving":
         """The model of ways out at another speed [m/s]."""
@@ -407,10 +406,17 @@ class Leaving(Guided):
         other.speed = speed
         return other
 
+    @cached_property
+    def _seen(self) -> Hanging:
+        """The model of the perceived state."""
+        model, points, axes = self._before
+        return model.after(points, axes, 1)
+
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
-        return self._going.departing(self.speed).harm(points, axes, states, limit)
+        going = self._going.departing(self.speed)
+        return self.least + going.harm(points, axes, states, limit - self.least)
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
         return self._going.departing(self.speed).cause(points, axes)

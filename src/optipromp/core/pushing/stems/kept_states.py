@@ -75,9 +75,7 @@ def keep(s, f, c, spell, pinched, forces, stem_forces, so_far, begin, kept):
 def at_rest(kept: FloatArray) -> FloatArray:
     """What is kept (S, N, W), at rest: the forces of the last step, and no harm so far."""
     most = (kept.shape[2] - ROWS) // 2
-    out = np.concatenate(
-        [kept[..., :ROWS], kept[..., [ROWS + most - 1, -1]]], axis=2
-    )
+    out = np.concatenate([kept[..., :ROWS], kept[..., [ROWS + most - 1, -1]]], axis=2)
     out[..., DOFS:PLACE] = out[..., :DOFS]
     out[..., PLACE + 12 : ROWS] = 0.0
     return out

@@ -531,8 +531,8 @@ def summed_score(
     largest score of a single state. ``worst``: largest sum of interest; a larger sum may be
     returned as any number above it. ``seen``: whether the first state is the perceived one; a
     hopeless perceived state ends the sum. ``leaves``: first step of the way out, on which a pull
-    counts (:func:`pulled`) and the cup has that ``speed`` [m/s]. ``total``: the sum over the states before. ``begin``, ``kept``: see
-    :func:`push`, the latter for each state, or (0, 0, 0).
+    counts (:func:`pulled`) and the cup has that ``speed`` [m/s]. ``total``: the sum over the states
+    before. ``begin``, ``kept``: see :func:`push`, the latter for each state, or (0, 0, 0).
     """
     steps = len(points)
     positions, forces = np.zeros((steps, count, 3)), np.zeros((steps, count))

@@ -1,0 +1,191 @@
+"""Ways out of the plant: proposals of the tool's motion, each with its speed, cheapest first.
+
+The tool leaves back along its way in, straight along its axis, off that axis within a cone, or
+along the axis after a step aside: from behind the tool's floor, fruits slide off it to the side. A
+way that harms is proposed again, slower: the floor's blow goes with the speed
+(:func:`optipromp.core.pushing.stems.cup.wedged`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from optipromp.core import judging
+from optipromp.core.arrays import FloatArray, frame_along, lengths
+from optipromp.core.budget import clock
+from optipromp.core.planning.leg_tasks import (
+    REACH,
+    RETREAT,
+    carried,
+    full_model,
+    held,
+    leg,
+    leg_task,
+    retreat_model,
+)
+from optipromp.core.planning.options import Timed
+from optipromp.core.planning.parameters import BACK
+from optipromp.core.planning.result import Plan, Proposal
+from optipromp.core.planning.task import spaced, tool_motion
+from optipromp.core.planning.timing import leaving
+from optipromp.core.pushing.model import Continued
+from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.pushing.path import length
+from optipromp.core.pushing.stems.hanging import Hanging, Leaving
+from optipromp.core.robots import ik
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.held import RETREAT as RETREAT_LENGTH
+
+Legs = dict[str, Plan]
+"""Judged legs by name, in the order of the motion."""
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """A way out.
+
+    Attributes:
+        points: (T, 3) of the tool, from where it stands [m].
+        axes: (T, 3) of the tool.
+        q: (T, n) waypoints; None: inverse kinematics gives them.
+        speed: largest of the tool among fruits [m/s].
+    """
+
+    points: FloatArray
+    axes: FloatArray
+    q: FloatArray | None = None
+    speed: float = PUSH.hanging.speed
+
+    def harm(self, model: Leaving, states: int) -> float:
+        """The predicted harm in some ``states``."""
+        return model.at(self.speed).harm(*spaced(self.points, self.axes), states)
+
+    def followed(self, robot: Robot, begin: FloatArray) -> FloatArray | None:
+        """Waypoints (T, n) of an arm that stands at ``begin`` (n,); None: out of reach."""
+        if self.q is not None:
+            return self.q
+        made, errors = ik.track(robot, self.points, self.axes, begin)
+        if errors.max() >= judging.GOAL_TOLERANCE:
+            return None
+        return np.vstack([begin, made[1:]])
+
+
+def ways(robot: Robot, q: FloatArray, distance: float) -> Iterator[Way]:
+    """Ways out by ``distance`` [m], from the end of a motion ``q`` (k, n)."""
+    tips, axes = robot.tool_pose(q)
+    axis, turn = axes[-1], frame_along(axes[-1])
+    back = back_along(q, tips, distance)
+    yield Way(*robot.tool_pose(back), back)
+
+    def through(*corners: FloatArray) -> Way:
+        """The way of the tool point through corners (3,) from its place."""
+        points = np.zeros((1, 3))
+        for corner in corners:
+            parts = max(2, math.ceil(math.dist(corner, points[-1]) / BACK.step))
+            share = np.linspace(0.0, 1.0, parts + 1)[1:, None]
+            points = np.vstack([points, points[-1] + (corner - points[-1]) * share])
+        return Way(tips[-1] + points, np.tile(axis, (len(points), 1)))
+
+    yield through(-distance * axis)
+    around = 2.0 * np.pi * np.arange(BACK.around) / BACK.around
+    sides = [turn @ np.array([math.cos(one), math.sin(one), 0.0]) for one in around]
+    wide = 0.0 if robot.tool is None else robot.tool.mouth[1]
+    for size in BACK.aside:
+        for side in sides:
+            yield through(size * wide * side, size * wide * side - distance * axis)
+    for lean in np.deg2rad([0.5 * BACK.cone, BACK.cone]):
+        for side in sides:
+            yield through(-distance * (math.sin(lean) * side + math.cos(lean) * axis))
+
+
+def back_along(q: FloatArray, tips: FloatArray, distance: float) -> FloatArray:
+    """The end of a motion ``q`` (k, n) backwards, by ``distance`` [m] of its ``tips`` (k, 3)."""
+    gone = np.append(0.0, np.cumsum(lengths(np.diff(tips[::-1], axis=0))))
+    last = min(int(np.searchsorted(gone, distance)) + 1, len(q))
+    return q[::-1][: max(last, 3)]
+
+
+def retreats(reach: Plan, options: Timed, longer: bool = True) -> Iterator[Proposal[Legs]]:
+    """Proposals of a reach with each retreat after it, judged.
+
+    The rank is the validity of the retreat, whether it presses more than the reach or ends where
+    the carry cannot begin, and the harm of both. ``longer``: whether longer retreats are proposed
+    where six shorter ones end badly.
+    """
+    began, place, target = clock(), reach.scene.place, reach.scene.target
+    robot, model = held(reach)[1], retreat_model(reach)
+    assert target is not None
+    distance = RETREAT_LENGTH if place is None else place.retreat
+    usual = min(options.approach_speed or math.inf, PUSH.hanging.speed)
+    judged, far = 0, [BACK.farther, 0.5 * (1.0 + BACK.farther)] if longer else []
+
+    def proposed(factor: float) -> Iterator[Proposal[Legs]]:
+        nonlocal judged
+        judged = 0
+        for way in ways(reach.robot, reach.trajectory.positions, factor * distance):
+            yield Proposal((False, False, BACK.alike), partial(screened, replace(way, speed=usual)))
+        if far:
+            yield Proposal((False, True, 0.0), lambda: proposed(far.pop()))
+
+    def screened(way: Way) -> Iterator[Proposal[Legs]]:
+        if judged == BACK.judged:
+            return
+        harm = 0.0 if model is None else way.harm(model, BACK.screened)
+        yield Proposal((False, False, max(harm, BACK.alike)), partial(followed, way))
+        slower = BACK.slower * way.speed
+        if harm > BACK.alike and slower > BACK.slowest:
+            bound = False, False, max(BACK.slower * harm, BACK.alike)
+            yield Proposal(bound, partial(screened, replace(way, speed=slower)))
+
+    def followed(way: Way) -> Iterator[Proposal[Legs]]:
+        nonlocal judged
+        q = way.followed(robot, reach.trajectory.positions[-1])
+        if q is None or judged == BACK.judged:
+            return
+        fruits = (*reach.scene.pushables, target)
+        made = leaving(robot, options, q, fruits, way.speed)
+        one = leg(leg_task(reach, RETREAT, made), made, clock() - began)
+        worse = pressed(one) < min(pressed(reach), 0.0)
+        if place is not None:  # the carry cannot begin where something is touched
+            worse |= bool(judging.touching(*carried(one, place), q[-1]))
+        judged += 1
+        yield Proposal(
+            (not one.valid, worse, max(one.harm, BACK.alike)), {REACH: reach, RETREAT: one}
+        )
+
+    return proposed(1.0)
+
+
+def pressed(one: Plan) -> float:
+    """Distance of the last link and the tool to objects to avoid [m]."""
+    least = one.judgement.metrics.clearance_avoid_tool
+    return math.inf if least is None else least
+
+
+def ways_out(reach: Plan, q: FloatArray, holding: bool = False) -> list[FloatArray]:
+    """Waypoints (T, n) of ways out of the plant, the least harmful first.
+
+    ``reach``: the plan that was followed. ``q``: (k, n) configurations on it so far. ``holding``:
+    whether the tool leaves with its target, else without. Where no model of fruits on stems
+    applies, the way back along ``q`` alone.
+    """
+    robot, model = reach.robot, reach.push_model
+    distance = length(robot.tool_pose(q)[0])
+    if holding:
+        model, distance = full_model(reach, held(reach)[1]), RETREAT_LENGTH
+    elif isinstance(model, Continued):
+        model = model.lead
+    proposed = [(way, way.followed(robot, q[-1])) for way in ways(robot, q, distance)]
+    found = [(way, one) for way, one in proposed if one is not None]
+    if not isinstance(model, Hanging) or len(q) < 3:
+        return [one for _, one in found[:1]]
+    out = Leaving(model, *tool_motion(robot, q))
+    found.sort(key=lambda item: item[0].harm(out, BACK.screened))
+    first, rest = found[: BACK.judged], found[BACK.judged :]
+    first.sort(key=lambda item: item[0].harm(out, out.states))
+    return [one for _, one in (*first, *rest)]
