@@ -14,21 +14,12 @@ from optipromp.cli.main import app
 from optipromp.core.errors import Code, InvalidPlanError, InvalidRequestError, InvalidSceneError
 from optipromp.core.geometry import Box
 from optipromp.core.planning import Plan
-from optipromp.core.planning.legs import (
-    CARRY,
-    LIFT,
-    REACH,
-    RETREAT,
-    Picked,
-    _retreats,
-    after,
-    held,
-    leg,
-    leg_task,
-)
+from optipromp.core.planning.leg_tasks import CARRY, LIFT, REACH, RETREAT, leg, leg_task
+from optipromp.core.planning.legs import Picked, after
 from optipromp.core.planning.task import posed
 from optipromp.core.planning.timing import shortest
 from optipromp.core.planning.verdict import verdict
+from optipromp.core.planning.ways import ways
 from optipromp.core.scenes import Place, Scene, SceneObject, save_scene, scene_from_dict
 from optipromp.core.scenes.io import scene_to_dict
 from optipromp.laboratory.generate import generate
@@ -106,10 +97,10 @@ def test_after_the_reach_the_fruit_is_a_link_and_no_object(picked: Picked) -> No
 def straight_back(picked: Picked) -> Picked:
     """The same reach, and the retreat back along it."""
     reach = picked.reach
-    _, robot = held(reach)
-    back = next(_retreats(reach.robot, reach.trajectory.positions, 0.1))
-    task = leg_task(reach, RETREAT, back[0], back[-1])
-    return Picked({REACH: reach, RETREAT: leg(task, shortest(robot, back, 0, 0.1), 0.0)})
+    way = next(ways(reach.robot, reach.trajectory.positions, 0.1))
+    assert way.q is not None
+    back = shortest(reach.robot, way.q, 0, 0.1)
+    return Picked({REACH: reach, RETREAT: leg(leg_task(reach, RETREAT, back), back, 0.0)})
 
 
 def test_a_fruit_that_hangs_behind_the_tool_is_left_aside(caught: Picked) -> None:

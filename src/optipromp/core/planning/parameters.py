@@ -226,8 +226,8 @@ class Retreat:
     screened = 4  # [1] states by which all retreats are ranked
     judged = 6  # [1] retreats that are judged, at most
     farther = 2.0  # [1] retreats so much longer are tried where the shorter ends among fruits
-    good = 0.25  # [1] harm of a pick, up to which no other approach is tried
-    alike = 0.05  # [1] measured: harms below it are equal: 1 % of such plans fail (docs/studies.md)
+    good = 0.35  # [1] harm of a pick, up to which no other approach is tried
+    alike = 0.2  # [1] measured: harms below it are equal, and the first and fastest way is taken
 
 
 class Lift:

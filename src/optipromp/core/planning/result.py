@@ -58,24 +58,24 @@ class Proposal(NamedTuple, Generic[Made]):
 def cheapest(proposals: Iterable[Proposal[Made]], late: float = math.inf) -> Iterator[Made]:
     """The motions of proposals, those of least rank first.
 
-    The work of least bound is done first. No work is begun after ``late`` [s], a time of the plan's
-    clock, once there is a motion.
+    The work of least bound is done first; of equal ones, that which is nearest to a motion. No work
+    is begun after ``late`` [s], a time of the plan's clock, once there is a motion.
     """
-    waiting, order, some = list[tuple[Any, int, Any]](), itertools.count(), False
+    waiting, order, some = list[tuple[Any, int, int, Any]](), itertools.count(), False
 
-    def wait(new: Iterable[Proposal[Made]]) -> None:
+    def wait(new: Iterable[Proposal[Made]], depth: int) -> None:
         nonlocal some
         for rank, make in new:
             some |= not callable(make)
-            heapq.heappush(waiting, (rank, next(order), make))
+            heapq.heappush(waiting, (rank, -depth, next(order), make))
 
-    wait(proposals)
+    wait(proposals, 0)
     while waiting:
-        _, _, make = heapq.heappop(waiting)
+        _, depth, _, make = heapq.heappop(waiting)
         if not callable(make):
             yield make
         elif not some or clock() <= late:
-            wait(make())
+            wait(make(), 1 - depth)
 
 
 def with_notes(reason: str, notes: Sequence[str]) -> str:

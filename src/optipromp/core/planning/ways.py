@@ -61,9 +61,9 @@ class Way:
     q: FloatArray | None = None
     speed: float = PUSH.hanging.speed
 
-    def harm(self, model: Leaving, states: int) -> float:
-        """The predicted harm in some ``states``."""
-        return model.at(self.speed).harm(*spaced(self.points, self.axes), states)
+    def harm(self, model: Leaving, states: int, limit: float = np.inf) -> float:
+        """The predicted harm in some ``states``; any number above ``limit`` where it is above."""
+        return model.at(self.speed).harm(*spaced(self.points, self.axes), states, limit)
 
     def followed(self, robot: Robot, begin: FloatArray) -> FloatArray | None:
         """Waypoints (T, n) of an arm that stands at ``begin`` (n,); None: out of reach."""
@@ -122,7 +122,8 @@ def retreats(reach: Plan, options: Timed, longer: bool = True) -> Iterator[Propo
     assert target is not None
     distance = RETREAT_LENGTH if place is None else place.retreat
     usual = min(options.approach_speed or math.inf, PUSH.hanging.speed)
-    judged, far = 0, [BACK.farther, 0.5 * (1.0 + BACK.farther)] if longer else []
+    best, judged = math.inf, 0
+    far = [BACK.farther, 0.5 * (1.0 + BACK.farther)] if longer else []
 
     def proposed(factor: float) -> Iterator[Proposal[Legs]]:
         nonlocal judged
@@ -133,9 +134,11 @@ def retreats(reach: Plan, options: Timed, longer: bool = True) -> Iterator[Propo
             yield Proposal((False, True, 0.0), lambda: proposed(far.pop()))
 
     def screened(way: Way) -> Iterator[Proposal[Legs]]:
+        nonlocal best
         if judged == BACK.judged:
             return
-        harm = 0.0 if model is None else way.harm(model, BACK.screened)
+        harm = 0.0 if model is None else way.harm(model, BACK.screened, 2.0 * best)
+        best = min(best, max(harm, BACK.alike))
         yield Proposal((False, False, max(harm, BACK.alike)), partial(followed, way))
         slower = BACK.slower * way.speed
         if harm > BACK.alike and slower > BACK.slowest:

@@ -212,9 +212,9 @@ def steps_inside(positions, points, axes, cup):
 
 
 @inner
-def _ball(s, i, upper, x, y, z):
-    """Centre and radius of a ball of fruit i, whose lower ball is at (x, y, z), and the direction
-    of its stem from the root [m]."""
+def _ball(s, f, i, upper):
+    """Centre and radius of a ball of fruit i, and the direction of its stem from the root [m]."""
+    x, y, z = f.center[i, 0], f.center[i, 1], f.center[i, 2]
     a, b, c = x - s.root[i, 0], y - s.root[i, 1], z - s.root[i, 2]
     far = math.sqrt(a * a + b * b + c * c)
     a, b, c = a / far, b / far, c / far
@@ -241,27 +241,21 @@ def wedged(mass, along, speed):
     return force * (along + SWING.leaving * across) + mass * PUSH.beam.gravity
 
 
-@kernel
-def pulled(s, positions, forces, points, axes, speed, cup, first, end, pulls):
-    """Largest pull of the cup on each fruit away from its root, in the steps ``first`` to ``end``.
+@inner
+def pull_on(s, f, step, speed, pulls):
+    """Update the largest pull (N,) of a cup that leaves on each fruit, away from its root [N].
 
-    ``positions`` (P, N, 3), ``forces`` (P, N): as :func:`.swinging.push` returns them; the other
-    arguments as there. ``speed``: of the cup [m/s]. ``pulls``: (N,) out [N]: the largest of the
-    force on a ball of the fruit, along the stem, and of :func:`wedged`. The floor of a cup that
-    leaves draws fruits along their stems.
+    ``s``: the N stems. ``f``: the fruits after the ``step``. ``speed``: of the cup [m/s]. A pull is
+    the force on a ball of the fruit, along the stem, or that of :func:`wedged`, if it is larger.
     """
-    pulls[:] = 0.0
-    for p in range(max(first, 1), end):
-        at = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
-        u, v, w = at.x - points[p - 1, 0], at.y - points[p - 1, 1], at.z - points[p - 1, 2]
-        rate = speed / max(math.sqrt(u * u + v * v + w * w), 1e-9)
-        for i in range(len(s.root)):
-            for upper in range(2 if s.upper[i] < 1.0 else 1):
-                place = positions[p, i]
-                x, y, z, radius, a, b, c = _ball(s, i, upper, place[0], place[1], place[2])
-                gap, n0, n1, n2 = fruit_gap(x, y, z, radius, at, cup)
-                along = n0 * a + n1 * b + n2 * c
-                if gap > TOUCHES or along <= 0.0:
-                    continue
-                blow = wedged(s.mass[i], along, rate * (u * n0 + v * n1 + w * n2))
-                pulls[i] = max(pulls[i], forces[p, i] * along, blow)
+    at, shift, cup = step.at, step.shift, step.cup
+    far = math.sqrt(shift.x * shift.x + shift.y * shift.y + shift.z * shift.z)
+    rate = speed / max(far, 1e-9)
+    for i in range(len(s.root)):
+        for upper in range(2 if s.upper[i] < 1.0 else 1):
+            x, y, z, radius, a, b, c = _ball(s, f, i, upper)
+            gap, n0, n1, n2 = fruit_gap(x, y, z, radius, at, cup)
+            along = n0 * a + n1 * b + n2 * c
+            if gap <= TOUCHES and along > 0.0:
+                met = rate * (shift.x * n0 + shift.y * n1 + shift.z * n2)
+                pulls[i] = max(pulls[i], f.force[i] * along, wedged(s.mass[i], along, met))

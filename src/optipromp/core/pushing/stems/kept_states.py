@@ -18,8 +18,7 @@ from optipromp.core.pushing.stems import contacts
 DOFS = 2 * contacts.LOADS
 PLACE = 2 * DOFS  # first column after the deflections, of now and of a step ago
 SUMS = PLACE + 14  # column of the five numbers of the harm so far, in the row of the first fruit
-MOST = SUMS + 5  # column of the largest force on the fruit so far
-ROWS = MOST + 1  # column of the forces on fruit and stem in the last steps
+ROWS = SUMS + 5  # column of the forces on fruit and stem in the last steps
 NOT_KEPT = np.zeros((0, 0))  # of a push that does not go on
 
 
@@ -63,8 +62,6 @@ def keep(s, f, c, spell, pinched, forces, stem_forces, so_far, begin, kept):
         kept[i, PLACE + 9], kept[i, PLACE + 10] = f.up[i], 1.0 if f.resting[i] else 0.0
         kept[i, PLACE + 11] = f.pressed[i]
         kept[i, PLACE + 12], kept[i, PLACE + 13] = spell[i], pinched[i]
-        for q in range(begin, len(forces)):
-            kept[i, MOST] = max(kept[i, MOST], forces[q, i])
         for q in range(rows):
             kept[i, ROWS + q] = forces[len(forces) - rows + q, i]
             kept[i, ROWS + most + q] = stem_forces[len(forces) - rows + q, i]

@@ -34,7 +34,7 @@ from optipromp.core.pushing.stems.cup import (
     MouthPose,
     in_cup,
     inside_cup,
-    pulled,
+    pull_on,
     stem_gap,
     taken,
 )
@@ -248,8 +248,9 @@ def _step(s, f, i, d):
 
 @kernel
 def push(
-    s, points, axes, dt, cup, solid, worst, positions, forces, stem_forces, so_far, begin, kept
-):
+    s, points, axes, dt, cup, solid, worst, positions, forces, stem_forces, so_far, pulls, leaves,
+    speed, begin, kept,
+):  # fmt: skip
     """Lead the cup along a path.
 
     ``s``: the N stems. ``points``: (P, 3) of the tool point; ``axes`` (P, 3) out of the mouth.
@@ -258,7 +259,9 @@ def push(
     (:func:`score_of`) above which the push ends. ``positions``:
     (P, N, 3) out, of the fruits [m]. ``forces``: (P, N) out, largest contact force on each fruit
     [N]. ``stem_forces``: (P, N) out, of the cup on each stem [N]. ``so_far``: (5,) in and out, the
-    numbers of :class:`Harm`. ``begin``: number of points that the cup was led through before; 0 for
+    numbers of :class:`Harm`. ``pulls``: (N,) in and out [N], see :func:`.cup.pull_on`. ``leaves``:
+    first step of the way out, on which the cup has that ``speed`` [m/s], pulls count, and the first
+    fruit is as any other. ``begin``: number of points that the cup was led through before; 0 for
     a push that begins. ``kept``: (N, :func:`.kept_states.width`) in and out, what a push goes on
     from, whose points before are the last ``begin``; (0, 0) for a push that does not go on.
     Drifting roots are not kept.
@@ -301,7 +304,7 @@ def push(
         kept_states.resume(
             s, f, c, solid, spell, pinched, positions, forces, stem_forces, so_far, begin, kept
         )
-        if score_of(so_far[0], so_far[1], so_far[2], so_far[3], so_far[4], False) > worst:
+        if _so_far(so_far, pulls, begin > leaves, False) > worst:
             return begin
     for p in range(begin, len(points)):
         at = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
@@ -315,12 +318,25 @@ def push(
         _follow_truss(s, f, held, load)
         _advance(s, f, c, d, step, solid)
         positions[p] = f.center
-        _take(f, at, cup, dt, p, forces, stem_forces, spell, pinched, so_far)
-        if score_of(so_far[0], so_far[1], so_far[2], so_far[3], so_far[4], False) > worst:
+        _take(f, at, cup, dt, p, p >= leaves, forces, stem_forces, spell, pinched, so_far)
+        if p >= leaves:
+            pull_on(s, f, step, speed, pulls)
+        if _so_far(so_far, pulls, p >= leaves, False) > worst:
             return p + 1
     if len(kept):
         kept_states.keep(s, f, c, spell, pinched, forces, stem_forces, so_far, begin, kept)
     return len(points)
+
+
+@inner
+def _so_far(h, pulls, out, missed):
+    """The score of numbers (5,) of :class:`Harm`; ``out``: on the way out, with its pulls (N,)."""
+    if not out:
+        return score_of(h[0], h[1], h[2], h[3], h[4], missed)
+    most = 0.0
+    for pull in pulls:
+        most = max(most, pull)
+    return score_of(h[0], h[1], 0.0, h[3], h[4], False) + most / HARM.pull
 
 
 @inner
@@ -433,8 +449,8 @@ def _advance(s, f, c, d, step, solid):
 
 
 @inner
-def _take(f, at, cup, dt, p, forces, stem_forces, spell, pinched, so_far):
-    """Update the harm ``so_far`` (5,) by step p.
+def _take(f, at, cup, dt, p, out, forces, stem_forces, spell, pinched, so_far):
+    """Update the harm ``so_far`` (5,) by step p; ``out``: on the way out.
 
     ``spell`` (N,) counts the steps since which each fruit has been inside, ``pinched`` (N,) the
     steps in which the cup pressed it against a static object.
@@ -447,7 +463,7 @@ def _take(f, at, cup, dt, p, forces, stem_forces, spell, pinched, so_far):
             lasting = min(lasting, stem_forces[q, i])
             lasting_on_fruit = min(lasting_on_fruit, forces[q, i])
         so_far[0] = max(so_far[0], lasting)
-        if i == 0:
+        if i == 0 and not out:
             so_far[2] = max(so_far[2], lasting_on_fruit)
             continue
         so_far[1] = max(so_far[1], forces[p, i])
@@ -466,7 +482,7 @@ class Led(NamedTuple):
     positions: FloatArray  # (P, N, 3) of the fruits after each step [m]
     on_fruits: FloatArray  # (N,) largest force on each fruit [N]
     on_stems: FloatArray  # (N,) largest lasting force (least within HARM.lasting) on each stem [N]
-    pulls: FloatArray  # (N,) largest pull on each fruit on the way out [N], see :func:`pulled`
+    pulls: FloatArray  # (N,) largest pull on each fruit on the way out [N]
 
 
 def led(
@@ -482,19 +498,18 @@ def led(
     steps, count = len(points), len(s.root)
     positions, so_far = np.zeros((steps, count, 3)), np.zeros(5)
     forces, stem_forces = np.zeros((steps, count)), np.zeros((steps, count))
+    pulls = np.zeros(count)
     push(
-        s, points, axes, dt, cup, solid, np.inf, positions, forces, stem_forces, so_far, begin,
-        kept.copy(),
+        s, points, axes, dt, cup, solid, np.inf, positions, forces, stem_forces, so_far, pulls,
+        leaves, speed, begin, kept.copy(),
     )  # fmt: skip
     x, y, z = positions[-1, 0]
     end = MouthPose(*points[-1], *axes[-1])
     rx, ry, rz = s.root[0]
     missed = cup.inner > 0.0 and not taken(x, y, z, rx, ry, rz, end, cup)
-    pulls = np.zeros(count)
-    pulled(s, positions, forces, points, axes, speed, cup, leaves, steps, pulls)
     stem, fruit, target, within, pinched = so_far.tolist()
     if leaves < steps:
-        fruit, target, missed = max(fruit, float(forces[:, 0].max())), 0.0, False
+        target, missed = 0.0, False
     held = sliding_window_view(stem_forces, min(math.ceil(HARM.lasting / dt), steps), axis=0)
     return Led(
         Harm(stem, fruit, target, within, pinched, missed),
@@ -531,13 +546,13 @@ def summed_score(
     largest score of a single state. ``worst``: largest sum of interest; a larger sum may be
     returned as any number above it. ``seen``: whether the first state is the perceived one; a
     hopeless perceived state ends the sum. ``leaves``: first step of the way out, on which a pull
-    counts (:func:`pulled`) and the cup has that ``speed`` [m/s]. ``total``: the sum over the states
-    before. ``begin``, ``kept``: see :func:`push`, the latter for each state, or (0, 0, 0).
+    counts (:func:`.cup.pull_on`) and the cup has that ``speed`` [m/s]. ``total``: the sum over the
+    states before. ``begin``, ``kept``: see :func:`push`, the latter for each state, or (0, 0, 0).
     """
     steps = len(points)
     positions, forces = np.zeros((steps, count, 3)), np.zeros((steps, count))
     stem_forces, h, pulls = np.zeros((steps, count)), np.zeros(5), np.zeros(count)
-    own, before = np.zeros(kept.shape[1:]), 0.0
+    own = np.zeros(kept.shape[1:])
     p = steps - 1
     end = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
     for d in range(*states):
@@ -545,20 +560,16 @@ def summed_score(
         one = _state(s, low, low + count)
         if begin:
             own[:] = kept[d]
-            before = own[0, kept_states.MOST]
         left = min(worst - total, hopeless)
-        h[:], forces[:], stem_forces[:] = 0.0, 0.0, 0.0
+        h[:], forces[:], stem_forces[:], pulls[:] = 0.0, 0.0, 0.0, 0.0
         done = push(
-            one, points, axes, dt, cup, solid, left, positions, forces, stem_forces, h, begin, own
-        )
+            one, points, axes, dt, cup, solid, left, positions, forces, stem_forces, h, pulls,
+            leaves, speed, begin, own,
+        )  # fmt: skip
         x, y, z = positions[p, 0, 0], positions[p, 0, 1], positions[p, 0, 2]
         rx, ry, rz = s.root[low, 0], s.root[low, 1], s.root[low, 2]
         missed = done < steps or (cup.inner > 0.0 and not taken(x, y, z, rx, ry, rz, end, cup))
-        score = score_of(h[0], h[1], h[2], h[3], h[4], missed)
-        if leaves < done:  # the first fruit is as any other
-            pulled(one, positions, forces, points, axes, speed, cup, leaves, done, pulls)
-            crushed = max(h[1], forces[:done, 0].max(), before)
-            score = score_of(h[0], crushed, 0.0, h[3], h[4], False) + pulls.max() / HARM.pull
+        score = _so_far(h, pulls, leaves < steps, missed)
         total += min(score, hopeless)
         if seen and d == 0 and total >= hopeless:
             return total
@@ -573,15 +584,15 @@ def lead_on(s, count, points, axes, dt, cup, solid, begin, kept):
 
     The other arguments are those of :func:`summed_score`.
     """
-    steps, h = len(points), np.zeros(5)
+    steps, h, pulls = len(points), np.zeros(5), np.zeros(count)
     positions, forces = np.zeros((steps, count, 3)), np.zeros((steps, count))
     stem_forces = np.zeros((steps, count))
     for d in range(len(kept)):
         h[:], forces[:], stem_forces[:] = 0.0, 0.0, 0.0
         one = _state(s, d * count, (d + 1) * count)
         push(
-            one, points, axes, dt, cup, solid, np.inf, positions, forces, stem_forces, h, begin,
-            kept[d],
+            one, points, axes, dt, cup, solid, np.inf, positions, forces, stem_forces, h, pulls,
+            NEVER, 0.0, begin, kept[d],
         )  # fmt: skip
 
 
