@@ -381,7 +381,7 @@ def validate(
         figure = limits_figure(curve, robot, found.judgement.violations, loaded.name)
         verdict = files.json_text(document).encode("utf-8")
         files.write_together(out, {"limits.png": png(figure), "verdict.json": verdict})
-    lines = (line for name, leg in legs.items() for line in _judged(*leg, f"{loaded.name} {name}"))
+    lines = (line for name, leg in legs.items() for line in _judged(*leg, loaded.name, name))
     return Report(document, [*lines, *_foreseen(aborts)], code)
 
 
@@ -411,12 +411,12 @@ def describe(found: "Verdict", curve: "Trajectory", scene: "Scene", risk: float)
     }))  # fmt: skip
 
 
-def _judged(found: "Verdict", curve: "Trajectory", name: str) -> Shown:
+def _judged(found: "Verdict", curve: "Trajectory", name: str, leg: str) -> Shown:
     m = found.judgement.metrics
     colour = "green" if found.status is Code.SUCCESS else "red"
     yield headline(
-        (name.strip(), "bold"),
-        f"  {curve.n_waypoints} rows, {curve.duration:.3f} s  ",
+        (name, "bold"),
+        f"  {leg}{', ' * bool(leg)}{curve.n_waypoints} rows, {curve.duration:.3f} s  ",
         (found.status, f"bold {colour}"),
     )
     if found.judgement.violations:
