@@ -68,7 +68,9 @@ def start(out: Path, cache: Path) -> subprocess.Popen[bytes]:
     """A process that plans, its kernels kept in ``cache``."""
     environment = os.environ | {"NUMBA_CACHE_DIR": str(cache), "OPTIPROMP_CACHE": str(out / "own")}
     return subprocess.Popen(
-        [*RUN, "plan", "scenario-3", "--reach", "--out", str(out)], env=environment, stdout=subprocess.DEVNULL
+        [*RUN, "plan", "scenario-3", "--reach", "--out", str(out)],
+        env=environment,
+        stdout=subprocess.DEVNULL,
     )
 
 
