@@ -2,8 +2,8 @@
 
 A scene is loaded by the name of a built-in one or by the path of a file. `plan` returns a value
 whether it succeeds or not: `status` says which, and `metrics` what the judge measured.
-`write_plan` leaves the files that `optipromp plan --out` leaves, without the figures; `load_plan`
-brings them back.
+`write_plan` leaves the files that `optipromp plan --reach --out` leaves, without the figures;
+`load_plan` brings them back. The whole pick is `plan_pick`, `write_pick` and `load_pick`.
 
     python examples/01_plan_a_reach.py
 """

@@ -43,7 +43,7 @@ def full(work: Path) -> tuple[Counter[str], list[str]]:
     """How commands on small disks ended, and what was wrong with them."""
     demos = ROOT / "src/optipromp/core/promp/data/panda.npz"
     commands = {
-        "plan": ["plan", "scenario-3", "--figures", "--out", "out"],
+        "plan": ["plan", "scenario-3", "--reach", "--figures", "--out", "out"],
         "learn": ["learn", str(demos), "--out", "out/learnt.npz"],
         "report": ["report", str(work / "plan"), "--out", "out/report.html"],
         "generate": ["generate", "--preset", "cluster", "--count", "3", "--out", "out"],
@@ -68,7 +68,9 @@ def start(out: Path, cache: Path) -> subprocess.Popen[bytes]:
     """A process that plans, its kernels kept in ``cache``."""
     environment = os.environ | {"NUMBA_CACHE_DIR": str(cache), "OPTIPROMP_CACHE": str(out / "own")}
     return subprocess.Popen(
-        [*RUN, "plan", "scenario-3", "--out", str(out)], env=environment, stdout=subprocess.DEVNULL
+        [*RUN, "plan", "scenario-3", "--reach", "--out", str(out)],
+        env=environment,
+        stdout=subprocess.DEVNULL,
     )
 
 
@@ -100,7 +102,7 @@ def main() -> None:
     options.add_argument("--compile", action="store_true")
     asked = options.parse_args()
     work = Path(tempfile.mkdtemp(prefix="full-"))
-    plan = [*RUN, "plan", "scenario-3", "--out", str(work / "plan")]
+    plan = [*RUN, "plan", "scenario-3", "--reach", "--out", str(work / "plan")]
     subprocess.run(plan, check=True, stdout=subprocess.DEVNULL)
     ends, wrong = (Counter[str](), compiled(work)) if asked.compile else full(work)
     print(dict(sorted(ends.items())), *wrong, f"faults: {len(wrong)}", sep="\n")

@@ -122,11 +122,11 @@ def main() -> None:
     motion = np.linspace(0, 1, 40)[None, :, None] + np.random.default_rng(0).normal(0, 0.01, shape)
     np.savez(demos, positions=motion, joint_names=[f"joint{k}" for k in range(1, 8)])
     for made in (["generate", "--preset", "cluster", "--count", "4", "--out", str(work / "scenes")],
-                 ["plan", "scenario-3", "--out", str(work / "plan")],
+                 ["plan", "scenario-3", "--reach", "--out", str(work / "plan")],
                  [*study, str(work / "undisturbed")]):  # fmt: skip
         subprocess.run([*RUN, *made], check=True, capture_output=True)
     commands = {
-        "plan": (["plan", "scenario-3", "--out"], "out", 6.0),
+        "plan": (["plan", "scenario-3", "--reach", "--out"], "out", 6.0),
         "folder": (
             ["plan", str(work / "scenes"), "--workers", "2", "--figures", "--out"],
             "out",

@@ -26,9 +26,10 @@ def test_the_walk_of_a_new_user(tmp_path: Path) -> None:
         ["bash", "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=900
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert (tmp_path / "reach/reach.png").stat().st_size > 10_000
-    for folder in ("reach", "my-reach"):
+    assert (tmp_path / "pick/reach.png").stat().st_size > 10_000
+    for folder in ("pick", "my-pick"):
         assert json.loads((tmp_path / folder / "plan.json").read_text())["status"] == "success"
+        assert (tmp_path / folder / "retreat.csv").exists()
     assert json.loads((tmp_path / "seen.json").read_text())["status"] == "success"
     assert json.loads((tmp_path / "run.json").read_text())["success"]
     assert (tmp_path / "look/cover.png").exists()
@@ -40,4 +41,4 @@ def test_the_walk_of_a_new_user(tmp_path: Path) -> None:
         assert np.abs(np.load(plan.parent / "trajectory.npz")["accelerations"]).max() <= 10.0
     assert json.loads((tmp_path / "tool.json").read_text())["status"] == "success"
     assert json.loads((tmp_path / "loop.json").read_text())["result"] == "clean"
-    assert "<html" in (tmp_path / "my-reach.html").read_text()[:200].lower()
+    assert "<html" in (tmp_path / "my-pick.html").read_text()[:200].lower()

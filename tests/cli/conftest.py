@@ -11,9 +11,11 @@ from optipromp.laboratory.experiments.scenarios import ScenarioRow, run_scenario
 
 @pytest.fixture(scope="session")
 def reach(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a plan of scenario-3, to read only."""
+    """The folder of a reach in scenario-3, to read only."""
     out = tmp_path_factory.mktemp("plan") / "reach"
-    done = CliRunner().invoke(app, ["plan", "scenario-3", "--no-figures", "--out", str(out)])
+    done = CliRunner().invoke(
+        app, ["plan", "scenario-3", "--reach", "--no-figures", "--out", str(out)]
+    )
     assert done.exit_code == 0, done.stderr
     return out
 

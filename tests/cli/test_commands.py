@@ -13,7 +13,7 @@ from optipromp.core.promp import Basis, ProMP, load_demonstrations, residuals
 
 runner = CliRunner()
 HELP = {
-    "plan": "optipromp plan scenario-3 --out reach",
+    "plan": "optipromp plan scenario-4 --out pick",
     "scenarios": "optipromp scenarios --out paper --json",
     "learn": "optipromp learn recorded.npz --out reach.npz",
     "check": "optipromp check my-robot.urdf",

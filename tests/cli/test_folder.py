@@ -28,7 +28,7 @@ def read(text: str) -> Any:
     return json.loads(text, parse_constant=pytest.fail)
 
 
-def test_scenes_with_a_place_are_planned_with_all_legs(tmp_path: Path) -> None:
+def test_scenes_are_planned_with_all_legs(tmp_path: Path) -> None:
     scenes, plans = tmp_path / "scenes", tmp_path / "plans"
     place = Place(np.array([0.45, -0.35, 0.45]), np.array([0.0, 0.0, 1.0]))
     save_scene(replace(generate("tight", 3), place=place), scenes / "placed.yaml")
@@ -37,11 +37,13 @@ def test_scenes_with_a_place_are_planned_with_all_legs(tmp_path: Path) -> None:
     placed, reached = read(stdout)["scenes"]
     assert code == 0
     assert list(placed["legs"]) == ["reach", "retreat", "carry"]
-    assert "legs" not in reached
+    assert list(reached["legs"]) == ["reach", "retreat"]
     kept = load_pick(plans / "placed")
     assert isinstance(kept, Picked)
     assert list(kept.legs) == list(placed["legs"])
     assert kept.success
+    assert isinstance(load_pick(plans / "reached"), Picked)
+    assert call("plan", scenes, "--out", plans, "--reach", "--workers", 2)[0] == 0
     assert isinstance(load_pick(plans / "reached"), Plan)
 
 
@@ -49,7 +51,7 @@ def test_generated_scenes_are_planned_each_into_its_folder(tmp_path: Path) -> No
     scenes, plans = tmp_path / "scenes", tmp_path / "plans"
     assert call("generate", "--preset", "table-top", "--count", 3, "--out", scenes)[0] == 0
     code, stdout, stderr = call(
-        "plan", scenes, "--out", plans, "--json", "--progress", "--workers", 2
+        "plan", scenes, "--reach", "--out", plans, "--json", "--progress", "--workers", 2
     )
     document = read(stdout)
     assert "3 of 3 planned" in stderr

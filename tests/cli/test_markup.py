@@ -44,7 +44,7 @@ def test_names_and_folders_that_look_like_markup(here: Path) -> None:
     assert f"wrote {out}/report.html" in told("report", out)
     Path("folder[/bold]").mkdir(parents=True)
     save_scene(named(name), here / "folder[/bold]" / f"{name.replace('/', '')}.yaml")
-    assert name.replace("/", "") in told("plan", "folder[/bold]", "--out", f"all{name}")
+    assert name.replace("/", "") in told("plan", "folder[/bold]", "--reach", "--out", f"all{name}")
     assert told("check", "scene.yaml").startswith("scene scene.yaml: right\n")
 
 

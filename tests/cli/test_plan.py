@@ -44,7 +44,7 @@ def call(*arguments: str) -> tuple[int, str, str]:
 def test_plan_prints_one_document_and_leaves_its_files(tmp_path: Path) -> None:
     out = tmp_path / "reach"
     done = subprocess.run(
-        [*RUN, "plan", "scenario-3", "--json", "--out", str(out)],
+        [*RUN, "plan", "scenario-3", "--reach", "--json", "--out", str(out)],
         capture_output=True,
         text=True,
         check=False,
@@ -93,7 +93,17 @@ def test_the_report_for_people_says_whether_the_plan_holds() -> None:
 
 
 def test_the_command_plans_what_the_library_plans() -> None:
-    words = ["plan", "scenario-3", "--seed", "5", "--set", "waypoints=60", "--duration", "6"]
+    words = [
+        "plan",
+        "scenario-3",
+        "--reach",
+        "--seed",
+        "5",
+        "--set",
+        "waypoints=60",
+        "--duration",
+        "6",
+    ]
     code, stdout, _ = call(*words, "--json")
     assert code == 0
     from optipromp import PlanOptions
@@ -113,7 +123,9 @@ def test_learnt_and_raw_demonstrations_plan_alike(tmp_path: Path) -> None:
     joints = np.array([f"joint{j}" for j in range(1, 8)])
     np.savez(named, **np.load(RECORDED), joint_names=joints)
     for path in (named, learnt):
-        code, stdout, stderr = call("plan", "scenario-3", "--demonstrations", str(path), "--json")
+        code, stdout, stderr = call(
+            "plan", "scenario-3", "--reach", "--demonstrations", str(path), "--json"
+        )
         assert code == 0, stderr or stdout
         assert read(stdout)["status"] == "success"
 

@@ -105,7 +105,7 @@ def test_every_setting_can_be_set_and_says_what_it_is() -> None:
 
 
 def test_a_setting_is_heeded() -> None:
-    code, stdout, _ = call("scenario-3", "--set", "max_step=0.015", "--json")
+    code, stdout, _ = call("scenario-3", "--reach", "--set", "max_step=0.015", "--json")
     assert code == 0
     assert read(stdout)["metrics"]["max_step"] <= 0.015
 

@@ -41,12 +41,12 @@ OVERFLOW = """
 
 @pytest.fixture(scope="module")
 def desk(opener: Callable[..., Opened]) -> Opened:
-    return opener(Source(load_scene("scenario-3")), **DESK)
+    return opener(Source(load_scene("scenario-3"), reach=True), **DESK)
 
 
 @pytest.fixture(scope="module")
 def phone(opener: Callable[..., Opened]) -> Opened:
-    return opener(Source(load_scene("scenario-3")), **PHONE)
+    return opener(Source(load_scene("scenario-3"), reach=True), **PHONE)
 
 
 def outlines(opened: Opened) -> np.ndarray:
@@ -98,7 +98,7 @@ def test_the_phone_sees_the_cluster_above_the_panel(phone: Opened) -> None:
 def test_a_page_that_changes_its_size_frames_the_cluster_again(
     opener: Callable[..., Opened],
 ) -> None:
-    opened = opener(Source(load_scene("scenario-3")), **DESK)
+    opened = opener(Source(load_scene("scenario-3"), reach=True), **DESK)
     tall = {"width": 400, "height": 900}
     opened.tab.set_viewport_size(tall)
 
@@ -140,7 +140,7 @@ def buttons(opened: Opened) -> dict[str, bool]:
 def test_while_it_plans_it_says_so_and_no_button_can_be_pressed(
     opener: Callable[..., Opened],
 ) -> None:
-    tab = opener(Source(load_scene("scenario-3")), **TINY)
+    tab = opener(Source(load_scene("scenario-3"), reach=True), **TINY)
     tab.told("This plan works")
     idle = {"accept", "discard", "save demonstrations", "learn and show the band",
             "forget what was learnt"}  # fmt: skip
@@ -228,7 +228,7 @@ def test_the_picture_of_a_scene_that_was_seen_stands_in_the_panel(
     opener: Callable[..., Opened],
 ) -> None:
     picture = np.full((480, 640, 3), (10, 200, 30), np.uint8)
-    opened = opener(Source(load_scene("scenario-3"), seen=picture), **PHONE)
+    opened = opener(Source(load_scene("scenario-3"), seen=picture, reach=True), **PHONE)
     mine = "[...document.images].filter(i => i.naturalWidth == 640 && i.naturalHeight == 480)"
     opened.tab.wait_for_function(
         f"() => {mine}.some(i => i.clientWidth > 100)", timeout=1e3 * PATIENCE

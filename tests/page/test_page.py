@@ -14,8 +14,8 @@ pytest.importorskip("viser")
 
 from tests.page.conftest import SMALL, TALL, Opened, idle
 
-from optipromp.core.output import load_plan, write_plan
-from optipromp.core.planning import plan
+from optipromp.core.output import load_pick, load_plan, write_plan
+from optipromp.core.planning import Picked, plan
 from optipromp.core.promp import ProMP, load_demonstrations
 from optipromp.core.scenes.io import load_scene
 from optipromp.looks.page import content
@@ -26,7 +26,7 @@ from optipromp.looks.viewer.words import head
 @pytest.fixture(scope="module")
 def shared(opener) -> Opened:
     """One window on scenario 3."""
-    return opener(Source(load_scene("scenario-3")))
+    return opener(Source(load_scene("scenario-3"), reach=True))
 
 
 @pytest.fixture
@@ -333,4 +333,27 @@ def test_a_plan_folder_and_two_rollouts_open(opener, tmp_path: Path) -> None:
     opened.told(run.outcome.message)
     assert opened.window.duration == pytest.approx(float(run.rollout.times[-1]))
     assert opened.window.client.scene.get_handle_by_name("/b/arm/0") is not None
+    opened.tab.close()
+
+
+def test_a_pick_is_shown_until_the_fruit_is_out_of_the_plant(opener, tmp_path: Path) -> None:
+    opened = opener(Source(load_scene("scenario-4")), out=tmp_path)
+    window, target = opened.window, load_scene("scenario-4").target
+    opened.told("Then leaves the plant with it, in ")
+    opened.listed("retreat", "success")
+    reach = window.plan.trajectory.duration
+    assert window.duration == pytest.approx(reach + window.made.legs["retreat"].duration)
+    (fruit,) = (
+        mesh for part, mesh in window.stage._meshes.values() if part.name == "target:ripe"
+    )  # fmt: skip
+    for time_, away in ((window.duration, 0.1), (reach, 0.0), (window.duration, 0.1), (0.0, 0.0)):
+        opened.do(functools.partial(window.go, time_))
+        assert np.linalg.norm(fruit.position - target.position) == pytest.approx(away, abs=0.03)
+    opened.show("Move")
+    opened.press("save plan")
+    assert isinstance(load_pick(tmp_path / "scenario-4"), Picked)
+    opened.show("Replay")
+    opened.press("execute this plan")
+    opened.told("the target alone is in the cup, nothing was harmed")
+    assert window.duration > reach + 1.0
     opened.tab.close()

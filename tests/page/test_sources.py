@@ -58,7 +58,7 @@ def test_a_scene_that_was_seen_brings_its_picture_and_so_does_its_plan(tmp_path:
     seen = open_source(str(scene)).seen
     assert seen is not None
     assert (seen == pixels).all()
-    words = ["--out", str(folder), "--no-figures"]
+    words = ["--reach", "--out", str(folder), "--no-figures"]
     assert CliRunner().invoke(app, ["plan", str(scene), *words]).exit_code == 0
     kept = open_source(str(folder)).seen
     assert kept is not None

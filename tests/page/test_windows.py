@@ -5,6 +5,7 @@ import time
 import urllib.request
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -27,7 +28,9 @@ CAMERA = {
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    page = Page(open_source("scenario-3"), out=tmp_path_factory.mktemp("saved"))
+    page = Page(
+        replace(open_source("scenario-3"), reach=True), out=tmp_path_factory.mktemp("saved")
+    )
     yield page
     page.stop()
 

@@ -138,8 +138,8 @@ def test_without_a_place_a_pick_ends_with_its_retreat(tmp_path: Path) -> None:
     assert outcome.success, outcome.message
     assert outcome.placed is None
     save_scene(scene, tmp_path / "tight.yaml")
-    made = invoke("plan", tmp_path / "tight.yaml", "--retreat", "--no-figures", "--json",
-                  "--out", tmp_path / "out")  # fmt: skip
+    made = invoke("plan", tmp_path / "tight.yaml", "--no-figures", "--json", "--out",
+                  tmp_path / "out")  # fmt: skip
     assert made.exit_code == 0, made.stdout
     read = load_pick(tmp_path / "out")
     assert isinstance(read, Picked)

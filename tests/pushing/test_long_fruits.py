@@ -27,7 +27,7 @@ from optipromp.core.pushing.stems.bending import Stems, hanging_balls
 from optipromp.core.pushing.stems.cup import cup_distance
 from optipromp.core.pushing.stems.hanging import Hanging
 from optipromp.core.pushing.stems.kept_states import NOT_KEPT
-from optipromp.core.pushing.stems.swinging import push
+from optipromp.core.pushing.stems.swinging import NEVER, push
 from optipromp.core.robots.tools import Cup
 from optipromp.core.scenes import Scene, SceneObject, Stem
 from optipromp.laboratory.generate import generate
@@ -43,7 +43,7 @@ def led(
     """Positions (P, N, 3) of the lower balls, forces (P, N) on fruits and on stems."""
     count, steps = len(stems.root), len(points)
     out = np.zeros((steps, count, 3)), np.zeros((steps, count)), np.zeros((steps, count))
-    axes, new = np.tile(UP, (steps, 1)), (np.zeros(5), 0, NOT_KEPT)
+    axes, new = np.tile(UP, (steps, 1)), (np.zeros(5), np.zeros(count), NEVER, 0.0, 0, NOT_KEPT)
     push(stems, points, axes, DT, CUP, solid, np.inf, *out, *new)
     return out
 

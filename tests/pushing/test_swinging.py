@@ -31,7 +31,7 @@ def led(
     count, steps = len(stems.root), len(points)
     out = np.zeros((steps, count, 3)), np.zeros((steps, count)), np.zeros((steps, count))
     axes = np.tile(axis, (steps, 1))
-    new = np.zeros(5), 0, NOT_KEPT
+    new = np.zeros(5), np.zeros(count), swinging.NEVER, 0.0, 0, NOT_KEPT
     assert push(stems, points, axes, DT, cup, solid, np.inf, *out, *new) == steps
     return out
 

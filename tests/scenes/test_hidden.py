@@ -114,7 +114,8 @@ def test_a_plan_says_what_it_assumed_and_is_simulated(tmp_path: Path) -> None:
     runner = CliRunner()
     out = str(tmp_path / "reach")
     made = runner.invoke(
-        app, ["plan", str(tmp_path / "seen.yaml"), "--no-figures", "--out", out, "--json"]
+        app,
+        ["plan", str(tmp_path / "seen.yaml"), "--reach", "--no-figures", "--out", out, "--json"],
     )
     assert made.exit_code == 0, made.stdout
     told = json.loads(made.stdout)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from optipromp.core.planning import Plan, plan
+from optipromp.core.planning import Plan, plan, plan_pick
 from optipromp.core.planning.options import PlanOptions, Strategy
 from optipromp.core.planning.task import resolve
 from optipromp.core.pushing.rules import pushes
@@ -49,6 +49,23 @@ def test_the_moment_is_when_the_tool_is_level_with_the_last_fruit(optimised: Pla
     point, _ = optimised.robot.tool_pose(optimised.trajectory.positions[now.waypoint])
     (fruit,) = (item for item in optimised.scene.pushables if item.id == "n2")
     assert abs((point - fruit.position) @ optimised.scene.frame[2]) < 0.005
+
+
+def test_what_was_picked_goes_with_the_tool_and_pushed_fruits_swing_back() -> None:
+    made = plan_pick("scenario-4")
+    reach, retreat = made.legs.values()
+    target, end = reach.scene.target, made.duration
+    assert target is not None
+    assert drawn.held(made, reach.duration) == ()
+    shown = {time: {one.item.id: one for one in drawn.shown_at(made, time)} for time in (0.0, end)}
+    assert shown[0.0].keys() == shown[end].keys() == {item.id for item in reach.scene.objects}
+    assert all(one.shift == 0.0 for one in shown[0.0].values())
+    tips, axes = reach.robot.tool_pose(retreat.trajectory.positions[[0, -1]])
+    before, after = ((p - tip) @ axis for p, tip, axis in zip(
+        (target.position, shown[end][target.id].position), tips, axes, strict=True))  # fmt: skip
+    assert after == pytest.approx(before, abs=1e-6)
+    assert shown[end][target.id].shift > 0.09
+    assert next(motion.name for motion in drawn.motions(made)) == "way out"
 
 
 def test_without_fruits_in_the_way_the_moment_is_the_end(optimised: Plan) -> None:

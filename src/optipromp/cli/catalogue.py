@@ -61,12 +61,10 @@ def _told(found: dict[str, tuple[Any, str]]) -> dict[str, dict[str, Any]]:
 def asked(
     planner: str, strategy: str, pairs: Sequence[str], stated: dict[str, Any]
 ) -> dict[str, Any]:
-    """Planner, strategy and options of a plan, from texts.
-
-    promp, i-promp and opti-promp take the settings of a plan. Another planner takes its own
-    settings, and time, effort and risk of the plan. ``stated`` are settings that have their own
-    command-line option; None: not stated. A setting of the paper's planners is ``paper.key``.
-    """
+    """Planner, strategy and options of a plan, from texts. promp, i-promp and opti-promp take the
+    settings of a plan. Another planner takes its own settings, and time, effort and risk of the
+    plan. ``stated`` are settings that have their own command-line option; None: not stated. A
+    setting of the paper's planners is ``paper.key``."""
     from optipromp.core.planning import planners
     from optipromp.core.planning.planners import JOINT, OF_A_PLAN
 

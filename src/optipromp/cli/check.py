@@ -2,6 +2,7 @@
 
 import warnings
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import is_dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -16,7 +17,7 @@ from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
 
 if TYPE_CHECKING:
     from optipromp.core.execution.fr3 import Foreseen
-    from optipromp.core.planning import Plan, Verdict
+    from optipromp.core.planning import Picked, Plan, Verdict
     from optipromp.core.robots.description import Arm
     from optipromp.core.robots.model import Robot
     from optipromp.core.scenes.scene import Scene
@@ -74,11 +75,11 @@ def kind_of(item: str) -> Kind:
     )
 
 
-def scene_or_plan(item: str, taker: str) -> "Scene | Plan":
-    """The scene or plan of an item; ``taker`` is the name of the command."""
+def scene_or_plan(item: str, taker: str) -> "Scene | Plan | Picked":
+    """The scene, plan or pick of an item; ``taker`` is the name of the command."""
     kind = kind_of(item)
     if kind is Kind.PLAN:
-        return optipromp.load_plan(item)
+        return optipromp.load_pick(item)
     if kind is Kind.SCENE:
         return optipromp.load_scene(item)
     raise InvalidRequestError(f"{item} is a {kind.value}; {taker} takes a scene or a plan")
@@ -278,17 +279,21 @@ def _primitive(item: str) -> dict[str, Any]:
 
 
 def _plan(item: str) -> dict[str, Any]:
-    plan = optipromp.load_plan(Path(item))
+    from optipromp.core.planning.takes import legs_of
+
+    whole = optipromp.load_pick(Path(item))
+    plan = legs_of(whole)["reach"]
     return {
-        "status": plan.status,
-        "reason": plan.message,
+        "status": whole.status,
+        "reason": whole.message,
         "predicted_harm": plan.prediction,
         "risk": plan.risk,
         "scene": plan.scene.name,
         "planner": plan.planner,
         "strategy": plan.strategy,
         "waypoints": plan.trajectory.n_waypoints,
-        "duration": plan.trajectory.duration,
+        "duration": whole.duration,
+        "legs": {name: leg.status for name, leg in legs_of(whole).items()},
     }
 
 
@@ -336,27 +341,35 @@ def validate(
     """
     from optipromp.core.execution.fr3 import foreseen
     from optipromp.core.planning import verdict_of
+    from optipromp.core.planning.takes import curve_of, legs_of
     from optipromp.core.planning.task import posed
 
     if scene is None and not files.is_file(trajectory / "plan.json"):
         raise InvalidRequestError(f"{trajectory} states no scene: add --scene SCENE")
     with waiting("judging"):
         if scene is None:
-            plan = optipromp.load_plan(trajectory)
-            risk = plan.risk if risk is None else optipromp.PlanOptions(risk=risk).risk
-            plan = replace(plan, task=replace(plan.task, risk=risk))
-            loaded, robot, curve, found = plan.scene, plan.robot, plan.trajectory, verdict_of(plan)
+            made = optipromp.load_pick(trajectory)
+            (plan, *_), curve = legs_of(made).values(), curve_of(made)
+            loaded, robot, risk = plan.scene, plan.robot, plan.risk if risk is None else risk
+            risk = optipromp.PlanOptions(risk=risk).risk
+            legs = {
+                name: (verdict_of(replace(leg, task=replace(leg.task, risk=risk))), leg.trajectory)
+                for name, leg in legs_of(made).items()
+            }
         else:
             loaded = optipromp.load_scene(scene)
             robot = posed(loaded)[0]
             curve = read(trajectory, robot)
             risk = optipromp.PlanOptions.risk if risk is None else risk
-            found = optipromp.judge(loaded, curve, risk=risk)
+            legs = {"": (optipromp.judge(loaded, curve, risk=risk), curve)}
+        found = max((one for one, _ in legs.values()), key=lambda one: exit_code(one.status))
     slow = max(found.judgement.metrics.velocity_ratio, 1e-12)
     if curve.duration > _LONG and slow < _SLOW:
         told = f"{curve.duration:.0f} s with {100 * slow:.2g} % of the velocity limits"
         warnings.warn(f"{trajectory} takes {told}: are its times milliseconds?", stacklevel=1)
     document, code = describe(found, curve, loaded, risk), exit_code(found.status)
+    if len(legs) > 1:
+        document["legs"] = {name: describe(*leg, loaded, risk) for name, leg in legs.items()}
     aborts = None if controller is None else foreseen(robot, curve, loaded.up)
     if aborts is not None:
         of_arm = aborts._asdict() | {"violations": [vars(each) for each in aborts.violations]}
@@ -368,7 +381,8 @@ def validate(
         figure = limits_figure(curve, robot, found.judgement.violations, loaded.name)
         verdict = files.json_text(document).encode("utf-8")
         files.write_together(out, {"limits.png": png(figure), "verdict.json": verdict})
-    return Report(document, _judged(found, loaded, curve, aborts), code)
+    lines = (line for name, leg in legs.items() for line in _judged(*leg, loaded.name, name))
+    return Report(document, [*lines, *_foreseen(aborts)], code)
 
 
 def read(path: Path, robot: "Robot") -> "Trajectory":
@@ -397,14 +411,12 @@ def describe(found: "Verdict", curve: "Trajectory", scene: "Scene", risk: float)
     }))  # fmt: skip
 
 
-def _judged(
-    found: "Verdict", scene: "Scene", curve: "Trajectory", aborts: "Foreseen | None"
-) -> Shown:
+def _judged(found: "Verdict", curve: "Trajectory", name: str, leg: str) -> Shown:
     m = found.judgement.metrics
     colour = "green" if found.status is Code.SUCCESS else "red"
     yield headline(
-        (scene.name, "bold"),
-        f"  {curve.n_waypoints} rows, {curve.duration:.3f} s  ",
+        (name, "bold"),
+        f"  {leg}{', ' * bool(leg)}{curve.n_waypoints} rows, {curve.duration:.3f} s  ",
         (found.status, f"bold {colour}"),
     )
     if found.judgement.violations:
@@ -422,6 +434,9 @@ def _judged(
         f"limits in use: velocity {m.velocity_ratio:.0%}, acceleration {m.acceleration_ratio:.0%}, "
         f"jerk {m.jerk_ratio:.0%}; {off} off the goal"
     )
+
+
+def _foreseen(aborts: "Foreseen | None") -> Iterator[str]:
     if aborts is not None:
         yield from (f"{each} ({each.kind})" for each in aborts.violations)
         used = ", ".join(f"{what} {share:.0%}" for what, share in aborts.shares.items())

@@ -143,12 +143,10 @@ def _help(text: str) -> str:
 
 
 def entries(of: Any, section: str) -> dict[str, tuple[str, str]]:
-    """The last ``section`` of a docstring, by name: what stands in brackets, and the text.
-
-    In the brackets of an option are its declarations (by default the name), its bounds as
-    ``A..B``, ``A..`` or ``..B``, and the word in place of its value:
-    ``port (--port NUMBER 0..65535): Of the page.``
-    """
+    """The last ``section`` of a docstring, by name: what stands in brackets, and the text. In the
+    brackets of an option are its declarations (by default the name), its bounds as ``A..B``,
+    ``A..`` or ``..B``, and the word in place of its value: ``port (--port NUMBER 0..65535): Of the
+    page.``"""
     text = inspect.cleandoc(of.__doc__ or "").rpartition(f"{section}:\n")[2]
     parts = re.split(r"^    (?=\w+(?: \(.*?\))?: )", text, flags=re.MULTILINE)[1:]
     found = [re.match(r"(\w+)(?: \((.*?)\))?: (.*)", " ".join(part.split())) for part in parts]

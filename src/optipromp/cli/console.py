@@ -109,13 +109,10 @@ def grid(
 
 @contextmanager
 def waiting(message: str, progress: bool | None = None) -> Iterator[Callable[[str], None]]:
-    """Tell on standard error what is being done, and for how long, after two seconds.
-
-    A terminal shows a spinner; elsewhere each step that has begun is a line, and so are ten seconds
-    more of the same step. Yields a function that changes the message.
-
-    ``progress``: whether anything is told; None: on a terminal only.
-    """
+    """Tell on standard error what is being done, and for how long, after two seconds. A terminal
+    shows a spinner; elsewhere each step that has begun is a line, and so are ten seconds more of
+    the same step. Yields a function that changes the message. ``progress``: whether anything is
+    told; None: on a terminal only."""
     if not (sys.stderr.isatty() if progress is None else progress):
         yield lambda _: None
         return
@@ -155,11 +152,9 @@ def _tell(step: Sequence[str], done: threading.Event, began: float) -> None:
 def progress_bar(
     lines: int, progress: bool | None = None
 ) -> Iterator[Callable[[int, int, str], None]]:
-    """Show progress on standard error: a bar on a terminal, elsewhere about ``lines`` lines.
-
-    Yields a function of the number done, the number of all, and a line of words. ``progress``:
-    False for no progress at all.
-    """
+    """Show progress on standard error: a bar on a terminal, elsewhere about ``lines`` lines. Yields
+    a function of the number done, the number of all, and a line of words. ``progress``: False for
+    no progress at all."""
     if progress is False:
         yield lambda *_: None
         return
@@ -182,10 +177,8 @@ def progress_bar(
 
 
 def say_if_compiling(progress: bool | None = None) -> None:
-    """Compile the kernels now, and say so, where Numba's cache lacks them.
-
-    ``progress``: as for :func:`waiting`.
-    """
+    """Compile the kernels now, and say so, where Numba's cache lacks them. ``progress``: as for
+    :func:`waiting`."""
     from optipromp.core.compiled import in_cache
     from optipromp.core.optimization.kernels import add_stiffness
 

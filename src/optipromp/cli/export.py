@@ -1,6 +1,7 @@
 """``optipromp export``, ``view`` and ``report``: scenes and plans for other programs and people."""
 
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -35,16 +36,16 @@ def export(
 
     Examples:
         optipromp export scenario-3 --mjcf scene.xml
-        optipromp export reach --mjcf reach.xml
-        optipromp export reach --mcap reach.mcap
+        optipromp export pick --mjcf pick.xml
+        optipromp export pick --mcap pick.mcap
         optipromp export my-arm.urdf --robot my-arm.robot
 
     Args:
         scene_or_plan (SCENE|PLAN_DIR): A scene, or a folder that 'plan --out' left; for --robot
             alone also a robot.
         mjcf (FILE.xml): Write a MuJoCo model: robot with servos, tool, objects, fruits on stems.
-        mcap (FILE.mcap): Write a bag of ROS 2 messages: the planning scene; of a plan, its
-            trajectory.
+        mcap (FILE.mcap): Write a bag of ROS 2 messages: the planning scene; of a plan, the
+            trajectory of each leg.
         robot (FILE.robot): Write the robot, without a tool, resolved.
         rate (HZ): Of the JointTrajectory's points in the bag.
         prefix (TEXT): Before the joints' names in the bag, as in fr3_.
@@ -74,11 +75,12 @@ class _Content(NamedTuple):
     robot: "optipromp.Robot"
     start: "FloatArray"
     scene: "optipromp.Scene | None" = None  # of a robot
-    trajectory: "optipromp.Trajectory | None" = None
+    curves: "tuple[tuple[str, optipromp.Trajectory], ...]" = ()  # of a plan, with its leg
 
 
 def _read(item: str, robots: bool) -> _Content:
     """The content of a scene or plan; of a robot only where ``robots`` is true."""
+    from optipromp.core.planning.takes import legs_of
     from optipromp.core.planning.task import posed
 
     if robots and kind_of(item) is Kind.ROBOT:
@@ -86,7 +88,9 @@ def _read(item: str, robots: bool) -> _Content:
         return _Content(bare, bare.home)
     found = scene_or_plan(item, "export")
     if not isinstance(found, optipromp.Scene):
-        return _Content(found.robot, found.trajectory.positions[0], found.scene, found.trajectory)
+        reach = legs_of(found)["reach"]
+        curves = tuple((name, leg.trajectory) for name, leg in legs_of(found).items())
+        return _Content(reach.robot, reach.trajectory.positions[0], reach.scene, curves)
     robot, state = posed(found)
     return _Content(robot, state.q, found)
 
@@ -103,13 +107,12 @@ def _mcap(content: _Content, path: Path, rate: float, prefix: str) -> None:
 
     assert content.scene is not None
     items = [ros.Recorded("/planning_scene", ros.planning_scene(content.scene, prefix))]
-    if content.trajectory is not None:
-        points = ros.joint_trajectory(content.trajectory, rate, prefix)
-        shown = ros.display_trajectory([content.trajectory], content.robot.name, prefix=prefix)
-        items += [
-            ros.Recorded("/joint_trajectory", points),
-            ros.Recorded("/display_planned_path", shown),
-        ]
+    for name, curve in content.curves:
+        topic = "/joint_trajectory" + ("" if name == "reach" else f"/{name}")
+        items.append(ros.Recorded(topic, ros.joint_trajectory(curve, rate, prefix)))
+    if curves := [curve for _, curve in content.curves]:
+        shown = ros.display_trajectory(curves, content.robot.name, prefix=prefix)
+        items.append(ros.Recorded("/display_planned_path", shown))
     ros.write_bag(path, items)
 
 
@@ -129,6 +132,7 @@ def view(
     host: str = "localhost",
     browser: bool = True,
     out: Path = Path("out"),
+    reach: bool = False,
 ) -> None:
     """Open a page that shows a plan in 3-D and lets you move things and plan again.
 
@@ -136,8 +140,8 @@ def view(
     until Ctrl-C. Needs the extra 'view': pip install -e '.\\[view]'.
 
     Examples:
-        optipromp view scenario-3
-        optipromp view reach --port 0 --no-browser
+        optipromp view scenario-4
+        optipromp view pick --port 0 --no-browser
         optipromp view reach-i-promp reach-opti-promp
 
     Args:
@@ -148,6 +152,7 @@ def view(
         host: Address to listen at; 0.0.0.0 lets other machines in.
         browser: Open the page in the browser.
         out (DIR): Folder that the page saves into.
+        reach: Plan the reach alone, without the way out.
     """
     import webbrowser
 
@@ -155,7 +160,7 @@ def view(
     from optipromp.looks.page.panel import Page
     from optipromp.looks.page.stage import open_source
 
-    source = open_source(item, beside)
+    source = replace(open_source(item, beside), reach=reach)
     say_if_compiling()
     with waiting("loading"):
         warm_up()  # so that the first plan does not wait for it
@@ -182,9 +187,9 @@ def report(item: Path, /, out: Path | None = None) -> Report:
     3-D needs the extra 'view', pictures of worst cases the extra 'sim'.
 
     Examples:
-        optipromp plan scenario-3 --out reach
-        optipromp simulate reach --video
-        optipromp report reach --out reach.html
+        optipromp plan scenario-4 --out pick
+        optipromp simulate pick --video
+        optipromp report pick --out pick.html
 
     Args:
         item (PLAN_DIR|ROLLOUT_DIR|STUDY_DIR): What 'plan', 'simulate' or 'study' left at --out.

@@ -113,10 +113,8 @@ def _to_allow(folders: list[str], robot: str | None) -> Shown:
 
 
 def _judge_start(scene: "Scene") -> None:
-    """Refuse a scene whose start is in collision, by the judge of plans.
-
-    A start that the arm cannot hold against gravity gives a warning.
-    """
+    """Refuse a scene whose start is in collision, by the judge of plans. A start that the arm
+    cannot hold against gravity gives a warning."""
     from optipromp.core import judging
     from optipromp.core.planning.task import posed
     from optipromp.core.robots.model import warn_of_gravity

@@ -1,7 +1,5 @@
-"""``optipromp``: the command and its sub-commands.
-
-Nothing heavy is imported here: each command imports what it needs when it runs.
-"""
+"""``optipromp``: the command and its sub-commands. Nothing heavy is imported here: each command
+imports what it needs when it runs."""
 
 import atexit
 import gc
@@ -122,10 +120,8 @@ def root(
         ),
     ] = False,
 ) -> None:
-    """Reach a ripe fruit past its unripe neighbours.
-
-    Start with [bold]optipromp plan scenario-3 --out reach[/bold] and look into the folder reach.
-    """
+    """Reach a ripe fruit past its unripe neighbours. Start with [bold]optipromp plan scenario-4
+    --out pick[/bold] and look into the folder pick."""
 
 
 app.command("plan")(plan.plan)
@@ -229,11 +225,8 @@ def _run() -> None:
 
 
 def main() -> None:
-    """Run the command line and end the process with its exit code.
-
-    A process that a signal asked to end ends with 128 + the signal's number, whatever its
-    exception became on the way.
-    """
+    """Run the command line and end the process with its exit code. A process that a signal asked to
+    end ends with 128 + the signal's number, whatever its exception became on the way."""
     _ready_streams()
     try:
         check_memory()

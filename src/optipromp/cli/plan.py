@@ -1,12 +1,11 @@
-"""``optipromp plan``: one scene; a folder of scenes; several ripe fruits of one scene.
-
-Of a folder, each plan is written into a folder of its own, and all cores plan.
-"""
+"""``optipromp plan``: a pick; those of a folder of scenes; several ripe fruits of one scene. Of a
+folder, each plan is written into a folder of its own, and all cores plan."""
 
 import math
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
 
     from optipromp.cli.robot import Named
     from optipromp.core.planning import Picked, Plan
-    from optipromp.core.planning.sequence import PickSequence
+    from optipromp.core.planning.sequence import PickSequence, Result
     from optipromp.core.promp import ProMP
     from optipromp.core.scenes.scene import Scene, SceneObject
 
@@ -81,18 +80,17 @@ class Variant:
     """The options of a plan that is not one motion from the start to the scene's target.
 
     Attributes:
-        previous (PLAN_DIR): A plan that runs: go on from it, at --at seconds.
+        previous (PLAN_DIR): A plan that runs: go on from it, at --at seconds, with a reach alone.
         at (SECONDS): Time in the plan that runs.
         targets (IDS): Ripe fruits, separated by commas: choose their order, and plan each pick; of
             --out, in a folder each.
-        retreat: Plan the way out with the picked fruit, too, and promise both; in a scene with a
-            place it is always planned.
+        reach: Plan the reach alone, without the way out and the way to the scene's place.
     """
 
     previous: Path | None = None
     at: float | None = None
     targets: str | None = None
-    retreat: bool = False
+    reach: bool = False
 
 
 @dataclass(frozen=True)
@@ -100,9 +98,9 @@ class Output:
     """The options of the files that are written.
 
     Attributes:
-        out (DIR): Leave plan.json, trajectory.csv and .npz, waypoints.npz and figures; of a
-            folder's scenes, in a folder each.
-        rate (HZ): Of the rows in trajectory.csv and .npz.
+        out (DIR): Leave plan.json, trajectory.csv and .npz, waypoints.npz, retreat.csv and .npz,
+            and figures; of a folder's scenes, in a folder each.
+        rate (HZ): Of the rows in the .csv files and trajectory.npz.
         figures (--figures/--no-figures): Draw figures into --out; by default for one scene, not for
             a folder's.
     """
@@ -123,19 +121,17 @@ class Output:
     def write(
         self, result: "Plan | Picked", folder: Path, *, figures: bool = False
     ) -> tuple[str, ...]:
-        """Write a plan, or all legs of a pick, and figures of the reach; the names of the files.
+        """Write a plan, or all legs of a pick, and figures; the names of the files. ``figures``:
+        whether figures are drawn where the user does not say."""
+        from optipromp.core.planning.takes import legs_of
 
-        ``figures``: whether figures are drawn where the user does not say.
-        """
-        if isinstance(result, optipromp.Plan):
-            reach, written = result, optipromp.write_plan(result, folder, rate=self.rate)
-        else:
-            reach, written = result.reach, optipromp.write_pick(result, folder, rate=self.rate)
+        whole = optipromp.Picked(dict(legs_of(result)))
+        written = optipromp.write_pick(whole, folder, rate=self.rate)
         if not (figures if self.figures is None else self.figures):
             return written
         from optipromp.looks.viewer.figures import plan_figures
 
-        pictures = plan_figures(reach)  # after the plan is written: they may fail
+        pictures = plan_figures(result)  # after the plan is written: they may fail
         for name, content in pictures.items():
             write_atomically(folder / name, content)
         return *written, *pictures
@@ -167,24 +163,22 @@ def plan(
     robot: InPlace = None,
     arm: ArmOptions,
 ) -> Report:
-    """Plan a reach to the target of SCENE and judge it.
+    """Plan the pick of the target of SCENE, with its way out, and judge it.
 
-    The exit code is 0 only when the plan reaches the target, keeps every
+    Where no tool takes a target, or with --reach, a reach alone. The exit
+    code is 0 only when the plan reaches the target, leaves with it, keeps every
     limit and touches nothing it must not; 1 when no such plan was found;
     2 when the input is wrong. Of a folder's scenes, the largest of these.
 
     Examples:
-        optipromp plan scenario-3 --out reach
-        optipromp plan my-scene.yaml --seed 7 --duration 4
-        optipromp plan scenario-4 --strategy sequential --json
+        optipromp plan scenario-4 --out pick
+        optipromp plan scenario-4 --reach --strategy sequential --json
         optipromp plan scenario-3 --constraints paper --set paper.drift_offset=0.03
-        optipromp plan paper-3 --constraints paper --strategy sequential
         optipromp plan scenario-3 --set static_clearance=0.02 --set max_step=0.03
         optipromp plan scenario-3 --demonstrations recorded.npz
         optipromp plan my-scene.yaml --robot ur5.urdf --tip tool0
         optipromp plan scenes --out plans
         optipromp plan seen-again.yaml --previous reach --at 1.5
-        optipromp plan crowded-shelf.yaml --progress --timeout 30
         optipromp plan my-scene.yaml --targets ripe,n1,n3 --out picks
 
     Args:
@@ -195,22 +189,20 @@ def plan(
     output.check()
     request, named = wanted.request(), arm.of(robot)
     if scene not in scene_names() and is_folder(Path(scene)):
-        stated = [name for name, one in vars(variant).items() if one and name != "at"]
-        if stated:
-            raise InvalidRequestError(
-                f"--{stated[0]} goes with one scene, not with a folder of them"
-            )
-        return plan_folder(Path(scene), request, output, named, workers, progress)
+        if name := "--previous" * bool(variant.previous) or "--targets" * bool(variant.targets):
+            raise InvalidRequestError(f"{name} goes with one scene, not with a folder of them")
+        return plan_folder(Path(scene), request, output, named, workers, progress, variant.reach)
     loaded = named.of(optipromp.load_scene(scene))
+    if variant.reach or variant.previous is not None:
+        loaded = replace(loaded, place=None)
     console.say_if_compiling(progress)
     if variant.targets is None:
         report = plan_one(loaded, request, output, variant, progress)
         if output.out is not None:
             _keep_picture(Path(scene), output.out)
         return report
-    if variant.previous is not None or variant.retreat:
-        name = "--retreat" if variant.previous is None else "--previous"
-        raise InvalidRequestError(f"{name} goes with one target, not with --targets")
+    if variant.previous is not None:
+        raise InvalidRequestError("--previous goes with one target, not with --targets")
     return plan_targets(loaded, variant.targets, request, output, progress)
 
 
@@ -229,17 +221,16 @@ def _keep_picture(scene: Path, folder: Path) -> None:
 def plan_one(
     scene: "Scene", request: Request, output: Output, variant: Variant, progress: bool | None = None
 ) -> Report:
-    """Plan one motion to the target of ``scene``, or a pick with all its legs, and write it."""
-    legs = variant.retreat or scene.place is not None
-    if legs and variant.previous is not None:
-        raise InvalidRequestError("--previous goes without --retreat, in a scene without a place")
-    running = None if variant.previous is None else optipromp.load_plan(variant.previous)
+    """Plan the pick of ``scene`` with all its legs, or one motion, and write it."""
+    from optipromp.core.planning.takes import plan_whole
+
+    at, previous = variant.at, variant.previous
+    running = None if previous is None else optipromp.load_plan(previous)
 
     def planned(scene: "Scene") -> "Plan | Picked":
         with console.waiting(f"planning {scene.name}", progress) as say:
-            if legs:
-                return optipromp.plan_pick(scene, progress=say, **request)
-            at = variant.at
+            if not variant.reach and running is None and at is None:
+                return plan_whole(scene, progress=say, **request)
             return optipromp.plan(scene, progress=say, previous=running, at=at, **request)
 
     result = planned(scene)
@@ -278,32 +269,26 @@ def better_known(scene: "Scene") -> "Scene":
 
 
 def shown(result: "Plan | Picked", written: tuple[str, ...], out: Path | None) -> Shown:
-    """Name, status and message of a plan; the figures of a success; a line for each leg."""
+    """Name, status and message of a plan; the figures of a reach that is a success; the legs."""
     from rich.table import Table
 
+    from optipromp.core.planning.takes import legs_of
     from optipromp.looks.viewer.words import author, plan_rows, seconds
 
-    plan = result if isinstance(result, optipromp.Plan) else result.reach
+    plan, *later = legs_of(result).values()
     yield console.headline(
         (plan.scene.name, "bold"),
         f"  {author(plan)}  ",
-        (plan.status, f"bold {'green' if plan.success else 'red'}"),
-        f" in {seconds(plan.time.get('total', math.nan))}",
+        (result.status, f"bold {'green' if result.success else 'red'}"),
+        f" in {seconds(sum(leg.time.get('total', math.nan) for leg in (plan, *later)))}",
     )
-    if plan.message:
-        yield plan.message
+    if result.message:
+        yield result.message
     if plan.success:
         table = Table(box=None, show_header=False, padding=(0, 2))
-        for row in plan_rows(plan):
+        for row in plan_rows(result):
             table.add_row(*row)
         yield table
-    if not isinstance(result, optipromp.Plan):
-        yield console.headline(
-            ("all legs  ", "bold"), (result.status, "bold"), f"  {result.message}"
-        )
-        for name, leg in result.legs.items():
-            harm = "" if leg.prediction is None else f", harm {leg.harm:.2f}"
-            yield f"  {name:<10}{leg.status}, {leg.duration:.2f} s{harm}"
     if out is not None:
         yield f"wrote {', '.join(written)} to {out}"
 
@@ -323,7 +308,7 @@ class Entry:
 
     file: Path
     out: Path | None
-    result: "Plan | Picked | OptiPrompError"
+    result: "Result"
 
     @property
     def status(self) -> Code:
@@ -372,29 +357,35 @@ def plan_folder(
     named: "Named",
     workers: int | None = None,
     progress: bool | None = None,
+    reach: bool = False,
 ) -> Report:
     """Plan every scene in ``folder``, with the robot that is named, and write each plan."""
+    from optipromp.core.errors import NoPlanError
+    from optipromp.core.processes import cores, run_each
+
     files, out = scene_files(folder), output.out
     homes: Sequence[Path | None] = [None] * len(files) if out is None else outputs(files, out)
     console.say_if_compiling(progress)
     began = time.perf_counter()
-    done_so_far, good = 0, 0
+    results, good = dict[int, "Result"](), 0
     with console.progress_bar(10, progress) as shown:
 
-        def done(index: int, result: "Plan | Picked | OptiPrompError") -> None:
-            nonlocal done_so_far, good
+        def done(index: int, result: "Result | BrokenProcessPool") -> None:
+            nonlocal good
             home = homes[index]
-            if home is not None and not isinstance(result, OptiPrompError):
+            if isinstance(result, BrokenProcessPool):
+                result = NoPlanError(str(result))
+            elif home is not None and not isinstance(result, OptiPrompError):
                 output.write(result, home)
-            done_so_far, good = done_so_far + 1, good + getattr(result, "success", False)
-            words = f"{done_so_far} of {len(files)} planned, {good} succeeded"
-            shown(done_so_far, len(files), words)
+            results[index], good = result, good + getattr(result, "success", False)
+            words = f"{len(results)} of {len(files)} planned, {good} succeeded"
+            shown(len(results), len(files), words)
 
         stated = [named.of(optipromp.load_scene(file)) for file in files] if named else files
-        asked = {"workers": workers, "progress": done, **request}
-        results = optipromp.plan_many(stated, legs=True, **asked)
+        tasks = [(scene, request, reach) for scene in stated]
+        run_each(planned, tasks, done, workers=workers or cores())
     seconds = time.perf_counter() - began
-    entries = [Entry(*item) for item in zip(files, homes, results, strict=True)]
+    entries = [Entry(*item, results[k]) for k, item in enumerate(zip(files, homes, strict=True))]
     document = {
         "folder": str(folder),
         "succeeded": good,
@@ -407,6 +398,16 @@ def plan_folder(
     if out is not None:
         lines.append(f"wrote a folder for each plan to {out}")
     return Report(document, lines, max((exit_code(entry.status) for entry in entries), default=OK))
+
+
+def planned(scene: "Scene | Path", request: Request, reach: bool) -> "Result":
+    """The pick of a scene, or its ``reach`` alone, or the error."""
+    from optipromp.core.planning.takes import plan_whole
+
+    try:
+        return optipromp.plan(scene, **request) if reach else plan_whole(scene, **request)
+    except OptiPrompError as error:
+        return error.with_traceback(None)
 
 
 def table(entries: Sequence[Entry]) -> "Table":

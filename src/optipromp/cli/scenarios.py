@@ -101,10 +101,8 @@ def reductions(rows: Sequence["ScenarioRow"]) -> "Table":
 
 
 def figures(rows: Sequence["ScenarioRow"]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Header and lines of Table I: the paper's figures, ours, and whether these pass its tests.
-
-    The column ``joints`` has M_c over joint origins. In brackets: our tool's offset along x_g.
-    """
+    """Header and lines of Table I: the paper's figures, ours, and whether these pass its tests. The
+    column ``joints`` has M_c over joint origins. In brackets: our tool's offset along x_g."""
     ids, lines = ("n1", "n2"), list[tuple[str, ...]]()
     for row in rows:
         metrics, paper, holds = row.plan.metrics, row.case.published, row.thresholds

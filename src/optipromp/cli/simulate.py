@@ -75,9 +75,7 @@ class LoopOptions:
 
     def check(self, further: dict[str, object]) -> None:
         """Refuse options that are of a loop where there is none, or of a plan in a loop.
-
-        ``further``: options that are of a plan, by name; None where they are not given.
-        """
+        ``further``: options that are of a plan, by name; None where they are not given."""
         ours = {
             "--looks-only": self.looks_only or None,
             "--noise": self.noise,
@@ -110,9 +108,8 @@ def pick(
     seed: int,
 ) -> "Loop":
     """A pick in closed loop. Where plants sway, the first look comes 4 s after the beginning.
-
-    Without ``truth``, ``seen`` is the true scene, and is first seen with the errors of the noise.
-    """
+    Without ``truth``, ``seen`` is the true scene, and is first seen with the errors of the
+    noise."""
     from optipromp.laboratory.experiments.situations import SETTLE, Situation, picked, seen_at_once
     from optipromp.laboratory.generate import NOISES, noisy
 
@@ -191,21 +188,21 @@ def simulate(
     gif: bool = False,
     slow: float = 1.0,
     failed_leg: bool = False,
-    retreat: bool = False,
+    reach: bool = False,
     *,
     disturbed: Disturbed,
     eyes: LoopOptions,
     robot: InPlace = None,
     arm: ArmOptions,
 ) -> Report:
-    """Execute a plan in the physics simulation and judge what happened there.
+    """Execute a pick in the physics simulation, to its end, and judge what happened there.
 
     The exit code is 0 only when the target alone ended in the gripper and nothing was harmed; 1
     otherwise; 2 when the input is wrong. Needs the extra 'sim': pip install -e '.\\[sim]'.
 
     Examples:
-        optipromp simulate scenario-3 --video
-        optipromp simulate reach --slow 4 --gif
+        optipromp simulate scenario-4 --video
+        optipromp simulate pick --slow 4 --gif
         optipromp simulate my-scene.yaml --planner i-promp --json
         optipromp simulate scenario-3 --closed-loop --sway 0.01 --noise zero-mean --video
 
@@ -222,8 +219,9 @@ def simulate(
         gif: And as an animation: run.gif.
         slow (FACTOR): How many times slower a film runs.
         failed_leg: Of a pick whose retreat or carry failed: execute that leg, too.
-        retreat: Plan and execute the way out, too; in a scene with a place it always is.
+        reach: The reach alone, without the way out.
     """
+    from optipromp.core.planning.takes import legs_of
     from optipromp.core.robots.model import warn_of_gravity
     from optipromp.laboratory.simulation import SimulationParameters
     from optipromp.laboratory.simulation.engine import engine
@@ -241,7 +239,7 @@ def simulate(
             "--strategy": None if strategy == "joint" else strategy,
             "--speed": speed,
             "--failed-leg": failed_leg or None,
-            "--retreat": retreat or None,
+            "--reach": reach or None,
         }
     )
     parameters = disturbed.of(SimulationParameters())
@@ -252,7 +250,7 @@ def simulate(
     leave = partial(_leave, folder=folder, kinds=kinds, slow=slow)
     if eyes.closed_loop:
         found = loaded(scene_or_plan, "simulate")
-        if isinstance(found, optipromp.Plan):
+        if not isinstance(found, optipromp.Scene):
             told = f"{scene_or_plan} is a plan; --closed-loop makes its own: give the scene"
             raise InvalidRequestError(told)
         seen = arm.of(robot).of(found)
@@ -262,11 +260,10 @@ def simulate(
         further = loop_document(loop)
         told = f"{further['loop']} loop: {loop.result}"
         return _report(loop.run, told, further, (folder, leave(loop.run, loop=loop)))
-    plan = _plan(scene_or_plan, planner, strategy, seed, arm.of(robot), retreat)
-    legs = plan.legs if isinstance(plan, optipromp.Picked) else {"": plan}
-    for leg in legs.values():
+    plan = _plan(scene_or_plan, planner, strategy, seed, arm.of(robot), reach)
+    first, *later = legs_of(plan).values()
+    for leg in (first, *later):
         warn_of_gravity(leg.robot, leg.trajectory.positions, leg.scene.up, "on the way")
-    (first, *_) = legs.values()
     with waiting(f"executing in {(truth or first.scene).name} ..."):
         settings: Any = {"parameters": parameters, "seed": seed, "failed_leg": failed_leg}
         run = optipromp.simulate(plan, truth, **settings)
@@ -293,18 +290,18 @@ def _report(
 
 
 def _plan(
-    item: str, planner: str, strategy: Strategy, seed: int, named: Named, retreat: bool
+    item: str, planner: str, strategy: Strategy, seed: int, named: Named, reach: bool
 ) -> "optipromp.Plan | optipromp.Picked":
+    from optipromp.core.planning.takes import plan_whole
+
     found = loaded(item, "simulate")
-    if isinstance(found, optipromp.Plan):
+    if not isinstance(found, optipromp.Scene):
         if named:
             raise InvalidRequestError(f"{item} is a plan, which has its robot; name none")
-        if retreat:
-            raise InvalidRequestError(f"{item} is a plan: plan it with --retreat")
-        return optipromp.load_pick(item)
-    scene = named.of(found)
+        return found.reach if reach and isinstance(found, optipromp.Picked) else found
+    scene = named.of(replace(found, place=None) if reach else found)
     say_if_compiling()
-    verb = optipromp.plan_pick if retreat or scene.place is not None else optipromp.plan
+    verb = optipromp.plan if reach else plan_whole
     with waiting(f"planning {scene.name} ...") as say:
         return verb(scene, planner=planner, strategy=strategy, seed=seed, progress=say)
 

@@ -242,9 +242,7 @@ def table(
     cells: Sequence["Cell"], names: Sequence[str], columns: Mapping[str, Column], title: str
 ) -> "Table":
     """Cells as rows of a table: their names, then the columns. A name is not repeated below itself.
-
-    A line parts the presets.
-    """
+    A line parts the presets."""
     out = grid(names, list(columns), title=title, padding=(0, 0))
     before: list[str] = []
     for cell in cells:

@@ -54,10 +54,8 @@ def file_name(text: str) -> str:
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path looks like a bag: ``.mcap``, ``.db3``, or a folder with metadata.yaml.
-
-    A ``.bag`` of ROS 1 does too, and its reader says what to do.
-    """
+    """Whether a path looks like a bag: ``.mcap``, ``.db3``, or a folder with metadata.yaml. A
+    ``.bag`` of ROS 1 does too, and its reader says what to do."""
     if is_folder(path):
         return is_there(path / "metadata.yaml")
     return path.suffix.lower() in (".mcap", ".db3", ".bag")
@@ -72,10 +70,8 @@ ALLOW_XACRO = "OPTIPROMP_ALLOW_XACRO"
 
 
 def homes(folder: Path | None) -> tuple[Path, ...]:
-    """The folders that may hold the files which a file in ``folder`` names.
-
-    They are ``folder``, the working directory (unless it is the root), and :data:`FOLDERS`.
-    """
+    """The folders that may hold the files which a file in ``folder`` names. They are ``folder``,
+    the working directory (unless it is the root), and :data:`FOLDERS`."""
     here = Path.cwd()
     listed = [Path(home) for home in os.environ.get(FOLDERS, "").split(os.pathsep) if home]
     return folder or here, *([here] if here != Path(here.anchor) else []), *listed
@@ -85,9 +81,7 @@ def check_inside(
     path: Path, folder: Path | None, error: type[OptiPrompError], more: Iterable[Path] = ()
 ) -> Path:
     """``path``, which a file in ``folder`` names, if it lies in its :func:`homes` or in ``more``.
-
-    Links are followed.
-    """
+    Links are followed."""
     try:
         real = path.resolve()
         if any(real.is_relative_to(home.resolve()) for home in (*homes(folder), *more)):
@@ -105,11 +99,9 @@ COMMITTED = ".committed"
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write ``content`` beside ``path`` and rename it into place; the folder is made if missing.
-
-    If the writing is interrupted (a full disk, Ctrl-C, a kill), ``path`` holds its old content or
-    the new. Remains of killed processes beside it are removed.
-    """
+    """Write ``content`` beside ``path`` and rename it into place; the folder is made if missing. If
+    the writing is interrupted (a full disk, Ctrl-C, a kill), ``path`` holds its old content or the
+    new. Remains of killed processes beside it are removed."""
     if is_there(path) and not is_file(path):
         raise InvalidRequestError(f"cannot write {path}: it is no file")
     with _writing(path), _aside(path.parent, path.name) as temporary:
@@ -118,12 +110,10 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 def write_together(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Write several files of a folder, all of them or none; the folder is made if missing.
-
-    The files are written to a temporary folder, which is then renamed to :data:`COMMITTED`: from
-    then on they count as written. Last they are moved to their places. If that is interrupted by a
-    kill, :func:`settle` finishes it. Other files of the folder stay.
-    """
+    """Write several files of a folder, all of them or none; the folder is made if missing. The
+    files are written to a temporary folder, which is then renamed to :data:`COMMITTED`: from then
+    on they count as written. Last they are moved to their places. If that is interrupted by a kill,
+    :func:`settle` finishes it. Other files of the folder stay."""
     for name in files:
         if is_there(folder / name) and not is_file(folder / name):
             raise InvalidRequestError(f"cannot write {folder / name}: it is no file")
@@ -304,10 +294,8 @@ def reading(
     passes: tuple[type[OptiPrompError], ...] = (),
 ) -> Iterator[None]:
     """Errors in the content of a file that this library wrote become one line that names the file.
-
     ``wrong``: what the file is not, in words. ``passes``: types of errors that are raised as they
-    are.
-    """
+    are."""
     try:
         yield
     except passes:
@@ -334,10 +322,8 @@ def members(
     data: Mapping[str, Any], table: Mapping[str, tuple[type, str]], sizes: dict[str, int]
 ) -> dict[str, Any]:
     """The arrays of an archive that ``table`` names, read-only. Raises KeyError and ValueError.
-
     ``data``: of :func:`read_npz`. ``table``: type and shape of each array, a letter or a digit for
-    each dimension. ``sizes``: of the letters; those that it lacks are added as they are met.
-    """
+    each dimension. ``sizes``: of the letters; those that it lacks are added as they are met."""
     import numpy as np
 
     from optipromp.core.arrays import frozen

@@ -3,7 +3,8 @@
 ``plan.json`` holds everything but the curves, and the digests of the other files.
 ``trajectory.csv`` and ``trajectory.npz`` hold the executable curve at a controller's rate.
 ``waypoints.npz`` holds the rows that define the three curves of a plan. The folder of a pick is
-that of its reach, with ``retreat.npz`` and ``carry.npz``: the waypoints of the further legs.
+that of its reach, with ``retreat.npz`` and ``carry.npz``, the waypoints of the further legs, and
+``retreat.csv`` and ``carry.csv`` at the controller's rate.
 """
 
 import hashlib
@@ -77,6 +78,8 @@ def write_plan(plan: Plan, folder: Path, *, rate: float = RATE) -> tuple[str, ..
     document = _document(plan, folder) | {"sha256": digests}
     contents["plan.json"] = files.json_text(document).encode("utf-8")
     files.write_together(folder, contents)
+    for leg_file in (folder / f"{name}.{kind}" for name in AFTER for kind in ("npz", "csv")):
+        leg_file.unlink(missing_ok=True)  # of an earlier pick
     return tuple(contents)
 
 
@@ -260,7 +263,8 @@ def write_pick(picked: Picked, folder: Path, *, rate: float = RATE) -> tuple[str
             rows = {OF: of, TOLD: [one.status, one.message], **arrays(one.trajectory)}
             content = files.npz(rows, compressed=True)
             files.write_atomically(folder / f"{name}.npz", content)
-            names.append(f"{name}.npz")
+            files.write_atomically(folder / f"{name}.csv", csv(one.trajectory.resample(rate)))
+            names += [f"{name}.npz", f"{name}.csv"]
     return tuple(names)
 
 

@@ -1,10 +1,8 @@
-"""The looks of robots and scenes as coloured surfaces: for pages, files, films and pictures.
-
-A scene is fruits with a calyx, stems, objects, and the row that the fruits hang from. The row
+"""The looks of robots and scenes as coloured surfaces: for pages, files, films and pictures. A
+scene is fruits with a calyx, stems, objects, and the row that the fruits hang from. The row
 (gutter, hangers, posts, floor) is decoration that no plan considers, so it is drawn only where the
 scene has no object that the stems could hang from. An arm is the meshes of its links where they can
-be read, else smooth bodies.
-"""
+be read, else smooth bodies."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -42,21 +40,16 @@ _DIGITS = 7  # decimals of a corner [m] by which corners are the same
 def shape_faces(
     shape: Shape, position: FloatArray, rotation: FloatArray, cut: float = _LARGEST_FACE
 ) -> FloatArray:
-    """Faces (F, 4, 3) of a shape placed in the world.
-
-    ``rotation``: (3, 3), world from local. ``cut``: largest edge of a flat face [m], unless an edge
-    takes too many faces.
-    """
+    """Faces (F, 4, 3) of a shape placed in the world. ``rotation``: (3, 3), world from local.
+    ``cut``: largest edge of a flat face [m], unless an edge takes too many faces."""
     return np.asarray(shape.surface(cut) @ np.asarray(rotation).T + np.asarray(position))
 
 
 def triangles(faces: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Vertices (V, 3) and triangles (M, 3) of faces (F, 4, 3), or of triangles (M, 3, 3).
-
-    Corners at one place are one vertex where the surface is smooth, so that a viewer that averages
-    normals shades it smoothly; they are several vertices at an edge sharper than :data:`_CREASE`.
-    Triangles of no area are left out.
-    """
+    """Vertices (V, 3) and triangles (M, 3) of faces (F, 4, 3), or of triangles (M, 3, 3). Corners
+    at one place are one vertex where the surface is smooth, so that a viewer that averages normals
+    shades it smoothly; they are several vertices at an edge sharper than :data:`_CREASE`. Triangles
+    of no area are left out."""
     corners = faces
     if faces.shape[1] == 4:
         corners = np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])
@@ -207,10 +200,8 @@ def colour_of(scene: Scene, item: SceneObject) -> str:
 
 
 def calyx(radius: float, top: float) -> FloatArray:
-    """Faces of sepals on a ball of a ``radius`` [m] whose pole is at the height ``top`` on z.
-
-    Each sepal is a thin leaf that follows the ball from the pole and lifts off at its tip.
-    """
+    """Faces of sepals on a ball of a ``radius`` [m] whose pole is at the height ``top`` on z. Each
+    sepal is a thin leaf that follows the ball from the pole and lifts off at its tip."""
     share = np.linspace(0.0, 1.0, 6)
     polar = 1.05 * share  # [rad] from the pole
     lift = radius * (1.03 + 0.10 * share**3)
@@ -386,13 +377,11 @@ Solids = dict[str, list[FloatArray]]  # triangles (m, 3, 3) by colour, in the fr
 
 @lru_cache(maxsize=16)
 def arm_parts(robot: Robot) -> tuple[Part, ...]:
-    """The looks of a robot and its tool, in the frames of its segments.
-
-    A link shows the visual geometry of its URDF, or the collision geometry where it has no visual.
-    The built-in Panda shows the meshes of the package example-robot-data where that is installed. A
-    link without geometry, or with a mesh that cannot be read, shows the convex hull of its body
-    spheres; a revolute joint between two such links shows a dark drum.
-    """
+    """The looks of a robot and its tool, in the frames of its segments. A link shows the visual
+    geometry of its URDF, or the collision geometry where it has no visual. The built-in Panda shows
+    the meshes of the package example-robot-data where that is installed. A link without geometry,
+    or with a mesh that cannot be read, shows the convex hull of its body spheres; a revolute joint
+    between two such links shows a dark drum."""
     parts: list[Part] = []
     shown: set[str] = set()
     for link, segment, solids in (*_given(robot), *_panda(robot)):
@@ -503,11 +492,9 @@ def _parts(name: str, segment: int, solids: Solids) -> list[Part]:
 
 
 def _drum(robot: Robot, s: int) -> list[Part]:
-    """A dark cylinder about joint ``s`` where the bodies on its two sides overlap.
-
-    It is a ring about bodies that lie end to end along the axis, and a pin through bodies that lie
-    side by side along most of it, as at an elbow.
-    """
+    """A dark cylinder about joint ``s`` where the bodies on its two sides overlap. It is a ring
+    about bodies that lie end to end along the axis, and a pin through bodies that lie side by side
+    along most of it, as at an elbow."""
     kin, cover = robot.kinematics, robot.spheres
     axis = kin.axis[s]
     spans, reaches = [], []

@@ -17,8 +17,9 @@ import numpy as np
 from optipromp.core.documents import read_document
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError, OptiPrompError
 from optipromp.core.files import is_file, is_folder, reading
-from optipromp.core.output import load_plan
-from optipromp.core.planning import Plan, PlanOptions
+from optipromp.core.output import load_pick
+from optipromp.core.planning import Picked, Plan, PlanOptions
+from optipromp.core.planning.takes import legs_of, takes
 from optipromp.core.scenes.crops import load_crop
 from optipromp.core.scenes.io import scene_from_dict
 from optipromp.laboratory.experiments import statistics
@@ -130,42 +131,38 @@ OURS = "—"
 
 
 def plan_report(folder: Path | str) -> bytes:
-    """One HTML file, at most 5 MB, about the plan in a folder that ``optipromp plan`` left.
-
+    """One HTML file, at most 5 MB, about the plan or pick that ``optipromp plan`` left in a folder.
     The report includes the outcome and film that ``optipromp simulate`` left in the folder. Without
-    viser the 3-D view is left out.
-    """
+    viser the 3-D view is left out."""
     folder = Path(folder)
-    plan = load_plan(folder)
+    made = load_pick(folder)
+    plan, *later = legs_of(made).values()
     folder = folder if is_folder(folder) else folder.parent
     written = json.loads((folder / "plan.json").read_text(encoding="utf-8")).get("version", "")
     title = f"{plan.scene.name}: {plan.planner}"
-    kind = "good" if plan.success else "bad"
+    kind = "good" if made.success else "bad"
     total = seconds(plan.time.get("total", math.nan))
-    head = (
-        f"<h1>{escape(title)}</h1>"
-        + paragraph(f"{plan.status} in {total}", f"status {kind}")
-        + paragraph(plan.message)
-    )
+    told = paragraph(f"{made.status}, the reach in {total}", f"status {kind}")
+    head = f"<h1>{escape(title)}</h1>{told}{paragraph(made.message)}"
     figures = [
         ("The arm, and the cluster along two axes", reach_figure(plan)),
-        ("Joints over time", joint_figure(plan)),
+        ("Joints over time", joint_figure(made)),
     ]
     if changed_terms(plan):
         figures.append(("Costs over the iterations", cost_figure(plan)))
-    contacts = [vars(contact) for contact in plan.contacts]
+    contacts = [vars(contact) for leg in (plan, *later) for contact in leg.contacts]
     rows = [tuple(map(str, contact.values())) for contact in contacts]
     touches = [table(rows, tuple(contacts[0]))] if rows else []
     parts = [
         head,
-        _shown(lambda: plan_page(plan), "Turn it with the mouse; pushed fruits move as predicted."),
+        _shown(lambda: plan_page(made), "Turn it with the mouse; pushed fruits move as predicted."),
         section("Pictures", *(picture(png(figure, DPI), name) for name, figure in figures)),
-        section("Metrics", table(plan_rows(plan))),
+        section("Metrics", table(plan_rows(made))),
         *_beside_paper(plan),
         *(section("Touches that must not be", each) for each in touches),
         *_run(folder),
         section("Settings", table(_settings(plan))),
-        made_with(_command(plan), {"plan written by": f"optipromp {written}"}),
+        made_with(_command(made), {"plan written by": f"optipromp {written}"}),
     ]
     return _fitted(title, parts, folder)
 
@@ -272,14 +269,17 @@ def _settings(plan: Plan) -> list[tuple[str, str]]:
     return [(name, value) for name, value in rows if value]
 
 
-def _command(plan: Plan) -> str:
+def _command(made: Plan | Picked) -> str:
     from optipromp.core.scenes.io import scene_names
 
+    plan = legs_of(made)["reach"]
     name = plan.scene.name
     words = ["optipromp", "plan", name if name in scene_names() else f"{name}.yaml"]
     words += ["--planner", plan.planner]
     if plan.strategy:
         words += ["--strategy", plan.strategy]
+    if made is plan and plan.success and takes(plan.scene, plan.robot):
+        words.append("--reach")
     return shlex.join([*words, "--seed", str(plan.seed), "--out", "DIR"])
 
 
@@ -296,11 +296,9 @@ SLIGHT = 0.2  # [N] largest force of a run whose end is shown instead of the mom
 def study_report(
     folder: Path | str, *, worst: int = WORST, progress: Callable[[str], None] | None = None
 ) -> bytes:
-    """One HTML file about the study in a folder that ``optipromp study`` left.
-
-    The ``worst`` failed runs are made again for their pictures, if anything can be drawn off
-    screen. ``progress``: called with a line about the run that is drawn.
-    """
+    """One HTML file about the study in a folder that ``optipromp study`` left. The ``worst`` failed
+    runs are made again for their pictures, if anything can be drawn off screen. ``progress``:
+    called with a line about the run that is drawn."""
     folder = Path(folder)
     rows = rows_of(folder)
     if not rows:
@@ -412,10 +410,8 @@ def _picture(run: Run) -> bytes:
 
 
 def worst_moment(run: Run) -> float:
-    """The moment of a failed run to show [s]: the first tear, else the largest force.
-
-    The force is that on a fruit or stem. Where it is below :data:`SLIGHT`, the moment is the end.
-    """
+    """The moment of a failed run to show [s]: the first tear, else the largest force. The force is
+    that on a fruit or stem. Where it is below :data:`SLIGHT`, the moment is the end."""
     rollout = run.rollout
     if rollout.torn_at:
         return min(rollout.torn_at.values())

@@ -44,11 +44,8 @@ _KEPT = 32  # grids in memory, at most
 
 @dataclass(frozen=True, eq=False)
 class DistanceGrid:
-    """Signed distances [m] at the nodes of a regular grid in a shape's local frame.
-
-    ``values``: (n0, n1, n2). ``origin``: (3,) first node [m]. ``spacing``: between neighbouring
-    nodes [m].
-    """
+    """Signed distances [m] at the nodes of a regular grid in a shape's local frame. ``values``:
+    (n0, n1, n2). ``origin``: (3,) first node [m]. ``spacing``: between neighbouring nodes [m]."""
 
     values: FloatArray
     origin: FloatArray
@@ -68,11 +65,9 @@ class _Source:
 
 
 def distance_grid(shape: Shape) -> DistanceGrid:
-    """The grid of a shape: from memory, from disk, or built and then stored in both.
-
-    The cache folder is ``OPTIPROMP_CACHE``, else the platform's. A folder that cannot be written is
-    no error.
-    """
+    """The grid of a shape: from memory, from disk, or built and then stored in both. The cache
+    folder is ``OPTIPROMP_CACHE``, else the platform's. A folder that cannot be written is no
+    error."""
     shape = shape if isinstance(shape, PointCloudShape) else shape.mesh(FINE)
     return _grid(_Source(_key(shape), shape))
 
@@ -92,12 +87,10 @@ def _grid(source: _Source) -> DistanceGrid:
 
 
 def mesh_grid(mesh: MeshShape) -> DistanceGrid:
-    """Signed distance grid of a closed mesh.
-
-    The nodes hold exact distances to the triangles, signed by the generalised winding number; the
-    mesh may have either orientation. The spacing is the longest side / 48, halved while the
-    grid misses a thin part and the finer grid has at most 1.5 million nodes.
-    """
+    """Signed distance grid of a closed mesh. The nodes hold exact distances to the triangles,
+    signed by the generalised winding number; the mesh may have either orientation. The spacing is
+    the longest side / 48, halved while the grid misses a thin part and the finer grid has at most
+    1.5 million nodes."""
     check_closed(mesh)
     triangles = np.ascontiguousarray(mesh.vertices[mesh.faces])
     lower, upper = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
@@ -115,12 +108,10 @@ def mesh_grid(mesh: MeshShape) -> DistanceGrid:
 
 
 def cloud_grid(cloud: PointCloudShape) -> DistanceGrid:
-    """Distance grid of a point cloud: the distance to the nearest point less the points' radius.
-
-    A distance beyond :data:`_CLOUD_NEAR` may be too small by the share :data:`_CLOUD_SLACK`: an
-    exact distance in the middle of a hollow cloud would need every point. The grid is as fine as
-    200,000 nodes allow, but no finer than half the radius.
-    """
+    """Distance grid of a point cloud: the distance to the nearest point less the points' radius. A
+    distance beyond :data:`_CLOUD_NEAR` may be too small by the share :data:`_CLOUD_SLACK`: an exact
+    distance in the middle of a hollow cloud would need every point. The grid is as fine as 200,000
+    nodes allow, but no finer than half the radius."""
     lower = cloud.points.min(axis=0) - cloud.radius
     upper = cloud.points.max(axis=0) + cloud.radius
     step = max(0.5 * cloud.radius, float((upper - lower).max()) / 512)
@@ -134,11 +125,9 @@ def cloud_grid(cloud: PointCloudShape) -> DistanceGrid:
 
 
 def check_closed(mesh: MeshShape) -> None:
-    """Refuse a mesh that is not a closed surface with a volume.
-
-    A mesh is closed if as many faces run along every edge in one sense as in the other: then its
-    winding number is an integer everywhere. Vertices at one place count as one.
-    """
+    """Refuse a mesh that is not a closed surface with a volume. A mesh is closed if as many faces
+    run along every edge in one sense as in the other: then its winding number is an integer
+    everywhere. Vertices at one place count as one."""
     name = f"mesh {mesh.path}" if mesh.path is not None else "mesh"
     corners = mesh.vertices[mesh.faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -234,12 +223,10 @@ def to_nearest(
     slack: float,
 ) -> FloatArray:
     """Distances [m] of the nodes of a grid of shape ``shape`` to the nearest of ``points``.
-
     ``points``: (N, 3), N >= 1 [m]. ``origin``: (3,) first node [m], no larger than any point.
     ``step``: between nodes [m]. ``shape``: nodes along x, y, z. ``near``: distances up to ``near``
     are exact [m]. ``slack``: a longer distance d is between max(``near``, d / (1 + ``slack``)) and
-    d.
-    """
+    d."""
     start, ordered = _in_cells(points, origin, _CELL * step)
     low = np.minimum.reduceat(ordered, start[:-1])
     high = np.maximum.reduceat(ordered, start[:-1])
@@ -344,9 +331,7 @@ def _segment_squared(p0, p1, p2, a, e0, e1, e2):
 @kernel
 def triangle_squared(p0, p1, p2, corners):
     """Squared distance from p to the triangle with ``corners`` (3, 3), which may be degenerate.
-
-    Where the foot of p is inside the triangle, it is the distance to the plane, else to an edge.
-    """
+    Where the foot of p is inside the triangle, it is the distance to the plane, else to an edge."""
     a, b, c = corners[0], corners[1], corners[2]
     u0, u1, u2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     v0, v1, v2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
@@ -372,9 +357,7 @@ def triangle_squared(p0, p1, p2, corners):
 @kernel
 def winding_number(p0, p1, p2, triangles):
     """Generalised winding number of triangles (F, 3, 3) about p: the sum of solid angles over 4π.
-
-    Solid angles after van Oosterom and Strackee (1983), their sum after Jacobson et al. (2013).
-    """
+    Solid angles after van Oosterom and Strackee (1983), their sum after Jacobson et al. (2013)."""
     total = 0.0
     for f in range(triangles.shape[0]):
         t = triangles[f]
@@ -397,12 +380,10 @@ def winding_number(p0, p1, p2, triangles):
 
 @kernel
 def _fill_distances(triangles, centers, radii, origin, spacing, values):
-    """Unsigned distances, block by block.
-
-    ``centers`` (F, 3) and ``radii`` (F,) [m] are of balls that hold the triangles. Let c be the
-    centre of a block of radius rho. The triangle nearest to any node of the block has a ball no
-    farther from c than D(c) + 2 rho: the other triangles are skipped.
-    """
+    """Unsigned distances, block by block. ``centers`` (F, 3) and ``radii`` (F,) [m] are of balls
+    that hold the triangles. Let c be the centre of a block of radius rho. The triangle nearest to
+    any node of the block has a ball no farther from c than D(c) + 2 rho: the other triangles are
+    skipped."""
     count = triangles.shape[0]
     nearest = np.empty(count)
     candidates = np.empty(count, dtype=np.int64)
@@ -453,12 +434,10 @@ def _fill_distances(triangles, centers, radii, origin, spacing, values):
 
 @kernel
 def _sign_distances(triangles, origin, spacing, values):
-    """Make the distances of nodes inside the surface negative.
-
-    The winding number changes only across the surface. It is equal at two neighbouring nodes unless
-    both are nearer to the surface than the step. A margin of 1 % keeps the sign of a node on the
-    surface, which is arbitrary, from being passed on. Rows start outside, in the padding.
-    """
+    """Make the distances of nodes inside the surface negative. The winding number changes only
+    across the surface. It is equal at two neighbouring nodes unless both are nearer to the surface
+    than the step. A margin of 1 % keeps the sign of a node on the surface, which is arbitrary, from
+    being passed on. Rows start outside, in the padding."""
     near = 1.01 * spacing
     n0, n1, n2 = values.shape
     for i0 in range(n0):

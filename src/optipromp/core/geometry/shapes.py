@@ -77,11 +77,9 @@ class BallPair(NamedTuple):
 
 
 class Shape(ABC):
-    """A solid in its local frame: the interface between shapes and the library.
-
-    A shape of a user defines :meth:`mesh`. Distance grid, bounds, volume, the balls of a fruit that
-    hangs, picture, message and body in the simulation follow from the mesh.
-    """
+    """A solid in its local frame: the interface between shapes and the library. A shape of a user
+    defines :meth:`mesh`. Distance grid, bounds, volume, the balls of a fruit that hangs, picture,
+    message and body in the simulation follow from the mesh."""
 
     @abstractmethod
     def mesh(self, around: int = 24) -> MeshShape:
@@ -105,9 +103,7 @@ class Shape(ABC):
 
     def balls(self, line: FloatArray) -> BallPair:
         """The two balls for which a push model takes a fruit whose stem leaves along ``line`` (3,).
-
-        They touch the ends of the mesh along ``line``, a unit vector.
-        """
+        They touch the ends of the mesh along ``line``, a unit vector."""
         key = tuple(line.tolist())
         with suppress(TypeError):  # a class without a hash is fitted each time
             hash(self)
@@ -156,10 +152,8 @@ class Shape(ABC):
         return radius, middle, self.support(-axes)
 
     def surface(self, cut: float = np.inf) -> FloatArray:
-        """Faces (F, 4, 3) of the surface [m], see :mod:`optipromp.core.geometry.faces`.
-
-        Flat faces have edges up to ``cut`` [m], or longer ones where an edge has too many pieces.
-        """
+        """Faces (F, 4, 3) of the surface [m], see :mod:`optipromp.core.geometry.faces`. Flat faces
+        have edges up to ``cut`` [m], or longer ones where an edge has too many pieces."""
         mesh = self.mesh()
         corners = mesh.vertices[mesh.faces]
         return np.concatenate([corners, corners[:, 2:]], axis=1)
@@ -470,10 +464,8 @@ def _end_balls(line: FloatArray, low: float, high: float, length: float) -> Ball
 
 @lru_cache(maxsize=256)
 def _fitted(shape: Shape, line: tuple[float, ...]) -> tuple[float, float, float, float]:
-    """The numbers of :class:`BallPair` of a shape with a mesh: balls that touch its ends.
-
-    Of 16 radii for each ball: the pair whose hull has the least mean distance from the surface.
-    """
+    """The numbers of :class:`BallPair` of a shape with a mesh: balls that touch its ends. Of 16
+    radii for each ball: the pair whose hull has the least mean distance from the surface."""
     points, axis = shape.mesh().vertices, np.array(line)
     height = points @ axis
     aside = lengths(points - height[:, None] * axis)
@@ -554,10 +546,8 @@ def parted(mesh: MeshShape) -> list[MeshShape]:
 
 
 def box_axes(points: FloatArray) -> FloatArray:
-    """Axes (3, 3), as rows, of a box around ``points`` (m, 3), longest side first.
-
-    The box is along the axes of the frame or along the principal axes, whichever is smaller.
-    """
+    """Axes (3, 3), as rows, of a box around ``points`` (m, 3), longest side first. The box is along
+    the axes of the frame or along the principal axes, whichever is smaller."""
     principal = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
     if len(principal) < 3:
         principal = np.eye(3)

@@ -23,6 +23,7 @@ from optipromp.core.planning import Picked, Plan, PlanOptions, plan, planner_nam
 from optipromp.core.planning.leg_tasks import REACH
 from optipromp.core.planning.legs import with_way_out
 from optipromp.core.planning.planners import factory, make
+from optipromp.core.planning.takes import takes
 from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice
 from optipromp.core.scenes.crops import Crop, crop_in_scene
 from optipromp.core.scenes.io import load_scene
@@ -110,11 +111,8 @@ def attempt(scene: Scene, planner: str, *, seed: int = 0, risk: float = PlanOpti
 
 
 def takes_out(made: Plan) -> bool:
-    """Whether the tool takes hold of a target, in a scene in which nothing moves."""
-    tool, scene = made.robot.tool, made.scene
-    holds = tool is not None and tool.mouth[0] > 0.0 and scene.target is not None
-    hopeful = made.status in (Code.SUCCESS, Code.HARM_PREDICTED)
-    return holds and hopeful and not list(scene.movers)
+    """Whether a pick goes on with its way out."""
+    return made.status in (Code.SUCCESS, Code.HARM_PREDICTED) and takes(made.scene, made.robot)
 
 
 def pushed(made: Plan) -> float:

@@ -198,6 +198,8 @@ def go_on(
         done = replace(outcome, placed=placed)
     if placed is not None and not picked.success:
         return rollout, _unplaced(done, f"of the plan, {picked.message} ({picked.status})")
+    if placed is None and not picked.success and not failed_leg:
+        done = replace(done, message=f"{done.message}; the way out failed: {picked.message}")
     if not done.success or placed is None:
         return rollout, done
     off, limit = _off(picked, rollout), simulation.parameters.thresholds.placed

@@ -12,9 +12,10 @@ from optipromp.core.arrays import BoolArray, FloatArray, IntArray, lengths
 from optipromp.core.budget import Budget, clock
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.geometry import distances
-from optipromp.core.planning import Plan
+from optipromp.core.planning import Picked, Plan
 from optipromp.core.planning.parameters import FOLLOW
 from optipromp.core.planning.primitive import learnt
+from optipromp.core.planning.takes import curve_of, legs_of
 from optipromp.core.promp.conditioning import condition
 from optipromp.core.promp.model import ProMP
 from optipromp.core.promp.tasks import JointPoint, TaskPoint
@@ -25,7 +26,7 @@ from optipromp.core.robots.tools import TOOLS
 from optipromp.core.scenes.objects import rooted
 from optipromp.core.scenes.scene import PoseGoal, Role, Scene, SceneObject, ToolSpec
 from optipromp.looks.appearance import rgb
-from optipromp.looks.viewer.drawn import FOLLOWED, GREEN, OPTIMISED, RED, Moment, Placed, placed
+from optipromp.looks.viewer.drawn import FOLLOWED, GREEN, OPTIMISED, RED, Placed, shown_at
 
 # choices for the eye
 SAMPLES, ROWS = 24, 60  # trajectories of the bundle, waypoints of each
@@ -56,10 +57,8 @@ class Bundle:
 
 
 def bundle(promp: ProMP, robot: Robot, middle: FloatArray | None = None) -> Bundle:
-    """The tool paths of a primitive, about its mean or about waypoints ``middle`` (T, n).
-
-    The radius is along the direction of the largest spread of the tool point.
-    """
+    """The tool paths of a primitive, about its mean or about waypoints ``middle`` (T, n). The
+    radius is along the direction of the largest spread of the tool point."""
     q = promp.sample(np.random.default_rng(0), SAMPLES, ROWS)
     tool = robot.tool_pose(q)[0]
     mean = robot.tool_pose(promp.mean_trajectory(ROWS))[0]
@@ -75,11 +74,9 @@ def bundle(promp: ProMP, robot: Robot, middle: FloatArray | None = None) -> Bund
 
 
 def initial_bundle(plan: Plan, demonstrations: Any = None) -> Bundle | None:
-    """The conditioned primitive of a plan; None where nothing moves or it cannot be conditioned.
-
-    As in the plan, it is conditioned on the start, the goal, and tool points: the via points, or
-    stations on the tool path.
-    """
+    """The conditioned primitive of a plan; None where nothing moves or it cannot be conditioned. As
+    in the plan, it is conditioned on the start, the goal, and tool points: the via points, or
+    stations on the tool path."""
     q = plan.initial.positions
     if (q == q[0]).all():
         return None
@@ -104,10 +101,8 @@ def initial_bundle(plan: Plan, demonstrations: Any = None) -> Bundle | None:
 
 
 def candidates(plan: Plan) -> list[tuple[FloatArray, float]]:
-    """Tool paths (P, 3) that the search of a plan tries, each with its harm; the worst first.
-
-    The search is repeated with the plan's seed. The list is empty where no push model applies.
-    """
+    """Tool paths (P, 3) that the search of a plan tries, each with its harm; the worst first. The
+    search is repeated with the plan's seed. The list is empty where no push model applies."""
     task, model = plan.task, plan.push_model
     if model is None or not isinstance(task.goal, PoseGoal):
         return []
@@ -191,19 +186,20 @@ class PushedPlaces:
 
     def shifts(self) -> dict[str, float]:
         """The largest distance by which each object is pushed, by id [m]."""
-        of_each = zip(*self.places, strict=True)  # object, in time
-        return {row[0].item.id: max(each.shift for each in row) for row in of_each}
+        of_each = zip(*self.places, strict=True)  # object, in time; the target goes with the tool
+        pushed = (row for row in of_each if row[0].item.role != "target")
+        return {row[0].item.id: max(each.shift for each in row) for row in pushed}
 
 
-def pushed(plan: Plan) -> PushedPlaces:
-    """The predicted places of the scene's objects along a plan."""
+def pushed(made: Plan | Picked) -> PushedPlaces:
+    """The predicted places of the scene's objects along a plan or a pick."""
+    (plan, *later), end = legs_of(made).values(), curve_of(made).duration
     last = plan.trajectory.n_waypoints - 1
     pushes = plan.push_model is not None
     rows = np.linspace(plan.first, last, KEYS).round().astype(int) if pushes else [0]
-    rows = np.unique(np.append(0, rows))
-    times = plan.trajectory.times[rows]
-    moments = [Moment(int(row), float(t), "") for row, t in zip(rows, times, strict=True)]
-    return PushedPlaces(times, tuple(placed(plan, moment) for moment in moments))
+    times = plan.trajectory.times[np.unique(np.append(0, rows))]
+    times = np.append(times, np.linspace(plan.duration, end, KEYS * len(later) + 1)[1:])
+    return PushedPlaces(times, tuple(shown_at(made, float(time)) for time in times))
 
 
 def passing(plan: Plan) -> list[tuple[str, FloatArray, FloatArray]]:
@@ -228,9 +224,9 @@ class Chart:
     timed: bool = True
 
 
-def charts(plan: Plan, near: Clearances, times: FloatArray) -> list[Chart]:
+def charts(made: Plan | Picked, near: Clearances, times: FloatArray) -> list[Chart]:
     """Joints, speeds, clearances over time, and costs over the iterations."""
-    q, velocity, _ = plan.trajectory.sample(times)
+    plan, (q, velocity, _) = legs_of(made)["reach"], curve_of(made).sample(times)
     names = plan.robot.joint_names
     speed = np.linalg.norm(np.gradient(plan.robot.tool_pose(q)[0], times, axis=0), axis=1)
     share = 100.0 * np.abs(velocity) / plan.robot.velocity
@@ -342,11 +338,9 @@ def with_sigma(scene: Scene, value: float) -> Scene:
 
 
 def culprit(scene: Scene, found: Plan | OptiPrompError, dragged: Grip | None) -> FloatArray:
-    """The position (3,) of the cause of a failure [m].
-
-    It is that of the object that the plan touches, or of the first object that the message names;
-    else of the grip that was dragged last, the target, or the last tool point.
-    """
+    """The position (3,) of the cause of a failure [m]. It is that of the object that the plan
+    touches, or of the first object that the message names; else of the grip that was dragged last,
+    the target, or the last tool point."""
     by_id = {item.id: item for item in scene.objects}
     words = [] if isinstance(found, OptiPrompError) else [c.other for c in found.contacts]
     message = found.message.replace("'", " ").replace(",", " ").replace(":", " ").split()

@@ -17,6 +17,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, OptiPrompError, is_name
 from optipromp.core.files import check_folder, file_name
 from optipromp.core.planning import STRATEGIES, planner_names
+from optipromp.core.planning.takes import legs_of
 from optipromp.core.planning.task import posed
 from optipromp.core.promp import Basis, fit
 from optipromp.core.promp.demonstrations import save_demonstrations
@@ -116,8 +117,8 @@ class Panel:
             runs = [replay for replay, _ in window.replayed]
             entries = tabs.things(runs[0].scene)
             entries += tabs.replayed(looks=any(run.record is not None for run in runs))
-        elif window.plan is not None and window.plan.scene is window.scene:
-            entries += tabs.planned(window.plan, list(filter(window.stage.visible, LAYERS)))
+        elif window.made is not None and window.planned is window.scene:
+            entries += tabs.planned(window.made, list(filter(window.stage.visible, LAYERS)))
         self.legend.content = tabs.legend(entries)
         for name in PLANNED:
             self.layers[name].disabled = bool(window.replayed)
@@ -235,12 +236,13 @@ class Panel:
         self.saved.content = f"wrote {path}"
 
     def _save_plan(self) -> None:
-        from optipromp.core.output import write_plan
+        from optipromp.core.output import write_pick
+        from optipromp.core.planning.legs import Picked
 
-        if self.window.plan is None:
+        if self.window.made is None:
             raise InvalidRequestError("there is no plan of this scene")
         folder = self.window.out / self.named()
-        write_plan(self.window.plan, folder)
+        write_pick(Picked(dict(legs_of(self.window.made))), folder)
         self.saved.content = f"wrote {folder}"
 
     # -- layers and charts ----------------------------------------------------------------------
@@ -255,16 +257,14 @@ class Panel:
     def _layer(self, name: str, shown: bool) -> None:
         window = self.window
         window.stage.layer(name, shown)
-        if name == "pushed objects" and not shown and window.plan is not None:
-            window.stage.show(window.plan.scene, window.plan.robot)
         self._explain()
         window.go(window.now)
 
     def _refresh(self) -> None:
         """Update table, charts, and the controls of the scene after a plan."""
         window, plan = self.window, self.window.plan
-        assert plan is not None and window.near is not None  # noqa: PT018
-        self.table.content = tabs.table(plan)
+        assert plan and window.made and window.near  # noqa: PT018
+        self.table.content = tabs.table(window.made)
         self.gui.set_panel_label(f"OptI-ProMP: {plan.scene.name}")
         self.planner.value = window.settings["planner"]
         names = (NOTHING, *content.grips(window.scene))
@@ -275,7 +275,7 @@ class Panel:
         if radius is not None:
             self.radius.value = 1e3 * radius
         self.sigma.value = 1e3 * content.sigma(window.scene)
-        self.plots.show(content.charts(plan, window.near, window.chart_times), window.now)
+        self.plots.show(content.charts(window.made, window.near, window.chart_times), window.now)
 
     def _mark(self) -> None:
         """Update slider and charts after a change of the time."""
@@ -442,10 +442,8 @@ class ReplayTab:
 
 
 class Page:
-    """A running server. :meth:`stop` ends it and its threads.
-
-    Each window opens with ``source`` and saves into ``out``. ``port``: 0: any free one.
-    """
+    """A running server. :meth:`stop` ends it and its threads. Each window opens with ``source`` and
+    saves into ``out``. ``port``: 0: any free one."""
 
     def __init__(
         self, source: Source, *, host: str = "localhost", port: int = 0, out: Path = Path("out")

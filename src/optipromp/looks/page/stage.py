@@ -15,8 +15,9 @@ from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.documents import read_document
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError, OptiPrompError
 from optipromp.core.files import is_file, is_folder, is_there, read_npz, reading
-from optipromp.core.output import load_plan
-from optipromp.core.planning import Plan
+from optipromp.core.output import load_pick
+from optipromp.core.planning import Picked, Plan
+from optipromp.core.planning.takes import legs_of
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import load_scene, scene_from_dict, scene_names
@@ -30,7 +31,7 @@ from optipromp.looks.viewer.drawn import PRIMITIVE, RED, STILL, Placed, motions
 from optipromp.looks.viewer.serving import FLAT, Nodes, tube
 from optipromp.perception.pictures import OVERLAY, Image8, read_pixels
 
-_WIDTH = {"conditioned ProMP": 4.0, "followed path": 3.0, "optimised": 5.0}  # [pixel]
+_WIDTH = {"conditioned ProMP": 4.0, "followed path": 3.0, "optimised": 5.0, "way out": 3.0}  # [px]
 _CANDIDATE_ROWS = 24  # points of a candidate's line
 _LINE_POINTS = 60  # points of a motion's line
 _BALL_CORNERS = 10  # corners around a body sphere
@@ -111,10 +112,11 @@ class PlanNodes(Nodes):
         for key in [key for key in self._shown if key.partition("|")[0] == layer]:
             self._shown.pop(key).remove()
 
-    def trajectories(self, plan: Plan) -> None:
-        """Show the tool path of each trajectory of the plan."""
+    def trajectories(self, made: Plan | Picked) -> None:
+        """Show the tool path of each trajectory of the plan, and that of the way out."""
         self.drop("trajectories")
-        for motion in motions(plan):
+        plan = legs_of(made)["reach"]
+        for motion in motions(made):
             name, q = motion.name, motion.trajectory.positions
             rows = np.unique(np.linspace(0, len(q) - 1, _LINE_POINTS).round().astype(int))
             points = plan.robot.tool_pose(q[rows])[0]
@@ -251,11 +253,9 @@ SHEET = 0.50  # share of the height that they hide then, see :mod:`optipromp.loo
 def look(
     camera: Any, scene: Scene, tool: FloatArray | None = None, beside: FloatArray | None = None
 ) -> None:
-    """Frame target, pushables, tool: from beyond the target, or from the robot's side of a shelf.
-
-    A scene without target and pushables is framed whole. ``tool``: (3,) tool point in the base
-    frame [m]. ``beside``: (3,) offset of the same scene, where it is shown a second time [m].
-    """
+    """Frame target, pushables, tool: from beyond the target, or from the robot's side of a shelf. A
+    scene without target and pushables is framed whole. ``tool``: (3,) tool point in the base frame
+    [m]. ``beside``: (3,) offset of the same scene, where it is shown a second time [m]."""
     centres, radii = balls(scene, tool)
     if beside is not None:
         centres, radii = np.concatenate([centres, centres + beside]), np.tile(radii, 2)
@@ -311,14 +311,11 @@ def free(width: int, height: int, fov: float) -> FloatArray:
 def framed(
     centres: FloatArray, radii: FloatArray, away: FloatArray, up: FloatArray, edges: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Position (3,) of the camera, and its focus (3,) on its axis, that frame balls.
-
-    A ball is in the picture if its centre is at least its radius from the four planes through the
-    camera and the edges. These conditions are linear in the camera's position, so the nearest
-    position along ``away`` is exact.
-
-    ``away``, ``up``: (3,) unit vectors from the balls to the camera, and upright in the picture.
-    """
+    """Position (3,) of the camera, and its focus (3,) on its axis, that frame balls. A ball is in
+    the picture if its centre is at least its radius from the four planes through the camera and the
+    edges. These conditions are linear in the camera's position, so the nearest position along
+    ``away`` is exact. ``away``, ``up``: (3,) unit vectors from the balls to the camera, and upright
+    in the picture."""
     forward = -away
     right = np.cross(forward, up)
     right = right / np.linalg.norm(right)
@@ -416,11 +413,11 @@ def load_replay(folder: Path) -> Replay:
                       files.read_parameters(outcome), record)  # fmt: skip
 
 
-def execute(plan: Plan, name: str) -> Replay:
-    """Execute a plan in the simulation."""
+def execute(plan: Plan | Picked, name: str) -> Replay:
+    """Execute a plan or a pick in the simulation."""
     from optipromp.laboratory.simulation import simulate
 
-    run = simulate(plan, seed=plan.seed)
+    run = simulate(plan, seed=legs_of(plan)["reach"].seed)
     arrays = {key: np.asarray(value) for key, value in run.rollout.arrays().items()}
     return Replay(name, run.scene, run.robot, run.seed, arrays, run.success, run.outcome.message,
                   run.parameters)  # fmt: skip
@@ -431,9 +428,10 @@ class Source:
     """A scene, its plan, executed plans of it, and the picture in which it was seen, if any."""
 
     scene: Scene
-    plan: Plan | None = None
+    plan: Plan | Picked | None = None
     replays: tuple[Replay, ...] = ()
     seen: Image8 | None = None
+    reach: bool = False  # whether the reach alone is planned
 
 
 def open_source(item: str, beside: str | None = None) -> Source:
@@ -453,8 +451,8 @@ def open_source(item: str, beside: str | None = None) -> Source:
                 f"{item} is a study: 'optipromp report {item}' writes a page about it"
             )
         if is_there(folder / "plan.json"):
-            plan = load_plan(folder)
-            return Source(plan.scene, plan, replays, _seen(folder / "seen"))
+            plan = load_pick(folder)
+            return Source(legs_of(plan)["reach"].scene, plan, replays, _seen(folder / "seen"))
         if replays:
             return Source(replays[0].scene, None, replays)
         raise InvalidRequestError(

@@ -11,7 +11,8 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
-from optipromp.core.planning import Plan
+from optipromp.core.planning import Picked, Plan
+from optipromp.core.planning.takes import legs_of
 from optipromp.core.promp import Demonstrations
 from optipromp.core.promp.demonstrations import Demonstration
 from optipromp.core.robots import ik
@@ -118,12 +119,12 @@ def things(scene: Scene) -> list[Entry]:
     return found
 
 
-def planned(plan: Plan, shown: Collection[str]) -> list[Entry]:
+def planned(made: Plan | Picked, shown: Collection[str]) -> list[Entry]:
     """The signs of a plan on those of its layers that are shown."""
-    found = []
+    found, plan = [], legs_of(made)["reach"]
     if "trajectories" in shown:
-        lines = list(motions(plan))[::-1]  # the motion itself first
-        words = ["tool path", *(_LINES[motion.name] for motion in lines[1:])]
+        lines = list(motions(made))[::-1]  # the motion itself first
+        words = ["tool path", *(_LINES.get(motion.name, motion.name) for motion in lines[1:])]
         found += [(line(m.colour), w) for m, w in zip(lines, words, strict=True)]
     if "initial bundle" in shown:
         found.append((disc(PRIMITIVE, SPREAD), "spread of the learnt motion"))
@@ -202,10 +203,8 @@ def _sign(width: str, height: str, style: str) -> str:
 
 
 def sight(record: LoopRecord, now: float) -> str:
-    """The last look until ``now`` [s] as HTML: its cone of view with the detections in it.
-
-    The picture is the camera's, its x axis to the right. Targets are red, other fruits green.
-    """
+    """The last look until ``now`` [s] as HTML: its cone of view with the detections in it. The
+    picture is the camera's, its x axis to the right. Targets are red, other fruits green."""
     found = record.sight(now)
     if found is None:
         return ""
@@ -248,9 +247,7 @@ class Recorder:
 
     def drag(self, point: FloatArray, now: float) -> bool:
         """Follow the handle to ``point`` (3,) [m] at the time ``now`` [s]; False if out of reach.
-
-        The tool keeps its direction. Out of reach, the arm stays where it is.
-        """
+        The tool keeps its direction. Out of reach, the arm stays where it is."""
         if not self.times:
             self.times, self.rows, self.last = [0.0], [self.q], now - SHORTEST
         axis = self.robot.tool_pose(self.rows[0])[1]
@@ -334,22 +331,21 @@ def of_runs(runs: Sequence[Replay]) -> Told:
                 Tone.GOOD if good else Tone.BAD)  # fmt: skip
 
 
-def of_plan(plan: Plan, how: str, shifts: dict[str, float]) -> Told:
-    """A plan: how it was made, what it does, or why it failed.
-
-    ``how``: where it comes from, or how long it took. ``shifts``: predicted pushes by object [m].
-    """
+def of_plan(plan: Plan | Picked, how: str, shifts: dict[str, float]) -> Told:
+    """A plan: how it was made, what it does, or why it failed. ``how``: where it comes from, or how
+    long it took. ``shifts``: predicted pushes by object [m]."""
     lines = sentences(plan, shifts) if plan.success else (_why(plan),)
     tone = Tone.GOOD if plan.success else Tone.BAD
     return Told(head(plan.status), (*lines, f"{sentence(how)}."), tone, str(plan.status))
 
 
-def _why(found: Plan | OptiPrompError) -> str:
+def _why(found: Plan | Picked | OptiPrompError) -> str:
     return sentence(without_codes(" ".join(found.message.split())))
 
 
-def table(plan: Plan) -> str:
+def table(made: Plan | Picked) -> str:
     """The metrics of a plan in the words of the command line, and its violations."""
+    plan = legs_of(made)["reach"]
     found = plan.judgement.violations
     kinds, subjects = {v.kind for v in found}, {v.subject for v in found}
     touched = {contact.role for contact in plan.contacts}
@@ -361,7 +357,7 @@ def table(plan: Plan) -> str:
         return about or bool(_WRONG.get(label, set()) & kinds) or _TOUCHED.get(label) in touched
 
     rows = ""
-    for name, words in plan_rows(plan):
+    for name, words in plan_rows(made):
         style = f"color:{RED};font-weight:600" if wrong(name) else ""
         rows += _ROW.format(style, html.escape(name), html.escape(words))
     items = "".join(f"<li>{html.escape(violation.message)}</li>" for violation in found)

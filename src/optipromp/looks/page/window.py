@@ -14,14 +14,15 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import OptiPrompError
-from optipromp.core.planning import Plan, PlanOptions, planner_names
+from optipromp.core.planning import Picked, Plan, PlanOptions, planner_names
 from optipromp.core.planning import plan as make_plan
+from optipromp.core.planning.takes import curve_of, legs_of, plan_whole
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.scene import Scene
 from optipromp.looks.page import content
 from optipromp.looks.page.stage import ROLLOUTS_APART, PlanNodes, Replay, Source, execute, look
 from optipromp.looks.page.tabs import Told, Tone, of_error, of_plan, of_runs
-from optipromp.looks.viewer.drawn import conditioned_on, moment
+from optipromp.looks.viewer.drawn import conditioned_on, held, moment
 from optipromp.looks.viewer.words import complaint, seconds, without_codes
 
 HASTE = 0.08  # [s] of a plan during a drag, at most; of 0.15 s until the screen shows it
@@ -31,19 +32,18 @@ _planning = threading.Lock()  # windows plan one after another: two at once gain
 
 
 class Window:
-    """The state of one window and its actions.
-
-    Every action is a job of the window's thread (:attr:`worker`), posted by the controls.
-
-    No other ``client`` of viser sees its nodes. Where ``source`` has no plan, one is made.
-    """
+    """The state of one window and its actions. Every action is a job of the window's thread
+    (:attr:`worker`), posted by the controls. No other ``client`` of viser sees its nodes. Where
+    ``source`` has no plan, one is made."""
 
     def __init__(self, client: Any, source: Source, out: Path) -> None:
         self.client, self.source, self.out = client, source, out
         self.original = self.scene = source.scene
         self.settings: dict[str, Any] = {"planner": "opti-promp", "strategy": "joint"}
         self.options = PlanOptions()
-        self.plan: Plan | None = None
+        self.made: Plan | Picked | None = None
+        self.plan: Plan | None = None  # the reach of what was made
+        self.planned: Scene | None = None  # for which it was made
         self.now, self.speed = 0.0, 1.0
         self.selected: content.Grip | None = None
         self.worker = Worker(self._tick, self._failed)
@@ -76,7 +76,7 @@ class Window:
         if self.replays:
             self.replay(self.replays[:2])
 
-    def open(self, scene: Scene, plan: Plan | None = None) -> None:
+    def open(self, scene: Scene, plan: Plan | Picked | None = None) -> None:
         """Show another scene with its ``plan``, or with a new one."""
         self.original = self.scene = scene
         self.now = 0.0
@@ -86,8 +86,8 @@ class Window:
         if plan is None:
             self.replan()
         else:
-            if plan.planner in planner_names():
-                self.settings["planner"] = plan.planner
+            if (name := legs_of(plan)["reach"].planner) in planner_names():
+                self.settings["planner"] = name
             self._show(plan, "as it was saved")
             self.details()
 
@@ -141,22 +141,22 @@ class Window:
     # -- planning -------------------------------------------------------------------------------
 
     def replan(self, *, live: bool = False, since: float | None = None) -> None:
-        """Plan the present scene; ``live``: in haste, without :meth:`details`."""
+        """Plan the present scene; ``live``: in haste, the reach alone, without :meth:`details`."""
         self.replay(())
         began = time.perf_counter()
-        options = self.options
-        if live:
-            options = replace(options, timeout=min(HASTE, options.timeout))
+        hasty = replace(self.options, timeout=min(HASTE, self.options.timeout))
+        options = hasty if live else self.options
         try:
             with contextlib.nullcontext() if live else self.working("planning"), _planning:
-                plan = make_plan(self.scene, options=options, **self.settings)
+                verb = make_plan if live or self.source.reach else plan_whole
+                made = verb(self.scene, options=options, **self.settings)
         except OptiPrompError as error:
             self.refuse(error)
             return
         words = f"planned in {seconds(time.perf_counter() - began)}"
         if since is not None:
             words += f", {seconds(time.perf_counter() - since)} after the drag"
-        self._show(plan, words, haste=live)
+        self._show(made, words, haste=live)
         if not live:
             self.post("details", self.details)
 
@@ -167,15 +167,17 @@ class Window:
             self.stage.say(complaint(error), at)
             self.say(of_error(error))
 
-    def _show(self, plan: Plan, words: str, *, haste: bool = False) -> None:
-        self.plan, self._pushed, self.near, self.stage.near = plan, None, None, None
-        self._how, wrong = words, complaint(plan)
+    def _show(self, made: Plan | Picked, words: str, *, haste: bool = False) -> None:
+        plan, *later = legs_of(made).values()
+        self.made, self.plan, self.planned, self.curve = made, plan, self.scene, curve_of(made)
+        self._pushed = self.near = self.stage.near = None
+        self._how, wrong = words, complaint(made)
         with self.client.atomic():
             self.stage.show(plan.scene, plan.robot, haste=haste)
-            self.stage.trajectories(plan)
-            self.stage.say(
-                wrong, content.culprit(plan.scene, plan, self.selected) if wrong else None
-            )
+            self.stage.trajectories(made)
+            last = [plan, *later][-1]
+            at = content.culprit(plan.scene, last, self.selected) if wrong else None
+            self.stage.say(wrong, at)
             if not haste:
                 self.stage.sides(content.passing(plan))
                 self.stage.via(conditioned_on(plan))
@@ -183,31 +185,30 @@ class Window:
                     self.now = moment(plan).time
                 self.staged()
             self.go(self.now)
-            self.say(of_plan(plan, words, {}))
+            self.say(of_plan(made, words, {}))
 
     def details(self) -> None:
         """Show the bundle, candidates, predicted pushes and clearances of the plan."""
-        if self.plan is not None:
-            with self.working():
-                self._details(self.plan)
-
-    def _details(self, plan: Plan) -> None:
-        self.chart_times = np.linspace(0.0, plan.trajectory.duration, content.CHART_ROWS)
-        q = plan.trajectory.sample(self.chart_times)[0]
-        self.near = content.clearances(plan.scene, plan.robot, q)
-        self._pushed = content.pushed(plan)
-        bundle = content.initial_bundle(plan, self.settings.get("demonstrations"))
-        tried = content.candidates(plan) if plan.planner == "opti-promp" else []
-        with self.client.atomic():
-            self.stage.near = self.near
-            self.stage.bundle(bundle)
-            threshold = plan.prediction.threshold if plan.prediction else 1.0
-            self.stage.candidates(tried, threshold)
-            self.stage.ghosts(self._pushed.places[-1])
-            if not self.replayed:
-                self.say(of_plan(plan, self._how, self._pushed.shifts()))
-            self.told()
-            self.go(self.now)
+        made, plan = self.made, self.plan
+        if made is None or plan is None:
+            return
+        with self.working():
+            self.chart_times = np.linspace(0.0, self.curve.duration, content.CHART_ROWS)
+            q = self.curve.sample(self.chart_times)[0]
+            self.near = content.clearances(plan.scene, plan.robot, q)
+            self._pushed = content.pushed(made)
+            bundle = content.initial_bundle(plan, self.settings.get("demonstrations"))
+            tried = content.candidates(plan) if plan.planner == "opti-promp" else []
+            with self.client.atomic():
+                self.stage.near = self.near
+                self.stage.bundle(bundle)
+                threshold = plan.prediction.threshold if plan.prediction else 1.0
+                self.stage.candidates(tried, threshold)
+                self.stage.ghosts(self._pushed.at(plan.duration))
+                if not self.replayed:
+                    self.say(of_plan(made, self._how, self._pushed.shifts()))
+                self.told()
+                self.go(self.now)
 
     # -- the clock ------------------------------------------------------------------------------
 
@@ -216,7 +217,7 @@ class Window:
         """Duration of the plan, or of the replayed plans [s]."""
         if self.replayed:
             return max(replay.duration for replay, _ in self.replayed)
-        return 0.0 if self.plan is None else self.plan.trajectory.duration
+        return 0.0 if self.made is None else self.curve.duration
 
     def go(self, now: float) -> None:
         """Show the arm and the objects at the time ``now`` [s]."""
@@ -224,10 +225,12 @@ class Window:
         if self.replayed:
             told = [f"**{r.name}**  \n{r.show(stage, self.now)}" for r, stage in self.replayed]
             self.forces = without_codes("\n\n".join(told))
-        elif self.plan is not None:
-            self.stage.pose(self.plan.trajectory.sample(np.array([self.now]))[0][0])
-            if self._pushed is not None and self.stage.visible("pushed objects"):
-                self.stage.place(self._pushed.at(self.now))
+        elif self.made is not None:
+            self.stage.pose(self.curve.at(self.now).q)
+            if self._pushed is not None:
+                seen = self.stage.visible("pushed objects")
+                self.stage.place(self._pushed.at(self.now if seen else 0.0))
+            self.stage.place(held(self.made, self.now))
             if self.near is not None:
                 self.stage.colour(int(np.abs(self.chart_times - self.now).argmin()))
         self.clocked()
@@ -249,11 +252,11 @@ class Window:
 
     def execute(self) -> None:
         """Execute the plan in the simulation, and replay it."""
-        plan = self.plan
-        if plan is None:
+        if self.made is None or self.plan is None:
             return
-        with self.working(f"executing {plan.planner} in the simulation"), _planning:
-            self.replays.append(execute(plan, f"{len(self.replays) + 1}: {plan.planner}"))
+        with self.working(f"executing {self.plan.planner} in the simulation"), _planning:
+            count = len(self.replays) + 1
+            self.replays.append(execute(self.made, f"{count}: {self.plan.planner}"))
         self.replay(self.replays[-1:])
 
     def replay(self, chosen: Sequence[Replay]) -> None:
@@ -284,9 +287,9 @@ class Window:
                 self.say(of_runs(chosen))
                 self.staged()
                 self.go(0.0)
-        elif self.plan is not None:
+        elif self.made is not None and self.plan is not None:
             self.stage.show(self.plan.scene, self.plan.robot)
-            self.say(of_plan(self.plan, self._how, self._pushed.shifts() if self._pushed else {}))
+            self.say(of_plan(self.made, self._how, self._pushed.shifts() if self._pushed else {}))
             self.staged()
             self.go(self.now)
 
@@ -362,11 +365,9 @@ CLOCK_RATE = 20.0  # [Hz] of a clock that runs
 
 
 class Worker:
-    """Runs jobs one after another. A new job of a kind takes the place of a waiting one.
-
-    ``tick``: called with the seconds since the last call, while :attr:`running` and nothing waits.
-    ``failed``: called with the error of a job, which is also printed on standard error.
-    """
+    """Runs jobs one after another. A new job of a kind takes the place of a waiting one. ``tick``:
+    called with the seconds since the last call, while :attr:`running` and nothing waits.
+    ``failed``: called with the error of a job, which is also printed on standard error."""
 
     def __init__(self, tick: Callable[[float], None], failed: Callable[[Exception], None]) -> None:
         self._tick, self._failed = tick, failed

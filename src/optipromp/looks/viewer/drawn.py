@@ -8,10 +8,12 @@ from scipy.optimize import isotonic_regression
 from scipy.spatial.transform import Rotation
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.planning import Plan
+from optipromp.core.planning import Picked, Plan
+from optipromp.core.planning.takes import legs_of
 from optipromp.core.planning.task import tool_motion
+from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.core.scenes.scene import SceneObject
-from optipromp.core.trajectory import Trajectory
+from optipromp.core.trajectory import Trajectory, chained
 from optipromp.looks.appearance import PUSHABLES, ROLES
 
 PRIMITIVE, FOLLOWED, OPTIMISED = "#f0a33a", "#a0449c", "#1f5fb4"
@@ -65,8 +67,10 @@ class Placed:
         return self.item.id + (f", {1e3 * self.shift:.0f} mm" if self.shift > STILL else "")
 
 
-def motions(plan: Plan) -> tuple[Motion, ...]:
-    """The plan's trajectories in the order of planning; of those that coincide, the first."""
+def motions(made: Plan | Picked) -> tuple[Motion, ...]:
+    """The reach's trajectories in the order of planning; of those that coincide, the first. Before
+    them the way out of a pick."""
+    plan, *later = legs_of(made).values()
     found: list[Motion] = []
     for name, trajectory, colour, width in (
         ("conditioned ProMP", plan.initial, PRIMITIVE, 4.6),
@@ -78,7 +82,10 @@ def motions(plan: Plan) -> tuple[Motion, ...]:
             for m in found
         ):
             found.append(Motion(name, trajectory, colour, width))
-    return tuple(found) if len(found) > 1 else (replace(found[0], width=2.0),)
+    found = found if len(found) > 1 else [replace(found[0], width=2.0)]
+    if later:
+        found.insert(0, Motion("way out", chained([leg.trajectory for leg in later]), GREEN, 1.3))
+    return tuple(found)
 
 
 def moment(plan: Plan) -> Moment:
@@ -110,6 +117,44 @@ def placed(plan: Plan, now: Moment) -> tuple[Placed, ...]:
     return tuple(out)
 
 
+def _leg_at(made: Plan | Picked, time: float) -> tuple[Plan, float]:
+    """The leg at a ``time`` [s], and the time since it began [s]."""
+    *before, last = legs_of(made).values()
+    for leg in before:
+        if time <= leg.duration:
+            return leg, time
+        time -= leg.duration
+    return last, time
+
+
+def shown_at(made: Plan | Picked, time: float) -> tuple[Placed, ...]:
+    """The objects of a plan or a pick at a ``time`` [s]; the picked one goes with the tool."""
+    (leg, since), reach = _leg_at(made, time), legs_of(made)["reach"]
+    row = int(np.searchsorted(leg.trajectory.times, since + 1e-9)) - 1
+    there = placed(leg, Moment(max(row, int(leg is not reach)), time, ""))
+    if leg is reach:
+        return there
+    at, out = {one.item.id: one for one in there}, list(held(made, time))
+    for one in placed(reach, Moment(0, time, "")):
+        if (moved := at.get(one.item.id)) is not None:
+            place, stem = moved.position, one.item.stem
+            bows = None if stem is None else bent(stem.points, place - one.item.position)
+            out.append(replace(one, position=place, rotation=moved.rotation, stem=bows))
+    return tuple(out)
+
+
+def held(made: Plan | Picked, time: float) -> tuple[Placed, ...]:
+    """What was picked, where the tool has it at a ``time`` [s]; nothing before the reach ends."""
+    (leg, since), reach = _leg_at(made, time), legs_of(made)["reach"]
+    target, robot = reach.scene.target, leg.robot
+    if leg is reach or target is None:
+        return ()
+    q, fruit = leg.trajectory.at(since).q, leg.scene.attached[-1]
+    axes = robot.segment_frames(q)[1][-1] @ robot.tool_rotation
+    at, turn = robot.tool_pose(q)[0], axes @ from_quaternion(fruit.orientation)
+    return (Placed(target, at + axes @ fruit.position, turn, None, COLOURS["target"]),)
+
+
 def tool_path(plan: Plan) -> FloatArray:
     """The tool path (P, 3) that was chosen and followed [m]; empty where none was."""
     if np.array_equal(plan.initial.positions, plan.followed.positions):
@@ -118,11 +163,9 @@ def tool_path(plan: Plan) -> FloatArray:
 
 
 def conditioned_on(plan: Plan) -> tuple[tuple[str, FloatArray, str], ...]:
-    """Name, tool point (3,) and colour of each point that the primitive was conditioned on.
-
-    The colours are those of the paper's figure 3: the start yellow, the camera cyan, fruits green,
-    the target red. A fruit's pushed pose is light green, as in figure 5.
-    """
+    """Name, tool point (3,) and colour of each point that the primitive was conditioned on. The
+    colours are those of the paper's figure 3: the start yellow, the camera cyan, fruits green, the
+    target red. A fruit's pushed pose is light green, as in figure 5."""
     if not plan.via:
         return ()
     start, _ = plan.robot.tool_pose(plan.trajectory.positions[0])
@@ -146,9 +189,7 @@ def spread(wanted: Sequence[float], gap: float) -> FloatArray:
 
 def bent(points: FloatArray, shift: FloatArray) -> FloatArray:
     """A stem (k, 3), fruit first, whose fruit has moved by ``shift``: bent as a loaded cantilever.
-
-    The deflection at a share s of the length from the root is (3s² - s³) / 2 of that at the end.
-    """
+    The deflection at a share s of the length from the root is (3s² - s³) / 2 of that at the end."""
     along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
     at = np.union1d(along, np.linspace(0.0, along[-1], BENDS + 1))
     shape = np.stack([np.interp(at, along, column) for column in points.T], axis=1)

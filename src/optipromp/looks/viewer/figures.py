@@ -1,7 +1,5 @@
 """Figures of a plan (the arm at one moment, joints over time, costs), and of a learnt primitive.
-
-Drawn with matplotlib's object-oriented interface, without a display; nothing global is changed.
-"""
+Drawn with matplotlib's object-oriented interface, without a display; nothing global is changed."""
 
 from __future__ import annotations
 
@@ -14,14 +12,15 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import Budget
 from optipromp.core.judging import RATES, Violation
-from optipromp.core.planning import Plan, Term
+from optipromp.core.planning import Picked, Plan, Term
 from optipromp.core.planning.plan import plan as make_plan
 from optipromp.core.planning.result import Planned
+from optipromp.core.planning.takes import curve_of, legs_of
 from optipromp.core.planning.task import Task
 from optipromp.core.promp import Demonstrations, ProMP
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
-from optipromp.core.trajectory import Trajectory
+from optipromp.core.trajectory import Trajectory, chained
 from optipromp.looks.appearance import arm_parts
 from optipromp.looks.viewer.drawn import FOLLOWED, OPTIMISED, PRIMITIVE, RED, motions
 from optipromp.looks.viewer.reach import reach_figure, title
@@ -43,9 +42,10 @@ _NAMES = {
 }
 
 
-def plan_figures(plan: Plan) -> dict[str, bytes]:
+def plan_figures(made: Plan | Picked) -> dict[str, bytes]:
     """The figures of a plan as PNG files: ``reach``, ``joints``, and ``cost`` if one changed."""
-    figures = {"reach": reach_figure(plan), "joints": joint_figure(plan)}
+    plan = legs_of(made)["reach"]
+    figures = {"reach": reach_figure(plan), "joints": joint_figure(made)}
     if changed_terms(plan):
         figures["cost"] = cost_figure(plan)
     return {f"{name}.png": png(figure) for name, figure in figures.items()}
@@ -64,11 +64,8 @@ def png(figure: Figure, dpi: int = 160) -> bytes:
 
 
 def changed_terms(plan: Plan) -> Mapping[str, Term]:
-    """The costs that changed over the iterations of a stage.
-
-    Iterations of the joint stage that do not begin at the followed path do not count: they are of
-    a scene without packs.
-    """
+    """The costs that changed over the iterations of a stage. Iterations of the joint stage that do
+    not begin at the followed path do not count: they are of a scene without packs."""
     out = {}
     for name, term in plan.terms.items():
         values = term.history or (0.0,)
@@ -97,12 +94,13 @@ def cost_figure(plan: Plan) -> Figure:
     return figure
 
 
-def joint_figure(plan: Plan) -> Figure:
+def joint_figure(made: Plan | Picked) -> Figure:
     """Each joint's place, velocity and acceleration over their limits, and the conditioned ProMP.
-
-    The ProMP is drawn where it differs from the plan, at equal shares of both durations.
-    """
-    return _over_limits(plan.trajectory, plan.robot, (), title(plan), plan.initial)
+    The ProMP is drawn where it differs from the reach, at equal shares of both durations."""
+    plan, *later = legs_of(made).values()
+    promp = plan.initial.slowed(plan.duration / plan.initial.duration)
+    before = chained([promp, *(leg.trajectory for leg in later)])
+    return _over_limits(curve_of(made), plan.robot, (), title(plan), before)
 
 
 def trajectory_figure(trajectory: Trajectory) -> Figure:
@@ -120,10 +118,8 @@ def trajectory_figure(trajectory: Trajectory) -> Figure:
 def limits_figure(
     trajectory: Trajectory, robot: Robot, violations: Sequence[Violation], name: str
 ) -> Figure:
-    """Each joint's place between its limits, and velocity, acceleration and jerk over theirs.
-
-    A violation that has a time is a vertical line in the panel of its kind, else in all panels.
-    """
+    """Each joint's place between its limits, and velocity, acceleration and jerk over theirs. A
+    violation that has a time is a vertical line in the panel of its kind, else in all panels."""
     wrong = f"{len(violations)} violations" if violations else "no violation"
     heading = f"{name}: {wrong}".replace("$", r"\$")
     return _over_limits(trajectory, robot, violations, heading)
@@ -234,9 +230,7 @@ def _joint_panels(joints: int) -> tuple[Figure, NDArray[np.object_]]:
 
 def _draw_cost(panel: Axes, name: str, term: Term, drawn: set[str]) -> None:
     """Draw a cost at each of the ``drawn`` trajectories, and at each iteration of its stage.
-
-    Changes by other stages, before and after, lie apart from the iterations.
-    """
+    Changes by other stages, before and after, lie apart from the iterations."""
     history = np.array(term.history)
     last = len(history) - 1
     gap = max(1.0, 0.25 * last)

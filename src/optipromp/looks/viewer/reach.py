@@ -39,11 +39,9 @@ WORDS = {"conditioned ProMP": "learnt motion", "followed path": "led past the fr
 
 
 def reach_figure(plan: Plan) -> Figure:
-    """Three views of one moment of a plan: the whole arm, and the cluster along x_g and y_g.
-
-    The lines are the paths of the tool point, one for each trajectory. Pushed objects are at their
-    predicted places of that moment; dashed outlines are their first places.
-    """
+    """Three views of one moment of a plan: the whole arm, and the cluster along x_g and y_g. The
+    lines are the paths of the tool point, one for each trajectory. Pushed objects are at their
+    predicted places of that moment; dashed outlines are their first places."""
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -375,21 +373,17 @@ class Camera:
 
 @dataclass
 class Picture:
-    """Collects shaded faces; :meth:`draw` paints them, the farthest first.
-
-    matplotlib's own 3-D axes sort whole objects, so that objects in front vanish behind others.
-    """
+    """Collects shaded faces; :meth:`draw` paints them, the farthest first. matplotlib's own 3-D
+    axes sort whole objects, so that objects in front vanish behind others."""
 
     camera: Camera
     _corners: list[FloatArray] = field(default_factory=list)
     _colours: list[FloatArray] = field(default_factory=list)
 
     def add(self, faces: FloatArray, colour: str, alpha: float = 1.0) -> None:
-        """Add faces (F, 4, 3); those that face away from the camera are left out.
-
-        Faces of glass (``alpha`` below 1) are one flat shape: where they cover each other, and
-        along their seams, it is as dark as elsewhere.
-        """
+        """Add faces (F, 4, 3); those that face away from the camera are left out. Faces of glass
+        (``alpha`` below 1) are one flat shape: where they cover each other, and along their seams,
+        it is as dark as elsewhere."""
         from matplotlib.colors import to_rgba
 
         normal = np.cross(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1])

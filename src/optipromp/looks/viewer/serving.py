@@ -18,7 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from optipromp.core.arrays import FloatArray, IntArray, lengths
 from optipromp.core.errors import InvalidRequestError, installed_by, printable
-from optipromp.core.planning import Plan
+from optipromp.core.planning import Picked, Plan
+from optipromp.core.planning.takes import curve_of, legs_of
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject
@@ -31,17 +32,15 @@ from optipromp.looks.appearance import (
     rgb,
     scenery,
 )
-from optipromp.looks.viewer.drawn import Moment, motions, placed
+from optipromp.looks.viewer.drawn import motions, shown_at
 
 FLAT = {"cast_shadow": False, "receive_shadow": False}  # slow without a graphics card
 
 
 class Nodes:
-    """Nodes under ``/root`` of a scene of viser.
-
-    ``api``: the scene of a server, or of one of its clients. ``root``: name of the first node.
-    ``offset``: (3,) of all nodes in the world [m]. ``shadows``: whether nodes cast shadows.
-    """
+    """Nodes under ``/root`` of a scene of viser. ``api``: the scene of a server, or of one of its
+    clients. ``root``: name of the first node. ``offset``: (3,) of all nodes in the world [m].
+    ``shadows``: whether nodes cast shadows."""
 
     def __init__(self, api: Any, root: str = "a", offset: Sequence[float] = (0.0, 0.0, 0.0),
                  *, shadows: bool = False) -> None:  # fmt: skip
@@ -63,11 +62,8 @@ class Nodes:
         self.scene = self.robot = None
 
     def show(self, scene: Scene, robot: Robot, *, haste: bool = False) -> None:
-        """Show a scene as perceived, with its robot.
-
-        In ``haste`` known objects are only moved: their looks, and the row that they hang from, are
-        not drawn again.
-        """
+        """Show a scene as perceived, with its robot. In ``haste`` known objects are only moved:
+        their looks, and the row that they hang from, are not drawn again."""
         if self.scene is None:
             self.api.configure_default_lights(cast_shadow=self.shadows)
             self.api.add_frame(self.root, show_axes=False, wxyz=scene.base.orientation,
@@ -188,14 +184,12 @@ SILENT.setLevel(logging.CRITICAL + 1)  # it would write a traceback of every mal
 
 
 def listening(host: str, port: int) -> Any:
-    """A silent viser server, without the tunnel by which any window could publish the page.
-
-    A website that is open in this machine's browser can connect to any port of the machine, and
-    viser accepts it. So a request is refused if its ``Origin`` is not the page's address. At an
-    address of this machine, a request to any other host name is refused too (DNS rebinding). No
-    other page may show this one in a frame. A malformed message ends its connection, with a line on
-    standard error.
-    """
+    """A silent viser server, without the tunnel by which any window could publish the page. A
+    website that is open in this machine's browser can connect to any port of the machine, and viser
+    accepts it. So a request is refused if its ``Origin`` is not the page's address. At an address
+    of this machine, a request to any other host name is refused too (DNS rebinding). No other page
+    may show this one in a frame. A malformed message ends its connection, with a line on standard
+    error."""
     try:
         import viser
         from websockets.asyncio import server as module
@@ -281,20 +275,19 @@ def scene_page(scene: Scene, robot: Robot | None = None) -> str:
         return str(record.as_html())
 
 
-def plan_page(plan: Plan) -> str:
-    """The HTML of a plan: the moving arm, fruits as predicted, lines of the tool point."""
-    curve = plan.trajectory
+def plan_page(made: Plan | Picked) -> str:
+    """The HTML of a plan or a pick: the arm that moves, fruits as predicted, lines of the tool."""
+    plan, curve = legs_of(made)["reach"], curve_of(made)
     places = {item.id: item.position for item in plan.scene.objects}
     with recording(plan.scene, plan.robot) as (nodes, record):
-        for k, motion in enumerate(reversed(motions(plan))):
+        for k, motion in enumerate(reversed(motions(made))):
             points = plan.robot.tool_pose(motion.trajectory.resample(FRAME_RATE).positions)[0]
             name = f"{nodes.root}/{motion.name}"
             nodes.line(name, points, motion.colour, 3.0 if k else 6.0)
         count = min(max(round(FRAME_RATE * curve.duration), 1), FRAMES)
         for time in np.linspace(0.0, curve.duration, count + 1):
             nodes.pose(curve.sample(time)[0][0])
-            now = int(np.searchsorted(curve.times, time + 1e-9)) - 1
-            for item in placed(plan, Moment(max(now, 0), float(time), "")):
+            for item in shown_at(made, float(time)):
                 if np.linalg.norm(item.position - places[item.item.id]) >= UNMOVED:
                     places[item.item.id] = item.position
                     nodes.put(item.item, item.position, item.rotation, item.stem)

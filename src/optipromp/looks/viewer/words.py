@@ -6,13 +6,15 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from optipromp.core.errors import Code, OptiPrompError
+from optipromp.core.planning.takes import legs_of
 
 if TYPE_CHECKING:
-    from optipromp.core.planning import Plan
+    from optipromp.core.planning import Picked, Plan
 
 
-def plan_rows(plan: "Plan") -> list[tuple[str, str]]:
-    """The figures by which a plan is judged: name and value."""
+def plan_rows(made: "Plan | Picked") -> list[tuple[str, str]]:
+    """The figures by which a plan, or the reach of a pick, is judged: name and value; its legs."""
+    plan, *later = legs_of(made).values()
     m = plan.metrics
     off = m.goal_axis_error
     axis = "–" if off is None or not math.isfinite(off) else f"{math.degrees(off):.2f}°"
@@ -43,6 +45,9 @@ def plan_rows(plan: "Plan") -> list[tuple[str, str]]:
     for name, term in plan.terms.items():
         told = f"{term.initial:.4g} → {term.followed:.4g} → {term.final:.4g}"
         rows.append((f"cost, {name}", f"{told} (primitive, followed, optimised)"))
+    for name, leg in legs_of(made).items() if later else ():
+        harm = "" if leg.prediction is None else f", harm {leg.harm:.2f}"
+        rows.append((name, f"{leg.status}, {leg.duration:.2f} s{harm}"))
     return rows
 
 
@@ -106,16 +111,17 @@ def without_codes(text: str) -> str:
     return _CODE.sub(lambda found: WORDS[Code(found[0])], text)
 
 
-def complaint(found: "Plan | OptiPrompError") -> str:
+def complaint(found: "Plan | Picked | OptiPrompError") -> str:
     """A failure in one line; empty for a success."""
     if isinstance(found, OptiPrompError):
         return f"{head(found.code)}: {without_codes(' '.join(found.message.split()))}"
     return "" if found.success else f"{head(found.status)}: {without_codes(found.message)}"
 
 
-def sentences(plan: "Plan", shifts: Mapping[str, float]) -> tuple[str, ...]:
-    """What the motion of a success does, one fact a sentence: its end, passings, clearances; with
-    the predicted pushes of objects by id [m], ``shifts``."""
+def sentences(made: "Plan | Picked", shifts: Mapping[str, float]) -> tuple[str, ...]:
+    """What the motion of a success does, one fact a sentence: its end, passings, clearances, way
+    out; with the predicted pushes of objects by id [m], ``shifts``."""
+    plan, *later = legs_of(made).values()
     m = plan.metrics
     end = "the target" if plan.scene.target is not None else "its goal"
     told = [f"Reaches {end} in {m.duration:.1f} s."]
@@ -125,6 +131,8 @@ def sentences(plan: "Plan", shifts: Mapping[str, float]) -> tuple[str, ...]:
     ):
         if room is not None:
             told.append(f"Stays {1e3 * room:.0f} mm from {what}.")
+    if later:
+        told.append(f"Then leaves the plant with it, in {made.duration - plan.duration:.1f} s.")
     return told[0], *_passings(plan, shifts), *told[1:]
 
 
