@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from optipromp.core.planning.legs import REACH, Picked, plan_pick
+from optipromp.core.planning.leg_tasks import REACH
+from optipromp.core.planning.legs import Picked, plan_pick
 from optipromp.core.planning.plan import plan
 from optipromp.core.planning.result import Plan
 from optipromp.core.planning.task import robot_of

@@ -52,14 +52,14 @@ class Way:
     Attributes:
         points: (T, 3) of the tool, from where it stands [m].
         axes: (T, 3) of the tool.
-        q: (T, n) waypoints; None: inverse kinematics gives them.
         speed: largest of the tool among fruits [m/s].
+        q: (T, n) waypoints; None: inverse kinematics gives them.
     """
 
     points: FloatArray
     axes: FloatArray
+    speed: float
     q: FloatArray | None = None
-    speed: float = PUSH.hanging.speed
 
     def harm(self, model: Leaving, states: int, limit: float = np.inf) -> float:
         """The predicted harm in some ``states``; any number above ``limit`` where it is above."""
@@ -75,12 +75,14 @@ class Way:
         return np.vstack([begin, made[1:]])
 
 
-def ways(robot: Robot, q: FloatArray, distance: float) -> Iterator[Way]:
-    """Ways out by ``distance`` [m], from the end of a motion ``q`` (k, n)."""
+def ways(
+    robot: Robot, q: FloatArray, distance: float, speed: float = PUSH.hanging.speed
+) -> Iterator[Way]:
+    """Ways out by ``distance`` [m], from the end of a motion ``q`` (k, n), the way back first."""
     tips, axes = robot.tool_pose(q)
     axis, turn = axes[-1], frame_along(axes[-1])
     back = back_along(q, tips, distance)
-    yield Way(*robot.tool_pose(back), back)
+    yield Way(*robot.tool_pose(back), speed, back)
 
     def through(*corners: FloatArray) -> Way:
         """The way of the tool point through corners (3,) from its place."""
@@ -89,7 +91,7 @@ def ways(robot: Robot, q: FloatArray, distance: float) -> Iterator[Way]:
             parts = max(2, math.ceil(math.dist(corner, points[-1]) / BACK.step))
             share = np.linspace(0.0, 1.0, parts + 1)[1:, None]
             points = np.vstack([points, points[-1] + (corner - points[-1]) * share])
-        return Way(tips[-1] + points, np.tile(axis, (len(points), 1)))
+        return Way(tips[-1] + points, np.tile(axis, (len(points), 1)), speed)
 
     yield through(-distance * axis)
     around = 2.0 * np.pi * np.arange(BACK.around) / BACK.around
@@ -128,10 +130,16 @@ def retreats(reach: Plan, options: Timed, longer: bool = True) -> Iterator[Propo
     def proposed(factor: float) -> Iterator[Proposal[Legs]]:
         nonlocal judged
         judged = 0
-        for way in ways(reach.robot, reach.trajectory.positions, factor * distance):
-            yield Proposal((False, False, BACK.alike), partial(screened, replace(way, speed=usual)))
+        back, *others = ways(reach.robot, reach.trajectory.positions, factor * distance, usual)
+        yield Proposal((False, False, BACK.alike), partial(screened, back))
+        yield Proposal((False, False, BACK.alike), partial(glimpsed, others))
         if far:
             yield Proposal((False, True, 0.0), lambda: proposed(far.pop()))
+
+    def glimpsed(others: list[Way]) -> Iterator[Proposal[Legs]]:
+        for way in others:
+            harm = 0.0 if model is None else way.harm(model, 1)
+            yield Proposal((False, False, max(harm, BACK.alike)), partial(screened, way))
 
     def screened(way: Way) -> Iterator[Proposal[Legs]]:
         nonlocal best

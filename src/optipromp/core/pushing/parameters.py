@@ -51,13 +51,13 @@ DETECTED = Calibration(
 KNOWN_OUT = Calibration(
     harm=KNOWN.harm,
     failed=(0.017, 0.064, 0.107, 0.183, 0.270, 0.424, 0.568, 0.888, 0.969),
-    threshold=(0.02, 0.15, 0.2, 0.5, 1.0),
+    threshold=(0.3, 0.4, 0.5, 0.6, 0.7),
 )
 """The way out after it, of the model in which pulls count."""
 DETECTED_OUT = Calibration(
     harm=DETECTED.harm,
     failed=(0.034, 0.076, 0.104, 0.147, 0.190, 0.264, 0.340, 0.611, 0.787),
-    threshold=(0.02, 0.05, 0.2, 0.28, 0.8),
+    threshold=(0.3, 0.4, 0.5, 0.6, 0.7),
 )
 """The way out among fruits whose positions were detected."""
 PACKS = Calibration(
