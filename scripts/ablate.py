@@ -24,6 +24,7 @@ import numpy as np
 from optipromp import plan
 from optipromp.core.planning import follow
 from optipromp.core.planning.planners import OptiProMP
+from optipromp.core.planning.result import Harmful
 from optipromp.core.pushing.packs.standing import PathsBetween
 from optipromp.core.pushing.stems import hanging as paths
 from optipromp.laboratory.generate import generate
@@ -77,7 +78,8 @@ def _followed_always() -> Iterator[None]:
     solve = OptiProMP.solve
 
     def always(self: OptiProMP, task: Any, budget: Any) -> Any:
-        return solve(self, replace(task, sparing=False), budget)
+        made = solve(self, task, budget)
+        return made.follow() if isinstance(made, Harmful) else made
 
     with mock.patch.object(OptiProMP, "solve", always):
         yield

@@ -1,7 +1,7 @@
 """What entries share: planners that follow a tool path of their own, and the harm of weights."""
 
 from abc import abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,7 +30,9 @@ class Pathed(OptiProMP):
     def path(self, task: Task, model: PushModel | None, seed: int) -> ToolPath:
         """The tool path for a task; the push model is None where nothing is to be pushed."""
 
-    def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
+    def solve(
+        self, task: Task, budget: Budget, only: ToolPath | None = None
+    ) -> Planned | Failed | Harmful:
         """See :class:`optipromp.core.planning.planners.Planner`."""
         if not isinstance(task.goal, PoseGoal):
             return Failed(Code.GOAL_UNREACHABLE, "a tool path needs a goal with place and axis")
@@ -38,7 +40,7 @@ class Pathed(OptiProMP):
         if not len(chosen.q):
             return chosen.failed
         path = self.path(task, task.push_model(chosen.q[0]), task.seed)
-        return super().solve(replace(task, only=path, sparing=False), budget)
+        return super().solve(task, budget, only or path)
 
 
 def harm_of(task: Task, model: PushModel, weights: FloatArray, states: int) -> float:

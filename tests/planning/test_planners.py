@@ -132,14 +132,24 @@ def test_an_answer_of_another_kind_is_refused(three: Scene) -> None:
     class Silent:
         def solve(self, task: Task, budget: Budget) -> None: ...
 
-    class Timid:
-        def solve(self, task: Task, budget: Budget) -> Harmful:
-            return Harmful(task)
-
     with pytest.raises(InvalidRequestError, match="planner Silent returned NoneType: solve must"):
         plan(three, planner=Silent())  # type: ignore[arg-type]
-    with pytest.raises(InvalidRequestError, match="planner Timid returned Harmful: solve must"):
-        plan(three, planner=Timid())
+
+
+def test_the_least_harmful_path_is_followed_where_all_do_harm(three: Scene) -> None:
+    followed: list[float] = []
+
+    class Timid:
+        def solve(self, task: Task, budget: Budget) -> Harmful:
+            def follow() -> Planned | Failed | Harmful:
+                followed.append(0.7)
+                return Line().solve(task, budget)
+
+            return Harmful(0.7, follow)
+
+    one, other = plan(three, planner=Timid()), plan(three, planner=Line())
+    same(one, replace(other, planner="Timid"))
+    assert followed == [0.7]
 
 
 def test_a_registered_name_is_known(three: Scene, strangers: None) -> None:

@@ -8,7 +8,7 @@ With the height h from 0 at the entry (the camera point) to 1 at the target, and
 The arm follows the path as it follows every path of a search, and the judge judges the motion.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -74,6 +74,8 @@ class OfWeights(OptiProMP):
         """No other approach is tried: the weights are of this one."""
         return False
 
-    def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
+    def solve(
+        self, task: Task, budget: Budget, only: ToolPath | None = None
+    ) -> Planned | Failed | Harmful:
         given = np.zeros((2, COUNT)) if self.weights is None else self.weights
-        return super().solve(replace(task, only=path_of(task, given), sparing=False), budget)
+        return super().solve(task, budget, only or path_of(task, given))

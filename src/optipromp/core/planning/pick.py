@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 from operator import attrgetter
 
@@ -45,24 +46,26 @@ from optipromp.core.trajectory import Trajectory
 
 def pick(
     task: Task, promp: ProMP, options: Searched, goals: FloatArray, budget: Budget,
-    sparing: bool = False,
+    sparing: bool = False, only: ToolPath | None = None, beyond: float = np.inf,
 ) -> Planned | Harmful:  # fmt: skip
     """The valid trajectory of least predicted harm; without a valid one, the best of the others.
 
     ``goals``: configurations (m, n), best first. ``sparing``: a path whose predicted harm is above
     the threshold is not followed. The answer is :class:`Harmful` where all paths are such.
+    ``only``: the tool path to follow; None: a search finds the paths. ``beyond``: the least harm of
+    the paths out of the arm's reach so far.
     """
     began = clock()
     rng = np.random.default_rng(task.seed)
     solver = Solver(task, options, budget, task.push_model(goals[0]))
     refused, scores = list[ToolPath](), list[float]()
     most = PICK.few_tries if sparing else PICK.tries
-    beyond, good = task.beyond, np.inf
+    good = np.inf
 
     def followed() -> Iterator[Attempt]:
         nonlocal beyond, good
-        paths = tool_paths(solver, rng, lambda good: min(scores, default=np.inf) <= good)
-        for path, good in paths:
+        found = tool_paths(solver, rng, lambda good: min(scores, default=np.inf) <= good)
+        for path, good in found if only is None else [(only, np.inf)]:
             if sparing and solver.searched and path.harm > solver.searched.threshold:
                 refused.append(path)
                 continue
@@ -81,8 +84,9 @@ def pick(
 
     best = best_of(followed(), attrgetter("score"), enough)
     if best is None and refused:
-        least_harm = min(refused, key=lambda path: path.harm)
-        return Harmful(replace(task, only=least_harm, sparing=False, beyond=beyond))
+        path = min(refused, key=lambda path: path.harm)
+        again = partial(pick, task, promp, options, goals, budget, False, path, beyond)
+        return Harmful(path.harm, again)
     if best is None:
         free = chain(
             rest(task, options),
@@ -99,14 +103,10 @@ def tool_paths(
 ) -> Iterator[tuple[ToolPath, float]]:
     """Tool paths to the target, each with the harm that counts as good at that time.
 
-    There is one path where the task names it, and none where nothing is in the way. Otherwise the
-    path of the running plan comes first. The search in the push model gives the other paths, or
-    ``options.rule`` where there is no model.
+    There is none where nothing is in the way. The path of the running plan comes first. The search
+    in the push model gives the other paths, or ``options.rule`` where there is no model.
     """
     task, rule = solver.task, solver.options.rule
-    if task.only is not None:
-        yield task.only, np.inf
-        return
     if task.kept is not None:
         yield task.kept, PUSH.harm.good
     if task.entry is not None and not task.neighbours:
@@ -132,7 +132,8 @@ def follow_path(
     attempt = first_valid(solver, starts)
     if attempt is None or attempt.valid or budget.spent():
         return attempt
-    if clearance(solver.cleared, attempt.reach).min() < 0.0:
+    reach = attempt.trajectory.positions[: attempt.start.waypoints.first + 1]
+    if clearance(solver.cleared, reach).min() < 0.0:
         round_obstacles = follow.led_round(solver.cleared, attempt.start, options, rng, budget)
         attempt = first_valid(solver, round_obstacles) or attempt
     return attempt
@@ -168,11 +169,6 @@ class Attempt:
     harm: float = 0.0  # predicted harm
     # harm by which attempts on several tool paths are compared; see :func:`scored`
     score: float = np.inf
-
-    @property
-    def reach(self) -> FloatArray:
-        """Waypoints (T, n) up to the first on the path."""
-        return self.trajectory.positions[: self.start.waypoints.first + 1]
 
 
 def scored(solver: Solver, attempt: Attempt, good: float) -> Attempt:

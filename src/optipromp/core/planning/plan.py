@@ -121,7 +121,7 @@ def plan(
         scene = scene if at is None else later(scene, at)
         began = clock()
         task = replace(resolve(scene, robot, state), risk=options.risk, seed=seed)
-        task = replace(task, demonstrations=demonstrations, sparing=True)
+        task = replace(task, demonstrations=demonstrations)
         tasks = [replace(task, goal=goal, others=()) for goal in (task.goal, *task.others)]
         if state is not None:
             tasks = [underway(each, previous, at, unpushed) for each in tasks]
@@ -177,10 +177,7 @@ def _best(
             if not several and (fast or made.status not in RETRIED):
                 break
         if harmful and not success:
-            least = min(harmful, key=lambda answer: answer.harm)
-            made = attempt(replace(least.task, sparing=False))
-            assert isinstance(made, Plan)  # of a task that is not sparing
-            yield made
+            yield min(harmful, key=lambda answer: answer.harm).follow()
 
     best = best_of(judged(), _slowness if several else _badness)
     assert best is not None  # the first task gives a plan, or is harmful
@@ -238,6 +235,7 @@ def warm_up(scene: Scene | str = WARM_UP) -> None:
     task = resolve(scene if isinstance(scene, Scene) else load_scene(scene))
     with _threads().limit(limits=1, user_api="blas"):
         made = _plan(task, planner=planners.OptiProMP(), options=DEFAULTS, end=math.inf, say=str)
+        made = made.follow() if isinstance(made, Harmful) else made
         home = task.robot.home[None]
         collision.way(task, home, home, np.random.default_rng(0))
     assert isinstance(made, Plan)
@@ -301,9 +299,9 @@ def _plan(
 ) -> Plan | Harmful:
     """The judged plan of one task.
 
-    The planner's answer :class:`Harmful` is returned where the task is ``sparing``. The planner is
-    not asked where the arm touches something at the start, breaks the path's constraints there, or
-    rests at the goal.
+    Where the planner's answer is :class:`Harmful`, following its path gives the plan. The planner
+    is not asked where the arm touches something at the start, breaks the path's constraints there,
+    or rests at the goal.
     """
     began = clock()
     budget = Budget(_late(end, options), np.inf if options.effort is None else options.effort, say)
@@ -322,12 +320,22 @@ def _plan(
         answer = Failed(Code.START_INVALID, f"at the start {told}")
     elif not there:
         answer = planner.solve(task, budget)
-    if isinstance(answer, Harmful) and task.sparing:
-        return answer
+    finish = functools.partial(_finished, task, planner, options, budget, began, stay)
+    if isinstance(answer, Harmful):
+        follow = answer.follow
+        return replace(answer, follow=lambda: finish(follow()))
+    return finish(answer)
+
+
+def _finished(
+    task: Task, planner: planners.Planner, options: PlanOptions, budget: Budget, began: float,
+    stay: Planned, answer: Planned | Failed,
+) -> Plan:  # fmt: skip
+    """The judged plan of a planner's answer; ``stay``: in place of a motion that there is not."""
     if not isinstance(answer, Planned | Failed):
         raise InvalidRequestError(
             f"planner {planners.label(planner)} returned {type(answer).__name__}: "
-            "solve must return Planned or Failed, or Harmful where task.sparing is true"
+            "solve must return Planned, Failed or Harmful"
         )
     outcome = answer if isinstance(answer, Planned) else answer.nearest or stay
     start = clock()
@@ -402,7 +410,6 @@ def other_reaches(
     for task in _until(late, other_approaches(straight, late, APPROACH.ways)):
         if task.scene.frame[2] @ reach.scene.frame[2] > 1.0 - SAME:
             continue
-        task = replace(task, sparing=True)
         made = _plan(task, planner=planner, options=options, end=late, say=str)
         if isinstance(made, Plan) and made.success:
             yield made

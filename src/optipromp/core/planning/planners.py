@@ -40,6 +40,7 @@ from optipromp.core.planning.result import Failed, Harmful, Planned, Term, ViaPo
 from optipromp.core.planning.task import Task, pushed_aside
 from optipromp.core.planning.timing import timed
 from optipromp.core.promp.model import ProMP
+from optipromp.core.pushing.path import ToolPath
 from optipromp.core.pushing.rules import detection_variance, pushes
 from optipromp.core.scenes.scene import PoseGoal, Scene
 
@@ -205,7 +206,8 @@ class Chosen:
     def told(self, made: Planned | Harmful) -> Planned | Failed | Harmful:
         """The answer of a planner that made ``made``: a failure where no configuration is free."""
         if isinstance(made, Harmful):
-            return made
+            follow = made.follow
+            return replace(made, follow=lambda: self.told(follow()))
         made = replace(made, time={"inverse kinematics": self.seconds, **made.time})
         return Failed(Code.GOAL_IN_COLLISION, self.reason, made) if self.reason else made
 
@@ -251,7 +253,10 @@ class OptiProMP(Searched):
         """Whether other approaches than the straight one are tried: only with a prediction."""
         return self.prediction
 
-    def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
+    def solve(
+        self, task: Task, budget: Budget, only: ToolPath | None = None
+    ) -> Planned | Failed | Harmful:
+        """See :class:`Planner`; ``only``: the tool path to follow, in place of a search."""
         promp = learnt(task, task.demonstrations)
         if task.scene.waypoints is not None:
             return along_lines(task, promp, self, budget)
@@ -259,8 +264,8 @@ class OptiProMP(Searched):
         if not len(chosen.q):
             return chosen.failed
         budget.say("optimising (joint)")
-        sparing = task.sparing and not chosen.reason
-        return chosen.told(pick(task, promp, self, chosen.q, budget, sparing))
+        sparing = only is None and not chosen.reason
+        return chosen.told(pick(task, promp, self, chosen.q, budget, sparing, only))
 
 
 @dataclass(frozen=True)

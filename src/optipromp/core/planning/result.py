@@ -168,15 +168,11 @@ class Failed:
 class Harmful:
     """A planner's answer: all tool paths do harm, and the arm followed none of them.
 
-    ``task`` is the task of the path of least harm.
+    ``harm``: of the path of least harm. ``follow``: the answer if the arm follows that path.
     """
 
-    task: Task
-
-    @property
-    def harm(self) -> float:
-        """The harm of that path."""
-        return math.inf if self.task.only is None else self.task.only.harm
+    harm: float
+    follow: Callable[[], Any]
 
 
 @dataclass(frozen=True)

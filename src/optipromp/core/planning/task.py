@@ -66,9 +66,6 @@ class Task:
         risk: share of promised successes that may be broken.
         seed: of everything random.
         demonstrations: of the request: a ProMP, or a file to learn one from; None: the robot's own.
-        only: the tool path to follow; None: a search finds the paths.
-        sparing: whether the planner may answer :class:`Harmful` instead of following a path.
-        beyond: the least harm of the tool paths out of the arm's reach.
         back: the push model of a retreat, which predicts its whole motion; None for other motions.
         courses: how pushables move about their places in ``scene``, by id; see :func:`as_of`.
         begun: whether ``state`` replaces the scene's start: the tool may be among fruits already.
@@ -90,10 +87,7 @@ class Task:
     begun: bool = False
     seed: int = 0
     demonstrations: ProMP | str | Path | None = None
-    only: ToolPath | None = None
-    beyond: float = np.inf
     back: PushModel | None = None
-    sparing: bool = False
     courses: Mapping[str, ObjectMotion] = field(default_factory=dict)
 
     @property

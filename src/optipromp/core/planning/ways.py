@@ -164,7 +164,7 @@ def retreats(reach: Plan, options: Timed, longer: bool = True) -> Iterator[Propo
         worse = pressed(one) < min(pressed(reach), 0.0)
         if place is not None:  # the carry cannot begin where something is touched
             worse |= bool(judging.touching(*carried(one, place), q[-1]))
-        judged += 1
+        judged += one.valid
         yield Proposal(
             (not one.valid, worse, max(one.harm, BACK.alike)), {REACH: reach, RETREAT: one}
         )

@@ -22,6 +22,7 @@ from optipromp.core.optimization.problem import ANCHOR, Problem
 from optipromp.core.planning.planners import WAY, ConditionedProMP, OptiProMP
 from optipromp.core.planning.result import Failed, Harmful, Planned
 from optipromp.core.planning.task import Task
+from optipromp.core.pushing.path import ToolPath
 from optipromp.core.scenes.scene import Scene
 from optipromp.laboratory.planners.paper_costs import PaperOptions
 from optipromp.laboratory.planners.straight import gently
@@ -49,10 +50,12 @@ class Avoiding(OptiProMP):
         """False: approaches are compared by their push prediction, and nothing is pushed here."""
         return False
 
-    def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
-        made = super().solve(avoiding(task), budget)
+    def solve(
+        self, task: Task, budget: Budget, only: ToolPath | None = None
+    ) -> Planned | Failed | Harmful:
+        made = super().solve(avoiding(task), budget, only)
         if isinstance(made, Harmful):  # there is no other approach
-            made = super().solve(made.task, budget)
+            made = made.follow()
         return gently(task, made.trajectory.positions) if isinstance(made, Planned) else made
 
 

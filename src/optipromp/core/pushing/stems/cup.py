@@ -237,7 +237,7 @@ def wedged(mass, along, speed):
     slides = across * (across - SWING.leaving * along)
     if slides <= 0.0:
         return np.inf
-    force = max(speed, 0.0) * math.sqrt(SWING.stiffness * mass / slides)
+    force = speed * math.sqrt(SWING.stiffness * mass / slides)
     return force * (along + SWING.leaving * across) + mass * PUSH.beam.gravity
 
 
@@ -245,8 +245,9 @@ def wedged(mass, along, speed):
 def pull_on(s, f, step, speed, pulls):
     """Update the largest pull (N,) of a cup that leaves on each fruit, away from its root [N].
 
-    ``s``: the N stems. ``f``: the fruits after the ``step``. ``speed``: of the cup [m/s]. A pull is
-    the force on a ball of the fruit, along the stem, or that of :func:`wedged`, if it is larger.
+    ``s``: the N stems. ``f``: the fruits after the ``step``. ``speed``: of the cup [m/s]; 0: not
+    known. A pull is the force on a ball of the fruit, along the stem, or that of :func:`wedged`, if
+    the speed is known and that is larger.
     """
     at, shift, cup = step.at, step.shift, step.cup
     far = math.sqrt(shift.x * shift.x + shift.y * shift.y + shift.z * shift.z)
@@ -257,5 +258,7 @@ def pull_on(s, f, step, speed, pulls):
             gap, n0, n1, n2 = fruit_gap(x, y, z, radius, at, cup)
             along = n0 * a + n1 * b + n2 * c
             if gap <= TOUCHES and along > 0.0:
+                pulls[i] = max(pulls[i], f.force[i] * along)
                 met = rate * (shift.x * n0 + shift.y * n1 + shift.z * n2)
-                pulls[i] = max(pulls[i], f.force[i] * along, wedged(s.mass[i], along, met))
+                if met > 0.0:
+                    pulls[i] = max(pulls[i], wedged(s.mass[i], along, met))

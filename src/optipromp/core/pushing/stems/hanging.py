@@ -216,7 +216,7 @@ class Hanging(PushModel):
         self.least = unfit(scene, tool, self.stems.axes[:: self.count, 2], self.searched)
         self.good = PUSH.harm.good + self.least
         self._by: FloatArray | None = None  # (N, P, 3) drifts of the roots [m]
-        self._leaves, self._speed = swinging.NEVER, HANGING.speed  # of the way out
+        self._leaves, self._speed = swinging.NEVER, 0.0  # of the way out
         self._every, self._hopeless = HANGING.every, PUSH.harm.hopeless
         self._kept, self._behind = NEW, np.zeros((0, 6))
         self.candidates = PathsPast(

@@ -463,10 +463,11 @@ def _take(f, at, cup, dt, p, out, forces, stem_forces, spell, pinched, so_far):
             lasting = min(lasting, stem_forces[q, i])
             lasting_on_fruit = min(lasting_on_fruit, forces[q, i])
         so_far[0] = max(so_far[0], lasting)
-        if i == 0 and not out:
+        if i > 0 or out:
+            so_far[1] = max(so_far[1], forces[p, i])
+        if i == 0:
             so_far[2] = max(so_far[2], lasting_on_fruit)
             continue
-        so_far[1] = max(so_far[1], forces[p, i])
         swallowed = inside_cup(f.center[i, 0], f.center[i, 1], f.center[i, 2], at, cup)
         spell[i] = spell[i] + 1 if swallowed else 0
         so_far[3] = max(so_far[3], spell[i] * dt)
