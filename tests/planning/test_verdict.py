@@ -242,7 +242,7 @@ def asked(folder: Path, report: bool) -> dict[str, Told]:
     if report:
         try:
             page = plan_report(folder).decode()
-            status = re.search(r'<p class="status \w+">(\w+) in', page)
+            status = re.search(r'<p class="status \w+">(\w+), the reach in', page)
             harm = re.search(r"harm (\d+\.\d\d) of at most", page)
             assert status is not None
             out["report"] = status[1], None if harm is None else float(harm[1])

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
-from itertools import chain, starmap
+from dataclasses import dataclass, fields, replace
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -33,14 +34,15 @@ from optipromp.core.planning.leg_tasks import (
 )
 from optipromp.core.planning.options import DEFAULTS, PlanOptions, Timed, stated
 from optipromp.core.planning.parameters import BACK, LIFTING
-from optipromp.core.planning.plan import check_request, other_reaches, plan
-from optipromp.core.planning.result import Plan, Proposal, best_of, cheapest
+from optipromp.core.planning.plan import STILL, check_request, other_reaches, plan
+from optipromp.core.planning.result import Plan, Proposal, cheapest
 from optipromp.core.planning.timing import eased, shortest
 from optipromp.core.planning.verdict import whole
 from optipromp.core.planning.ways import Legs, retreats
 from optipromp.core.scenes.held import RETREAT as RETREAT_LENGTH
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene
+from optipromp.core.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,8 +163,6 @@ def with_way_out(reach: Plan, scene: Scene | None = None, **request: Any) -> Leg
     options = stated(request.get("options"), {name: request[name] for name in names}, plan)
     planner = request.get("planner", "opti-promp")
     settings: Timed = planner if isinstance(planner, Timed) else options
-    if stands(reach.scene):
-        return {REACH: reach, **lifted(reach, settings)}
     solver = check_request(planner, request.get("strategy", "joint"), options)
     others = iter(()) if scene is None else other_reaches(reach, scene, solver, options)
 
@@ -173,8 +173,10 @@ def with_way_out(reach: Plan, scene: Scene | None = None, **request: Any) -> Leg
             return
 
     again = Proposal[Legs]((False, False, BACK.good), next_reach)
-    proposed = chain(retreats(reach, settings), [again])
-    return next(cheapest(proposed, clock() + options.timeout))
+    proposed = lifted(reach, settings)
+    if not stands(reach.scene):
+        proposed = chain(retreats(reach, settings), [again])
+    return next(cheapest(proposed, clock() + options.timeout), None) or stuck(reach)
 
 
 def way_out(reach: Plan, options: Timed = DEFAULTS) -> Legs:
@@ -183,31 +185,31 @@ def way_out(reach: Plan, options: Timed = DEFAULTS) -> Legs:
     return {name: one for name, one in legs.items() if name != REACH}
 
 
-def lifted(reach: Plan, options: Timed) -> Legs:
-    """Lift and retreat of a target that stands: the first height of which both are valid.
+def lifted(reach: Plan, options: Timed) -> Iterator[Proposal[Legs]]:
+    """Proposals of a reach with the lift and retreat after it, of a target that stands.
 
-    Where no height has both, those of the last one, without a retreat after an invalid lift.
+    The first height of which both are valid comes first; without one, those of the last height.
     """
     began, place = clock(), reach.scene.place
-    _, robot = held(reach)
+    distance = RETREAT_LENGTH if place is None else place.retreat
 
-    def judged(up: FloatArray, back: FloatArray) -> Legs:
-        made: Legs = {}
+    def judged(k: int, up: FloatArray, back: FloatArray) -> Iterator[Proposal[Legs]]:
+        legs = {REACH: reach}
         for name, q in ((LIFT, up), (RETREAT, back)):
-            curve = shortest(eased(robot, options), q, 0, LIFTING.speed)
-            made[name] = leg(leg_task(reach, name, curve), curve, clock() - began)
-            if not made[name].success:
-                break
-        return made
+            curve = shortest(eased(held(reach)[1], options), q, 0, LIFTING.speed)
+            legs[name] = leg(leg_task(reach, name, curve), curve, clock() - began)
+            if not legs[name].success:
+                yield Proposal((True, -k), legs)
+                return
+        yield Proposal((False, k), legs)
 
-    proposed = lifts(reach, robot, RETREAT_LENGTH if place is None else place.retreat)
-    best = best_of(
-        enumerate(starmap(judged, proposed)),
-        rank=lambda one: -one[0],  # the last height
-        enough=lambda one: RETREAT in one[1] and one[1][RETREAT].success,
-    )
-    if best is None:
-        raise InvalidRequestError(
-            f"{reach.scene.name}: the arm cannot lift the target straight up from its grasp"
-        )
-    return best[1]
+    for k, (up, back) in enumerate(lifts(reach, held(reach)[1], distance)):
+        yield Proposal((False, k), partial(judged, k, up, back))
+
+
+def stuck(reach: Plan) -> Legs:
+    """A reach with a lift that the arm cannot make: it stays."""
+    curve = Trajectory.still(reach.trajectory.positions[-1], STILL, reach.trajectory.joint_names)
+    one = leg(leg_task(reach, LIFT, curve), curve, 0.0)
+    reason = "the arm cannot lift the target straight up from its grasp"
+    return {REACH: reach, LIFT: replace(one, status=Code.NO_PLAN, reason=reason)}

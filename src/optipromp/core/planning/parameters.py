@@ -165,7 +165,7 @@ class Approach:
     turns, rings = 24, 4  # [1] directions of the cone across which a long target is measured
     room = 0.002  # [m] between target and mouth at the end
     tried = 3  # [1] measured: approaches that are planned; with 6, 2 % more succeed, but later
-    ways = 12  # [1] approaches of which one has a harmless way out, that are planned for it
+    ways = 3  # [1] measured: the same where the way out harms; with 12 1 % more, three times later
     candidates = 5  # [1] first paths of a push model that are tried
     # measured: share of the harm's threshold, below which an approach is planned at once
     promising = 0.4  # [1]
@@ -226,7 +226,7 @@ class Retreat:
     screened = 4  # [1] states by which all retreats are ranked
     judged = 6  # [1] retreats that are judged, at most
     farther = 2.0  # [1] retreats so much longer are tried where the shorter ends among fruits
-    good = 0.35  # [1] harm of a pick, up to which no other approach is tried
+    good = 0.45  # [1] measured: harm of a pick, up to which no other approach is tried
     alike = 0.2  # [1] measured: harms below it are equal, and the first and fastest way is taken
 
 

@@ -13,6 +13,7 @@ from optipromp.core.planning.options import PlanOptions, Strategy, stated
 from optipromp.core.planning.plan import check_request, plan
 from optipromp.core.planning.planners import Planner
 from optipromp.core.planning.result import Plan
+from optipromp.core.planning.takes import takes
 from optipromp.core.planning.task import Task
 from optipromp.core.processes import cores, run_each
 from optipromp.core.promp.model import ProMP
@@ -42,8 +43,8 @@ class PickSequence:
         targets: ids of the ripe fruits, in the order of the request.
         picks: plan of each pick, in order; the scene of a plan has the fruits that still hang.
         left: the ripe fruits that cannot be picked.
-        placed: the picks with all legs, in order, of a scene with a place; the plans of ``picks``
-            are their reaches. Empty otherwise.
+        placed: the picks with all legs, in order, where the tool takes the targets in; the plans
+            of ``picks`` are their reaches. Empty otherwise.
     """
 
     scene: Scene
@@ -59,7 +60,7 @@ class PickSequence:
 
     @property
     def whole(self) -> Sequence[Plan | Picked]:
-        """The picks with all their legs; in a scene without a place, their plans."""
+        """The picks with all their legs, where they have some; else their plans."""
         return self.placed or self.picks
 
     @property
@@ -100,10 +101,11 @@ def plan_sequence(
     picked fruit is in no other's way, so that no order picks more fruits than this one, as far as
     the planner knows.
 
-    Every pick starts at the scene's start: the arm lays a fruit down and comes back. In a scene
-    with a ``place`` each pick has the legs of :func:`optipromp.core.planning.legs.plan_pick`, and
-    starts where the pick before it ended, at the place. A fruit whose retreat or carry fails gives
-    way to the next best. Pushed fruits are assumed to hang at rest again before the next pick.
+    Where the tool takes the targets in, each pick has the legs of
+    :func:`optipromp.core.planning.legs.plan_pick`; a fruit whose way out or carry fails gives way
+    to the next best. Every pick starts at the scene's start: the arm lays a fruit down and comes
+    back. In a scene with a ``place`` it starts where the pick before it ended, at the place. Pushed
+    fruits are assumed to hang at rest again before the next pick.
     Stems that grow from the stem of a picked fruit are held at their roots from then on.
 
     Args:
@@ -124,7 +126,7 @@ def plan_sequence(
     picks, placed = list[Plan](), list[Picked]()
     while True:
         picked = [_target(pick) for pick in picks]
-        if placed:
+        if placed and scene.place is not None:
             scene = replace(scene, start=placed[-1].end)
         tried = []
         for id_ in targets:
@@ -138,8 +140,8 @@ def plan_sequence(
         whole: dict[str, Plan | Picked] = {_target(made): made for made in tried}
         best: Plan | Picked | None = None
         for made in good:
-            if made.scene.place is not None:
-                whole[_target(made)] = after(made, progress, **request)
+            if made.scene.place is not None or takes(made.scene, made.robot):
+                whole[_target(made)] = after(made, progress, made.scene, **request)
             best = whole[_target(made)]
             if best.success:
                 break
@@ -185,8 +187,9 @@ class _Request:
         asked = {name: value for name, value in vars(self).items() if name != "legs"}
         try:
             made = plan(scene, **asked)
-            placed = self.legs and made.scene.place is not None and made.scene.target is not None
-            return after(made, **asked) if placed else made
+            taken = made.scene.place is not None or takes(made.scene, made.robot)
+            legs = self.legs and taken and made.scene.target is not None
+            return after(made, None, made.scene, **asked) if legs else made
         except OptiPrompError as error:
             return error.with_traceback(None)
 
@@ -223,8 +226,8 @@ def plan_many(
         options: of every plan; see :class:`PlanOptions`.
         planner, strategy, demonstrations, seed, settings: as for :func:`plan`.
         workers: processes that plan; None: one per core; 1: this process plans.
-        legs: scenes with a target and a ``place`` are planned with all legs, as
-            :func:`optipromp.core.planning.legs.plan_pick` does.
+        legs: scenes with a target that the tool takes in, or with a ``place``, are planned with
+            all legs, as :func:`optipromp.core.planning.legs.plan_pick` does.
         progress: called in this thread as each plan is done, with the index of its scene and the
             result.
 

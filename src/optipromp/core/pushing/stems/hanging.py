@@ -347,6 +347,8 @@ class Hanging(PushModel):
         name, k, what = max(parts, key=alone)
         if worst.pulls.max() / PUSH.harm.pull > alone((name, k, what)):
             k = int(worst.pulls.argmax())
+            if math.isinf(worst.pulls[k]):
+                return names[k], "jams under the tool on the way out"
             return names[k], f"is pulled along its stem by {worst.pulls[k]:.1f} N on the way out"
         return names[k], what.format(getattr(found, name))
 
