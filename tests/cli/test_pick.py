@@ -14,6 +14,7 @@ from optipromp.cli.main import app
 from optipromp.core.files import read_npz
 from optipromp.core.scenes.io import load_scene, save_scene
 from optipromp.core.scenes.scene import PoseGoal
+from optipromp.laboratory.generate import generate
 from optipromp.looks.page.stage import execute, open_source
 from optipromp.looks.reports import plan_report
 
@@ -71,7 +72,8 @@ def test_a_pick_is_executed_until_the_fruit_is_out_of_the_plant(pick: Path, tmp_
 
 def test_a_way_out_that_harms_is_the_status_of_the_pick(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
-    done = call("plan", "paper-4", "--no-figures", "--out", tmp_path, "--json")
+    save_scene(generate("side-clusters", 723021), tmp_path / "scene.yaml")
+    done = call("plan", tmp_path / "scene.yaml", "--no-figures", "--out", tmp_path, "--json")
     document = json.loads(done.stdout)
     assert document["legs"]["reach"]["status"] == "success"
     harmful = document["legs"]["retreat"]["status"]

@@ -50,7 +50,7 @@ def caught() -> Picked:
 
 def test_another_approach_is_taken_where_the_way_out_harms() -> None:
     pytest.importorskip("mujoco")
-    scene = generate("cluster", 76002)
+    scene = generate("side-clusters", 76007)
     straight, picked = after(plan(scene)), plan_pick(scene)
     assert straight.reach.success
     assert straight.status is Code.HARM_PREDICTED
@@ -173,8 +173,8 @@ def unplaced() -> Picked:
 
 @pytest.fixture(scope="module")
 def harmful() -> Picked:
-    """A pick among four fruits, past which no retreat leads without harm."""
-    return plan_pick(placing("mixed", 170001))
+    """A pick among fruits past which no retreat leads without harm."""
+    return plan_pick(placing("side-clusters", 723021))
 
 
 @pytest.mark.parametrize("name", ["harmful", "unplaced"])

@@ -225,20 +225,21 @@ def _ball(s, f, i, upper):
 
 
 @inner
-def wedged(mass, along, speed):
+def wedged(mass, along, speed, friction):
     """Pull on a fruit along its taut stem, as the cup's blow slides it aside [N].
 
     The fruit cannot move along its stem. Along the contact's normal n, whose cosine with the stem
-    is ``along`` = n·s, it weighs m / (sin α (sin α − μ cos α)), and a contact of stiffness k that
-    meets it at ``speed`` [m/s] presses with N = v √(k m / (sin α (sin α − μ cos α))). Where
-    tan α ≤ μ the fruit jams: the pull is infinite. Derivation: docs/push-parameters.md.
+    is ``along`` = n·s = cos α, it weighs m / (sin α (sin α − μ cos α)), and a contact of stiffness
+    k that meets it at a ``speed`` v along n [m/s] presses with N = v √(k m / (sin α (sin α − μ
+    cos α))), which pulls the stem with N (cos α + μ sin α) + m g. ``friction`` is μ. Where
+    tan α ≤ μ the fruit jams: the pull is infinite. Derivation: docs/concepts.md.
     """
     across = math.sqrt(max(1.0 - along * along, 0.0))
-    slides = across * (across - SWING.leaving * along)
+    slides = across * (across - friction * along)
     if slides <= 0.0:
         return np.inf
     force = speed * math.sqrt(SWING.stiffness * mass / slides)
-    return force * (along + SWING.leaving * across) + mass * PUSH.beam.gravity
+    return force * (along + friction * across) + mass * PUSH.beam.gravity
 
 
 @inner
@@ -261,4 +262,4 @@ def pull_on(s, f, step, speed, pulls):
                 pulls[i] = max(pulls[i], f.force[i] * along)
                 met = rate * (shift.x * n0 + shift.y * n1 + shift.z * n2)
                 if met > 0.0:
-                    pulls[i] = max(pulls[i], wedged(s.mass[i], along, met))
+                    pulls[i] = max(pulls[i], wedged(s.mass[i], along, met, cup.rubbing))
