@@ -279,7 +279,7 @@ def _primitive(item: str) -> dict[str, Any]:
 
 
 def _plan(item: str) -> dict[str, Any]:
-    from optipromp.core.planning.takes import legs_of
+    from optipromp.core.planning.legs import legs_of
 
     whole = optipromp.load_pick(Path(item))
     plan = legs_of(whole)["reach"]
@@ -341,7 +341,7 @@ def validate(
     """
     from optipromp.core.execution.fr3 import foreseen
     from optipromp.core.planning import verdict_of
-    from optipromp.core.planning.takes import curve_of, legs_of
+    from optipromp.core.planning.legs import curve_of, legs_of
     from optipromp.core.planning.task import posed
 
     if scene is None and not files.is_file(trajectory / "plan.json"):

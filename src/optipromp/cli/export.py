@@ -80,7 +80,7 @@ class _Content(NamedTuple):
 
 def _read(item: str, robots: bool) -> _Content:
     """The content of a scene or plan; of a robot only where ``robots`` is true."""
-    from optipromp.core.planning.takes import legs_of
+    from optipromp.core.planning.legs import legs_of
     from optipromp.core.planning.task import posed
 
     if robots and kind_of(item) is Kind.ROBOT:

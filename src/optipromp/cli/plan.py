@@ -123,7 +123,7 @@ class Output:
     ) -> tuple[str, ...]:
         """Write a plan, or all legs of a pick, and figures; the names of the files. ``figures``:
         whether figures are drawn where the user does not say."""
-        from optipromp.core.planning.takes import legs_of
+        from optipromp.core.planning.legs import legs_of
 
         whole = optipromp.Picked(dict(legs_of(result)))
         written = optipromp.write_pick(whole, folder, rate=self.rate)
@@ -222,7 +222,7 @@ def plan_one(
     scene: "Scene", request: Request, output: Output, variant: Variant, progress: bool | None = None
 ) -> Report:
     """Plan the pick of ``scene`` with all its legs, or one motion, and write it."""
-    from optipromp.core.planning.takes import plan_whole
+    from optipromp.core.planning.legs import plan_whole
 
     at, previous = variant.at, variant.previous
     running = None if previous is None else optipromp.load_plan(previous)
@@ -272,7 +272,7 @@ def shown(result: "Plan | Picked", written: tuple[str, ...], out: Path | None) -
     """Name, status and message of a plan; the figures of a reach that is a success; the legs."""
     from rich.table import Table
 
-    from optipromp.core.planning.takes import legs_of
+    from optipromp.core.planning.legs import legs_of
     from optipromp.looks.viewer.words import author, plan_rows, seconds
 
     plan, *later = legs_of(result).values()
@@ -402,7 +402,7 @@ def plan_folder(
 
 def planned(scene: "Scene | Path", request: Request, reach: bool) -> "Result":
     """The pick of a scene, or its ``reach`` alone, or the error."""
-    from optipromp.core.planning.takes import plan_whole
+    from optipromp.core.planning.legs import plan_whole
 
     try:
         return optipromp.plan(scene, **request) if reach else plan_whole(scene, **request)

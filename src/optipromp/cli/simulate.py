@@ -221,7 +221,7 @@ def simulate(
         failed_leg: Of a pick whose retreat or carry failed: execute that leg, too.
         reach: The reach alone, without the way out.
     """
-    from optipromp.core.planning.takes import legs_of
+    from optipromp.core.planning.legs import legs_of
     from optipromp.core.robots.model import warn_of_gravity
     from optipromp.laboratory.simulation import SimulationParameters
     from optipromp.laboratory.simulation.engine import engine
@@ -292,7 +292,7 @@ def _report(
 def _plan(
     item: str, planner: str, strategy: Strategy, seed: int, named: Named, reach: bool
 ) -> "optipromp.Plan | optipromp.Picked":
-    from optipromp.core.planning.takes import plan_whole
+    from optipromp.core.planning.legs import plan_whole
 
     found = loaded(item, "simulate")
     if not isinstance(found, optipromp.Scene):

@@ -19,7 +19,7 @@ from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError, 
 from optipromp.core.files import is_file, is_folder, reading
 from optipromp.core.output import load_pick
 from optipromp.core.planning import Picked, Plan, PlanOptions
-from optipromp.core.planning.takes import legs_of, takes
+from optipromp.core.planning.legs import legs_of, takes
 from optipromp.core.scenes.crops import load_crop
 from optipromp.core.scenes.io import scene_from_dict
 from optipromp.laboratory.experiments import statistics

@@ -8,7 +8,7 @@ the carry follows.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from itertools import chain
@@ -36,13 +36,15 @@ from optipromp.core.planning.options import DEFAULTS, PlanOptions, Timed, stated
 from optipromp.core.planning.parameters import BACK, LIFTING
 from optipromp.core.planning.plan import STILL, check_request, other_reaches, plan
 from optipromp.core.planning.result import Plan, Proposal, cheapest
+from optipromp.core.planning.task import robot_of
 from optipromp.core.planning.timing import eased, shortest
 from optipromp.core.planning.verdict import whole
 from optipromp.core.planning.ways import Legs, retreats
+from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.held import RETREAT as RETREAT_LENGTH
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene
-from optipromp.core.trajectory import Trajectory
+from optipromp.core.trajectory import Trajectory, chained
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,3 +215,29 @@ def stuck(reach: Plan) -> Legs:
     one = leg(leg_task(reach, LIFT, curve), curve, 0.0)
     reason = "the arm cannot lift the target straight up from its grasp"
     return {REACH: reach, LIFT: replace(one, status=Code.NO_PLAN, reason=reason)}
+
+
+def takes(scene: Scene, robot: Robot) -> bool:
+    """Whether the robot's tool takes the target of a scene in which nothing moves."""
+    tool = robot.tool
+    return tool is not None and tool.mouth[0] > 0.0 and not (scene.target is None or scene.movers)
+
+
+def plan_whole(scene: Scene | str | Path, **request: Any) -> Picked | Plan:
+    """The pick where the tool takes the target or the scene has a place; else the reach alone, and
+    where it fails."""
+    scene = scene if isinstance(scene, Scene) else load_scene(scene)
+    if scene.place is None and not takes(scene, robot_of(scene)):
+        return plan(scene, **request)
+    picked = plan_pick(scene, **request)
+    return picked if picked.reach.success else picked.reach
+
+
+def legs_of(made: Plan | Picked) -> Mapping[str, Plan]:
+    """The legs of a pick by name; of a plan, it alone as ``reach``."""
+    return made.legs if isinstance(made, Picked) else {REACH: made}
+
+
+def curve_of(made: Plan | Picked) -> Trajectory:
+    """The motion of all legs."""
+    return chained([leg.trajectory for leg in legs_of(made).values()])

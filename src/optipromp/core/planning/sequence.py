@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from optipromp.core.errors import Code, InvalidRequestError, NoPlanError, OptiPrompError
-from optipromp.core.planning.legs import Picked, after
+from optipromp.core.planning.legs import Picked, after, takes
 from optipromp.core.planning.options import PlanOptions, Strategy, stated
 from optipromp.core.planning.plan import check_request, plan
 from optipromp.core.planning.planners import Planner
 from optipromp.core.planning.result import Plan
-from optipromp.core.planning.takes import takes
 from optipromp.core.planning.task import Task
 from optipromp.core.processes import cores, run_each
 from optipromp.core.promp.model import ProMP

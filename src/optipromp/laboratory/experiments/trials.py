@@ -21,9 +21,8 @@ from optipromp.core.budget import clock
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError, check_one_of
 from optipromp.core.planning import Picked, Plan, PlanOptions, plan, planner_names
 from optipromp.core.planning.leg_tasks import REACH
-from optipromp.core.planning.legs import with_way_out
+from optipromp.core.planning.legs import takes, with_way_out
 from optipromp.core.planning.planners import factory, make
-from optipromp.core.planning.takes import takes
 from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice
 from optipromp.core.scenes.crops import Crop, crop_in_scene
 from optipromp.core.scenes.io import load_scene

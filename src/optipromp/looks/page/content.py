@@ -13,9 +13,9 @@ from optipromp.core.budget import Budget, clock
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.geometry import distances
 from optipromp.core.planning import Picked, Plan
+from optipromp.core.planning.legs import curve_of, legs_of
 from optipromp.core.planning.parameters import FOLLOW
 from optipromp.core.planning.primitive import learnt
-from optipromp.core.planning.takes import curve_of, legs_of
 from optipromp.core.promp.conditioning import condition
 from optipromp.core.promp.model import ProMP
 from optipromp.core.promp.tasks import JointPoint, TaskPoint

@@ -17,7 +17,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, OptiPrompError, is_name
 from optipromp.core.files import check_folder, file_name
 from optipromp.core.planning import STRATEGIES, planner_names
-from optipromp.core.planning.takes import legs_of
+from optipromp.core.planning.legs import legs_of
 from optipromp.core.planning.task import posed
 from optipromp.core.promp import Basis, fit
 from optipromp.core.promp.demonstrations import save_demonstrations

@@ -17,7 +17,7 @@ from optipromp.core.errors import InvalidRequestError, InvalidSceneError, OptiPr
 from optipromp.core.files import is_file, is_folder, is_there, read_npz, reading
 from optipromp.core.output import load_pick
 from optipromp.core.planning import Picked, Plan
-from optipromp.core.planning.takes import legs_of
+from optipromp.core.planning.legs import legs_of
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import load_scene, scene_from_dict, scene_names

@@ -12,7 +12,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.planning import Picked, Plan
-from optipromp.core.planning.takes import legs_of
+from optipromp.core.planning.legs import legs_of
 from optipromp.core.promp import Demonstrations
 from optipromp.core.promp.demonstrations import Demonstration
 from optipromp.core.robots import ik

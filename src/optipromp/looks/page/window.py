@@ -16,7 +16,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.planning import Picked, Plan, PlanOptions, planner_names
 from optipromp.core.planning import plan as make_plan
-from optipromp.core.planning.takes import curve_of, legs_of, plan_whole
+from optipromp.core.planning.legs import curve_of, legs_of, plan_whole
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.scene import Scene
 from optipromp.looks.page import content

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.planning import Picked, Plan
-from optipromp.core.planning.takes import legs_of
+from optipromp.core.planning.legs import legs_of
 from optipromp.core.planning.task import tool_motion
 from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.core.scenes.scene import SceneObject

@@ -13,9 +13,9 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import Budget
 from optipromp.core.judging import RATES, Violation
 from optipromp.core.planning import Picked, Plan, Term
+from optipromp.core.planning.legs import curve_of, legs_of
 from optipromp.core.planning.plan import plan as make_plan
 from optipromp.core.planning.result import Planned
-from optipromp.core.planning.takes import curve_of, legs_of
 from optipromp.core.planning.task import Task
 from optipromp.core.promp import Demonstrations, ProMP
 from optipromp.core.robots.model import Robot

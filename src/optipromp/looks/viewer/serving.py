@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from optipromp.core.arrays import FloatArray, IntArray, lengths
 from optipromp.core.errors import InvalidRequestError, installed_by, printable
 from optipromp.core.planning import Picked, Plan
-from optipromp.core.planning.takes import curve_of, legs_of
+from optipromp.core.planning.legs import curve_of, legs_of
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject

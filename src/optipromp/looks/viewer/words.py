@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from optipromp.core.errors import Code, OptiPrompError
-from optipromp.core.planning.takes import legs_of
+from optipromp.core.planning.legs import legs_of
 
 if TYPE_CHECKING:
     from optipromp.core.planning import Picked, Plan
