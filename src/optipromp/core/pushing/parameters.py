@@ -50,16 +50,18 @@ DETECTED = Calibration(
 """A way in among fruits on stems with detected positions, which have errors."""
 KNOWN_OUT = Calibration(
     harm=KNOWN.harm,
-    failed=(0.017, 0.064, 0.107, 0.183, 0.270, 0.424, 0.568, 0.888, 0.969),
-    threshold=(0.3, 0.4, 0.5, 0.6, 0.7),
+    failed=(0.009, 0.014, 0.020, 0.032, 0.049, 0.094, 0.162, 0.589, 0.872),
+    threshold=(0.2, 0.4, 0.8, 1.2, 2.0),
 )
-"""The way out after it, of the model in which pulls count."""
+"""A whole pick, way in and way out, past exactly known fruits: 693 runs, 389 of them in the second
+engine, too."""
 DETECTED_OUT = Calibration(
     harm=DETECTED.harm,
-    failed=(0.034, 0.076, 0.104, 0.147, 0.190, 0.264, 0.340, 0.611, 0.787),
-    threshold=(0.3, 0.4, 0.5, 0.6, 0.7),
+    failed=(0.043, 0.046, 0.050, 0.063, 0.086, 0.158, 0.283, 0.848, 0.979),
+    threshold=(0.1, 0.3, 0.8, 0.9, 1.2),
 )
-"""The way out among fruits whose positions were detected."""
+"""A whole pick past detected fruits: 482 runs, 337 of them in the second engine, too. Up to a harm
+of 0.8 one promise in twelve is broken whatever the harm: fruits are swallowed or missed."""
 PACKS = Calibration(
     harm=(0.0, 1.0, 2.0, 4.0, 8.0, 15.0, 30.0, 60.0),
     failed=(0.016, 0.035, 0.053, 0.090, 0.159, 0.262, 0.425, 0.609),
