@@ -14,8 +14,9 @@ from optipromp.cli.main import app
 from optipromp.core.errors import Code, InvalidPlanError, InvalidRequestError, InvalidSceneError
 from optipromp.core.geometry import Box
 from optipromp.core.planning import Plan
-from optipromp.core.planning.leg_tasks import CARRY, LIFT, REACH, RETREAT, leg, leg_task
+from optipromp.core.planning.leg_tasks import leg, leg_task
 from optipromp.core.planning.legs import Picked, after
+from optipromp.core.planning.result import CARRY, LIFT, REACH, RETREAT
 from optipromp.core.planning.task import posed
 from optipromp.core.planning.timing import shortest
 from optipromp.core.planning.verdict import verdict
@@ -174,7 +175,7 @@ def unplaced() -> Picked:
 @pytest.fixture(scope="module")
 def harmful() -> Picked:
     """A pick among fruits past which no retreat leads without harm."""
-    return plan_pick(placing("side-clusters", 723021))
+    return plan_pick(placing("table-top", 732003))
 
 
 @pytest.mark.parametrize("name", ["harmful", "unplaced"])
@@ -224,8 +225,8 @@ def test_the_command_line_films_a_pick_whose_carry_failed(unplaced: Picked, tmp_
 
 
 def test_a_fruit_that_stays_is_written_with_the_legs_that_succeeded(tmp_path: Path) -> None:
-    save_scene(placing("mixed", 170001), tmp_path / "bunch.yaml")
-    target = placing("mixed", 170001).target
+    save_scene(placing("table-top", 732003), tmp_path / "bunch.yaml")
+    target = placing("table-top", 732003).target
     assert target is not None
     out = tmp_path / "picks"
     result = invoke(

@@ -12,9 +12,9 @@ from optipromp import plan, plan_pick, simulate
 from optipromp.core.budget import clock
 from optipromp.core.errors import Code
 from optipromp.core.planning import Picked, Plan
-from optipromp.core.planning.leg_tasks import REACH, RETREAT, retreat_model
+from optipromp.core.planning.leg_tasks import retreat_model
 from optipromp.core.planning.options import DEFAULTS
-from optipromp.core.planning.result import Proposal, cheapest
+from optipromp.core.planning.result import REACH, RETREAT, Proposal, cheapest
 from optipromp.core.planning.task import tool_motion
 from optipromp.core.planning.ways import retreats, ways
 from optipromp.core.pushing.parameters import PUSH

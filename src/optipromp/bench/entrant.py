@@ -19,7 +19,7 @@ import numpy as np
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning import Picked, Plan
-from optipromp.core.planning.leg_tasks import RETREAT
+from optipromp.core.planning.result import RETREAT
 from optipromp.core.scenes.values import suggest
 from optipromp.core.trajectory import Trajectory
 

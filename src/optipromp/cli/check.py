@@ -343,6 +343,7 @@ def validate(
     from optipromp.core.planning import verdict_of
     from optipromp.core.planning.legs import curve_of, legs_of
     from optipromp.core.planning.task import posed
+    from optipromp.core.planning.verdict import deciding
 
     if scene is None and not files.is_file(trajectory / "plan.json"):
         raise InvalidRequestError(f"{trajectory} states no scene: add --scene SCENE")
@@ -362,7 +363,8 @@ def validate(
             curve = read(trajectory, robot)
             risk = optipromp.PlanOptions.risk if risk is None else risk
             legs = {"": (optipromp.judge(loaded, curve, risk=risk), curve)}
-        found = max((one for one, _ in legs.values()), key=lambda one: exit_code(one.status))
+        decides = deciding({name: one for name, (one, _) in legs.items()}).values()
+        found = max(decides, key=lambda one: exit_code(one.status))
     slow = max(found.judgement.metrics.velocity_ratio, 1e-12)
     if curve.duration > _LONG and slow < _SLOW:
         told = f"{curve.duration:.0f} s with {100 * slow:.2g} % of the velocity limits"

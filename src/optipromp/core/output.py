@@ -29,10 +29,10 @@ from optipromp.core.errors import (
 )
 from optipromp.core.judging import Metrics, Overlap
 from optipromp.core.planning import Plan, Term
-from optipromp.core.planning.leg_tasks import AFTER, REACH, leg, stands, task_of
+from optipromp.core.planning.leg_tasks import leg, stands, task_of
 from optipromp.core.planning.legs import Picked
 from optipromp.core.planning.options import Strategy
-from optipromp.core.planning.result import Stage, ViaPoint
+from optipromp.core.planning.result import AFTER, REACH, Stage, ViaPoint
 from optipromp.core.planning.task import posed, resolve
 from optipromp.core.planning.underway import underway
 from optipromp.core.planning.verdict import verdict
@@ -280,7 +280,7 @@ def load_pick(path: Path | str) -> Picked | Plan:
     """
     path = Path(path)
     reach, folder = load_plan(path), path.parent if path.name == "plan.json" else path
-    if not reach.success:
+    if not reach.valid:
         return reach
     legs = {REACH: reach}
     for name in AFTER[not stands(reach.scene) :]:

@@ -6,8 +6,8 @@ import numpy as np
 
 from optipromp.bench.entrant import Motion, Refused
 from optipromp.core.planning import Plan, plan
-from optipromp.core.planning.leg_tasks import RETREAT
 from optipromp.core.planning.legs import plan_pick
+from optipromp.core.planning.result import RETREAT
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
 from optipromp.timing import LEAST, gentle
@@ -32,7 +32,7 @@ UNLIKELY = 0.5  # of a failed pick, which costs as much as a clean one counts
 def picked(scene: Scene, seed: int, planner: str = "opti-promp") -> Plan | Motion | Refused:
     """A pick that leaves by the way of least harm; refused where it is rather not clean."""
     legs = plan_pick(scene, planner=planner, seed=seed)
-    if not legs.reach.success:
+    if len(legs.legs) == 1:
         return legs.reach
     if legs.failure > UNLIKELY:
         return Refused(f"{legs.status}: {legs.message}")

@@ -20,7 +20,7 @@ import numpy as np
 from optipromp.core import judging
 from optipromp.core.arrays import FloatArray, lengths, rotation
 from optipromp.core.planning.parameters import LIFTING
-from optipromp.core.planning.result import Plan
+from optipromp.core.planning.result import CARRY, LIFT, REACH, RETREAT, Plan
 from optipromp.core.planning.task import Task, laden, resolve, tool_motion
 from optipromp.core.planning.timing import among_fruits
 from optipromp.core.planning.verdict import Verdict, judged, led, predicted
@@ -36,9 +36,6 @@ from optipromp.core.scenes.objects import rooted
 from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.scenes.scene import PoseGoal, Scene, SceneObject
 from optipromp.core.trajectory import State, Trajectory
-
-REACH, LIFT, RETREAT, CARRY = "reach", "lift", "retreat", "carry"
-AFTER = LIFT, RETREAT, CARRY
 
 
 def leg(task: Task, trajectory: Trajectory, seconds: float, push: Prediction | None = None) -> Plan:

@@ -21,21 +21,18 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import clock
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.planning.leg_tasks import (
-    CARRY,
-    LIFT,
-    REACH,
-    RETREAT,
     carry_scene,
     held,
     leg,
     leg_task,
     lifts,
+    retreat_model,
     stands,
 )
 from optipromp.core.planning.options import DEFAULTS, PlanOptions, Timed, stated
 from optipromp.core.planning.parameters import BACK, LIFTING
 from optipromp.core.planning.plan import STILL, check_request, other_reaches, plan
-from optipromp.core.planning.result import Plan, Proposal, cheapest
+from optipromp.core.planning.result import CARRY, LIFT, REACH, RETREAT, Plan, Proposal, cheapest
 from optipromp.core.planning.task import robot_of
 from optipromp.core.planning.timing import eased, shortest
 from optipromp.core.planning.verdict import whole
@@ -75,7 +72,7 @@ class Picked:
 
     @property
     def success(self) -> bool:
-        """Whether every leg is a success."""
+        """Whether the whole is a success."""
         return self.status == Code.SUCCESS
 
     @property
@@ -147,13 +144,21 @@ def after(
     legs = {REACH: reach}
     if reach.robot.tool is None:
         raise InvalidRequestError(f"{reach.robot.name} has no tool, which would hold the target")
-    if reach.success:
+    if hopeful(reach):
         (progress or str)("retreat")
         legs = with_way_out(reach, scene, **request)
     if RETREAT in legs and legs[RETREAT].success and reach.scene.place is not None:
         scene, robot = carry_scene(legs)
         legs[CARRY] = plan(scene, progress=progress, **request | {"robot": robot})
     return Picked(legs)
+
+
+def hopeful(reach: Plan) -> bool:
+    """Whether a way out may make a pick of a reach: it does no more harm than a pick may do."""
+    if reach.success or not reach.valid or stands(reach.scene):
+        return reach.success
+    model = retreat_model(reach)
+    return model is not None and reach.harm <= model.threshold
 
 
 def with_way_out(reach: Plan, scene: Scene | None = None, **request: Any) -> Legs:
@@ -230,7 +235,7 @@ def plan_whole(scene: Scene | str | Path, **request: Any) -> Picked | Plan:
     if scene.place is None and not takes(scene, robot_of(scene)):
         return plan(scene, **request)
     picked = plan_pick(scene, **request)
-    return picked if picked.reach.success else picked.reach
+    return picked if len(picked.legs) > 1 else picked.reach
 
 
 def legs_of(made: Plan | Picked) -> Mapping[str, Plan]:

@@ -22,6 +22,8 @@ from optipromp.core.shown import Shown
 from optipromp.core.trajectory import State, Trajectory
 
 Made = TypeVar("Made")
+REACH, LIFT, RETREAT, CARRY = "reach", "lift", "retreat", "carry"  # the legs of a pick
+AFTER = LIFT, RETREAT, CARRY
 
 
 def best_of(

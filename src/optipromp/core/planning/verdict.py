@@ -8,7 +8,7 @@ and reporting all call :func:`verdict`, or its parts :func:`judged` and :func:`p
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.judging import Judgement, Overlap
 from optipromp.core.planning.options import PlanOptions
-from optipromp.core.planning.result import Plan, with_notes
+from optipromp.core.planning.result import REACH, RETREAT, Plan, with_notes
 from optipromp.core.planning.task import MOST_POINTS, Task, as_of, passages, resolve, spaced
 from optipromp.core.pushing.model import Prediction, PushModel
 from optipromp.core.pushing.parameters import PUSH
@@ -143,14 +143,27 @@ def verdict(task: Task, trajectory: Trajectory, *, anywhere: bool = False) -> Ve
     return Verdict(judgement, prediction)
 
 
+Judged = TypeVar("Judged", Plan, Verdict)
+
+
+def deciding(legs: Mapping[str, Judged]) -> dict[str, Judged]:
+    """The legs of a pick whose status is that of the whole, by name.
+
+    A retreat that tells a harm tells that of the whole pick. Then a reach does not fail by harm.
+    """
+    told = RETREAT in legs and legs[RETREAT].prediction is not None
+    spared = REACH if told and legs[REACH].status is Code.HARM_PREDICTED else ""
+    return {name: leg for name, leg in legs.items() if name != spared}
+
+
 def whole(legs: Mapping[str, Plan]) -> tuple[Code, str]:
     """Status and message of a motion of several ``legs``, by name: of the first that fails."""
-    for name, leg in legs.items():
+    for name, leg in deciding(legs).items():
         if not leg.success:
             return leg.status, f"{name}: {leg.message}"
-    first, *others = legs.items()
+    (_, first), *others = legs.items()
     told = f"; then {' and '.join(name for name, _ in others)}, judged likewise" if others else ""
-    return Code.SUCCESS, first[1].message + told
+    return Code.SUCCESS, (first.message if first.success else VALID) + told
 
 
 def judged(

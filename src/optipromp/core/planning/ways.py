@@ -19,8 +19,6 @@ from optipromp.core import judging
 from optipromp.core.arrays import FloatArray, frame_along, lengths
 from optipromp.core.budget import clock
 from optipromp.core.planning.leg_tasks import (
-    REACH,
-    RETREAT,
     carried,
     full_model,
     held,
@@ -30,7 +28,7 @@ from optipromp.core.planning.leg_tasks import (
 )
 from optipromp.core.planning.options import Timed
 from optipromp.core.planning.parameters import BACK
-from optipromp.core.planning.result import Plan, Proposal
+from optipromp.core.planning.result import REACH, RETREAT, Plan, Proposal
 from optipromp.core.planning.task import spaced, tool_motion
 from optipromp.core.planning.timing import leaving
 from optipromp.core.pushing.model import Continued

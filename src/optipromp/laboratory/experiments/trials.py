@@ -20,9 +20,9 @@ from optipromp.core.arrays import lengths
 from optipromp.core.budget import clock
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError, check_one_of
 from optipromp.core.planning import Picked, Plan, PlanOptions, plan, planner_names
-from optipromp.core.planning.leg_tasks import REACH
 from optipromp.core.planning.legs import takes, with_way_out
 from optipromp.core.planning.planners import factory, make
+from optipromp.core.planning.result import REACH
 from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice
 from optipromp.core.scenes.crops import Crop, crop_in_scene
 from optipromp.core.scenes.io import load_scene
@@ -98,7 +98,7 @@ def attempt(scene: Scene, planner: str, *, seed: int = 0, risk: float = PlanOpti
         if legs.reach is not made:
             made, seconds = legs.reach, seconds + clock() - began
         failure = legs.failure
-        if made.success and len(legs.legs) > 1:
+        if len(legs.legs) > 1:
             status, message, told = legs.status, legs.message, made.prediction
     return Answer(
         planner, status, message, made.trajectory if moves else None, seconds,

@@ -17,8 +17,8 @@ from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.errors import Code, ExecutionError, InvalidRequestError, OptiPrompError
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning import Plan
-from optipromp.core.planning.leg_tasks import AFTER, CARRY
 from optipromp.core.planning.legs import Picked, after
+from optipromp.core.planning.result import AFTER, CARRY
 from optipromp.core.planning.task import posed, resolve
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject
