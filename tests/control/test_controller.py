@@ -113,12 +113,12 @@ def test_a_target_that_the_start_does_not_show_is_looked_for(scene: Scene) -> No
 
 
 def test_a_plan_whose_way_out_harms_is_none() -> None:
-    """Its way in harms nothing; with the target in the tool, a stem is pressed on the way out.
+    """Its way in harms nothing; with the target in the tool, a fruit jams on the way out.
 
     A controller that does not leave comes to the target.
     """
-    scene = generate("mixed", 176_002)
-    given = replace(CONTROL, hopeless=2.0, tries=0)
+    scene = generate("side-clusters", 76_015)
+    given = replace(CONTROL, tries=0)
     left = pick(Controller(scene, parameters=given, leave=True), scene, eye_of(scene))
     assert left.stages[-2:] == [LOOK, GAVE_UP]
     assert left.reasons[-1].startswith("no plan: retreat: harm is predicted")

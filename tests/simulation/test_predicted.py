@@ -10,7 +10,7 @@ from optipromp.core.planning.task import resolve
 from optipromp.core.pushing.stems.bending import stems
 from optipromp.core.pushing.stems.hanging import Hanging
 from optipromp.core.pushing.stems.kept_states import NOT_KEPT
-from optipromp.core.pushing.stems.swinging import push
+from optipromp.core.pushing.stems.swinging import NEVER, push
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import simulate
 
@@ -46,7 +46,7 @@ def compared(seed: int) -> Comparison:
     positions = np.zeros((*shape, 3))
     forces = np.zeros(shape), np.zeros(shape)
     s = stems((scene.target, *task.neighbours))
-    new = np.zeros(5), 0, NOT_KEPT
+    new = np.zeros(5), np.zeros(len(ids)), NEVER, 0.0, 0, NOT_KEPT
     push(s, *led, STEP, model.cup, model.static, np.inf, positions, *forces, *new)
     at = np.clip(np.searchsorted(rollout.times, times), 0, len(rollout.times) - 1)
     true = rollout.fruit_positions[at][:, ids]

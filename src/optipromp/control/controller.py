@@ -75,7 +75,7 @@ BRAKING = 0.15  # [s] before the approach, at which the tool begins to stop and 
 class _Made(NamedTuple):
     """A plan, its harm over what a success may have, and what the plan or its harm tells.
 
-    The harm is that of the way in; of the way out, where that exceeds ``hopeless``.
+    The harm is that of the way in; infinite where a pick may not do that of the way out.
     """
 
     plan: Plan | OptiPrompError
@@ -607,8 +607,8 @@ class Controller:
             harm = excess_harm(made)
             if leaves and harm <= hopeless:
                 for name, leg in way_out(made).items():
-                    if excess_harm(leg) > hopeless:
-                        return _Made(made, excess_harm(leg), f"{name}: {leg.message}")
+                    if excess_harm(leg) > 1.0:
+                        return _Made(made, math.inf, f"{name}: {leg.message}")
             return _Made(made, harm, made.message)
 
         return Sliced(work)
