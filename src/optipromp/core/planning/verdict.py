@@ -152,7 +152,7 @@ def deciding(legs: Mapping[str, Judged]) -> dict[str, Judged]:
     A retreat that tells a harm tells that of the whole pick. Then a reach does not fail by harm.
     """
     told = RETREAT in legs and legs[RETREAT].prediction is not None
-    spared = REACH if told and legs[REACH].status is Code.HARM_PREDICTED else ""
+    spared = REACH if told and legs[REACH].status is Code.HARM_PREDICTED else None
     return {name: leg for name, leg in legs.items() if name != spared}
 
 
