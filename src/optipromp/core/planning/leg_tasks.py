@@ -31,6 +31,7 @@ from optipromp.core.pushing.stems.hanging import Hanging, Leaving
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot, letting_touch
 from optipromp.core.robots.mounted import Mounted
+from optipromp.core.scenes.held import RETREAT as RETREAT_LENGTH
 from optipromp.core.scenes.held import Attached, Place
 from optipromp.core.scenes.objects import rooted
 from optipromp.core.scenes.rotations import to_quaternion
@@ -123,6 +124,11 @@ def held(reach: Plan) -> tuple[Scene, Robot]:
     known = {item.id for item in scene.static}
     pairs = (*pairs, *((target.id, name) for name in stood if name in known))
     return replace(scene, may_touch=pairs), robot
+
+
+def distance_of(reach: Plan) -> float:
+    """Distance of the retreat [m]."""
+    return RETREAT_LENGTH if reach.scene.place is None else reach.scene.place.retreat
 
 
 def carried(before: Plan, place: Place) -> tuple[Scene, Robot]:

@@ -22,6 +22,7 @@ from optipromp.core.budget import clock
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.planning.leg_tasks import (
     carry_scene,
+    distance_of,
     held,
     leg,
     leg_task,
@@ -38,7 +39,6 @@ from optipromp.core.planning.timing import eased, shortest
 from optipromp.core.planning.verdict import whole
 from optipromp.core.planning.ways import Legs, retreats
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.held import RETREAT as RETREAT_LENGTH
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory, chained
@@ -197,8 +197,7 @@ def lifted(reach: Plan, options: Timed) -> Iterator[Proposal[Legs]]:
 
     The first height of which both are valid comes first; without one, those of the last height.
     """
-    began, place = clock(), reach.scene.place
-    distance = RETREAT_LENGTH if place is None else place.retreat
+    began = clock()
 
     def judged(k: int, up: FloatArray, back: FloatArray) -> Iterator[Proposal[Legs]]:
         legs = {REACH: reach}
@@ -210,7 +209,7 @@ def lifted(reach: Plan, options: Timed) -> Iterator[Proposal[Legs]]:
                 return
         yield Proposal((False, k), legs)
 
-    for k, (up, back) in enumerate(lifts(reach, held(reach)[1], distance)):
+    for k, (up, back) in enumerate(lifts(reach, held(reach)[1], distance_of(reach))):
         yield Proposal((False, k), partial(judged, k, up, back))
 
 

@@ -20,6 +20,7 @@ from optipromp.core.arrays import FloatArray, frame_along, lengths
 from optipromp.core.budget import clock
 from optipromp.core.planning.leg_tasks import (
     carried,
+    distance_of,
     full_model,
     held,
     leg,
@@ -37,7 +38,6 @@ from optipromp.core.pushing.path import length
 from optipromp.core.pushing.stems.hanging import Hanging, Leaving
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.held import RETREAT as RETREAT_LENGTH
 
 Legs = dict[str, Plan]
 """Judged legs by name, in the order of the motion."""
@@ -120,7 +120,7 @@ def retreats(reach: Plan, options: Timed, longer: bool = True) -> Iterator[Propo
     began, place, target = clock(), reach.scene.place, reach.scene.target
     robot, model = held(reach)[1], retreat_model(reach)
     assert target is not None
-    distance = RETREAT_LENGTH if place is None else place.retreat
+    distance = distance_of(reach)
     usual = min(options.approach_speed or math.inf, PUSH.hanging.speed)
     best, judged = math.inf, 0
     far = [BACK.farther, 0.5 * (1.0 + BACK.farther)] if longer else []
@@ -186,13 +186,13 @@ def ways_out(reach: Plan, q: FloatArray, holding: bool = False) -> list[FloatArr
     robot, model = reach.robot, reach.push_model
     distance = length(robot.tool_pose(q)[0])
     if holding:
-        model, distance = full_model(reach, held(reach)[1]), RETREAT_LENGTH
+        model, distance = full_model(reach, held(reach)[1]), distance_of(reach)
     elif isinstance(model, Continued):
         model = model.lead
+    if not isinstance(model, Hanging) or len(q) < 3:
+        return [back_along(q, robot.tool_pose(q)[0], distance)]
     proposed = [(way, way.followed(robot, q[-1])) for way in ways(robot, q, distance)]
     found = [(way, one) for way, one in proposed if one is not None]
-    if not isinstance(model, Hanging) or len(q) < 3:
-        return [one for _, one in found[:1]]
     out = Leaving(model, *tool_motion(robot, q))
     found.sort(key=lambda item: item[0].harm(out, BACK.screened))
     first, rest = found[: BACK.judged], found[BACK.judged :]
