@@ -24,7 +24,7 @@ import numpy as np
 from optipromp import plan
 from optipromp.core.planning import follow
 from optipromp.core.planning.planners import OptiProMP
-from optipromp.core.planning.result import Harmful
+from optipromp.core.planning.result import Proposal
 from optipromp.core.pushing.packs.standing import PathsBetween
 from optipromp.core.pushing.stems import hanging as paths
 from optipromp.laboratory.generate import generate
@@ -74,12 +74,12 @@ def _without(owner: Any, name: str, value: Any) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _followed_always() -> Iterator[None]:
-    """A harmful path is followed at once: no answer is Harmful, so there is no second pass."""
+    """A harmful path is followed at once: no answer is a proposal, so there is no second pass."""
     solve = OptiProMP.solve
 
     def always(self: OptiProMP, task: Any, budget: Any) -> Any:
         made = solve(self, task, budget)
-        return made.follow() if isinstance(made, Harmful) else made
+        return made.made() if isinstance(made, Proposal) else made
 
     with mock.patch.object(OptiProMP, "solve", always):
         yield

@@ -10,7 +10,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import Budget
 from optipromp.core.errors import Code
 from optipromp.core.planning.planners import OptiProMP, goal_configurations
-from optipromp.core.planning.result import Failed, Harmful, Planned
+from optipromp.core.planning.result import Answer, Failed
 from optipromp.core.planning.task import Task, pushed_aside, spaced
 from optipromp.core.pushing.model import PushModel
 from optipromp.core.pushing.path import ToolPath
@@ -30,9 +30,7 @@ class Pathed(OptiProMP):
     def path(self, task: Task, model: PushModel | None, seed: int) -> ToolPath:
         """The tool path for a task; the push model is None where nothing is to be pushed."""
 
-    def solve(
-        self, task: Task, budget: Budget, only: ToolPath | None = None
-    ) -> Planned | Failed | Harmful:
+    def solve(self, task: Task, budget: Budget, only: ToolPath | None = None) -> Answer:
         """See :class:`optipromp.core.planning.planners.Planner`."""
         if not isinstance(task.goal, PoseGoal):
             return Failed(Code.GOAL_UNREACHABLE, "a tool path needs a goal with place and axis")

@@ -73,7 +73,7 @@ def test_a_pick_is_executed_until_the_fruit_is_out_of_the_plant(pick: Path, tmp_
 def test_the_harm_of_the_whole_decides_not_that_of_the_reach_alone(tmp_path: Path) -> None:
     """All who are asked of the pick say the same."""
     pytest.importorskip("mujoco")
-    save_scene(generate("mixed", 732023), tmp_path / "scene.yaml")
+    save_scene(generate("table-top", 743004), tmp_path / "scene.yaml")
     alone = call("plan", tmp_path / "scene.yaml", "--reach", "--json")
     assert json.loads(alone.stdout)["status"] == "HARM_PREDICTED"
     done = call(
@@ -92,7 +92,7 @@ def test_the_harm_of_the_whole_decides_not_that_of_the_reach_alone(tmp_path: Pat
 
 def test_a_way_out_that_harms_is_the_status_of_the_pick(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
-    save_scene(generate("table-top", 732003), tmp_path / "scene.yaml")
+    save_scene(generate("table-top", 743009), tmp_path / "scene.yaml")
     done = call("plan", tmp_path / "scene.yaml", "--no-figures", "--out", tmp_path, "--json")
     document = json.loads(done.stdout)
     assert document["legs"]["reach"]["status"] == "success"

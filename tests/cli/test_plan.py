@@ -87,7 +87,7 @@ def test_the_report_for_people_says_whether_the_plan_holds() -> None:
     code, stdout, _ = call("plan", "scenario-4")
     assert code == 0
     assert "success" in stdout
-    way = r"M_p n1 +-\d+\.\d mm \(x_g [+-]\d+\.\d\); its stem leans by \+\d"
+    way = r"M_p n1 +[+-]\d+\.\d mm \(x_g [+-]\d+\.\d\); its stem leans by [+-]\d"
     assert re.search(way, stdout)
     assert "clearance, static" in stdout
 
@@ -310,11 +310,11 @@ def test_progress_is_told_where_it_is_asked_for(tmp_path: Path) -> None:
     assert found["pipe"] == ""
 
 
-@pytest.mark.parametrize(("deviation", "helps"), [(0.0085, True), (0.012, False)])
+@pytest.mark.parametrize(("deviation", "helps"), [(0.0085, True), (0.02, False)])
 def test_a_second_picture_is_asked_for_where_it_would_help(
     deviation: float, helps: bool, tmp_path: Path
 ) -> None:
-    """Places known to 8.5 mm allow no promise, to 6 mm one; 12 mm and 8.5 mm none."""
+    """Places known to 8.5 mm allow no promise, to 6 mm one; 20 mm and 14 mm none."""
     scene = generate("cluster", 5).each(
         lambda item: (
             item if item.role == "static" else replace(item, covariance=deviation**2 * np.eye(3))

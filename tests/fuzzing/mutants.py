@@ -247,7 +247,7 @@ def mutant(random: Random, kinds: list[tuple[int, Callable[[Random], Mutant]]] =
 
 def warm() -> None:
     """Make beforehand what is made once, and compile what plans of every kind need."""
-    from optipromp.core.planning.plan import compile_kernels
+    from optipromp.core.planning.warming import compile_kernels
 
     compile_kernels()
     learnt_primitive(), plan_files()

@@ -12,7 +12,7 @@ from tests.planning.builders import END, assert_success, block
 
 from optipromp.core.geometry import Sphere
 from optipromp.core.planning import Plan, PlanOptions, plan
-from optipromp.core.planning.plan import warm_up
+from optipromp.core.planning.warming import warm_up
 from optipromp.core.promp import Demonstrations, load_demonstrations, save_demonstrations
 from optipromp.core.robots.library import load_robot
 from optipromp.core.scenes import JointGoal, Scene, Stem, load_scene

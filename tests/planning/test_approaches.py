@@ -11,8 +11,8 @@ from optipromp.core.errors import Code, InvalidSceneError
 from optipromp.core.geometry import Cone
 from optipromp.core.judging import judge
 from optipromp.core.planning import plan, plan_many
+from optipromp.core.planning.approaches import other_approaches
 from optipromp.core.planning.parameters import APPROACH
-from optipromp.core.planning.plan import other_approaches
 from optipromp.core.planning.task import Task, resolve
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems.cup import fits

@@ -15,7 +15,7 @@ from optipromp.core.errors import Code, InvalidPlanError, InvalidRequestError, I
 from optipromp.core.geometry import Box
 from optipromp.core.planning import Plan
 from optipromp.core.planning.leg_tasks import leg, leg_task
-from optipromp.core.planning.legs import Picked, after
+from optipromp.core.planning.legs import Picked, led_out
 from optipromp.core.planning.result import CARRY, LIFT, REACH, RETREAT
 from optipromp.core.planning.task import posed
 from optipromp.core.planning.timing import shortest
@@ -51,8 +51,8 @@ def caught() -> Picked:
 
 def test_another_approach_is_taken_where_the_way_out_harms() -> None:
     pytest.importorskip("mujoco")
-    scene = generate("side-clusters", 76007)
-    straight, picked = after(plan(scene)), plan_pick(scene)
+    scene = generate("side-clusters", 743026)
+    straight, picked = Picked(led_out(plan(scene))), plan_pick(scene)
     assert straight.reach.success
     assert straight.status is Code.HARM_PREDICTED
     assert picked.success, picked.message
@@ -175,7 +175,7 @@ def unplaced() -> Picked:
 @pytest.fixture(scope="module")
 def harmful() -> Picked:
     """A pick among fruits past which no retreat leads without harm."""
-    return plan_pick(placing("table-top", 732003))
+    return plan_pick(placing("table-top", 743009))
 
 
 @pytest.mark.parametrize("name", ["harmful", "unplaced"])
@@ -225,8 +225,8 @@ def test_the_command_line_films_a_pick_whose_carry_failed(unplaced: Picked, tmp_
 
 
 def test_a_fruit_that_stays_is_written_with_the_legs_that_succeeded(tmp_path: Path) -> None:
-    save_scene(placing("table-top", 732003), tmp_path / "bunch.yaml")
-    target = placing("table-top", 732003).target
+    save_scene(placing("table-top", 743009), tmp_path / "bunch.yaml")
+    target = placing("table-top", 743009).target
     assert target is not None
     out = tmp_path / "picks"
     result = invoke(

@@ -53,7 +53,7 @@ def test_helpers_plan_and_their_arrays_come_back_read_only(monkeypatch: pytest.M
     def never(self: object, scene: object) -> Result:
         return InvalidSceneError("planned here")
 
-    monkeypatch.setattr(sequence._Request, "result", never)
+    monkeypatch.setattr(sequence._Job, "result", never)
     results = plan_many(["scenario-3"] * 4, planner="promp", workers=2)
     helped = [result for result in results if isinstance(result, Plan)]
     assert helped
@@ -91,7 +91,7 @@ def test_helpers_see_the_callers_environment_of_now(
     def never(self: object, scene: object) -> Result:
         return InvalidSceneError("planned here")
 
-    monkeypatch.setattr(sequence._Request, "result", never)
+    monkeypatch.setattr(sequence._Job, "result", never)
     results = plan_many([seen] * 4, planner="promp", workers=2)
     assert all(isinstance(result, Plan) for result in results)
     assert list(tmp_path.rglob("*.npz"))

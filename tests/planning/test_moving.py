@@ -9,11 +9,11 @@ import pytest
 
 import optipromp
 from optipromp.core.budget import Budget, pause
-from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.errors import Code
 from optipromp.core.geometry.shapes import Box, Sphere
-from optipromp.core.planning import Plan, PlanOptions, detour
+from optipromp.core.planning import Plan, PlanOptions
 from optipromp.core.planning.planners import OptiProMP
-from optipromp.core.planning.result import Failed, Harmful, Planned
+from optipromp.core.planning.result import Answer
 from optipromp.core.planning.task import Task
 from optipromp.core.planning.underway import later
 from optipromp.core.robots.model import Robot
@@ -210,42 +210,6 @@ def test_a_plan_that_brakes_too_late_says_so(bare: Scene, direct: Plan) -> None:
     assert "brakes too late: link5 enters gate" in made.message
 
 
-@pytest.mark.parametrize("at", [0.3, 0.5])
-def test_where_an_obstacle_appears_the_arm_brakes_and_plans_from_there(
-    bare: Scene, direct: Plan, middle: np.ndarray, at: float
-) -> None:
-    end = direct.robot.tool_pose(direct.trajectory.at(1.3).q[None])[0][0]
-    new = SceneObject("new", "static", Sphere(0.05), end)
-    scene, robot = replace(bare, objects=(new,)), direct.robot
-    assert detour(bare, direct, at).plan is None  # nothing appears: it goes on
-    found = detour(scene, direct, at)
-    assert found.success
-    assert found.brake is not None
-    assert found.plan is not None
-    made = found.trajectory
-    assert made.at(0.0).near(direct.trajectory.at(at), 1e-9)
-    rest = made.at(found.brake.duration)
-    assert not rest.moving
-    assert np.abs(made.positions[-1] - bare.goal.joints).max() < 1e-3  # type: ignore[union-attr]
-    times = np.linspace(0.0, made.duration, 20_000)
-    _, velocity, acceleration = made.sample(times)
-    assert (np.abs(velocity) <= robot.velocity * 1.001).all()
-    assert (np.abs(acceleration) <= robot.acceleration * 1.001).all()
-    still = replace(new, motion=ObjectMotion(np.array([0.0, 1.0]), np.array([end, end])))
-    assert gap(robot, made, still) > 0.0
-    assert gap(robot, direct.trajectory, still) < 0.0
-    with pytest.raises(InvalidRequestError, match="lasts from 0 to"):
-        detour(scene, direct, 99.0)
-
-
-def test_an_obstacle_that_appears_too_late_is_told(bare: Scene, direct: Plan) -> None:
-    point = direct.robot.tool_pose(direct.trajectory.at(0.8).q[None])[0][0]
-    scene = replace(bare, objects=(SceneObject("late", "static", Sphere(0.05), point),))
-    found = detour(scene, direct, 0.8)
-    assert not found.success
-    assert {c.other for c in found.contacts} == {"late"}
-
-
 def test_a_moving_object_in_files(tmp_path: Path) -> None:
     """A box crosses the way to the fruit: written, planned, judged again and simulated."""
     scene = optipromp.load_scene("scenario-3")
@@ -276,7 +240,7 @@ class Slow:
     def __init__(self) -> None:
         self.asked = 0
 
-    def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
+    def solve(self, task: Task, budget: Budget) -> Answer:
         self.asked += 1
         pause(-1.0)
         return OptiProMP().solve(task, budget)

@@ -26,7 +26,7 @@ from optipromp.core.planning import (
 )
 from optipromp.core.planning import planners as planner
 from optipromp.core.planning.planners import goal_configurations
-from optipromp.core.planning.result import Harmful
+from optipromp.core.planning.result import Answer, Proposal
 from optipromp.core.planning.task import Task
 from optipromp.core.planning.timing import shortest
 from optipromp.core.scenes import Scene
@@ -140,12 +140,12 @@ def test_the_least_harmful_path_is_followed_where_all_do_harm(three: Scene) -> N
     followed: list[float] = []
 
     class Timid:
-        def solve(self, task: Task, budget: Budget) -> Harmful:
-            def follow() -> Planned | Failed | Harmful:
+        def solve(self, task: Task, budget: Budget) -> Answer:
+            def follow() -> Answer:
                 followed.append(0.7)
                 return Line().solve(task, budget)
 
-            return Harmful(0.7, follow)
+            return Proposal(0.7, follow)
 
     one, other = plan(three, planner=Timid()), plan(three, planner=Line())
     same(one, replace(other, planner="Timid"))

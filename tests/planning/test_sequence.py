@@ -7,10 +7,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from optipromp import load_plan, plan, plan_sequence, simulate
+from optipromp import load_plan, plan_pick, plan_sequence, simulate
 from optipromp.cli.main import app
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.geometry import Sphere
+from optipromp.core.planning.sequence import HARMLESS
 from optipromp.core.scenes import Scene, save_scene
 from optipromp.laboratory.generate import generate
 
@@ -37,11 +38,11 @@ def test_three_ripe_fruits_are_picked_and_nothing_is_harmed(bunch: Scene) -> Non
 
 def test_the_first_pick_is_the_least_harmful_one_and_then_the_quickest(bunch: Scene) -> None:
     found = plan_sequence(bunch, RIPE)
-    alone = {id_: plan(bunch.aimed(id_)) for id_ in RIPE}
-    assert all(made.prediction and made.prediction.harm < 0.05 for made in alone.values())
-    quickest = min(RIPE, key=lambda id_: alone[id_].trajectory.duration)
-    assert found.order[0] == quickest
-    assert (found.picks[0].trajectory.positions == alone[quickest].trajectory.positions).all()
+    alone = {id_: plan_pick(bunch.aimed(id_)) for id_ in RIPE}
+    harm = {id_: max(leg.harm for leg in made.legs.values()) for id_, made in alone.items()}
+    first = min(RIPE, key=lambda id_: (max(harm[id_], HARMLESS), alone[id_].duration))
+    assert found.order[0] == first
+    assert (found.placed[0].end == alone[first].end).all()
 
 
 def test_a_fruit_that_cannot_be_picked_stays_and_says_why(bunch: Scene, tmp_path: Path) -> None:

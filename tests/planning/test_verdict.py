@@ -83,7 +83,7 @@ def test_what_the_last_link_strikes_on_its_way_is_harmed(preset: Any, seed: int)
     made = plan(near, seed=seed)
     assert made.status is Code.HARM_PREDICTED
     assert re.search("the stem of n[12] is struck by link7 before the approach", made.message)
-    found = judge(near, made.trajectory)
+    found = judge(made.scene, made.trajectory)
     assert (found.status, found.prediction) == (made.status, made.prediction)
 
 

@@ -17,7 +17,7 @@ from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.budget import Budget
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.planners import OptiProMP
-from optipromp.core.planning.result import Failed, Harmful, Plan, Planned
+from optipromp.core.planning.result import Answer, Plan
 from optipromp.core.planning.task import Task, tool_motion
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import ToolPath, through
@@ -74,8 +74,6 @@ class OfWeights(OptiProMP):
         """No other approach is tried: the weights are of this one."""
         return False
 
-    def solve(
-        self, task: Task, budget: Budget, only: ToolPath | None = None
-    ) -> Planned | Failed | Harmful:
+    def solve(self, task: Task, budget: Budget, only: ToolPath | None = None) -> Answer:
         given = np.zeros((2, COUNT)) if self.weights is None else self.weights
         return super().solve(task, budget, only or path_of(task, given))

@@ -164,7 +164,7 @@ def _words(value: object) -> str:
 
 
 def _scene(item: str) -> dict[str, Any]:
-    from optipromp.core.planning.plan import misfit
+    from optipromp.core.planning.approaches import misfit
     from optipromp.core.planning.task import resolve
     from optipromp.core.robots.model import warn_of_gravity
     from optipromp.looks.appearance import ground_of

@@ -185,7 +185,7 @@ def say_if_compiling(progress: bool | None = None) -> None:
     if not in_cache(add_stiffness):
         sys.stderr.write("compiling kernels, once (about half a minute) ...\n")
         sys.stderr.flush()
-        from optipromp.core.planning.plan import compile_kernels
+        from optipromp.core.planning.warming import compile_kernels
 
         with waiting("compiling kernels", progress) as say:
             compile_kernels(say)

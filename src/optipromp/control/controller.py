@@ -30,9 +30,9 @@ from optipromp.core.budget import Sliced
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning import Plan, plan
-from optipromp.core.planning.legs import way_out
-from optipromp.core.planning.plan import compile_once
+from optipromp.core.planning.legs import led_out
 from optipromp.core.planning.task import posed
+from optipromp.core.planning.warming import compile_once
 from optipromp.core.planning.ways import ways_out
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
@@ -606,8 +606,8 @@ class Controller:
                 return _Made(error, math.inf, error.message)
             harm = excess_harm(made)
             if leaves and harm <= hopeless:
-                for name, leg in way_out(made).items():
-                    if excess_harm(leg) > 1.0:
+                for name, leg in led_out(made).items():
+                    if leg is not made and excess_harm(leg) > 1.0:
                         return _Made(made, math.inf, f"{name}: {leg.message}")
             return _Made(made, harm, made.message)
 

@@ -9,7 +9,7 @@ from optipromp.core.processes import THREADS
 os.environ.update(THREADS)  # before anything starts threads
 
 with contextlib.suppress(Exception):  # a helper then compiles itself, and reports the error
-    from optipromp.core.planning.plan import warm_up
+    from optipromp.core.planning.warming import warm_up
 
     warm_up()
 

@@ -5,10 +5,7 @@ from optipromp.core.planning.legs import plan_pick as plan_pick
 from optipromp.core.planning.options import STRATEGIES as STRATEGIES
 from optipromp.core.planning.options import PlanOptions as PlanOptions
 from optipromp.core.planning.options import Strategy as Strategy
-from optipromp.core.planning.plan import Detour as Detour
-from optipromp.core.planning.plan import detour as detour
 from optipromp.core.planning.plan import plan as plan
-from optipromp.core.planning.plan import warm_up as warm_up
 from optipromp.core.planning.planners import PLANNERS as PLANNERS
 from optipromp.core.planning.planners import ConditionedProMP as ConditionedProMP
 from optipromp.core.planning.planners import IProMP as IProMP
@@ -27,3 +24,4 @@ from optipromp.core.planning.sequence import plan_sequence as plan_sequence
 from optipromp.core.planning.verdict import Verdict as Verdict
 from optipromp.core.planning.verdict import judge as judge
 from optipromp.core.planning.verdict import verdict_of as verdict_of
+from optipromp.core.planning.warming import warm_up as warm_up

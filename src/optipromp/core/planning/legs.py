@@ -8,10 +8,9 @@ the carry follows.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import clock
 from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.planning.attempt import STILL
 from optipromp.core.planning.leg_tasks import (
     carry_scene,
     distance_of,
@@ -30,13 +30,14 @@ from optipromp.core.planning.leg_tasks import (
     retreat_model,
     stands,
 )
-from optipromp.core.planning.options import DEFAULTS, PlanOptions, Timed, stated
-from optipromp.core.planning.parameters import BACK, LIFTING
-from optipromp.core.planning.plan import STILL, check_request, other_reaches, plan
+from optipromp.core.planning.options import DEFAULTS, PlanOptions, Timed
+from optipromp.core.planning.parameters import LIFTING
+from optipromp.core.planning.plan import Request, plan
 from optipromp.core.planning.result import CARRY, LIFT, REACH, RETREAT, Plan, Proposal, cheapest
 from optipromp.core.planning.task import robot_of
 from optipromp.core.planning.timing import eased, shortest
 from optipromp.core.planning.verdict import whole
+from optipromp.core.planning.warming import one_thread
 from optipromp.core.planning.ways import Legs, retreats
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import load_scene
@@ -123,79 +124,73 @@ def plan_pick(
         InvalidRequestError: the scene has no target, objects that move, or a robot without a tool.
         OptiPrompError: an error of :func:`optipromp.core.planning.plan.plan`.
     """
-    scene = scene if isinstance(scene, Scene) else load_scene(scene)
+    search = Request.of(plan_pick, progress=progress, **request).search(scene)
+    scene = search.scene
     if scene.target is None:
         raise InvalidRequestError(f"{scene.name} has no target: a pick needs one")
     if names := ", ".join(item.id for item, _ in scene.movers):
         told = "the legs of a pick know no motion; leave out the motions, or plan the reach alone"
         raise InvalidRequestError(f"in {scene.name} {names} move: {told}")
-    reach = plan(scene, progress=progress, **request)
-    return after(reach, progress, scene, **request)
+    settings = search.planner if isinstance(search.planner, Timed) else search.options
+    with one_thread():
+        legs = next(cheapest(picks(search.reaches(), settings), search.late))
+    return brought(legs, **request | {"progress": progress})
 
 
-def after(
-    reach: Plan, progress: Callable[[str], None] | None = None, scene: Scene | None = None,
-    **request: Any,
-) -> Picked:  # fmt: skip
-    """A pick from its reach, with the legs that come after; see :func:`plan_pick`.
-
-    ``scene``: of which another approach is taken where the way out harms; None: the reach stays.
-    """
-    legs = {REACH: reach}
-    if reach.robot.tool is None:
-        raise InvalidRequestError(f"{reach.robot.name} has no tool, which would hold the target")
-    if hopeful(reach):
-        (progress or str)("retreat")
-        legs = with_way_out(reach, scene, **request)
-    if RETREAT in legs and legs[RETREAT].success and reach.scene.place is not None:
+def brought(legs: Legs, **request: Any) -> Picked:
+    """A pick of some legs, with the carry after them where the scene has a place."""
+    if RETREAT in legs and legs[RETREAT].success and legs[REACH].scene.place is not None:
         scene, robot = carry_scene(legs)
-        legs[CARRY] = plan(scene, progress=progress, **request | {"robot": robot})
+        legs = legs | {CARRY: plan(scene, **request | {"robot": robot})}
     return Picked(legs)
+
+
+def picks(reaches: Iterable[Proposal[Plan]], settings: Timed) -> Iterator[Proposal[Legs]]:
+    """Proposals of reaches, each with the legs that come after it as further proposals.
+
+    The rank is whether a leg is not valid, whether the retreat ends badly (see :func:`retreats`;
+    of a reach that alone fails, at least 1), and the harm of the whole.
+    """
+    for rank, made in reaches:
+        if not isinstance(made, Plan):
+            yield Proposal(rank, partial(_further, made, settings))
+        elif hopeful(made):
+            yield from outs(made, settings)
+        else:
+            yield Proposal((True, 1 + rank[1], rank[2]), {REACH: made})
+
+
+def _further(
+    make: Callable[[], Iterable[Proposal[Plan]]], settings: Timed
+) -> Iterator[Proposal[Legs]]:
+    return picks(make(), settings)
 
 
 def hopeful(reach: Plan) -> bool:
     """Whether a way out may make a pick of a reach: it does no more harm than a pick may do."""
+    if reach.robot.tool is None:
+        raise InvalidRequestError(f"{reach.robot.name} has no tool, which would hold the target")
     if reach.success or not reach.valid or stands(reach.scene):
         return reach.success
     model = retreat_model(reach)
     return model is not None and reach.harm <= model.threshold
 
 
-def with_way_out(reach: Plan, scene: Scene | None = None, **request: Any) -> Legs:
-    """A reach and its way out, or those by another approach, if these are less harmful.
-
-    ``scene``, ``request``: see :func:`after`. The time of the options begins anew.
-    """
-    names = {item.name for item in fields(PlanOptions)} & request.keys()
-    options = stated(request.get("options"), {name: request[name] for name in names}, plan)
-    planner = request.get("planner", "opti-promp")
-    settings: Timed = planner if isinstance(planner, Timed) else options
-    solver = check_request(planner, request.get("strategy", "joint"), options)
-    others = iter(()) if scene is None else other_reaches(reach, scene, solver, options)
-
-    def next_reach() -> Iterator[Proposal[Legs]]:
-        for other in others:
-            yield from retreats(other, settings, longer=False)
-            yield again
-            return
-
-    again = Proposal[Legs]((False, False, BACK.good), next_reach)
-    proposed = lifted(reach, settings)
-    if not stands(reach.scene):
-        proposed = chain(retreats(reach, settings), [again])
-    return next(cheapest(proposed, clock() + options.timeout), None) or stuck(reach)
+def outs(reach: Plan, settings: Timed) -> Iterator[Proposal[Legs]]:
+    """Proposals of a reach with the legs by which the tool leaves the plant."""
+    return (lifted if stands(reach.scene) else retreats)(reach, settings)
 
 
-def way_out(reach: Plan, options: Timed = DEFAULTS) -> Legs:
-    """The legs by which the tool leaves the plant after a reach."""
-    legs = with_way_out(reach, options=options if isinstance(options, PlanOptions) else None)
-    return {name: one for name, one in legs.items() if name != REACH}
+def led_out(reach: Plan, options: PlanOptions = DEFAULTS) -> Legs:
+    """A reach and its least harmful way out, as legs; no carry comes after them."""
+    return next(cheapest(outs(reach, options), clock() + options.timeout))
 
 
 def lifted(reach: Plan, options: Timed) -> Iterator[Proposal[Legs]]:
     """Proposals of a reach with the lift and retreat after it, of a target that stands.
 
     The first height of which both are valid comes first; without one, those of the last height.
+    Where the arm cannot lift the target from its grasp it stays.
     """
     began = clock()
 
@@ -205,12 +200,13 @@ def lifted(reach: Plan, options: Timed) -> Iterator[Proposal[Legs]]:
             curve = shortest(eased(held(reach)[1], options), q, 0, LIFTING.speed)
             legs[name] = leg(leg_task(reach, name, curve), curve, clock() - began)
             if not legs[name].success:
-                yield Proposal((True, -k), legs)
+                yield Proposal((True, False, -k), legs)
                 return
-        yield Proposal((False, k), legs)
+        yield Proposal((False, False, 0.0), legs)
 
+    yield Proposal((True, False, 1.0), stuck(reach))
     for k, (up, back) in enumerate(lifts(reach, held(reach)[1], distance_of(reach))):
-        yield Proposal((False, k), partial(judged, k, up, back))
+        yield Proposal((False, False, 0.0), partial(judged, k, up, back))
 
 
 def stuck(reach: Plan) -> Legs:

@@ -29,7 +29,7 @@ from optipromp.core.planning import follow
 from optipromp.core.planning.goals import clearance
 from optipromp.core.planning.options import Optimised, Searched
 from optipromp.core.planning.parameters import PICK, SOLVE
-from optipromp.core.planning.result import Harmful, Planned, Stage, best_of
+from optipromp.core.planning.result import Planned, Proposal, Stage, best_of
 from optipromp.core.planning.task import Task, pushed_aside
 from optipromp.core.planning.timing import paced
 from optipromp.core.planning.underway import rest, straight
@@ -47,11 +47,11 @@ from optipromp.core.trajectory import Trajectory
 def pick(
     task: Task, promp: ProMP, options: Searched, goals: FloatArray, budget: Budget,
     sparing: bool = False, only: ToolPath | None = None, beyond: float = np.inf,
-) -> Planned | Harmful:  # fmt: skip
+) -> Planned | Proposal[Planned]:  # fmt: skip
     """The valid trajectory of least predicted harm; without a valid one, the best of the others.
 
     ``goals``: configurations (m, n), best first. ``sparing``: a path whose predicted harm is above
-    the threshold is not followed. The answer is :class:`Harmful` where all paths are such.
+    the threshold is not followed. The answer is a proposal where all paths are such.
     ``only``: the tool path to follow; None: a search finds the paths. ``beyond``: the least harm of
     the paths out of the arm's reach so far.
     """
@@ -86,7 +86,7 @@ def pick(
     if best is None and refused:
         path = min(refused, key=lambda path: path.harm)
         again = partial(pick, task, promp, options, goals, budget, False, path, beyond)
-        return Harmful(path.harm, again)
+        return Proposal(path.harm, again)
     if best is None:
         free = chain(
             rest(task, options),

@@ -36,7 +36,7 @@ from optipromp.core.planning.options import (
 from optipromp.core.planning.parameters import GOAL, PRIMITIVE, WAYPOINT
 from optipromp.core.planning.pick import pick
 from optipromp.core.planning.primitive import learnt
-from optipromp.core.planning.result import Failed, Harmful, Planned, Term, ViaPoint
+from optipromp.core.planning.result import Answer, Failed, Planned, Proposal, Term, ViaPoint
 from optipromp.core.planning.task import Task, pushed_aside
 from optipromp.core.planning.timing import timed
 from optipromp.core.promp.model import ProMP
@@ -62,10 +62,12 @@ class Planner(Protocol):
     ``ignores`` names those of :data:`WAY` for which it does not plan: such scenes are refused.
     """
 
-    def solve(self, task: Task, budget: Budget) -> "Planned | Failed | Harmful":
+    def solve(self, task: Task, budget: Budget) -> Answer:
         """The motion from ``task.state`` to the goal, or why there is none.
 
-        :func:`optipromp.plan` judges the motion, whatever the planner thinks of it.
+        :func:`optipromp.plan` judges the motion, whatever the planner thinks of it. A proposal has
+        the predicted harm of a path as rank, and makes the motion that follows the path: it does so
+        where no other approach is harmless.
 
         Args:
             task: scene, robot, goal, neighbours and push model; with the seed of everything random
@@ -203,11 +205,10 @@ class Chosen:
     reason: str  # why none is free, in words; else empty
     seconds: float  # wall time of inverse kinematics [s]
 
-    def told(self, made: Planned | Harmful) -> Planned | Failed | Harmful:
+    def told(self, made: Any) -> Answer:
         """The answer of a planner that made ``made``: a failure where no configuration is free."""
-        if isinstance(made, Harmful):
-            follow = made.follow
-            return replace(made, follow=lambda: self.told(follow()))
+        if isinstance(made, Proposal):
+            return Proposal(made.rank, lambda: self.told(made.made()))
         made = replace(made, time={"inverse kinematics": self.seconds, **made.time})
         return Failed(Code.GOAL_IN_COLLISION, self.reason, made) if self.reason else made
 
@@ -253,9 +254,7 @@ class OptiProMP(Searched):
         """Whether other approaches than the straight one are tried: only with a prediction."""
         return self.prediction
 
-    def solve(
-        self, task: Task, budget: Budget, only: ToolPath | None = None
-    ) -> Planned | Failed | Harmful:
+    def solve(self, task: Task, budget: Budget, only: ToolPath | None = None) -> Answer:
         """See :class:`Planner`; ``only``: the tool path to follow, in place of a search."""
         promp = learnt(task, task.demonstrations)
         if task.scene.waypoints is not None:
@@ -290,7 +289,7 @@ class ConditionedProMP(Timed):
         require(self, "", phase is None or 0.0 < phase < 1.0, "camera_phase", "between 0 and 1")
         require(self, "", self.via_deviation >= 0, "via_deviation", "not negative [m]")
 
-    def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
+    def solve(self, task: Task, budget: Budget) -> Answer:
         promp = learnt(task, task.demonstrations)
         chosen = goal_configurations(task, budget, GOAL.few_starts, primitive.end(promp))
         if not len(chosen.q):

@@ -54,7 +54,11 @@ class Proposal(NamedTuple, Generic[Made]):
     """
 
     rank: Any
-    make: Made | Callable[[], Iterable["Proposal[Made]"]]
+    make: Made | Callable[[], Any]
+
+    def made(self) -> Any:
+        """The motion, or what the work gives."""
+        return self.make() if callable(self.make) else self.make
 
 
 def cheapest(proposals: Iterable[Proposal[Made]], late: float = math.inf) -> Iterator[Made]:
@@ -166,15 +170,9 @@ class Failed:
     nearest: Planned | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Harmful:
-    """A planner's answer: all tool paths do harm, and the arm followed none of them.
-
-    ``harm``: of the path of least harm. ``follow``: the answer if the arm follows that path.
-    """
-
-    harm: float
-    follow: Callable[[], Any]
+Answer = Planned | Failed | Proposal[Any]
+"""A planner's answer: a motion, or why there is none; or, where all tool paths do harm, a proposal
+to follow the path of least harm, which is its rank."""
 
 
 @dataclass(frozen=True)

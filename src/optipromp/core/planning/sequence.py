@@ -1,18 +1,18 @@
 """``plan_sequence``: several ripe fruits, picked one after the other."""
 
 import pickle
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from optipromp.core.errors import Code, InvalidRequestError, NoPlanError, OptiPrompError
-from optipromp.core.planning.legs import Picked, after, takes
+from optipromp.core.planning.legs import Picked, legs_of, plan_whole
 from optipromp.core.planning.options import PlanOptions, Strategy, stated
 from optipromp.core.planning.plan import check_request, plan
 from optipromp.core.planning.planners import Planner
-from optipromp.core.planning.result import Plan
+from optipromp.core.planning.result import REACH, Plan
 from optipromp.core.planning.task import Task
 from optipromp.core.processes import cores, run_each
 from optipromp.core.promp.model import ProMP
@@ -127,29 +127,25 @@ def plan_sequence(
         picked = [_target(pick) for pick in picks]
         if placed and scene.place is not None:
             scene = replace(scene, start=placed[-1].end)
-        tried = []
+        tried = {}
         for id_ in targets:
-            if id_ in picked:
-                continue
-            if progress is not None:
-                progress(f"pick {len(picks) + 1}: {id_}")
-            tried.append(plan(scene.aimed(id_, picked), **request))
-        good = [made for made in tried if made.success]
-        good.sort(key=lambda made: (max(made.harm, HARMLESS), made.duration))
-        whole: dict[str, Plan | Picked] = {_target(made): made for made in tried}
-        best: Plan | Picked | None = None
-        for made in good:
-            if made.scene.place is not None or takes(made.scene, made.robot):
-                whole[_target(made)] = after(made, progress, made.scene, **request)
-            best = whole[_target(made)]
-            if best.success:
-                break
+            if id_ not in picked:
+                (progress or str)(f"pick {len(picks) + 1}: {id_}")
+                tried[id_] = plan_whole(scene.aimed(id_, picked), **request)
+        best = min(tried.values(), key=_costs, default=None)
         if best is None or not best.success:
-            left = tuple(Left(id_, made.status, made.message, made) for id_, made in whole.items())
+            left = tuple(Left(id_, made.status, made.message, made) for id_, made in tried.items())
             return PickSequence(begun, tuple(targets), tuple(picks), left, tuple(placed))
         if isinstance(best, Picked):
             placed.append(best)
-        picks.append(best.reach if isinstance(best, Picked) else best)
+        picks.append(legs_of(best)[REACH])
+
+
+def _costs(made: Plan | Picked) -> tuple[bool, float, float]:
+    """Sort key of picks: success, harm, duration; small harms are equal."""
+    legs = [*legs_of(made).values()]
+    harm = max(leg.harm for leg in (legs if made.success else legs[:1]))
+    return not made.success, max(harm, HARMLESS), sum(leg.duration for leg in legs)
 
 
 def _check(scene: Scene, targets: Sequence[str]) -> None:
@@ -171,24 +167,18 @@ def _target(made: Plan) -> str:
 Result = Plan | Picked | OptiPrompError
 
 
-@dataclass(frozen=True, eq=False)
-class _Request:
-    """The arguments of :func:`plan` that all plans have in common."""
+@dataclass(frozen=True)
+class _Job:
+    """What :func:`plan_many` does with each scene."""
 
-    planner: Planner | str
-    strategy: Strategy
-    demonstrations: ProMP | str | Path | None
-    seed: int
-    options: PlanOptions | None
-    legs: bool = False
+    request: Mapping[str, Any]
+    legs: bool
 
     def result(self, scene: Scene | str | Path) -> Result:
-        asked = {name: value for name, value in vars(self).items() if name != "legs"}
         try:
-            made = plan(scene, **asked)
-            taken = made.scene.place is not None or takes(made.scene, made.robot)
-            legs = self.legs and taken and made.scene.target is not None
-            return after(made, None, made.scene, **asked) if legs else made
+            scene = scene if isinstance(scene, Scene) else load_scene(scene)
+            whole = self.legs and scene.target is not None
+            return (plan_whole if whole else plan)(scene, **self.request)
         except OptiPrompError as error:
             return error.with_traceback(None)
 
@@ -243,7 +233,11 @@ def plan_many(
         raise InvalidRequestError(f"workers is {workers}; it must be at least 1")
     options = stated(options, settings, plan_many)
     check_request(planner, strategy, options)
-    request = _Request(planner, strategy, demonstrations, seed, options, legs)
+    asked = {
+        "planner": planner, "strategy": strategy, "demonstrations": demonstrations, "seed": seed,
+        "options": options,
+    }  # fmt: skip
+    request = _Job(asked, legs)
     count = min(workers or cores(), len(scenes))
     if count > 1:
         try:

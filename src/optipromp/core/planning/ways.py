@@ -110,12 +110,12 @@ def back_along(q: FloatArray, tips: FloatArray, distance: float) -> FloatArray:
     return q[::-1][: max(last, 3)]
 
 
-def retreats(reach: Plan, options: Timed, longer: bool = True) -> Iterator[Proposal[Legs]]:
+def retreats(reach: Plan, options: Timed) -> Iterator[Proposal[Legs]]:
     """Proposals of a reach with each retreat after it, judged.
 
     The rank is the validity of the retreat, whether it presses more than the reach or ends where
-    the carry cannot begin, and the harm of both. ``longer``: whether longer retreats are proposed
-    where six shorter ones end badly.
+    the carry cannot begin, and the harm of both. Longer retreats are proposed where six shorter
+    ones end badly.
     """
     began, place, target = clock(), reach.scene.place, reach.scene.target
     robot, model = held(reach)[1], retreat_model(reach)
@@ -123,7 +123,7 @@ def retreats(reach: Plan, options: Timed, longer: bool = True) -> Iterator[Propo
     distance = distance_of(reach)
     usual = min(options.approach_speed or math.inf, PUSH.hanging.speed)
     best, judged = math.inf, 0
-    far = [BACK.farther, 0.5 * (1.0 + BACK.farther)] if longer else []
+    far = [BACK.farther, 0.5 * (1.0 + BACK.farther)]
 
     def proposed(factor: float) -> Iterator[Proposal[Legs]]:
         nonlocal judged

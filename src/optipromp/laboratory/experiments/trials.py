@@ -17,10 +17,9 @@ from typing import Any, Literal, cast
 import numpy as np
 
 from optipromp.core.arrays import lengths
-from optipromp.core.budget import clock
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError, check_one_of
-from optipromp.core.planning import Picked, Plan, PlanOptions, plan, planner_names
-from optipromp.core.planning.legs import takes, with_way_out
+from optipromp.core.planning import Picked, Plan, PlanOptions, planner_names
+from optipromp.core.planning.legs import led_out, legs_of, plan_whole, takes
 from optipromp.core.planning.planners import factory, make
 from optipromp.core.planning.result import REACH
 from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice
@@ -87,25 +86,20 @@ def attempt(scene: Scene, planner: str, *, seed: int = 0, risk: float = PlanOpti
     """
     solver = make(planner)
     options = PlanOptions(risk=risk)
-    made = plan(scene, planner=solver, seed=seed, options=options)
-    moves, seconds = bool(np.ptp(made.trajectory.positions, axis=0).max() > 0.0), made.time["total"]
-    told, legs, status, message = made.prediction, None, made.status, made.message
-    failure = math.nan if told is None else told.probability
-    if moves and takes_out(made):
-        legs, began = Picked({REACH: made}), clock()
-        with suppress(OptiPrompError):  # a target that cannot be lifted stays
-            legs = Picked(with_way_out(made, scene, planner=solver, options=options))
-        if legs.reach is not made:
-            made, seconds = legs.reach, seconds + clock() - began
-        failure = legs.failure
-        if len(legs.legs) > 1:
-            status, message, told = legs.status, legs.message, made.prediction
+    legs = legs_of(plan_whole(scene, planner=solver, seed=seed, options=options))
+    made, told = legs[REACH], legs[REACH].prediction
+    moves = bool(np.ptp(made.trajectory.positions, axis=0).max() > 0.0)
+    if len(legs) == 1 and moves and takes_out(made):  # refused for its harm, and executed
+        legs = led_out(made, options)
+    whole = Picked(dict(legs))
     return Answer(
-        planner, status, message, made.trajectory if moves else None, seconds,
+        planner, whole.status, whole.message if len(legs) > 1 else made.message,
+        made.trajectory if moves else None, sum(leg.time["total"] for leg in legs.values()),
         None if told is None else told.harm,
         pushed(made) if getattr(solver, "guard", False) else 0.0,
-        None if math.isnan(failure) else failure,
-        float(np.rad2deg(np.arccos(min(made.scene.frame[2] @ scene.frame[2], 1.0)))), legs,
+        None if math.isnan(whole.failure) else whole.failure,
+        float(np.rad2deg(np.arccos(min(made.scene.frame[2] @ scene.frame[2], 1.0)))),
+        whole if moves and takes_out(made) else None,
     )  # fmt: skip
 
 

@@ -20,7 +20,7 @@ from optipromp.core.optimization.costs.obstacles import ObstacleCost
 from optipromp.core.optimization.gauss_newton import Result
 from optipromp.core.optimization.problem import ANCHOR, Problem
 from optipromp.core.planning.planners import WAY, ConditionedProMP, OptiProMP
-from optipromp.core.planning.result import Failed, Harmful, Planned
+from optipromp.core.planning.result import Answer, Failed, Planned, Proposal
 from optipromp.core.planning.task import Task
 from optipromp.core.pushing.path import ToolPath
 from optipromp.core.scenes.scene import Scene
@@ -50,12 +50,10 @@ class Avoiding(OptiProMP):
         """False: approaches are compared by their push prediction, and nothing is pushed here."""
         return False
 
-    def solve(
-        self, task: Task, budget: Budget, only: ToolPath | None = None
-    ) -> Planned | Failed | Harmful:
+    def solve(self, task: Task, budget: Budget, only: ToolPath | None = None) -> Answer:
         made = super().solve(avoiding(task), budget, only)
-        if isinstance(made, Harmful):  # there is no other approach
-            made = made.follow()
+        if isinstance(made, Proposal):  # there is no other approach
+            made = made.made()
         return gently(task, made.trajectory.positions) if isinstance(made, Planned) else made
 
 

@@ -6,7 +6,7 @@ from typing import ClassVar
 from optipromp.core.budget import Budget
 from optipromp.core.planning.planners import WAY, goal_configurations
 from optipromp.core.planning.primitive import learnt
-from optipromp.core.planning.result import Failed, Harmful, Planned
+from optipromp.core.planning.result import Answer
 from optipromp.core.planning.task import Task, pushed_aside
 from optipromp.core.promp.basis import Basis
 from optipromp.laboratory.planners.paper_costs import PaperOptions as PaperOptions
@@ -25,7 +25,7 @@ class Paper(PaperSettings):
     ignores: ClassVar[tuple[str, ...]] = WAY
     functionals = staticmethod(reported)
 
-    def solve(self, task: Task, budget: Budget) -> Planned | Failed | Harmful:
+    def solve(self, task: Task, budget: Budget) -> Answer:
         from optipromp.laboratory.planners.paper_stages import solve  # with SciPy's optimisers
 
         promp = learnt(task, task.demonstrations, PAPER_BASIS)

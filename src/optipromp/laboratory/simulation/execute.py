@@ -17,7 +17,7 @@ from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.errors import Code, ExecutionError, InvalidRequestError, OptiPrompError
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning import Plan
-from optipromp.core.planning.legs import Picked, after
+from optipromp.core.planning.legs import Picked, brought, led_out
 from optipromp.core.planning.result import AFTER, CARRY
 from optipromp.core.planning.task import posed, resolve
 from optipromp.core.robots.model import Robot
@@ -239,7 +239,7 @@ def bring(
         trajectory=curve, initial=curve, followed=curve, first=0,
     )  # fmt: skip
     try:
-        picked = after(reach)
+        picked = brought(led_out(reach))
     except OptiPrompError as error:
         if leaves:
             return rollout, outcome, None

@@ -1,0 +1,90 @@
+"""Compilation of the kernels, before the first plan."""
+
+import functools
+import math
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from threadpoolctl import ThreadpoolController
+
+from optipromp.core.compiled import in_cache
+from optipromp.core.optimization.kernels import add_stiffness
+from optipromp.core.planning import collision, planners
+from optipromp.core.planning.attempt import attempt
+from optipromp.core.planning.options import DEFAULTS
+from optipromp.core.planning.result import Proposal
+from optipromp.core.planning.task import resolve
+from optipromp.core.processes import cores
+from optipromp.core.scenes.io import load_scene
+from optipromp.core.scenes.scene import Scene
+
+WARM_UP = "scenario-3"
+
+_threads = functools.cache(ThreadpoolController)  # it finds the BLAS libraries once
+
+
+def one_thread() -> Any:
+    """The context in which BLAS has one thread: small matrices gain nothing from more."""
+    return _threads().limit(limits=1, user_api="blas")
+
+
+def warm_up(scene: Scene | str = WARM_UP) -> None:
+    """Compile every kernel, or load it from the cache, before a plan's time counts."""
+    task = resolve(scene if isinstance(scene, Scene) else load_scene(scene))
+    with one_thread():
+        made: Any = attempt(task, planners.OptiProMP(), DEFAULTS, math.inf, str)
+        made = made.made() if isinstance(made, Proposal) else made
+        home = task.robot.home[None]
+        collision.way(task, home, home, np.random.default_rng(0))
+    len(made.terms)  # computed when read
+
+
+@functools.cache
+def compile_once() -> None:
+    """Compile the kernels of most plans, once in a process, where Numba's cache lacks them.
+
+    Kernels of few plans are compiled when they are called; a plan's clock stops meanwhile.
+    """
+    if not (in_cache(add_stiffness) and in_cache(collision.shorten)):
+        warm_up()
+
+
+def compile_kernels(progress: Callable[[str], object] = str) -> None:
+    """Fill Numba's cache.
+
+    ``progress`` is called with a short text as each part begins.
+
+    The kernels of the push model take nearly as long to compile as all others. With a second core,
+    another process compiles them, while this process plans in a scene where nothing hangs.
+    """
+    scene = load_scene(WARM_UP)
+    bare = tuple(replace(o, stem=None) for o in scene.objects if o.role != "pushable")
+    other = None
+    if cores() > 1:
+        code = f"from {__name__} import compile_push_model as run; run()"
+        other = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL)
+    try:
+        progress("compiling the kernels of arm and obstacles")
+        warm_up(replace(scene, objects=bare))
+        if other is not None:
+            progress("compiling the kernels of the push")
+            other.wait()
+    finally:
+        if other is not None:
+            other.kill()  # where the wait was interrupted
+            other.wait()
+    progress("compiling the last kernels")
+    warm_up()  # the kernels that are still missing
+
+
+def compile_push_model() -> None:
+    """Compile the kernels of the push model."""
+    task = resolve(load_scene(WARM_UP))
+    model = task.push_model(task.robot.home)
+    assert model is not None
+    path = model.candidates.path(model.candidates.spread(0)[0])
+    model.predict(path.points, path.points)
