@@ -308,22 +308,22 @@ def test_fruits_seen_elsewhere_before_their_push_keep_the_push_so_far(
     scene = replace(before.scene, objects=moved)
     kept = plan(scene, previous=before, at=at, unpushed=True)
     anew = plan(scene, previous=before, at=at)
-    assert not kept.task.same
-    assert not anew.task.same
-    assert anew.task.pushed is None
-    assert kept.task.pushed is not None
-    points, axes = kept.task.pushed
+    assert not kept.task.underway.same
+    assert not anew.task.underway.same
+    assert anew.task.underway.pushed is None
+    assert kept.task.underway.pushed is not None
+    points, axes = kept.task.underway.pushed
     first = float(before.trajectory.times[before.first])
     tip, way = before.robot.tool_pose(before.trajectory.sample(np.array([first, at]))[0])
     np.testing.assert_allclose(points[[0, -1]], tip, atol=1e-9)
     np.testing.assert_allclose(axes[[0, -1]], way, atol=1e-9)
     assert_begins(kept, before.trajectory.at(at))
     again = plan(scene, previous=kept, at=0.1, unpushed=True)
-    assert again.task.pushed is not None
-    np.testing.assert_allclose(again.task.pushed[0][: len(points)], points, atol=1e-12)
-    assert len(again.task.pushed[0]) > len(points)
+    assert again.task.underway.pushed is not None
+    np.testing.assert_allclose(again.task.underway.pushed[0][: len(points)], points, atol=1e-12)
+    assert len(again.task.underway.pushed[0]) > len(points)
 
 
 def test_before_the_approach_nothing_was_pushed(before: Plan) -> None:
     at = 0.5 * float(before.trajectory.times[before.first])
-    assert plan(before.scene, previous=before, at=at, unpushed=True).task.pushed is None
+    assert plan(before.scene, previous=before, at=at, unpushed=True).task.underway.pushed is None

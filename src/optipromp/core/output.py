@@ -33,7 +33,7 @@ from optipromp.core.planning.leg_tasks import leg, stands, task_of
 from optipromp.core.planning.legs import Picked
 from optipromp.core.planning.options import Strategy
 from optipromp.core.planning.result import AFTER, REACH, Stage, ViaPoint
-from optipromp.core.planning.task import posed, resolve
+from optipromp.core.planning.task import changed, posed, resolve
 from optipromp.core.planning.underway import underway
 from optipromp.core.planning.verdict import verdict
 from optipromp.core.pushing.model import Prediction
@@ -181,9 +181,9 @@ def _plan(found: _PlanFile, scene: Scene, rows: Mapping[str, Any], file: Path) -
             raise InvalidRequestError(f"{' and '.join(PUSHED)} must be finite")
         pushed = points, axes
     task = resolve(scene, robot, start)
-    if task.begun:
+    if task.underway.begun:
         task = underway(task, None, None)
-    task = replace(task, risk=found.risk, pushed=pushed)
+    task = changed(replace(task, risk=found.risk), pushed=pushed)
     judged = verdict(task, curve)
     if WORSE.index(judged.status) > WORSE.index(found.status):
         raise InvalidPlanError(
@@ -237,12 +237,13 @@ def _alike(one: Robot, other: Robot) -> bool:
 
 
 def _waypoints(plan: Plan) -> dict[str, Any]:
+    pushed = plan.task.underway.pushed
     return {
         **arrays(plan.trajectory),
         **arrays(plan.initial, "initial_"),
         **arrays(plan.followed, "followed_"),
         **({} if plan.start is None else {START: np.array([*vars(plan.start).values()])}),
-        **({} if plan.task.pushed is None else dict(zip(PUSHED, plan.task.pushed, strict=True))),
+        **({} if pushed is None else dict(zip(PUSHED, pushed, strict=True))),
     }
 
 

@@ -39,8 +39,8 @@ def attempt(
     began = clock()
     budget = Budget(late, np.inf if options.effort is None else options.effort, say)
     stay = _stay(task)
-    touching = judging.touching(task.scene, task.robot, task.start, begun=task.begun)
-    resting = task.running is None and task.scene.waypoints is None
+    touching = judging.touching(task.scene, task.robot, task.start, begun=task.underway.begun)
+    resting = task.underway.running is None and task.scene.waypoints is None
     there = resting and all(task.at_goal(q) for q in stay.trajectory.positions)
     answer: Answer = stay
     if touching:

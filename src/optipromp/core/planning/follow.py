@@ -118,7 +118,7 @@ def _waypoints(task: Task, stations: FloatArray, path: ToolPath, options: Search
     """
     step = WAYPOINT.share * options.max_step
     reach = 0.0
-    if task.entry is None:  # the tool is before its path
+    if task.underway.entry is None:  # the tool is before its path
         reach = max(reach_count(stations[0] - task.start, options.max_step), WAYPOINT.fewest_reach)
     turn = float(np.abs(np.diff(stations, axis=0)).max(axis=1).sum())
     slowed = 1.0 / (1.0 - 0.5 * WAYPOINT.braking)

@@ -21,7 +21,7 @@ from optipromp.core import judging
 from optipromp.core.arrays import FloatArray, lengths, rotation
 from optipromp.core.planning.parameters import LIFTING
 from optipromp.core.planning.result import CARRY, LIFT, REACH, RETREAT, Plan
-from optipromp.core.planning.task import Task, laden, resolve, tool_motion
+from optipromp.core.planning.task import Task, Underway, laden, resolve, tool_motion
 from optipromp.core.planning.timing import among_fruits
 from optipromp.core.planning.verdict import Verdict, judged, led, predicted
 from optipromp.core.pushing.model import Prediction
@@ -66,8 +66,8 @@ def leg_task(reach: Plan, name: str, curve: Trajectory) -> Task:
     if back is not None:
         back = back.at(among_fruits(robot, curve, scene.pushables))
     return Task(
-        scene, robot, State(begin), goal, (), risk=reach.risk, begun=True, seed=reach.seed,
-        back=back,
+        scene, robot, State(begin), goal, (), Underway(begun=True), risk=reach.risk,
+        seed=reach.seed, back=back,
     )  # fmt: skip
 
 

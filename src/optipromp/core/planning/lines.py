@@ -96,7 +96,7 @@ def along_lines(task: Task, promp: ProMP, options: Searched, budget: Budget) -> 
     """The motion through the scene's way points to the goal, or the way point where it ends."""
     lines = task.scene.waypoints
     assert lines is not None
-    if task.running is not None:
+    if task.underway.running is not None:
         raise InvalidRequestError(
             "previous: the scene has waypoints: a motion through them cannot be planned anew on "
             "its way"

@@ -107,9 +107,9 @@ def tool_paths(
     in the push model gives the other paths, or ``options.rule`` where there is no model.
     """
     task, rule = solver.task, solver.options.rule
-    if task.kept is not None:
-        yield task.kept, PUSH.harm.good
-    if task.entry is not None and not task.neighbours:
+    if task.underway.kept is not None:
+        yield task.underway.kept, PUSH.harm.good
+    if task.underway.entry is not None and not task.neighbours:
         yield straight(task), PUSH.harm.good
     elif solver.searched is not None:
         yield from search(solver.searched, task.axes, rng, solver.budget, serves)
@@ -127,7 +127,7 @@ def follow_path(
     """
     task, options, budget = solver.task, solver.options, solver.budget
     starts: Iterator[follow.Start] = follow.starts(task, path, promp, options, goals, PICK.goals)
-    if path is task.kept:
+    if path is task.underway.kept:
         starts = chain(rest(task, options), starts)
     attempt = first_valid(solver, starts)
     if attempt is None or attempt.valid or budget.spent():
@@ -186,8 +186,8 @@ def scored(solver: Solver, attempt: Attempt, good: float) -> Attempt:
         harm = harm_of(*push)
     threshold = 0.0 if model is None else model.threshold
     score = harm if solver.options.prediction else 0.0
-    if attempt.start.path is task.kept:
-        unchanged = task.same and attempt.trajectory is task.running
+    if attempt.start.path is task.underway.kept:
+        unchanged = task.underway.same and attempt.trajectory is task.underway.running
         score = max(score - (threshold if model is not None and unchanged else good), 0.0)
     if not attempt.valid:
         score += PICK.invalid

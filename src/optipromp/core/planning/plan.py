@@ -21,7 +21,7 @@ from optipromp.core.planning.attempt import attempt, late
 from optipromp.core.planning.options import DEFAULTS, PlanOptions, Strategy, stated
 from optipromp.core.planning.parameters import BACK, UNDERWAY
 from optipromp.core.planning.result import Plan, Proposal, cheapest
-from optipromp.core.planning.task import Task, resolve
+from optipromp.core.planning.task import Task, goals_of, resolve
 from optipromp.core.planning.underway import Moving, begun, later, plan_in_time, underway
 from optipromp.core.planning.warming import compile_once, one_thread
 from optipromp.core.promp.model import ProMP
@@ -138,10 +138,10 @@ class Request:
         task = replace(
             task, risk=self.options.risk, seed=self.seed, demonstrations=self.demonstrations
         )
-        tasks = [replace(task, goal=goal, others=()) for goal in (task.goal, *task.others)]
+        tasks = [replace(task, goal=goal) for goal in goals_of(task.scene, task.robot, task.start)]
         if state is not None:
             tasks = [underway(each, self.previous, self.at, self.unpushed) for each in tasks]
-            if tasks[0].same and self.previous is not None and self.previous.success:
+            if tasks[0].underway.same and self.previous is not None and self.previous.success:
                 risk = max(task.risk, UNDERWAY.risk)
                 tasks = [replace(each, risk=risk) for each in tasks]
         return Search(scene, tuple(tasks), solver, self.options, began, say)
@@ -191,7 +191,7 @@ class Search:
         where the tool is too fast because the options ask for a time or a speed.
         """
         tasks: Iterator[Task] = iter([task])
-        if getattr(self.planner, "approaches", False) and not task.begun:
+        if getattr(self.planner, "approaches", False) and not task.underway.begun:
             tasks = chain(tasks, self._until(other_approaches(task, self.late)))
 
         def tried() -> Iterator[Proposal[Plan]]:

@@ -232,7 +232,7 @@ def goal_configurations(
     began = clock()
     if starts is None:
         starts = GOAL.few_starts if budget.spent() else GOAL.starts
-    if task.entry is not None:
+    if task.underway.entry is not None:
         near = task.start
     found, reason = goals.choose(task, task.seed, starts, near, budget)
     if task.scene.path is not None and len(found):

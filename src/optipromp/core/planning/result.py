@@ -293,7 +293,7 @@ class Plan(Shown):
     @property
     def start(self) -> State | None:
         """The state in which the plan begins; None: at rest at the scene's start."""
-        return self.task.state if self.task.begun else None
+        return self.task.state if self.task.underway.begun else None
 
     @property
     def push_model(self) -> PushModel | None:

@@ -47,6 +47,32 @@ NEAR = 0.065  # [m] cells list obstacles this near to a body sphere: more than G
 
 
 @dataclass(frozen=True, eq=False)
+class Underway:
+    """What the arm has done by the start of a task.
+
+    Attributes:
+        begun: whether its state replaces the scene's start: the tool may be among fruits already.
+        entry: (3,) tool point at the start, if the tool has begun its approach [m]; else None.
+        passed: neighbours below the rim of a tool that has begun its approach.
+        running: the rest of the trajectory that runs already; None: none runs.
+        kept: tool path of ``running``.
+        same: whether the pushables are where the running plan has them.
+        pushed: tool points and axes (P, 3) of the push so far, if ``same``.
+    """
+
+    begun: bool = False
+    entry: FloatArray | None = None
+    passed: tuple[SceneObject, ...] = ()
+    running: Trajectory | None = None
+    kept: ToolPath | None = None
+    same: bool = False
+    pushed: tuple[FloatArray, FloatArray] | None = None
+
+
+FROM_START = Underway()
+
+
+@dataclass(frozen=True, eq=False)
 class Task:
     """A scene bound to its robot.
 
@@ -55,20 +81,13 @@ class Task:
         robot: with the scene's tool.
         state: of the arm at the start.
         goal: a configuration, a pose of the tool, or a region of poses.
-        others: further goals, any of which may be reached instead.
         neighbours: pushables in the way, in the order in which the tool meets them.
-        entry: (3,) tool point at the start, if the tool has begun its approach [m]; else None.
-        passed: neighbours below the rim of a tool that has begun its approach.
-        running: the rest of the trajectory that runs already; None: none runs.
-        kept: tool path of ``running``.
-        same: whether the pushables are where the running plan has them.
-        pushed: tool points and axes (P, 3) of the push so far, if ``same``.
+        underway: what the arm has done by the start.
         risk: share of promised successes that may be broken.
         seed: of everything random.
         demonstrations: of the request: a ProMP, or a file to learn one from; None: the robot's own.
         back: the push model of a retreat, which predicts its whole motion; None for other motions.
         courses: how pushables move about their places in ``scene``, by id; see :func:`as_of`.
-        begun: whether ``state`` replaces the scene's start: the tool may be among fruits already.
     """
 
     scene: Scene
@@ -76,15 +95,8 @@ class Task:
     state: State
     goal: Goal
     neighbours: tuple[SceneObject, ...]
-    others: tuple[Goal, ...] = ()
-    entry: FloatArray | None = None
-    passed: tuple[SceneObject, ...] = ()
-    running: Trajectory | None = None
-    kept: ToolPath | None = None
-    same: bool = False
-    pushed: tuple[FloatArray, FloatArray] | None = None
+    underway: Underway = FROM_START
     risk: float = PUSH.harm.risk
-    begun: bool = False
     seed: int = 0
     demonstrations: ProMP | str | Path | None = None
     back: PushModel | None = None
@@ -130,8 +142,8 @@ class Task:
     def camera(self) -> FloatArray:
         """Camera point (3,) [m] before goal and lowest fruit; on the approach, ``entry``."""
         assert isinstance(self.goal, PoseGoal)
-        if self.entry is not None:
-            return self.entry
+        if self.underway.entry is not None:
+            return self.underway.entry
         up = self.scene.frame[2]
         heights = [
             float((fruit.position - self.goal.position) @ up) - fruit.radius
@@ -143,7 +155,7 @@ class Task:
     def axes(self, share: FloatArray) -> FloatArray:
         """Tool axes (m, 3) at shares (m,) of the length of the tool path."""
         assert isinstance(self.goal, PoseGoal)
-        lead = None if self.entry is not None else self.scene.approach.lead
+        lead = None if self.underway.entry is not None else self.scene.approach.lead
         return turning(self.goal.axis, lead, share)
 
     def at_goal(self, q: FloatArray) -> bool:
@@ -243,15 +255,20 @@ def resolve(scene: Scene, robot: Robot | None = None, state: State | None = None
     """
     robot, begin = posed(scene, robot, state)
     scene = aimed_at_stem(scene, robot.tool)
+    goal, *_ = goals_of(scene, robot, begin.q)
+    near = neighbours(scene, robot.gripper_radius)
+    return Task(scene, robot, begin, goal, near, Underway(begun=state is not None))
+
+
+def goals_of(scene: Scene, robot: Robot, start: FloatArray) -> tuple[Goal, ...]:
+    """The goals of an arm that begins at ``start`` (n,), any of which may be reached."""
     goals = tuple(
-        _turned(goal, robot, begin.q) if isinstance(goal, JointGoal) else goal
-        for goal in scene.goals
+        _turned(goal, robot, start) if isinstance(goal, JointGoal) else goal for goal in scene.goals
     )
     if not goals:
         assert scene.aim is not None  # a scene has a target or a goal
         goals = (PoseGoal(scene.aim, scene.frame[2]),)
-    near = neighbours(scene, robot.gripper_radius)
-    return Task(scene, robot, begin, goals[0], near, goals[1:], begun=state is not None)
+    return goals
 
 
 def approached(task: Task, scene: Scene) -> Task:
@@ -284,10 +301,16 @@ def as_of(task: Task, when: Mapping[str, float]) -> Task:
     here, before = {item.id: item for item in scene.objects}, task.scene.drifting
     courses = {name: before[name].shifted(-here[name].position) for name in when}
     near = tuple(here[item.id] for item in task.neighbours)
-    if task.entry is None:
+    if task.underway.entry is None:
         near = neighbours(scene, task.robot.gripper_radius)
-    passed = tuple(here[item.id] for item in task.passed)
-    return replace(task, scene=scene, neighbours=near, passed=passed, courses=courses)
+    passed = tuple(here[item.id] for item in task.underway.passed)
+    task = replace(task, scene=scene, neighbours=near, courses=courses)
+    return changed(task, passed=passed)
+
+
+def changed(task: Task, **done: Any) -> Task:
+    """The task of an arm that has done something else by its start; see :class:`Underway`."""
+    return replace(task, underway=replace(task.underway, **done))
 
 
 @functools.lru_cache(maxsize=32)
@@ -332,13 +355,13 @@ def _push_model(task: Task, goal: FloatArray) -> PushModel | None:
     if stands(task):
         rings = rings_of(task.robot)
         models.append(Standing(scene, tool, wrist(task, goal), rings=rings, risk=task.risk))
-    if hanging.applies(scene, tool, task.neighbours or task.passed):
+    if hanging.applies(scene, tool, task.neighbours or task.underway.passed):
         radius, flange = task.robot.gripper_radius, flange_of(task.robot)
         models.append(Hanging(scene, tool, task.neighbours, task.camera, radius, flange, task.risk))
     if not models:
         return None
     model = models[0] if len(models) == 1 else Combined(*models)
-    return model if task.pushed is None else Continued(model, *task.pushed)
+    return model if task.underway.pushed is None else Continued(model, *task.underway.pushed)
 
 
 def tool_motion(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:

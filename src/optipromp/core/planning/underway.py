@@ -31,7 +31,7 @@ from optipromp.core.planning.follow import Start, Waypoints, braked
 from optipromp.core.planning.options import Searched
 from optipromp.core.planning.parameters import FOLLOW, IN_TIME, TIMING, UNDERWAY
 from optipromp.core.planning.result import Plan, best_of
-from optipromp.core.planning.task import Task, as_of, passages, reach, tool_motion
+from optipromp.core.planning.task import Task, as_of, changed, passages, reach, tool_motion
 from optipromp.core.planning.timing import hurried, intervals, paced, slowly, stopped, tool_speeds
 from optipromp.core.planning.verdict import verdict
 from optipromp.core.pushing.packs import standing
@@ -72,7 +72,7 @@ def underway(task: Task, previous: Plan | None, at: float | None, unpushed: bool
     ``unpushed``: the scene has each fruit where it hung before the push of ``previous``.
     """
     if not isinstance(task.goal, PoseGoal):
-        return replace(task, running=running(previous, at))
+        return changed(task, running=running(previous, at))
     up, (point, axis) = task.scene.frame[2], task.robot.tool_pose(task.start)
     ahead = float((task.goal.position - point) @ up)
     aside = math.dist(task.goal.position - ahead * up, point)
@@ -84,18 +84,18 @@ def underway(task: Task, previous: Plan | None, at: float | None, unpushed: bool
         above = [float(fruit.position @ up) + fruit.radius > rim for fruit in task.neighbours]
         left = tuple(compress(task.neighbours, above))
         passed = tuple(compress(task.neighbours, [not is_left for is_left in above]))
-        task = replace(task, neighbours=left, passed=passed, entry=frozen(point))
+        task = changed(replace(task, neighbours=left), passed=passed, entry=frozen(point))
     if previous is None or at is None:
         return task
-    task = replace(
+    task = changed(
         task,
         running=running(previous, at),
         kept=remaining(task, previous, at),
         same=same(task, previous),
     )
-    if not (task.same or unpushed):  # a scene perceived anew has pushed fruits elsewhere
+    if not (task.underway.same or unpushed):  # a scene perceived anew has pushed fruits elsewhere
         return task
-    return replace(task, pushed=pushed(task, previous, at))
+    return changed(task, pushed=pushed(task, previous, at))
 
 
 def running(previous: Plan | None, at: float | None) -> Trajectory | None:
@@ -119,7 +119,7 @@ def rest(task: Task, options: Searched) -> Iterator[Start]:
     curve leads through moved waypoints. It is timed anew where the tool would be too fast. There is
     no start where the tool cannot follow the moved path, or the options ask for a duration.
     """
-    made, path = task.running, task.kept
+    made, path = task.underway.running, task.underway.kept
     if made is None or options.duration is not None:
         return
     on_curve = task.state.near(State(*made.rows(0)), UNDERWAY.exact)
@@ -133,7 +133,7 @@ def rest(task: Task, options: Searched) -> Iterator[Start]:
     robot = task.robot
     points, _ = robot.tool_pose(made.positions)
     first = 0
-    if task.entry is None:
+    if task.underway.entry is None:
         first = int(np.argmin(np.linalg.norm(points - path.points[0], axis=1)))
     moved = task.goal.position - points[-1]
     if math.hypot(*moved) > FOLLOW.tracked or not on_curve:
@@ -177,13 +177,14 @@ def pushed(task: Task, previous: Plan, at: float) -> tuple[FloatArray, FloatArra
     None before the approach, and where a pushable moves.
     """
     begin = float(previous.trajectory.times[previous.first])
-    if task.entry is None or at <= begin or task.scene.drifting:
+    if task.underway.entry is None or at <= begin or task.scene.drifting:
         return None
     q, _, _ = previous.trajectory.sample(np.linspace(begin, at, UNDERWAY.rows))
     now = tool_motion(task.robot, q)
-    if previous.task.pushed is None:
+    before = previous.task.underway.pushed
+    if before is None:
         return now
-    points, axes = (np.concatenate(both) for both in zip(previous.task.pushed, now, strict=True))
+    points, axes = (np.concatenate(both) for both in zip(before, now, strict=True))
     return points, axes
 
 
@@ -198,7 +199,7 @@ def remaining(task: Task, previous: Plan, at: float) -> ToolPath | None:
     q, _, _ = curve.sample(np.linspace(begin, curve.duration, UNDERWAY.rows))
     points, _ = task.robot.tool_pose(q)
     moved = task.goal.position - points[-1]
-    gap = np.zeros(3) if task.entry is None else task.entry - points[0]
+    gap = np.zeros(3) if task.underway.entry is None else task.underway.entry - points[0]
     if max(math.hypot(*moved), math.hypot(*gap)) > UNDERWAY.moved:
         return None
     share = np.linspace(0.0, 1.0, len(points))[:, None]
@@ -300,11 +301,9 @@ def _near(scene: Scene, when: Mapping[str, float], other: Mapping[str, float]) -
 def _stood(task: Task, brake: Trajectory) -> Task:
     """The task of the arm that has braked: nothing runs, and objects are where they are by then."""
     rest = State(brake.positions[-1])
-    entry = None if task.entry is None else frozen(task.robot.tool_pose(rest.q)[0])
-    return replace(
-        task, scene=later(task.scene, brake.duration), state=rest, entry=entry, running=None,
-        kept=None, same=False,
-    )  # fmt: skip
+    entry = None if task.underway.entry is None else frozen(task.robot.tool_pose(rest.q)[0])
+    task = replace(task, scene=later(task.scene, brake.duration), state=rest)
+    return changed(task, entry=entry, running=None, kept=None, same=False)
 
 
 def _room(made: Plan) -> float:

@@ -172,7 +172,7 @@ def judged(
     """The judgement of a trajectory; see :func:`verdict`."""
     state = None if anywhere else task.state
     return judging.judge(
-        task.scene, task.robot, trajectory, state, stem_side=stem_side, begun=task.begun
+        task.scene, task.robot, trajectory, state, stem_side=stem_side, begun=task.underway.begun
     )
 
 
@@ -234,7 +234,8 @@ def led(task: Task, model: PushModel, trajectory: Trajectory) -> PushMotion:
     before = moved(slice(first + 1)) if first else None
     if before and not before.among(model).clear(before.points, before.axes):
         by = {name: course.at(times) for name, course in task.courses.items()}
-        if not (task.begun and judging.struck(task.scene, task.robot, q[:1], by)):  # among fruits
+        among = task.underway.begun and judging.struck(task.scene, task.robot, q[:1], by)
+        if not among:
             struck = judging.struck(task.scene, task.robot, q[: first + 1], by)
         first = 0
     return moved(slice(first, None), struck)

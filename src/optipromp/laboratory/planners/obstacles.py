@@ -21,7 +21,7 @@ from optipromp.core.optimization.gauss_newton import Result
 from optipromp.core.optimization.problem import ANCHOR, Problem
 from optipromp.core.planning.planners import WAY, ConditionedProMP, OptiProMP
 from optipromp.core.planning.result import Answer, Failed, Planned, Proposal
-from optipromp.core.planning.task import Task
+from optipromp.core.planning.task import Task, changed
 from optipromp.core.pushing.path import ToolPath
 from optipromp.core.scenes.scene import Scene
 from optipromp.laboratory.planners.paper_costs import PaperOptions
@@ -99,7 +99,7 @@ class Chomp:
 
 def avoiding(task: Task) -> Task:
     """The task in which every pushable is a neighbour to be avoided."""
-    return replace(task, scene=as_obstacles(task.scene), neighbours=(), passed=())
+    return changed(replace(task, scene=as_obstacles(task.scene), neighbours=()), passed=())
 
 
 def as_obstacles(scene: Scene) -> Scene:
