@@ -16,10 +16,10 @@ from optipromp.core.execution.streaming import Stretch
 from optipromp.core.geometry.shapes import Ellipsoid, Sphere
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes import load_scene
+from optipromp.core.scenes.hand import flange_of, tool_frame
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.trajectory import State, Trajectory
 from optipromp.laboratory.generate import generate
-from optipromp.perception.pictures import flange_of, tool_frame
 from optipromp.ros import (
     DetectionParameters,
     PickLoop,

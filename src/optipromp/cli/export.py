@@ -195,7 +195,7 @@ def report(item: Path, /, out: Path | None = None) -> Report:
         item (PLAN_DIR|ROLLOUT_DIR|STUDY_DIR): What 'plan', 'simulate' or 'study' left at --out.
         out (FILE.html): Where the report goes; else beside what it reports.
     """
-    from optipromp.laboratory.experiments.rows import ROWS
+    from optipromp.core.output import ROWS
     from optipromp.looks.reports import plan_report, run_report, study_report
 
     folder = item if is_folder(item) else item.parent

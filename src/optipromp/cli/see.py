@@ -96,11 +96,12 @@ def see(
             list of picture, kind, and box (left, top, right, bottom) or at (column, row). What is
             not seen is of --crop, by default strawberry.
     """
+    from optipromp.core.output import OVERLAY
     from optipromp.core.scenes.crops import load_crop
     from optipromp.perception.detector import finder_named
     from optipromp.perception.eyes import overlay
     from optipromp.perception.parameters import EyeParameters, eyes_of
-    from optipromp.perception.pictures import OVERLAY, png_file
+    from optipromp.perception.pictures import png_file
 
     made = {EyeParameters(): finder_named(finder, model)}  # refused before anything is read
     grown = None if crop is None else load_crop(crop)
@@ -285,7 +286,8 @@ def _load(asked: _Asked, known: "Scene") -> "DepthPicture":
     if asked.picture is not None:
         return asked.picture
     from optipromp.core.planning.task import posed
-    from optipromp.perception.pictures import flange_of, load_camera, load_picture
+    from optipromp.core.scenes.hand import flange_of
+    from optipromp.perception.pictures import load_camera, load_picture
 
     rgb, depth, camera = asked.files
     hand, model = None, load_camera(camera)[0]

@@ -17,13 +17,13 @@ import numpy as np
 from optipromp.core.documents import read_document
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError, OptiPrompError
 from optipromp.core.files import is_file, is_folder, reading
-from optipromp.core.output import load_pick
+from optipromp.core.output import ROWS, load_pick
 from optipromp.core.planning import Picked, Plan, PlanOptions
 from optipromp.core.planning.legs import legs_of, takes
 from optipromp.core.scenes.crops import load_crop
 from optipromp.core.scenes.io import scene_from_dict
 from optipromp.laboratory.experiments import statistics
-from optipromp.laboratory.experiments.rows import ERROR, NO_PLAN, ROWS, Row, rows_of
+from optipromp.laboratory.experiments.rows import ERROR, NO_PLAN, Row, rows_of
 from optipromp.laboratory.experiments.scenarios import CASES, ScenarioRow
 from optipromp.laboratory.experiments.situations import AS_CROP
 from optipromp.laboratory.experiments.study import file_of, settings_of, study_figure

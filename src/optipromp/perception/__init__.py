@@ -1,5 +1,6 @@
 """Eyes: from a colour picture with depth to fruits with covariances, and to a scene."""
 
+from optipromp.core.scenes.hand import flange_of as flange_of
 from optipromp.perception.boards import Board as Board
 from optipromp.perception.calibration import BoardView as BoardView
 from optipromp.perception.calibration import HandEye as HandEye
@@ -23,7 +24,6 @@ from optipromp.perception.parameters import EyeParameters as EyeParameters
 from optipromp.perception.parameters import eyes_of as eyes_of
 from optipromp.perception.pictures import CameraModel as CameraModel
 from optipromp.perception.pictures import DepthPicture as DepthPicture
-from optipromp.perception.pictures import flange_of as flange_of
 from optipromp.perception.pictures import load_camera as load_camera
 from optipromp.perception.pictures import load_picture as load_picture
 from optipromp.perception.watcher import Watcher as Watcher

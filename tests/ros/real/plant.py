@@ -28,10 +28,10 @@ from vision_msgs.msg import Detection3DArray
 from optipromp import load_scene
 from optipromp.control.look import Look
 from optipromp.core.planning.task import posed
+from optipromp.core.scenes.hand import tool_frame
 from optipromp.core.trajectory import State
 from optipromp.laboratory.simulation import DETECTORS, Detector, Eye, Simulation
 from optipromp.laboratory.simulation.detector import Truth
-from optipromp.perception.pictures import tool_frame
 from optipromp.ros import from_bytes, read_trajectories, to_bytes
 from optipromp.ros.trajectories import nanoseconds
 
