@@ -30,9 +30,9 @@ from optipromp.laboratory.experiments.study import file_of, settings_of, study_f
 from optipromp.laboratory.experiments.trials import FOLDER, again
 from optipromp.laboratory.generate import PANDA
 from optipromp.laboratory.simulation import Run
-from optipromp.looks.viewer import notebook
+from optipromp.looks.viewer import html
 from optipromp.looks.viewer.figures import changed_terms, cost_figure, joint_figure, png
-from optipromp.looks.viewer.notebook import DPI, HEIGHT, frame
+from optipromp.looks.viewer.html import DPI, HEIGHT, frame
 from optipromp.looks.viewer.reach import reach_figure
 from optipromp.looks.viewer.serving import plan_page, scene_page
 from optipromp.looks.viewer.words import author, plan_rows, seconds
@@ -88,7 +88,7 @@ def paragraph(text: str, kind: str = "") -> str:
 
 def table(rows: Iterable[Sequence[str]], head: Sequence[str] = ()) -> str:
     """A table of texts, which scrolls on a narrow screen; the first of each row is its name."""
-    return f'<div class="wide">{notebook.table(rows, head)}</div>'
+    return f'<div class="wide">{html.table(rows, head)}</div>'
 
 
 def picture(content: bytes, caption: str) -> str:
