@@ -16,7 +16,7 @@ from optipromp.core import files
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
 
 if TYPE_CHECKING:
-    from optipromp.core.execution.fr3 import Foreseen
+    from optipromp.control.fr3 import Foreseen
     from optipromp.core.planning import Picked, Plan, Verdict
     from optipromp.core.robots.description import Arm
     from optipromp.core.robots.model import Robot
@@ -339,7 +339,7 @@ def validate(
         risk: Share of promised successes that may be broken; a plan's own, or 0.03.
         controller: Also say what would abort the motion: franka, of a Franka Research 3.
     """
-    from optipromp.core.execution.fr3 import foreseen
+    from optipromp.control.fr3 import foreseen
     from optipromp.core.planning import verdict_of
     from optipromp.core.planning.legs import curve_of, legs_of
     from optipromp.core.planning.task import posed
