@@ -13,11 +13,12 @@ package is fast. Gymnasium knows ``optipromp/Pick-v0`` and ``optipromp/PickProMP
 
 import sys
 from collections.abc import Sequence
-from importlib import import_module
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
+
+from optipromp.lazy import lazy
 
 if TYPE_CHECKING:
     from optipromp.core.errors import Code as Code
@@ -82,9 +83,9 @@ _HOMES = {
     "laboratory.simulation": "simulate",
     "core.trajectory": "State Trajectory",
 }
-_HOME_OF = {name: home for home, names in _HOMES.items() for name in names.split()}
+_load, __dir__ = lazy(__name__, _HOMES)
 
-__all__ = ["__version__", *sorted(_HOME_OF)]
+__all__ = ["__version__", *__dir__()]
 
 
 def __getattr__(name: str) -> Any:
@@ -92,13 +93,7 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         return version("optipromp")
-    if name not in _HOME_OF:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOME_OF[name]}"), name)
-
-
-def __dir__() -> list[str]:
-    return __all__
+    return _load(name)
 
 
 _REGISTRY = "gymnasium.envs.registration"
