@@ -1,4 +1,4 @@
-"""A folder of a plan, and the rows of the paper's scenarios, made once."""
+"""A folder of a plan, made once."""
 
 from pathlib import Path
 
@@ -6,7 +6,6 @@ import pytest
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
-from optipromp.laboratory.experiments.scenarios import ScenarioRow, run_scenarios
 
 
 @pytest.fixture(scope="session")
@@ -18,8 +17,3 @@ def reach(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     assert done.exit_code == 0, done.stderr
     return out
-
-
-@pytest.fixture(scope="session")
-def scenario_rows() -> tuple[ScenarioRow, ...]:
-    return run_scenarios()

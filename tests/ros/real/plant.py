@@ -20,7 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from tests.ros.camera_messages import frames
-from tests.ros.test_loop import array_of
+from tests.ros.looks import array_of
 from tf2_msgs.msg import TFMessage
 from trajectory_msgs.msg import JointTrajectory
 from vision_msgs.msg import Detection3DArray
