@@ -35,6 +35,7 @@ from eyes_study import SeenFruit, compared
 
 from optipromp.core.planning import plan
 from optipromp.core.planning.task import posed
+from optipromp.core.scenes.hand import tool_frame
 from optipromp.core.scenes.scene import Scene
 from optipromp.laboratory.experiments.eyes import STILL, cameras
 from optipromp.laboratory.generate import generate
@@ -43,7 +44,6 @@ from optipromp.laboratory.simulation.photograph import photograph
 from optipromp.laboratory.simulation.sight import Sight
 from optipromp.perception.detector import finder_named
 from optipromp.perception.finder import Finder
-from optipromp.perception.pictures import tool_frame
 
 TWICE = 1_000_000  # added to the seed of the second picture
 TRANSFER = 0.03  # [s] of exposure and transfer, on top of the time of seeing: a choice

@@ -26,8 +26,8 @@ from tests.franka.server import serving
 
 import optipromp
 from optipromp import Plan, PlanOptions, load_scene, plan
+from optipromp.control.fr3 import foreseen
 from optipromp.core.errors import OptiPrompError
-from optipromp.core.execution.fr3 import foreseen
 from optipromp.core.scenes import Scene
 from optipromp.laboratory.experiments.scenarios import CASES
 from optipromp.laboratory.generate import generate

@@ -74,8 +74,8 @@ def test_the_reference_shows_what_a_package_exports(package: str) -> None:
     shown = {path.rpartition(".")[2] for path in re.findall(r"^::: (\S+)$", pages, re.M)}
     module = importlib.import_module(package)
     exported = set(getattr(module, "__all__", ())) or {
-        name for name, value in vars(module).items()
-        if not (name.startswith("_") or isinstance(value, ModuleType))
+        name for name in dir(module)
+        if not (name.startswith("_") or isinstance(getattr(module, name), ModuleType))
     }  # fmt: skip
     assert all(hasattr(module, name) for name in exported)
     assert exported - UNSHOWN <= shown

@@ -1,6 +1,5 @@
 """A folder holds one plan, whole, and nothing in it is believed that the judge does not find."""
 
-import hashlib
 import json
 import os
 import random
@@ -12,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.folders import FILES, Arrays, read, rows, stated
 from typer.testing import CliRunner
 
 from optipromp import OptiPrompError, load_plan, write_plan
@@ -22,9 +22,7 @@ from optipromp.core.planning import Plan, plan
 from optipromp.looks.page.stage import open_source
 from optipromp.looks.reports import plan_report
 
-FILES = ("trajectory.csv", "trajectory.npz", "waypoints.npz")
 runner = CliRunner()
-Arrays = dict[str, Any]
 
 
 @pytest.fixture(scope="module")
@@ -39,27 +37,6 @@ def harmful() -> Plan:
     made = plan("scenario-3", planner="promp")
     assert made.status is Code.HARM_PREDICTED
     return made
-
-
-def read(path: Path) -> Arrays:
-    with np.load(path) as found:
-        return {name: found[name] for name in found.files}
-
-
-def stated(folder: Path, **changes: Any) -> None:
-    """The folder's plan.json with other words, and digests as if the files were its own."""
-    path = folder / "plan.json"
-    document = json.loads(path.read_text()) | changes
-    document["sha256"] = {
-        name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in FILES
-    }
-    path.write_text(json.dumps(document))
-
-
-def rows(folder: Path, change: Callable[[Arrays], Arrays]) -> None:
-    arrays = change(read(folder / "waypoints.npz"))
-    np.savez(folder / "waypoints.npz", **arrays)
-    stated(folder)
 
 
 def elsewhere(arrays: Arrays) -> Arrays:

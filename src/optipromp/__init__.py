@@ -8,16 +8,12 @@ The verbs are :func:`plan`, :func:`plan_many`, :func:`plan_sequence`, :func:`jud
 :func:`simulate` (which needs the extra ``sim``). Shapes, robots, primitives, pushing and costs are
 in the sub-packages ``geometry``, ``scenes``, ``robots``, ``promp``, ``pushing`` and
 ``optimization.costs``. Each name below is loaded when it is first used, so that importing the
-package is fast. Gymnasium knows ``optipromp/Pick-v0`` and ``optipromp/PickProMP-v0`` then.
+package is fast.
 """
 
-import sys
-from collections.abc import Sequence
-from importlib import import_module
-from importlib.abc import MetaPathFinder
-from importlib.machinery import ModuleSpec, PathFinder
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
+
+from optipromp.lazy import lazy
 
 if TYPE_CHECKING:
     from optipromp.core.errors import Code as Code
@@ -59,9 +55,6 @@ if TYPE_CHECKING:
     from optipromp.core.scenes.scene import SceneObject as SceneObject
     from optipromp.core.trajectory import State as State
     from optipromp.core.trajectory import Trajectory as Trajectory
-    from optipromp.laboratory.planners.paper import PaperOptions as PaperOptions
-    from optipromp.laboratory.planners.paper import PushCost as PushCost
-    from optipromp.laboratory.simulation import simulate as simulate
 
 _HOMES = {
     "core.errors": "Code OptiPrompError",
@@ -78,13 +71,12 @@ _HOMES = {
     "core.robots.tools": "Cup FrankaHand with_tool",
     "core.scenes.io": "load_scene save_scene",
     "core.scenes.scene": "Scene SceneObject",
-    "laboratory.planners.paper": "PaperOptions PushCost",
-    "laboratory.simulation": "simulate",
     "core.trajectory": "State Trajectory",
 }
-_HOME_OF = {name: home for home, names in _HOMES.items() for name in names.split()}
+_load, _names = lazy(__name__, _HOMES)
+_PARTS = "simulate", "PaperOptions", "PushCost"  # of other packages; see ``parts``
 
-__all__ = ["__version__", *sorted(_HOME_OF)]
+__all__ = ["__version__", *_names()]
 
 
 def __getattr__(name: str) -> Any:
@@ -92,40 +84,15 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         return version("optipromp")
-    if name not in _HOME_OF:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOME_OF[name]}"), name)
+    if name not in _PARTS:
+        return _load(name)
+    from optipromp import parts
+
+    found = parts.added(name)
+    if found is None:
+        raise ImportError(f"optipromp.{name} {parts.lacking(parts.GIVEN[name])}")
+    return found
 
 
 def __dir__() -> list[str]:
-    return __all__
-
-
-_REGISTRY = "gymnasium.envs.registration"
-
-
-class _Environments(MetaPathFinder):
-    """Registers the environments as soon as Gymnasium's registry is loaded.
-
-    Gymnasium reads no entry points, and its import takes several times as long as this package's.
-    """
-
-    def find_spec(
-        self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
-    ) -> ModuleSpec | None:
-        spec = PathFinder.find_spec(name, path) if name == _REGISTRY else None
-        if spec is not None and spec.loader is not None:
-            execute = spec.loader.exec_module
-            spec.loader.exec_module = lambda module: (execute(module), _register(module))  # type: ignore
-        return spec
-
-
-def _register(registry: Any) -> None:
-    for name, kind in (("Pick-v0", "PickEnv"), ("PickProMP-v0", "PickProMPEnv")):
-        registry.register(f"optipromp/{name}", entry_point=f"optipromp.bench.env:{kind}")
-
-
-if _REGISTRY in sys.modules:
-    _register(sys.modules[_REGISTRY])
-elif not any(type(finder).__name__ == _Environments.__name__ for finder in sys.meta_path):
-    sys.meta_path.insert(0, _Environments())
+    return [*__all__, *_PARTS]

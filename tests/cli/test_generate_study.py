@@ -4,8 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from tests.experiments.test_study import ROW
-from tests.scenes.test_placing import six
+from tests.experiments.rows import ROW
+from tests.scenes.six_joints import six
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app

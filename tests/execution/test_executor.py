@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from optipromp.control import Franky, PandaPy
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.execution import Executor, Franky, Guard, PandaPy
+from optipromp.core.execution import Executor, Guard
 from optipromp.core.execution.contract import ExecutorContract
 from optipromp.core.planning import plan
 from optipromp.core.scenes import load_scene

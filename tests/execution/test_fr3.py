@@ -7,10 +7,10 @@ import pinocchio
 import pytest
 
 import optipromp
+from optipromp.control import fr3
+from optipromp.control.fr3 import Foreseen, foreseen
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.execution import fr3
-from optipromp.core.execution.fr3 import Foreseen, foreseen
 from optipromp.core.robots.library import load_robot
 from optipromp.core.trajectory import Trajectory
 

@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from optipromp.control import Franky, PandaPy
 from optipromp.core.errors import ExecutionError, InvalidRequestError
-from optipromp.core.execution import Executor, Franky, Guard, PandaPy
+from optipromp.core.execution import Executor, Guard
 from optipromp.core.execution.contract import ExecutorContract
 from optipromp.core.robots.library import load_robot
 
@@ -199,7 +200,7 @@ class TestFranky(Adapter):
     def test_an_arm_that_does_not_answer_is_not_waited_for(
         self, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr("optipromp.core.execution.franka.CONNECT", 0.1)
+        monkeypatch.setattr("optipromp.control.franka.CONNECT", 0.1)
         with (
             standing_in(franky(IdealArm())),
             pytest.raises(ExecutionError, match="is another connection to it open"),

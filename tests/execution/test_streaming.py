@@ -1,42 +1,21 @@
 """Curves that a source replaces in motion: which are taken, when, and how the motion ends."""
 
-from typing import Any
-
 import numpy as np
 import pytest
-from tests.execution.test_trouble import (
+from tests.execution.arms import (
     PANDA,
     PERIOD,
     Controlled,
     once,
-    step,
 )
+from tests.execution.streams import WHOLE, between, giving, quiet, rest, wanted
 
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.execution import Executed
-from optipromp.core.execution.executor import Source, Stretch
+from optipromp.core.execution.executor import Stretch
 from optipromp.core.planning import Plan, plan
 from optipromp.core.scenes import load_scene
 from optipromp.core.trajectory import State, Trajectory
 from optipromp.laboratory.simulation import SimulatedArm
-
-WHOLE = step()
-
-
-def quiet(*_: Any) -> None:
-    """Spoil nothing."""
-
-
-def rest(after: float, further: float = 0.0, duration: float = 2.0) -> Trajectory:
-    """From WHOLE's state ``after`` a time to ``further`` than its end."""
-    return between(WHOLE.at(after), State(WHOLE.positions[-1] + further), duration)
-
-
-def between(begin: State, end: State, duration: float) -> Trajectory:
-    rows = zip(vars(begin).values(), vars(end).values(), strict=True)
-    q, velocity, acceleration = (np.array(pair) for pair in rows)
-    times = np.array([0.0, duration])
-    return Trajectory(times, q, velocity, acceleration, PANDA.joint_names)
 
 
 def tail(after: float) -> Trajectory:
@@ -50,25 +29,6 @@ def further_on(curve: Trajectory, after: float) -> Trajectory:
     shift = between(State(np.zeros(7)), State(np.full(7, 0.02)), 0.8)
     more = zip(curve.rows(), shift.sample(curve.times - after), strict=True)
     return Trajectory(curve.times, *(a + b for a, b in more), PANDA.joint_names)
-
-
-def giving(*stretches: tuple[float, Stretch | None]) -> Source:
-    """Each stretch once, at the first question at or after its time."""
-    waiting = list(stretches)
-
-    def source(now: float, _: State, __: State) -> Stretch | None:
-        return waiting.pop(0)[1] if waiting and now >= waiting[0][0] - 1e-9 else None
-
-    return source
-
-
-def wanted(done: Executed, *stretches: Stretch) -> np.ndarray:
-    """Positions of the stretches, each until the next begins, at the records."""
-    out = stretches[0].curve.sample(done.times - stretches[0].begins)[0]
-    for one in stretches[1:]:
-        then = one.curve.sample(done.times - one.begins)[0]
-        out = np.where(done.times[:, None] < one.begins - 1e-9, out, then)
-    return out
 
 
 def test_one_stretch_is_followed_as_a_curve_is_executed() -> None:

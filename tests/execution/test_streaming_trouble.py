@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.execution.test_streaming import WHOLE, between, giving, quiet, rest, wanted
-from tests.execution.test_trouble import (
+from tests.execution.arms import (
     PANDA,
     PERIOD,
     Controlled,
@@ -18,6 +17,7 @@ from tests.execution.test_trouble import (
     once,
     throws,
 )
+from tests.execution.streams import WHOLE, between, giving, quiet, rest, wanted
 
 from optipromp.core.errors import Code, ExecutionError
 from optipromp.core.execution import Executed

@@ -8,7 +8,7 @@ from typing import Any
 import franky
 from tests.franka.server import BEATS
 
-from optipromp.core.execution import Franky
+from optipromp.control import Franky
 from optipromp.core.trajectory import State
 
 

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from optipromp.control import Franky
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import ExecutionError, InvalidRequestError
-from optipromp.core.execution import Executor, Franky
+from optipromp.core.execution import Executor
 from optipromp.core.execution.contract import ExecutorContract
 from optipromp.core.planning.timing import stopped
 from optipromp.core.trajectory import State, Trajectory
@@ -117,7 +118,7 @@ def test_a_closed_connection_leaves_the_arm_to_the_next(reflexes: list[str]) -> 
 def test_a_second_connection_is_refused_in_time(
     reflexes: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("optipromp.core.execution.franka.CONNECT", 1.0)
+    monkeypatch.setattr("optipromp.control.franka.CONNECT", 1.0)
     told = "does not answer within 1 s; is another connection to it open"
     with connected(), pytest.raises(ExecutionError, match=told):
         connected()

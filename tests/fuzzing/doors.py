@@ -233,7 +233,7 @@ def _one_changed(random: Random, item: Any) -> Any:
 
 
 def detections(random: Random) -> Mutant:
-    from tests.ros.test_loop import array, seen
+    from tests.ros.looks import array, seen
 
     made = array(seen("ripe", (0.0, 0.0, 0.5)), seen("unripe", (0.05, 0.0, 0.5)))
     item = message_changed(random, made)

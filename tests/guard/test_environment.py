@@ -6,14 +6,11 @@ import gymnasium
 import numpy as np
 import pytest
 
-import optipromp
 from optipromp.bench.env import JOINTS, SPEED, Guarded, PickEnv
 from optipromp.bench.episodes import EpisodeAsk, driven_episode
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.judging import RATES, extremes
 from optipromp.core.trajectory import Trajectory
-
-assert optipromp.__version__  # registers the environments
 
 
 @pytest.mark.parametrize("action", ["tool", "joints"])

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from tests.judging.balls import ball, joint
 
 from optipromp.core.robots.library import load_robot
 from optipromp.core.robots.model import Robot
@@ -17,20 +18,6 @@ def panda() -> Robot:
 @pytest.fixture(scope="module")
 def scara() -> Robot:
     return with_tool(load_robot("scara"), Cup(0.03))
-
-
-def joint(name: str, kind: str, parent: str, child: str, axis: str, limit: str) -> str:
-    return (
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<axis xyz="{axis}"/>{limit}</joint>'
-    )
-
-
-def ball(name: str, radius: float, at: str = "0 0 0") -> str:
-    return (
-        f'<link name="{name}"><collision><origin xyz="{at}"/><geometry>'
-        f'<sphere radius="{radius}"/></geometry></collision></link>'
-    )
 
 
 @pytest.fixture(scope="module")

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.judging.balls import ball, joint
 from tests.judging.builders import TURN, moving, obj, to
-from tests.judging.conftest import ball, joint
 
 from optipromp.core import judging
 from optipromp.core.geometry import Box, Capsule, Cylinder, HalfSpace, Sphere

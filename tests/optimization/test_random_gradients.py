@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.optimization.test_gradients import CONSTRAINTS, TERMS, constraints, terms
+from tests.optimization.terms import CONSTRAINTS, TERMS, constraints, terms
 
 from optipromp.core.geometry import Box, Capsule, Cylinder, HalfSpace, Sphere, pack
 from optipromp.core.optimization.problem import Surroundings

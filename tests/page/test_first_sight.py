@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("viser")
 
-from tests.page.conftest import PATIENCE, Opened
+from tests.page.opened import PATIENCE, Opened
 
 from optipromp.core.scenes.io import load_scene
 from optipromp.looks.page import stage, window

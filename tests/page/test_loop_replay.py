@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("viser")
 pytest.importorskip("mujoco")
 
-from tests.page.conftest import PATIENCE
+from tests.page.opened import PATIENCE
 from tests.simulation.loops import swaying
 
 from optipromp.laboratory.simulation import simulate

@@ -12,7 +12,7 @@ import pytest
 
 pytest.importorskip("viser")
 
-from tests.page.conftest import SMALL, TALL, Opened, idle
+from tests.page.opened import SMALL, TALL, Opened, idle
 
 from optipromp.core.output import load_pick, load_plan, write_plan
 from optipromp.core.planning import Picked, plan

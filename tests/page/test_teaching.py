@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("viser")
 
-from tests.page.conftest import PATIENCE
+from tests.page.opened import PATIENCE
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.looks.page.teaching import TeachingPage

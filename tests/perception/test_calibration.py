@@ -19,6 +19,7 @@ from optipromp import load_scene
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.task import posed
+from optipromp.core.scenes.hand import flange_of
 from optipromp.core.scenes.pose import Pose
 from optipromp.perception.boards import Board
 from optipromp.perception.calibration import (
@@ -29,7 +30,7 @@ from optipromp.perception.calibration import (
     by_tool,
     hand_eye,
 )
-from optipromp.perception.pictures import CameraModel, Mount, flange_of, load_camera
+from optipromp.perception.pictures import CameraModel, Mount, load_camera
 
 BOARD = Board("charuco", 7, 5, 0.03, 0.022)
 BOARDS = (

@@ -139,7 +139,7 @@ def test_a_target_alone_is_not_run_into() -> None:
 def test_a_bottle_in_a_fridge_is_reached_in_half_the_time_as_gently() -> None:
     """An xArm7 behind two cups: slow only near, against the same path slow throughout."""
     from scripts.fridge import fridge
-    from tests.robots.test_pairs import stock
+    from tests.robots.stock import stock
 
     pytest.importorskip("mujoco")
     from optipromp.laboratory.simulation import simulate

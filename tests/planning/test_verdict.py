@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.test_plan_folders import rows, stated
+from tests.folders import rows, stated
 from typer.testing import CliRunner
 
 from optipromp import OptiPrompError, judge, load_plan, write_plan

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.pushing.test_quasi_static import PUSHER, SQUARE, line
+from tests.pushing.pushers import PUSHER, SQUARE, line
 
 from optipromp.core.pushing.packs.flat import clear_ahead, shapes
 

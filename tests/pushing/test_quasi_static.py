@@ -4,21 +4,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.pushing.pushers import PUSHER, SQUARE, line
 
 from optipromp.core.pushing.packs.flat import shapes
 from optipromp.core.pushing.packs.quasi_static import Bench, push_once
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.robots.tools import FrankaHand
 
-SQUARE = np.array([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]])
-PUSHER = np.array([[-0.02, -0.05], [0.0, -0.05], [0.0, 0.05], [-0.02, 0.05]])
 NONE = shapes([])
-
-
-def line(start, end, step=0.002):
-    start, end = np.array([*start, 0.0]), np.array([*end, 0.0])
-    count = int(np.ceil(np.linalg.norm(end - start) / step)) + 1
-    return start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
 
 
 def bench(objects, hand, friction, lever, walls=NONE):

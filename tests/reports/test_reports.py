@@ -19,11 +19,12 @@ from optipromp.core.output import write_plan
 from optipromp.core.planning import plan
 from optipromp.core.robots.library import NOTHING, Choice
 from optipromp.core.scenes import load_scene, save_scene
+from optipromp.laboratory.experiments.reports import study_report, worst_of
 from optipromp.laboratory.experiments.rows import Row
 from optipromp.laboratory.experiments.study import Study, run_study
 from optipromp.laboratory.simulation import simulate
 from optipromp.laboratory.simulation.files import write_run
-from optipromp.looks.reports import LARGEST_FILE, plan_report, study_report, worst_of
+from optipromp.looks.reports import LARGEST_FILE, plan_report
 
 
 class Read(HTMLParser):

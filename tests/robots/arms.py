@@ -2,7 +2,7 @@
 
 import re
 
-from tests.robots.conftest import BALL, joint
+from tests.robots.links import BALL, joint
 
 SHORT = {"origin": '<origin xyz="0 0 0.2"/>'}
 

@@ -20,7 +20,7 @@ from tests.robots.arms import (
     series,
     slide,
 )
-from tests.robots.conftest import BALL, joint
+from tests.robots.links import BALL, joint
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app

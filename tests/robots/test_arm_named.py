@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.robots.arms import ARM, GRIPPER, TWO, fixed, robot
+from tests.robots.groups import along, groups
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
@@ -15,14 +16,6 @@ from optipromp.core.robots.library import Choice, load_arm, load_robot
 from optipromp.core.scenes import scene_from_dict, scene_to_dict
 
 Writer = Callable[..., Path]
-
-
-def groups(*bodies: str, name: str = "r") -> str:
-    return f'<robot name="{name}">{"".join(bodies)}</robot>'
-
-
-def along(name: str, base: str, tip: str) -> str:
-    return f'<group name="{name}"><chain base_link="{base}" tip_link="{tip}"/></group>'
 
 
 def listed(name: str, *joints: str) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.robots.conftest import joint
+from tests.robots.meshes import mesh, with_mesh
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
@@ -15,22 +15,6 @@ from optipromp.core.robots.library import load_robot
 from optipromp.readers.packages import package_folders
 
 Writer = Callable[..., Path]
-TETRAHEDRON = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]])
-FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
-
-
-def mesh(folder: Path, name: str = "part.obj", size: float = 1.0) -> Path:
-    import trimesh
-
-    folder.mkdir(parents=True, exist_ok=True)
-    trimesh.Trimesh(size * TETRAHEDRON, FACES).export(str(folder / name))
-    return folder / name
-
-
-def with_mesh(file: str) -> str:
-    body = f'<collision><geometry><mesh filename="{file}"/></geometry></collision>'
-    links = f'<link name="a"/><link name="b">{body}</link>'
-    return f'<robot name="r">{links}{joint("ab", "a", "b")}</robot>'
 
 
 def reach(path: Path, **choice: object) -> float:

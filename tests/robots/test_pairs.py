@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.robots.stock import STOCK, stock
 
 from optipromp.core import judging
 from optipromp.core.errors import InvalidRobotError
@@ -198,26 +199,8 @@ def test_the_rim_of_a_base_that_stands_on_its_plane_is_kept(
 
 # -- against the meshes of robots of the trade ---------------------------------------------------
 
-STOCK = {  # of 300 configurations; docs/add-a-robot.md has more
-    "ur5": ("ur_description/urdf/ur5_robot.urdf", 0.97),
-    "ur10": ("ur_description/urdf/ur10_robot.urdf", 0.97),
-    "panda": ("panda_description/urdf/panda.urdf", 0.98),
-    "xarm7": ("xarm_description/urdf/xarm7.urdf", 0.97),
-    "kinova": ("kinova_description/robots/kinova.urdf", 0.97),
-}
 TOOLS = ("hand", "finger")
 CONFIGURATIONS = 300
-
-
-def stock(name: str) -> Path:
-    from importlib.metadata import PackageNotFoundError, files
-
-    try:
-        listed = files("example-robot-data") or []
-    except PackageNotFoundError:
-        pytest.skip("example-robot-data is not installed: pip install '.[models]'")
-    found = [p for p in listed if str(p).endswith(STOCK[name][0])]
-    return Path(str(found[0].locate())).resolve()
 
 
 @pytest.mark.parametrize("name", STOCK)

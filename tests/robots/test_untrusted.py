@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 import yaml
-from tests.robots.conftest import BALL, joint
-from tests.robots.test_packages import mesh, with_mesh
+from tests.robots.links import BALL, joint
+from tests.robots.meshes import mesh, with_mesh
 from typer.testing import CliRunner
 
 from optipromp import load_plan, plan

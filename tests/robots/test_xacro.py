@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 import yaml
-from tests.robots.conftest import joint
-from tests.scenes.test_placing import six
+from tests.robots.links import joint
+from tests.scenes.six_joints import six
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app

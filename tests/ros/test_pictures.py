@@ -17,11 +17,11 @@ from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes import save_scene
+from optipromp.core.scenes.hand import flange_of, tool_frame
 from optipromp.core.scenes.pose import Pose
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.photograph import Photograph
-from optipromp.perception import CameraModel, DepthPicture, Watcher, flange_of, look_at
-from optipromp.perception.pictures import tool_frame
+from optipromp.perception import CameraModel, DepthPicture, Watcher, look_at
 from optipromp.ros import Message, PickLoop, Recorded, bag_pictures, message, write_bag
 from optipromp.ros.images import Pictures
 from optipromp.ros.loop import Frames

@@ -7,7 +7,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from tests.robots.arms import TWO, robot
-from tests.robots.test_arm_named import along, groups
+from tests.robots.groups import along, groups
 
 from optipromp import judge, plan
 from optipromp.core import judging

@@ -1,12 +1,6 @@
 """Files that scenes refer to, and generated scenes, each made once."""
 
-import functools
-
 import pytest
-
-from optipromp.laboratory.generate import generate_with_report
-
-made = functools.cache(generate_with_report)
 
 TETRAHEDRON = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.scenes.conftest import made
+from tests.scenes.sampled import made
 
 from optipromp.core import judging
 from optipromp.core.errors import InvalidRequestError

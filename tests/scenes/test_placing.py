@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 from tests.loaded import script
+from tests.scenes.six_joints import six
 
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.planning import plan
@@ -18,12 +19,6 @@ from optipromp.core.robots.library import NOTHING
 from optipromp.laboratory.generate import bunches, generate
 from optipromp.laboratory.generate.placing import ROUNDS, UnfitError, fitted
 
-SIX = (  # joint axis, length of the link beyond it [m]
-    ("0 0 1", 0.20), ("0 1 0", 0.40), ("0 1 0", 0.35), ("0 1 0", 0.10), ("0 0 1", 0.08),
-    ("0 1 0", 0.06),
-)  # fmt: skip
-
-
 FINGERS = "".join(
     f'<link name="{side}"><collision><origin xyz="{aside} 0 0.08"/><geometry><box size="0.01 0.02 '
     f'0.16"/></geometry></collision></link><joint name="{side}" type="prismatic"><parent '
@@ -31,26 +26,6 @@ FINGERS = "".join(
     'velocity="1"/></joint>'
     for side, aside in (("left_finger", 0.04), ("right_finger", -0.04))
 )  # 0.16 m long
-
-
-def six(reach: float = 1.0, more: str = "") -> str:
-    """An arm of six joints whose links are ``reach`` times as long, and ``more`` elements."""
-    parts, parent, height = ['<link name="base"/>'], "base", 0.15
-    for k, (axis, length) in enumerate(SIX):
-        length *= reach
-        parts.append(
-            f'<link name="l{k}"><inertial><mass value="1.5"/></inertial><collision><origin '
-            f'xyz="0 0 {length / 2}"/><geometry><capsule radius="0.04" length="{length / 2}"/>'
-            f'</geometry></collision></link><joint name="j{k}" type="revolute"><parent '
-            f'link="{parent}"/><child link="l{k}"/><origin xyz="0 0 {height}"/><axis xyz="{axis}"/>'
-            '<limit lower="-3" upper="3" velocity="2" effort="80"/></joint>'
-        )
-        parent, height = f"l{k}", length
-    parts.append(
-        f'<link name="tool0"/><joint name="mount" type="fixed"><parent link="{parent}"/>'
-        f'<child link="tool0"/><origin xyz="0 0 {height}"/></joint>'
-    )
-    return f'<robot name="six">{"".join(parts)}{more}</robot>'
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.scenes.conftest import made
+from tests.scenes.sampled import made
 
 from optipromp.core.geometry import Sphere
 from optipromp.core.planning.task import posed

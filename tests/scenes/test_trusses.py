@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.scenes.conftest import made
+from tests.scenes.sampled import made
 
 from optipromp import load_scene, save_scene
 from optipromp.core.errors import InvalidSceneError

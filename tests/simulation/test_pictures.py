@@ -5,7 +5,7 @@ import io
 import mujoco
 import numpy as np
 import pytest
-from tests.simulation.conftest import Bench
+from tests.simulation.bench import Bench
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Sphere

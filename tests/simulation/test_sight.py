@@ -19,11 +19,11 @@ from tests.simulation.eyes import (
 
 from optipromp.core.arrays import frame_along, rotation
 from optipromp.core.geometry.shapes import Box, Sphere
+from optipromp.core.scenes.hand import tool_frame
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import SceneObject
 from optipromp.laboratory.simulation.detector import Detector, DetectorParameters
 from optipromp.laboratory.simulation.sight import RAYS, hand_pose
-from optipromp.perception.pictures import tool_frame
 
 BLIND = DetectorParameters(mount="beside", hidden=1.0)
 

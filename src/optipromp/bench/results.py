@@ -40,12 +40,12 @@ from optipromp.core.files import (
     read_npz,
     write_atomically,
 )
+from optipromp.core.output import ROWS
 from optipromp.core.processes import cores
 from optipromp.laboratory.experiments.cluster import Progress, gathered
 from optipromp.laboratory.experiments.rows import (
     BENCH,
     LOCK,
-    ROWS,
     Key,
     Row,
     RowFile,

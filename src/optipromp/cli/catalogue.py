@@ -8,6 +8,7 @@ from typing import Any
 import optipromp
 from optipromp.cli.command import Report, command, entries
 from optipromp.core.errors import InvalidRequestError, suggest
+from optipromp.parts import added, part
 
 
 @command()
@@ -20,7 +21,7 @@ def catalogue() -> Report:
 
     robots, scenes = robot_names(), scene_names()
     known = documented(optipromp.PlanOptions)
-    known |= {f"paper.{name}": item for name, item in documented(optipromp.PaperOptions).items()}
+    known |= {f"paper.{name}": item for name, item in documented(added("PaperOptions")).items()}
     kinds = planners()
     own = {name: documented(kind) for name, kind in kinds.items()}
     lines = [
@@ -89,7 +90,7 @@ def _values(pairs: Sequence[str], names: list[str], nested: bool) -> dict[str, A
 
     from optipromp.core.documents import read_yaml
 
-    names += [f"paper.{name}" for name in documented(optipromp.PaperOptions)] if nested else []
+    names += [f"paper.{name}" for name in documented(added("PaperOptions"))] if nested else []
     known: dict[str, Any] = {}
     paper: dict[str, Any] = {}
     for pair in pairs:
@@ -105,7 +106,7 @@ def _values(pairs: Sequence[str], names: list[str], nested: bool) -> dict[str, A
         value = tuple(value) if isinstance(value, list) else value
         wanted = paper if key.startswith("paper.") else known
         wanted[key.removeprefix("paper.")] = value
-    return known | ({"paper": optipromp.PaperOptions(**paper)} if paper else {})
+    return known | ({"paper": part("PaperOptions")(**paper)} if paper else {})
 
 
 def documented(options: Any) -> dict[str, tuple[Any, str]]:

@@ -14,9 +14,9 @@ from optipromp.cli.console import grid, headline, say_if_compiling, waiting
 from optipromp.cli.robot import ArmOptions
 from optipromp.core import files
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
+from optipromp.parts import part
 
 if TYPE_CHECKING:
-    from optipromp.core.execution.fr3 import Foreseen
     from optipromp.core.planning import Picked, Plan, Verdict
     from optipromp.core.robots.description import Arm
     from optipromp.core.robots.model import Robot
@@ -339,7 +339,6 @@ def validate(
         risk: Share of promised successes that may be broken; a plan's own, or 0.03.
         controller: Also say what would abort the motion: franka, of a Franka Research 3.
     """
-    from optipromp.core.execution.fr3 import foreseen
     from optipromp.core.planning import verdict_of
     from optipromp.core.planning.legs import curve_of, legs_of
     from optipromp.core.planning.task import posed
@@ -372,7 +371,7 @@ def validate(
     document, code = describe(found, curve, loaded, risk), exit_code(found.status)
     if len(legs) > 1:
         document["legs"] = {name: describe(*leg, loaded, risk) for name, leg in legs.items()}
-    aborts = None if controller is None else foreseen(robot, curve, loaded.up)
+    aborts = None if controller is None else part("foreseen")(robot, curve, loaded.up)
     if aborts is not None:
         of_arm = aborts._asdict() | {"violations": [vars(each) for each in aborts.violations]}
         document["controller"] = files.plain({"name": controller} | of_arm)
@@ -392,9 +391,8 @@ def read(path: Path, robot: "Robot") -> "Trajectory":
     from optipromp.core.trajectory import read_trajectory
 
     if files.is_bag(path):
-        from optipromp import ros
-
-        return ros.read_trajectory(path, robot.joint_names)
+        found: Trajectory = part("read_trajectory")(path, robot.joint_names)
+        return found
     return read_trajectory(path, robot.joint_names)
 
 
@@ -438,7 +436,7 @@ def _judged(found: "Verdict", curve: "Trajectory", name: str, leg: str) -> Shown
     )
 
 
-def _foreseen(aborts: "Foreseen | None") -> Iterator[str]:
+def _foreseen(aborts: Any) -> Iterator[str]:
     if aborts is not None:
         yield from (f"{each} ({each.kind})" for each in aborts.violations)
         used = ", ".join(f"{what} {share:.0%}" for what, share in aborts.shares.items())

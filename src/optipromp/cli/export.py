@@ -1,16 +1,15 @@
-"""``optipromp export``, ``view`` and ``report``: scenes and plans for other programs and people."""
+"""``optipromp export`` and ``report``: scenes and plans for other programs and people."""
 
-import threading
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import optipromp
 from optipromp.cli.check import Kind, kind_of, scene_or_plan
 from optipromp.cli.command import Report, command
-from optipromp.cli.console import say_if_compiling, stdout, waiting
+from optipromp.cli.console import waiting
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.files import is_file, is_folder, write_atomically
+from optipromp.parts import part
 
 if TYPE_CHECKING:
     from optipromp.core.arrays import FloatArray
@@ -96,24 +95,15 @@ def _read(item: str, robots: bool) -> _Content:
 
 
 def _mjcf(content: _Content, path: Path) -> None:
-    from optipromp.laboratory.simulation.export import mjcf
-
     assert content.scene is not None
-    write_atomically(path, mjcf(content.scene, content.robot, content.start).encode("utf-8"))
+    text = part("mjcf")(content.scene, content.robot, content.start)
+    write_atomically(path, text.encode("utf-8"))
 
 
 def _mcap(content: _Content, path: Path, rate: float, prefix: str) -> None:
-    from optipromp import ros
-
     assert content.scene is not None
-    items = [ros.Recorded("/planning_scene", ros.planning_scene(content.scene, prefix))]
-    for name, curve in content.curves:
-        topic = "/joint_trajectory" + ("" if name == "reach" else f"/{name}")
-        items.append(ros.Recorded(topic, ros.joint_trajectory(curve, rate, prefix)))
-    if curves := [curve for _, curve in content.curves]:
-        shown = ros.display_trajectory(curves, content.robot.name, prefix=prefix)
-        items.append(ros.Recorded("/display_planned_path", shown))
-    ros.write_bag(path, items)
+    write = part("write_plan")
+    write(path, content.scene, content.robot.name, content.curves, rate, prefix)
 
 
 def _robot(content: _Content, path: Path) -> None:
@@ -121,59 +111,6 @@ def _robot(content: _Content, path: Path) -> None:
     from optipromp.core.robots.tools import without_tool
 
     save_robot(without_tool(content.robot), path)
-
-
-@command(reports=False)
-def view(
-    item: str,
-    beside: str | None = None,
-    /,
-    port: int = 8080,
-    host: str = "localhost",
-    browser: bool = True,
-    out: Path = Path("out"),
-    reach: bool = False,
-) -> None:
-    """Open a page that shows a plan in 3-D and lets you move things and plan again.
-
-    It listens on this machine only, unless --host says otherwise, and runs
-    until Ctrl-C. Needs the extra 'view': pip install -e '.\\[view]'.
-
-    Examples:
-        optipromp view scenario-4
-        optipromp view pick --port 0 --no-browser
-        optipromp view reach-i-promp reach-opti-promp
-
-    Args:
-        item (SCENE|PLAN_DIR|ROLLOUT_DIR): A scene to plan for, or a folder that plan or simulate
-            left.
-        beside (ROLLOUT_DIR): A second rollout, replayed beside the first.
-        port (0..65535): Of the page; 0: any that is free.
-        host: Address to listen at; 0.0.0.0 lets other machines in.
-        browser: Open the page in the browser.
-        out (DIR): Folder that the page saves into.
-        reach: Plan the reach alone, without the way out.
-    """
-    import webbrowser
-
-    from optipromp.core.planning import warm_up
-    from optipromp.looks.page.panel import Page
-    from optipromp.looks.page.stage import open_source
-
-    source = replace(open_source(item, beside), reach=reach)
-    say_if_compiling()
-    with waiting("loading"):
-        warm_up()  # so that the first plan does not wait for it
-    page = Page(source, host=host, port=port, out=out)
-    try:
-        stdout().print(f"{page.url}  (Ctrl-C ends it)")
-        if browser:
-            webbrowser.open(page.url)
-        threading.Event().wait()
-    except KeyboardInterrupt:
-        stdout().print("closed")
-    finally:
-        page.stop()
 
 
 @command()
@@ -195,8 +132,8 @@ def report(item: Path, /, out: Path | None = None) -> Report:
         item (PLAN_DIR|ROLLOUT_DIR|STUDY_DIR): What 'plan', 'simulate' or 'study' left at --out.
         out (FILE.html): Where the report goes; else beside what it reports.
     """
-    from optipromp.laboratory.experiments.rows import ROWS
-    from optipromp.looks.reports import plan_report, run_report, study_report
+    from optipromp.core.output import ROWS
+    from optipromp.looks.reports import plan_report, run_report
 
     folder = item if is_folder(item) else item.parent
     path = out or folder / "report.html"
@@ -206,7 +143,7 @@ def report(item: Path, /, out: Path | None = None) -> Report:
         if is_file(folder / "plan.json"):
             content = plan_report(folder)
         elif is_file(folder / ROWS):
-            content = study_report(folder, progress=say)
+            content = part("study_report")(folder, progress=say)
         elif is_file(folder / "rollout.npz"):
             content = run_report(folder)
         else:

@@ -1,4 +1,4 @@
-"""``optipromp generate``, ``render`` and ``episodes``: scenes, their pictures, and experts."""
+"""``optipromp generate`` and ``render``: random scenes, and pictures of scenes."""
 
 import os
 import shlex
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import optipromp
 from optipromp.cli.command import Report, Shown, command
-from optipromp.cli.console import Cluster, Preset, Workers, progress_bar, say_if_compiling, seeds_of
+from optipromp.cli.console import Preset, progress_bar, seeds_of
 from optipromp.cli.robot import ArmOptions, Named, Whose
 from optipromp.core import files
 from optipromp.core.errors import InvalidRequestError, check_one_of
@@ -225,70 +225,3 @@ def write_shot(shot: "Photograph", name: str, true: "Scene | None", out: Path) -
         optipromp.save_scene(true, out / f"{name}.yaml")
         told["scene"] = str(out / f"{name}.yaml")
     return told
-
-
-@command()
-def episodes(
-    out: Path,
-    count: int = 100,
-    form: str = "minari",
-    preset: str = "cluster,field",
-    seed: int | None = None,
-    condition: str = "none",
-    keep: str = "clean",
-    pictures: bool = False,
-    name: str = "optipromp/pick/expert-v0",
-    policy: str = "",
-    guarded: bool = False,
-    workers: Workers = None,
-    ray: Cluster = None,
-) -> Report:
-    """Write episodes of our planner as a policy, at 50 Hz, for learners.
-
-    State episodes take about a second and a half each on one core.
-
-    Examples:
-        optipromp episodes --count 1000 --out data
-        optipromp episodes --count 50 --format lerobot --pictures --out data
-        optipromp episodes --policy mine:Policy --guarded --keep all --out data
-
-    Args:
-        out (DIR): Of the dataset.
-        count (1..): Episodes to keep.
-        form (--format NAME): minari or lerobot (version 3.0).
-        preset (NAMES): Of the scenes, in turn, separated by commas.
-        seed: Of the first scene.
-        condition (NAME): What moves and is seen wrongly; as in bench run.
-        keep (WHICH): clean: successes alone; or all.
-        pictures: With those of the camera in the tool's mouth.
-        name (ID): Of a Minari dataset.
-        policy (NAME): What acts in place of our planner, as in bench run.
-        guarded: Actions pass the guard; where it acts, its action is the label.
-    """
-    from optipromp.bench import episodes as bench
-    from optipromp.laboratory.experiments.situations import CONDITIONS
-    from optipromp.laboratory.generate import PRESETS
-
-    presets = tuple(filter(None, preset.split(",")))
-    given = [("format", form, bench.FORMATS), ("keep", keep, ("clean", "all"))]
-    given += [("condition", condition, tuple(CONDITIONS))]
-    given += [("preset", each, tuple(PRESETS)) for each in presets or ("",)]
-    for what, value, valid in given:
-        check_one_of(what, value, valid)
-    bench.check_place(form, out, name)  # type: ignore[arg-type]
-    first = bench.FIRST if seed is None else seed
-    asks = [
-        bench.EpisodeAsk(presets[k % len(presets)], first + k, condition, pictures, policy, guarded)
-        for k in range(2 * count + 20)
-    ]
-    say_if_compiling()
-    with progress_bar(20) as say:
-        made = bench.collected(asks, count, keep=keep, workers=workers, ray=ray, progress=say)  # type: ignore[arg-type]
-    bench.write_minari(made, out, name) if form == "minari" else bench.write_lerobot(made, out)
-    steps, clean = sum(len(each.rewards) for each in made), sum(each.success for each in made)
-    document = {
-        "format": form, "out": str(out), "episodes": len(made), "steps": steps, "clean": clean,
-        "seeds": [each.ask.seed for each in made],
-    }  # fmt: skip
-    words = f"wrote {len(made)} episodes, {steps} steps, {clean} of them clean, to {out}"
-    return Report(document, [words])

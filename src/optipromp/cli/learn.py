@@ -11,10 +11,10 @@ from optipromp.cli.console import grid, waiting
 from optipromp.cli.robot import ArmOptions, Named
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import check_folder, is_bag, write_atomically
+from optipromp.parts import part
 
 if TYPE_CHECKING:
     from optipromp.core.promp import Basis, Demonstrations
-    from optipromp.ros.recordings import Recording
 
 LARGEST_RESIDUAL = 0.05
 """[rad or m] A larger residual of a demonstration gives a warning: 0.05 rad moves the tool of an
@@ -100,21 +100,17 @@ def learn(
 
 def read_any(
     path: Path, joints: Sequence[str] | None = None, topic: str | None = None
-) -> tuple["Demonstrations", "Recording | None"]:
+) -> tuple["Demonstrations", Any]:
     """Demonstrations of a file or folder; of a bag also its cuts."""
     if not is_bag(path):
         if topic is not None:
             raise InvalidRequestError(f"--topic {topic}: {path} is no bag")
         return optipromp.load_demonstrations(path), None
-    from optipromp.ros.recordings import load_recording
-
-    found = load_recording(path, joints, topic=topic)
+    found = part("load_recording")(path, joints, topic=topic)
     return found.demonstrations, found
 
 
-def _read(
-    path: Path, named: Named, topic: str | None
-) -> tuple["Demonstrations", "Recording | None"]:
+def _read(path: Path, named: Named, topic: str | None) -> tuple["Demonstrations", Any]:
     """The demonstrations, in the joint order of a robot that is named; of a bag also its cuts."""
     from optipromp.core.promp import Demonstrations
     from optipromp.core.promp.checks import unnamed

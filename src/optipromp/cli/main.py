@@ -17,23 +17,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from optipromp.cli import (
-    bench,
-    catalogue,
-    check,
-    export,
-    generate,
-    learn,
-    plan,
-    ros_node,
-    scenarios,
-    see,
-    simulate,
-    study,
-)
+from optipromp.cli import catalogue, check, export, learn, plan
 from optipromp.cli.command import show_warning
 from optipromp.core.budget import check_memory
 from optipromp.core.errors import InvalidRequestError
+from optipromp.parts import lacking
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -43,6 +31,17 @@ GROUP = "optipromp.commands"
 """The entry points of commands that packages add: a name, and a function that is decorated with
 :func:`optipromp.cli.command.command`. Packages are searched only for the list of commands, and for
 a name that is not built in."""
+
+
+FURTHER = {
+    "simulate": "sim", "generate": "sim", "render": "sim", "measure-crop": "sim",
+    "see": "eyes", "calibrate": "eyes",
+    "ros-node": "ros",
+    "view": "page",
+    "scenarios": "paper",
+    "study": "bench", "bench": "bench", "episodes": "bench",
+}  # fmt: skip
+"""The package of this project that adds each further command."""
 
 
 class Commands(TyperGroup):
@@ -73,6 +72,9 @@ class Commands(TyperGroup):
                 package = point.value if point.dist is None else point.dist.name
                 told = f"{type(error).__name__}: {error}"
                 show_warning(f"{package}: its command {cmd_name} is left out ({told})")
+        if cmd_name in FURTHER and cmd_name not in self.commands:
+            sys.stderr.write(f"error INVALID_REQUEST: {cmd_name} {lacking(FURTHER[cmd_name])}\n")
+            raise typer.Exit(2)
         return super().get_command(ctx, cmd_name)
 
 
@@ -85,6 +87,8 @@ def _named() -> bool:
 def _loaded(point: "EntryPoint") -> Any:
     """The command of an entry point, as Typer makes it."""
     function = point.load()
+    if isinstance(function, typer.Typer):  # a command with sub-commands
+        return typer.main.get_command(function)
     if not hasattr(function, "__signature__"):  # set by the decorator
         raise TypeError(f"{point.value} is not decorated with optipromp.cli.command.command")
     alone = typer.Typer(add_completion=False, rich_markup_mode="rich")
@@ -125,24 +129,12 @@ def root(
 
 
 app.command("plan")(plan.plan)
-app.command("scenarios")(scenarios.scenarios)
-app.command("simulate")(simulate.simulate)
 app.command("validate")(check.validate)
-app.command("view")(export.view)
 app.command("export")(export.export)
-app.command("generate")(generate.generate)
-app.command("render")(generate.render)
-app.command("see")(see.see)
-app.command("calibrate")(see.calibrate)
-app.command("measure-crop")(see.measure_crop)
-app.command("study")(study.study)
-app.add_typer(bench.bench)
-app.command("episodes")(generate.episodes)
 app.command("report")(export.report)
 app.command("learn")(learn.learn)
 app.command("check")(check.check)
 app.command("list")(catalogue.catalogue)
-app.command("ros-node")(ros_node.ros_node)
 
 
 class _Interrupted(KeyboardInterrupt):

@@ -209,7 +209,7 @@ def plan(
 def _keep_picture(scene: Path, folder: Path) -> None:
     """Keep the picture that ``see`` left beside the scene, for ``view``; an earlier one goes."""
     from optipromp.core.files import is_file, read_bytes
-    from optipromp.perception.pictures import OVERLAY
+    from optipromp.core.output import OVERLAY
 
     picture, kept = scene.with_suffix(OVERLAY), folder / f"seen{OVERLAY}"
     if is_file(picture):

@@ -1,23 +1,21 @@
-"""``optipromp see``, ``calibrate`` and ``measure-crop``: from pictures and rulers to scenes."""
+"""``optipromp see``: from pictures to scenes."""
 
 import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import optipromp
-from optipromp.cli.command import FAILED, OK, Report, command, show_warning
-from optipromp.cli.console import grid, waiting
+from optipromp.cli.command import FAILED, OK, Report, command
 from optipromp.core.errors import Code, InvalidRequestError
-from optipromp.core.files import check_folder, is_file, is_folder, json_text, write_atomically
+from optipromp.core.files import check_folder, is_file, is_folder, write_atomically
+from optipromp.parts import part
 
 if TYPE_CHECKING:
     from optipromp.core.scenes.crops import Crop
     from optipromp.core.scenes.scene import Scene
-    from optipromp.perception.boards import Board
-    from optipromp.perception.calibration import HandEye
     from optipromp.perception.eyes import Sighting
     from optipromp.perception.parameters import EyeParameters
     from optipromp.perception.pictures import DepthPicture
@@ -96,11 +94,12 @@ def see(
             list of picture, kind, and box (left, top, right, bottom) or at (column, row). What is
             not seen is of --crop, by default strawberry.
     """
+    from optipromp.core.output import OVERLAY
     from optipromp.core.scenes.crops import load_crop
     from optipromp.perception.detector import finder_named
     from optipromp.perception.eyes import overlay
     from optipromp.perception.parameters import EyeParameters, eyes_of
-    from optipromp.perception.pictures import OVERLAY, png_file
+    from optipromp.perception.pictures import png_file
 
     made = {EyeParameters(): finder_named(finder, model)}  # refused before anything is read
     grown = None if crop is None else load_crop(crop)
@@ -168,9 +167,7 @@ def _taught(asked: Iterable[_Asked], teach: str, like: "Crop", out: Path | None)
     if teach == "page":
         import webbrowser
 
-        from optipromp.looks.page.teaching import TeachingPage
-
-        page = TeachingPage({name: each.rgb for name, each in pictures.items()}, learn)
+        page = part("teaching_page")({name: each.rgb for name, each in pictures.items()}, learn)
         sys.stderr.write(f"mark fruits and stems at {page.url}  (Ctrl-C ends it)\n")
         webbrowser.open(page.url)
         crop, told = page.result()
@@ -268,13 +265,12 @@ def _of_bag(
 ) -> Iterator[_Asked]:  # fmt: skip
     """The pictures of a bag, one after another."""
     from optipromp.perception.pictures import load_camera
-    from optipromp.ros.pictures import bag_pictures
 
     model = None if camera is None else load_camera(camera)[0]
     chosen = None if topics is None else [name.strip() for name in topics.split(",")]
     scene = optipromp.load_scene(known or "scenario-3")
     check_folder(target := out or bag.with_name(f"{bag.stem}-seen"))
-    found = bag_pictures(bag, scene, topics=chosen, every=every, camera=model)
+    found = part("bag_pictures")(bag, scene, topics=chosen, every=every, camera=model)
     for k, (picture, at) in enumerate(found):
         name = f"{bag.stem}-{k:03d}"
         yield _Asked(f"{name}, {at:.2f} s", (), known, target / f"{name}.yaml", picture)
@@ -285,7 +281,8 @@ def _load(asked: _Asked, known: "Scene") -> "DepthPicture":
     if asked.picture is not None:
         return asked.picture
     from optipromp.core.planning.task import posed
-    from optipromp.perception.pictures import flange_of, load_camera, load_picture
+    from optipromp.core.scenes.hand import flange_of
+    from optipromp.perception.pictures import load_camera, load_picture
 
     rgb, depth, camera = asked.files
     hand, model = None, load_camera(camera)[0]
@@ -322,199 +319,3 @@ def _answer(
         line += f" ({sight.found.left_out} smaller places of their colours were left out)"
     told = _written(sight, known, p, asked.out, record, line)
     return record, [*told, *(f"  doubt: {words}" for words in sight.doubts)]
-
-
-@dataclass(frozen=True)
-class BoardOptions:
-    """The options that tell what is printed on the board.
-
-    Attributes:
-        board: What is printed on it.
-        size (CxR): Of a chessboard its inner corners, of a charuco board its squares, of apriltags
-            the tags: along a row, and rows.
-        side (METRES): Of a square; of an apriltag's black border.
-        marker (METRES): Side of a charuco board's markers; gap between apriltags.
-        dictionary: Of the markers, as OpenCV names it; by default the usual one.
-    """
-
-    board: Literal["chessboard", "charuco", "apriltag"] = "charuco"
-    size: str = "7x5"
-    side: float | None = None
-    marker: float = 0.0
-    dictionary: str = ""
-
-    def made(self) -> "Board":
-        """The board."""
-        from optipromp.perception.boards import Board
-
-        columns, cross, rows = self.size.lower().partition("x")
-        if not (cross and columns.isdigit() and rows.isdigit()):
-            raise InvalidRequestError(f"--size is {self.size!r}: write it as 7x5")
-        if self.side is None:
-            raise InvalidRequestError("give --side, measured on the print [m]")
-        usual = "APRILTAG_36h11" if self.board == "apriltag" else "5X5_100"
-        size = int(columns), int(rows)
-        return Board(self.board, *size, self.side, self.marker, self.dictionary or usual)
-
-
-@command()
-def calibrate(
-    folder: Path | None = None,
-    /,
-    *,
-    camera: Path,
-    out: Path,
-    poses: Path | None = None,
-    tool: Path | None = None,
-    mount: Literal["hand", "base"] = "base",
-    board: BoardOptions,
-    known: str | None = None,
-) -> Report:
-    """Find where a camera is, from pictures of a board or from the arm's own tool.
-
-    A camera on the hand looks at a board that stands; a camera that stands looks at a board fixed
-    on the hand, or at the tool itself. Take 10 to 20 pictures, tilt the hand by 15 to 30 degrees to
-    all sides between them, and turn it. Reported: what each view leaves, the standard deviation of
-    the camera's place, and how far it moves when one view is left out. Needs the extra 'vision'.
-
-    Examples:
-        optipromp calibrate shots --poses shots/poses.yaml --known row.yaml --camera d435.json \\
-            --mount hand --size 7x5 --side 0.03 --marker 0.022 --out camera.json
-        optipromp calibrate --tool seen.yaml --known row.yaml --camera d435.json --out camera.json
-        optipromp see --rgb a.png --depth a.png --camera camera.json --known row.yaml --out a.yaml
-
-    Args:
-        folder (DIR): Of pictures of a board; else --tool.
-        camera: Its pictures: JSON or YAML with width, height, fx, fy, cx, cy. Pictures are without
-            distortion, as most cameras give them.
-        out (FILE.json): The camera, for 'see'.
-        poses: YAML or JSON: a picture's name to joints, or to position and orientation (w, x, y, z)
-            of the flange in the base.
-        tool: In place of pictures, YAML or JSON: a name to camera, the tool's centre in m as the
-            camera sees it, and joints, or the centre's position in the base.
-        mount: hand: the camera is on it, the board stands; base: the other way.
-        known (SCENE): Whose robot has these joints, and tool.
-    """
-    from optipromp.core.planning.task import posed
-    from optipromp.perception.calibration import by_tool, hand_eye, read_seen_tool, read_views
-    from optipromp.perception.pictures import load_camera
-
-    if (folder is None) == (tool is None):
-        raise InvalidRequestError("give a folder of pictures or --tool, one of them")
-    if tool is not None and mount == "hand":
-        raise InvalidRequestError("a camera on the hand sees the tool stand still: show it a board")
-    robot = None if known is None else posed(optipromp.load_scene(known))[0]
-    model, without = load_camera(camera)[0], tuple[str, ...]()
-    if tool is not None:
-        found = by_tool(read_seen_tool(tool, robot), model)
-    else:
-        assert folder is not None
-        if poses is None:
-            raise InvalidRequestError("give --poses: where the hand was in each picture")
-        with waiting("look for the board"):
-            views, without = read_views(folder, poses, board.made(), model, robot)
-            if not views:
-                raise InvalidRequestError(
-                    f"the board is in none of {len(without)} pictures: compare --board, --size and "
-                    "--dictionary with the print; it must be whole (chessboard), sharp and flat"
-                )
-            found = hand_eye(views, model, mount)
-    for name in without:
-        show_warning(f"{name}: the board was not found")
-    for words in found.doubts:
-        show_warning(f"{words}: the standard deviation counts what that moves")
-    write_atomically(out, json_text(found.camera.document()).encode())
-    return Report(_document(found, out, without), _shown(found, out))
-
-
-def _document(found: "HandEye", out: Path, without: tuple[str, ...]) -> dict[str, Any]:
-    board = found.board
-    return {
-        "file": str(out),
-        "camera": found.camera.document(),
-        "sigma": found.sigma.tolist(),
-        "sigma_deg": found.sigma_degree,
-        "doubts": list(found.doubts),
-        "left_out_moves": found.spread,
-        "left_out_turns_deg": found.spread_degree,
-        "residual": {name: found.total(name) for name in ("pixel", "metre", "degree")},
-        "views": [each._asdict() for each in found.residuals],
-        "without_board": list(without),
-        "board": board and {
-            "position": board.position.tolist(), "orientation": board.orientation.tolist(),
-        },
-    }  # fmt: skip
-
-
-def _shown(found: "HandEye", out: Path) -> Iterator[Any]:
-    from rich.table import Table
-
-    table: Table = grid(("view",), ("pixel", "mm", "degree"))
-    for each in found.residuals:
-        table.add_row(each.name, *_figures(each.pixel, each.metre, each.degree))
-    table.add_section()
-    total = (found.total(name) for name in ("pixel", "metre", "degree"))
-    table.add_row("root mean square", *_figures(*total))
-    yield table
-    pose, sigma = found.camera.pose, 1e3 * found.sigma
-    at = ", ".join(f"{1e3 * value:.1f}" for value in pose.position)
-    within = ", ".join(f"{value:.1f}" for value in sigma)
-    yield f"camera in the frame of the {found.camera.mount}: at {at} mm"
-    yield f"  standard deviation {within} mm, {found.sigma_degree:.2f} degrees"
-    yield (
-        f"  leaving one view out moves it by {1e3 * found.spread:.1f} mm and "
-        f"{found.spread_degree:.2f} degrees at most"
-    )
-    yield f"wrote {out}"
-
-
-def _figures(pixel: float, metre: float, degree: float) -> tuple[str, ...]:
-    values = (f"{pixel:.2f}", f"{1e3 * metre:.2f}", f"{degree:.2f}")
-    return tuple("" if text == "nan" else text for text in values)
-
-
-@command()
-def measure_crop(
-    measured: list[str], /, *, out: Path, name: str | None = None, like: str = "strawberry"
-) -> Report:
-    """Make a crop file from measurements with a ruler, a kitchen scale and a phone.
-
-    Of each fruit, in mm: width, length, stem_length, stem_diameter; sag of the tip of its level
-    stem under sag_load; swings in a film, from swing_first to swing_last aside. In g: mass,
-    sag_load; pull_along and pull_across the stem at which it comes off. All other rows are of the
-    crop that yours is like, and stay guesses where they are guesses.
-
-    Examples:
-        optipromp measure-crop fruits.csv --like tomato --out my-crop.yaml
-        optipromp measure-crop width=31,29,34 length=42,40,45 mass=19,16,24 --out my-crop.yaml
-        optipromp study --preset cluster --crop my-crop.yaml --vary crop --out guesses
-
-    Args:
-        measured (TABLE.csv|NAME=NUMBERS): A column each, whose cells may be empty; or
-            width=31,29,34.
-        out (FILE.yaml): The crop.
-        name: Of the crop; by default that of the file.
-        like (CROP): Whose rows stand where nothing was measured.
-    """
-    from optipromp.core.documents import read_table
-    from optipromp.core.scenes.crops import crop_to_dict, load_crop, save_crop
-    from optipromp.laboratory.measuring import measured_crop
-
-    given: dict[str, Sequence[str]] = {}
-    for word in measured:
-        key, equals, numbers = word.partition("=")
-        if equals:
-            given[key] = numbers.split(",")
-            continue
-        table = read_table(Path(word), InvalidRequestError, "width, mass, ...")
-        given |= {key: [row[k] for row in table.rows] for k, key in enumerate(table.header)}
-    usual = load_crop(like)
-    crop = measured_crop(name or out.stem, usual, given)
-    save_crop(crop, out)
-    mine = {k: v for k, v in crop_to_dict(crop).items() if crop.rows.get(k) != usual.rows.get(k)}
-    shown = grid(("row",), ("value", "spread", "unit"))
-    for key, row in mine.items():
-        shown.add_row(key, f"{crop[key]:.4g}", f"{crop.rows[key].spread:.2g}", row["unit"])
-    rest = f"still guesses, of {like}: {', '.join(crop.guesses)}"
-    document = {"file": str(out), "name": crop.name, "guesses": crop.guesses, "measured": mine}
-    return Report(document, (shown, rest, f"wrote {out}"))

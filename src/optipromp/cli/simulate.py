@@ -224,6 +224,7 @@ def simulate(
     from optipromp.core.planning.legs import legs_of
     from optipromp.core.robots.model import warn_of_gravity
     from optipromp.laboratory.simulation import SimulationParameters
+    from optipromp.laboratory.simulation import simulate as simulated
     from optipromp.laboratory.simulation.engine import engine
 
     engine()  # where MuJoCo is missing, refuse before planning
@@ -266,7 +267,7 @@ def simulate(
         warn_of_gravity(leg.robot, leg.trajectory.positions, leg.scene.up, "on the way")
     with waiting(f"executing in {(truth or first.scene).name} ..."):
         settings: Any = {"parameters": parameters, "seed": seed, "failed_leg": failed_leg}
-        run = optipromp.simulate(plan, truth, **settings)
+        run = simulated(plan, truth, **settings)
     told = f"{first.planner} (plan: {plan.status})"
     further = {"planner": first.planner, "plan_status": plan.status}
     return _report(run, told, further, (folder, leave(run)))

@@ -4,6 +4,8 @@ from optipromp.control.controller import Controller as Controller
 from optipromp.control.controller import Decision as Decision
 from optipromp.control.controller import LoopStage as LoopStage
 from optipromp.control.driver import without_fruits as without_fruits
+from optipromp.control.franka import Franky as Franky
+from optipromp.control.franka import PandaPy as PandaPy
 from optipromp.control.look import Look as Look
 from optipromp.control.parameters import LoopParameters as LoopParameters
 from optipromp.control.tracker import Innovations as Innovations

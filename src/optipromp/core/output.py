@@ -51,6 +51,10 @@ START = "start"  # (3, n) position, velocity and acceleration
 SEARCHED = Code.TIMEOUT, Code.GOAL_IN_COLLISION, Code.GOAL_UNREACHABLE, Code.NO_PLAN
 WORSE = Code.SUCCESS, Code.HARM_PREDICTED, Code.INVALID_PLAN, Code.START_IN_COLLISION, *SEARCHED
 WRONG = "not a plan that this version wrote"
+OVERLAY = ".overlay.png"
+"""End of the name of a picture with what was found, beside the scene that was seen."""
+ROWS = "rows.csv"
+"""Name of the file of a study's rows."""
 RATE = 1000.0  # [Hz] of the Panda's control interface
 
 

@@ -25,10 +25,11 @@ from optipromp.core.files import is_file
 from optipromp.core.parameters import Checked, parameter
 from optipromp.core.promp.demonstrations import check_limits
 from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.hand import flange_of
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.values import suggest
 from optipromp.perception.boards import Board, opencv
-from optipromp.perception.pictures import CameraModel, Mount, check_near, flange_of, read_pixels
+from optipromp.perception.pictures import CameraModel, Mount, check_near, read_pixels
 
 OTHER = {"hand": "base", "base": "hand"}  # where the board is, by where the camera is
 

@@ -12,11 +12,10 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from optipromp.core.arrays import FloatArray, IntArray, frame_along, read_only
+from optipromp.core.arrays import FloatArray, IntArray, read_only
 from optipromp.core.documents import read_document
 from optipromp.core.errors import InvalidRequestError, OptiPrompError, installed_by
 from optipromp.core.files import read_bytes, read_npz
-from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.values import suggest
 
@@ -25,8 +24,6 @@ DEPTH_SCALE = 1e-4  # [m] of a step in a 16-bit picture of depth, as ours are wr
 FARTHEST = 6.5  # [m] depth that 16 bits hold at this scale
 ENDS = ".rgb.png", ".depth.png", ".camera.json"
 """Ends of the names of a picture's files: colour, depth, camera."""
-OVERLAY = ".overlay.png"
-"""End of the name of a picture with what was found, beside the scene that was seen."""
 MOST_PIXELS = 16_000_000  # of a picture: a choice
 MOST_SEEN = 921_600  # pixels that are looked at, 1280 x 720: a choice; bounds time and memory
 FARTHEST_PIXEL = 1e6  # [pixel] largest size, focal length and place of an axis: a choice
@@ -126,7 +123,7 @@ class CameraModel:
         return np.asarray(flat * [self.fx, self.fy] + [self.cx, self.cy])
 
     def on(self, hand: Pose | None) -> "CameraModel":
-        """The camera in the base frame, with the hand at a pose there; see :func:`flange_of`.
+        """The camera in the base frame, with the hand at a pose there (``flange_of``).
 
         Raises:
             InvalidRequestError: the camera is on the hand, and where that is is not given.
@@ -273,23 +270,6 @@ def load_camera(path: Path) -> tuple[CameraModel, float]:
     held = "a camera (width, height, fx, fy, cx, cy)"
     document = read_document(path, InvalidRequestError, held)
     return CameraModel.from_document(document, str(path))
-
-
-def flange_of(robot: Robot, q: FloatArray) -> Pose:
-    """The hand in the base frame at joint positions ``q`` (n,)."""
-    origins, rotations = robot.segment_frames(q)
-    turn = rotations[-1]
-    at = origins[-1] + turn @ robot.flange_translation
-    return Pose(at, turn @ robot.flange_rotation)
-
-
-def tool_frame(robot: Robot, q: FloatArray) -> Pose:
-    """The tool axes at the tool point, in the base frame, at ``q`` (n,)."""
-    origins, rotations = robot.segment_frames(q)
-    turn, axes = rotations[-1], frame_along(robot.tool_axis)
-    if robot.tool is not None:
-        axes = robot.flange_rotation @ robot.tool.rotation
-    return Pose(origins[-1] + turn @ robot.tool_point, turn @ axes)
 
 
 def load_picture(rgb: Path, depth: Path, camera: Path, hand: Pose | None = None) -> DepthPicture:

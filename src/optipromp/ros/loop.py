@@ -23,10 +23,10 @@ from optipromp.core.planning import Plan, PlanOptions, plan
 from optipromp.core.planning.planners import factory
 from optipromp.core.promp.model import ProMP
 from optipromp.core.robots.library import load_arm
+from optipromp.core.scenes.hand import flange_of, tool_frame
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
-from optipromp.perception.pictures import flange_of, tool_frame
 from optipromp.perception.watcher import Watcher
 from optipromp.ros import live, trajectories
 from optipromp.ros.images import PICTURES, Pictures

@@ -10,9 +10,10 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.task import posed
+from optipromp.core.scenes.hand import flange_of
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene
-from optipromp.perception.pictures import CameraModel, DepthPicture, flange_of
+from optipromp.perception.pictures import CameraModel, DepthPicture
 from optipromp.ros.images import APART, CAMERA_INFO, PICTURES, Pictures, Taken
 from optipromp.ros.live import TOOL, WORLD
 from optipromp.ros.loop import HELD, Frames

@@ -20,7 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from tests.ros.camera_messages import frames
-from tests.ros.test_loop import array_of
+from tests.ros.looks import array_of
 from tf2_msgs.msg import TFMessage
 from trajectory_msgs.msg import JointTrajectory
 from vision_msgs.msg import Detection3DArray
@@ -28,10 +28,10 @@ from vision_msgs.msg import Detection3DArray
 from optipromp import load_scene
 from optipromp.control.look import Look
 from optipromp.core.planning.task import posed
+from optipromp.core.scenes.hand import tool_frame
 from optipromp.core.trajectory import State
 from optipromp.laboratory.simulation import DETECTORS, Detector, Eye, Simulation
 from optipromp.laboratory.simulation.detector import Truth
-from optipromp.perception.pictures import tool_frame
 from optipromp.ros import from_bytes, read_trajectories, to_bytes
 from optipromp.ros.trajectories import nanoseconds
 

@@ -22,12 +22,13 @@ from pydantic import BaseModel, create_model
 import optipromp
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import LARGEST_ARRAYS, is_there, read_bytes
+from optipromp.core.output import ROWS
 
 NO_PLAN = "no_plan"
 """Cause of a trial that was not executed because there was no plan to execute."""
 ERROR = "error"
 """Cause of a trial that raised an error; its message is the error's."""
-ROWS, LOCK = "rows.csv", ".lock"
+LOCK = ".lock"
 
 Key = tuple[str, int, str, str, str, str, str]
 Columns = Mapping[str, tuple[Any, Any]]

@@ -159,6 +159,7 @@ _PLAIN = {"paper": PaperOptions(camera_point=False)}
 _CAMERA = {"paper": PaperOptions(camera_point=True)}
 _FAILS, _HARMS, _SUCCEEDS = Code.INVALID_PLAN, Code.HARM_PREDICTED, Code.SUCCESS
 _OPTI = "opti-promp"
+NONE = "—"  # in place of a figure
 
 CASES: tuple[Case, ...] = (
     Case("1-plain", "scenario-1", "ProMP on start and target", "promp",
@@ -212,6 +213,33 @@ def run_scenarios(
         )  # fmt: skip
         rows.append(ScenarioRow(case, made))
     return tuple(rows)
+
+
+def beside(plan: Plan) -> list[tuple[str, str, str, str]]:
+    """The paper's figures of the same scene beside the plan's: which, its, ours, its test."""
+    cases = [case for case in CASES if case.scene == plan.scene.name and case.published]
+    alike = [case for case in cases if case.strategy == plan.strategy]
+    case = next(iter(alike or cases), None)
+    if case is None or case.published is None:
+        return []
+    row, published, metrics = ScenarioRow(case, plan), case.published, plan.metrics
+    holds = {None: NONE, True: "holds", False: "fails"}
+    rows = [("M_c", _mm(published.M_c), _mm(metrics.M_c), holds[row.thresholds.get("M_c")])]
+    rows += [
+        (f"M_p {name}", _mm(value), _mm(metrics.M_p.get(name)),
+         holds[row.thresholds.get(f"M_p {name}")])
+        for name, value in published.M_p.items()
+    ]  # fmt: skip
+    rows += [
+        (f"cost {item.term}, before ÷ after", f"{item.paper:g} in {item.paper_iterations}",
+         f"{item.final:.3g} in {item.iterations}" if math.isfinite(item.final) else NONE, NONE)
+        for item in row.reductions
+    ]  # fmt: skip
+    return rows
+
+
+def _mm(value: float | None) -> str:
+    return NONE if value is None or not math.isfinite(value) else f"{1e3 * value:+.1f} mm"
 
 
 def core_distances(item: SceneObject, points: FloatArray) -> FloatArray:

@@ -318,7 +318,7 @@ LOOP_PLANNER = "opti-promp"
 
 def loop_figures(done: Loop) -> dict[str, Any]:
     """Retreats, looks, times of cycles, innovations and smoothness of a pick; see
-    :data:`optipromp.laboratory.experiments.rows.STUDY`."""
+    ``STUDY`` of the rows."""
     controller = done.controller
     cycles = np.array(controller.cycles)
     start = State(posed(controller.scene, controller.robot)[1].q)

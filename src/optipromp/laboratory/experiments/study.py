@@ -16,17 +16,10 @@ from typing import TYPE_CHECKING, Any
 
 from optipromp.core.errors import InvalidRequestError, installed_by, short
 from optipromp.core.files import check_folder, is_file, json_text, write_atomically
+from optipromp.core.output import ROWS
 from optipromp.core.robots.library import NOTHING
 from optipromp.laboratory.experiments.cluster import Progress, gathered
-from optipromp.laboratory.experiments.rows import (
-    LOCK,
-    ROWS,
-    Key,
-    Row,
-    RowFile,
-    locked,
-    source_version,
-)
+from optipromp.laboratory.experiments.rows import LOCK, Key, Row, RowFile, locked, source_version
 from optipromp.laboratory.experiments.statistics import Cell, calibration, loop_summary
 from optipromp.laboratory.experiments.trials import FOLDER, digests, run_trials, warm_up
 from optipromp.laboratory.experiments.trials import Study as Study

@@ -16,6 +16,7 @@ from optipromp.core.arrays import FloatArray, frame_along
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.hand import tool_frame
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene, SceneObject, Stem
 from optipromp.laboratory.detection import displaced, tilt, turned
@@ -24,7 +25,6 @@ from optipromp.laboratory.simulation.detector_parameters import (
     DetectorParameters as DetectorParameters,
 )
 from optipromp.laboratory.simulation.sight import Leaf, Sight, hand_pose, standing_pose, view_of
-from optipromp.perception.pictures import tool_frame
 
 LOWER = 0.05  # [m] of a stem that tells its direction: as long as peduncles are in pictures
 STEM_LENGTH = 0.15  # [m] of a fruit's stem where none is seen: a choice

@@ -34,7 +34,7 @@ from optipromp.laboratory.simulation.world import World, build
 from optipromp.looks.viewer.serving import FRAME_RATE, FRAMES, REST, recording
 
 if TYPE_CHECKING:
-    from optipromp.looks.viewer.notebook import View3D
+    from optipromp.looks.viewer.html import View3D
 
 
 class Displaced(NamedTuple):
@@ -110,7 +110,7 @@ class Run(Shown):
         Raises:
             InvalidRequestError: viser is not installed.
         """
-        from optipromp.looks.viewer.notebook import View3D
+        from optipromp.looks.viewer.html import View3D
 
         return View3D(run_page(self))
 

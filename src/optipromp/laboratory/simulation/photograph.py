@@ -17,6 +17,7 @@ from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.parameters import Checked, parameter
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.hand import tool_frame
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.laboratory.simulation.detector_parameters import DetectorParameters
@@ -25,7 +26,7 @@ from optipromp.laboratory.simulation.sight import hand_pose, standing_pose
 from optipromp.laboratory.simulation.simulation import Simulation
 from optipromp.laboratory.simulation.studio import EYE, LEAF, Studio, furnished, leafy, noise
 from optipromp.laboratory.simulation.world import CLUSTER_FRUIT_RADIUS, World, build
-from optipromp.perception.pictures import CameraModel, DepthPicture, Image8, tool_frame
+from optipromp.perception.pictures import CameraModel, DepthPicture, Image8
 
 Kind = Literal["ripe", "unripe", "calyx", "stem", "leaf", "static", "other"]
 Looks = Literal["plain", "rich"]

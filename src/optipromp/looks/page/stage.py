@@ -15,21 +15,20 @@ from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.documents import read_document
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError, OptiPrompError
 from optipromp.core.files import is_file, is_folder, is_there, read_npz, reading
-from optipromp.core.output import load_pick
+from optipromp.core.output import OVERLAY, ROWS, load_pick
 from optipromp.core.planning import Picked, Plan
 from optipromp.core.planning.legs import legs_of
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import load_scene, scene_from_dict, scene_names
 from optipromp.core.scenes.scene import Scene
-from optipromp.laboratory.experiments.rows import ROWS
 from optipromp.laboratory.simulation import files
 from optipromp.laboratory.simulation.parameters import SimulationParameters
 from optipromp.looks.appearance import rgb
 from optipromp.looks.page.content import GREEN_AT, RED_AT, Bundle, Clearances, between
 from optipromp.looks.viewer.drawn import PRIMITIVE, RED, STILL, Placed, motions
 from optipromp.looks.viewer.serving import FLAT, Nodes, tube
-from optipromp.perception.pictures import OVERLAY, Image8, read_pixels
+from optipromp.perception.pictures import Image8, read_pixels
 
 _WIDTH = {"conditioned ProMP": 4.0, "followed path": 3.0, "optimised": 5.0, "way out": 3.0}  # [px]
 _CANDIDATE_ROWS = 24  # points of a candidate's line

@@ -15,11 +15,11 @@ from optipromp.core.geometry.faces import sphere, tube
 from optipromp.core.planning import Plan
 from optipromp.core.pushing.path import evenly, length
 from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.hand import flange_of
 from optipromp.looks.appearance import PUSHABLES, shape_faces
 from optipromp.looks.viewer import drawn
 from optipromp.looks.viewer.drawn import COLOURS, OPTIMISED, STILL, Moment, Motion, Placed
 from optipromp.looks.viewer.words import author
-from optipromp.perception.pictures import flange_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -2,6 +2,13 @@
 
 Both stream joint references to an impedance controller at up to 1 kHz. Making an executor imports
 the package.
+
+>>> from optipromp import plan
+>>> from optipromp.control import PandaPy  # or Franky
+>>> arm = PandaPy("robot.local")  # doctest: +SKIP
+>>> made = plan("scenario-3", start_state=arm.state())  # doctest: +SKIP
+>>> arm.execute(made.trajectory.slowed(5.0)).finished  # doctest: +SKIP
+True
 """
 
 import queue

@@ -1,0 +1,7 @@
+"""Random scenes, made once."""
+
+import functools
+
+from optipromp.laboratory.generate import generate_with_report
+
+made = functools.cache(generate_with_report)
