@@ -190,3 +190,17 @@ def test_the_core_names_no_planner_of_the_laboratory() -> None:
     text = "".join(path.read_text() for path in core.glob("*.py"))
     assert not [name for name in names - {"paper"} if f'"{name}"' in text]
     assert replace(Line(), speed=0.3).speed == 0.3
+
+
+def test_without_a_planner_that_takes_a_strategy_plans_report_no_functionals(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(planner, "_joined", dict)
+    monkeypatch.setattr(
+        planner, "_known", {name: planner.factory(name) for name in planner.PLANNERS}
+    )
+    made = plan("scenario-3")
+    assert made.success
+    assert made.terms == {}
+    with pytest.raises(InvalidRequestError, match="no planner here takes these"):
+        plan("scenario-3", strategy="sequential")

@@ -142,21 +142,24 @@ def planner_names() -> tuple[str, ...]:
     return tuple(planners())
 
 
-def strategist() -> str:
-    """The name of the planner that takes a strategy and constraints; see :class:`Planner`."""
+def strategist() -> str | None:
+    """The name of the planner that takes a strategy and constraints, if any is installed; see
+    :class:`Planner`."""
     for names in (lambda: [*_known], _joined):  # entry points are read only where they must be
         for name in names():
             with suppress(InvalidRequestError):  # of another package, which no request needs here
                 if getattr(factory(name), "takes_strategy", False):
                     return name
-    raise InvalidRequestError("no planner takes a strategy and constraints; install one that does")
+    return None
 
 
 def functionals(
     task: Task, planner: Planner, options: PlanOptions, outcome: Planned
 ) -> dict[str, Term]:
-    """The functionals that a plan of ``planner`` reports: those of :func:`strategist`."""
-    kind: Any = factory(strategist())
+    """The functionals that a plan of ``planner`` reports: those of :func:`strategist`, if any."""
+    if (name := strategist()) is None:
+        return {}
+    kind: Any = factory(name)
     of_its_own = getattr(planner, "takes_strategy", False)
     reported: dict[str, Term] = kind.functionals(task, planner if of_its_own else options, outcome)
     return reported
@@ -410,7 +413,9 @@ def chosen_planner(planner: Planner | str, strategy: str, options: PlanOptions) 
         if kind is not OptiProMP and options.paper is not None:
             given |= {k: v for k, v in vars(options.paper).items() if not hasattr(options, k)}
         if kind is OptiProMP and (strategy != JOINT or options.constraints == "paper"):
-            planner = strategist()
+            if (found := strategist()) is None:
+                raise InvalidRequestError("strategy and constraints: no planner here takes these")
+            planner = found
             given |= {"strategy": strategy, "constraints": options.constraints}
         given = {k: v for k, v in given.items() if k in settings_of(factory(planner))}
     return make(planner, **given)
