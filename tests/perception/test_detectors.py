@@ -98,7 +98,7 @@ def test_the_shown_finder_of_rf_detr_runs(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_finders_by_name() -> None:
-    made = finder_named("tests.perception.test_detectors:own")
+    made = finder_named("tests.perception.finders:own")
     assert made.find(picture()).fruits == ()
     for name, words in (("colour", "valid are"), ("no.where:X", "cannot be loaded"),
                         ("numpy:pi", "no method")):  # fmt: skip
@@ -106,7 +106,3 @@ def test_finders_by_name() -> None:
             finder_named(name)
     with pytest.raises(InvalidRequestError, match="goes with the finder 'network'"):
         finder_named("geometry", "a.onnx")
-
-
-def own() -> ByDetector:
-    return ByDetector(lambda rgb: [])
