@@ -1,9 +1,8 @@
 """How well do the eyes see? Random scenes rendered, seen, and compared with the truth.
 
 Run from the repository: ``PYTHONPATH=src python scripts/eyes_study.py --seeds 70000:70030``. The
-script prints the figures of ``docs/eyes.md``, a preset, a mount and a finder a line, as JSON. Every
-finder sees the same pictures. ``--finder network,shapes.onnx`` compares
-weights.
+script prints figures, a preset, a mount and a finder a line, as JSON, and a table of them. Every
+finder sees the same pictures. ``--finder network,shapes.onnx`` compares weights.
 """
 
 import argparse
@@ -14,6 +13,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.scenes.scene import SceneObject
 from optipromp.laboratory.experiments.eyes import LEAST_PIXELS, LEAST_SHARE, Paired, paired
+from optipromp.laboratory.experiments.statistics import percent, wilson
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation.photograph import Photograph, photograph
 from optipromp.perception.detector import finder_named
@@ -219,6 +220,7 @@ def main() -> None:
         name: finder_named("network", Path(name)) if name.endswith(".onnx") else finder_named(name)
         for name in given.finder.split(",")
     }
+    rows: list[dict[str, Any]] = []
     for preset, mount, looks in itertools.product(
         given.presets.split(","), given.mount.split(","), given.looks.split(",")
     ):
@@ -234,6 +236,33 @@ def main() -> None:
             told = {key: round(value, 3) for key, value in figures(pictures).items()}
             row = {"preset": preset, "mount": mount, "looks": looks, "finder": name, **told}
             print(json.dumps(row), flush=True)
+            rows.append(row)
+    print(f"### Pictures with {given.looks} looks", "", table(rows), sep="\n")
+
+
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """The figures as a table."""
+    lines = [
+        ["pictures", "finder", "n", "visible fruits", "recall % (95 %)", "false (share %)",
+         "centre: median, 90 % [mm]", "normalised: mean (beyond %)", "ripe right %",
+         "stems found of visible", "angle: mean, 90 % [°] (over deviation)", "ms"],
+        ["---"] * 12,
+    ]  # fmt: skip
+    for f in rows:
+        looks = "" if f["looks"] == "plain" else f", {f['looks']}"
+        interval = percent(*wilson(round(f["recall"] * f["visible"]), f["visible"]))
+        cells = [
+            f"`{f['preset']}`, {f['mount']}{looks}", f["finder"], f"{f['pictures']}",
+            f"{f['visible']}", f"{100 * f['recall']:.1f} ({interval})",
+            f"{f['false']} ({100 * f['false_share']:.1f})",
+            f"{f['center_median_mm']:.1f}, {f['center_90_mm']:.1f}",
+            f"{f['normalised_mean']:.1f} ({100 * f['normalised_beyond_99']:.1f})",
+            f"{100 * f['ripe_right']:.0f}", f"{f['stems_found']} of {f['stems_visible']}",
+            f"{f['angle_mean_deg']:.1f}, {f['angle_90_deg']:.1f} ({f['angle_over_deviation']:.1f})",
+            f"{f['ms']:.0f}",
+        ]  # fmt: skip
+        lines.append([cell.replace("nan", "–") for cell in cells])  # nothing tells it
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
 
 
 if __name__ == "__main__":

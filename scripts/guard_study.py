@@ -5,9 +5,9 @@
         --noise none,detector,sway --json guard.jsonl      # goes on where it was stopped
     python scripts/guard_study.py clone --presets cluster --first 900000 --film guard.gif
 
-Run it from the repository. Of each entry, engine and noise there are two lines: without the guard,
-and with it. They tell clean, harmed and missed with Wilson's intervals (95 %), the share of periods
-in which the guard acted, and its time by step. A run behind the guard ends where the arm has stood
+Run it from the repository. It prints what each entry harmed, and a table at the end: clean and
+harmed without the guard and with it, with Wilson's intervals (95 %), the share of periods in which
+the guard acted, and its time by step. A run behind the guard ends where the arm has stood
 still for 4 s. Engines are those of ``optipromp bench``: ``arm`` is the main simulation, ``flight``
 the second; plants that move are of ``arm`` alone. Motions of entries that plan are followed by
 joint velocities, in both cases. ``--json`` keeps a line for each run. Several processes may share
@@ -22,7 +22,7 @@ import re
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from pkgutil import resolve_name
@@ -183,22 +183,42 @@ def driven(asked: Asked, parameters: GuardParameters) -> tuple[dict[str, Any], R
     return row, Run(*shown, simulation.rollout(end), outcome, 0.0)  # type: ignore[arg-type]
 
 
-def line(rows: Sequence[dict[str, Any]]) -> str:
-    """The runs of one line of the table in words."""
-    results, runs = Counter(row["result"] for row in rows), len(rows)
-    words = [
-        f"{results[name]} {name} ({percent(*wilson(results[name], runs))} %)"
-        for name in RESULTS if results[name] or name in RESULTS[:3]
-    ]  # fmt: skip
-    steps = np.array([row["steps"] for row in rows if row.get("steps")])
-    if steps.size:
-        spent = np.array([row["spent"] for row in rows if row.get("steps")])
-        weights = np.repeat(steps / len(SHARES), len(SHARES))
-        half, most = np.quantile(spent.ravel(), [0.5, 0.95], weights=weights, method="inverted_cdf")
-        acted = sum(row["acted"] for row in rows if row.get("steps")) / steps.sum()
-        words.append(f"acted in {100 * acted:.0f} %")
-        words.append(f"{half:.1f} ms, 95 % {most:.1f}, most {spent.max():.1f}")
-    return "; ".join(words)
+def table(rows: Iterable[dict[str, Any]]) -> str:
+    """A line for each entry, preset, engine and noise: alone beside guarded; and one of all."""
+    groups: dict[tuple[str, ...], dict[bool, list[dict[str, Any]]]] = {}
+    for row in rows:
+        asked = Asked(**row["asked"])
+        noise = "" if asked.noise == "none" else asked.noise
+        where = ", ".join(filter(None, (asked.engine, noise)))
+        keys = [("", noise, f"`{asked.entry}`", f"`{asked.preset}`", where)]
+        if asked.entry != "random":
+            keys.append(("all", noise, "all", "", noise))
+        for key in keys:
+            groups.setdefault(key, {False: [], True: []})[asked.guarded].append(row)
+    heads = [f"{who}: {end} % (95 %)" for who in ("alone", "guarded") for end in RESULTS[:2]]
+    lines = [["entry", "preset", "engine", "n", *heads, "acted", "a step: median, 95 %"]]
+    lines.append(["---"] * len(lines[0]))
+    for key in sorted(groups):
+        cells = [*key[2:], str(len(groups[key][True]))]
+        for own in (groups[key][False], groups[key][True]):
+            for end in RESULTS[:2]:
+                count = sum(row["result"] == end for row in own)
+                share = 100.0 * count / max(len(own), 1)
+                cells.append(f"{share:.0f} ({percent(*wilson(count, len(own)))})")
+        lines.append([*cells, *steps_of([row for row in groups[key][True] if row.get("steps")])])
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+
+
+def steps_of(rows: Sequence[dict[str, Any]]) -> tuple[str, str]:
+    """In how many periods the guard acted, and its time a step."""
+    if not rows:
+        return "–", "–"
+    steps = np.array([row["steps"] for row in rows])
+    times = np.array([row["spent"] for row in rows])  # quantiles of each run [ms]
+    weights = np.repeat(steps, times.shape[1])
+    half, late = np.quantile(times.ravel(), [0.5, 0.95], weights=weights, method="inverted_cdf")
+    acted = sum(row["acted"] for row in rows) / steps.sum()
+    return f"{100 * acted:.0f} %", f"{half:.1f} ms, {late:.1f} ms"
 
 
 def known(file: Path | None, parameters: GuardParameters) -> dict[Asked, dict[str, Any]]:
@@ -255,7 +275,7 @@ def film(path: Path, asked: Asked, parameters: GuardParameters, slow: float) -> 
 
 
 def main() -> None:
-    """Print two lines for each entry, engine and noise."""
+    """Print what was harmed, and the table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -309,11 +329,13 @@ def main() -> None:
                 gone = (time.monotonic() - began) / 60.0
                 print(f"{gone:.1f} min, {left} runs left", end="\r", file=sys.stderr, flush=True)
             rows.append(done[each])
-        print(f"{name} {engine} {noise} {'guarded' if guards else 'alone'}: {line(rows)}")
+        print(f"{name} {engine} {noise} {'guarded' if guards else 'alone'}")
         for row in rows:
             if row["result"] in ("harmed", "error"):
                 print(f"    {row['asked']['preset']} {row['asked']['seed']}: {row['causes']}")
         sys.stdout.flush()
+    told = "Random motions" if given.entries == ["random"] else f"Condition `{given.noise}`"
+    print(f"### {told}", "", table(done[each] for each in asks), sep="\n")
     if len(versions := {done[each]["version"] for each in asks}) > 1:
         print(f"the runs are of {len(versions)} versions of the library: {', '.join(versions)}")
 

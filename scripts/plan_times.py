@@ -97,9 +97,11 @@ def main(before: str, after: str, presets: dict[str, int] = PRESETS) -> int:
     median, tail = ratios[len(ratios) // 2], ratios[int(0.95 * len(ratios))]
     old, new = (1e3 * sorted(least[name])[len(ratios) // 2] for name in ("before", "after"))
     print(
-        f"{len(ratios)} scenes: {old:.1f} ms before, {new:.1f} ms after (medians); "
-        f"ratio {median:.2f} in the median (at most {MEDIAN}), {tail:.2f} at 95 % "
-        f"(at most {TAIL})"
+        "### Process times\n\n"
+        "| scenes | a plan then | now | ratio of process times, median | 95 % |\n"
+        "|---|---|---|---|---|\n"
+        f"| {len(ratios)} | {old:.1f} ms | {new:.1f} ms | {median:.2f} | {tail:.2f} |\n"
+        f"at most {MEDIAN} in the median, {TAIL} at 95 %"
     )
     print("plans are SLOWER" if slower(least) else "plans are not slower")
     return int(slower(least))

@@ -18,6 +18,7 @@ from robots_tried import models
 
 from optipromp.core.planning import plan, warm_up
 from optipromp.core.robots.library import NOTHING, Choice
+from optipromp.laboratory.experiments.statistics import percent, wilson
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.simulation import simulate
 
@@ -60,7 +61,8 @@ def pick(name: str, path: str | Path, choice: Choice, seeds: range) -> str:
     neck = made.scene.tool.parameters["length"] if made.scene.tool else 0.0
     return (
         f"| {name} | {joints} | {spheres} | {1e3 * neck:.0f} mm | {valid} | {picked} | "
-        f"{100.0 * picked / len(seeds):.0f} % | {ratio:.1f} | {late:.1f} |"
+        f"{100.0 * picked / len(seeds):.0f} ({percent(*wilson(picked, len(seeds)))}) | "
+        f"{ratio:.1f} | {late:.1f} |"
     )
 
 
@@ -89,8 +91,8 @@ def main() -> None:
                 path = own
             rows.append(pick(name, path, NOTHING, seeds))
     print(
-        "\n| arm | joints | spheres | neck of the cup | valid plans | picked | picked, % | "
-        "median time | p95 |\n|---|---|---|---|---|---|---|---|---|"
+        "### Arms\n\n| arm | joints | spheres | neck of the cup | valid plans | picked | "
+        "picked, % (95 %) | median time | p95 |\n|---|---|---|---|---|---|---|---|---|"
     )
     print("\n".join(rows))
 

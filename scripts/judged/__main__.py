@@ -28,6 +28,11 @@ from optipromp.core.scenes import JointGoal, Scene
 from optipromp.core.trajectory import Trajectory
 
 DEEP = 1e-3  # [m] a contact beyond it must be seen
+CASES = {  # in words
+    "still": "still, makers' bodies", "moving": "along random curves, makers' bodies",
+    "own": "still, the judge's own spheres", "own-moving": "along random curves, its own spheres",
+    "self": "links against links",
+}  # fmt: skip
 BOTTOM = 2e-4  # [m] least advance of the oracle along a curve
 
 
@@ -90,32 +95,23 @@ class Tally:
     theirs: list[float] = field(default_factory=list)
     missed: list[str] = field(default_factory=list)
     touching: int = 0
-    called: int = 0
 
     def add(self, free: bool, ours: float, theirs: float, case: str, measured: bool = True) -> None:
         """One case: whether the judge calls it free, and both distances [m], if measured."""
         self.touching += theirs < -DEEP
-        self.called += not free
         if free and theirs < -DEEP:
             self.missed.append(f"{case}: theirs {theirs * 1e3:.2f} mm, ours {ours * 1e3:.2f} mm")
         if measured and (ours > 0.0 or theirs > 0.0):
             self.ours.append(ours)
             self.theirs.append(theirs)
 
-    def __str__(self) -> str:
+    def cells(self) -> tuple[str, str, str]:
+        """In contact by more than 1 mm, missed, quantiles of our distance minus theirs [mm]."""
         both = 1e3 * (np.array(self.ours) - np.array(self.theirs))
         both = both[np.isfinite(both)]
-        text = (
-            f"in contact by more than 1 mm: {self.touching}; called a contact: {self.called}; "
-            f"missed: {len(self.missed)}"
-        )
-        if not len(both):
-            return text
-        shown = ", ".join(f"{p:.2f}" for p in np.percentile(both, [1, 5, 50, 95, 99]))
-        return (
-            f"{text}\n  ours minus theirs [mm]: percentiles 1, 5, 50, 95, 99: {shown}; "
-            f"largest {both.max():.3f}"
-        )
+        shown = np.percentile(both, [1, 5, 50, 95, 99]) if len(both) else ()
+        off = ", ".join(f"{each:.2f}" for each in shown)
+        return f"{self.touching:,}", f"{len(self.missed)}", off
 
 
 def still(cases: int, seed: int, own: bool = False, mujocos: bool = True) -> Tally:
@@ -211,12 +207,20 @@ def main() -> None:
     for name in (*runs, "seed"):
         parser.add_argument(f"--{name}", dest=name, type=int, default=0)
     asked = vars(parser.parse_args())
+    off = "our distance minus theirs [mm]: 1 %, 5 %, median, 95 %, 99 %"
+    lines = [
+        "### Contacts",
+        "",
+        f"| cases | in contact by > 1 mm | missed | {off} |",
+        "|---|---|---|---|",
+    ]
     for name, run in runs.items():
-        if asked[name]:
-            tally = run(asked[name], asked["seed"])
-            print(
-                f"{name}, {asked[name]} cases: {tally}", *tally.missed[:20], sep="\n  ", flush=True
-            )
+        if cases := asked[name]:
+            tally = run(cases, asked["seed"])
+            touching, missed, quantiles = tally.cells()
+            print(f"{name}: {missed} missed", *tally.missed[:20], sep="\n  ", flush=True)
+            lines.append(f"| {CASES[name]} | {touching} of {cases:,} | {missed} | {quantiles} |")
+    print("\n".join(lines))
 
 
 if __name__ == "__main__":
