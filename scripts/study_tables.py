@@ -130,13 +130,13 @@ def pairs(first: tuple[str, Sequence[Row]], second: tuple[str, Sequence[Row]]) -
 
 def loops_told(cells: Sequence[tuple[str, Cell]], paired: list[list[Any]]) -> str:
     """By condition over all presets, and by preset over all conditions; pairs of both loops."""
-    groups: dict[str, dict[tuple[str, str], list[Cell]]] = {"condition": {}, "preset": {}}
+    groups: dict[str, dict[tuple[str, str], list[Cell]]] = {}
     for part, c in cells:
         by, name = ("condition", c.condition) if c.preset == ALL else ("preset", c.preset)
-        groups[by].setdefault((f"`{name}`", part), []).append(c)
+        groups.setdefault(by, {}).setdefault((f"`{name}`", part), []).append(c)
     counts = "runs", "clean", "harmed", "gave_up", "missed", "refused"
     tables, causes = [], "failed by"
-    for by, own in groups.items():
+    for by, own in sorted(groups.items()):  # condition, preset
         names, rows = list(dict.fromkeys(name for name, _ in own)), []
         once = all(len(each) == 1 for each in own.values())  # a scene in several has no interval
         for name, part in sorted(own, key=lambda key: names.index(key[0])):
