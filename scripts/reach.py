@@ -164,7 +164,7 @@ def reach(root: Path, files: Iterable[str] | None, why: str = "") -> Reach:
         tests = apart(root, {*units.all_tests})
         return Reach({*units.folders}, set(), tests, set(), {*FURTHER}, why or shared[0])
     changed, full, steps = set[str](), set[str](), set[str]()
-    for file in files:
+    for file in {*files} - {".ci/landed"}:
         unit = units.of(file)
         folder = max((f for f in units.all_tests if file.startswith(f"{f}/")), key=len, default="")
         if folder:

@@ -83,7 +83,8 @@ def test_an_expert_behind_a_guard_picks_and_says_where_the_guard_acted() -> None
     assert alone.acted is None
 
 
-def test_a_policy_of_somebody_behind_a_guard_gives_labels() -> None:
+def test_a_policy_of_somebody_behind_a_guard_gives_labels(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("optipromp.bench.episode.LONGEST", 3.0)
     ask = EpisodeAsk("limp", 300_000, policy="tests.bench.entrants:Follower", guarded=True)
     made = driven_episode(ask)
     assert made is not None

@@ -8,6 +8,15 @@ from typing import Any
 import pytest
 from tests.page.opened import PATIENCE, SMALL, Opened
 
+UNDRAWN = """
+for (const kind of [WebGLRenderingContext, WebGL2RenderingContext])
+  for (const name of ['drawArrays', 'drawElements', 'drawArraysInstanced', 'drawElementsInstanced'])
+    kind.prototype[name] = () => {};
+"""
+"""Solids are not drawn, which takes the processor a second a picture; all else of a tab is there.
+Views are looked at in tabs that draw: their sizes come late there, as on a small machine.
+"""
+
 
 @pytest.fixture(scope="module")
 def opener(
@@ -20,7 +29,11 @@ def opener(
     tabs: list[Any] = []
 
     def open_page(
-        source: Any = None, page: Any = None, out: Path | None = None, **screen: Any
+        source: Any = None,
+        page: Any = None,
+        out: Path | None = None,
+        draws: bool = False,
+        **screen: Any,
     ) -> Opened:
         if page is None:
             page = Page(source, out=out or tmp_path_factory.mktemp("saved"))
@@ -28,6 +41,8 @@ def opener(
         before, errors = set(page.windows), []
         tab = chromium.new_page(**({"viewport": SMALL} | screen))
         tabs.append(tab)
+        if not draws:
+            tab.add_init_script(UNDRAWN)
         tab.on("pageerror", lambda error: errors.append(str(error)))
         tab.goto(page.url)
         end = time.monotonic() + PATIENCE

@@ -41,12 +41,12 @@ OVERFLOW = """
 
 @pytest.fixture(scope="module")
 def desk(opener: Callable[..., Opened]) -> Opened:
-    return opener(Source(load_scene("scenario-3"), reach=True), **DESK)
+    return opener(Source(load_scene("scenario-3"), reach=True), draws=True, **DESK)
 
 
 @pytest.fixture(scope="module")
 def phone(opener: Callable[..., Opened]) -> Opened:
-    return opener(Source(load_scene("scenario-3"), reach=True), **PHONE)
+    return opener(Source(load_scene("scenario-3"), reach=True), draws=True, **PHONE)
 
 
 def outlines(opened: Opened) -> np.ndarray:
@@ -98,7 +98,7 @@ def test_the_phone_sees_the_cluster_above_the_panel(phone: Opened) -> None:
 def test_a_page_that_changes_its_size_frames_the_cluster_again(
     opener: Callable[..., Opened],
 ) -> None:
-    opened = opener(Source(load_scene("scenario-3"), reach=True), **DESK)
+    opened = opener(Source(load_scene("scenario-3"), reach=True), draws=True, **DESK)
     tall = {"width": 400, "height": 900}
     opened.tab.set_viewport_size(tall)
 

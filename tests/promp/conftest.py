@@ -44,17 +44,17 @@ class Arm:
 
     def __init__(self, n: int = 7, link: float = 0.2) -> None:
         self.n, self.link = n, link
+        axes = [np.eye(3)[2] if j % 2 == 0 else np.eye(3)[1] for j in range(n)]
+        self.turns = [(a, np.cross(a, np.eye(3)).T) for a in axes]  # k @ v = axis × v
 
     def __call__(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         m = len(q)
         rotation = np.tile(np.eye(3), (m, 1, 1))
         origin = np.zeros((m, 3))
         origins, axes = [], []
-        for j in range(self.n):
-            axis = np.array([0.0, 0.0, 1.0]) if j % 2 == 0 else np.array([0.0, 1.0, 0.0])
+        for j, (axis, k) in enumerate(self.turns):
             origins.append(origin)
             axes.append(rotation @ axis)
-            k = np.cross(axis, np.eye(3)).T  # k @ v = axis × v
             s, c = np.sin(q[:, j])[:, None, None], np.cos(q[:, j])[:, None, None]
             rotation = rotation @ (np.eye(3) + s * k + (1.0 - c) * k @ k)
             origin = origin + self.link * rotation[:, :, 0]

@@ -87,20 +87,20 @@ def test_the_flange_is_where_the_last_link_is(tool: Cup | FrankaHand) -> None:
     radius, top, low = flange_of(robot)
     link = robot.spheres.link == robot.link_names.index("link7")
     center, size = robot.spheres.center[link], robot.spheres.radius[link]
-    below = robot.tool_point + np.linspace(-0.4, 0.1, 2001)[:, None] * robot.tool_axis
-    aside = np.linalg.svd(robot.tool_axis[None])[2][1:]
-    reach, height = [], []
+    away = center - robot.tool_point
+    along, across = away @ robot.tool_axis, away @ np.linalg.svd(robot.tool_axis[None])[2][1:].T
+    steps, reach, height = np.linspace(0.0, 0.15, 301), [], []
+
+    def tops(at: np.ndarray) -> np.ndarray:
+        """Where the ray along the axis from ``at`` (2,) leaves each sphere; nan: it misses it."""
+        left = size**2 - ((across - at) ** 2).sum(axis=1)
+        return along + np.sqrt(np.where(left > 0.0, left, np.nan))
+
     for angle in np.linspace(0.0, 2.0 * np.pi, 50):
-        toward = np.array([np.cos(angle), np.sin(angle)]) @ aside
-
-        def inside(points: np.ndarray) -> np.ndarray:
-            return (np.linalg.norm(points[:, None] - center, axis=2) < size).any(axis=1)
-
-        steps = np.linspace(0.0, 0.15, 301)
-        within = [inside(below + s * toward).any() for s in steps]
+        toward = np.array([np.cos(angle), np.sin(angle)])
+        within = [np.isfinite(tops(s * toward)).any() for s in steps]
         reach.append(steps[np.flatnonzero(within)[-1]])
-        column = inside(below + 0.7 * radius * toward)
-        height.append(np.linspace(-0.4, 0.1, 2001)[np.flatnonzero(column)[-1]])
+        height.append(np.nanmax(tops(0.7 * radius * toward)))
     assert radius == pytest.approx(np.median(reach), abs=1.5e-3)
     assert top == pytest.approx(np.median(height), abs=1.5e-3)
     assert top < -tool.reach + 0.02
