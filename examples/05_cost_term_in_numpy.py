@@ -98,7 +98,7 @@ for cost in costs:
 if not result.history[-1]["ceiling"] < 0.1 * result.history[0]["ceiling"]:
     raise SystemExit("the tool is still above the ceiling")
 
-# In a plan: the joint strategy minimises it with its own costs.
+# In a plan: opti-promp minimises it with its own costs.
 alone = plan("scenario-4")
 start, end = alone.trajectory.positions[0], alone.trajectory.positions[-1]
 line = np.linspace(start, end, alone.trajectory.n_waypoints)

@@ -114,7 +114,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, nargs="+", default=[0.2, 0.5, 2.0])
     parser.add_argument("--only", default="")
     parser.add_argument("--wall", action="store_true")
-    parser.add_argument("--strategy", default="joint")
+    parser.add_argument("--planner", default="opti-promp")
     asked = parser.parse_args()
     if not asked.wall:
         time.perf_counter = time.process_time
@@ -124,12 +124,12 @@ def main() -> None:
         for name, (scene, more) in cases(Path(folder)).items():
             if asked.only not in name:
                 continue
-            plan(scene, strategy=asked.strategy, options=PlanOptions(timeout=1e-6, **more))
+            plan(scene, planner=asked.planner, options=PlanOptions(timeout=1e-6, **more))
             times, ends = [], []
             for budget in asked.seconds:
                 began = time.perf_counter()
                 options = PlanOptions(timeout=budget, **more)
-                made = plan(scene, strategy=asked.strategy, options=options)
+                made = plan(scene, planner=asked.planner, options=options)
                 took = time.perf_counter() - began
                 late = took > TENTH * budget
                 over += late

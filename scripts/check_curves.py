@@ -2,7 +2,7 @@
 
     python scripts/check_curves.py --plans 1030
 
-The scenes: every preset and the planners ``promp`` and ``opti-promp`` of both kinds on the Panda;
+The scenes: every preset and the planners ``promp``, ``i-promp`` and ``paper`` on the Panda;
 free reaches between random configurations on Panda and SCARA. The table compares each duration
 with that of waypoints spaced evenly by the limits of velocity and acceleration alone, taken from
 differences (what a plan's duration was before its curve was timed).
@@ -14,11 +14,13 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.interpolate import BPoly
 
-from optipromp.core.planning import Plan, plan
+from optipromp.core.planning import Plan, Planner, plan
+from optipromp.core.planning.planners import label
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.robots.library import load_robot
 from optipromp.core.scenes.scene import JointGoal, Scene
 from optipromp.laboratory.generate import generate
+from optipromp.laboratory.planners.paper import Paper
 
 SEED = 70_000
 
@@ -26,19 +28,20 @@ SEED = 70_000
 def plans(count: int, seed: int = SEED) -> Iterator[tuple[str, Plan]]:
     """``count`` plans with the name of their kind, spread over the kinds."""
     presets = ("cluster", "side-clusters", "table-top", "mixed")
-    kinds = [(preset, "opti-promp", "joint", 8) for preset in presets] + [
-        ("shelf", "opti-promp", "joint", 2), ("cluster", "promp", "joint", 1),
-        ("cluster", "i-promp", "joint", 1), ("mixed", "opti-promp", "sequential", 1),
-        ("panda", "", "", 4), ("scara", "", "", 6),
+    stages = Paper(constraints="push-model")
+    kinds: list[tuple[str, Planner | str, int]] = [
+        *((preset, "opti-promp", 8) for preset in presets),
+        ("shelf", "opti-promp", 2), ("cluster", "promp", 1), ("cluster", "i-promp", 1),
+        ("mixed", stages, 1), ("panda", "", 4), ("scara", "", 6),
     ]  # fmt: skip
     shares = sum(kind[-1] for kind in kinds)
-    for name, planner, strategy, share in kinds:
+    for name, planner, share in kinds:
         for k in range(round(count * share / shares)):
             if name in ("panda", "scara"):
                 yield f"{name}, free", plan(free(name, seed + k))
             else:
-                made = plan(generate(name, seed + k), planner=planner, strategy=strategy)
-                yield f"{name}, {planner if strategy == 'joint' else strategy}", made
+                made = plan(generate(name, seed + k), planner=planner)
+                yield f"{name}, {label(planner)}", made
 
 
 def free(name: str, seed: int) -> Scene:

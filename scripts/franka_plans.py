@@ -25,7 +25,7 @@ from tests.franka.paced import Paced
 from tests.franka.server import serving
 
 import optipromp
-from optipromp import Plan, PlanOptions, load_scene, plan
+from optipromp import Plan, load_scene, plan
 from optipromp.control.fr3 import foreseen
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.scenes import Scene
@@ -95,9 +95,7 @@ def cases() -> Iterator[tuple[str, Scene, dict[str, Any]]]:
         if case.start is not None:
             scene = replace(scene, start=np.array(case.start))
         if scene.robot == "panda":
-            options = PlanOptions(**case.options)
-            settings = {"planner": case.planner, "strategy": case.strategy, "options": options}
-            yield case.key, scene, settings
+            yield case.key, scene, {"planner": case.planner}
         else:
             print(f"{case.key}: not streamed, its arm is {scene.robot}")
     for seed in SEEDS:

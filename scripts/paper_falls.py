@@ -28,7 +28,7 @@ from optipromp.core.planning.task import posed, resolve
 from optipromp.core.robots.model import BodySpheres, Robot
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import PoseGoal, Scene
-from optipromp.laboratory.planners.paper import PAPER_BASIS, Paper, PaperOptions
+from optipromp.laboratory.planners.paper import PAPER_BASIS, Paper
 from optipromp.laboratory.planners.paper_stages import PAPER, Posed, posed_problems, staged
 
 BEGIN, END = "<!-- falls: begin -->", "<!-- falls: end -->"
@@ -93,8 +93,8 @@ def begun(name: str, seed: int) -> Posed:
     """The problem whose collision cost begins nearest the paper's."""
     scene = scene_of(name)
     task = resolve(scene, as_points(posed(scene)[0]))
-    deviation = MET if scene.static else PaperOptions.via_deviation
-    options = Paper(constraints="push-model", paper=PaperOptions(via_deviation=deviation))
+    deviation = MET if scene.static else Paper.via_deviation
+    options = Paper(constraints="push-model", via_deviation=deviation)
     goals = find(task, seed, PAPER.spread_starts)[:GOALS]
     term = next(term for term in PUBLISHED[name] if term != "push")
 
@@ -112,7 +112,7 @@ def falls(seed: int = 0) -> list[Fall]:
     out = []
     for name, wanted in PUBLISHED.items():
         one = begun(name, seed)
-        q, stages = staged(one, one.options.paper.trust_radii[0], Budget())
+        q, stages = staged(one, one.options.trust_radii[0], Budget())
         for term in wanted:
             history = next([x[term] for x in s.history] for s in stages if term in s.terms)
             last = next((k for k, x in enumerate(history) if x == 0.0), len(history) - 1)

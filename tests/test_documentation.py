@@ -27,7 +27,7 @@ PUBLIC = (
     "optipromp.laboratory.simulation", "optipromp.perception", "optipromp.timing",
 )  # fmt: skip
 UNSHOWN = {  # aliases and constants, and kernels that no user calls
-    "DriftRule", "Message", "PLANNERS", "Role", "STRATEGIES", "Shape", "Strategy",
+    "DriftRule", "Message", "PLANNERS", "Role", "Shape",
     "__version__", "near", "signed_distance",
 }  # fmt: skip
 

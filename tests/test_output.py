@@ -13,8 +13,10 @@ from optipromp.core.planning import Plan, plan
 from optipromp.core.promp import load_demonstrations
 from optipromp.core.scenes import load_scene, scene_from_dict, scene_to_dict
 
+MADE = ("scenario-3", "opti-promp"), ("scenario-2", "i-promp"), ("scenario-4", "paper")
 
-@pytest.fixture(scope="module", params=[("scenario-3", "opti-promp"), ("scenario-2", "i-promp")])
+
+@pytest.fixture(scope="module", params=MADE)
 def result(request: pytest.FixtureRequest) -> Plan:
     scene, planner = request.param
     return plan(scene, planner=planner, seed=3)

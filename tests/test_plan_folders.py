@@ -125,6 +125,20 @@ def test_without_the_digests_it_is_no_plan(digests: Any, good: Plan, tmp_path: P
         load_plan(tmp_path)
 
 
+def test_a_folder_of_0_3_0_is_still_a_plan(good: Plan, tmp_path: Path) -> None:
+    """Its file has a strategy, a stage its trust radii, and every plan the paper's functionals."""
+    write_plan(good, tmp_path)
+    document = json.loads((tmp_path / "plan.json").read_text())
+    for stage in document["stages"]:
+        stage |= {"trust_radius": 0.02, "tried_radii": [0.005, 0.02]}
+    term = {"initial": 3.0, "followed": 2.0, "final": 1.0, "history": [2.0, 1.0], "stage": "joint"}
+    stated(tmp_path, strategy="joint", stages=document["stages"], terms={"avoid": term})
+    loaded = load_plan(tmp_path)
+    assert loaded.status is good.status
+    assert loaded.stages == good.stages
+    assert vars(loaded.terms["avoid"]) == term | {"history": (2.0, 1.0)}
+
+
 def test_other_files_of_the_folder_stay(good: Plan, harmful: Plan, tmp_path: Path) -> None:
     (tmp_path / "deeper").mkdir()
     for mine in (tmp_path / "notes.txt", tmp_path / "deeper" / "x", tmp_path / ".plan.json.swp"):

@@ -74,7 +74,7 @@ _HOMES = {
     "core.trajectory": "State Trajectory",
 }
 _load, _names = lazy(__name__, _HOMES)
-_PARTS = "simulate", "PaperOptions", "PushCost"  # of other packages; see ``parts``
+_PARTS = "simulate", "Paper", "PushCost"  # of other packages; see ``parts``
 
 __all__ = ["__version__", *_names()]
 
@@ -84,6 +84,10 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         return version("optipromp")
+    if name == "PaperOptions":
+        from optipromp.core.errors import unknown
+
+        raise ImportError(f"optipromp.{name} is no more: {unknown('paper', ())}")
     if name not in _PARTS:
         return _load(name)
     from optipromp import parts

@@ -9,7 +9,7 @@ GROUP = "optipromp.parts"
 """Group of entry points: an object for each name of :data:`GIVEN`."""
 
 GIVEN = {
-    "PaperOptions": "paper", "PushCost": "paper", "beside_paper": "paper",
+    "Paper": "paper", "PushCost": "paper", "beside_paper": "paper",
     "simulate": "sim", "mjcf": "sim",
     "study_report": "bench",
     "foreseen": "loop",

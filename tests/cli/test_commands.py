@@ -64,12 +64,10 @@ def test_list_for_people_names_the_same() -> None:
     assert "opti-promp" in result.stdout
 
 
-def test_strategies_and_presets_are_those_of_the_library() -> None:
+def test_presets_are_those_of_the_library() -> None:
     from optipromp.cli import console
-    from optipromp.core.planning.options import STRATEGIES
     from optipromp.laboratory.generate import PRESETS
 
-    assert get_args(console.Strategy) == STRATEGIES
     assert get_args(console.Preset) == PRESETS
 
 
@@ -197,7 +195,7 @@ def test_plan_of_a_scene_that_is_not_there_has_every_key() -> None:
     assert result.exit_code == 2
     assert document["status"] == "INVALID_SCENE"
     assert list(document) == [
-        "scene", "planner", "strategy", "status", "message", "metrics", "terms", "time",
+        "scene", "planner", "status", "message", "metrics", "terms", "time",
     ]  # fmt: skip
 
 
@@ -206,7 +204,7 @@ def test_plan_of_a_scene_that_is_not_there_has_every_key() -> None:
     [
         ["plan"],
         ["plan", "scenario-3", "--planner", "best"],
-        ["plan", "scenario-3", "--strategy", "both"],
+        ["plan", "scenario-3", "--planner", "paper", "--set", "strategy=both"],
         ["plan", "scenario-3", "--seed", "-1"],
         ["learn", "recorded.npz"],
         ["learn", "recorded.npz", "--out", "reach.npz", "--basis", "5"],

@@ -156,13 +156,12 @@ def test_the_table_of_scenarios_fits_eighty_columns(scenario_rows: tuple[Any, ..
 def test_no_cost_of_an_invalid_plan_is_said_to_have_fallen() -> None:
     """A plan that enters the table-top may lower its push as much as it likes."""
     from optipromp.cli.scenarios import SHORT, reductions, table_one
-    from optipromp.core.planning import PlanOptions
     from optipromp.laboratory.experiments.scenarios import CASES, ScenarioRow
-    from optipromp.laboratory.planners.paper import PaperOptions
+    from optipromp.laboratory.planners.paper import Paper
 
     case = next(case for case in CASES if case.key == "4-sequential")
-    options = PlanOptions(constraints="paper", paper=PaperOptions(drift_offset=0.9), timeout=1.0)
-    row = ScenarioRow(case, plan(case.scene, strategy="sequential", options=options))
+    made = plan(case.scene, planner=Paper(drift_offset=0.9), timeout=1.0)
+    row = ScenarioRow(case, made)
     assert not row.plan.success
     assert {item.valid for item in row.reductions} == {False}
     lines = [line for line in printed(reductions([row])).splitlines() if "4-seq" in line]

@@ -3,7 +3,7 @@ import pytest
 
 from optipromp.core import judging
 from optipromp.core.errors import Code, InvalidRequestError
-from optipromp.core.planning import PlanOptions, plan
+from optipromp.core.planning import IProMP, plan
 from optipromp.core.planning.task import resolve
 from optipromp.core.pushing import rule_paths
 from optipromp.core.pushing.parameters import KNOWN
@@ -11,7 +11,6 @@ from optipromp.core.scenes import JointGoal, load_scene
 from optipromp.laboratory.experiments.trials import STUDY_PLANNERS, attempt
 from optipromp.laboratory.generate import generate
 from optipromp.laboratory.planners.obstacles import Chomp, as_obstacles
-from optipromp.laboratory.planners.paper import PaperOptions
 
 
 @pytest.mark.parametrize("preset", ["cluster", "shelf"])
@@ -108,10 +107,7 @@ def test_every_planner_answers(planner: str) -> None:
 
 def test_a_guard_is_led_under_the_fruits_and_opens_after_the_last_push() -> None:
     scene = generate("cluster", 1)
-    open_, closed = (
-        plan(scene, planner="i-promp", options=PlanOptions(paper=PaperOptions(guard=g)))
-        for g in (False, True)
-    )
+    open_, closed = (plan(scene, planner=IProMP(guard=guard)) for guard in (False, True))
     drop = {item.id: 0.02 + item.radius for item in scene.pushables}
     for one, other in zip(open_.via[1:-1], closed.via[1:-1], strict=True):
         below = (one.position - other.position) @ scene.frame[2]

@@ -47,15 +47,14 @@ def scene(random: Random) -> Mutant:
 
 
 def _of_scene(random: Random, kind: str, files: dict[str, bytes]) -> Mutant:
-    planner = random.choice(["opti-promp"] * 4 + ["promp", "i-promp"])
-    strategy = random.choice(["joint"] * 5 + ["sequential"])
+    planner = random.choice(["opti-promp"] * 4 + ["promp", "i-promp", "paper"])
     (name,) = (name for name in files if name.startswith("scene"))
 
     def act(folder: Path) -> str:
         from optipromp import load_scene
 
         loaded = load_scene(folder / name)
-        return planned(random, loaded, planner=planner, strategy=strategy)
+        return planned(random, loaded, planner=planner)
 
     return Mutant(kind, bystanders() | files, act)
 
@@ -185,23 +184,25 @@ def trajectory(random: Random) -> Mutant:
 def request(random: Random) -> Mutant:
     import dataclasses
 
-    from optipromp import PaperOptions, PlanOptions
+    from optipromp import PlanOptions
+    from optipromp.laboratory.planners.paper import Paper
 
-    classes: list[Any] = [PlanOptions, PlanOptions, PaperOptions]
+    classes: list[Any] = [PlanOptions, PlanOptions, Paper]
     chosen = random.choice(classes)
     names = [item.name for item in dataclasses.fields(chosen)]
     given = {random.choice(names): _setting(random) for _ in range(random.choice([1, 1, 2]))}
     arguments = {}
     if random.random() < 0.3:
-        key = random.choice(["seed", "planner", "strategy", "demonstrations", "at", "start_state"])
+        key = random.choice(["seed", "planner", "demonstrations", "at", "start_state"])
         arguments[key] = value(random)
     scene: Any = "scenario-3" if random.random() < 0.95 else value(random)
 
     def act(folder: Path) -> str:
         options = chosen(**given)
-        if chosen is PaperOptions:
-            options = PlanOptions(paper=options, timeout=TIMEOUT, constraints="paper")
-        elif "timeout" not in given:
+        if chosen is Paper:
+            asked = {"planner": options, "timeout": TIMEOUT} | arguments
+            return planned(random, scene, **asked)
+        if "timeout" not in given:
             options = dataclasses.replace(options, timeout=TIMEOUT)
         return planned(random, scene, options=options, **arguments)
 
@@ -253,10 +254,9 @@ def warm() -> None:
     learnt_primitive(), plan_files()
     random = Random(0)
     for document in scene_documents():
-        for planner, strategy in (("opti-promp", "joint"), ("opti-promp", "sequential"),
-                                  ("i-promp", "joint")):  # fmt: skip
+        for planner in ("opti-promp", "paper", "i-promp"):
             with TemporaryDirectory() as name:
                 files = bystanders() | {"scene.json": json.dumps(document).encode()}
                 for file, content in files.items():
                     (Path(name) / file).write_bytes(content)
-                planned(random, Path(name) / "scene.json", planner=planner, strategy=strategy)
+                planned(random, Path(name) / "scene.json", planner=planner)

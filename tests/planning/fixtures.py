@@ -12,6 +12,7 @@ from tests.planning.builders import END, assert_success, block
 
 from optipromp.core.geometry import Sphere
 from optipromp.core.planning import Plan, PlanOptions, plan
+from optipromp.core.planning.planners import make
 from optipromp.core.planning.warming import warm_up
 from optipromp.core.promp import Demonstrations, load_demonstrations, save_demonstrations
 from optipromp.core.robots.library import load_robot
@@ -29,18 +30,18 @@ def compiled() -> None:
 
 
 @functools.cache
-def made(scene: str, planner: Any, strategy: Any, options: tuple[tuple[str, Any], ...]) -> Plan:
-    return plan(scene, planner=planner, strategy=strategy, options=PlanOptions(**dict(options)))
+def made(scene: str, planner: str, settings: tuple[tuple[str, Any], ...]) -> Plan:
+    if planner == "opti-promp":
+        return plan(scene, options=PlanOptions(**dict(settings)))
+    return plan(scene, planner=make(planner, **dict(settings)))
 
 
 @pytest.fixture(scope="session")
 def planned() -> Callable[..., Plan]:
-    """planned(scene, planner, strategy, **options) -> plan, from a cache."""
+    """planned(scene, planner, **settings) -> plan, from a cache."""
 
-    def _planned(
-        scene: str, planner: str = "opti-promp", strategy: str = "joint", **options: Any
-    ) -> Plan:
-        return made(scene, planner, strategy, tuple(sorted(options.items())))
+    def _planned(scene: str, planner: str = "opti-promp", **settings: Any) -> Plan:
+        return made(scene, planner, tuple(sorted(settings.items())))
 
     return _planned
 

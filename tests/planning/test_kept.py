@@ -12,6 +12,7 @@ from optipromp import load_plan, load_scene, write_plan
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
 from optipromp.core.planning import Plan, judge, plan
 from optipromp.core.scenes import Pose, Scene, save_scene, scene_from_dict, scene_to_dict
+from optipromp.laboratory.planners.paper import Paper
 
 DOWN = [0, 0, -1]
 BLOCK = {
@@ -42,8 +43,8 @@ def said(**way: Any) -> Scene:
 
 @pytest.mark.parametrize("settings", [
     {"planner": "promp"}, {"planner": "i-promp"}, {"planner": "i-promp-guard"},
-    {"planner": "straight"}, {"planner": "chomp"}, {"strategy": "sequential"},
-    {"planner": "opti-promp", "constraints": "paper"},
+    {"planner": "straight"}, {"planner": "chomp"}, {"planner": "paper"},
+    {"planner": Paper(strategy="joint")},
 ])  # fmt: skip
 @pytest.mark.parametrize("way", [{"path": CUP}, {"waypoints": WAYS}])
 def test_a_planner_that_ignores_the_way_is_refused(settings: Any, way: Any) -> None:

@@ -1,6 +1,6 @@
 """Settings: each is checked, and each does what its name says."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -12,13 +12,13 @@ from tests.planning.builders import END, block
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.geometry import Sphere
 from optipromp.core.optimization.costs.joints import VelocityCost
-from optipromp.core.planning import Plan, PlanOptions, judge, plan
+from optipromp.core.planning import ConditionedProMP, IProMP, Plan, PlanOptions, Term, judge, plan
 from optipromp.core.planning.task import resolve
 from optipromp.core.pushing.path import through
 from optipromp.core.pushing.rules import rule_paths
 from optipromp.core.scenes import JointGoal, Scene, load_scene
 from optipromp.core.trajectory import Trajectory
-from optipromp.laboratory.planners.paper import PaperOptions
+from optipromp.laboratory.planners.paper import Paper
 
 NAN, INF = float("nan"), float("inf")
 Planned = Callable[..., Plan]
@@ -43,7 +43,7 @@ Planned = Callable[..., Plan]
         ("static_clearance", -0.01), ("static_clearance", NAN),
         ("avoid_clearance", -0.01), ("self_clearance", -0.01), ("limit_margin", -0.01),
         ("iterations", -1), ("iterations", 1.5), ("iterations", True),
-        ("costs", (1.0,)), ("constraints", "all"), ("paper", 3),
+        ("costs", (1.0,)),
         ("risk", 0.0), ("risk", 1.0), ("risk", -0.1), ("risk", NAN),
     ],
 )  # fmt: skip
@@ -71,15 +71,27 @@ def test_the_least_step_and_speed_end_in_a_plan(setting: str, planned: Planned) 
         ("push_weights", (1.0, NAN, 1.0)),
         ("drift_offset", -0.01), ("drift_offset", NAN), ("corridor", -0.01), ("corridor", NAN),
         ("camera_phase", 0.0), ("camera_phase", 1.0), ("camera_phase", -0.1),
-        ("camera_phase", NAN), ("via_deviation", -1e-3), ("direction_deviation", -0.1),
-        ("guard", 1), ("drift_offset", {"n1": -0.01}), ("drift_offset", {"n1": NAN}),
+        ("camera_phase", NAN), ("via_deviation", -1e-3), ("strategy", "both"),
+        ("constraints", "all"), ("drift_offset", {"n1": -0.01}), ("drift_offset", {"n1": NAN}),
         ("drift_offset", {1: 0.1}), ("trust_radii", ()), ("trust_radii", (0.0,)),
         ("trust_radii", (0.02, 0.01)), ("trust_radii", (NAN,)),
     ],
 )  # fmt: skip
 def test_refusals_name_the_setting_of_the_paper(name: str, value: Any) -> None:
-    with pytest.raises(InvalidRequestError, match=rf"^paper\.{name} is .*must be"):
-        PaperOptions(**{name: value})
+    with pytest.raises(InvalidRequestError, match=rf"^{name} is .*must be"):
+        Paper(**{name: value})
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("camera_phase", 0.0), ("camera_phase", 1.0), ("camera_phase", NAN),
+        ("via_deviation", -1e-3), ("direction_deviation", -0.1), ("guard", 1), ("camera_point", 3),
+    ],
+)  # fmt: skip
+def test_refusals_name_the_setting_of_i_promp(name: str, value: Any) -> None:
+    with pytest.raises(InvalidRequestError, match=rf"^{name} is .*must be"):
+        IProMP(**{name: value})
 
 
 def test_the_edges_are_allowed() -> None:
@@ -87,15 +99,15 @@ def test_the_edges_are_allowed() -> None:
         waypoints=3, timeout=INF, corridor=0.0, smoothness=0.0, static_clearance=0.0,
         avoid_clearance=0.0, self_clearance=0.0, limit_margin=0.0, iterations=0,
         costs=(VelocityCost(0.0),),
-        paper=PaperOptions(alphas=(0.0, 0.0, 0.0, 0.0), drift_offset=0.0, via_deviation=0.0),
     )  # fmt: skip
+    Paper(alphas=(0.0, 0.0, 0.0, 0.0), drift_offset=0.0, via_deviation=0.0)
 
 
 def test_options_cannot_be_changed() -> None:
     with pytest.raises(AttributeError):
         PlanOptions().waypoints = 5  # type: ignore[misc]
     with pytest.raises(AttributeError):
-        PaperOptions().epsilon = 5.0  # type: ignore[misc]
+        Paper().epsilon = 5.0  # type: ignore[misc]
 
 
 # --- how long, how fast, how fine --------------------------------------------------------------
@@ -113,8 +125,7 @@ def test_waypoints_and_duration_are_what_was_asked_for(planned: Planned) -> None
 def test_few_waypoints_leave_constraint_1_nothing_and_the_stages_plan(
     scene: str, count: int
 ) -> None:
-    options = PlanOptions(waypoints=count)
-    result = plan(scene, strategy="sequential", options=options)
+    result = plan(scene, planner=Paper(constraints="push-model", waypoints=count))
     assert result.trajectory.n_waypoints == count
     assert {stage.name for stage in result.stages} == {"push", "collision"}
     assert not result.success  # so few cannot pass the fruits; the judge says so
@@ -181,11 +192,11 @@ def test_what_is_asked_for_too_fast_among_fruits_is_made_and_no_success(
     assert planned("scenario-3", approach_speed=0.1).success
 
 
-@pytest.mark.parametrize("planner", ["promp", "i-promp"])
+@pytest.mark.parametrize("kind", [ConditionedProMP, IProMP])
 @pytest.mark.parametrize("speed", [0.05, 0.1])
-def test_the_papers_tool_is_as_slow_from_t_1_on(planner: str, speed: float) -> None:
-    options = PlanOptions(approach_speed=speed, waypoints=101, paper=PaperOptions(camera_phase=0.4))
-    result = plan("scenario-3", planner=planner, options=options)  # type: ignore[arg-type]
+def test_the_papers_tool_is_as_slow_from_t_1_on(kind: Any, speed: float) -> None:
+    planner = kind(approach_speed=speed, waypoints=101, camera_phase=0.4)
+    result = plan("scenario-3", planner=planner)
     assert tool_speeds(result)[40:].max() == pytest.approx(speed, rel=1e-9)
 
 
@@ -314,10 +325,6 @@ def test_zero_iterations_return_the_followed_trajectory_and_say_so(
     assert not np.array_equal(result.followed.positions, result.initial.positions)
     assert "not optimised" in result.message
     assert result.stages == ()
-    for term in result.terms.values():
-        assert term.history == ()
-        assert term.stage == ""
-        assert term.followed == term.final
     full = planned("scenario-3", prediction=prediction)
     assert "not optimised" not in full.message
     np.testing.assert_array_equal(full.followed.positions, result.followed.positions)
@@ -342,14 +349,10 @@ def test_without_prediction_the_tool_goes_the_rules_way(planned: Planned) -> Non
 # --- the paper's -------------------------------------------------------------------------------
 
 
-def papers(planner: Any, **options: Any) -> Plan:
-    return plan("scenario-3", planner=planner, options=PlanOptions(paper=PaperOptions(**options)))
-
-
 def test_the_camera_phase_divides_the_motion() -> None:
     """At t_1 the tool is at the camera point, below the lowest fruit."""
     for phase in (0.4, 0.7):
-        result = papers("promp", camera_phase=phase)
+        result = plan("scenario-3", planner=ConditionedProMP(camera_phase=phase))
         tools = result.robot.tool_pose(result.trajectory.positions)[0]
         waypoint = round(phase * (len(tools) - 1))
         lowest = min(o.position[2] for o in result.scene.pushables) - 0.015
@@ -360,10 +363,7 @@ def test_a_smaller_deviation_leads_the_tool_nearer_to_the_pushables() -> None:
     """I-ProMP passes each pushable's own place as closely as it is told."""
     away = []
     for deviation in (1e-3, 1.0):
-        paper = PaperOptions(via_deviation=deviation)
-        result = plan(
-            "scenario-3", planner="i-promp", options=PlanOptions(waypoints=600, paper=paper)
-        )
+        result = plan("scenario-3", planner=IProMP(waypoints=600, via_deviation=deviation))
         tools = result.robot.tool_pose(result.trajectory.positions)[0]
         away.append(
             max(np.linalg.norm(tools - o.position, axis=1).min() for o in result.scene.pushables)
@@ -372,14 +372,28 @@ def test_a_smaller_deviation_leads_the_tool_nearer_to_the_pushables() -> None:
     assert away[1] > 1e-2
 
 
+def papers(**settings: Any) -> Mapping[str, Term]:
+    """The functionals of what the paper's planner begins with."""
+    return plan("scenario-3", planner=Paper(iterations=0, **settings)).terms
+
+
 def test_epsilon_reduction_and_push_change_what_is_reported() -> None:
     """The functionals along the same trajectory; what they are is tested with the costs."""
-    near, far = (papers("promp", epsilon=e).terms["avoid"] for e in (0.01, 0.2))
+    near, far, most = (
+        papers(epsilon=epsilon, reduction=kind)["avoid"]
+        for epsilon, kind in ((0.01, "sum"), (0.2, "sum"), (0.2, "max"))
+    )
     assert far.final > near.final
-    most = papers("promp", epsilon=0.2, reduction="max").terms["avoid"]
     assert 0.0 < most.final < far.final
-    push = [papers("promp", push=form).terms["push"].final for form in ("quadratic", "reciprocal")]
+    push = [papers(push=form)["push"].final for form in ("quadratic", "reciprocal")]
     assert push[0] != push[1]
-    lateral = papers("promp", push_weights=(0.0, 2.0, 0.0)).terms["push"].final
-    single = papers("promp", push_weights=(0.0, 1.0, 0.0)).terms["push"].final
+    lateral = papers(push="quadratic", push_weights=(0.0, 2.0, 0.0))["push"].final
+    single = papers(push="quadratic", push_weights=(0.0, 1.0, 0.0))["push"].final
     assert lateral == pytest.approx(2.0 * single)
+
+
+def test_what_is_not_optimised_has_no_history() -> None:
+    for term in papers().values():
+        assert term.history == ()
+        assert term.stage == ""
+        assert term.followed == term.final

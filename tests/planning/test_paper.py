@@ -1,6 +1,7 @@
 """The paper's own planner: its constraints at every waypoint, its two stages kept sane."""
 
 import json
+import re
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -19,12 +20,12 @@ from optipromp.core.budget import Budget
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.geometry import Box
 from optipromp.core.optimization.evaluation import Evaluation
-from optipromp.core.planning import Plan, PlanOptions, goals, plan
+from optipromp.core.planning import Plan, goals, plan
 from optipromp.core.planning.primitive import learnt
 from optipromp.core.planning.task import resolve
 from optipromp.core.scenes import Scene, load_scene
 from optipromp.laboratory.planners import paper_stages as paper_planner
-from optipromp.laboratory.planners.paper import PAPER_BASIS, Paper, PaperOptions
+from optipromp.laboratory.planners.paper import PAPER_BASIS, Paper
 from optipromp.laboratory.planners.paper_stages import (
     ConstraintRows,
     drift_offsets,
@@ -87,7 +88,7 @@ VALID = (Code.SUCCESS, Code.HARM_PREDICTED)
 def test_constraint_1_holds_at_every_waypoint_of_the_window(
     name: str, strategy: str, planned: Planned
 ) -> None:
-    result = planned(name, strategy=strategy, constraints="paper")
+    result = planned(name, "paper", strategy=strategy)
     assert result.status in VALID, result.message
     for obj, offsets in aside(result).items():
         assert offsets.min() >= R_GRIPPER, obj
@@ -101,7 +102,7 @@ def test_constraint_1_holds_at_every_waypoint_of_the_window(
 @pytest.mark.parametrize("name", ["scenario-3", "scenario-4"])
 def test_the_start_caps_nothing_and_y_g_is_free(name: str, planned: Planned) -> None:
     """The conditioned ProMP passes through the fruits; x_g and z_g stay, y_g moves by 5 cm."""
-    result = planned(name, constraints="paper")
+    result = planned(name, "paper", strategy="joint")
     before, after = (tool_points(t.positions) for t in (result.initial, result.trajectory))
     for obj in result.scene.pushables:
         off = before - obj.position
@@ -109,7 +110,7 @@ def test_the_start_caps_nothing_and_y_g_is_free(name: str, planned: Planned) -> 
     lowest = min(obj.position[2] for obj in result.scene.pushables)
     approach = before[:, 2] > lowest - FRUIT
     moved = np.abs(after - before)[approach]
-    corridor = PaperOptions().corridor + 5e-4
+    corridor = Paper().corridor + 5e-4
     assert moved[:, 0].max() <= corridor
     assert moved[:, 2].max() <= corridor
     assert moved[:, 1].max() > 0.04
@@ -118,7 +119,7 @@ def test_the_start_caps_nothing_and_y_g_is_free(name: str, planned: Planned) -> 
 @pytest.mark.parametrize("offset", [0.005, 0.03])
 def test_the_drift_offset_is_what_is_kept(offset: float, planned: Planned) -> None:
     """No less, and, since F_p draws the tool to the approach line, hardly more."""
-    result = planned("scenario-4", constraints="paper", paper=PaperOptions(drift_offset=offset))
+    result = planned("scenario-4", "paper", strategy="joint", drift_offset=offset)
     assert result.status in VALID, result.message
     for offsets in aside(result).values():
         assert offset <= offsets.min() <= offset + 0.004
@@ -127,8 +128,7 @@ def test_the_drift_offset_is_what_is_kept(offset: float, planned: Planned) -> No
 @pytest.mark.parametrize("strategy", ["joint", "sequential"])
 def test_a_plan_that_lacks_drift_is_no_success(strategy: Any, three: Scene) -> None:
     """0.9 m aside, left and right, within 75 mm of height: the arm is too short."""
-    options = PlanOptions(constraints="paper", paper=PaperOptions(drift_offset=0.9), timeout=1.0)
-    result = plan(three, strategy=strategy, options=options)
+    result = plan(three, planner=Paper(strategy=strategy, drift_offset=0.9), timeout=1.0)
     assert result.status in (Code.INVALID_PLAN, Code.TIMEOUT)
     assert "constraint 1 of the paper asks for 900.0 mm" in result.message
 
@@ -140,7 +140,7 @@ def test_both_sides_are_tried_where_no_stem_gives_one(side: float, three: Scene)
     fruit = replace(next(o for o in three.objects if o.id == "n2"), stem=None)
     wall = block("static", Box((0.3, 0.02, 0.05)), [0.45, -side * 0.09, 0.83], "wall")
     scene = replace(bare, objects=(*bare.objects, fruit, wall))
-    result = plan(scene, options=PlanOptions(constraints="paper"))
+    result = plan(scene, planner=Paper(strategy="joint"))
     assert result.status in VALID, result.message
     off = tool_points(result.trajectory.positions) - fruit.position
     assert (side * off[np.abs(off[:, 2]) <= FRUIT, 1]).min() >= R_GRIPPER
@@ -153,8 +153,8 @@ def test_the_lateral_plane_rule_passes_against_the_whole_lean(three: Scene) -> N
         if o.id == "n1" and o.stem is not None else o
         for o in three.objects
     )  # fmt: skip
-    options = PlanOptions(constraints="paper", paper=PaperOptions(drift="lateral-plane"))
-    result = plan(replace(three, objects=objects), options=options)
+    planner = Paper(strategy="joint", drift="lateral-plane")
+    result = plan(replace(three, objects=objects), planner=planner)
     assert result.status in VALID, result.message
     (n1,) = (o for o in objects if o.id == "n1")
     off = tool_points(result.trajectory.positions) - n1.position
@@ -199,7 +199,7 @@ def test_a_plan_that_keeps_every_constraint_still_swallows_both_unripe_fruits(
     pytest.importorskip("mujoco")
     from optipromp.laboratory.simulation import simulate
 
-    result = planned(name, constraints="paper")
+    result = planned(name, "paper", strategy="joint")
     assert result.status is Code.HARM_PREDICTED, result.message
     outcome = simulate(result).outcome
     assert not outcome.success
@@ -223,7 +223,7 @@ def test_the_sequential_strategy_is_valid_and_passes_as_the_paper_does(
     name: str, planned: Planned
 ) -> None:
     """Signs as in Table I, no less far aside, and no tool that wanders off."""
-    result = planned(name, strategy="sequential")
+    result = planned(name, "paper", constraints="push-model")
     assert result.status in VALID, result.message
     assert [(s.name, s.solver) for s in result.stages] == ORDER[name]
     for obj, paper in PAPER_M_P[name].items():
@@ -245,45 +245,59 @@ def test_the_first_radius_with_a_valid_plan_is_kept() -> None:
     """From a radius of nothing comes nothing within ten iterations: the next one is tried."""
 
     def planned_from(*radii: float) -> Plan:
-        options = PlanOptions(constraints="paper", paper=PaperOptions(trust_radii=radii))
-        return plan("scenario-4", strategy="sequential", options=options)
+        return plan("scenario-4", planner=Paper(trust_radii=radii))
 
     stuck = planned_from(1e-12)
     assert stuck.status is Code.INVALID_PLAN
-    assert push_stage(stuck).tried_radii == (1e-12,)
+    assert push_stage(stuck).message.endswith("trust radii tried [rad]: 1e-12")
     freed = planned_from(1e-12, 0.02, 0.05)
     assert freed.status in VALID, freed.message
-    assert push_stage(freed).trust_radius == 0.02
-    assert push_stage(freed).tried_radii == (1e-12, 0.02)
+    told = "First trust radius: 0.02 rad; trust radii tried [rad]: 1e-12, 0.02"
+    assert push_stage(freed).message.endswith(told)
 
 
 def test_radii_and_stages_stand_in_the_document(planned: Planned) -> None:
-    result = planned("scenario-4", strategy="sequential")
+    result = planned("scenario-4", "paper", constraints="push-model")
     document = json.loads(json.dumps(result.to_dict()))["stages"]
     assert [s["name"] for s in document] == ["collision", "push"]
-    assert document[0]["trust_radius"] is None
-    assert document[0]["tried_radii"] == []
-    assert document[1]["trust_radius"] in PaperOptions().trust_radii
-    assert document[1]["tried_radii"][-1] == document[1]["trust_radius"]
+    assert "radius" not in document[0]["message"]
+    first, tried = re.findall(r"radius: (.*) rad; .*: (.*)$", document[1]["message"])[0]
+    assert float(first) in Paper().trust_radii
+    assert tried.split(", ")[-1] == first
     assert all(s["seconds"] >= 0.0 for s in document)
+
+
+@pytest.mark.parametrize("strategy", ["joint", "sequential"])
+def test_the_terms_of_a_plan_are_its_story(strategy: str, planned: Planned) -> None:
+    """Each functional before and after; those that are minimised, at each iteration too."""
+    result = planned("scenario-3", "paper", strategy=strategy)
+    assert set(result.terms) == {"static", "avoid", "push", "velocity"}
+    for name, term in result.terms.items():
+        assert term.followed == term.initial
+        (stage,) = (s for s in result.stages if name in s.terms)
+        assert term.stage == stage.name
+        assert list(term.history) == [values[name] for values in stage.history]
+        if stage is result.stages[0]:
+            assert term.history[0] == pytest.approx(term.initial, rel=1e-9, abs=1e-15), name
+        if stage is result.stages[-1]:
+            assert term.history[-1] == pytest.approx(term.final, rel=1e-6, abs=1e-12), name
 
 
 def test_the_collision_stage_leaves_no_collision_cost(planned: Planned) -> None:
     """Of the authors' stages the last one is free to undo a drift, and does: −69 to −17 mm."""
-    avoid = planned("paper-3", strategy="sequential", constraints="paper").terms["avoid"]
+    avoid = planned("paper-3", "paper").terms["avoid"]
     assert avoid.history[0] > 0.0
     assert avoid.final <= avoid.history[0] / 9.5  # the paper's factor
-    free = planned("scenario-3", strategy="sequential")
-    held = planned("scenario-3", strategy="sequential", constraints="paper")
+    free = planned("scenario-3", "paper", constraints="push-model")
+    held = planned("scenario-3", "paper")
     for obj in SIDE:
         assert abs(free.metrics.M_p[obj] or 0.0) < abs(held.metrics.M_p[obj] or 0.0)
 
 
 def test_the_sequential_strategy_heeds_its_deadline(three: Scene) -> None:
     """Radii and goal configurations are many; what cannot succeed stops when it is told to."""
-    options = PlanOptions(constraints="paper", paper=PaperOptions(drift_offset=0.9), timeout=0.5)
     began = time.perf_counter()
-    result = plan(three, strategy="sequential", options=options)
+    result = plan(three, planner=Paper(drift_offset=0.9), timeout=0.5)
     assert time.perf_counter() - began < 2.0
     assert result.status is Code.TIMEOUT
 
@@ -292,8 +306,7 @@ def test_the_sequential_strategy_heeds_its_deadline(three: Scene) -> None:
 @pytest.mark.parametrize(("name", "seed"), [("paper-3", 0), ("paper-3", 4), ("paper-4", 0)])
 def test_the_paper_s_own_cases_are_feasible(name: str, strategy: Any, seed: int) -> None:
     """Drift offsets of 10 and 2 mm; seed 0 has no such goal among 24 starts in paper-3."""
-    options = PlanOptions(constraints="paper")
-    result = plan(name, strategy=strategy, seed=seed, options=options)
+    result = plan(name, planner=Paper(strategy=strategy), seed=seed)
     assert result.status in VALID, result.message
     assert result.metrics.drift_shortfall == {"n1": 0.0, "n2": 0.0}  # by the scene's offsets
     wanted = {"n1": 0.010, "n2": 0.002}
@@ -329,10 +342,7 @@ def test_the_further_goals_are_free_and_unlike_the_first() -> None:
 
 def test_stages_keep_the_links_apart(recorded: Path) -> None:
     """Recorded demonstrations fold the arm: without a term for it link 5 enters the hand, 20 mm."""
-    made = plan(
-        "paper-4", strategy="sequential", seed=2, demonstrations=recorded,
-        options=PlanOptions(constraints="paper", timeout=20.0),
-    )  # fmt: skip
+    made = plan("paper-4", planner=Paper(), seed=2, demonstrations=recorded, timeout=20.0)
     assert made.status in VALID, made.message
     assert (made.metrics.clearance_self or 0.0) >= 0.004
 
@@ -360,13 +370,13 @@ def test_a_stage_draws_in_what_leaves_its_limits(stage: Any, four: Scene) -> Non
 def test_offsets_go_by_id(four: Scene) -> None:
     """Of an id that is left out, R_gripper; of the options before those of the scene."""
     scene = replace(four, options={"drift_offset": {"n2": 0.03}})
-    told = Paper(paper=PaperOptions(drift_offset={"n1": 0.01}))
+    told = Paper(drift_offset={"n1": 0.01})
     task = resolve(scene)
     ids = [item.id for item in task.neighbours]
     assert ids == ["n1", "n2"]
     assert drift_offsets(task, Paper()).tolist() == [R_GRIPPER, 0.03]
     assert drift_offsets(task, told).tolist() == [0.01, R_GRIPPER]
     assert drift_offsets(resolve(four), Paper()).tolist() == [R_GRIPPER, R_GRIPPER]
-    wrong = Paper(paper=PaperOptions(drift_offset={"n9": 0.01}))
+    wrong = Paper(drift_offset={"n9": 0.01})
     with pytest.raises(InvalidRequestError, match="drift_offset of 'n9': valid are n1, n2"):
         drift_offsets(task, wrong)

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from optipromp.core.errors import Code
-from optipromp.core.planning import Plan, PlanOptions, plan
+from optipromp.core.planning import Plan, plan
 from optipromp.core.planning.task import resolve
 from optipromp.core.pushing.rules import drift_choices
 from optipromp.core.scenes import Scene, SceneObject
 from optipromp.laboratory.generate import generate
-from optipromp.laboratory.planners.paper import PaperOptions
+from optipromp.laboratory.planners.paper import Paper
 
 HAND = 0.04  # [m] R_gripper of the Franka hand
 
@@ -69,7 +69,6 @@ def test_where_no_pack_is_a_neighbour_the_tool_is_slow_beside_them() -> None:
 
 def test_a_shelf_without_a_plan_says_what_is_missing() -> None:
     """An offset that no arm has beside a board: the status is typed, and its cause is told."""
-    options = PlanOptions(timeout=1.0, paper=PaperOptions(drift_offset=0.5))
-    result = plan(generate("shelf", 7), planner="paper", options=options)
+    result = plan(generate("shelf", 7), planner=Paper(drift_offset=0.5), timeout=1.0)
     assert result.status in (Code.INVALID_PLAN, Code.TIMEOUT)
     assert "constraint 1 of the paper asks for 500.0 mm" in result.message

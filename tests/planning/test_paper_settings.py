@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from optipromp.core.planning import Plan
-from optipromp.laboratory.planners.paper import PaperOptions
+from optipromp.core.planning.options import Optimised
+from optipromp.laboratory.planners.paper import Paper
 
 Planned = Callable[..., Plan]
 JOINT: dict[str, Any] = {
@@ -42,9 +43,7 @@ def test_every_setting_is_heeded(strategy: str, name: str, planned: Planned) -> 
     more |= {"push": "quadratic"} if (strategy, name) == ("sequential", "push_weights") else {}
     more |= {"epsilon": 0.06} if name == "reduction" else {}  # B_d keeps 1 cm from the clusters
     plain, changed = (
-        planned(
-            "scenario-3", strategy=strategy, constraints="paper", paper=PaperOptions(**settings)
-        )
+        planned("scenario-3", "paper", strategy=strategy, **settings)
         for settings in (more, {**more, name: table[name]})
     )
     one, other = plain.trajectory, changed.trajectory
@@ -52,6 +51,6 @@ def test_every_setting_is_heeded(strategy: str, name: str, planned: Planned) -> 
 
 
 def test_no_setting_is_forgotten_here() -> None:
-    names = {item.name for item in fields(PaperOptions)}
-    primitives = {"camera_phase", "camera_point", "via_deviation", "direction_deviation"}
-    assert names == set(JOINT) | set(SEQUENTIAL) | primitives | {"drift", "guard"}
+    own = {item.name for item in fields(Paper)} - {item.name for item in fields(Optimised)}
+    elsewhere = {"strategy", "constraints", "camera_phase", "via_deviation", "drift"}
+    assert own | {"corridor"} == set(JOINT) | set(SEQUENTIAL) | elsewhere

@@ -31,7 +31,7 @@ from optipromp.core.planning.task import Task
 from optipromp.core.planning.timing import shortest
 from optipromp.core.scenes import Scene
 from optipromp.laboratory.experiments.study import Study, run_study
-from optipromp.laboratory.planners.paper import Paper, PaperOptions
+from optipromp.laboratory.planners.paper import Paper
 
 
 @dataclass(frozen=True)
@@ -75,23 +75,16 @@ def strangers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def same(one: Any, other: Any) -> None:
     np.testing.assert_array_equal(one.trajectory.positions, other.trajectory.positions)
-    assert (one.planner, one.strategy) == (other.planner, other.strategy)
+    assert one.planner == other.planner
     assert (one.status, one.message) == (other.status, other.message)
 
 
 def test_a_value_plans_as_the_words_that_mean_it(three: Scene) -> None:
     options = PlanOptions(corridor=0.004, duration=9.0)
     same(plan(three, planner=OptiProMP(corridor=0.004, duration=9.0)), plan(three, options=options))
-    offset = PaperOptions(drift_offset=0.03)
-    same(
-        plan(three, planner=Paper(paper=offset)),
-        plan(three, strategy="sequential", options=PlanOptions(constraints="paper", paper=offset)),
-    )
-    guarded = PlanOptions(paper=PaperOptions(guard=True), waypoints=60)
-    same(
-        plan(three, planner=IProMP(guard=True, waypoints=60)),
-        plan(three, planner="i-promp", options=guarded),
-    )
+    coarse = PlanOptions(waypoints=60)
+    same(plan(three, planner=Paper(waypoints=60)), plan(three, planner="paper", options=coarse))
+    same(plan(three, planner=IProMP(waypoints=60)), plan(three, planner="i-promp", options=coarse))
 
 
 def test_settings_are_checked_when_a_planner_is_made() -> None:
@@ -116,7 +109,7 @@ def test_a_plan_keeps_its_task(three: Scene, tmp_path: Path) -> None:
     assert made.push_model is made.task.push_model(made.trajectory.positions[-1])
     write_plan(made, tmp_path / "kept")
     kept = load_plan(tmp_path / "kept")
-    assert (kept.planner, kept.strategy, kept.seed) == ("Line", None, 3)
+    assert (kept.planner, kept.seed) == ("Line", 3)
     assert kept.prediction == made.prediction
     (other,) = plan_many([three], planner=Line(0.15), seed=3, workers=1)
     same(other, made)
@@ -192,15 +185,13 @@ def test_the_core_names_no_planner_of_the_laboratory() -> None:
     assert replace(Line(), speed=0.3).speed == 0.3
 
 
-def test_without_a_planner_that_takes_a_strategy_plans_report_no_functionals(
+def test_without_the_paper_s_package_ours_plan_and_paper_is_no_planner(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(planner, "_joined", dict)
     monkeypatch.setattr(
         planner, "_known", {name: planner.factory(name) for name in planner.PLANNERS}
     )
-    made = plan("scenario-3")
-    assert made.success
-    assert made.terms == {}
-    with pytest.raises(InvalidRequestError, match="no planner here takes these"):
-        plan("scenario-3", strategy="sequential")
+    assert plan("scenario-3").success
+    with pytest.raises(InvalidRequestError, match="planner is 'paper'; valid: promp, i-promp"):
+        plan("scenario-3", planner="paper")

@@ -25,7 +25,15 @@ from optipromp.core.geometry import Box, Sphere
 from optipromp.core.optimization import kernels
 from optipromp.core.optimization.costs import Cost
 from optipromp.core.optimization.evaluation import Evaluation
-from optipromp.core.planning import PLANNERS, STRATEGIES, Plan, PlanOptions, plan
+from optipromp.core.planning import (
+    ConditionedProMP,
+    IProMP,
+    OptiProMP,
+    Plan,
+    Planner,
+    PlanOptions,
+    plan,
+)
 from optipromp.core.planning.pick import Solver
 from optipromp.core.planning.primitive import smooth_prior
 from optipromp.core.planning.task import resolve
@@ -34,7 +42,7 @@ from optipromp.core.pushing.rules import rule_paths
 from optipromp.core.pushing.stems import hanging as hanging_model
 from optipromp.core.robots.library import load_robot
 from optipromp.core.scenes import JointGoal, Scene, SceneObject, Stem
-from optipromp.laboratory.planners.paper import PaperOptions
+from optipromp.laboratory.planners.paper import Paper
 
 # --- iterations and time ---------------------------------------------------------------------
 
@@ -58,10 +66,11 @@ def test_a_plan_has_its_whole_budget_where_a_kernel_is_compiled_on_the_way(
 
 
 @pytest.mark.parametrize(
-    ("strategy", "waypoints"), [("joint", None), ("sequential", None), ("sequential", 2000)]
+    "planner",
+    [OptiProMP(), *(Paper(constraints="push-model", waypoints=count) for count in (None, 2000))],
 )
 def test_time_running_out_on_the_way_keeps_to_its_budget(
-    strategy: Any, waypoints: int | None, three: Scene, monkeypatch: pytest.MonkeyPatch
+    planner: Planner, three: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A problem without a solution: the target is under a lid, so every start is tried.
 
@@ -70,12 +79,11 @@ def test_time_running_out_on_the_way_keeps_to_its_budget(
     monkeypatch.setattr(time, "perf_counter", time.process_time)
     lid = block("static", Box((0.3, 0.3, 0.05)), [0.45, 0.0, 0.93], "lid")
     scene = replace(three, objects=(*three.objects, lid))
-    plan(scene, strategy=strategy, options=PlanOptions(timeout=1e-6))  # makes the robot
-    options = PlanOptions(timeout=0.3, waypoints=waypoints)
+    plan(scene, planner=planner, timeout=1e-6)  # makes the robot
     took = []
     while len(took) < 3 and min(took, default=1.0) > 0.33:  # what disturbs it only adds
         began = time.perf_counter()
-        result = plan(scene, strategy=strategy, options=options)
+        result = plan(scene, planner=planner, timeout=0.3)
         took.append(time.perf_counter() - began)
         assert not result.success
         assert result.status in (Code.TIMEOUT, Code.GOAL_IN_COLLISION)
@@ -184,15 +192,15 @@ def test_what_a_timeout_cut_short_says_so(three: Scene) -> None:
 # --- repeatability ---------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("planner", PLANNERS)
-@pytest.mark.parametrize("strategy", STRATEGIES)
-def test_the_same_seed_gives_the_same_plan_bit_for_bit(
-    planner: Any, strategy: Any, three: Scene
-) -> None:
-    options = PlanOptions(paper=PaperOptions(direction_deviation=0.2))
-    first, again = (
-        plan(three, planner=planner, strategy=strategy, seed=3, options=options) for _ in range(2)
-    )
+@pytest.mark.parametrize(
+    "planner",
+    [
+        ConditionedProMP(), IProMP(direction_deviation=0.2), OptiProMP(),
+        Paper(constraints="push-model"), Paper(strategy="joint"),
+    ],
+)  # fmt: skip
+def test_the_same_seed_gives_the_same_plan_bit_for_bit(planner: Planner, three: Scene) -> None:
+    first, again = (plan(three, planner=planner, seed=3) for _ in range(2))
     np.testing.assert_array_equal(first.trajectory.positions, again.trajectory.positions)
     np.testing.assert_array_equal(first.trajectory.times, again.trajectory.times)
     assert first.metrics == again.metrics
@@ -201,8 +209,7 @@ def test_the_same_seed_gives_the_same_plan_bit_for_bit(
 
 
 def test_another_seed_pushes_another_way(three: Scene) -> None:
-    options = PlanOptions(paper=PaperOptions(direction_deviation=0.5))
-    ends = [plan(three, planner="i-promp", seed=s, options=options) for s in (1, 2)]
+    ends = [plan(three, planner=IProMP(direction_deviation=0.5), seed=s) for s in (1, 2)]
     assert not np.array_equal(ends[0].trajectory.positions, ends[1].trajectory.positions)
     sure = [plan(three, planner="i-promp", seed=s) for s in (1, 2)]
     assert sure[0].metrics.path_length == pytest.approx(sure[1].metrics.path_length, rel=0.2)
@@ -217,10 +224,11 @@ def test_to_dict_is_a_json_document(planned: Callable[..., Plan]) -> None:
     assert json.loads(json.dumps(document, allow_nan=False)) == document
     assert document["scene"] == "scenario-3"
     assert document["planner"] == "opti-promp"
-    assert document["strategy"] == "joint"
+    assert document["terms"] == {}
+    assert document["stages"][0]["name"] == "joint"
     assert document["status"] == "success"
     assert document["time"]["total"] > 0.0
-    assert planned("scenario-3", "i-promp").to_dict()["strategy"] is None
+    assert set(planned("scenario-3", "paper").to_dict()["terms"]) >= {"static", "avoid", "push"}
 
 
 def test_the_initial_trajectory_is_the_conditioned_promp(planned: Callable[..., Plan]) -> None:
@@ -260,11 +268,9 @@ def test_costs_of_ones_own_are_minimised_with_the_others(three: Scene) -> None:
 # --- refusals --------------------------------------------------------------------------------
 
 
-def test_unknown_planners_and_strategies_name_the_valid_ones(three: Scene) -> None:
+def test_unknown_planners_and_scenes_name_the_valid_ones(three: Scene) -> None:
     with pytest.raises(InvalidRequestError, match="promp, i-promp, opti-promp"):
         plan(three, planner="rrt")
-    with pytest.raises(InvalidRequestError, match="joint, sequential"):
-        plan(three, strategy="both")  # type: ignore[arg-type]
     with pytest.raises(InvalidSceneError, match="scenario-3"):
         plan("scenario-33")
 

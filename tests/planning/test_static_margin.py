@@ -9,9 +9,10 @@ from tests.planning.builders import block, without
 from optipromp.core import judging
 from optipromp.core.errors import Code
 from optipromp.core.geometry import Box
-from optipromp.core.planning import Plan, PlanOptions, plan
+from optipromp.core.planning import Plan, plan
 from optipromp.core.scenes import load_scene
 from optipromp.laboratory.generate import generate
+from optipromp.laboratory.planners.paper import Paper
 
 MARGIN = judging.STATIC_MARGIN
 
@@ -42,7 +43,7 @@ def test_what_is_taken_goes_well_in_the_simulation() -> None:
 @pytest.mark.parametrize("strategy", ["joint", "sequential"])
 @pytest.mark.parametrize("seed", [3, 7])
 def test_the_paper_s_planner_heeds_it_too(strategy: Any, seed: int) -> None:
-    made = plan("paper-4", strategy=strategy, seed=seed, options=PlanOptions(constraints="paper"))
+    made = plan("paper-4", planner=Paper(strategy=strategy), seed=seed)
     assert made.status in (Code.SUCCESS, Code.HARM_PREDICTED)
     assert room(made) >= MARGIN
 

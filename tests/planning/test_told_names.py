@@ -4,12 +4,14 @@ import copy
 import pickle
 from collections.abc import Callable
 from dataclasses import replace
+from importlib import import_module
 from typing import Any
 
 import pytest
 
-from optipromp import IProMP, OptiProMP, PaperOptions, PlanOptions, plan, plan_many, plan_sequence
+from optipromp import IProMP, OptiProMP, PlanOptions, plan, plan_many, plan_pick, plan_sequence
 from optipromp.core.errors import InvalidRequestError
+from optipromp.core.planning.planners import make
 from optipromp.laboratory.planners.paper import Paper
 from optipromp.laboratory.simulation.parameters import ControlParameters
 
@@ -21,14 +23,14 @@ from optipromp.laboratory.simulation.parameters import ControlParameters
         (lambda: OptiProMP(coridor=0.01), "OptiProMP has no setting 'coridor'", "corridor"),
         (lambda: IProMP(gaurd=True), "IProMP has no setting 'gaurd'", "guard"),
         (lambda: Paper(strtegy="joint"), "Paper has no setting 'strtegy'", "strategy"),
-        (lambda: PaperOptions(epsilom=0.1), "PaperOptions has no setting", "epsilon"),
+        (lambda: Paper(epsilom=0.1), "Paper has no setting 'epsilom'", "epsilon"),
         (lambda: ControlParameters(sped=1.0), "ControlParameters has no setting", "speed"),
         (lambda: replace(PlanOptions(), duratoin=4.0), "has no setting 'duratoin'", "duration"),
-        (lambda: PlanOptions(constraints="papers"), "constraints is papers", "paper"),
-        (lambda: PaperOptions(drift="lateral"), "paper.drift is lateral", "lateral-plane"),
+        (lambda: Paper(constraints="papers"), "constraints is papers", "paper"),
+        (lambda: Paper(drift="lateral"), "drift is lateral", "lateral-plane"),
+        (lambda: Paper(strategy="jiont"), "strategy is jiont", "joint"),
         (lambda: plan("scenario-3", timeuot=4.0), "plan has no argument 'timeuot'", "timeout"),
         (lambda: plan("scenario-3", planer="promp"), "plan has no argument", "planner"),
-        (lambda: plan("scenario-3", strategy="jiont"), "strategy is 'jiont'", "joint"),
         (lambda: plan_many(["scenario-3"], workrs=1), "plan_many has no argument", "workers"),
         (lambda: plan_sequence("scenario-3", ["ripe"], risc=0.1), "has no argument", "risk"),
     ],
@@ -40,6 +42,33 @@ def test_a_wrong_name_is_refused_with_the_nearest(
         call()
     assert wrong in told.value.message
     assert f"did you mean {right!r}?" in told.value.message
+
+
+@pytest.mark.parametrize(
+    ("call", "key"),
+    [
+        (lambda: plan("scenario-3", strategy="joint"), "strategy"),
+        (lambda: plan_pick("scenario-3", strategy="joint"), "strategy"),
+        (lambda: plan_many(["scenario-3"], strategy="joint"), "strategy"),
+        (lambda: plan_sequence("scenario-3", ["ripe"], constraints="paper"), "constraints"),
+        (lambda: PlanOptions(constraints="paper"), "constraints"),
+        (lambda: PlanOptions(paper=None), "NAME"),
+        (lambda: replace(PlanOptions(), constraints="paper"), "constraints"),
+        (lambda: make("opti-promp", strategy="sequential"), "strategy"),
+    ],
+)
+def test_a_setting_that_went_to_the_paper_s_planner_names_it(
+    call: Callable[[], Any], key: str
+) -> None:
+    with pytest.raises(InvalidRequestError) as told:
+        call()
+    assert f"write planner=optipromp.Paper({key}=...)" in told.value.message
+    assert f"--planner paper --set {key}=..." in told.value.message
+
+
+def test_the_options_of_0_3_0_name_the_planner_that_has_them() -> None:
+    with pytest.raises(ImportError, match=r"write planner=optipromp\.Paper"):
+        getattr(import_module("optipromp"), "PaperOptions")  # noqa: B009
 
 
 def test_settings_are_arguments_named_as_on_the_command_line() -> None:

@@ -77,7 +77,7 @@ def test_the_report_of_a_plan_holds_all_that_it_tells(folder: Path) -> None:
     assert not re.search(r"""(?:src|href)=["']https?:""", "".join(found.frames))
     for words in (
         "scenario-4: opti-promp", "success", "clearance, static", "Beside the paper", "+35.2 mm",
-        "optipromp plan scenario-4 --planner opti-promp --strategy joint --reach --seed 0 --out",
+        "optipromp plan scenario-4 --planner opti-promp --reach --seed 0 --out",
         "numpy", "picked, nothing harmed", "gauss_newton",
     ):  # fmt: skip
         assert words in found.text.replace("gauss-newton", "gauss_newton"), words

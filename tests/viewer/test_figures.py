@@ -76,7 +76,7 @@ def test_a_plan_that_was_not_optimised_has_no_cost_figure() -> None:
 def test_a_cost_is_drawn_where_its_iterations_change_it(
     result: Plan, term: Term, shown: bool
 ) -> None:
-    one = replace(result, functionals={"velocity": term}.copy)
+    one = replace(result, terms={"velocity": term})
     assert set(changed_terms(one)) == ({"velocity"} if shown else set())
     if shown:
         assert png(cost_figure(one)).startswith(SIGNATURE)
@@ -102,7 +102,7 @@ def test_the_cost_figure_shows_first_and_last_value_and_each_history(paper: Plan
 def test_the_iterations_of_a_second_stage_are_drawn(result: Plan) -> None:
     """They begin where the first stage has left the cost, and a third one may change it again."""
     term = Term(1.0, 1.0, 0.2, (3.0, 2.0, 0.5, 0.1), "collision")
-    (panel,) = cost_figure(replace(result, functionals={"avoid": term}.copy)).axes
+    (panel,) = cost_figure(replace(result, terms={"avoid": term})).axes
     np.testing.assert_array_equal(panel.lines[2].get_xdata(), [0, 1, 2, 3])
     np.testing.assert_array_equal(panel.lines[2].get_ydata(), term.history)
     np.testing.assert_array_equal(panel.lines[0].get_ydata()[1:], [1.0, 3.0])

@@ -7,21 +7,19 @@ from typing import Any
 
 import optipromp
 from optipromp.cli.command import Report, command, entries
-from optipromp.core.errors import InvalidRequestError, suggest
-from optipromp.parts import added, part
+from optipromp.core.errors import InvalidRequestError, unknown
 
 
 @command()
 def catalogue() -> Report:
     """List the built-in robots and scenes, the kinds of tool, the planners, and their settings."""
-    from optipromp.core.planning.planners import PLANNERS, planners
+    from optipromp.core.planning.planners import planners
     from optipromp.core.robots.library import robot_names
     from optipromp.core.robots.tools import TOOLS
     from optipromp.core.scenes.io import scene_names
 
     robots, scenes = robot_names(), scene_names()
     known = documented(optipromp.PlanOptions)
-    known |= {f"paper.{name}": item for name, item in documented(added("PaperOptions")).items()}
     kinds = planners()
     own = {name: documented(kind) for name, kind in kinds.items()}
     lines = [
@@ -36,9 +34,8 @@ def catalogue() -> Report:
         lines.append(f"{'planners' if index == 0 else '':<9} {name}: {told}{usual}")
     lines += _lines("settings, for plan --set KEY=VALUE:", known)
     for planner, found in own.items():
-        if planner not in PLANNERS:
-            others = {name: item for name, item in found.items() if item != known.get(name)}
-            lines += _lines(f"settings of {planner}, beside those of the same name above:", others)
+        others = {name: item for name, item in found.items() if item != known.get(name)}
+        lines += _lines(f"settings of {planner}, beside those of the same name above:", others)
     document = {
         "robots": robots,
         "tools": list(TOOLS),
@@ -59,54 +56,39 @@ def _told(found: dict[str, tuple[Any, str]]) -> dict[str, dict[str, Any]]:
     return {name: {"default": value, "meaning": text} for name, (value, text) in found.items()}
 
 
-def asked(
-    planner: str, strategy: str, pairs: Sequence[str], stated: dict[str, Any]
-) -> dict[str, Any]:
-    """Planner, strategy and options of a plan, from texts. promp, i-promp and opti-promp take the
-    settings of a plan. Another planner takes its own settings, and time, effort and risk of the
-    plan. ``stated`` are settings that have their own command-line option; None: not stated. A
-    setting of the paper's planners is ``paper.key``."""
+def asked(planner: str, pairs: Sequence[str], stated: dict[str, Any]) -> dict[str, Any]:
+    """Planner and options of a plan, from texts: the planner's own settings, and time, effort and
+    risk of the plan. ``stated`` are settings that have their own command-line option; None: not
+    stated."""
     from optipromp.core.planning import planners
-    from optipromp.core.planning.planners import JOINT, OF_A_PLAN
+    from optipromp.core.planning.planners import OF_A_PLAN
 
-    if planner in planners.PLANNERS:
-        known = {name: value for name, value in stated.items() if value is not None}
-        known |= _values(pairs, [*documented(optipromp.PlanOptions)], nested=True)
-        options = optipromp.PlanOptions(**known)
-        return {"planner": planner, "strategy": strategy, "options": options}
-    kind = planners.factory(planner)
-    usual = {"strategy": JOINT, "constraints": optipromp.PlanOptions.constraints}
-    found = {k: v for k, v in {"strategy": strategy, **stated}.items() if v != usual.get(k)}
-    names = [*documented(kind), *OF_A_PLAN]
-    found |= _values(pairs, names, nested="paper" in planners.settings_of(kind))
+    found = {name: value for name, value in stated.items() if value is not None}
+    found |= _values(pairs, [*documented(planners.factory(planner)), *OF_A_PLAN])
     options = optipromp.PlanOptions(**{k: v for k, v in found.items() if k in OF_A_PLAN})
     own = {k: v for k, v in found.items() if k not in OF_A_PLAN}
-    return {"planner": planners.make(planner, **own), "strategy": JOINT, "options": options}
+    return {"planner": planners.make(planner, **own), "options": options}
 
 
-def _values(pairs: Sequence[str], names: list[str], nested: bool) -> dict[str, Any]:
-    """Values of ``key=value`` texts; with ``nested`` keys ``paper.key`` are read too."""
+def _values(pairs: Sequence[str], names: list[str]) -> dict[str, Any]:
+    """Values of ``key=value`` texts."""
     import yaml
 
     from optipromp.core.documents import read_yaml
 
-    names += [f"paper.{name}" for name in documented(added("PaperOptions"))] if nested else []
     known: dict[str, Any] = {}
-    paper: dict[str, Any] = {}
     for pair in pairs:
         key, found, text = pair.partition("=")
         if not found:
             raise InvalidRequestError(f"--set {pair}: write key=value, as in --set max_step=0.03")
         if key not in names:
-            raise InvalidRequestError(f"--set {key}: no such setting; {suggest(key, names)}")
+            raise InvalidRequestError(f"--set {key}: no such setting; {unknown(key, names)}")
         try:
             value = {"yes": True, "no": False}.get(text, read_yaml(text))
         except (yaml.YAMLError, ValueError) as error:
             raise InvalidRequestError(f"--set {pair}: cannot read {text!r} ({error})") from None
-        value = tuple(value) if isinstance(value, list) else value
-        wanted = paper if key.startswith("paper.") else known
-        wanted[key.removeprefix("paper.")] = value
-    return known | ({"paper": part("PaperOptions")(**paper)} if paper else {})
+        known[key] = tuple(value) if isinstance(value, list) else value
+    return known
 
 
 def documented(options: Any) -> dict[str, tuple[Any, str]]:
@@ -119,5 +101,5 @@ def documented(options: Any) -> dict[str, tuple[Any, str]]:
     return {
         item.name: (item.default, said.get(item.name, ""))
         for item in dataclasses.fields(options)
-        if item.name not in ("costs", "paper")
+        if item.name != "costs"
     }

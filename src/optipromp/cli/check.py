@@ -290,7 +290,6 @@ def _plan(item: str) -> dict[str, Any]:
         "risk": plan.risk,
         "scene": plan.scene.name,
         "planner": plan.planner,
-        "strategy": plan.strategy,
         "waypoints": plan.trajectory.n_waypoints,
         "duration": whole.duration,
         "legs": {name: leg.status for name, leg in legs_of(whole).items()},

@@ -22,7 +22,6 @@ _PATIENCE = 2.0  # [s] before a wait shows itself
 _TICK = 0.2  # [s] between two looks at what is being done
 _REPEAT = 10.0  # [s] after which a step is told again
 
-Strategy = Literal["joint", "sequential"]
 Preset = Literal[
     "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "truss",
     "field", "shelf", "wild",
@@ -46,10 +45,6 @@ Cluster = Annotated[
         help="Work on a Ray cluster in place of this machine's cores: auto, HOST:PORT or local.",
     ),
 ]  # fmt: skip
-ChosenStrategy = Annotated[
-    Strategy,
-    typer.Option(help="Of opti-promp. joint: one solve; sequential: the paper's two stages."),
-]
 Recorded = Annotated[
     Path | None,
     typer.Option(help="NPZ, CSV or a folder of CSVs to learn from, or what 'learn' wrote."),

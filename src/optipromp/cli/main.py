@@ -20,7 +20,7 @@ from typer.core import TyperGroup
 from optipromp.cli import catalogue, check, export, learn, plan
 from optipromp.cli.command import show_warning
 from optipromp.core.budget import check_memory
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import PAPERS, InvalidRequestError, unknown
 from optipromp.parts import lacking
 
 if TYPE_CHECKING:
@@ -76,6 +76,16 @@ class Commands(TyperGroup):
             sys.stderr.write(f"error INVALID_REQUEST: {cmd_name} {lacking(FURTHER[cmd_name])}\n")
             raise typer.Exit(2)
         return super().get_command(ctx, cmd_name)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command that is named; of an option that has moved, the error says where to."""
+        try:
+            return super().invoke(ctx)
+        except Exception as error:
+            name = str(getattr(error, "option_name", "")).removeprefix("--")
+            if name in PAPERS:
+                vars(error).update(message=f"--{name}: {unknown(name, ())}", possibilities=None)
+            raise
 
 
 def _named() -> bool:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import optipromp
 from optipromp.cli import console
@@ -43,20 +43,17 @@ class Wanted:
         duration (SECONDS): Of the motion; the shortest within limits if left out.
         velocity_scaling (SHARE): Of the joints' velocity limits that the motion uses, up to 1.
         acceleration_scaling (SHARE): Of their limits of acceleration and jerk, likewise.
-        constraints: push-model: least predicted harm; paper: the paper's constraints 1-3.
         setting (--set KEY=VALUE): Any other setting of the planner, as often as you like;
             'optipromp list' names them.
         timeout (SECONDS): Give up planning after this long.
     """
 
     planner: str = "opti-promp"
-    strategy: console.ChosenStrategy = "joint"
     demonstrations: console.Recorded = None
     seed: console.Seed = 0
     duration: float | None = None
     velocity_scaling: float | None = None
     acceleration_scaling: float | None = None
-    constraints: Literal["push-model", "paper"] = "push-model"
     setting: list[str] | None = None
     timeout: float | None = None
 
@@ -69,9 +66,8 @@ class Wanted:
             "velocity_scaling": self.velocity_scaling,
             "acceleration_scaling": self.acceleration_scaling,
             "timeout": self.timeout,
-            "constraints": self.constraints,
         }
-        found = asked(self.planner, self.strategy, self.setting or [], stated)
+        found = asked(self.planner, self.setting or [], stated)
         return {**found, "demonstrations": read_primitive(self.demonstrations), "seed": self.seed}
 
 
@@ -141,11 +137,9 @@ def failed_plan(request: Mapping[str, Any]) -> dict[str, Any]:
     """The document of a plan that raised an error: a plan's keys, without the error's."""
     from optipromp.core.planning.planners import label
 
-    planner = label(request["planner"])
     return {
         "scene": request["scene"],
-        "planner": planner,
-        "strategy": request["strategy"] if planner == "opti-promp" else None,
+        "planner": label(request["planner"]),
         **dict.fromkeys(("status", "message", "metrics", "terms", "time")),
     }
 
@@ -172,8 +166,8 @@ def plan(
 
     Examples:
         optipromp plan scenario-4 --out pick
-        optipromp plan scenario-4 --reach --strategy sequential --json
-        optipromp plan scenario-3 --constraints paper --set paper.drift_offset=0.03
+        optipromp plan scenario-4 --planner paper --set strategy=joint --json
+        optipromp plan scenario-3 --planner paper --set drift_offset=0.03
         optipromp plan scenario-3 --set static_clearance=0.02 --set max_step=0.03
         optipromp plan scenario-3 --demonstrations recorded.npz
         optipromp plan my-scene.yaml --robot ur5.urdf --tip tool0
@@ -273,12 +267,12 @@ def shown(result: "Plan | Picked", written: tuple[str, ...], out: Path | None) -
     from rich.table import Table
 
     from optipromp.core.planning.legs import legs_of
-    from optipromp.looks.viewer.words import author, plan_rows, seconds
+    from optipromp.looks.viewer.words import plan_rows, seconds
 
     plan, *later = legs_of(result).values()
     yield console.headline(
         (plan.scene.name, "bold"),
-        f"  {author(plan)}  ",
+        f"  {plan.planner}  ",
         (result.status, f"bold {'green' if result.success else 'red'}"),
         f" in {seconds(sum(leg.time.get('total', math.nan) for leg in (plan, *later)))}",
     )

@@ -128,7 +128,7 @@ def factors(rows: Sequence["ScenarioRow"]) -> tuple[tuple[str, ...], list[tuple[
     """Header and lines of the factors by which each stage's cost falls, beside the paper's."""
     lines = list[tuple[str, ...]]()
     for row in rows:
-        for item in row.reductions if row.case.strategy == "sequential" else ():
+        for item in row.reductions if row.staged else ():
             ours = ("–", "–", "–")
             if item.valid:
                 count = f" / {item.iterations}" if item.iterations else ""

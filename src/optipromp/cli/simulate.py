@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import optipromp
 from optipromp.cli.check import scene_or_plan as loaded
 from optipromp.cli.command import FAILED, OK, Report, command
-from optipromp.cli.console import ChosenStrategy, Seed, Strategy, say_if_compiling, waiting
+from optipromp.cli.console import Seed, say_if_compiling, waiting
 from optipromp.cli.robot import ArmOptions, InPlace, Named
 from optipromp.core.errors import InvalidRequestError, check_one_of
 from optipromp.core.files import check_folder, is_folder
@@ -178,7 +178,6 @@ def simulate(
     scene_or_plan: str,
     /,
     planner: str = "opti-promp",
-    strategy: ChosenStrategy = "joint",
     true_scene: str | None = None,
     speed: float | None = None,
     seed: Seed = 0,
@@ -237,7 +236,6 @@ def simulate(
     eyes.check(
         {
             "--planner": None if planner == "opti-promp" else planner,
-            "--strategy": None if strategy == "joint" else strategy,
             "--speed": speed,
             "--failed-leg": failed_leg or None,
             "--reach": reach or None,
@@ -261,7 +259,7 @@ def simulate(
         further = loop_document(loop)
         told = f"{further['loop']} loop: {loop.result}"
         return _report(loop.run, told, further, (folder, leave(loop.run, loop=loop)))
-    plan = _plan(scene_or_plan, planner, strategy, seed, arm.of(robot), reach)
+    plan = _plan(scene_or_plan, planner, seed, arm.of(robot), reach)
     first, *later = legs_of(plan).values()
     for leg in (first, *later):
         warn_of_gravity(leg.robot, leg.trajectory.positions, leg.scene.up, "on the way")
@@ -291,7 +289,7 @@ def _report(
 
 
 def _plan(
-    item: str, planner: str, strategy: Strategy, seed: int, named: Named, reach: bool
+    item: str, planner: str, seed: int, named: Named, reach: bool
 ) -> "optipromp.Plan | optipromp.Picked":
     from optipromp.core.planning.legs import plan_whole
 
@@ -304,7 +302,7 @@ def _plan(
     say_if_compiling()
     verb = optipromp.plan if reach else plan_whole
     with waiting(f"planning {scene.name} ...") as say:
-        return verb(scene, planner=planner, strategy=strategy, seed=seed, progress=say)
+        return verb(scene, planner=planner, seed=seed, progress=say)
 
 
 def _leave(

@@ -136,6 +136,20 @@ def suggest(name: object, valid: Iterable[str]) -> str:
     return f"valid are {', '.join(names)}{question}"
 
 
+PAPERS = "strategy", "constraints", "paper"  # settings of the paper's planner, to version 0.3.0
+
+
+def unknown(setting: str, valid: Iterable[str]) -> str:
+    """What to write in place of a name that is no setting; of :data:`PAPERS`, where they are."""
+    if setting.partition(".")[0] not in PAPERS:
+        return suggest(setting, valid)
+    key = setting.removeprefix("paper.").replace("paper", "NAME")
+    return (
+        f"a setting of the paper's planner: write planner=optipromp.Paper({key}=...), or --planner "
+        f"paper --set {key}=...; those of promp and i-promp likewise"
+    )
+
+
 def check_one_of(what: str, value: object, valid: Collection[str]) -> None:
     """Refuse a value that is none of the valid names."""
     if not (isinstance(value, str) and value in valid):

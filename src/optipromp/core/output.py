@@ -31,7 +31,6 @@ from optipromp.core.judging import Metrics, Overlap
 from optipromp.core.planning import Plan, Term
 from optipromp.core.planning.leg_tasks import leg, stands, task_of
 from optipromp.core.planning.legs import Picked
-from optipromp.core.planning.options import Strategy
 from optipromp.core.planning.result import AFTER, REACH, Stage, ViaPoint
 from optipromp.core.planning.task import changed, posed, resolve
 from optipromp.core.planning.underway import underway
@@ -98,7 +97,6 @@ class _PlanFile(BaseModel):
     format: Literal[4]
     sha256: dict[str, str]
     planner: str
-    strategy: Strategy | None
     seed: Annotated[int, Field(ge=0)]
     risk: Annotated[float, Field(gt=0.0, lt=1.0)]
     status: Code
@@ -197,7 +195,6 @@ def _plan(found: _PlanFile, scene: Scene, rows: Mapping[str, Any], file: Path) -
     return Plan(
         task=task,
         planner=found.planner,
-        strategy=found.strategy,
         seed=found.seed,
         status=found.status,
         reason=found.reason or found.message,
@@ -206,7 +203,7 @@ def _plan(found: _PlanFile, scene: Scene, rows: Mapping[str, Any], file: Path) -
         followed=curves[2],
         prediction=judged.prediction,
         judgement=judged.judgement,
-        functionals=found.terms.copy,
+        terms=found.terms,
         stages=found.stages,
         time=found.time,
         first=found.first,

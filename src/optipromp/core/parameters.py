@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
-from optipromp.core.errors import InvalidRequestError, suggest
+from optipromp.core.errors import InvalidRequestError, unknown
 
 GRAVITY = 9.81  # [m/s²]
 Kind = Literal["measured", "reported", "published", "guess", "choice"]
@@ -39,7 +39,7 @@ class Settings:
         for name in given:
             if name not in names:
                 raise InvalidRequestError(
-                    f"{cls.__name__} has no setting {name!r}: {suggest(name, names)}"
+                    f"{cls.__name__} has no setting {name!r}: {unknown(name, names)}"
                 )
         return super().__new__(cls)
 

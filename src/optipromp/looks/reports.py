@@ -23,7 +23,7 @@ from optipromp.looks.viewer.figures import changed_terms, cost_figure, joint_fig
 from optipromp.looks.viewer.html import DPI, HEIGHT, frame
 from optipromp.looks.viewer.reach import reach_figure
 from optipromp.looks.viewer.serving import plan_page, scene_page
-from optipromp.looks.viewer.words import author, plan_rows, seconds
+from optipromp.looks.viewer.words import plan_rows, seconds
 from optipromp.parts import added
 
 LARGEST_FILE = 5_000_000  # bytes of a report
@@ -224,7 +224,7 @@ def _run(folder: Path) -> list[str]:
 def _settings(plan: Plan) -> list[tuple[str, str]]:
     scene, tool = plan.scene, plan.robot.tool
     rows = [
-        ("planner", author(plan)),
+        ("planner", plan.planner),
         ("seed", str(plan.seed)),
         ("robot", repr(plan.robot)[7:-1]),
         ("tool", "none" if tool is None else repr(tool)),
@@ -245,8 +245,6 @@ def _command(made: Plan | Picked) -> str:
     name = plan.scene.name
     words = ["optipromp", "plan", name if name in scene_names() else f"{name}.yaml"]
     words += ["--planner", plan.planner]
-    if plan.strategy:
-        words += ["--strategy", plan.strategy]
     if made is plan and plan.success and takes(plan.scene, plan.robot):
         words.append("--reach")
     return shlex.join([*words, "--seed", str(plan.seed), "--out", "DIR"])

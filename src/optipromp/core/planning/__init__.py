@@ -2,9 +2,7 @@
 
 from optipromp.core.planning.legs import Picked as Picked
 from optipromp.core.planning.legs import plan_pick as plan_pick
-from optipromp.core.planning.options import STRATEGIES as STRATEGIES
 from optipromp.core.planning.options import PlanOptions as PlanOptions
-from optipromp.core.planning.options import Strategy as Strategy
 from optipromp.core.planning.plan import plan as plan
 from optipromp.core.planning.planners import PLANNERS as PLANNERS
 from optipromp.core.planning.planners import ConditionedProMP as ConditionedProMP

@@ -53,15 +53,15 @@ def attempt(
         answer = Failed(Code.START_INVALID, f"at the start {told}")
     elif not there:
         answer = planner.solve(task, budget)
-    finish = functools.partial(_finished, task, planner, options, budget, began, stay)
+    finish = functools.partial(_finished, task, planner, budget, began, stay)
     if isinstance(answer, Proposal):
         return Proposal(answer.rank, lambda: finish(answer.made()))
     return finish(answer)
 
 
 def _finished(
-    task: Task, planner: planners.Planner, options: PlanOptions, budget: Budget, began: float,
-    stay: Planned, answer: Planned | Failed,
+    task: Task, planner: planners.Planner, budget: Budget, began: float, stay: Planned,
+    answer: Planned | Failed,
 ) -> Plan:  # fmt: skip
     """The judged plan of a planner's answer; ``stay``: in place of a motion that there is not."""
     if not isinstance(answer, Planned | Failed):
@@ -87,13 +87,12 @@ def _finished(
             reason += "; on the way to rest " + "; ".join(broken)
     now = clock()
     return Plan(
-        task=task, planner=planners.label(planner), strategy=getattr(planner, "strategy", None),
-        seed=task.seed, status=status, reason=reason, notes=notes, trajectory=outcome.trajectory,
+        task=task, planner=planners.label(planner), seed=task.seed, status=status, reason=reason,
+        notes=notes, trajectory=outcome.trajectory,
         initial=outcome.begin, followed=outcome.followed or outcome.begin, prediction=prediction,
         judgement=judgement, stages=outcome.stages,
-        functionals=functools.partial(planners.functionals, task, planner, options, outcome),
         time={**outcome.time, "check": now - start, "total": now - began},
-        first=outcome.first, via=outcome.via,
+        first=outcome.first, via=outcome.via, terms=outcome.terms,
     )  # fmt: skip
 
 

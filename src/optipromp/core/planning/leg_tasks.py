@@ -44,7 +44,7 @@ def leg(task: Task, trajectory: Trajectory, seconds: float, push: Prediction | N
     push = push or predicted(task, trajectory)
     outcome = Verdict(judged(task, trajectory, stem_side=push is None), push)
     return Plan(
-        task=task, planner="retreat", strategy=None, seed=task.seed, status=outcome.status,
+        task=task, planner="retreat", seed=task.seed, status=outcome.status,
         reason=outcome.reason, notes=outcome.notes, trajectory=trajectory, initial=trajectory,
         followed=trajectory, prediction=outcome.prediction, judgement=outcome.judgement,
         stages=(), time={"total": seconds},

@@ -10,15 +10,11 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from optipromp.core.errors import InvalidRequestError, short, suggest
+from optipromp.core.errors import InvalidRequestError, short, suggest, unknown
 from optipromp.core.optimization.costs import Cost
 from optipromp.core.parameters import Settings
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.rules import DriftRule
-
-Strategy = Literal["joint", "sequential"]
-Constraints = Literal["push-model", "paper"]
-STRATEGIES: tuple[Strategy, ...] = get_args(Strategy)
 
 
 def _fits(value: object, hint: Any) -> bool:
@@ -196,18 +192,11 @@ class PlanOptions(Searched):
             ends a plan as the timeout does, at the same place on every machine. None: no limit.
         risk: share of promised successes that may be broken, over many scenes. It sets the largest
             predicted harm of a success; a smaller risk refuses more plans.
-        constraints: ``push-model``: the default planner. ``paper``: the paper's constraints 1 to 3,
-            and a plan is a success only if constraint 1 holds at every waypoint of the paper's
-            window. The strategy ``sequential`` plans with constraints 1 to 3 in any case.
-        paper: settings of the paper's planner, of promp and of i-promp, and of the functionals that
-            a plan reports: an :class:`optipromp.PaperOptions`; None: the defaults.
     """
 
     timeout: float = 60.0
     effort: int | None = None
     risk: float = PUSH.harm.risk
-    constraints: Constraints = "push-model"
-    paper: Settings | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -232,6 +221,6 @@ def stated(
         if name not in names:
             valid = [one for one in signature(verb).parameters if one != "settings"]
             raise InvalidRequestError(
-                f"{verb.__name__} has no argument {name!r}: {suggest(name, [*valid, *names])}"
+                f"{verb.__name__} has no argument {name!r}: {unknown(name, [*valid, *names])}"
             )
     return replace(options, **settings)

@@ -18,7 +18,7 @@ from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.planning import planners
 from optipromp.core.planning.approaches import other_approaches
 from optipromp.core.planning.attempt import attempt, late
-from optipromp.core.planning.options import DEFAULTS, PlanOptions, Strategy, stated
+from optipromp.core.planning.options import DEFAULTS, PlanOptions, stated
 from optipromp.core.planning.parameters import BACK, UNDERWAY
 from optipromp.core.planning.result import Plan, Proposal, cheapest
 from optipromp.core.planning.task import Task, goals_of, resolve
@@ -38,7 +38,6 @@ def plan(
     *,
     robot: Robot | None = None,
     planner: planners.Planner | str = "opti-promp",
-    strategy: Strategy = "joint",
     demonstrations: ProMP | str | Path | None = None,
     seed: int = 0,
     options: PlanOptions | None = None,
@@ -61,8 +60,6 @@ def plan(
             conditions the primitive on start, camera point and target; ``i-promp`` also on every
             neighbour and its pushed pose; ``opti-promp`` picks a tool path, follows it with the
             whole arm and optimises the result; others are registered.
-        strategy: of the planner named opti-promp: ``joint`` solves for everything at once,
-            ``sequential`` runs the paper's stages.
         demonstrations: a ProMP, or a file to learn one from; None: the robot's built-in
             demonstrations.
         seed: of everything random. The same input and seed give the same plan.
@@ -91,8 +88,8 @@ def plan(
     """
     options = stated(options, settings, plan)
     asked = Request(
-        planner, strategy, demonstrations, seed, options, robot, progress, start_state, previous,
-        at, unpushed,
+        planner, demonstrations, seed, options, robot, progress, start_state, previous, at,
+        unpushed,
     )  # fmt: skip
     with one_thread():
         search = asked.search(scene)
@@ -105,7 +102,6 @@ class Request:
     """What :func:`plan` is asked for, beside the scene: its arguments have the same names."""
 
     planner: planners.Planner | str = "opti-promp"
-    strategy: Strategy = "joint"
     demonstrations: ProMP | str | Path | None = None
     seed: int = 0
     options: PlanOptions = DEFAULTS
@@ -125,7 +121,7 @@ class Request:
 
     def search(self, scene: Scene | str | Path) -> Search:
         """The search for a plan of a scene; its clock starts."""
-        solver = check_request(self.planner, self.strategy, self.options, self.seed)
+        solver = check_request(self.planner, self.options, self.seed)
         compile_once()  # before the plan's clock starts
         say = self.progress or str
         say("reading scene and robot")
@@ -256,11 +252,11 @@ def _badness(made: Plan) -> tuple[bool, bool, float]:
 
 
 def check_request(
-    planner: planners.Planner | str, strategy: str, options: PlanOptions, seed: int = 0
+    planner: planners.Planner | str, options: PlanOptions, seed: int = 0
 ) -> planners.Planner:
     """The planner of a request; see :func:`chosen_planner`."""
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise InvalidRequestError(f"seed is {seed!r}; it must be a whole number >= 0")
     if not isinstance(options, PlanOptions):
         raise InvalidRequestError(f"options are {type(options).__name__}; they must be PlanOptions")
-    return planners.chosen_planner(planner, strategy, options)
+    return planners.chosen_planner(planner, options)

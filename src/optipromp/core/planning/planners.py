@@ -12,7 +12,6 @@ An entry point is loaded when its name is asked for, or when all planners are li
 import math
 import warnings
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
 from importlib import metadata
 from typing import Any, ClassVar, Protocol, runtime_checkable
@@ -21,22 +20,15 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import Budget, clock
-from optipromp.core.errors import Code, InvalidRequestError, suggest
+from optipromp.core.errors import Code, InvalidRequestError, suggest, unknown
 from optipromp.core.planning import goals, primitive
 from optipromp.core.planning.follow import keeps_path
 from optipromp.core.planning.lines import along_lines
-from optipromp.core.planning.options import (
-    STRATEGIES,
-    PlanOptions,
-    Searched,
-    Strategy,
-    Timed,
-    require,
-)
+from optipromp.core.planning.options import PlanOptions, Searched, Timed, require
 from optipromp.core.planning.parameters import GOAL, PRIMITIVE, WAYPOINT
 from optipromp.core.planning.pick import pick
 from optipromp.core.planning.primitive import learnt
-from optipromp.core.planning.result import Answer, Failed, Planned, Proposal, Term, ViaPoint
+from optipromp.core.planning.result import Answer, Failed, Planned, Proposal, ViaPoint
 from optipromp.core.planning.task import Task, pushed_aside
 from optipromp.core.planning.timing import timed
 from optipromp.core.promp.model import ProMP
@@ -53,13 +45,10 @@ class Planner(Protocol):
     """Anything that solves a task.
 
     A planner may have further attributes. Its plans report ``name`` (by default the name of its
-    class) and ``strategy`` (by default none). Where ``approaches`` is true, the other approaches
-    that the scene allows are tried too if the straight one fails. ``timed`` says that a duration or
-    a speed is set, ``iterations`` of 0 that no optimisation is. ``takes_strategy``, an attribute of
-    the class, says that the planner has the settings ``strategy`` and ``constraints``: it serves a
-    request of opti-promp that names another strategy or other constraints than the default ones,
-    and its ``functionals(task, settings, outcome)`` are the terms that every plan reports.
-    ``ignores`` names those of :data:`WAY` for which it does not plan: such scenes are refused.
+    class). Where ``approaches`` is true, the other approaches that the scene allows are tried too
+    if the straight one fails. ``timed`` says that a duration or a speed is set, ``iterations`` of 0
+    that no optimisation is. ``ignores`` names those of :data:`WAY` for which it does not plan: such
+    scenes are refused.
     """
 
     def solve(self, task: Task, budget: Budget) -> Answer:
@@ -142,29 +131,6 @@ def planner_names() -> tuple[str, ...]:
     return tuple(planners())
 
 
-def strategist() -> str | None:
-    """The name of the planner that takes a strategy and constraints, if any is installed; see
-    :class:`Planner`."""
-    for names in (lambda: [*_known], _joined):  # entry points are read only where they must be
-        for name in names():
-            with suppress(InvalidRequestError):  # of another package, which no request needs here
-                if getattr(factory(name), "takes_strategy", False):
-                    return name
-    return None
-
-
-def functionals(
-    task: Task, planner: Planner, options: PlanOptions, outcome: Planned
-) -> dict[str, Term]:
-    """The functionals that a plan of ``planner`` reports: those of :func:`strategist`, if any."""
-    if (name := strategist()) is None:
-        return {}
-    kind: Any = factory(name)
-    of_its_own = getattr(planner, "takes_strategy", False)
-    reported: dict[str, Term] = kind.functionals(task, planner if of_its_own else options, outcome)
-    return reported
-
-
 def settings_of(kind: Factory) -> tuple[str, ...]:
     """The names of the settings of a planner whose factory is a dataclass; else none."""
     return tuple(item.name for item in fields(kind)) if is_dataclass(kind) else ()
@@ -175,7 +141,7 @@ def make(name: str, **settings: Any) -> Planner:
     kind = factory(name)
     for setting in settings:
         if setting not in settings_of(kind):
-            valid = suggest(setting, settings_of(kind) or ["none"])
+            valid = unknown(setting, settings_of(kind) or ["none"])
             raise InvalidRequestError(f"{setting} is no setting of {name}; {valid}")
     return kind(**settings)
 
@@ -184,20 +150,15 @@ def check_way(planner: Planner, scene: Scene) -> None:
     """Refuse a planner for a scene that says of the way to its goal what the planner ignores."""
     for said in getattr(planner, "ignores", ()):
         if getattr(scene, said) is not None:
-            strategy = getattr(planner, "strategy", None)
-            name = label(planner) if strategy is None else f"{label(planner)} ({strategy})"
             raise InvalidRequestError(
-                f"planner {name} ignores what the scene says in {said!r}: must be opti-promp with "
-                f"its usual strategy and constraints, or a scene without {said!r}"
+                f"planner {label(planner)} ignores what the scene says in {said!r}: must be "
+                f"opti-promp, or a scene without {said!r}"
             )
 
 
 def label(planner: Planner | str) -> str:
     """The name that a plan reports for its planner."""
     return planner if isinstance(planner, str) else getattr(planner, "name", type(planner).__name__)
-
-
-JOINT: Strategy = "joint"
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,7 +211,6 @@ class OptiProMP(Searched):
     """Pick a tool path in the push model, follow it with the whole arm, optimise and judge."""
 
     name: ClassVar[str] = "opti-promp"
-    strategy: ClassVar[Strategy] = "joint"
 
     @property
     def approaches(self) -> bool:
@@ -389,33 +349,22 @@ USUAL = vars(PlanOptions())  # the default of each option
 OF_A_PLAN = "timeout", "effort", "risk"  # options of a request, whatever the planner
 
 
-def chosen_planner(planner: Planner | str, strategy: str, options: PlanOptions) -> Planner:
+def chosen_planner(planner: Planner | str, options: PlanOptions) -> Planner:
     """The planner of a request: a value as it is, or the planner of a name with its options.
 
-    A request of opti-promp with the strategy ``sequential``, or with the constraints of the paper,
-    means the planner that takes a strategy (:func:`strategist`). The planners promp, i-promp and
-    opti-promp ignore options that are no settings of theirs.
+    The planners promp, i-promp and opti-promp ignore options that are no settings of theirs.
     """
-    if strategy not in STRATEGIES:
-        raise InvalidRequestError(f"strategy is {strategy!r}; {suggest(strategy, STRATEGIES)}")
     given = {k: v for k, v in vars(options).items() if k not in OF_A_PLAN and v != USUAL[k]}
     if not isinstance(planner, str):
         if isinstance(planner, type) or not isinstance(planner, Planner):
             raise InvalidRequestError(
                 f"planner is {planner!r}: must be a name, or an object with solve(task, budget)"
             )
-        if given or strategy != JOINT:
-            extra = ", ".join([*given, *(["strategy"] if strategy != JOINT else [])])
+        if given:
+            extra = ", ".join(given)
             raise InvalidRequestError(f"{extra}: must be settings of the planner that is given")
         return planner
     kind = factory(planner)
     if kind in _OURS.values():
-        if kind is not OptiProMP and options.paper is not None:
-            given |= {k: v for k, v in vars(options.paper).items() if not hasattr(options, k)}
-        if kind is OptiProMP and (strategy != JOINT or options.constraints == "paper"):
-            if (found := strategist()) is None:
-                raise InvalidRequestError("strategy and constraints: no planner here takes these")
-            planner = found
-            given |= {"strategy": strategy, "constraints": options.constraints}
-        given = {k: v for k, v in given.items() if k in settings_of(factory(planner))}
+        given = {k: v for k, v in given.items() if k in settings_of(kind)}
     return make(planner, **given)

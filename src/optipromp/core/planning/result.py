@@ -1,6 +1,5 @@
 """The results of planning: stages of an optimisation, a planner's answers, a plan."""
 
-import functools
 import heapq
 import itertools
 import math
@@ -13,7 +12,6 @@ from optipromp.core.budget import clock
 from optipromp.core.errors import Code
 from optipromp.core.files import plain
 from optipromp.core.judging import Judgement, Metrics, Overlap
-from optipromp.core.planning.options import Strategy
 from optipromp.core.planning.task import Task, as_of, passages, reached
 from optipromp.core.pushing.model import Prediction, PushModel
 from optipromp.core.robots.model import Robot
@@ -100,8 +98,6 @@ class Stage:
         history: value of every term after each iteration, the initial value first.
         seconds: wall time [s].
         message: why the solver stopped.
-        trust_radius: first trust radius, of a push stage of the sequential strategy [rad].
-        tried_radii: the trust radii that were tried; the last gave the plan, if any was valid.
     """
 
     name: str
@@ -110,8 +106,25 @@ class Stage:
     history: tuple[Mapping[str, float], ...]
     seconds: float
     message: str
-    trust_radius: float | None = None
-    tried_radii: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Term:
+    """One functional of a plan, without its weight.
+
+    Attributes:
+        initial: value at the conditioned ProMP.
+        followed: value at the followed trajectory.
+        final: value at the returned trajectory.
+        history: values over the iterations of ``stage``, the initial value first.
+        stage: name of the stage that minimises the functional; empty where none does.
+    """
+
+    initial: float
+    followed: float
+    final: float
+    history: tuple[float, ...]
+    stage: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,6 +151,7 @@ class Planned:
         prediction: of the trajectory's push; None where the planner did not ask the push model.
         via: points of the tool that the primitive was conditioned on, the target last.
         beyond: the least harm of the tool paths out of the arm's reach.
+        terms: functionals that the plan reports, by name.
     """
 
     trajectory: Trajectory
@@ -151,6 +165,7 @@ class Planned:
     prediction: Prediction | None = None
     via: tuple[ViaPoint, ...] = ()
     beyond: float = math.inf
+    terms: Mapping[str, Term] = field(default_factory=dict)
 
     @property
     def begin(self) -> Trajectory:
@@ -175,25 +190,6 @@ Answer = Planned | Failed | Proposal[Any]
 to follow the path of least harm, which is its rank."""
 
 
-@dataclass(frozen=True)
-class Term:
-    """One functional of a plan, without its weight.
-
-    Attributes:
-        initial: value at the conditioned ProMP.
-        followed: value at the followed trajectory.
-        final: value at the returned trajectory.
-        history: values over the iterations of ``stage``, the initial value first.
-        stage: name of the stage that minimises the functional; empty where none does.
-    """
-
-    initial: float
-    followed: float
-    final: float
-    history: tuple[float, ...]
-    stage: str
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan(Shown):
     """A plan: a trajectory, its metrics, and whether it is a success.
@@ -201,7 +197,6 @@ class Plan(Shown):
     Attributes:
         task: the scene bound to its robot, start and goal.
         planner: ``promp``, ``i-promp``, ``opti-promp``, or the name of another planner.
-        strategy: of opti-promp: ``joint``, or the paper's ``sequential``.
         seed: of everything random.
         status: ``success`` only if the judge found nothing wrong and the predicted harm is small.
         reason: why the plan has this status.
@@ -215,12 +210,11 @@ class Plan(Shown):
         first: index of the first waypoint on the approach.
         via: points of the tool that the planner conditioned the primitive on, the target last.
         notes: remarks that do not change the status.
-        functionals: computes ``terms``.
+        terms: functionals that the planner reports, by name; of ours none.
     """
 
     task: Task
     planner: str
-    strategy: Strategy | None
     seed: int
     status: Code
     reason: str
@@ -234,16 +228,7 @@ class Plan(Shown):
     first: int = 0
     via: tuple[ViaPoint, ...] = ()
     notes: tuple[str, ...] = ()
-    functionals: Callable[[], Mapping[str, Term]] = dict
-
-    @functools.cached_property
-    def terms(self) -> Mapping[str, Term]:
-        """The functionals ``static``, ``avoid``, ``push`` and ``velocity``."""
-        return self.functionals()
-
-    def __getstate__(self) -> dict[str, Any]:
-        """The fields, with the terms in place of all that they are computed from."""
-        return vars(self) | {"functionals": dict(self.terms).copy}
+    terms: Mapping[str, Term] = field(default_factory=dict)
 
     @property
     def message(self) -> str:
@@ -307,11 +292,7 @@ class Plan(Shown):
         return reached(self.robot, self.scene.goals, self.trajectory.positions[-1])
 
     def _words(self) -> str:
-        strategy = f" {self.strategy}" if self.strategy else ""
-        return (
-            f"{self.scene.name}, {self.planner}{strategy}: {self.status}, "
-            f"{self.trajectory.duration:.2f} s"
-        )
+        return f"{self.scene.name}, {self.planner}: {self.status}, {self.trajectory.duration:.2f} s"
 
     @property
     def success(self) -> bool:
@@ -323,7 +304,6 @@ class Plan(Shown):
         document = {
             "scene": self.scene.name,
             "planner": self.planner,
-            "strategy": self.strategy,
             "seed": self.seed,
             "risk": self.risk,
             "status": self.status,

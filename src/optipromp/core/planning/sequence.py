@@ -9,7 +9,7 @@ from typing import Any
 
 from optipromp.core.errors import Code, InvalidRequestError, NoPlanError, OptiPrompError
 from optipromp.core.planning.legs import Picked, legs_of, plan_whole
-from optipromp.core.planning.options import PlanOptions, Strategy, stated
+from optipromp.core.planning.options import PlanOptions, stated
 from optipromp.core.planning.plan import check_request, plan
 from optipromp.core.planning.planners import Planner
 from optipromp.core.planning.result import REACH, Plan
@@ -196,7 +196,6 @@ def plan_many(
     options: PlanOptions | None = None,
     *,
     planner: Planner | str = "opti-promp",
-    strategy: Strategy = "joint",
     demonstrations: ProMP | str | Path | None = None,
     seed: int = 0,
     workers: int | None = None,
@@ -213,7 +212,7 @@ def plan_many(
     Args:
         scenes: scenes, names of built-in scenes, or scene files.
         options: of every plan; see :class:`PlanOptions`.
-        planner, strategy, demonstrations, seed, settings: as for :func:`plan`.
+        planner, demonstrations, seed, settings: as for :func:`plan`.
         workers: processes that plan; None: one per core; 1: this process plans.
         legs: scenes with a target that the tool takes in, or with a ``place``, are planned with
             all legs, as :func:`optipromp.core.planning.legs.plan_pick` does.
@@ -226,16 +225,15 @@ def plan_many(
         ``NoPlanError`` where the process ended.
 
     Raises:
-        InvalidRequestError: fewer than one worker; an unknown planner or strategy; options or
+        InvalidRequestError: fewer than one worker; an unknown planner; options or
             demonstrations that cannot be sent to another process; processes cannot start.
     """
     if workers is not None and workers < 1:
         raise InvalidRequestError(f"workers is {workers}; it must be at least 1")
     options = stated(options, settings, plan_many)
-    check_request(planner, strategy, options)
+    check_request(planner, options)
     asked = {
-        "planner": planner, "strategy": strategy, "demonstrations": demonstrations, "seed": seed,
-        "options": options,
+        "planner": planner, "demonstrations": demonstrations, "seed": seed, "options": options,
     }  # fmt: skip
     request = _Job(asked, legs)
     count = min(workers or cores(), len(scenes))

@@ -40,7 +40,6 @@ def warm_up(scene: Scene | str = WARM_UP) -> None:
         made = made.made() if isinstance(made, Proposal) else made
         home = task.robot.home[None]
         collision.way(task, home, home, np.random.default_rng(0))
-    len(made.terms)  # computed when read
 
 
 @functools.cache

@@ -3,7 +3,7 @@
 import functools
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,10 +12,10 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.geometry import Box, Sphere
-from optipromp.core.planning import Plan, PlanOptions, Strategy, plan
+from optipromp.core.planning import ConditionedProMP, IProMP, OptiProMP, Plan, Planner, plan
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import SceneObject
-from optipromp.laboratory.planners.paper import PaperOptions
+from optipromp.laboratory.planners.paper import Paper
 
 if TYPE_CHECKING:
     from optipromp.core.promp.model import ProMP
@@ -41,12 +41,9 @@ class Case:
     key: str  # short name, also of the run's folder
     scene: str  # built-in scene
     title: str  # in words
-    planner: str  # see plan
-    strategy: Strategy = "joint"  # of opti-promp
+    planner: Planner
     expected: Code | None = None  # code of the plan; None where any code is right
     published: Published | None = None  # the paper's figures, where there are some
-    # settings that differ from the default
-    options: Mapping[str, Any] = field(default_factory=dict)
     start: tuple[float, ...] | None = None  # (n,) in place of the scene's
 
 
@@ -80,6 +77,11 @@ class ScenarioRow:
         """Whether the plan's code is the expected one."""
         return self.case.expected is None or self.plan.status is self.case.expected
 
+    @property
+    def staged(self) -> bool:
+        """Whether the plan is of the paper's two stages."""
+        return getattr(self.case.planner, "strategy", None) == "sequential"
+
     @functools.cached_property
     def M_c_joints(self) -> float:
         """M_c over joint origins and tool point, as the paper's is [m]; infinite if no obstacle."""
@@ -108,8 +110,8 @@ class ScenarioRow:
 
     @property
     def reductions(self) -> tuple[Reduction, ...]:
-        """Our cost reductions beside the paper's; empty where the paper gives none."""
-        if self.case.published is None:
+        """Our cost reductions beside the paper's; empty where one of both gives none."""
+        if self.case.published is None or not self.plan.terms:
             return ()
         rows = []
         for name, (factor, iterations) in self.case.published.reductions.items():
@@ -155,31 +157,28 @@ _IV = Published(
     M_p={"n1": -0.0084, "n2": 0.03379},
     reductions={"static": (4.2, 3), "push": (2.2, 15)},
 )
-_PLAIN = {"paper": PaperOptions(camera_point=False)}
-_CAMERA = {"paper": PaperOptions(camera_point=True)}
+_OURS, _JOINT = OptiProMP(), Paper(strategy="joint")
+_AUTHORS = Paper(strategy="sequential", constraints="push-model")
 _FAILS, _HARMS, _SUCCEEDS = Code.INVALID_PLAN, Code.HARM_PREDICTED, Code.SUCCESS
-_OPTI = "opti-promp"
 NONE = "—"  # in place of a figure
 
 CASES: tuple[Case, ...] = (
-    Case("1-plain", "scenario-1", "ProMP on start and target", "promp",
-         expected=_FAILS, options=_PLAIN),
-    Case("1-camera", "scenario-1", "ProMP also on a point below the cluster", "promp",
-         expected=_FAILS, options=_CAMERA),
-    Case("2", "scenario-2", "I-ProMP pushes", "i-promp", expected=_FAILS),
-    Case("3-joint", "scenario-3", "side clusters", _OPTI, "joint", _SUCCEEDS, _III),
-    Case("3-kept", "scenario-3", "side clusters, the paper's constraints", _OPTI, "joint", _HARMS,
-         _III, options={"constraints": "paper"}),
-    Case("3-sequential", "scenario-3", "side clusters", _OPTI, "sequential", _HARMS, _III),
-    Case("4-joint", "scenario-4", "table-top", _OPTI, "joint", _SUCCEEDS, _IV),
-    Case("4-kept", "scenario-4", "table-top, the paper's constraints", _OPTI, "joint", _HARMS,
-         _IV, options={"constraints": "paper"}),
-    Case("4-sequential", "scenario-4", "table-top", _OPTI, "sequential", _HARMS, _IV),
-    Case("4-near", "scenario-4", "table-top, from a start whose ProMP comes near it", _OPTI,
-         "sequential", None, _IV, start=(-0.21, -0.8, 0.52, -2.19, 0.08, 2.59, 1.51)),
+    Case("1-plain", "scenario-1", "ProMP on start and target",
+         ConditionedProMP(camera_point=False), _FAILS),
+    Case("1-camera", "scenario-1", "ProMP also on a point below the cluster",
+         ConditionedProMP(camera_point=True), _FAILS),
+    Case("2", "scenario-2", "I-ProMP pushes", IProMP(), _FAILS),
+    Case("3-joint", "scenario-3", "side clusters", _OURS, _SUCCEEDS, _III),
+    Case("3-kept", "scenario-3", "side clusters, the paper's constraints", _JOINT, _HARMS, _III),
+    Case("3-sequential", "scenario-3", "side clusters", _AUTHORS, _HARMS, _III),
+    Case("4-joint", "scenario-4", "table-top", _OURS, _SUCCEEDS, _IV),
+    Case("4-kept", "scenario-4", "table-top, the paper's constraints", _JOINT, _HARMS, _IV),
+    Case("4-sequential", "scenario-4", "table-top", _AUTHORS, _HARMS, _IV),
+    Case("4-near", "scenario-4", "table-top, from a start whose ProMP comes near it", _AUTHORS,
+         None, _IV, start=(-0.21, -0.8, 0.52, -2.19, 0.08, 2.59, 1.51)),
     *(
-        Case(key, key, f"{title}, with the hand, start and distances of the paper", _OPTI,
-             "sequential", _HARMS, published, options={"constraints": "paper"})
+        Case(key, key, f"{title}, with the hand, start and distances of the paper", Paper(),
+             _HARMS, published)
         for key, title, published in (
             ("paper-3", "side clusters", _III), ("paper-4", "table-top", _IV),
         )
@@ -205,11 +204,10 @@ def run_scenarios(
         scene = load_scene(case.scene)
         if case.start is not None:
             scene = replace(scene, start=np.array(case.start))
-        panda = case.planner == "opti-promp"
+        panda = isinstance(case.planner, OptiProMP | Paper)
         made = plan(
-            scene, planner=case.planner, strategy=case.strategy, seed=seed,
-            demonstrations=demonstrations if panda else None,
-            options=PlanOptions(**case.options), progress=progress,
+            scene, planner=case.planner, seed=seed,
+            demonstrations=demonstrations if panda else None, progress=progress,
         )  # fmt: skip
         rows.append(ScenarioRow(case, made))
     return tuple(rows)
@@ -217,9 +215,8 @@ def run_scenarios(
 
 def beside(plan: Plan) -> list[tuple[str, str, str, str]]:
     """The paper's figures of the same scene beside the plan's: which, its, ours, its test."""
-    cases = [case for case in CASES if case.scene == plan.scene.name and case.published]
-    alike = [case for case in cases if case.strategy == plan.strategy]
-    case = next(iter(alike or cases), None)
+    cases = (case for case in CASES if case.scene == plan.scene.name and case.published)
+    case = next(cases, None)
     if case is None or case.published is None:
         return []
     row, published, metrics = ScenarioRow(case, plan), case.published, plan.metrics

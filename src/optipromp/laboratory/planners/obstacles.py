@@ -24,7 +24,7 @@ from optipromp.core.planning.result import Answer, Failed, Planned, Proposal
 from optipromp.core.planning.task import Task, changed
 from optipromp.core.pushing.path import ToolPath
 from optipromp.core.scenes.scene import Scene
-from optipromp.laboratory.planners.paper_costs import PaperOptions
+from optipromp.laboratory.planners.paper_costs import PaperSettings
 from optipromp.laboratory.planners.straight import gently
 
 TRIES = 20  # smooth corrections of a trajectory beyond its limits, before it is clipped: a choice
@@ -69,7 +69,7 @@ class Chomp:
         smoothness: weight of ½∫‖ξ̈‖² dt beside the obstacle functionals; a choice.
     """
 
-    epsilon: float = PaperOptions.epsilon
+    epsilon: float = PaperSettings.epsilon
     smoothness: float = 1e-5
     name: ClassVar[str] = "chomp"
     ignores: ClassVar[tuple[str, ...]] = WAY

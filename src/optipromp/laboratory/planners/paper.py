@@ -1,6 +1,6 @@
 """The paper's own planner as a value; :mod:`optipromp.laboratory.planners.paper_stages` solves."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from optipromp.core.budget import Budget
@@ -9,7 +9,6 @@ from optipromp.core.planning.primitive import learnt
 from optipromp.core.planning.result import Answer
 from optipromp.core.planning.task import Task, pushed_aside
 from optipromp.core.promp.basis import Basis
-from optipromp.laboratory.planners.paper_costs import PaperOptions as PaperOptions
 from optipromp.laboratory.planners.paper_costs import PaperSettings, reported
 from optipromp.laboratory.planners.paper_costs import PushCost as PushCost
 
@@ -20,10 +19,8 @@ PAPER_BASIS = Basis(count=5, width=4.0, outside=1)
 class Paper(PaperSettings):
     """OptI-ProMP as the paper has it: its functionals under its constraints."""
 
-    name: ClassVar[str] = "opti-promp"
-    takes_strategy: ClassVar[bool] = True
+    name: ClassVar[str] = "paper"
     ignores: ClassVar[tuple[str, ...]] = WAY
-    functionals = staticmethod(reported)
 
     def solve(self, task: Task, budget: Budget) -> Answer:
         from optipromp.laboratory.planners.paper_stages import solve  # with SciPy's optimisers
@@ -33,4 +30,5 @@ class Paper(PaperSettings):
         if not len(chosen.q):
             return chosen.failed
         budget.say(f"optimising ({self.strategy})")
-        return chosen.told(solve(task, promp, self, chosen.q, budget))
+        made = solve(task, promp, self, chosen.q, budget)
+        return chosen.told(replace(made, terms=reported(task, self, made)))

@@ -1,9 +1,9 @@
-"""The paper's functionals F_s, F_d, F_p and F_v, which every plan reports, and their settings."""
+"""The paper's functionals F_s, F_d, F_p and F_v, and the settings of its planner."""
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -15,28 +15,29 @@ from optipromp.core.optimization.costs.obstacles import ObstacleCost, Reduction
 from optipromp.core.optimization.evaluation import Cost, Evaluation
 from optipromp.core.optimization.kernels import add_along
 from optipromp.core.optimization.problem import Problem
-from optipromp.core.parameters import Settings
-from optipromp.core.planning.options import (
-    Constraints,
-    Optimised,
-    Strategy,
-    check_types,
-    numbers,
-    require,
-)
+from optipromp.core.planning.options import Optimised, numbers, require
 from optipromp.core.planning.result import Planned, Term
 from optipromp.core.planning.task import Task
 from optipromp.core.scenes.scene import PoseGoal
 
+Strategy = Literal["joint", "sequential"]
+Constraints = Literal["push-model", "paper"]
 PushForm = Literal["quadratic", "reciprocal"]
 PaperDrift = Literal["paper", "lateral-plane"]
 
 
 @dataclass(frozen=True)
-class PaperOptions(Settings):
-    r"""Settings that the paper leaves open; the defaults are those of the paper or its authors.
+class PaperSettings(Optimised):
+    r"""The settings of the paper's planner; what the paper leaves open is as its authors have it.
+
+    ``corridor`` is also the tolerance of constraint 3 about the initial tool points: along x_g and
+    z_g, and along z_g alone where ``drift`` is ``lateral-plane``.
 
     Attributes:
+        strategy: ``sequential``: the paper's two stages; ``joint``: one solve.
+        constraints: ``paper``: a plan is a success only if constraint 1 holds at every waypoint of
+            the paper's window. ``push-model``: success is decided as for other planners. Both
+            strategies plan with constraints 1 to 3 in any case.
         alphas: α1 … α4, the weights of F_s, F_d, F_p and F_v.
         epsilon: ε, the safety distance of the obstacle cost [m].
         reduction: of the obstacle cost over body points, ``max`` (the paper) or ``sum`` (CHOMP);
@@ -50,21 +51,15 @@ class PaperOptions(Settings):
         drift_offset: least d_n·(fk − X_n) of constraint 1 [m], of all pushables or by the id of a
             pushable (R_gripper where the id is missing); None: as the scene says (by default
             R_gripper).
-        corridor: tolerance of constraint 3 about the initial tool points [m]: along x_g and z_g,
-            and along z_g alone where ``drift`` is ``lateral-plane``.
-        camera_phase: t_1, the phase of the camera point in (0, 1); None: 0.5 for promp and i-promp;
-            for OptI-ProMP such that steps before and after the camera point are equally long.
-        camera_point: whether the planner promp passes the camera point; None: as the scene says
-            (by default yes).
-        via_deviation: standard deviation with which a ProMP is held to a pushable [m].
-        direction_deviation: standard deviation of I-ProMP's push direction [rad]; above 0 the
-            direction is sampled.
-        guard: of i-promp: the mouth is closed while the tool pushes. The closed rim, not the tool
-            point, is led under each neighbour and under its pushed pose.
+        camera_phase: t_1, the phase of the camera point in (0, 1); None: such that steps before and
+            after the camera point are equally long.
+        via_deviation: standard deviation with which the ProMP is held to a pushable [m].
         trust_radii: first trust radii of the push stage of the sequential strategy [rad]. They are
             tried in this order, and the first valid plan is kept.
     """
 
+    strategy: Strategy = "sequential"
+    constraints: Constraints = "paper"
     alphas: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 0.0)
     epsilon: float = 0.01
     reduction: Reduction | None = None
@@ -72,16 +67,12 @@ class PaperOptions(Settings):
     push_weights: tuple[float, float, float] = (1.0, 1.0, 1.0)
     drift: PaperDrift = "paper"
     drift_offset: float | Mapping[str, float] | None = None
-    corridor: float = 0.002
     camera_phase: float | None = None
-    camera_point: bool | None = None
     via_deviation: float = 1e-3
-    direction_deviation: float = 0.0
-    guard: bool = False
     trust_radii: tuple[float, ...] = (0.005, 0.01, 0.02, 0.05, 0.1)
 
     def __post_init__(self) -> None:
-        check_types(self, "paper.")
+        super().__post_init__()
         phase, offset, radii = self.camera_phase, self.drift_offset, list(self.trust_radii)
         offsets = () if offset is None else numbers(offset)
         four = len(self.alphas) == 4 and min(self.alphas) >= 0
@@ -92,23 +83,19 @@ class PaperOptions(Settings):
             ("epsilon", self.epsilon > 0, "positive [m]"),
             ("push_weights", three, "three weights, none negative"),
             ("drift_offset", all(offset >= 0 for offset in offsets), "not negative [m]"),
-            ("corridor", self.corridor >= 0, "not negative [m]"),
             ("camera_phase", phase is None or 0.0 < phase < 1.0, "between 0 and 1"),
             ("via_deviation", self.via_deviation >= 0, "not negative [m]"),
-            ("direction_deviation", self.direction_deviation >= 0, "not negative [rad]"),
             ("trust_radii", rising, "positive, from small to large [rad]"),
         ):
-            require(self, "paper.", ok, name, wanted)
+            require(self, "", ok, name, wanted)
 
 
-def weighted(task: Task, options: PaperOptions, first: int, authors: bool) -> list[Cost]:
+def weighted(task: Task, options: PaperSettings, first: int) -> list[Cost]:
     """F_s, F_d, F_p (from waypoint ``first`` on) and F_v with their weights.
 
-    Where the options leave the reduction and the form of F_p open, ``authors`` chooses those of the
-    authors' sequential runs, or else those of the joint strategy. Without neighbours there is no
-    F_p.
+    Without neighbours there is no F_p.
     """
-    a = options.alphas
+    a, authors = options.alphas, options.strategy == "sequential"
     reduction = options.reduction or ("max" if authors else "sum")
     push = options.push or ("reciprocal" if authors else "quadratic")
     terms: list[Cost] = [
@@ -123,38 +110,29 @@ def weighted(task: Task, options: PaperOptions, first: int, authors: bool) -> li
 
 
 def functional_values(
-    task: Task, options: PaperOptions, first: int, q: FloatArray, authors: bool
+    task: Task, options: PaperSettings, first: int, q: FloatArray
 ) -> dict[str, float]:
     """The values of the functionals at a trajectory ``q`` (T, n), by name."""
-    terms, cutoff = weighted(task, options, first, authors), options.epsilon
+    terms, cutoff = weighted(task, options, first), options.epsilon
     problem = Problem(
         task.robot, task.surroundings, terms, (), len(q), cutoff=cutoff, body=task.body
     )
     return problem.evaluate(q).costs
 
 
-def reported(task: Task, settings: Any, outcome: Planned) -> dict[str, Term]:
-    """Each functional at the three trajectories of a plan, and over the stage that minimises it.
-
-    ``settings``: of the plan, or of the paper's planner, which reports the forms of its strategy.
-    """
-    paper = settings.paper or PaperOptions()
-    authors = getattr(settings, "strategy", None) == "sequential"
-    begin = outcome.begin
-    first, second, last = (
-        functional_values(task, paper, outcome.first, made.positions, authors)
-        for made in (begin, outcome.followed or begin, outcome.trajectory)
+def reported(task: Task, options: PaperSettings, made: Planned) -> dict[str, Term]:
+    """Each functional at the trajectories of a plan, and over the stage that minimises it."""
+    begin = made.begin
+    before, after = (
+        functional_values(task, options, made.first, each.positions)
+        for each in (begin, made.trajectory)
     )
     out = {}
     for name in ("static", "avoid", "push", "velocity"):
-        stage = next((s for s in outcome.stages if name in s.terms), None)
-        out[name] = Term(
-            first.get(name, 0.0),
-            second.get(name, 0.0),
-            last.get(name, 0.0),
-            () if stage is None else tuple(item.get(name, 0.0) for item in stage.history),
-            "" if stage is None else stage.name,
-        )
+        stage = next((s for s in made.stages if name in s.terms), None)
+        first, last = before.get(name, 0.0), after.get(name, 0.0)
+        history = () if stage is None else tuple(item.get(name, 0.0) for item in stage.history)
+        out[name] = Term(first, first, last, history, "" if stage is None else stage.name)
     return out
 
 
@@ -226,19 +204,3 @@ def push_reciprocal(points, tool, goal, lateral, softening, first, scale, force,
         for i in range(3):
             force[t, tool, i] -= scale * y * value**3 * lateral[i]
     return total
-
-
-@dataclass(frozen=True)
-class PaperSettings(Optimised):
-    """The settings of the paper's planner.
-
-    Attributes:
-        strategy: ``sequential``: the paper's two stages; ``joint``: one solve.
-        constraints: ``paper``: a plan is a success only if constraint 1 holds at every waypoint of
-            the paper's window. ``push-model``: success is decided as for other planners.
-        paper: settings that the paper leaves open; see :class:`PaperOptions`.
-    """
-
-    strategy: Strategy = "sequential"
-    constraints: Constraints = "paper"
-    paper: PaperOptions = field(default_factory=PaperOptions)

@@ -136,7 +136,7 @@ class Posed:
         A waypoint is in the window of a pushable where its initial height along z_g is, within the
         tolerance of constraint 3. The last waypoint, the goal, has no rows.
         """
-        frame, paper = self.task.scene.frame, self.options.paper
+        frame, options = self.task.scene.frame, self.options
         apart = 1 if most is None else math.ceil(self.waypoints.count / most)
         free = np.arange(self.waypoints.first, self.waypoints.count - 1)[::apart]
         rows: list[tuple[IntArray, FloatArray, FloatArray, FloatArray]] = []
@@ -144,21 +144,20 @@ class Posed:
             self.drift.centers, self.drift.directions, self.drift.windows, self.offsets, strict=True
         ):
             height = (self.points[free] - center) @ frame[2]
-            at = free[(height >= low - paper.corridor) & (height <= high + paper.corridor)]
+            at = free[(height >= low - options.corridor) & (height <= high + options.corridor)]
             least = np.full(len(at), float(center @ direction) + offset + PAPER.margin)
             rows.append((at, direction, least, np.full(len(at), np.inf)))
-        for axis in frame[[0, 2] if paper.drift == "paper" else [2]]:
+        for axis in frame[[0, 2] if options.drift == "paper" else [2]]:
             at = free[::every]
             middle = self.points[at] @ axis
-            rows.append((at, axis, middle - paper.corridor, middle + paper.corridor))
+            rows.append((at, axis, middle - options.corridor, middle + options.corridor))
         at, lower, upper = (np.concatenate([row[k] for row in rows]) for k in (0, 2, 3))
         axes = np.concatenate([np.tile(axis, (len(at), 1)) for at, axis, _, _ in rows])
         return ConstraintRows(weight, at, axes, lower, upper)
 
     def functionals(self) -> list[Cost]:
         """F_s, F_d, F_p and F_v with their weights, in the forms of the strategy."""
-        sequential = self.options.strategy == "sequential"
-        return weighted(self.task, self.options.paper, self.waypoints.first, sequential)
+        return weighted(self.task, self.options, self.waypoints.first)
 
     def timed(self, q: FloatArray) -> Trajectory:
         """Waypoints ``q`` (T, n) as a trajectory, slow on the approach among what is pushed."""
@@ -170,7 +169,7 @@ class Posed:
     def problem(self, terms: Sequence[Cost], constraints: Sequence[Cost], ends: bool) -> Problem:
         """The problem over the waypoints; the first is fixed, with ``ends`` also the last."""
         task, options = pushed_aside(self.task), self.options  # before the arm comes
-        cutoff = max(options.paper.epsilon, options.static_clearance, options.avoid_clearance)
+        cutoff = max(options.epsilon, options.static_clearance, options.avoid_clearance)
         return Problem(
             task.robot, task.surroundings, terms, constraints, self.waypoints.count,
             cutoff=cutoff + 1e-3, end_fixed=ends, body=task.body,
@@ -182,7 +181,7 @@ def drift_offsets(task: Task, options: PaperSettings) -> FloatArray:
 
     It is that of the options, else of the scene, else R_gripper.
     """
-    wanted = options.paper.drift_offset
+    wanted = options.drift_offset
     wanted = task.scene.options.get("drift_offset") if wanted is None else wanted
     wanted = task.robot.gripper_radius if wanted is None else wanted
     if not isinstance(wanted, Mapping):
@@ -208,7 +207,7 @@ def posed_problems(
     for goal in goals:
         branch = None
         if positions:
-            points, deviations = via_points(task, positions, options.paper.via_deviation)
+            points, deviations = via_points(task, positions, options.via_deviation)
             branch = on_branch(task, points, goal)
         if branch is None:
             branches.append((goal[None], np.zeros(1)))
@@ -225,9 +224,7 @@ def posed_problems(
         via = tuple(map(ViaPoint, names[-len(met) :], met))
         yield [
             Posed(task, options, waypoints, drift, offsets, via, q, points)
-            for drift in drift_choices(
-                task.scene, task.neighbours, options.paper.drift, window="paper"
-            )
+            for drift in drift_choices(task.scene, task.neighbours, options.drift, window="paper")
         ]
 
 
@@ -240,7 +237,7 @@ def spaced(task: Task, options: PaperSettings, values: FloatArray) -> Waypoints:
     reach = values[0] - task.start
     if len(values) == 1:
         count = options.waypoints or free_count(reach, options.max_step)
-        return Waypoints.at_phase(count, options.paper.camera_phase or 0.5)
+        return Waypoints.at_phase(count, options.camera_phase or 0.5)
     tools = task.robot.tool_pose(values)[0]
     path = float(np.linalg.norm(np.diff(tools, axis=0), axis=1).sum())
     moved = float(np.abs(np.diff(values, axis=0)).max(axis=1).sum())
@@ -252,7 +249,7 @@ def spaced(task: Task, options: PaperSettings, values: FloatArray) -> Waypoints:
     )
     count = options.waypoints or within_limits(10 * np.ceil((before + after) / 10))
     phase = min(max(0.2, before / (before + after)), 0.75)
-    return Waypoints.at_phase(count, options.paper.camera_phase or phase)
+    return Waypoints.at_phase(count, options.camera_phase or phase)
 
 
 def further(task: Task, seed: int, known: FloatArray) -> FloatArray:
@@ -300,7 +297,7 @@ def solve(
     (:func:`further`).
     """
     began = clock()
-    strategy, radii = options.strategy, options.paper.trust_radii
+    strategy, radii = options.strategy, options.trust_radii
     if strategy == "joint" or not task.neighbours:
         radii = radii[:1]  # there is no push stage to begin from them
     tried: list[float] = []
@@ -333,8 +330,9 @@ def solve(
         if best.valid or not best.stages or budget.spent():
             break
     assert best is not None  # there is at least one goal configuration
+    told = f"; trust radii tried [rad]: {', '.join(f'{radius:g}' for radius in tried)}"
     stages = tuple(
-        replace(stage, tried_radii=tuple(tried)) if stage.trust_radius else stage
+        replace(stage, message=stage.message + told) if stage.name == "push" else stage
         for stage in best.stages
     )
     times = {stage.name: stage.seconds for stage in stages}
@@ -370,8 +368,8 @@ def _judged(posed: Posed, q: FloatArray, stages: Sequence[Stage]) -> Solved:
             if found.kind == "stem"  # constraint 2; constraint 1 is asked above, for the offset
         ]
         judgement = replace(judgement, violations=(*judgement.violations, *missing))
-    paper = replace(options.paper, reduction="sum", push="quadratic")
-    terms = weighted(task, paper, posed.waypoints.first, authors=False)
+    same = replace(options, reduction="sum", push="quadratic")
+    terms = weighted(task, same, posed.waypoints.first)
     value = posed.problem(terms, (), True).evaluate(q)
     return Solved(posed, trajectory, tuple(stages), judgement, value.cost)
 
@@ -500,11 +498,11 @@ class Spline:
         if self.budget.spent():
             raise StopIteration
 
-    def stage(self, name: str, solver: str, message: str, radius: float | None = None) -> Stage:
+    def stage(self, name: str, solver: str, message: str) -> Stage:
         """The record of the stage."""
         names = tuple(term.name for term in self.problem.costs)
         seconds = clock() - self.began
-        return Stage(name, solver, names, tuple(self.history), seconds, message, radius)
+        return Stage(name, solver, names, tuple(self.history), seconds, message)
 
 
 def _collision(
@@ -557,4 +555,5 @@ def _push(
                 "initial_barrier_tolerance": PAPER.barrier,
             },
         )  # fmt: skip
-    return spline.at(result.x), spline.stage("push", "trust-constr", str(result.message), radius)
+    message = f"{result.message} First trust radius: {radius:g} rad"
+    return spline.at(result.x), spline.stage("push", "trust-constr", message)

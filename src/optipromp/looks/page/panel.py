@@ -16,7 +16,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, OptiPrompError, is_name
 from optipromp.core.files import check_folder, file_name
-from optipromp.core.planning import STRATEGIES, planner_names
+from optipromp.core.planning import planner_names
 from optipromp.core.planning.legs import legs_of
 from optipromp.core.planning.task import posed
 from optipromp.core.promp import Basis, fit
@@ -168,8 +168,6 @@ class Panel:
         window, gui, now = self.window, self.gui, self.window.settings
         self.planner = gui.add_dropdown("planner", planner_names(), initial_value=now["planner"])
         self.on(self.planner, "planner", lambda v: self._set(planner=v))
-        strategy = gui.add_dropdown("strategy", STRATEGIES, initial_value=now["strategy"])
-        self.on(strategy, "strategy", lambda v: self._set(strategy=v))
         self.radius = gui.add_slider("gripper radius [mm]", 20.0, 80.0, 1.0, 50.0)
         self.on(self.radius, "radius", functools.partial(self._change, content.with_radius))
         self.sigma = gui.add_slider("detection σ [mm]", 0.0, 15.0, 0.5, 0.0)

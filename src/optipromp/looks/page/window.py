@@ -39,7 +39,7 @@ class Window:
     def __init__(self, client: Any, source: Source, out: Path) -> None:
         self.client, self.source, self.out = client, source, out
         self.original = self.scene = source.scene
-        self.settings: dict[str, Any] = {"planner": "opti-promp", "strategy": "joint"}
+        self.settings: dict[str, Any] = {"planner": "opti-promp"}
         self.options = PlanOptions()
         self.made: Plan | Picked | None = None
         self.plan: Plan | None = None  # the reach of what was made

@@ -19,7 +19,6 @@ from optipromp.core.scenes.hand import flange_of
 from optipromp.looks.appearance import PUSHABLES, shape_faces
 from optipromp.looks.viewer import drawn
 from optipromp.looks.viewer.drawn import COLOURS, OPTIMISED, STILL, Moment, Motion, Placed
-from optipromp.looks.viewer.words import author
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -92,7 +91,7 @@ def _close_views(plan: Plan) -> list[tuple[Camera, str]]:
 
 def title(plan: Plan, now: Moment | None = None) -> str:
     """Scene, planner and status; with a moment also the moment and the push prediction."""
-    lines = [f"{plan.scene.name}, {author(plan)}: {plan.status}"]
+    lines = [f"{plan.scene.name}, {plan.planner}: {plan.status}"]
     if now is not None:
         lines.append(f"{now} of {plan.trajectory.duration:.1f} s")
         clean = math.nan if plan.prediction is None else 1.0 - plan.prediction.probability

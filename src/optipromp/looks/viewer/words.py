@@ -64,11 +64,6 @@ def _mm(value: float | None) -> str:
     return f"{1e3 * value:.1f} mm" if abs(value) < 1.0 else f"{value:.3f} m"
 
 
-def author(plan: "Plan") -> str:
-    """The planner of a plan, and its strategy where it has one."""
-    return plan.planner + (f", {plan.strategy}" if plan.strategy else "")
-
-
 def seconds(value: float) -> str:
     """A time with its unit."""
     return f"{1e3 * value:.0f} ms" if value < 1.0 else f"{value:.1f} s"
