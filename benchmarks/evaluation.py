@@ -21,7 +21,7 @@ from optipromp.core.planning.task import reach as arm_reach
 from optipromp.core.robots.library import load_robot
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.tools import Cup, with_tool
-from optipromp.laboratory.planners.paper import PushCost
+from optipromp_paper.paper import PushCost
 
 SOURCE = Path(__file__).parent / "cpp" / "evaluation.cpp"
 FLAGS = ("-O3", "-march=native", "-std=c++17")

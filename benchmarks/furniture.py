@@ -19,7 +19,7 @@ from optipromp.core.planning.task import posed
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject, ToolSpec
-from optipromp.laboratory.generate.checks import OverlapError
+from optipromp_sim.generate.checks import OverlapError
 
 Furniture = Literal["bookshelf", "box", "cage", "table-pick", "under-table"]
 FURNITURE: tuple[Furniture, ...] = get_args(Furniture)

@@ -7,7 +7,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene, SceneObject, Stem
-from optipromp.laboratory.generate import Preset, generate
+from optipromp_sim.generate import Preset, generate
 
 DEVIATION = 0.005  # [m] standard deviation of every fruit's centre
 GENERATED: tuple[Preset, ...] = ("cluster", "side-clusters", "table-top", "mixed")

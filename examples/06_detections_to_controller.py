@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from optipromp import Scene, SceneObject, judge, plan, ros
+import optipromp_ros as ros
+from optipromp import Scene, SceneObject, judge, plan
 from optipromp.core.geometry import Sphere
 from optipromp.core.scenes import Pose, Stem, ToolSpec
 

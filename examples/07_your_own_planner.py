@@ -29,7 +29,7 @@ from optipromp.core.planning.planners import goal_configurations
 from optipromp.core.planning.task import Task
 from optipromp.core.planning.timing import shortest
 from optipromp.core.planning.verdict import verdict
-from optipromp.laboratory.experiments.study import Study, run_study
+from optipromp_bench.experiments.study import Study, run_study
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ of the simulated arm, and any camera that makes looks takes the place of the eye
     python examples/08_picking_loop.py    (needs the extra sim)
 """
 
-from optipromp.control import Controller, LoopStage
-from optipromp.laboratory.generate import generate
-from optipromp.laboratory.simulation import (
+from optipromp_loop.control import Controller, LoopStage
+from optipromp_sim.generate import generate
+from optipromp_sim.simulation import (
     DETECTORS,
     Detector,
     DisturbanceParameters,
@@ -18,7 +18,7 @@ from optipromp.laboratory.simulation import (
     SimulatedArm,
     SimulationParameters,
 )
-from optipromp.laboratory.simulation.detector import Truth
+from optipromp_sim.simulation.detector import Truth
 
 scene = generate("cluster", 3)
 sway = DisturbanceParameters(sway=0.01)  # [m]

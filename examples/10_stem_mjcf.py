@@ -19,7 +19,7 @@ fruit = SceneObject(
 try:
     import mujoco
 
-    from optipromp.laboratory.simulation import stem_mjcf
+    from optipromp_sim.simulation import stem_mjcf
 
     own = mujoco.MjSpec.from_string('<mujoco><option timestep="0.001" integrator="discrete"/>'
         '<worldbody><geom type="plane" size="1 1 1"/></worldbody></mujoco>')  # fmt: skip

@@ -12,10 +12,10 @@ camera photographs the simulation. In its place put your camera's callback and t
     python examples/11_your_own_camera.py    (needs the extras sim and vision)
 """
 
-from optipromp.control import Controller, LoopStage, without_fruits
-from optipromp.laboratory.generate import generate
-from optipromp.laboratory.simulation import LiveCamera, SimulatedArm
-from optipromp.perception import Watcher
+from optipromp_eyes import Watcher
+from optipromp_loop.control import Controller, LoopStage, without_fruits
+from optipromp_sim.generate import generate
+from optipromp_sim.simulation import LiveCamera, SimulatedArm
 
 PERIOD = 0.2  # [s] of the camera
 

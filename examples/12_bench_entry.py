@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from optipromp import Robot, Scene, Trajectory, robot_of
-from optipromp.bench.results import BenchRun, run_bench, verify
-from optipromp.bench.sets import SceneSet
 from optipromp.timing import gentle
+from optipromp_bench.results import BenchRun, run_bench, verify
+from optipromp_bench.sets import SceneSet
 
 
 class Up:

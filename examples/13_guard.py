@@ -11,7 +11,7 @@ from collections import Counter
 import numpy as np
 
 from optipromp import State, load_scene
-from optipromp.guard import Guard
+from optipromp_loop.guard import Guard
 
 
 class Straight:

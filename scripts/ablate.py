@@ -27,8 +27,8 @@ from optipromp.core.planning.planners import OptiProMP
 from optipromp.core.planning.result import Proposal
 from optipromp.core.pushing.packs.standing import PathsBetween
 from optipromp.core.pushing.stems import hanging as paths
-from optipromp.laboratory.generate import generate
-from optipromp.laboratory.simulation import simulate
+from optipromp_sim.generate import generate
+from optipromp_sim.simulation import simulate
 
 FIRST = 440_000  # seed of the first scene of each preset
 PRESETS = [

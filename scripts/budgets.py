@@ -20,7 +20,7 @@ import numpy as np
 from optipromp.core.geometry import Box, Cylinder, Sphere
 from optipromp.core.planning import PlanOptions, plan, warm_up
 from optipromp.core.scenes import JointGoal, Scene, SceneObject, Stem, load_scene
-from optipromp.laboratory.generate import generate
+from optipromp_sim.generate import generate
 
 TENTH = 1.1
 JOINTS = 30

@@ -10,7 +10,7 @@ from optipromp.core.robots import save_robot
 from optipromp.core.robots.library import NOTHING
 from optipromp.readers.reading import read_description
 
-DATA = Path(__file__).resolve().parents[1] / "src" / "optipromp" / "core" / "robots" / "data"
+DATA = Path(__file__).resolve().parents[1] / "packages/optipromp/src/optipromp/core/robots/data"
 
 
 def main() -> None:

@@ -19,8 +19,8 @@ from optipromp.core.planning.planners import label
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.robots.library import load_robot
 from optipromp.core.scenes.scene import JointGoal, Scene
-from optipromp.laboratory.generate import generate
-from optipromp.laboratory.planners.paper import Paper
+from optipromp_paper.paper import Paper
+from optipromp_sim.generate import generate
 
 SEED = 70_000
 

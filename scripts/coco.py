@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from optipromp import load_scene
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.files import write_together
-from optipromp.laboratory.simulation.photograph import FRUITS, Kind, Marked, Photograph
-from optipromp.perception.pictures import ENDS, DepthPicture, load_picture, read_pixels
+from optipromp_eyes.pictures import ENDS, DepthPicture, load_picture, read_pixels
+from optipromp_sim.simulation.photograph import FRUITS, Kind, Marked, Photograph
 
 FILE = "annotations.json"
 KEYS = "tip", "top", "root"
@@ -50,7 +50,7 @@ class Labels(NamedTuple):
 
 def record(name: str, shot: Shot | Photograph) -> Labels:
     """The record of a picture whose files are called ``name``; see
-    :func:`optipromp.perception.pictures.picture_files`."""
+    :func:`optipromp_eyes.pictures.picture_files`."""
     camera = shot.picture.camera
     colour, depth, _ = (name + end for end in ENDS)
     image = {

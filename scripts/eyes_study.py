@@ -20,14 +20,14 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.scenes.scene import SceneObject
-from optipromp.laboratory.experiments.eyes import LEAST_PIXELS, LEAST_SHARE, Paired, paired
-from optipromp.laboratory.experiments.statistics import percent, wilson
-from optipromp.laboratory.generate import generate
-from optipromp.laboratory.simulation.photograph import Photograph, photograph
-from optipromp.perception.detector import finder_named
-from optipromp.perception.eyes import Detection, Sighting, look_at
-from optipromp.perception.finder import Finder
-from optipromp.perception.pictures import CameraModel, DepthPicture
+from optipromp_bench.experiments.eyes import LEAST_PIXELS, LEAST_SHARE, Paired, paired
+from optipromp_bench.experiments.statistics import percent, wilson
+from optipromp_eyes.detector import finder_named
+from optipromp_eyes.eyes import Detection, Sighting, look_at
+from optipromp_eyes.finder import Finder
+from optipromp_eyes.pictures import CameraModel, DepthPicture
+from optipromp_sim.generate import generate
+from optipromp_sim.simulation.photograph import Photograph, photograph
 
 NEAREST = 0.075  # [m] of a fruit that must be found: a depth camera measures nothing nearer
 LEAST_LENGTH = 0.025  # [m] of a visible stem of the second renderer: a choice

@@ -22,12 +22,12 @@ sys.path.insert(0, str(Path(__file__).parent))  # as a module, too
 
 from eyes_study import SURE, SeenPicture, matched
 
-from optipromp.laboratory.generate import generate
-from optipromp.laboratory.simulation.photograph import FRUITS, Photograph, photograph
-from optipromp.perception import look_at
-from optipromp.perception.detector import finder_named
-from optipromp.perception.eyes import overlay
-from optipromp.perception.finder import Finder
+from optipromp_eyes import look_at
+from optipromp_eyes.detector import finder_named
+from optipromp_eyes.eyes import overlay
+from optipromp_eyes.finder import Finder
+from optipromp_sim.generate import generate
+from optipromp_sim.simulation.photograph import FRUITS, Photograph, photograph
 
 WIDE, CAPTION, COLUMNS = 480, 22, 2  # [pixel] of a picture and its caption; pictures in a row
 SURE_TILT = 3.0  # deviations of a stem that 1 % of true errors exceed (Rayleigh)

@@ -10,8 +10,8 @@ no obstacle comes there.
 
 MESHES is ``…/example-robot-data/robots/panda_description/meshes/collision`` of the package
 example-robot-data (Apache-2.0, as franka_description). Prints YAML for ``robots/data/panda.yaml``.
-Takes about a minute a link. ``tests/robots/test_panda_cover.py`` checks the result without this
-code.
+Takes about a minute a link. ``packages/optipromp/tests/robots/test_panda_cover.py`` checks the
+result without this code.
 """
 
 import argparse

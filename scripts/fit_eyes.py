@@ -37,13 +37,13 @@ from optipromp.core.planning import plan
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.hand import tool_frame
 from optipromp.core.scenes.scene import Scene
-from optipromp.laboratory.experiments.eyes import STILL, cameras
-from optipromp.laboratory.generate import generate
-from optipromp.laboratory.simulation.detector import Detector, DetectorParameters
-from optipromp.laboratory.simulation.photograph import photograph
-from optipromp.laboratory.simulation.sight import Sight
-from optipromp.perception.detector import finder_named
-from optipromp.perception.finder import Finder
+from optipromp_bench.experiments.eyes import STILL, cameras
+from optipromp_eyes.detector import finder_named
+from optipromp_eyes.finder import Finder
+from optipromp_sim.generate import generate
+from optipromp_sim.simulation.detector import Detector, DetectorParameters
+from optipromp_sim.simulation.photograph import photograph
+from optipromp_sim.simulation.sight import Sight
 
 TWICE = 1_000_000  # added to the seed of the second picture
 TRANSFER = 0.03  # [s] of exposure and transfer, on top of the time of seeing: a choice

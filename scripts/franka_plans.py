@@ -26,11 +26,11 @@ from tests.franka.server import serving
 
 import optipromp
 from optipromp import Plan, load_scene, plan
-from optipromp.control.fr3 import foreseen
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.scenes import Scene
-from optipromp.laboratory.experiments.scenarios import CASES
-from optipromp.laboratory.generate import generate
+from optipromp_loop.control.fr3 import foreseen
+from optipromp_paper.scenarios import CASES
+from optipromp_sim.generate import generate
 
 HOST = "127.0.48.20"
 SEEDS = range(30000, 30020)

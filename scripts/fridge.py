@@ -17,7 +17,7 @@ from optipromp.core.planning import plan
 from optipromp.core.planning.timing import shortest
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.scenes import Approach, Scene, SceneObject, ToolSpec
-from optipromp.laboratory.simulation import Run, simulate
+from optipromp_sim.simulation import Run, simulate
 
 FRONT, BACK, BOARD, WIDTH, ROOM, WALL = 0.52, 0.85, 0.40, 0.50, 0.36, 0.02  # [m] choices
 

@@ -1,14 +1,14 @@
 """Write the digests of the benchmark's development set to standard output.
 
 Run from the repository: ``PYTHONPATH=src python scripts/frozen_sets.py >
-src/optipromp/bench/data/development.json``.
+packages/optipromp-bench/src/optipromp_bench/data/development.json``.
 """
 
 import json
 import sys
 
-from optipromp.bench.sets import SceneSet, digest
-from optipromp.laboratory.generate import generate
+from optipromp_bench.sets import SceneSet, digest
+from optipromp_sim.generate import generate
 
 told: dict[str, dict[str, str]] = {}
 for preset, seed in SceneSet().scenes():

@@ -41,7 +41,7 @@ def disk(size: int) -> Iterator[Path]:
 
 def full(work: Path) -> tuple[Counter[str], list[str]]:
     """How commands on small disks ended, and what was wrong with them."""
-    demos = ROOT / "src/optipromp/core/promp/data/panda.npz"
+    demos = ROOT / "packages/optipromp/src/optipromp/core/promp/data/panda.npz"
     commands = {
         "plan": ["plan", "scenario-3", "--reach", "--figures", "--out", "out"],
         "learn": ["learn", str(demos), "--out", "out/learnt.npz"],

@@ -30,7 +30,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 SECONDS = 10.0  # [s] of processor time
-DATA = ROOT / "src" / "optipromp"
+DATA = ROOT / "packages/optipromp/src/optipromp"
 READERS = [
     "yaml", "defusedxml", "optipromp.core.documents", "optipromp.core.files",
     "optipromp.core.geometry.loading", "optipromp.core.errors", "optipromp.core.output",

@@ -43,7 +43,10 @@ def entries() -> list[tuple[Path, str, str]]:
 def run(commands: str, folder: Path) -> subprocess.Popen[bytes]:
     """Commands of the page, by this interpreter."""
     script = "set -euo pipefail\n" + NAMES.format(sys.executable, ROOT) + commands
-    kept = os.environ | {"PYTHONPATH": str(ROOT / "src"), "MPLBACKEND": "Agg"}
+    kept = os.environ | {
+        "PYTHONPATH": os.pathsep.join(map(str, ROOT.glob("packages/*/src"))),
+        "MPLBACKEND": "Agg",
+    }
     return subprocess.Popen(["bash", "-c", script], cwd=folder, env=kept, start_new_session=True)
 
 

@@ -21,7 +21,7 @@ from garden_meshes import bowed, frame, fruit_mesh, green, leaf_mesh, slab, smoo
 from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial import ConvexHull
 
-from optipromp.laboratory.simulation.photograph import StereoParameters, sensed
+from optipromp_sim.simulation.photograph import StereoParameters, sensed
 
 KINDS = "none", "ripe", "unripe", "calyx", "stem", "leaf", "static"
 SCALE = 1200.0  # [pixel/m] at which the network sees a fruit of 17 mm

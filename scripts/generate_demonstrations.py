@@ -4,7 +4,7 @@
 
 Each is a smooth motion from near the robot's ready pose to a point under a random target, then
 straight in along the approach, as a person guiding the arm would do it. Writes
-``src/optipromp/core/promp/data/<robot>.npz`` (the same bytes for the same seed).
+``packages/optipromp/src/optipromp/core/promp/data/<robot>.npz`` (the same bytes for the same seed).
 """
 
 from pathlib import Path
@@ -19,7 +19,7 @@ from optipromp.core.robots.library import load_robot
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.tools import Cup, with_tool
 
-OUT = Path(__file__).resolve().parents[1] / "src" / "optipromp" / "core" / "promp" / "data"
+OUT = Path(__file__).resolve().parents[1] / "packages/optipromp/src/optipromp/core/promp/data"
 SEED = 20261121
 COUNT = 40
 SAMPLES = 60

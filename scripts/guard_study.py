@@ -32,19 +32,19 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # for the benchmarks
 
 import numpy as np
 
-from optipromp.bench.entries import ENTRIES
-from optipromp.bench.env import guarded
-from optipromp.bench.episode import LONGEST, Episode, FlightWorld, Observation
-from optipromp.bench.running import ENGINES, STEADY
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.trajectory import Trajectory
-from optipromp.guard import Guard, GuardParameters, Safe
-from optipromp.laboratory.experiments.rows import source_version
-from optipromp.laboratory.experiments.situations import CONDITIONS
-from optipromp.laboratory.experiments.statistics import percent, wilson
-from optipromp.laboratory.generate import PRESETS, generate
-from optipromp.laboratory.simulation import Outcome, Run, Simulation
+from optipromp_bench.entries import ENTRIES
+from optipromp_bench.env import guarded
+from optipromp_bench.episode import LONGEST, Episode, FlightWorld, Observation
+from optipromp_bench.experiments.rows import source_version
+from optipromp_bench.experiments.statistics import percent, wilson
+from optipromp_bench.running import ENGINES, STEADY
+from optipromp_loop.guard import Guard, GuardParameters, Safe
+from optipromp_sim.generate import PRESETS, generate
+from optipromp_sim.simulation import Outcome, Run, Simulation
+from optipromp_sim.situations import CONDITIONS
 
 LONG = 60.0  # [s] of a random policy
 FIRST = 940_000  # of the scenes' seeds; the guard's numbers were set on 900000 to 900003
@@ -81,7 +81,7 @@ class Timed(Guard):
     spent = 0.0
 
     def __call__(self, *args: Any, **options: Any) -> Safe:
-        """See :class:`optipromp.guard.Guard`."""
+        """See :class:`optipromp_loop.guard.Guard`."""
         began = time.process_time()
         safe = super().__call__(*args, **options)
         self.spent = time.process_time() - began
@@ -238,9 +238,9 @@ def film(path: Path, asked: Asked, parameters: GuardParameters, slow: float) -> 
     """Draw a scene twice as a GIF: the policy alone at the left, behind the guard at the right."""
     from PIL import Image, ImageDraw, ImageFont
 
-    from optipromp.laboratory.simulation import film as films
-    from optipromp.laboratory.simulation.studio import Studio
-    from optipromp.laboratory.simulation.world import build
+    from optipromp_sim.simulation import film as films
+    from optipromp_sim.simulation.studio import Studio
+    from optipromp_sim.simulation.world import build
 
     fps, size, runs, words = 10, VIEW[1] // 24, list[Run](), list[tuple[str, str]]()
     for guards, name in ((False, "alone"), (True, "behind the guard")):

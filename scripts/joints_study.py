@@ -10,7 +10,7 @@ forearm of 0.33 m and a wrist of 0.105 m, so the flange reaches 0.855 m from the
 Panda's. Names tell the joints from the base on: y turns about the vertical, p pitches, r rolls
 about the link, s slides along the vertical. ``scara`` and ``panda`` stand beside them, and the
 Panda with joints fixed at 0: ``panda -7`` is without its last. Further arms are given by name and
-file. The base is placed for each scene (:mod:`optipromp.laboratory.generate.placing`).
+file. The base is placed for each scene (:mod:`optipromp_sim.generate.placing`).
 Cells: ``open`` (preset cluster), ``table`` (table-top), ``between`` (side-clusters), and ``tilted``
 (cluster, the approach up to 25 degrees off the vertical). The cup's neck is 0.10 m long, or longer
 where links would reach fruits (``yys``: 0.4 m); with ``--neck`` all have one of that length. Rows
@@ -32,15 +32,15 @@ from typing import Any
 import numpy as np
 import yaml
 
-from optipromp.bench.table import paired, told_p
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.planning import plan
 from optipromp.core.processes import cores, run_each
 from optipromp.core.robots.library import NOTHING, load_robot
 from optipromp.core.scenes.scene import Scene
-from optipromp.laboratory.experiments.statistics import wilson
-from optipromp.laboratory.generate import generate
-from optipromp.laboratory.generate.placing import ROUNDS, UnfitError, fitted
+from optipromp_bench.experiments.statistics import wilson
+from optipromp_bench.table import paired, told_p
+from optipromp_sim.generate import generate
+from optipromp_sim.generate.placing import ROUNDS, UnfitError, fitted
 
 COLUMN, UPPER, FORE, WRIST = 0.30, 0.42, 0.33, 0.105  # [m] of the links
 RADIUS, LIMIT, SPEED = 0.045, 2.9, 2.2  # [m], [rad], [rad/s] of every link and joint
@@ -193,8 +193,8 @@ def scene_of(cell: str, seed: int) -> Scene:
 
 def one(arm: str, file: str, cell: str, seed: int, neck: float = 0.0) -> JointsRow:
     """Place the base, plan, and execute what is promised."""
-    from optipromp.laboratory.generate.plants import untold
-    from optipromp.laboratory.simulation import simulate
+    from optipromp_sim.generate.plants import untold
+    from optipromp_sim.simulation import simulate
 
     row = JointsRow(arm, cell, seed, neck)
     try:

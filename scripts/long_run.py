@@ -19,7 +19,7 @@ from pathlib import Path
 
 from optipromp.core.planning import plan, warm_up
 from optipromp.core.scenes import Scene, load_scene
-from optipromp.laboratory.generate import generate
+from optipromp_sim.generate import generate
 
 NAMES = (
     "scenario-3", "scenario-4", *(f"cluster {seed}" for seed in range(12)),

@@ -7,9 +7,9 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from optipromp.control import LoopParameters, TrackerParameters
 from optipromp.core.parameters import catalogue
-from optipromp.laboratory.simulation import DetectorParameters
+from optipromp_loop.control import LoopParameters, TrackerParameters
+from optipromp_sim.simulation import DetectorParameters
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "closed-loop.md"
 MARKS = "<!-- parameters: scripts/loop_parameters.py -->\n", "<!-- end of parameters -->\n"

@@ -28,8 +28,8 @@ from optipromp.core.planning.task import posed, resolve
 from optipromp.core.robots.model import BodySpheres, Robot
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import PoseGoal, Scene
-from optipromp.laboratory.planners.paper import PAPER_BASIS, Paper
-from optipromp.laboratory.planners.paper_stages import PAPER, Posed, posed_problems, staged
+from optipromp_paper.paper import PAPER_BASIS, Paper
+from optipromp_paper.paper_stages import PAPER, Posed, posed_problems, staged
 
 BEGIN, END = "<!-- falls: begin -->", "<!-- falls: end -->"
 START = (0.0, 0.0, 0.0, -0.1, 0.0, 0.0, 0.8)  # [rad] the paper's

@@ -32,18 +32,18 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # for the benchmarks
 
 from benchmarks import furniture
 from optipromp import plan, plan_pick
-from optipromp.bench.env import guarded
-from optipromp.bench.episode import Episode
 from optipromp.core.arrays import FloatArray
 from optipromp.core.scenes import load_scene
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.trajectory import Trajectory
-from optipromp.guard import Guard
-from optipromp.laboratory.experiments.situations import CONDITIONS, picked
-from optipromp.laboratory.experiments.trials import STUDY_PLANNERS, attempt
-from optipromp.laboratory.generate import NOISES, generate, noisy
-from optipromp.laboratory.simulation.photograph import photograph
-from optipromp.perception.eyes import look_at
+from optipromp_bench.env import guarded
+from optipromp_bench.episode import Episode
+from optipromp_bench.experiments.trials import STUDY_PLANNERS, attempt
+from optipromp_eyes.eyes import look_at
+from optipromp_loop.guard import Guard
+from optipromp_sim.generate import NOISES, generate, noisy
+from optipromp_sim.simulation.photograph import photograph
+from optipromp_sim.situations import CONDITIONS, picked
 
 HANGING = "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "truss"
 PRESETS = *HANGING, "field", "shelf"

@@ -42,7 +42,7 @@ import publish_page as pages  # noqa: E402
 from benchmarks.machine import describe  # noqa: E402
 from benchmarks.run import SINGLE  # noqa: E402
 from optipromp.core.files import json_text, write_atomically  # noqa: E402
-from optipromp.laboratory.experiments.rows import source_version  # noqa: E402
+from optipromp_bench.experiments.rows import source_version  # noqa: E402
 
 MARKED = re.compile(r"(?<=<!-- promised -->\n)(.*?)(?=<!-- end -->)", re.DOTALL)
 Book = Mapping[str, Any]

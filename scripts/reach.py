@@ -15,10 +15,10 @@ Run it from the repository, or with ``--repository``. Each line of the answer ha
     all WHY          everything is reached: every folder is full, and every step is there
 
 Units are the packages of ``packages/``, which import what their source names, and need what their
-``pyproject.toml`` says. Without that folder they are the rings of ``src/optipromp``. What a ring's
-tests are, OWN tells. Tests at the top of ``tests`` are of the repository: they run in full where
-something outside of the units changed. A file of scripts, benchmarks or examples reaches in full
-the folders whose tests name it.
+``pyproject.toml`` says. Without that folder they are the rings of
+``packages/optipromp/src/optipromp``. What a ring's tests are, OWN tells. Tests at the top of
+``tests`` are of the repository: they run in full where something outside of the units changed. A
+file of scripts, benchmarks or examples reaches in full the folders whose tests name it.
 """
 
 import argparse
@@ -115,12 +115,12 @@ def of_packages(root: Path) -> Units:
 
 
 def of_rings(root: Path) -> Units:
-    """The rings of ``src/optipromp``, whose other modules count as the core."""
+    """The rings of ``packages/optipromp/src/optipromp``, whose other modules count as the core."""
     source, home = root / "src" / "optipromp", root / HOME
     rings = sorted(path.name for path in source.glob("*/") if any(path.rglob("*.py")))
-    folders = {ring: [f"src/optipromp/{ring}"] for ring in rings}
-    folders["lerobot"] = ["src/optipromp/lerobot.py"]
-    folders["core"].append("src/optipromp")
+    folders = {ring: [f"packages/optipromp/src/optipromp/{ring}"] for ring in rings}
+    folders["lerobot"] = ["packages/optipromp-loop/src/optipromp_loop/lerobot.py"]
+    folders["core"].append("packages/optipromp/src/optipromp")
 
     def units(modules: Iterable[str]) -> set[str]:
         found = {module.split(".")[1] for module in modules if module.startswith("optipromp.")}

@@ -18,9 +18,9 @@ from robots_tried import models
 
 from optipromp.core.planning import plan, warm_up
 from optipromp.core.robots.library import NOTHING, Choice
-from optipromp.laboratory.experiments.statistics import percent, wilson
-from optipromp.laboratory.generate import generate
-from optipromp.laboratory.simulation import simulate
+from optipromp_bench.experiments.statistics import percent, wilson
+from optipromp_sim.generate import generate
+from optipromp_sim.simulation import simulate
 
 SEED = 77_000  # of the first scene
 TIAGO = """format: 1

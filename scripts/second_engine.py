@@ -3,23 +3,23 @@
     python scripts/second_engine.py [--preset cluster,tight] [--seeds 20000:20060]
         [--planners opti-promp,straight]
 
-The engine is :mod:`optipromp.bench.flight`. The table says how often this and the main simulation
+The engine is :mod:`optipromp_bench.flight`. The table says how often this and the main simulation
 agree.
 """
 
 import argparse
 from collections import Counter
 
-from optipromp.bench.flight import execute
+from optipromp_bench.flight import execute
 
 
 def main() -> None:
     """Plan, execute in both engines, and print how often they agree."""
     from optipromp.core.scenes.io import scene_to_dict
-    from optipromp.laboratory.experiments.trials import attempt
-    from optipromp.laboratory.generate import generate
-    from optipromp.laboratory.generate.plants import untold
-    from optipromp.laboratory.simulation import simulate
+    from optipromp_bench.experiments.trials import attempt
+    from optipromp_sim.generate import generate
+    from optipromp_sim.generate.plants import untold
+    from optipromp_sim.simulation import simulate
 
     ask = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     ask.add_argument("--preset", default="cluster,tight")

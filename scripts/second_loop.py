@@ -4,7 +4,7 @@
         [--preset cluster,mixed,field] [--seeds 52000:52034]
 
 The loop runs in the main simulation. The configurations that it commanded are then executed by
-:mod:`optipromp.bench.flight` in the true scene. Conditions in which the plant moves by itself are
+:mod:`optipromp_bench.flight` in the true scene. Conditions in which the plant moves by itself are
 refused, because the second engine cannot move it.
 """
 
@@ -13,12 +13,12 @@ from collections import Counter
 
 import numpy as np
 
-from optipromp.bench.flight import execute
 from optipromp.core.scenes.io import scene_to_dict
 from optipromp.core.trajectory import State
-from optipromp.laboratory.experiments.situations import CONDITIONS, picked
-from optipromp.laboratory.generate import generate
-from optipromp.laboratory.simulation import Loop
+from optipromp_bench.flight import execute
+from optipromp_sim.generate import generate
+from optipromp_sim.simulation import Loop
+from optipromp_sim.situations import CONDITIONS, picked
 
 STILL = "none", "zero-mean", "detector", "missed", "calibration"  # the plant stays where it is
 

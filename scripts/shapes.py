@@ -21,12 +21,12 @@ sys.path.insert(0, str(Path(__file__).parent))  # as a module, too
 from coco import Labels, Shot, record, write
 
 from optipromp.cli.console import seeds_of
-from optipromp.cli.generate import write_shot
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.files import check_folder
 from optipromp.core.scenes.pose import Pose
-from optipromp.laboratory.simulation.photograph import Kind, Marked, StereoParameters, sensed
-from optipromp.perception.pictures import CameraModel, DepthPicture
+from optipromp_eyes.pictures import CameraModel, DepthPicture
+from optipromp_sim.commands.generate import write_shot
+from optipromp_sim.simulation.photograph import Kind, Marked, StereoParameters, sensed
 
 SIZE = 640, 480  # [pixel], as of photographs
 FRUITS = 1, 8  # number in a picture; all numbers here are choices

@@ -16,10 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from optipromp.bench import table as board_of
-from optipromp.bench.results import submission, zip_of
-from optipromp.laboratory.experiments.rows import Row, rows_of
-from optipromp.laboratory.experiments.statistics import (
+from optipromp_bench import table as board_of
+from optipromp_bench.experiments.rows import Row, rows_of
+from optipromp_bench.experiments.statistics import (
     ALL,
     Cell,
     calibration,
@@ -28,6 +27,7 @@ from optipromp.laboratory.experiments.statistics import (
     summary,
     wilson,
 )
+from optipromp_bench.results import submission, zip_of
 
 DETECTED = "detected"  # the part of plans whose fruits are detected with errors
 PREDICTED = "hanging", DETECTED, "shelf"  # parts for which predicted harm is told

@@ -25,9 +25,9 @@ sys.path.insert(0, str(Path(__file__).parent))  # as a module, too
 from shapes import shapes
 
 from optipromp.core.scenes.scene import Scene
-from optipromp.laboratory.generate import generate
-from optipromp.laboratory.simulation.photograph import PhotoParameters, photograph
-from optipromp.perception.network import BLANK, CLASSES, FAR, FINE, encoded
+from optipromp_eyes.network import BLANK, CLASSES, FAR, FINE, encoded
+from optipromp_sim.generate import generate
+from optipromp_sim.simulation.photograph import PhotoParameters, photograph
 
 RECIPE = (  # preset, looks, mount, share
     ("wild", "rich", "beside", 0.40), ("wild", "rich", "palm", 0.12),

@@ -40,14 +40,14 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # for the benchmarks
 import numpy as np
 
 from benchmarks.entries.learnt import hand_of
-from optipromp.bench.env import MOST, WIDTH, PickEnv, PickProMPEnv, objects_of
-from optipromp.bench.episodes import DATA, follower
-from optipromp.bench.primitive import COUNT, weights_of
-from optipromp.bench.sets import PRESETS
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.planning import plan
-from optipromp.laboratory.generate import generate
-from optipromp.laboratory.generate.plants import untold
+from optipromp_bench.env import MOST, WIDTH, PickEnv, PickProMPEnv, objects_of
+from optipromp_bench.episodes import DATA, follower
+from optipromp_bench.primitive import COUNT, weights_of
+from optipromp_bench.sets import PRESETS
+from optipromp_sim.generate import generate
+from optipromp_sim.generate.plants import untold
 
 SCALE = 10.0  # of metres before the network: objects are decimetres away
 PROPOSALS = 6

@@ -24,13 +24,13 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # for the benchmarks
 
 from benchmarks.entries.classic import BesideFruits, FromLine
 from benchmarks.entries.sampling import ByEpisodes, ByHorizon, ByMppi
-from optipromp.bench.entries.planners import gentle_plan
-from optipromp.bench.running import Exercise, executed_rows, situated
-from optipromp.bench.sets import FIRST, PRESETS
-from optipromp.bench.tracks import asked
 from optipromp.core.planning import plan
 from optipromp.core.processes import cores, run_each
-from optipromp.laboratory.planners.obstacles import Chomp
+from optipromp_bench.entries.planners import gentle_plan
+from optipromp_bench.running import Exercise, executed_rows, situated
+from optipromp_bench.sets import FIRST, PRESETS
+from optipromp_bench.tracks import asked
+from optipromp_paper.obstacles import Chomp
 
 Setting = Mapping[str, Any]
 GRIDS: Mapping[str, tuple[Any, tuple[Setting, ...]]] = {

@@ -16,15 +16,16 @@ from optipromp.core.errors import Code
 from optipromp.core.planning import PlanOptions
 from optipromp.core.pushing.parameters import DETECTED, KNOWN, PACKS
 from optipromp.core.scenes import load_scene
-from optipromp.laboratory.simulation import SimulationParameters
-from optipromp.laboratory.simulation.outcome import Cause
+from optipromp_sim.simulation import SimulationParameters
+from optipromp_sim.simulation.outcome import Cause
 
 ROOT = Path(__file__).resolve().parents[1]
 PUBLIC = (
     "optipromp", "optipromp.core.geometry", "optipromp.core.scenes", "optipromp.core.robots",
     "optipromp.core.promp", "optipromp.core.pushing", "optipromp.core.optimization.costs",
-    "optipromp.core.planning", "optipromp.ros", "optipromp.core.execution", "optipromp.control",
-    "optipromp.laboratory.simulation", "optipromp.perception", "optipromp.timing",
+    "optipromp.core.planning", "optipromp_ros", "optipromp.core.execution",
+    "optipromp_loop.control",
+    "optipromp_sim.simulation", "optipromp_eyes", "optipromp.timing",
 )  # fmt: skip
 UNSHOWN = {  # aliases and constants, and kernels that no user calls
     "DriftRule", "Message", "PLANNERS", "Role", "Shape",
@@ -97,7 +98,7 @@ def test_the_page_on_the_closed_loop_lists_every_number() -> None:
 
 def test_every_test_that_the_page_on_robustness_names_is_there() -> None:
     page = (ROOT / "docs/robustness.md").read_text(encoding="utf-8")
-    named = re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", page)
+    named = re.findall(r"`([\w/-]+/[\w/]+\.py)::(\w+)`", page)
     assert len(named) > 60
     for file, test in named:
         assert re.search(rf"^def {test}\(", (ROOT / file).read_text("utf-8"), re.MULTILINE), test
@@ -107,7 +108,7 @@ def test_every_file_that_the_page_on_reading_names_is_there() -> None:
     page = (ROOT / "docs/reading.md").read_text(encoding="utf-8")
     named = set(re.findall(r"`(\w+/[\w/]+\.(?:py|toml))`", page))
     assert len(named) > 40
-    places = ROOT / "src/optipromp", ROOT
+    places = ROOT / "packages/optipromp/src/optipromp", ROOT, *ROOT.glob("packages/*/src")
     assert not [name for name in named if not any((top / name).is_file() for top in places)]
 
 
@@ -126,7 +127,7 @@ def test_the_page_on_concepts_has_the_largest_harm_of_each_risk() -> None:
 
 
 def test_every_message_of_the_page_on_troubleshooting_is_one_of_ours() -> None:
-    source = "\n".join(path.read_text("utf-8") for path in (ROOT / "src").rglob("*.py"))
+    source = "\n".join(path.read_text("utf-8") for path in (ROOT / "packages").rglob("src/**/*.py"))
     page = (ROOT / "docs/troubleshooting.md").read_text("utf-8")
     named = re.findall(r"^\| `([^`]+)` \|", page, re.MULTILINE)
     causes = {str(cause).replace("_", " ") for cause in Cause}
@@ -200,7 +201,7 @@ def test_nothing_tells_to_install_this_package_from_an_index() -> None:
     wrong = re.compile(r"pip install [^\n]*?(?<![\w/.-])optipromp\b(?!\.)")
     assert wrong.search("run pip install -q 'optipromp[sim]'")
     pages = ["README.md", "CONTRIBUTING.md", "pyproject.toml"]
-    for folder, kind in (("src", "py"), ("docs", "md"), ("examples", "py"), ("scripts", "py")):
+    for folder, kind in (("packages", "py"), ("docs", "md"), ("examples", "py"), ("scripts", "py")):
         pages += [str(path.relative_to(ROOT)) for path in (ROOT / folder).rglob(f"*.{kind}")]
     assert len(pages) > 250
     texts = {page: (ROOT / page).read_text(encoding="utf-8") for page in pages}

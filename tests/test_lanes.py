@@ -29,7 +29,7 @@ def estate(tmp_path: Path) -> Path:
         "packages/page/src/page/__init__.py": "def f() -> None:\n    from eyes import look\n",
         "packages/page/tests/test_page.py": "",
         "tests/test_all.py": "",
-        "tests/conftest.py": "",
+        "conftest.py": "",
         "pyproject.toml": "",
     })  # fmt: skip
     return tmp_path
@@ -44,7 +44,7 @@ def test_a_change_reaches_what_imports_it_and_the_tests_that_use_that(estate: Pa
 
 def test_a_test_reaches_its_folder_and_what_is_shared_reaches_everything(estate: Path) -> None:
     assert reach(estate, ["packages/page/tests/test_page.py"]).full == {"packages/page/tests"}
-    for file in ("constraints.txt", ".ci/run", "pyproject.toml", "tests/conftest.py"):
+    for file in ("constraints.txt", ".ci/run", "pyproject.toml", "conftest.py"):
         told = reach(estate, [file])
         assert told.why == file
         assert len(told.full) == 4
@@ -56,11 +56,15 @@ def test_a_test_reaches_its_folder_and_what_is_shared_reaches_everything(estate:
 def test_without_packages_the_rings_are_the_units() -> None:
     if (ROOT / "packages").is_dir():
         pytest.skip("the packages are there")
-    told = reach(ROOT, ["src/optipromp/ros/types.py"])
-    assert (told.changed, told.full, told.steps) == ({"ros"}, {"tests/ros"}, {"real-ros"})
-    core = reach(ROOT, ["src/optipromp/core/judging/clearance.py"])
+    told = reach(ROOT, ["packages/optipromp-ros/src/optipromp_ros/types.py"])
+    assert (told.changed, told.full, told.steps) == (
+        {"ros"},
+        {"packages/optipromp-ros/tests/ros"},
+        {"real-ros"},
+    )
+    core = reach(ROOT, ["packages/optipromp/src/optipromp/core/judging/clearance.py"])
     assert "tests/planning" in core.full
-    assert "tests/ros" in core.quick
+    assert "packages/optipromp-ros/tests/ros" in core.quick
 
 
 def test_a_number_above_its_wall_is_red_and_one_below_is_told(

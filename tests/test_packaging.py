@@ -117,6 +117,6 @@ def test_the_forms_and_workflows_are_yaml(path: Path) -> None:
 def test_the_files_that_a_page_names_are_there(page: str) -> None:
     links = re.findall(r"\]\((?!http)([^)#]+)[^)]*\)", text(page))
     named = re.findall(r"`((?:\w+/)+\w+\.py|tests/\w+|(?:core|looks)/\w+)`", text(page))
-    places = ROOT, ROOT / "src/optipromp"
+    places = ROOT, ROOT / "packages/optipromp/src/optipromp"
     assert not [x for x in links + named if not any((top / x).exists() for top in places)]
     assert links

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from scripts import forest, plan_hashes, publish
 
-from optipromp.laboratory.experiments.rows import source_version
+from optipromp_bench.experiments.rows import source_version
 
 ROOT = Path(__file__).resolve().parents[1]
 BOOK = publish.book_of(ROOT)

@@ -6,7 +6,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from benchmarks.entries.pathed import Pathed
-from optipromp.bench.entries.planners import gentle_plan
 from optipromp.core.arrays import FloatArray, evenly_along
 from optipromp.core.budget import Budget
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
@@ -20,9 +19,10 @@ from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import ToolPath, through
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
-from optipromp.laboratory.planners.obstacles import Chomp, descend
-from optipromp.laboratory.planners.straight import gently
 from optipromp.timing import LEAST, gentle
+from optipromp_bench.entries.planners import gentle_plan
+from optipromp_paper.obstacles import Chomp, descend
+from optipromp_paper.straight import gently
 
 LONGEST = 5.0  # [s] of a tree's search: a choice; ours takes 0.2 s at most
 FINE = 0.005  # share of the space between two checked configurations: as in our benchmarks
@@ -52,7 +52,7 @@ class ChompLine:
     """CHOMP from a straight line in joint space; every fruit is an obstacle of the cost."""
 
     def plan(self, scene: Scene, seed: int) -> Trajectory | None:
-        """See :class:`optipromp.bench.tracks.Planning`."""
+        """See :class:`optipromp_bench.tracks.Planning`."""
         return gentle_plan(plan(scene, planner=FromLine(), seed=seed), scene)
 
 
@@ -111,7 +111,7 @@ class PushAside:
     """Push each fruit aside from the free space beside it; no model of the push."""
 
     def plan(self, scene: Scene, seed: int) -> Trajectory | None:
-        """See :class:`optipromp.bench.tracks.Planning`."""
+        """See :class:`optipromp_bench.tracks.Planning`."""
         return gentle_plan(plan(scene, planner=BesideFruits(), seed=seed), scene)
 
 
@@ -121,7 +121,7 @@ class Rrt:
     fruits: ClassVar[bool] = False
 
     def plan(self, scene: Scene, seed: int) -> Trajectory | None:
-        """See :class:`optipromp.bench.tracks.Planning`.
+        """See :class:`optipromp_bench.tracks.Planning`.
 
         Raises:
             InvalidRequestError: OMPL is not installed.

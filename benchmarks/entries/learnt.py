@@ -10,10 +10,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from benchmarks.entries.pathed import Pathed, harm_of
-from optipromp.bench.entries.planners import gentle_plan
-from optipromp.bench.env import SPEED, objects_in, state_of
-from optipromp.bench.episode import Observation, joints_for
-from optipromp.bench.primitive import COUNT, OfWeights, path_of
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, installed_by
 from optipromp.core.planning import Plan, plan
@@ -23,6 +19,10 @@ from optipromp.core.pushing.path import ToolPath
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
+from optipromp_bench.entries.planners import gentle_plan
+from optipromp_bench.env import SPEED, objects_in, state_of
+from optipromp_bench.episode import Observation, joints_for
+from optipromp_bench.primitive import COUNT, OfWeights, path_of
 
 NEARER, WEAKER = 10.0, 0.1  # factors on the tool's place [m] and on forces [N]: choices
 STRONGEST = 3.0  # of a force after its factor: a choice
@@ -54,7 +54,7 @@ def hand_of(arm: FloatArray) -> FloatArray:
     """What a clone knows of its arm: the hand's place, axis and force (..., 9), all about equal.
 
     Args:
-        arm: (..., 2n + 11) of :func:`optipromp.bench.env.state_of`; joints and times are left
+        arm: (..., 2n + 11) of :func:`optipromp_bench.env.state_of`; joints and times are left
             out, so what is learnt holds in all directions about the approach.
     """
     hand = np.array(arm[..., -11:-2], dtype=np.float64)
@@ -73,7 +73,7 @@ class SetNetwork:
     """The path that a network thinks the likeliest, trained on our plans; nothing is searched."""
 
     def plan(self, scene: Scene, seed: int) -> Trajectory | None:
-        """See :class:`optipromp.bench.tracks.Planning`."""
+        """See :class:`optipromp_bench.tracks.Planning`."""
         weights, score = proposals(scene)
         best = weights[int(score.argmax())]
         return gentle_plan(plan(scene, planner=OfWeights(weights=best), seed=seed), scene)
@@ -85,7 +85,7 @@ class ByProposals(Pathed):
     name: ClassVar[str] = "set-checked"
 
     def path(self, task: Task, model: PushModel | None, seed: int) -> ToolPath:
-        """See :class:`optipromp.bench.entries.motions.Pathed`."""
+        """See :class:`optipromp_bench.entries.motions.Pathed`."""
         weights, score = proposals(task.scene)
         best = int(score.argmax())
         if model is not None:
@@ -98,7 +98,7 @@ class SetChecked:
     """The network's proposals, of which our push model takes one; refuses by it."""
 
     def plan(self, scene: Scene, seed: int) -> Plan:
-        """See :class:`optipromp.bench.tracks.Planning`."""
+        """See :class:`optipromp_bench.tracks.Planning`."""
         return plan(scene, planner=ByProposals(), seed=seed)
 
 
@@ -106,7 +106,7 @@ class Sac:
     """Weights by soft actor-critic, trained on the push model's word alone."""
 
     def plan(self, scene: Scene, seed: int) -> Trajectory | None:
-        """See :class:`optipromp.bench.tracks.Planning`."""
+        """See :class:`optipromp_bench.tracks.Planning`."""
         weights = told("sac.onnx", objects=objects_in(scene)).reshape(2, COUNT)
         return gentle_plan(plan(scene, planner=OfWeights(weights=weights), seed=seed), scene)
 
@@ -121,13 +121,13 @@ class Cloned:
     weights: ClassVar[str] = "clone.onnx"
 
     def reset(self, scene: Scene, seed: int) -> None:
-        """See :class:`optipromp.bench.tracks.Acting`."""
+        """See :class:`optipromp_bench.tracks.Acting`."""
         self.scene = scene
         self.robot: Robot = posed(scene)[0]
         self.chunks: list[FloatArray] = []  # the newest first
 
     def act(self, seen: Observation) -> FloatArray:
-        """See :class:`optipromp.bench.tracks.Acting`."""
+        """See :class:`optipromp_bench.tracks.Acting`."""
         state = state_of(seen, self.scene)
         chunk = told(self.weights, objects=state["objects"], arm=hand_of(state["arm"]))
         self.chunks = [chunk.reshape(-1, 3), *self.chunks][: chunk.size // 3]

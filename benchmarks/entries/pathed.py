@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optipromp.bench.primitive import COUNT, path_of
 from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import Budget
 from optipromp.core.errors import Code
@@ -15,6 +14,7 @@ from optipromp.core.planning.task import Task, pushed_aside, spaced
 from optipromp.core.pushing.model import PushModel
 from optipromp.core.pushing.path import ToolPath
 from optipromp.core.scenes.scene import PoseGoal
+from optipromp_bench.primitive import COUNT, path_of
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from typing import ClassVar
 import numpy as np
 
 from benchmarks.entries.pathed import Pathed, harm_of
-from optipromp.bench.primitive import COUNT, path_of
 from optipromp.core.arrays import FloatArray
 from optipromp.core.planning import Plan, plan
 from optipromp.core.planning.task import Task, spaced
@@ -15,6 +14,7 @@ from optipromp.core.pushing.model import PushModel
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import ToolPath, through
 from optipromp.core.scenes.scene import Scene
+from optipromp_bench.primitive import COUNT, path_of
 
 SMALL = 0.02  # harm that a squared weight counts as: of equal paths the straighter: a choice
 
@@ -130,7 +130,7 @@ class _Sampled:
     kind: ClassVar[type[Pathed]]
 
     def plan(self, scene: Scene, seed: int) -> Plan:
-        """See :class:`optipromp.bench.tracks.Planning`."""
+        """See :class:`optipromp_bench.tracks.Planning`."""
         return plan(scene, planner=self.kind(), seed=seed)
 
 

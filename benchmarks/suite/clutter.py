@@ -10,7 +10,7 @@ from benchmarks.timing import median, percentile
 from optipromp.core.planning import plan, warm_up
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene
-from optipromp.laboratory.generate import NOISES, Preset, generate, perceived
+from optipromp_sim.generate import NOISES, Preset, generate, perceived
 
 HANGING: tuple[Preset, ...] = ("cluster", "side-clusters", "table-top", "mixed")
 FIRST, COUNT = 60_000, 100  # seed of the first scene, scenes of a kind

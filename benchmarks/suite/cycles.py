@@ -11,10 +11,10 @@ from benchmarks.timing import median, percentile
 from optipromp.core.geometry import Sphere
 from optipromp.core.scenes import Pose, Scene, SceneObject
 from optipromp.core.trajectory import State
-from optipromp.laboratory.generate import NOISES, Preset, generate, noisy
+from optipromp_sim.generate import NOISES, Preset, generate, noisy
 
 if TYPE_CHECKING:
-    from optipromp.control import Look
+    from optipromp_loop.control import Look
 
 CONDITIONS = "still plant", "swaying plant"
 PRESETS: tuple[Preset, ...] = ("cluster", "mixed", "field")
@@ -44,8 +44,8 @@ def metrics() -> list[Metric]:
 @SUITE.benchmark("cycles", metrics(), timeout=1800)
 def cycles(context: Context) -> Values:
     """The wall time of every cycle of the controller, the first of a process left out."""
-    from optipromp.control import Controller
-    from optipromp.laboratory.simulation import (
+    from optipromp_loop.control import Controller
+    from optipromp_sim.simulation import (
         DETECTORS,
         Detector,
         DisturbanceParameters,
@@ -82,7 +82,7 @@ def cycles(context: Context) -> Values:
 
 def _looking(false: int) -> float:
     """Seconds of the process that a cycle takes while the arm stands, the median of 0.4 s."""
-    from optipromp.control import Controller
+    from optipromp_loop.control import Controller
 
     scene, rng = generate("cluster", FIRST), np.random.default_rng(FIRST)
     controller, times = Controller(scene), []
@@ -98,7 +98,7 @@ def _looking(false: int) -> float:
 
 def _cluttered(when: float, scene: Scene, rng: np.random.Generator, false: int) -> "Look":
     """A look at the scene's fruits among false ones."""
-    from optipromp.control import Look
+    from optipromp_loop.control import Look
 
     true = [
         replace(item, position=item.position + rng.normal(0.0, 0.001, 3),

@@ -28,8 +28,8 @@ from optipromp.core.planning import Plan, Planner, plan, warm_up
 from optipromp.core.planning.task import resolve
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import PoseGoal, Scene
-from optipromp.laboratory.planners.paper import Paper
-from optipromp.laboratory.planners.paper_costs import functional_values
+from optipromp_paper.paper import Paper
+from optipromp_paper.paper_costs import functional_values
 
 SCENES = ("scenario-3", "scenario-4")
 COUNT = 200

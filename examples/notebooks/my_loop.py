@@ -9,9 +9,9 @@
 # The same as a script: `python examples/notebooks/my_loop.py` (needs the extra `sim`).
 
 # %%
-from optipromp.control import Controller
-from optipromp.laboratory.generate import generate
-from optipromp.laboratory.simulation import (
+from optipromp_loop.control import Controller
+from optipromp_sim.generate import generate
+from optipromp_sim.simulation import (
     DETECTORS,
     Detector,
     DisturbanceParameters,
@@ -19,7 +19,7 @@ from optipromp.laboratory.simulation import (
     SimulatedArm,
     SimulationParameters,
 )
-from optipromp.laboratory.simulation.detector import Truth
+from optipromp_sim.simulation.detector import Truth
 
 # %% [markdown]
 # The scene is what was seen first. The arm is simulated, and so is the wind: the fruits sway by

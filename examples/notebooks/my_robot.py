@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from optipromp import load_robot, load_scene, plan
-from optipromp.laboratory.generate import generate
+from optipromp_sim.generate import generate
 
 # Nobody has shown this arm how to move: the library says so once, and takes smooth motions.
 warnings.filterwarnings("ignore", message="no built-in demonstrations")

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from optipromp import Picked, PlanOptions, Scene, Trajectory, plan, plan_pick
-from optipromp.bench.episode import Observation
 from optipromp.core.arrays import FloatArray
+from optipromp_bench.episode import Observation
 
 HERE = __name__ if __name__ != "__main__" else "tests.bench.entrants"
 
@@ -73,7 +73,7 @@ class Seer:
     """See, then plan."""
 
     def plan(self, picture: Any, known: Scene, seed: int) -> Trajectory:
-        from optipromp.perception.eyes import look_at, seen_scene
+        from optipromp_eyes.eyes import look_at, seen_scene
 
         scene, _ = seen_scene([look_at(picture, up=known.up)], known)
         return plan(scene, seed=seed).trajectory
@@ -92,7 +92,7 @@ class Patcher:
     """Change the judge's verdict, in this process."""
 
     def plan(self, scene: Scene, seed: int) -> Trajectory:
-        import optipromp.bench.running as running
+        import optipromp_bench.running as running
 
         running._judged = lambda row, *_: row.having(result="clean")
         return still(scene)

@@ -5,14 +5,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from optipromp.control.controller import Controller, LoopStage
-from optipromp.control.look import Look
 from optipromp.core.arrays import FloatArray
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning.task import posed
+from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.scene import JointGoal, Scene
 from optipromp.core.trajectory import State
-from optipromp.laboratory.simulation.detector import DETECTORS, Detector, Eye, Truth
+from optipromp_loop.control.controller import Controller, LoopStage
+from optipromp_sim.simulation.detector import DETECTORS, Detector, Eye, Truth
 
 AFTER = {
     LoopStage.LOOK: {LoopStage.LOOK, LoopStage.GO, LoopStage.GAVE_UP},

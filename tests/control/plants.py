@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optipromp.control.look import Look
-from optipromp.control.tracker import Tracked
 from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry.shapes import Sphere
+from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.objects import SceneObject, Stem
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene
+from optipromp_loop.control.tracker import Tracked
 
 UP = np.array([0.0, 0.0, 1.0])
 RADIUS = 0.018

@@ -1,8 +1,6 @@
 """A row of a study."""
 
-from optipromp.laboratory.experiments.rows import (
-    Row,
-)
+from optipromp_bench.experiments.rows import Row
 
 ROW = Row.of(
     preset="cluster", seed=0, planner="straight", noise_position=0.0, noise_angle=0.0, pushables=2,

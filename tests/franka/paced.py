@@ -8,8 +8,8 @@ from typing import Any
 import franky
 from tests.franka.server import BEATS
 
-from optipromp.control import Franky
 from optipromp.core.trajectory import State
+from optipromp_loop.control import Franky
 
 
 class Paced(Franky):

@@ -37,7 +37,7 @@ WIDE, HIGH = 96, 72  # [pixel]
 def picture() -> Any:
     """A red ball before a grey wall, as a small camera sees them."""
     from optipromp.core.scenes.pose import Pose
-    from optipromp.perception import CameraModel, DepthPicture
+    from optipromp_eyes import CameraModel, DepthPicture
 
     camera = CameraModel(WIDE, HIGH, 150.0, 150.0, 47.5, 35.5, Pose([0.1, 0.0, 0.5]))
     off = np.hypot(*(camera.rays[:, :, k] for k in range(2)))
@@ -84,7 +84,7 @@ def chunks_changed(random: Random, content: bytes) -> bytes:
 
 @cache
 def camera_files() -> dict[str, bytes]:
-    from optipromp.perception.pictures import picture_files
+    from optipromp_eyes.pictures import picture_files
 
     return picture_files("a", picture())
 
@@ -92,7 +92,7 @@ def camera_files() -> dict[str, bytes]:
 def looked(folder: Path, depth: str = "a.depth.png", camera: str = "a.camera.json") -> str:
     """See the picture of a folder, as ``see`` does."""
     from optipromp.core.scenes.io import load_scene
-    from optipromp.perception import load_picture, look_at, seen_scene
+    from optipromp_eyes import load_picture, look_at, seen_scene
 
     known = load_scene("scenario-3")
     shown = load_picture(folder / "a.rgb.png", folder / depth, folder / camera)
@@ -160,7 +160,7 @@ def network(random: Random) -> Mutant:
         content = damaged(random, content)
 
     def act(folder: Path) -> str:
-        from optipromp.perception import ByNetwork, look_at
+        from optipromp_eyes import ByNetwork, look_at
 
         look_at(picture(), finder=ByNetwork(folder / "n.onnx", seconds=3.0))
         return "success"
@@ -185,8 +185,8 @@ def calibration(random: Random) -> Mutant:
 
     def act(folder: Path) -> str:
         from optipromp import load_robot
-        from optipromp.perception import Board, by_tool, load_camera
-        from optipromp.perception.calibration import read_seen_tool, read_views
+        from optipromp_eyes import Board, by_tool, load_camera
+        from optipromp_eyes.calibration import read_seen_tool, read_views
 
         model, robot = load_camera(folder / "a.camera.json")[0], load_robot("panda")
         if boards:
@@ -240,7 +240,7 @@ def detections(random: Random) -> Mutant:
 
     def act(folder: Path) -> str:
         from optipromp.core.scenes.pose import Pose
-        from optipromp.ros import read_detections
+        from optipromp_ros import read_detections
 
         found = read_detections(item, {"camera": Pose()})
         assert all(np.isfinite(each.position).all() for each in found.in_base())
@@ -270,8 +270,8 @@ def image_messages(random: Random) -> Mutant:
     items[k] = message_changed(random, items[k])
 
     def act(folder: Path) -> str:
-        from optipromp.perception import look_at
-        from optipromp.ros.images import Pictures
+        from optipromp_eyes import look_at
+        from optipromp_ros.images import Pictures
 
         taken = Pictures()
         found = [taken.heard(f"/{n}", item) for n, item in enumerate(items)]
@@ -288,7 +288,7 @@ def bag(random: Random) -> Mutant:
 
     def act(folder: Path) -> str:
         from optipromp.core.scenes.io import load_scene
-        from optipromp.ros.pictures import bag_pictures
+        from optipromp_ros.pictures import bag_pictures
 
         list(bag_pictures(folder / name, load_scene("scenario-3"), camera=picture().camera))
         return "success"
@@ -300,7 +300,7 @@ def bag(random: Random) -> Mutant:
 def bags() -> dict[str, bytes]:
     from tests.ros import camera_messages as made
 
-    from optipromp.ros import Recorded, write_bag
+    from optipromp_ros import Recorded, write_bag
 
     shown = picture()
     steps = np.round(shown.depth * 1e3).astype(np.uint16)
@@ -377,8 +377,8 @@ class Still:
 @cache
 def bench_files() -> dict[str, bytes]:
     """A folder of a run of one scene, with its zip."""
-    from optipromp.bench.results import BenchRun, run_bench
-    from optipromp.bench.sets import SceneSet
+    from optipromp_bench.results import BenchRun, run_bench
+    from optipromp_bench.sets import SceneSet
 
     run = BenchRun.of("tests.fuzzing.doors:Still", "plan", SceneSet("word", ("cluster",), 1))
     with TemporaryDirectory() as name:
@@ -438,8 +438,8 @@ def bench_zip(random: Random) -> Mutant:
     verified = random.random() < 0.04
 
     def act(folder: Path) -> str:
-        from optipromp.bench.results import submission, verify
-        from optipromp.bench.table import leaderboard, markdown
+        from optipromp_bench.results import submission, verify
+        from optipromp_bench.table import leaderboard, markdown
 
         path = folder / "s.zip"
         submission(path)
@@ -455,8 +455,8 @@ def bench_run(random: Random) -> Mutant:
     files = bench_changed(random)
 
     def act(folder: Path) -> str:
-        from optipromp.bench.results import BenchRun, run_bench
-        from optipromp.bench.sets import SceneSet
+        from optipromp_bench.results import BenchRun, run_bench
+        from optipromp_bench.sets import SceneSet
 
         (folder / "motions").mkdir()
         for name, content in files.items():
@@ -483,9 +483,9 @@ def answers(random: Random) -> Mutant:
     ends = random.choice([b"\n"] * 8 + [b"", b"\r\n", b"\0\n"])
 
     def act(folder: Path) -> str:
-        from optipromp.bench.episode import Observation
-        from optipromp.bench.serve import Served
         from optipromp.core.scenes.io import load_scene
+        from optipromp_bench.episode import Observation
+        from optipromp_bench.serve import Served
 
         with socket.create_server(("127.0.0.1", 0)) as listening:
             listening.settimeout(5.0)

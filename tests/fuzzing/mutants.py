@@ -185,7 +185,7 @@ def request(random: Random) -> Mutant:
     import dataclasses
 
     from optipromp import PlanOptions
-    from optipromp.laboratory.planners.paper import Paper
+    from optipromp_paper.paper import Paper
 
     classes: list[Any] = [PlanOptions, PlanOptions, Paper]
     chosen = random.choice(classes)

@@ -26,7 +26,7 @@ def builtin_scenes() -> list[Any]:
 
 def generated_scenes() -> list[Any]:
     from optipromp.core.scenes.io import scene_to_dict
-    from optipromp.laboratory.generate import generate
+    from optipromp_sim.generate import generate
 
     presets = ("cluster", "mixed", "shelf", "elongated")
     return [scene_to_dict(generate(preset, seed=1)) for preset in presets]

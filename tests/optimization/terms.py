@@ -18,7 +18,7 @@ from optipromp.core.optimization.costs.tool import (
     LevelCost,
     UprightCost,
 )
-from optipromp.laboratory.planners.paper import PushCost
+from optipromp_paper.paper import PushCost
 
 FRAME = np.array([[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
 

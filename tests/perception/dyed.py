@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from optipromp.core.scenes.crops import Crop, load_crop
-from optipromp.laboratory.experiments.eyes import paired
-from optipromp.laboratory.generate import generate
-from optipromp.laboratory.simulation.photograph import Photograph, PhotoParameters, photograph
-from optipromp.perception import EyeParameters, look_at
+from optipromp_bench.experiments.eyes import paired
+from optipromp_eyes import EyeParameters, look_at
+from optipromp_sim.generate import generate
+from optipromp_sim.simulation.photograph import Photograph, PhotoParameters, photograph
 
 Dye = Mapping[str, tuple[float, float, float]]  # hue [deg], saturation, brightness by kind
 

@@ -1,6 +1,6 @@
 """A finder of one's own, by its name."""
 
-from optipromp.perception.detector import ByDetector
+from optipromp_eyes.detector import ByDetector
 
 
 def own() -> ByDetector:

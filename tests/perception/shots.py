@@ -6,9 +6,9 @@ from functools import cache
 import numpy as np
 
 from optipromp.core.arrays import frame_along
-from optipromp.laboratory.generate import generate
-from optipromp.laboratory.simulation.photograph import Photograph, photograph
-from optipromp.perception import DepthPicture
+from optipromp_eyes import DepthPicture
+from optipromp_sim.generate import generate
+from optipromp_sim.simulation.photograph import Photograph, photograph
 
 SEED = 60011
 

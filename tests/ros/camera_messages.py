@@ -7,10 +7,10 @@ import numpy as np
 from PIL import Image
 
 from optipromp.core.scenes.pose import Pose
-from optipromp.perception import CameraModel, DepthPicture
-from optipromp.ros import Message, from_bytes, message, to_bytes
-from optipromp.ros.scenes import xyz
-from optipromp.ros.trajectories import time_message
+from optipromp_eyes import CameraModel, DepthPicture
+from optipromp_ros import Message, from_bytes, message, to_bytes
+from optipromp_ros.scenes import xyz
+from optipromp_ros.trajectories import time_message
 
 FRAME = "camera_color_optical_frame"
 

@@ -3,13 +3,11 @@
 import numpy as np
 from tests.ros.camera_messages import header
 
-from optipromp.control import Look
 from optipromp.core.arrays import frame_along
 from optipromp.core.scenes.pose import Pose
-from optipromp.ros import (
-    message,
-)
-from optipromp.ros.scenes import pose_message, xyz
+from optipromp_loop.control import Look
+from optipromp_ros import message
+from optipromp_ros.scenes import pose_message, xyz
 
 EPOCH = 1_790_000_000_123_456_789  # [ns] of a clock of ROS
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from optipromp.ros import Recorded, message
+from optipromp_ros import Recorded, message
 
 JOINTS = tuple(f"joint{k}" for k in range(1, 8))
 STILL, MOVE = 1.0, 2.0  # [s] a phase of either

@@ -2,6 +2,6 @@
 
 import functools
 
-from optipromp.laboratory.generate import generate_with_report
+from optipromp_sim.generate import generate_with_report
 
 made = functools.cache(generate_with_report)

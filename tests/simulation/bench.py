@@ -8,9 +8,9 @@ from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.planning.task import resolve
 from optipromp.core.scenes.scene import Scene, SceneObject, Stem, ToolSpec
 from optipromp.core.trajectory import Trajectory
-from optipromp.laboratory.simulation import SimulationParameters
-from optipromp.laboratory.simulation.steps import Execution
-from optipromp.laboratory.simulation.world import build
+from optipromp_sim.simulation import SimulationParameters
+from optipromp_sim.simulation.steps import Execution
+from optipromp_sim.simulation.world import build
 
 URDF = """<robot name="gantry">
   <link name="base"/>

@@ -3,13 +3,13 @@
 import numpy as np
 from scipy.stats import binom
 
-from optipromp.control.look import Look
 from optipromp.core.arrays import frame_along
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.planning.task import posed
+from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene, SceneObject, Stem, ToolSpec
-from optipromp.laboratory.simulation.detector import Detector, DetectorParameters, Truth
+from optipromp_sim.simulation.detector import Detector, DetectorParameters, Truth
 
 UNLIKELY = 1e-4  # probability that a right detector fails a test of its statistics
 CAMERA = Pose([0.0, -1.0, 0.5], frame_along(np.array([0.0, -1.0, 0.0])))  # its back to the robot

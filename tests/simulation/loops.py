@@ -3,9 +3,9 @@
 import functools
 from dataclasses import replace
 
-from optipromp.control.controller import Controller
-from optipromp.laboratory.generate import generate
-from optipromp.laboratory.simulation import (
+from optipromp_loop.control.controller import Controller
+from optipromp_sim.generate import generate
+from optipromp_sim.simulation import (
     DETECTORS,
     Detector,
     Eye,

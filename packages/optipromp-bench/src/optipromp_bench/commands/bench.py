@@ -1,0 +1,259 @@
+"""``optipromp bench``: the benchmark of reaching in hanging clutter."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from optipromp.cli.command import FAILED, OK, Report, Shown, command
+from optipromp.cli.console import Cluster, Workers, grid, progress_bar, say_if_compiling
+from optipromp.core.errors import InvalidRequestError, suggest
+from optipromp.core.files import is_there, json_text, write_atomically
+
+if TYPE_CHECKING:
+    from optipromp_bench.experiments.rows import Row
+    from optipromp_bench.table import Leaderboard
+
+bench = typer.Typer(
+    name="bench", no_args_is_help=True, rich_markup_mode="rich",
+    help="Compare pickers on frozen scenes, in two physics engines (docs/benchmark.md).",
+)  # fmt: skip
+
+
+@bench.command("run")
+@command()
+def run(
+    entry: str,
+    out: Path,
+    track: str = "",
+    scenes: str = "development",
+    draw: bool = False,
+    round_: Path | None = None,
+    preset: str = "cluster,mixed,field,wild",
+    count: int = 200,
+    condition: str | None = None,
+    variation: str = "",
+    workers: Workers = None,
+    ray: Cluster = None,
+) -> Report:
+    """Run an entry on every scene of a set, and leave a submission.
+
+    An entry is a class of at most 40 lines; examples/12_bench_entry.py has one.
+    It works in a process of its own and sees scenes only. A scene in which it
+    raises, exits, hangs (60 s a plan, 1 s an action) or moves for more than
+    60 s is a row, and the run goes on. Harm counts before success: a scene is
+    clean only if the target alone was picked and nothing was harmed.
+
+    Examples:
+        optipromp bench run --entry opti-promp --count 5 --out mine
+        optipromp bench run --entry mine:Picker --track plan --out mine
+        optipromp bench run --entry mine:Policy --track policy --draw --out test
+        optipromp bench run --entry mine:Picker --round round.json --out mine
+
+    Args:
+        entry (NAME): Of 'optipromp bench list', or MODULE:CLASS.
+        out (DIR): Of the results; goes on where it was.
+        track (NAME): plan, policy or picture; see 'bench list'.
+        scenes (--set WORD): development, or a word that draws a test set.
+        draw: A round of this entry alone: its digest, then a word.
+        round_ (--round FILE): Of 'bench draw': its word, its entries.
+        preset (NAMES): Presets, separated by commas.
+        count: Scenes of each preset.
+        condition (NAME): What moves and is seen wrongly.
+        variation (NAME): Of the physics; see 'study --vary'.
+    """
+    from optipromp_bench.entries import ENTRIES
+    from optipromp_bench.results import BenchRun, run_bench
+    from optipromp_bench.sets import SceneSet, draw_round, read_round
+    from optipromp_bench.tracks import TRACKS
+
+    asked = track or (ENTRIES[entry].track if entry in ENTRIES else "plan")
+    if asked not in TRACKS:
+        raise InvalidRequestError(f"track is {asked!r}: {suggest(asked, TRACKS)}")
+    if draw + (round_ is not None) + (scenes != "development") > 1:
+        raise InvalidRequestError("--set, --draw and --round name three sets: give one of them")
+    drawn = draw_round([entry]) if draw else None if round_ is None else read_round(round_)
+    word = scenes if drawn is None else drawn.word
+    chosen = SceneSet(word, tuple(filter(None, preset.split(","))), count)
+    made = BenchRun.of(entry, asked, chosen, condition, variation, drawn)
+    say_if_compiling()
+    with progress_bar(20) as say:
+        rows = run_bench(made, out, workers=workers, ray=ray, progress=_told(say))
+    from optipromp_bench.table import leaderboard
+
+    board = leaderboard([out])
+    document = {"set": word, "out": str(out), "rows": len(rows), **board.to_dict()}
+    return Report(document, _shown(board, f"set {word}; wrote {out / 'submission.zip'}"))
+
+
+@bench.command("verify")
+@command()
+def verify(
+    submission: Path, /, entry: str | None = None, workers: Workers = None, ray: Cluster = None
+) -> Report:
+    """Execute a submission once more, and compare every row.
+
+    With --entry, the entry is asked for every scene again: its rows, refusals
+    and errors must come again. Without it, the motions in the file are executed:
+    they do what the rows say, but whether the entry made them is not known, and
+    a refusal has no motion. A success leaves a record beside the zip, which
+    'bench table' and 'bench publish' read. The exit code is 1 where a row
+    differs or is not confirmed.
+
+    Examples:
+        optipromp bench verify mine/submission.zip --entry mine:Picker
+        optipromp bench verify theirs.zip
+
+    Args:
+        submission (ZIP): Of 'bench run'.
+        entry (NAME): The submitted entry, which is asked again.
+    """
+    from optipromp_bench.results import verify as again
+
+    say_if_compiling()
+    with progress_bar(20) as say:
+        told = again(submission, entry=entry, workers=workers, ray=ray, progress=_told(say))
+    changed = [
+        {"preset": a.preset, "seed": a.seed, "engine": a.engine, "told": a.judged(),
+         "now": b.judged()} for a, b in told.changed
+    ]  # fmt: skip
+    words = [f"{len(told.rows)} rows, {len(changed)} of which differ"]
+    if told.unconfirmed:
+        words.append(
+            f"not verified: {len(told.unconfirmed)} rows are refusals or errors without a motion; "
+            f"give --entry {told.run.entry}"
+        )
+    elif not changed:
+        words.append(f"verified by {'the entry' if told.by == 'entry' else 'its motions alone'}")
+    words += [
+        f"{a.preset} {a.seed} {a.engine}: {a.result} {a.cause} | now {b.result} {b.cause}"
+        for a, b in told.changed[:20]
+    ]
+    document = {
+        "rows": len(told.rows), "changed": changed, "unconfirmed": len(told.unconfirmed),
+        "verified": told.by if told.confirmed else "no",
+    }  # fmt: skip
+    return Report(document, words, OK if told.confirmed else FAILED)
+
+
+@bench.command("draw")
+@command()
+def draw_(entry: list[str], out: Path) -> Report:
+    """Draw a test set for entries that are handed in: their digests first, then the word.
+
+    'bench run --round FILE' refuses an entry whose source has changed since. A
+    package counts with all its files; a single module with its own file only.
+
+    Example:
+        optipromp bench draw --entry opti-promp --entry mine:Picker --out round.json
+
+    Args:
+        entry (NAME): Of 'bench list', or MODULE:CLASS; several times.
+        out (FILE): Of the round; is not written over.
+    """
+    from dataclasses import asdict
+
+    from optipromp_bench.sets import draw_round
+
+    if is_there(out):
+        raise InvalidRequestError(f"{out} is there: a round is drawn once; name another file")
+    made = draw_round(entry)
+    write_atomically(out, json_text(asdict(made)).encode())
+    lines = [f"{name}: {digest[:16]}" for name, digest in made.entries.items()]
+    return Report(asdict(made), [*lines, f"word {made.word}; wrote {out}"])
+
+
+@bench.command("table")
+@command()
+def table(results: list[Path], /, out: Path | None = None) -> Report:
+    """Make the leaderboard of submissions on one set.
+
+    The column verified says what 'bench verify' confirmed: entry, motions or no.
+
+    Example:
+        optipromp bench table ours straight theirs.zip --markdown leaderboard.md
+
+    Args:
+        results (RESULTS...): Folders or submissions.
+        out (--markdown FILE): Leave the page here.
+    """
+    from optipromp_bench.table import leaderboard, markdown
+
+    board = leaderboard(results)
+    if out is not None:
+        write_atomically(out, markdown(board).encode())
+    return Report(board.to_dict(), _shown(board, "" if out is None else f"wrote {out}"))
+
+
+@bench.command("publish")
+@command()
+def publish(results: list[Path], /, out: Path, unverified: bool = False) -> Report:
+    """Gather submissions, what verified them, the table and the digests of all.
+
+    DIR/results.json is small and names version, commit, set and the SHA-256 of
+    every file: it can stand in a repository while the rest is a release's.
+
+    Example:
+        optipromp bench publish ours theirs.zip --out release
+
+    Args:
+        results (RESULTS...): Folders or submissions.
+        out (DIR): New; of the files of a release.
+        unverified: Take what 'bench verify' did not confirm, too.
+    """
+    from optipromp_bench.table import DIGESTS, published
+
+    made = published(results, out, unverified)
+    lines = [f"{digest}  {name}" for name, digest in made["sha256"].items()]
+    return Report(made, [*lines, f"wrote {out / DIGESTS}, of commit {made['commit'] or 'none'}"])
+
+
+@bench.command("list")
+@command()
+def entries() -> Report:
+    """List the entries of this library and the tracks.
+
+    Example:
+        optipromp bench list
+    """
+    from optipromp_bench.entries import ENTRIES
+    from optipromp_bench.tracks import CONDITION
+
+    document = {
+        "tracks": dict(CONDITION),
+        "entries": {name: each._asdict() for name, each in ENTRIES.items()},
+    }
+    shown = grid(("entry", "track", "what it does"))
+    shown.columns[2].no_wrap = False  # so that the others stay whole
+    for name, each in ENTRIES.items():
+        shown.add_row(name, each.track, each.text)
+    words = ", ".join(f"{name} (condition {value})" for name, value in CONDITION.items())
+    return Report(document, [f"tracks: {words}", shown])
+
+
+def _told(say: Callable[[int, int, str], None]) -> Callable[[int, int, "Row | None"], None]:
+    def tell(done: int, total: int, row: "Row | None") -> None:
+        newest = "" if row is None else f": {row.preset} {row.seed} {row.result}"
+        say(done, total, f"{done} of {total} rows{newest}")
+
+    return tell
+
+
+def _shown(board: "Leaderboard", words: str) -> Shown:
+    left = "entry", "engine", "clean (95 %)", "harmed", "missed", "refused", "score", "p"
+    shown = grid((*left, "verified"), padding=(0, 0))
+    for column in shown.columns[1:]:
+        column.no_wrap = False  # so that names stay whole
+    for entry in board.order:
+        for k, engine in enumerate(board.run.engines):
+            s = board.of(entry, engine)
+            clean = f"{s.clean}/{s.runs} ({s.interval})"
+            shown.add_row(
+                "" if k else entry, engine, clean, str(s.harmed), str(s.missed),
+                str(s.refused + s.errors), f"{100 * s.score:.0f}",
+                "–" if s.p is None else f"{s.p:.3f}", "" if k else board.verified[entry],
+            )  # fmt: skip
+    yield shown
+    if words:
+        yield words

@@ -1,0 +1,353 @@
+"""One pick, step by step: what a policy sees, what it does, and what became of it."""
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from optipromp.core.arrays import BoolArray, FloatArray, frozen
+from optipromp.core.errors import ExecutionError, InvalidRequestError
+from optipromp.core.planning.task import posed
+from optipromp.core.planning.ways import back_along
+from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.held import RETREAT
+from optipromp.core.scenes.io import scene_to_dict
+from optipromp.core.scenes.look import Look
+from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.core.trajectory import State, Trajectory
+from optipromp_loop.control.driver import path_back
+from optipromp_loop.guard.motion import joints_for as joints_for
+from optipromp_sim.simulation import Detector, Eye, Outcome, Simulation
+from optipromp_sim.simulation.contacts import HarmSoFar
+from optipromp_sim.simulation.detector import Truth
+from optipromp_sim.simulation.simulation import FruitStates
+from optipromp_sim.situations import Situation
+
+if TYPE_CHECKING:
+    from optipromp_bench.flight import Word
+
+TICK = 0.001  # [s] of a reference in the second engine, as of the main simulation's controller
+RATE = 50.0  # [Hz] at which a policy is asked: a choice
+HELD = 0.3  # [s] for which the tool must hold a fruit before a pick ends: a choice
+LONGEST = 20.0  # [s] of a pick, after which it ends: a choice; plans take 4 to 12 s
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """What a policy knows at one moment."""
+
+    time: float  # since the beginning [s]
+    # (n,) of the joints, as measured [rad or m, per s]
+    q: FloatArray
+    velocity: FloatArray
+    # (3,) in the robot's base frame [m]
+    tool_point: FloatArray
+    tool_axis: FloatArray
+    # targets, pushables and objects to avoid as last seen, in the base frame
+    fruits: tuple[SceneObject, ...]
+    age: float  # time since they were seen [s]
+    # (3,) of the world on the tool [N]
+    force: FloatArray = field(default_factory=lambda: np.zeros(3))
+    holding: bool = False  # whether the target's stem is cut, and the tool leaves with the target
+    # the last one that was delivered, with its camera; its time is since the beginning
+    look: Look | None = None
+
+
+class FlightWorld:
+    """A scene in the second engine, with the methods of the simulation that an episode calls.
+
+    The arm is where its reference is. Plants stand still: conditions that move them, or change
+    their physics, are of the first engine alone.
+    """
+
+    def __init__(self, scene: Scene, seed: int = 0) -> None:
+        self.scene, self.tick, self.broken = scene, TICK, False
+        self.robot, self.reference = posed(scene)
+        from optipromp_bench.flight import Flight
+
+        try:
+            self._flight = Flight(scene_to_dict(scene), self.reference.q, seed)
+        except ValueError as error:
+            raise InvalidRequestError(f"the second engine: {error}") from None
+        self._items = {item.id: item for item in scene.objects}
+
+    @property
+    def time(self) -> float:
+        """Since the beginning [s]."""
+        return self._flight.time
+
+    def step(self, reference: State) -> State:
+        """Lead the cup to a reference within one tick; returns the state after it."""
+        self.reference = reference
+        try:
+            self._flight.to(reference.q, TICK)
+        except RuntimeError as error:
+            self.broken = True
+            raise ExecutionError(str(error)) from None
+        return self.state()
+
+    def state(self) -> State:
+        """The reference."""
+        return self.reference
+
+    def fruits(self) -> FruitStates:
+        """The targets and pushables now; velocities are not told (zero)."""
+        ids = tuple(self._flight.ids)
+        places = [self._flight.place(name) for name in ids]
+        turns = [
+            turn @ self._items[k].rotation for k, (_, turn, _) in zip(ids, places, strict=True)
+        ]
+        attached: BoolArray = np.ones(len(ids), dtype=np.bool_)
+        return FruitStates(
+            ids, tuple(self._items[name].role for name in ids),
+            frozen(np.array([place for place, _, _ in places]).reshape(-1, 3)),
+            frozen(np.array(turns).reshape(-1, 3, 3)),
+            frozen(np.zeros((len(ids), 3))), attached, tuple(frozen(s) for _, _, s in places),
+        )  # fmt: skip
+
+    def held(self) -> tuple[str, ...]:
+        """The fruits in the cup now."""
+        return tuple(filter(self._flight.inside, self._flight.ids))
+
+    def wrench(self) -> FloatArray:
+        """(6,) of the world on the tool: force [N], and zeros."""
+        return np.concatenate([self._flight.pushed(), np.zeros(3)])
+
+    def harm(self) -> HarmSoFar:
+        """What was harmed so far."""
+        words = self._flight.harm()
+        fruit, stem = self._flight.shares()
+        static = 2.0 * any(word.endswith("touched") for word in words)
+        return HarmSoFar(fruit, stem, static)
+
+    def grip(self) -> None:
+        """Cut the target off its stem, and fix the fruit in the cup where it is."""
+        self._flight.take()
+
+    def follow(self, motion: Trajectory) -> tuple[None, "Word"]:
+        """Lead the cup along a motion that begins where the arm is, and judge all so far."""
+        return None, self._flight.along(motion.times, motion.positions)
+
+    def outcome(self) -> "Word":
+        """Stand still for a moment, and judge all that happened."""
+        from optipromp_bench.flight import Word
+
+        if self.broken or not math.isfinite(self.time):
+            return Word(False, (), ("the engine broke down",), math.nan)
+        return self._flight.outcome()
+
+
+class Episode:
+    """One pick in the simulation, moved by joint velocities.
+
+    ``situation``: true scene, scene as first seen, camera, physics. ``seed``: of physics and looks.
+    The same velocities give the same episode to the last bit. ``rate``: at which velocities come
+    [Hz]; divides the controller's rate. ``world``: that the episode happens in; None: the main
+    simulation.
+    """
+
+    def __init__(
+        self, situation: Situation, seed: int = 0, rate: float = RATE,
+        world: FlightWorld | None = None,
+    ) -> None:  # fmt: skip
+        self.situation, self.seed = situation, seed
+        own = world or Simulation(situation.scene, seed, situation.parameters)
+        self.simulation: Simulation | FlightWorld = own
+        count = 1.0 / (rate * self.simulation.tick)
+        if not math.isclose(count, round(count), rel_tol=1e-9) or round(count) < 1:
+            raise InvalidRequestError(f"rate is {rate:g} Hz; must divide the controller's rate")
+        self.ticks, self.period = round(count), 1.0 / rate
+        self.eye = Eye(Detector(situation.scene, self.robot, situation.detector, seed))
+        self.state = self.simulation.state()
+        self.reference = State(self.state.q)
+        self._look: Look | None = None
+        self._fruits = tuple(o for o in situation.seen.objects if o.role != "static")
+        for _ in range(round(situation.parameters.engine.settle / self.simulation.tick)):
+            self.state = self.simulation.step(self.reference)
+        self._begin, self._held = self.simulation.time, dict[str, float]()
+        self._path = [self.reference.q]
+        self._taken: FloatArray | None = None  # the tool point where the target was taken
+        self._see()
+
+    @property
+    def robot(self) -> Robot:
+        """With its tool."""
+        return self.simulation.robot
+
+    @property
+    def scene(self) -> Scene:
+        """As first seen: static objects, approach and start are true."""
+        return self.situation.seen
+
+    @property
+    def time(self) -> float:
+        """Since the beginning [s]."""
+        return self.simulation.time - self._begin
+
+    @property
+    def broken(self) -> bool:
+        """Whether the physics broke down."""
+        return self.simulation.broken
+
+    @property
+    def ended(self) -> bool:
+        """Whether the time is over, or the physics broke down."""
+        return self.broken or self.time >= LONGEST - 1e-9
+
+    @property
+    def holding(self) -> bool:
+        """Whether the target's stem is cut, and the tool leaves with the target."""
+        return self._taken is not None
+
+    @property
+    def done(self) -> bool:
+        """Whether a fruit was held for a while, something was harmed, or the physics broke.
+
+        With a target that is taken: whether the tool is away, in place of the first.
+        """
+        if self.broken or self.harm().done:
+            return True
+        if self._taken is not None:
+            return bool(np.linalg.norm(self._point() - self._taken) >= RETREAT)
+        return any(t >= HELD for t in self._held.values())
+
+    def over(self, leaving: bool) -> bool:
+        """Whether nobody acts any more. A policy that is ``leaving`` goes on with its target."""
+        done = self.done or self.ended
+        if done and leaving and not (self.ended or self.holding or self.harm().done):
+            self.take()
+            return self.done
+        return done
+
+    def take(self) -> None:
+        """Cut the stem of a target that was held for a while, and hold the target in the tool."""
+        target = self.situation.scene.target
+        if target is not None and self._held.get(target.id, 0.0) >= HELD:
+            self.simulation.grip()
+            self._taken = self._point()
+
+    def _point(self) -> FloatArray:
+        return self.robot.tool_pose(self.state.q)[0]
+
+    def observe(self) -> Observation:
+        """What a policy knows now."""
+        point, axis = self.robot.tool_pose(self.state.q)
+        look = self._look
+        since = self.time if look is None else self.simulation.time - look.time
+        return Observation(
+            self.time, self.state.q, self.state.velocity, point, axis, self._fruits, since,
+            self.simulation.wrench()[:3], self.holding,
+            None if look is None else replace(look, time=look.time - self._begin),
+        )  # fmt: skip
+
+    def act(self, velocity: FloatArray, curve: Trajectory | None = None) -> None:
+        """Let the joints come to velocities (n,) [rad/s or m/s] within one period.
+
+        ``curve``: on which they come there, from the last reference on; None: at a constant
+        acceleration.
+        """
+        wanted = np.asarray(velocity, dtype=np.float64)
+        if wanted.shape != self.state.q.shape or not np.isfinite(wanted).all():
+            raise InvalidRequestError(
+                f"velocity has shape {wanted.shape}; must be {self.state.q.shape}, finite"
+            )
+        if curve is None:
+            ticks = driven(self.robot, self.reference, wanted, self.period, self.ticks)
+        else:
+            at = self.period / self.ticks * np.arange(1, self.ticks + 1)
+            ticks = [State(*rows) for rows in zip(*curve.sample(at), strict=True)]
+        try:
+            for each in ticks:
+                self.reference = each
+                self.state = self.simulation.step(each)
+        except ExecutionError:  # the simulation is broken, and the outcome tells of it
+            pass
+        self._path.append(self.reference.q)
+        held = self.simulation.held()
+        self._held = {name: self._held.get(name, 0.0) + self.period for name in held}
+        self._see()
+
+    def _see(self) -> None:
+        now, fruits = self.simulation.time, self.simulation.fruits()
+        truth = Truth(fruits.ids, fruits.positions, fruits.rotations, fruits.stem_ends)
+        self.eye.see(now, self.state.q, truth)
+        for look in self.eye.delivered(now):
+            self._look, self._fruits = look, look.in_base()
+
+    def harm(self) -> HarmSoFar:
+        """What was harmed so far; a fruit beside the target that was held for a while counts."""
+        target = self.situation.scene.target
+        kept = [name for name, t in self._held.items() if t >= HELD]
+        others = len(kept) - (target is not None and target.id in kept)
+        return replace(self.simulation.harm(), swallowed=others)
+
+    def outcome(self, out: bool = True) -> "Outcome | Word":
+        """Stand still for a moment, and judge all that happened.
+
+        A target that is picked, and not ``out`` of the plant yet, leaves by :func:`as_it_came`.
+        """
+        word = self.simulation.outcome()
+        if self.holding or not out or word.result != "clean":
+            return word
+        self.simulation.grip()
+        _, word = self.simulation.follow(as_it_came(self.robot, np.array(self._path)))
+        return word
+
+
+def score(outcome: "Outcome | Word") -> int:
+    """An outcome as the benchmark counts it: 1 clean, -1 harmed, 0 missed; harm comes first."""
+    return {"clean": 1, "missed": 0, "harmed": -1}[outcome.result]
+
+
+def as_it_came(robot: Robot, q: FloatArray) -> Trajectory:
+    """The way back along the last 10 cm of a tool's way, where it came by ``q`` (k, n)."""
+    back = back_along(q, robot.tool_pose(q)[0], RETREAT)
+    return path_back(robot, back, PUSH.hanging.speed)
+
+
+BRAKE = 0.9  # share of the acceleration limit that brakes before the end of a range: a choice
+
+
+def driven(
+    robot: Robot, before: State, wanted: FloatArray, period: float, count: int
+) -> list[State]:
+    """References of ``count`` ticks of a controller in which the joints come to a velocity.
+
+    The acceleration is constant, at most its limit. The velocity is at most its limit, and so low
+    that the joint can brake before the end of its range.
+
+    ``robot``: whose limits are kept. ``before``: the last reference. ``wanted``: (n,) velocity at
+    the end [rad/s or m/s]. ``period``: time from ``before`` to the last tick [s].
+
+    Returns: The references, a tick apart, the last one ``period`` after ``before``.
+    """
+    most = BRAKE * robot.acceleration
+    ahead = before.q + 0.5 * period * before.velocity  # about where the velocity is reached
+    up, down = robot.upper - ahead, ahead - robot.lower
+    rise = _braking(up, most, period, before.velocity)
+    fall = _braking(down, most, period, -before.velocity)
+    top = np.minimum(robot.velocity, rise)
+    low = -np.minimum(robot.velocity, fall)
+    aim = np.clip(wanted, np.minimum(low, top), top)
+    change = np.clip(
+        aim - before.velocity, -robot.acceleration * period, robot.acceleration * period
+    )
+    gain, out = change / period, []
+    for k in range(1, count + 1):
+        t = period * k / count
+        q = before.q + t * before.velocity + 0.5 * t * t * gain
+        out.append(State(np.clip(q, robot.lower, robot.upper), before.velocity + t * gain, gain))
+    return out
+
+
+def _braking(room: FloatArray, most: FloatArray, period: float, speed: FloatArray) -> FloatArray:
+    """The velocity (n,) a period later from which a joint still stops within its range.
+
+    Where ``room`` (n,) is negative, the joint has to stop within the period, and turns back: it
+    brakes from ``speed`` (n,) by ``most`` (n,) throughout.
+    """
+    lead = 0.5 * most * period
+    far = np.nan_to_num(np.maximum(room, 0.0), posinf=1e9)
+    return np.where(room >= 0.0, np.sqrt(lead**2 + 2.0 * most * far) - lead, speed - most * period)

@@ -1,0 +1,200 @@
+"""Reports of studies: one self-contained HTML file, for screens and paper."""
+
+import re
+import shlex
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
+from optipromp.core.output import ROWS
+from optipromp.core.planning import PlanOptions
+from optipromp.core.scenes.crops import load_crop
+from optipromp.looks.reports import made_with, page, paragraph, picture, section, table
+from optipromp.looks.viewer.figures import png
+from optipromp.looks.viewer.html import DPI
+from optipromp_bench.experiments import statistics
+from optipromp_bench.experiments.rows import ERROR, NO_PLAN, Row, rows_of
+from optipromp_bench.experiments.study import file_of, settings_of, study_figure
+from optipromp_bench.experiments.trials import FOLDER, again
+from optipromp_eyes.pictures import png_file
+from optipromp_sim.generate import PANDA
+from optipromp_sim.simulation import Run
+from optipromp_sim.situations import AS_CROP
+
+SIZE = 640, 360  # [pixel] of a worst case's picture
+WORST = 6  # failed runs that are shown
+_UNSAID = re.compile(r"(?:, )?\b\w+=(?:None|\{\}|\(\))")  # a choice of a robot's arm not made
+SLIGHT = 0.2  # [N] largest force of a run whose end is shown instead of the moment of that force
+
+
+def study_report(
+    folder: Path | str, *, worst: int = WORST, progress: Callable[[str], None] | None = None
+) -> bytes:
+    """One HTML file about the study in a folder that ``optipromp study`` left. The ``worst`` failed
+    runs are made again for their pictures, if anything can be drawn off screen. ``progress``:
+    called with a line about the run that is drawn."""
+    folder = Path(folder)
+    rows = rows_of(folder)
+    if not rows:
+        raise InvalidRequestError(f"{folder} holds no rows of a study ({ROWS})")
+    settings, robot = settings_of(folder)
+    settings["risk"] = PlanOptions(risk=settings.get("risk", PlanOptions.risk)).risk
+    cells = statistics.summary(rows)
+    kept, plans = sum(cell.kept for cell in cells), sum(cell.plans for cell in cells)
+    title = f"Study of {len(rows)} runs"
+    head = f"<h1>{title}</h1>" + paragraph(
+        f"{kept} of {len(rows)} were promised, picked the target and harmed nothing, in the "
+        f"physics simulation; {plans - kept} of {plans} promises were broken."
+    )
+    found, by_crop = statistics.calibration(rows), rows[0].variation == AS_CROP
+    parts = [
+        head,
+        section(
+            "Success", picture(png(study_figure(cells), DPI), "Success rates and causes"),
+            table(_rates(cells), ("preset", "planner", "runs", "kept by 0.3.0",
+                                  "promised and picked", "95 % (Wilson)", "broken promises", "95 %",
+                                  "picked if executed although refused",
+                                  "median force on unripe", "90 %", "time to plan",
+                                  *(["runs that it changes"] if by_crop else []))),
+        ),
+        section(
+            "Causes of failure",
+            table([(cell.preset, cell.planner, cell.failed_by) for cell in cells],
+                  ("preset", "planner", "failed by (a run may have several)")),
+        ),
+        *_prediction(found),
+        *_worst(rows, worst, progress, robot, settings),
+        section("Settings", table([(k, _told(v)) for k, v in settings.items() if k != FOLDER])),
+        made_with(_study_command(rows, robot, settings), {}),
+    ]  # fmt: skip
+    return page(title, parts)
+
+
+def _rates(cells: Sequence[statistics.Cell]) -> list[tuple[str, ...]]:
+    return [
+        (c.preset, c.planner, str(c.runs), str(c.kept_before), f"{c.kept} ({100 * c.rate:.1f} %)",
+         f"{c.interval} %", f"{c.broken} of {c.plans}",
+         f"{statistics.percent(c.broken_low, c.broken_high)} %", str(c.successes),
+         _newton(c.unripe_force), _newton(c.unripe_force_90), f"{1e3 * c.plan_time:.0f} ms",
+         *([str(c.changed)] if "changed" in c.figures else []))
+        for c in cells
+    ]  # fmt: skip
+
+
+def _prediction(found: statistics.Reliability | None) -> list[str]:
+    if found is None:
+        return []
+    words = (
+        f"Of {found.successes} plans that promise success {found.failed} failed. A failed run had "
+        "a larger predicted probability than a successful one with probability "
+        f"{found.auc:.2f} (AUC)."
+    )
+    head = "not clean, predicted [%]", "runs", "mean [%]", "failed", "rate [%]", "95 % [%]"
+    shown = table(found.rows(), head)
+    return [section("Predicted probability and what happened", paragraph(words), shown)]
+
+
+def worst_of(rows: Sequence[Row], count: int) -> list[Row]:
+    """The worst failed runs: broken promises first, then by force; the causes take turns."""
+    failed = [row for row in rows if not row.success and row.cause != NO_PLAN]
+    failed.sort(key=lambda r: (r.plan_status != Code.SUCCESS, -(r.unripe_force or 0.0)))
+    seen: dict[str, int] = {}
+    rank = {}
+    for row in failed:
+        rank[row.key] = seen[row.cause] = seen.get(row.cause, -1) + 1
+    return sorted(failed, key=lambda row: rank[row.key])[:count]
+
+
+def _worst(
+    rows: Sequence[Row],
+    count: int,
+    progress: Callable[[str], None] | None,
+    robot: str | None,
+    settings: Mapping[str, Any],
+) -> list[str]:
+    shown = []
+    for row in worst_of(rows, count):
+        name = f"{row.preset}, seed {row.seed}, {row.planner}"
+        if row.loop:
+            name = f"{row.preset}, seed {row.seed}, {row.condition}, {row.loop} loop"
+        if progress is not None:
+            progress(f"drawing {name} ...")
+        cause = row.cause.replace("_", " ")
+        caption = f"{name}: {cause}. {row.message} (plan: {row.plan_status})"
+        try:
+            file = file_of(settings, row.preset)
+            run = None
+            if row.cause != ERROR and robot is not None and (file or "scenes" not in settings):
+                crop = load_crop(settings["crop"]) if "crop" in settings else None
+                run = again(row, robot, settings["risk"], file, crop)
+            shown.append(paragraph(caption) if run is None else picture(_picture(run), caption))
+        except OptiPrompError:  # nothing can be drawn off screen, or the robot's file is not there
+            shown.append(paragraph(caption))
+    if not shown:
+        return []
+    return [section("Worst cases", f'<div class="cases">{"".join(shown)}</div>')]
+
+
+def _picture(run: Run) -> bytes:
+    from optipromp_sim.simulation.film import View, frames
+
+    view = View(*SIZE)
+    (shown,) = frames(run, np.array([worst_moment(run)]), view, caption=True)
+    return png_file(shown)
+
+
+def worst_moment(run: Run) -> float:
+    """The moment of a failed run to show [s]: the first tear, else the largest force. The force is
+    that on a fruit or stem. Where it is below :data:`SLIGHT`, the moment is the end."""
+    rollout = run.rollout
+    if rollout.torn_at:
+        return min(rollout.torn_at.values())
+    others = [k for k, name in enumerate(rollout.fruit_ids) if name != run.outcome.target]
+    force = np.concatenate([rollout.fruit_force[:, others], rollout.stem_force], axis=1)
+    if not force.size or force.max() < SLIGHT:
+        return float(rollout.times[-1])
+    return float(rollout.times[int(force.max(axis=1).argmax())])
+
+
+def _study_command(rows: Sequence[Row], robot: str | None, settings: Mapping[str, Any]) -> str:
+    presets, planners = (
+        ",".join(dict.fromkeys(getattr(row, name) for row in rows))
+        for name in ("preset", "planner")
+    )
+    seeds = [row.seed for row in rows]
+    files = any(Path(row.preset).suffix for row in rows)
+    words = ["optipromp", "study", *(("--scenes", "DIR") if files else ("--preset", presets))]
+    if rows[0].loop:
+        for option, name in (("loop", "loop"), ("conditions", "condition")):
+            words += [f"--{option}", ",".join(dict.fromkeys(getattr(row, name) for row in rows))]
+    else:
+        words += ["--planners", planners]
+    words += ["--seeds", f"{min(seeds)}:{max(seeds) + 1}"]
+    if robot != PANDA and not files:
+        words += ["--robot", robot or "ROBOT"]
+    for name in ("noise",) if rows[0].noise else ("noise_position", "noise_angle"):
+        if value := getattr(rows[0], name):
+            words += ["--" + name.replace("_", "-"), value if name == "noise" else f"{value:g}"]
+    if "crop" in settings:
+        words += ["--crop", crop if isinstance(crop := settings["crop"], str) else "CROP.yaml"]
+    if rows[0].variation:
+        words += ["--vary", *(["crop"] if rows[0].variation == AS_CROP else [])]
+    if (risk := settings["risk"]) != PlanOptions.risk:
+        words += ["--risk", f"{risk:g}"]
+    return shlex.join([*words, "--out", "DIR"])
+
+
+def _told(value: object) -> str:
+    """A setting in words; the robot's without the choices that were not made."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, Mapping):
+        return str(value.get("name", ", ".join(value)))
+    return _UNSAID.sub("", str(value)).replace("Choice(", "(").removesuffix(" ()") or "its own"
+
+
+def _newton(value: float | None) -> str:
+    return "–" if value is None else f"{value:.2f} N"

@@ -1,0 +1,275 @@
+"""Statistics of rows: rates with intervals, causes, times, forces, calibration."""
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from statistics import median
+from typing import Any
+
+import numpy as np
+import scipy.stats
+
+from optipromp.core.errors import Code
+from optipromp_bench.experiments.eyes import NOT_SEEN
+from optipromp_bench.experiments.rows import ERROR, Row
+from optipromp_sim.situations import AS_CROP
+
+STATIC_FORCE = 0.5  # [N] a harder touch of a static object counts as contact, as in the simulation
+EDGES = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 1.0)  # of the bins of predicted probability
+ALL = "all presets"
+
+
+def wilson(successes: int, runs: int) -> tuple[float, float]:
+    """Wilson's score interval of a rate, 95 % (Wilson 1927); (0, 1) where there are no runs."""
+    if runs == 0:
+        return 0.0, 1.0
+    low, high = scipy.stats.binomtest(successes, runs).proportion_ci(method="wilson")
+    return float(low), float(high)
+
+
+def percent(low: float, high: float) -> str:
+    """An interval of a rate in words, in whole percent."""
+    return f"{100 * low:.0f}–{100 * high:.0f}"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """The rows of one group in figures by name, which are read as attributes, too.
+
+    First come the names of the group (preset and planner; preset, condition and loop; entry,
+    engine and preset), then the figures of :func:`study_figures`, :func:`loop_figures` or
+    :func:`optipromp_bench.table.leaderboard`.
+    """
+
+    figures: Mapping[str, Any]
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "figures" or name not in self.figures:
+            raise AttributeError(name)
+        return self.figures[name]
+
+    @property
+    def interval(self) -> str:
+        """The 95 % interval of the rate, in percent."""
+        return percent(self.low, self.high)
+
+    @property
+    def failed_by(self) -> str:
+        """The number of failures and the cause, for each cause; a dash where no run failed."""
+        words = (f"{count} {cause.replace('_', ' ')}" for cause, count in self.causes.items())
+        return ", ".join(words) or "–"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return dict(self.figures)
+
+
+def cells_of(
+    rows: Iterable[Row], names: Sequence[str], group: Callable[[Row], tuple[str, ...]],
+    figures: Callable[[Sequence[Row]], Mapping[str, Any]], pooled: str = "",
+) -> tuple[Cell, ...]:  # fmt: skip
+    """A cell for each group of rows, in the order in which the parts of names first appear.
+
+    ``names``: of the parts of a group's name. ``pooled``: name of the first part of further groups
+    that stand for all its values, last, where there are several; empty: there are none.
+    """
+    groups: dict[tuple[str, ...], list[Row]] = {}
+    rows = list(rows)
+    for row in rows:
+        groups.setdefault(group(row), []).append(row)
+    if pooled and len({first for first, *_ in groups}) > 1:
+        for row in rows:
+            groups.setdefault((pooled, *group(row)[1:]), []).append(row)
+    ranks = [list(dict.fromkeys(parts)) for parts in zip(*groups, strict=True)]
+
+    def order(key: tuple[str, ...]) -> list[int]:
+        return [rank.index(part) for rank, part in zip(ranks, key, strict=True)]
+
+    return tuple(
+        Cell({**dict(zip(names, key, strict=True)), **figures(groups[key])})
+        for key in sorted(groups, key=order)
+    )
+
+
+def summary(rows: Sequence[Row]) -> tuple[Cell, ...]:
+    """One cell for each preset and planner, in the order in which they first appear.
+
+    In a study of variations, one cell for each variation (over all presets) and planner. In a study
+    of loops, one for each condition (over all presets) and loop, named in place of the planner.
+    Where guesses of a crop vary, ``changed`` is the number of runs that end otherwise than as the
+    crop.
+    """
+    by_crop = {(*r.key[:3], r.success, r.causes) for r in rows if r.variation == AS_CROP}
+
+    def group(row: Row) -> tuple[str, str]:
+        return row.condition or row.variation or row.preset, row.loop or row.planner
+
+    def figures(own: Sequence[Row]) -> dict[str, Any]:
+        changed = sum((*r.key[:3], r.success, r.causes) not in by_crop for r in own)
+        return study_figures(own) | ({"changed": changed} if by_crop else {})
+
+    return cells_of(rows, ("preset", "planner"), group, figures)
+
+
+def loop_summary(rows: Iterable[Row]) -> tuple[Cell, ...]:
+    """One cell for each preset, condition and loop, and those of :data:`ALL` presets."""
+    return cells_of(
+        rows, ("preset", "condition", "loop"), lambda r: (r.preset, r.condition, r.loop),
+        loop_figures, ALL,
+    )  # fmt: skip
+
+
+def study_figures(rows: Sequence[Row]) -> dict[str, Any]:
+    """What became of the plans of one planner."""
+    runs, promised = len(rows), [row for row in rows if row.plan_status == Code.SUCCESS]
+    plans, kept = len(promised), sum(row.success for row in promised)
+    executed = [row for row in rows if row.unripe_force is not None]
+    forces = sorted(row.unripe_force for row in executed)
+    low, high = wilson(kept, runs)
+    broken_low, broken_high = wilson(plans - kept, plans)
+    return {
+        "runs": runs,
+        "plans": plans,  # runs whose plan promised a success
+        "kept": kept,  # promised and picked: of a robot that executes no refused plan
+        # by the definition of 0.3.0; its own rows have no other
+        "kept_before": sum(row.success and row.success_before is not False for row in promised),
+        "rate": kept / runs, "low": low, "high": high,
+        "broken_rate": (plans - kept) / max(plans, 1),  # of the promises
+        "broken_low": broken_low, "broken_high": broken_high,
+        "successes": sum(row.success for row in rows),  # where refused plans are executed, too
+        "causes": causes_of(row for row in rows if not row.success),
+        "static_contacts": sum((row.static_force or 0.0) > STATIC_FORCE for row in rows),
+        "torn": sum(bool(row.torn) for row in rows),  # runs in which a fruit came off
+        "unripe_force": _of(median, forces),  # [N] of executed runs; None: there are none
+        "unripe_force_90": forces[math.ceil(0.9 * len(forces)) - 1] if forces else None,
+        "plan_time": median(row.plan_time for row in rows),
+        "cycle": _of(median, [row.duration for row in promised]),  # [s] of the motion, way out too
+        "clean_seconds": seconds_a_clean(  # of planning and motion, by a robot that heeds refusals
+            [row.plan_time for row in rows] + [row.duration or 0.0 for row in promised], kept
+        ),
+        "simulation_time": _of(median, [row.simulation_time for row in executed]),
+        "redraws": sum(row.redraws for row in rows),
+        "broken": plans - kept,
+    }  # fmt: skip
+
+
+def loop_figures(rows: Sequence[Row]) -> dict[str, Any]:
+    """What became of the picks of one loop under one condition.
+
+    Figures of time are medians over the runs that have them, jumps and shares of limits the worst.
+    """
+    counts, runs = Counter(row.result for row in rows), len(rows)
+    low, high = wilson(counts["clean"], runs)
+    picked = sum(bool(row.picked) for row in rows)
+
+    def over(function: Callable[[list[float]], Any], name: str) -> float | None:
+        return _of(function, (getattr(row, name) for row in rows))
+
+    def total(name: str) -> int:
+        return sum(getattr(row, name) or 0 for row in rows)
+
+    return {
+        "runs": runs,
+        **{
+            name: counts[name]
+            for name in ("clean", "harmed", "gave_up", "refused", "missed", "error")
+        },
+        "kept_before": sum(r.result == "clean" and r.success_before is not False for r in rows),
+        "rate": counts["clean"] / runs, "low": low, "high": high,
+        "causes": causes_of(row for row in rows if row.result != "clean"),
+        "duration": over(median, "duration"),
+        "clean_seconds": seconds_a_clean((row.duration or 0.0 for row in rows), counts["clean"]),
+        "retreats": total("retreats"),
+        "cycle_median": over(median, "cycle_median"),
+        "cycle_p99": over(max, "cycle_p99"),
+        "nis": over(np.mean, "nis"),
+        "worst_jump": over(max, "worst_jump"),
+        "worst_limit": over(max, "worst_limit"),
+        "seen": sum(row.cause not in (NOT_SEEN, ERROR) for row in rows),  # a ripe fruit was
+        "planned": sum(row.duration is not None for row in rows),  # and executed
+        "picked": picked,  # whether or not something was harmed
+        "picked_interval": wilson(picked, runs),
+        **{name: total(name) for name in ("visible", "found", "false")},  # in pictures before plans
+        "see_time": over(median, "see_time"),
+    }  # fmt: skip
+
+
+def seconds_a_clean(spent: Iterable[float], clean: int) -> float | None:
+    """All seconds that were ``spent``, over the number of clean picks; None: there is none."""
+    return sum(spent) / clean if clean else None
+
+
+def causes_of(failed: Iterable[Row]) -> dict[str, int]:
+    """The number of failures by cause, most frequent first; a run may have several causes."""
+    causes = Counter(cause for row in failed for cause in row.causes.split() or [row.cause])
+    return dict(causes.most_common())
+
+
+def _of(function: Callable[[list[float]], Any], values: Iterable[float | None]) -> float | None:
+    known = [value for value in values if value is not None and math.isfinite(value)]
+    return float(function(known)) if known else None
+
+
+@dataclass(frozen=True)
+class Reliability:
+    """Predicted probabilities of failure against outcomes."""
+
+    bins: tuple[Cell, ...]  # those that hold runs
+    # probability that a failed run had a larger prediction than a run that succeeded (0.5: the
+    # prediction is worth nothing); NaN where all runs ended alike
+    auc: float
+    successes: int  # number of plans whose status was success
+    failed: int  # number of these that failed in the simulation
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Of each bin [%]: its bounds, runs, mean prediction, failures, their rate and interval."""
+        return [
+            (f"{100 * b.low:g}–{100 * b.high:g}", str(b.runs), f"{100 * b.predicted:.1f}",
+             str(b.failures), f"{100 * b.rate:.1f}", percent(b.rate_low, b.rate_high))
+            for b in self.bins
+        ]  # fmt: skip
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {**vars(self), "bins": [each.to_dict() for each in self.bins]}
+
+
+def calibration(rows: Iterable[Row]) -> Reliability | None:
+    """The reliability of the predictions of executed runs; None where there are none."""
+    known = [row for row in rows if row.predicted_failure is not None and row.picked is not None]
+    if not known:
+        return None
+    told = np.array([row.predicted_failure for row in known], dtype=np.float64)
+    failed = np.array([not row.success for row in known])
+    bins = []
+    for low, high in itertools.pairwise(EDGES):
+        inside = (told >= low) & ((told < high) | (high == EDGES[-1]))
+        runs, failures = int(inside.sum()), int(failed[inside].sum())
+        if runs:
+            ends = wilson(failures, runs)
+            bins.append(
+                Cell(
+                    {
+                        "low": low, "high": high,  # of the interval [low, high)
+                        "runs": runs,
+                        "predicted": float(told[inside].mean()),
+                        "failures": failures,
+                        "rate": failures / runs, "rate_low": ends[0], "rate_high": ends[1],
+                    }
+                )
+            )  # fmt: skip
+    good = [row for row in known if row.plan_status == Code.SUCCESS]
+    return Reliability(
+        tuple(bins),
+        auc(told[failed], told[~failed]),
+        len(good),
+        sum(not row.success for row in good),
+    )
+
+
+def auc(above: Sequence[float] | np.ndarray, below: Sequence[float] | np.ndarray) -> float:
+    """Share of pairs in which a value of ``above`` is larger than one of ``below``; ties half."""
+    pairs = len(above) * len(below)
+    return float(scipy.stats.mannwhitneyu(above, below).statistic) / pairs if pairs else math.nan

@@ -1,0 +1,245 @@
+"""One scene of the benchmark: an entry is asked, and both engines execute what it gives.
+
+The entry sees a scene named :data:`NEUTRAL`, and a seed of its own: nothing from which the true
+scene, the physics or the looks could be drawn again.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal, cast
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import InvalidRequestError, OptiPrompError
+from optipromp.core.files import read_npz
+from optipromp.core.planning.task import posed
+from optipromp.core.scenes.io import scene_to_dict
+from optipromp.core.scenes.scene import Scene
+from optipromp.core.trajectory import CURVE, Trajectory
+from optipromp_bench import tracks
+from optipromp_bench.entrant import Motion
+from optipromp_bench.episode import Episode, FlightWorld, as_it_came
+from optipromp_bench.experiments.eyes import aimed_at, without_fruits
+from optipromp_bench.experiments.rows import Key, Row
+from optipromp_bench.flight import Word, execute
+from optipromp_bench.serve import Apart, Entry, hired
+from optipromp_bench.sets import BITS, DEVELOPMENT, SHORT, drawn, scene_of
+from optipromp_sim.generate.plants import untold
+from optipromp_sim.simulation import Outcome, Simulation
+from optipromp_sim.situations import CONDITIONS, Situation, varied
+
+Engine = Literal["arm", "flight"]
+ENGINES: tuple[Engine, ...] = ("arm", "flight")
+"""``arm``: the whole arm with its controller; ``flight``: a cup in flight, a model of its own."""
+NEUTRAL = "scene"
+"""Name of every scene that an entry gets."""
+STEADY = "none", "zero-mean", "detector", "missed", "calibration"
+"""Conditions in which plants stand still, so that the engine ``flight`` has them, too."""
+
+
+@dataclass(frozen=True)
+class Exercise:
+    """What is asked of an entry."""
+
+    entry: str  # name, or MODULE:CLASS
+    track: tracks.Track  # one of TRACKS
+    # of the scene
+    preset: str
+    seed: int
+    condition: str = "none"  # of CONDITIONS
+    # of VARIATIONS; empty: none
+    variation: str = ""
+    engines: tuple[Engine, ...] = ENGINES  # that execute the motion
+    word: str = DEVELOPMENT  # of the set, which the entry does not get
+    patience: tracks.Patience = tracks.PATIENCE  # the time that the entry has
+
+    @property
+    def keys(self) -> list[Key]:
+        """Of its rows."""
+        return [Row(self.preset, self.seed, engine=engine).key for engine in self.engines]
+
+    def drawn(self, purpose: str, bits: int = BITS) -> int:
+        """The seed of ``physics`` and looks, or of the ``entry``; see :mod:`.sets`."""
+        return drawn(self.word, self.preset, self.seed, purpose, bits)
+
+
+def situated(task: Exercise) -> tuple[Situation, str]:
+    """The setting of a task and the digest of its scene."""
+    scene, digest = scene_of(task.preset, task.seed)
+    seed = task.drawn("physics")
+    setting = CONDITIONS[task.condition](scene, seed)
+    setting = setting._replace(seen=replace(untold(setting.seen), name=NEUTRAL))
+    return varied(setting, task.variation, seed), digest
+
+
+Deeds = Mapping[Engine, tracks.Deed]
+"""By engine: a policy acts anew in each, one trajectory is executed in all."""
+
+
+def attempted(task: Exercise) -> tuple[list[Row], Deeds]:
+    """Ask an entry for its motion in a scene, and execute it in every engine.
+
+    Errors of the entry are rows; those of the task are raised.
+    """
+    entry = hired(task.entry, task.track, task.patience)
+    setting, digest = situated(task)
+    seed = task.drawn("entry", SHORT)
+    if task.track == "policy":
+        return _by_policy(entry, task, setting, digest, seed)
+    assert isinstance(entry, Apart)
+    given = (setting.seen, seed)
+    if task.track == "picture":
+        known = replace(without_fruits(setting.scene), name=NEUTRAL)
+        given = (tracks.photographed(setting, task.drawn("physics")), known, seed)  # type: ignore[assignment]
+    try:
+        entry.begin()
+        motion = tracks.asked(lambda: entry.plan(*given), setting.seen)
+    except tracks.EntryError as error:
+        return _errors(task, digest, error), {}
+    motions = dict.fromkeys(task.engines, motion)
+    return executed_rows(task, setting, digest, motions), motions
+
+
+def executed_rows(task: Exercise, setting: Situation, digest: str, motions: Deeds) -> list[Row]:
+    """The rows of motions, each executed anew in its engine."""
+    rows = []
+    for engine, motion in motions.items():
+        row = _row(task, digest, engine, "refused", thought=motion.thought)
+        if motion.refused:
+            rows.append(row.having(cause=tracks.words(motion.why)))
+        elif motion.actions is not None:
+            episode = _episode(task, setting, engine)
+            tracks.replayed(motion, episode)
+            rows.append(_judged(row, episode.outcome(), episode.time))
+        else:
+            rows.append(_flown(row, task, setting, motion, engine))
+    return rows
+
+
+def _by_policy(
+    entry: Entry, task: Exercise, setting: Situation, digest: str, seed: int
+) -> tuple[list[Row], Deeds]:
+    """The rows of a policy, which acts anew in every engine."""
+    rows, motions = list[Row](), dict[Engine, tracks.Deed]()
+    for engine in task.engines:
+        episode = _episode(task, setting, engine)
+        try:
+            entry.begin()
+            motion = tracks.acted(entry, episode, seed)
+        except tracks.EntryError as error:
+            rows += _errors(replace(task, engines=(engine,)), digest, error)
+            continue
+        motions[engine] = motion
+        row = _row(task, digest, engine, "missed", thought=motion.thought)
+        rows.append(_judged(row, episode.outcome(), episode.time))
+    return rows, motions
+
+
+def _episode(task: Exercise, setting: Situation, engine: Engine) -> Episode:
+    seed = task.drawn("physics")
+    world = None if engine == "arm" else FlightWorld(setting.scene, seed)
+    return Episode(setting, seed, world=world)
+
+
+def _flown(
+    row: Row, task: Exercise, setting: Situation, motion: tracks.Deed, engine: Engine
+) -> Row:
+    assert motion.trajectory is not None
+    seed, reach, truth = task.drawn("physics"), motion.trajectory, setting.scene
+    if task.track == "picture":  # the target is the ripe fruit nearest to the tool at the end
+        point, _ = posed(truth)[0].tool_pose(motion.trajectory.positions[-1])
+        ripe = [item.id for item in truth.objects if item.role == "target"]
+        truth = aimed_at(truth, ripe, np.asarray(point))
+    try:
+        back = motion.back or as_it_came(posed(truth)[0], reach.positions)
+        if engine == "arm":
+            word: Outcome | Word = _by_arm(truth, setting, reach, back, seed)
+        else:
+            fine = [each.resample(1000.0) for each in (reach, back)]
+            curves = [(each.times, each.positions) for each in fine]
+            word = execute(scene_to_dict(truth), curves[0], seed, curves[1])
+    except (OptiPrompError, RuntimeError, ValueError) as error:
+        return row.having(result="error", cause=tracks.words(str(error)))
+    return _judged(row, word, reach.duration + back.duration)
+
+
+def _by_arm(
+    truth: Scene, setting: Situation, reach: Trajectory, back: Trajectory, seed: int
+) -> Outcome:
+    """The outcome of a reach and, with the target alone in the tool, of the way out."""
+    parameters = setting.parameters
+    slower = 1.0 / parameters.control.speed
+    simulation = Simulation(truth, seed, parameters, q=reach.positions[0])
+    _, outcome = simulation.follow(reach.slowed(slower))
+    if outcome.result == "clean":
+        simulation.grip()
+        _, outcome = simulation.follow(back.slowed(slower))
+    return outcome
+
+
+def _judged(row: Row, outcome: Outcome | Word, duration: float) -> Row:
+    """A row with the word of an engine; harm counts before success."""
+    if isinstance(outcome, Word):
+        harm = [*outcome.harm, *(f"swallowed {name}" for name in outcome.swallowed)]
+        cause, force = "; ".join(harm), outcome.force
+    else:
+        cause, force = " ".join(outcome.causes), outcome.unripe_peak_force
+    return row.having(
+        result=outcome.result, picked=bool(outcome.picked), cause=tracks.words(cause),
+        force=round(float(force), 3), duration=round(duration, 4),
+    )  # fmt: skip
+
+
+def _row(
+    task: Exercise, digest: str, engine: str, result: str, thought: float = 0.0, cause: str = ""
+) -> Row:
+    """What became of one scene in one engine, with nothing executed yet."""
+    row = Row(task.preset, task.seed, engine=engine, result=result, cause=cause, picked=False)
+    return row.having(digest=digest, thought=thought)
+
+
+def _errors(task: Exercise, digest: str, error: tracks.EntryError) -> list[Row]:
+    return [_row(task, digest, e, "error", cause=tracks.words(str(error))) for e in task.engines]
+
+
+def rows_and_arrays(task: Exercise) -> tuple[list[Row], dict[str, FloatArray]]:
+    """:func:`attempted` with the motions as arrays, for a file."""
+    rows, motions = attempted(task)
+    if task.track == "policy":
+        return rows, {str(k): cast(FloatArray, m.actions) for k, m in motions.items()}
+    return rows, next(iter(motions.values())).arrays() if motions else {}
+
+
+def again(task: Exercise, content: bytes, where: str) -> list[Row]:
+    """The rows of a motion from a file's content, executed once more."""
+    arrays = read_npz(where, content=content, most=tracks.MOTION_FILE)
+    wanted = set(task.engines if task.track == "policy" else (*CURVE, *tracks.BACK))
+    for name, array in arrays.items():
+        if name not in wanted or array.dtype != np.float64 or not np.isfinite(array).all():
+            raise InvalidRequestError(
+                f"{where} has {name} of type {array.dtype}; must be finite float64, of "
+                f"{', '.join(sorted(wanted))}"
+            )
+    setting, digest = situated(task)
+    count = len(posed(setting.seen)[1].q)
+    if task.track == "policy":
+        for name, array in arrays.items():
+            if array.ndim != 2 or array.shape[1] != count:
+                raise InvalidRequestError(
+                    f"{where}: {name} has shape {array.shape}; must be k actions of {count} joints"
+                )
+        motions = {e: tracks.Deed(actions=arrays[e]) for e in task.engines if e in arrays}
+        return executed_rows(task, setting, digest, motions)
+    if not arrays:
+        return []
+    if set(arrays) not in (set(CURVE), wanted):
+        told = f"must have {CURVE}, and {tracks.BACK} or none of these"
+        raise InvalidRequestError(f"{where} has {', '.join(arrays)}; {told}")
+    names = posed(setting.seen)[0].joint_names
+    parts = (CURVE, tracks.BACK)[: len(arrays) // len(CURVE)]
+    named = [{own: arrays[name] for own, name in zip(CURVE, part, strict=True)} for part in parts]
+    given = Motion(*(Trajectory(**curve, joint_names=names) for curve in named))
+    if wrong := tracks.refusal(given, setting.seen):
+        raise InvalidRequestError(f"{where} holds a motion that no controller takes: {wrong}")
+    return executed_rows(task, setting, digest, dict.fromkeys(task.engines, tracks.Deed(*given)))

@@ -1,0 +1,239 @@
+"""The leaderboard: entries by what they picked and what they harmed, with intervals and tests."""
+
+import hashlib
+import subprocess
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import scipy.stats
+
+import optipromp
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.files import check_folder, file_name, is_there, json_text, write_atomically
+from optipromp_bench.experiments.rows import Row, source_version
+from optipromp_bench.experiments.statistics import Cell, seconds_a_clean, wilson
+from optipromp_bench.results import RECORD, BenchRun, Means, recorded, submission, zip_of
+
+DIGESTS = "results.json"
+"""Name of the small file of digests, which a repository can hold while the rest is a release's."""
+SLOW = 10.0  # [s] for git to answer: a choice
+
+
+@dataclass(frozen=True)
+class Leaderboard:
+    """Entries on one set of scenes, the best first."""
+
+    run: BenchRun  # of the first entry: track, set, condition, variation are those of all
+    order: tuple[str, ...]  # names of the entries; by the smaller of their scores in the engines
+    # of every entry, engine, and preset (empty: all), see figures_of
+    standings: tuple[Cell, ...]
+    # by entry: ``entry``, ``motions`` or ``no``; see ``bench verify``
+    verified: Mapping[str, Means]
+
+    def of(self, entry: str, engine: str, preset: str = "") -> Cell:
+        """One standing."""
+        return next(
+            s for s in self.standings if (s.entry, s.engine, s.preset) == (entry, engine, preset)
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        standings = [cell.to_dict() for cell in self.standings]
+        return {**asdict(replace(self, standings=())), "standings": standings}
+
+
+def leaderboard(files: Iterable[Path]) -> Leaderboard:
+    """The leaderboard of submissions, or of folders that hold one."""
+    held: dict[str, tuple[BenchRun, Sequence[Row]]] = {}
+    verified: dict[str, Means] = {}
+    for path in map(zip_of, files):
+        run, rows, _, sha256 = submission(path)
+        if run.entry in held:
+            raise InvalidRequestError(f"two submissions of {run.entry}: the second is {path}")
+        first = next(iter(held.values()), (run,))[0]
+        for name in ("track", "scenes", "condition", "variation", "engines", "version", "round"):
+            if getattr(run, name) != getattr(first, name):
+                raise InvalidRequestError(
+                    f"{path} has {name} {getattr(run, name)}, {first.entry} has "
+                    f"{getattr(first, name)}: a table is of one set under one condition"
+                )
+        held[run.entry] = run, rows
+        verified[run.entry] = recorded(path, sha256, run)
+    if not held:
+        raise InvalidRequestError("a table needs at least one submission")
+    rows_of = {entry: rows for entry, (_, rows) in held.items()}
+    run = next(iter(held.values()))[0]
+    engines = run.engines
+    worst = {
+        entry: min(figures_of(_chosen(rows, engine))["score"] for engine in engines)
+        for entry, rows in rows_of.items()
+    }
+    order = sorted(rows_of, key=lambda entry: -worst[entry])
+    standings = []
+    for preset in ("", *run.scenes.presets):
+        for engine in engines:
+            best = _chosen(rows_of[order[0]], engine, preset)
+            for entry in order:
+                own = _chosen(rows_of[entry], engine, preset)
+                figures = figures_of(own, None if entry == order[0] else best)
+                standings.append(
+                    Cell({"entry": entry, "engine": engine, "preset": preset, **figures})
+                )
+    return Leaderboard(run, tuple(order), tuple(standings), {e: verified[e] for e in order})
+
+
+def figures_of(rows: Sequence[Row], best: Sequence[Row] | None = None) -> dict[str, Any]:
+    """What became of an entry's scenes, and how it compares with the ``best`` of a table."""
+    count, runs = Counter(row.result for row in rows), len(rows)
+    low, high = wilson(count["clean"], runs)
+    times = [row.duration for row in rows if row.result == "clean" and row.duration]
+    p = None
+    if best is not None:
+        other = {row.key: row.result == "clean" for row in best}
+        p = paired([(row.result == "clean", other[row.key]) for row in rows])
+    return {
+        "runs": runs,
+        **{name: count[name] for name in ("clean", "harmed", "missed", "refused")},
+        "errors": count["error"],
+        "low": low, "high": high,  # 95 % interval (Wilson) of the share that is clean
+        "score": (count["clean"] - count["harmed"]) / max(runs, 1),  # harm outweighs a miss
+        "thought": median(row.thought for row in rows),
+        "duration": median(times) if times else None,  # [s] of clean motions, way out too
+        "clean_seconds": seconds_a_clean((row.duration or 0.0 for row in rows), count["clean"]),
+        "p": p,  # that it is clean as often as the best, see paired; None: the best itself
+    }  # fmt: skip
+
+
+def _chosen(rows: Sequence[Row], engine: str, preset: str = "") -> list[Row]:
+    return [row for row in rows if row.engine == engine and preset in ("", row.preset)]
+
+
+def paired(pairs: Sequence[tuple[bool, bool]]) -> float:
+    """p of McNemar's exact test on pairs of outcomes; 1 where no pair differs."""
+    one = sum(a and not b for a, b in pairs)
+    other = sum(b and not a for a, b in pairs)
+    if one + other == 0:
+        return 1.0
+    return float(scipy.stats.binomtest(one, one + other).pvalue)
+
+
+def markdown(board: Leaderboard) -> str:
+    """The leaderboard as a page's tables."""
+    run, engines = board.run, board.run.engines
+    lines = [
+        f"Track `{run.track}`, set `{run.scenes.word}`, {run.scenes.count} scenes each of "
+        f"{', '.join(run.scenes.presets)}; condition `{run.condition}`"
+        + (f", variation `{run.variation}`" if run.variation else "")
+        + f"; version `{run.version}`"
+        + (f"; drawn {run.round.drawn}, after the entries' digests." if run.round else "."),
+        "",
+        "| | entry | " + " | ".join(
+            f"{e}: clean (95 %) | harmed | missed | refused | p" for e in engines
+        ) + " | score | think | cycle | a clean | verified |",
+        "|---|---|" + "---|" * (5 * len(engines) + 5),
+    ]  # fmt: skip
+    for rank, entry in enumerate(board.order, 1):
+        all_ = [board.of(entry, engine) for engine in engines]
+        cells = " | ".join(
+            f"**{_share(s.clean, s.runs)}** ({s.interval}) | "
+            f"{_share(s.harmed, s.runs)} | {_share(s.missed, s.runs)} | "
+            f"{_share(s.refused + s.errors, s.runs)} | {told_p(s.p)}"
+            for s in all_
+        )
+        score = min(s.score for s in all_)
+        lines.append(
+            f"| {rank} | `{entry}` | {cells} | {100 * score:.1f} | {_time(all_[0].thought)} | "
+            f"{_time(all_[0].duration)} | {_time(all_[0].clean_seconds)} | "
+            f"{board.verified[entry]} |"
+        )
+    lines += ["", "Clean, harmed by preset, in %:", ""]
+    heads = [f"{preset}: {engine}" for preset in run.scenes.presets for engine in engines]
+    lines += ["| entry | " + " | ".join(heads) + " |", "|---|" + "---|" * len(heads)]
+    for entry in board.order:
+        told = [
+            board.of(entry, engine, preset)
+            for preset in run.scenes.presets for engine in engines
+        ]  # fmt: skip
+        cells = " | ".join(f"{_share(s.clean, s.runs)}, {_share(s.harmed, s.runs)}" for s in told)
+        lines.append(f"| `{entry}` | {cells} |")
+    return "\n".join([*lines, ""])
+
+
+def _share(count: int, runs: int) -> str:
+    return f"{100 * count / max(runs, 1):.1f}"
+
+
+def told_p(value: float | None) -> str:
+    """A p of a paired test in words."""
+    return "–" if value is None else "< 0.001" if value < 0.001 else f"{value:.3f}"
+
+
+def _time(seconds: float | None) -> str:
+    if seconds is None:
+        return "–"
+    return f"{1e3 * seconds:.2g} ms" if seconds < 0.1 else f"{seconds:.2g} s"
+
+
+def published(results: Iterable[Path], out: Path, unverified: bool = False) -> dict[str, Any]:
+    """Gather submissions in a folder, each with its record of verification, and the table.
+
+    ``results``: folders of runs, or submissions, of one set. ``out``: the folder, which is made;
+    must be empty or new. ``unverified``: also take those that nobody verified.
+
+    Returns: The content of ``results.json``: set, round, version, commit, and of each entry its
+    files with their SHA-256.
+    """
+    paths = [zip_of(path) for path in results]
+    board = leaderboard(paths)
+    check_folder(out)
+    if is_there(out) and any(out.iterdir()):
+        raise InvalidRequestError(f"{out} holds something: name a new folder")
+    files: dict[str, bytes] = {}
+    entries: dict[str, Any] = {}
+    for path in paths:
+        run, _, _, sha256 = submission(path)
+        by, name = recorded(path, sha256, run), file_name(run.entry)
+        if by == "no" and not unverified:
+            raise InvalidRequestError(
+                f"{path} is not verified: run 'optipromp bench verify {path} --entry {run.entry}', "
+                "or give --unverified"
+            )
+        if f"{name}.zip" in files:
+            raise InvalidRequestError(f"two entries have the file name {name}.zip: rename one")
+        files[f"{name}.zip"] = path.read_bytes()
+        if by != "no":
+            files[f"{name}{RECORD}"] = path.with_suffix(RECORD).read_bytes()
+        entries[run.entry] = {"file": f"{name}.zip", "digest": run.digest, "verified": by}
+    files["leaderboard.md"] = markdown(board).encode()
+    files["leaderboard.json"] = json_text(board.to_dict()).encode()
+    run = board.run
+    common = {k: v for k, v in asdict(run).items() if k not in ("entry", "digest")}
+    document = {
+        **common, "commit": commit() if run.version == source_version() else "",
+        "order": board.order, "entries": entries,
+        "sha256": {name: hashlib.sha256(content).hexdigest() for name, content in files.items()},
+    }  # fmt: skip
+    out.mkdir(parents=True, exist_ok=True)
+    for name, content in {**files, DIGESTS: json_text(document).encode()}.items():
+        write_atomically(out / name, content)
+    return document
+
+
+def commit() -> str:
+    """The commit of the library's source, with ``+`` where it was changed since; empty outside of a
+    clone."""
+    root = Path(optipromp.__file__).resolve().parents[2]
+    if not is_there(root / ".git"):
+        return ""
+    try:
+        told = subprocess.run(
+            ["git", "-C", root, "describe", "--always", "--abbrev=40", "--dirty=+", "--exclude=*"],
+            capture_output=True, text=True, timeout=SLOW, check=True,
+        )  # fmt: skip
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return told.stdout.strip()

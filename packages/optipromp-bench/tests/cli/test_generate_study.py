@@ -1,0 +1,174 @@
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from tests.experiments.rows import ROW
+from tests.scenes.six_joints import six
+from typer.testing import CliRunner
+
+from optipromp.cli.main import app
+from optipromp.core.scenes import load_scene
+from optipromp_bench.experiments import study
+
+RUN = CliRunner()
+
+
+def test_generate_writes_scenes_and_tells_of_redraws(tmp_path: Path) -> None:
+    result = RUN.invoke(
+        app,
+        ["generate", "--preset", "mixed", "--seed", "3", "--count", "2", "--out", str(tmp_path)],
+    )
+    assert result.exit_code == 0
+    assert "sampled again" in result.stdout
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["mixed-3.yaml", "mixed-4.yaml"]
+    assert load_scene(tmp_path / "mixed-4.yaml").name == "mixed-4"
+
+
+def test_generate_json(tmp_path: Path) -> None:
+    result = RUN.invoke(app, ["generate", "--preset", "shelf", "--out", str(tmp_path), "--json"])
+    document = json.loads(result.stdout)
+    assert document["preset"] == "shelf"
+    (scene,) = document["scenes"]
+    assert Path(scene["file"]).exists()
+    assert document["redraws"] == scene["redraws"] == sum(scene["reasons"].values())
+
+
+def test_generate_leaves_the_scenes_as_a_detector_sees_them(tmp_path: Path) -> None:
+    told = [
+        "generate",
+        "--preset",
+        "cluster",
+        "--seed",
+        "6",
+        "--count",
+        "8",
+        "--out",
+        str(tmp_path),
+    ]
+    result = RUN.invoke(app, [*told, "--noise", "detector", "--json"])
+    missed = 0
+    for record in json.loads(result.stdout)["scenes"]:
+        true, seen = load_scene(Path(record["file"])), load_scene(Path(record["seen"]))
+        assert {i.id for i in true.objects} - {i.id for i in seen.objects} == set(record["missed"])
+        assert seen.target.covariance is not None
+        missed += len(record["missed"])
+    assert missed > 0
+    assert RUN.invoke(app, [*told, "--noise", "lower"]).exit_code == 2
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    def run_trials(_, preset, seed, condition, planners, version):
+        row = ROW.having(preset=preset, seed=seed, cause="stem_caught", causes="", version=version)
+        return [replace(row, planner=planner, success=planner == "chomp") for planner in planners]
+
+    monkeypatch.setattr(study, "run_trials", run_trials)
+    monkeypatch.setattr(study, "warm_up", lambda *_: None)
+
+
+def test_study_prints_rates_and_causes(quick, tmp_path: Path) -> None:
+    arguments = [
+        "study", "--preset", "cluster, shelf", "--planners", "straight,chomp", "--seeds", "5:8",
+        "--workers", "1", "--out", str(tmp_path),
+    ]  # fmt: skip
+    result = RUN.invoke(app, arguments)
+    assert result.exit_code == 0, result.output
+    assert "3 stem caught" in result.stdout
+    assert "44–100" in result.stdout  # 3 of 3
+    names = {"rows.csv", "study.json", "summary.json", "study.png"}
+    assert names <= {p.name for p in tmp_path.iterdir()}
+    again = RUN.invoke(app, [*arguments, "--json"])
+    document = json.loads(again.stdout)
+    assert document["runs"] == 12
+    assert [cell["rate"] for cell in document["cells"]] == [0.0, 1.0, 0.0, 1.0]
+    assert json.loads((tmp_path / "study.json").read_text())["risk"] == 0.03
+    refused = RUN.invoke(app, [*arguments, "--risk", "0.01"])
+    assert refused.exit_code == 2
+    assert "holds rows with risk 0.03, this study has 0.01" in refused.stderr
+    each = [*arguments[:3], "--planner", "straight", "--planner", "chomp", *arguments[5:], "--json"]
+    assert json.loads(RUN.invoke(app, each).stdout) == document
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--seeds", "5"], "write them as"),
+        (["--preset", "clusters"], "did you mean 'cluster'"),
+    ],
+)
+def test_study_refuses_what_is_wrong_in_one_line(options, words, tmp_path: Path) -> None:
+    result = RUN.invoke(app, ["study", "--out", str(tmp_path), *options])
+    assert result.exit_code == 2
+    assert words in result.stderr
+    assert "Traceback" not in result.output
+
+
+def test_scenes_of_another_robot_and_a_plan_with_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """--robot of generate names the robot in the file; --robot of plan takes its place."""
+    monkeypatch.chdir(tmp_path)  # which holds the robot and the scenes
+    (tmp_path / "six.urdf").write_text(six())
+    told = ["--robot", str(tmp_path / "six.urdf"), "--tip", "tool0", "--base", "base"]
+    out = tmp_path / "scenes"
+    result = RUN.invoke(app, ["generate", "--preset", "cluster", *told, "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    scene = load_scene(out / "cluster-0.yaml")
+    assert scene.choice.tip == "tool0"
+    assert scene.load_robot().joint_names == tuple(f"j{k}" for k in range(6))
+    wrong = ["plan", str(out / "cluster-0.yaml"), "--robot", "panda", "--json"]
+    assert json.loads(RUN.invoke(app, wrong).stdout)["status"] == "START_INVALID"
+    wrong = ["plan", str(out / "cluster-0.yaml"), "--tip", "l9", "--json"]
+    assert "l9" in json.loads(RUN.invoke(app, wrong).stdout)["message"]
+
+
+def test_generate_tells_how_scenes_may_read_a_robot_that_lies_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robots, here = tmp_path / "ro bots", tmp_path / "here"
+    robots.mkdir()
+    here.mkdir()
+    (robots / "six.urdf").write_text(six())
+    monkeypatch.chdir(here)
+    told = [
+        "generate",
+        "--preset",
+        "cluster",
+        "--robot",
+        str(robots / "six.urdf"),
+        "--tip",
+        "tool0",
+    ]
+    told += ["--base", "base", "--out", "scenes"]
+    result = RUN.invoke(app, told)
+    assert result.exit_code == 0, result.output
+    export = result.stdout.splitlines()[-1].partition(": ")[2]
+    assert export == f"export OPTIPROMP_FOLDERS='{robots}'"
+    assert json.loads(RUN.invoke(app, [*told, "--json"]).stdout)["folders"] == [str(robots)]
+    monkeypatch.setenv("OPTIPROMP_FOLDERS", str(robots))
+    assert load_scene(here / "scenes" / "cluster-0.yaml").load_robot().n_joints == 6
+    assert "export" not in RUN.invoke(app, told).stdout
+
+
+@pytest.mark.filterwarnings("ignore:no built-in demonstrations")
+def test_the_ten_minutes_of_add_a_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The steps of docs/add-a-robot.md: what the page says to type works for an arm never seen."""
+    pytest.importorskip("mujoco")
+    page = Path(__file__).resolve().parents[4] / "docs/add-a-robot.md"
+    section = page.read_text().split("## In ten minutes")[1].split("## ")[0]
+    commands = [" ".join(words.split()) for words in re.findall(r"`optipromp ([^`]*)`", section)]
+    assert [words.split()[0] for words in commands] == [
+        "check", "generate", "plan", "simulate", "study",
+    ]  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my-arm.urdf").write_text(six())
+    for words in commands:
+        quick = words.replace("--count 10", "--count 2").replace("--seeds 0:50", "--seeds 0:1")
+        result = RUN.invoke(app, quick.replace(" --video", "").split())
+        refused = words.startswith("plan") and "HARM_PREDICTED" in result.output  # an answer too
+        assert result.exit_code == 0 or refused, f"{words}: {result.output}"
+    assert (tmp_path / "look/cover.png").is_file()
+    assert (tmp_path / "plans/cluster-0/outcome.json").is_file()
+    assert (tmp_path / "study/rows.csv").is_file()

@@ -1,0 +1,192 @@
+"""The circle from picture to pick: rows, targets, the fit of the camera, the worst pictures."""
+
+import json
+import runpy
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from optipromp.cli.main import app
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.planning.task import posed
+from optipromp_bench.experiments import eyes
+from optipromp_bench.experiments.eyes import NOT_SEEN, STILL, RenderedDetector, aimed_at, situation
+from optipromp_bench.experiments.rows import rows_of
+from optipromp_bench.experiments.study import Study
+from optipromp_bench.experiments.trials import run_trials
+from optipromp_eyes.detector import finder_named
+from optipromp_sim.generate import generate
+from optipromp_sim.simulation.detector import Truth
+from optipromp_sim.simulation.detector_parameters import EYES, DetectorParameters
+from optipromp_sim.situations import Situation
+
+ROOT = Path(__file__).parents[4]
+SEED = 60011
+
+
+def test_a_study_sees_plans_executes_and_goes_on(tmp_path: Path) -> None:
+    words = ["study", "--preset", "cluster", "--eyes", "rendered", "--workers", "1", "--out",
+             str(tmp_path), "--risk", "0.1", "--seeds"]  # fmt: skip
+    first = CliRunner().invoke(app, [*words, f"{SEED}:{SEED + 1}"])
+    assert first.exit_code == 0, first.output
+    assert "recall" in first.stdout
+    (row,) = rows_of(tmp_path)
+    done = CliRunner().invoke(app, [*words, f"{SEED}:{SEED + 2}", "--json"])
+    assert done.exit_code == 0, done.output
+    rows = rows_of(tmp_path)
+    assert rows[0] == row
+    assert len(rows) == 2
+    (cell,) = json.loads(done.stdout)["cells"]
+    assert cell["runs"] == 2
+    assert cell["picked"] == sum(bool(each.picked) for each in rows) >= 1
+    for each in rows:
+        assert (each.loop, each.condition, each.finder) == ("open", "rendered", "geometry")
+        assert each.visible is not None
+        assert each.found is not None
+        assert each.pictures is not None
+        assert 1 <= each.found <= each.visible <= each.pictures * (each.pushables + 1)
+    other = CliRunner().invoke(app, [*words, f"{SEED}:{SEED + 1}", "--finder", "network"])
+    assert other.exit_code == 2
+    assert "finder" in other.output
+
+
+def test_a_scene_without_a_ripe_fruit_in_view_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    blind = replace(EYES["beside"], missed=1.0, hidden=1.0)
+    monkeypatch.setitem(eyes.EYES, "beside", blind)
+    setting = situation("fitted", generate("cluster", SEED), SEED, "geometry")
+    assert setting.seen.target is None
+    assert setting.figures == {"pictures": 2}
+    study = Study(("cluster",), ("opti-promp",), loops=("open",), eyes=("fitted",))
+    (row,) = run_trials(study, "cluster", SEED, "fitted", ("open",), "x")
+    assert (row.cause, row.result, row.pictures) == (NOT_SEEN, "gave_up", 2)
+
+
+def test_the_pick_of_any_ripe_fruit_counts() -> None:
+    scene = generate("cluster", SEED)
+    other = scene.pushables[0]
+    seen = other.position + 0.003
+    assert aimed_at(scene, {scene.target.id}, seen) is scene
+    aimed = aimed_at(scene, {scene.target.id, other.id}, seen)
+    assert aimed.target.id == other.id
+    assert scene.target.id in {item.id for item in aimed.pushables}
+
+
+def test_a_rendered_look_shows_the_moment() -> None:
+    scene = generate("cluster", SEED)
+    robot, state = posed(scene)
+    detector = RenderedDetector(scene, robot, DetectorParameters(mount="beside"), SEED)
+    target = scene.target
+    aside = target.position + [0.0, 0.0, -0.03]
+    moved = Truth(
+        (target.id,), aside[None], target.rotation[None],
+        (target.stem.points[::-1] + [0.0, 0.0, -0.03],),
+    )  # fmt: skip
+    for truth, place in ((STILL, target.position), (moved, aside)):
+        look = detector.expose(0.5, state.q, truth)
+        (seen,) = (item for item in look.in_base() if item.role == "target")
+        assert np.linalg.norm(seen.position - place) < 0.012
+        assert look.time == 0.5
+    again = RenderedDetector(scene, robot, DetectorParameters(mount="beside"), SEED)
+    first = again.expose(0.5, state.q, STILL).in_base()
+    second = detector.expose(0.5, state.q, STILL).in_base()
+    assert all((a.position != b.position).any() for a, b in zip(first, second, strict=False))
+
+
+def test_two_views_are_fused(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = generate("cluster", SEED)
+    sure = replace(EYES["beside"], false=0.0, missed=0.0, hidden=0.0)
+    monkeypatch.setitem(eyes.EYES, "beside", sure)
+    one, two = (situation("fitted", scene, SEED, views=n) for n in (1, 2))
+    assert (one.figures["pictures"], two.figures["pictures"]) == (1, 2)
+    assert one.further is not None
+    assert two.further is None
+    more = one.further()
+    assert more.figures["pictures"] == 2
+
+    def spread(setting: Situation) -> float:
+        return max(
+            float(np.linalg.eigvalsh(item.covariance)[-1])
+            for item in setting.seen.objects
+            if item.covariance is not None
+        )
+
+    assert spread(two) < 0.7 * spread(one)
+    assert spread(more) == spread(two)
+    assert len(two.seen.pushables) == len(scene.pushables)
+    assert np.linalg.norm(two.seen.target.position - scene.target.position) < 0.006
+
+
+def test_what_no_study_of_eyes_is_is_refused() -> None:
+    given = {"presets": ("cluster",), "planners": ("opti-promp",), "loops": ("open",)}
+    for wrong, told in (
+        ({"eyes": ("render",)}, "rendered"), ({"eyes": ("rendered",), "finder": "net"}, "network"),
+        ({"eyes": ("fitted",), "conditions": ("sway",)}, "the place"),
+        ({"eyes": ("fitted",), "loops": ()}, "of loops"), ({"eyes": ("fitted",), "views": 3}, "2"),
+    ):  # fmt: skip
+        with pytest.raises(InvalidRequestError, match=told):
+            Study(**{**given, **wrong})
+
+
+def test_the_fit_finds_the_numbers_that_made_the_looks() -> None:
+    script = runpy.run_path(str(ROOT / "scripts/fit_eyes.py"))
+    rng = np.random.default_rng(1)
+    fruits = []
+    for seed in range(1500):
+        hidden, kept = rng.random(), rng.standard_normal(3)
+        for _ in range(2):
+            found = rng.random() >= 0.05 + 0.85 * np.clip((hidden - 0.4) / 0.4, 0.0, 1.0)
+            error = np.sqrt(0.6) * kept + np.sqrt(0.4) * rng.standard_normal(3)
+            along, *across = error * [0.006, 0.003, 0.003] + [0.002, 0.0, 0.0]
+            tilts = tuple(np.radians(4.0) * rng.standard_normal(2))
+            if rng.random() > 0.8:
+                tilts = np.nan, np.nan
+            fruits.append(script["Observed"](
+                ("cluster", seed, "a"), hidden, 0.4, found, along, tuple(across), tilts, 0.0
+            ))  # fmt: skip
+    given = script["Looked"](fruits, [0.012, 0.014], 100, [0.1, 0.1], 0.9)
+    made = script["fitted"](given, "beside")
+    assert made.position == pytest.approx(0.003, rel=0.1)
+    assert made.along == pytest.approx(2.0, rel=0.1)
+    assert made.bias == pytest.approx(0.002, abs=0.0005)
+    assert made.steady == pytest.approx(0.6, abs=0.1)
+    assert made.missed == pytest.approx(0.05, abs=0.02)
+    assert made.hidden == pytest.approx(0.9, abs=0.04)
+    assert made.hidden_from == pytest.approx(0.4, abs=0.11)
+    assert made.hidden_to == pytest.approx(0.8, abs=0.11)
+    assert made.missed_steadily == pytest.approx(0.0, abs=0.15)
+    assert made.angle == pytest.approx(4.0, rel=0.1)
+    assert made.stem_seen == pytest.approx(0.8, abs=0.03)
+    assert made.false == 0.02
+    assert made.false_radius == 0.013
+    assert made.latency == 0.13
+    with pytest.raises(ValueError, match="too few"):
+        script["fitted"](given._replace(fruits=fruits[:5]), "beside")
+
+
+@pytest.mark.slow  # pictures of two scenes, twice
+def test_a_handful_of_pictures_is_fitted_and_the_worst_are_on_a_sheet() -> None:
+    script = runpy.run_path(str(ROOT / "scripts/fit_eyes.py"))
+    scenes = [("cluster", SEED), ("field", SEED)]
+    seen = script["looked"](scenes, "beside")
+    assert seen.pictures == 4
+    made = script["fitted"](seen, "beside")
+    assert 0.0001 < made.position < 0.006
+    assert made.missed < 0.5
+    eyes, model = (
+        script["told"](f) for f in (seen.fruits, script["modelled"](scenes, "beside", made))
+    )
+    assert abs(eyes["recall"] - model["recall"]) < 0.35
+    drawn = runpy.run_path(str(ROOT / "scripts/eyes_worst.py"))
+    found = drawn["worst"](scenes, "beside", eyes_finder(), 2)
+    assert [fault.weight for _, fault, _ in found] == sorted(
+        (fault.weight for _, fault, _ in found), reverse=True
+    )
+    assert len(found) == 2
+    assert drawn["sheet"](found).size == (960, 382)
+
+
+def eyes_finder() -> object:
+    return finder_named("geometry")

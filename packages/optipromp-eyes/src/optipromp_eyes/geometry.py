@@ -1,0 +1,280 @@
+"""Fruits and stems by colour, depth and width; no model file, nothing learnt."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from optipromp.core.arrays import BoolArray, FloatArray, IntArray
+from optipromp_eyes.finder import Class, Found, Region, box_of, largest, most_about
+from optipromp_eyes.parameters import Colour, EyeParameters
+from optipromp_eyes.pictures import DepthPicture, Image8
+
+SQUARE = np.ones((3, 3), dtype=bool)
+MARGIN = 3  # [pixel] about a fruit, in which its holes are filled: a choice
+HOLE = 4  # [pixel] from a depth, within which colours count where none was measured: a choice
+RAGGED = 2  # [pixel] by which edges of depth are ragged: a choice
+WALL = 1.2  # radii of the largest fruit inside a surface that is a wall: a choice
+REACH = 1.6  # radii of the ball inside a fruit up to which the fruit goes: a choice
+LARGE = 4.0  # areas of the largest fruit's disc that no fruit has, be it twice as long: a choice
+FLAT, SURE = 0.25, 2.0  # curvatures of the largest fruit, deviations; below: a wall: choices
+FEW = 20  # depths that tell no curvature: a choice
+MOST_BALLS = 512  # of an island: a choice; pictures of rows have up to 196
+MOST_WORK = 3  # areas of the picture that the boxes of islands have together; rows have 1.8
+
+
+@dataclass(frozen=True)
+class ByGeometry:
+    """A finder that needs colours, depths and sizes only.
+
+    Pixels of the colours of fruits are cut apart where the depth jumps. What is wider than a stem
+    is a fruit; fruits that touch are parted at their necks (the power diagram of the largest discs
+    inside). What is left of the colours of stems is stem. Of too many fruits the largest
+    are regions, see :func:`optipromp_eyes.finder.largest`.
+    """
+
+    parameters: EyeParameters = field(default_factory=EyeParameters)
+
+    def find(self, picture: DepthPicture) -> Found:
+        """The fruits of a picture, and one region of all its stems."""
+        p, camera = self.parameters, picture.camera
+        near = (picture.depth > 0.0) & (picture.depth < p.farthest)
+        box = box_of(near, HOLE)
+        near = near[box]
+        close = most_about(near, 2 * HOLE + 1)
+        rgb = smooth(picture.rgb[box])
+        colours = np.zeros(close.shape, dtype=np.int8)
+        colours[close] = coloured(rgb[close], p)
+        ripe, green = colours == 1, colours == 2
+        depth = _filled(np.where(near, picture.depth[box], 0.0), ripe | green)
+        focal = 0.5 * (camera.fx + camera.fy)
+        stems = np.zeros(picture.depth.shape, dtype=bool)
+        stems[box] = (colours >= 2) & near
+        kinds: tuple[tuple[Class, BoolArray], ...] = (("ripe", ripe), ("unripe", green))
+        left_out = 0
+        found: list[tuple[Class, tuple[slice, ...], BoolArray]] = []
+        for kind, mask in kinds:
+            parts, left = self._parted(mask, depth, focal)
+            found += [(kind, part, pixels) for part, pixels in parts]
+            left_out += left
+        regions = []
+        for k in largest(np.array([pixels.sum() for _, _, pixels in found])):
+            kind, part, pixels = found[k]
+            stems[box][part] &= ~pixels
+            rows, columns = (
+                slice(b.start + c.start, b.stop + c.start) for b, c in zip(part, box, strict=True)
+            )
+            roundness = _roundness(pixels)
+            regions.append(Region(kind, pixels, roundness, (rows, columns), picture.depth.shape))
+        left_out += len(found) - len(regions)
+        regions.sort(key=lambda region: -region.score)
+        return Found((*regions, Region("stem", stems, 1.0)), left_out)
+
+    def _parted(
+        self, mask: BoolArray, depth: FloatArray, focal: float
+    ) -> tuple[list[tuple[tuple[slice, ...], BoolArray]], int]:
+        """The largest fruits among the pixels of one colour: boxes, and the pixels in them; and
+        how many others there are."""
+        p = self.parameters
+        steps = depth + most_about(-depth, 3) > p.step  # the nearer side keeps its edge
+        whole = ndimage.binary_closing(mask, SQUARE) & ~steps
+        parts = np.zeros(mask.shape, dtype=np.int64)
+        islands, _ = ndimage.label(whole)
+        areas = np.bincount(islands.ravel(), (depth / focal).ravel() ** 2)[1:]  # [m²]
+        boxes = ndimage.find_objects(islands)
+        wide = np.flatnonzero(areas > math.pi * p.thin**2)
+        wide = wide[np.argsort(-areas[wide], kind="stable")]
+        work = np.cumsum([islands[boxes[row]].size for row in wide], dtype=np.int64)
+        rows = np.sort(wide[work <= MOST_WORK * mask.size])
+        left_out, count = len(wide) - len(rows), 0
+        for row in rows:
+            box = boxes[row]
+            fruits, left = _part(islands[box] == row + 1, depth[box] / focal, p)
+            parts[box] += np.where(fruits > 0, fruits + count, 0)
+            count, left_out = count + int(fruits.max()), left_out + left
+        grown = most_about(parts, 2 * RAGGED + 1)
+        parts = np.where(mask & (parts == 0), grown, parts)
+        boxes, sizes = ndimage.find_objects(parts), np.bincount(parts.ravel(), minlength=1)[1:]
+        out, chosen = [], largest(sizes)
+        for row in chosen:
+            if boxes[row] is not None:
+                box = tuple(slice(max(b.start - MARGIN, 0), b.stop + MARGIN) for b in boxes[row])
+                pixels = ndimage.binary_fill_holes(parts[box] == row + 1)
+                if pixels.sum() >= p.least_pixels:
+                    out.append((box, pixels))
+        return out, left_out + int(np.sum(np.delete(sizes, chosen) >= p.least_pixels))
+
+
+def _part(island: BoolArray, metres: FloatArray, p: EyeParameters) -> tuple[IntArray, int]:
+    """Numbers (h, w) from 1 of the fruits of an island of one colour and surface, 0: none; and how
+    many peaks beyond :data:`MOST_BALLS` are left out, the narrowest.
+
+    Each peak of the distance from the edge is the middle of a ball. A pixel belongs to the ball
+    with the least power (square of the distance from the middle, less that of the radius): the cut
+    between two discs that overlap. A ball is compared within the reach of the largest only: beyond
+    it no pixel is of any ball.
+    """
+    parts = np.zeros(island.shape, dtype=np.int64)
+    edge = ndimage.distance_transform_edt(np.pad(island, 1))[1:-1, 1:-1]
+    core = edge * metres > p.thin
+    if not core.any():
+        return parts, 0
+    wall = edge * metres > WALL * p.most_radius
+    if wall.any():  # look at what is beside it
+        within = ndimage.distance_transform_edt(~wall) * metres <= 1.1 * WALL * p.most_radius
+        return _part(island & ~within, metres, p)
+    smooth = ndimage.gaussian_filter(edge, 1.0)
+    peaks = np.argwhere((smooth == most_about(smooth, 5)) & core)
+    radii = edge[peaks[:, 0], peaks[:, 1]]
+    island = island & (ndimage.distance_transform_edt(~core) * metres <= p.thin)  # without its stem
+    order = np.argsort(-radii, kind="stable")
+    peaks, radii = peaks[order], radii[order]
+    least, squares = np.full(island.shape, np.inf), [0.0]
+    reach = math.ceil(REACH * radii.max(initial=0.0))
+    while len(peaks) and len(squares) <= MOST_BALLS:
+        squares.append(radii[0] ** 2)
+        box = tuple(slice(max(at - reach, 0), at + reach + 1) for at in peaks[0].tolist())
+        size = parts[box].shape
+        down, across = (
+            np.arange(n) + (b.start - at) for n, b, at in zip(size, box, peaks[0], strict=True)
+        )
+        power = down[:, None] ** 2 + across**2 - squares[-1]
+        nearer = power < least[box]
+        least[box][nearer], parts[box][nearer] = power[nearer], len(squares) - 1
+        apart = np.linalg.norm(peaks - peaks[0], axis=1) > radii[0]
+        peaks, radii = peaks[apart], radii[apart]
+    parts[~(island & (least < (REACH**2 - 1.0) * np.array(squares)[parts]))] = 0
+    return parts, len(peaks)
+
+
+def smooth(rgb: Image8) -> NDArray[np.float32]:
+    """Colours (height, width, 3) without their grain, as they are judged."""
+    grain = 0.7  # [pixel] a choice
+    return np.asarray(
+        ndimage.gaussian_filter(rgb.astype(np.float32), (grain, grain, 0.0), truncate=2.0)
+    )
+
+
+def off(colour: Colour, hue: FloatArray, dye: FloatArray, bright: FloatArray) -> FloatArray:
+    """How far pixels (N,) are from a colour, in its widths; it has them below 1."""
+    far = apart(hue, colour.hue) / np.float32(colour.width)
+    if colour.dye_width == colour.bright_width == np.inf:
+        return far
+    pale = (dye - colour.dye) / colour.dye_width
+    dark = (bright - colour.bright) / colour.bright_width
+    return np.asarray(np.sqrt(far**2 + pale**2 + dark**2))
+
+
+def coloured(rgb: FloatArray, p: EyeParameters) -> NDArray[np.int8]:
+    """Row (N,), from 1, of :attr:`EyeParameters.colours` that each pixel (N, 3) has; 0: none."""
+    hue, dye, bright = hsv(rgb)
+    out, least = np.zeros(len(hue), dtype=np.int8), np.ones(len(hue), dtype=np.float32)
+    for row, colour in enumerate(p.colours, start=1):
+        if colour.width == 0.0:
+            continue
+        far = off(colour, hue, dye, bright)
+        nearer = far < least
+        out[nearer], least[nearer] = row, far[nearer]
+    out[(dye <= p.least_dye) | (bright <= p.least_bright)] = 0
+    return out
+
+
+def hsv(rgb: NDArray[Any]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Hue [deg], saturation and value (0 to 1) of pixels (N, 3) of 0 to 255."""
+    red, green, blue = rgb.T / np.float32(255.0)
+    most = np.maximum(np.maximum(red, green), blue)
+    span = np.maximum(most - np.minimum(np.minimum(red, green), blue), 1e-6)
+    hue = np.where(
+        most == red, (green - blue) / span,
+        np.where(most == green, 2.0 + (blue - red) / span, 4.0 + (red - green) / span),
+    )  # fmt: skip
+    return 60.0 * hue % 360.0, span / np.maximum(most, 1e-6), most
+
+
+def _filled(depth: FloatArray, where: BoolArray) -> FloatArray:
+    """Depths, each hole at ``where`` (0) with that of the nearest pixel that has one."""
+    out = np.pad(depth, 1).ravel()
+    rows = np.flatnonzero(np.pad(where & (depth == 0.0), 1))
+    wide = depth.shape[1] + 2
+    ways = np.array([-wide - 1, -wide, -wide + 1, -1, 1, wide - 1, wide, wide + 1])
+    for _ in range(HOLE):
+        around = out[rows[:, None] + ways]
+        least = np.where(around > 0.0, around, np.inf).min(axis=1, initial=np.inf)
+        there = np.isfinite(least)
+        out[rows[there]] = least[there]
+        rows = rows[~there]
+    return np.asarray(out.reshape(-1, wide)[1:-1, 1:-1])
+
+
+def apart(hue: FloatArray, middle: float) -> FloatArray:
+    """Difference of hues on their circle [deg]."""
+    return np.asarray(np.abs((hue - middle + 180.0) % 360.0 - 180.0))
+
+
+def _roundness(pixels: BoolArray) -> float:
+    """Area over that of the ball of the same extent: 1 of a disc; about 0.7 of a half."""
+    rows, columns = np.nonzero(pixels)
+    spread = np.cov(np.vstack([rows, columns]))
+    whole = 4.0 * np.pi * np.sqrt(max(float(np.linalg.det(spread)), 1e-9))
+    return float(min(len(rows) / whole, 1.0))
+
+
+class Front(NamedTuple):
+    """How the front of a region bulges towards the camera: largest and least curvature [1/m], of a
+    ball one over its radius, and their standard deviation."""
+
+    most: float
+    least: float
+    deviation: float
+
+
+def front_of(picture: DepthPicture, region: Region, p: EyeParameters) -> Front | None:
+    """The front of a region, by a paraboloid through its depths; None where too few are known."""
+    rows, columns = region.box
+    depth = picture.depth[region.box]
+    inner = ndimage.binary_erosion(region.part, SQUARE, RAGGED) & (depth > 0.0)
+    places = np.argwhere(inner)
+    if len(places) < FEW:
+        return None
+    every = np.linspace(0, len(places) - 1, min(len(places), 200)).astype(int)
+    places = places[every]
+    far = depth[places[:, 0], places[:, 1]]
+    middle = float(np.median(far))
+    near = np.abs(far - middle) < p.most_radius
+    if near.sum() < FEW:
+        return None
+    places = places[near] + [rows.start, columns.start]
+    x, y, z = (picture.camera.through(places[:, ::-1]) * far[near, None]).T
+    x, y = x - x.mean(), y - y.mean()
+    design = np.column_stack([np.ones(len(x)), x, y, x**2, x * y, y**2])
+    inverse = np.linalg.pinv(design.T @ design, hermitian=True)
+    told = inverse @ (design.T @ z)
+    error = max(p.depth_noise * middle**2, float(np.std(z - design @ told)))
+    # depths err in patches
+    error *= math.sqrt(max(len(x) * p.patch / region.part.sum(), 1.0))
+    bend = np.array([[2.0 * told[3], told[4]], [told[4], 2.0 * told[5]]])
+    least, most = np.linalg.eigvalsh(bend)
+    return Front(
+        float(most), float(least), 2.0 * error * math.sqrt(max(inverse[3, 3], inverse[5, 5]))
+    )
+
+
+def is_wall(picture: DepthPicture, region: Region, p: EyeParameters) -> bool:
+    """Whether a region is no fruit, before it is fitted: larger than the largest, or flat."""
+    depth = picture.depth[region.box][region.part]
+    depth = depth[depth > 0.0]
+    if not depth.size:
+        return False
+    size = float(np.median(depth)) ** 2 / (picture.camera.fx * picture.camera.fy)
+    if depth.size * size > LARGE * math.pi * p.most_radius**2:
+        return True
+    front = front_of(picture, region, p)
+    return front is not None and front.most + SURE * front.deviation < FLAT / p.most_radius
+
+
+def edge_of(pixels: BoolArray) -> BoolArray:
+    """The pixels just inside the edge of a region."""
+    return np.asarray(pixels & ndimage.binary_dilation(~pixels, SQUARE))

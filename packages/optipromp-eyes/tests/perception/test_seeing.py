@@ -1,0 +1,238 @@
+"""Pictures of scenes, and what is seen in them; through the command line."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from tests.loaded import script
+from tests.perception.shots import SEED, shot_of
+from typer.testing import CliRunner
+
+from optipromp import load_scene
+from optipromp.cli.main import app
+from optipromp.core.errors import InvalidRequestError
+from optipromp_eyes import CameraModel, DepthPicture, look_at, seen_scene
+from optipromp_eyes.pictures import load_picture, picture_files
+from optipromp_sim.generate import generate
+from optipromp_sim.simulation.photograph import Photograph, StereoParameters, photograph, sensed
+
+STUDY = script("eyes_study")
+
+
+def run(*words: object) -> str:
+    done = CliRunner().invoke(app, [str(word) for word in words])
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("pictures")
+    run("render", "--preset", "cluster", "--seeds", f"{SEED}:{SEED + 1}", "--out", folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def shot() -> Photograph:
+    return shot_of()
+
+
+def test_from_a_picture_to_a_plan(pictures: Path, tmp_path: Path) -> None:
+    document = json.loads(run("see", pictures, "--out", tmp_path, "--json"))
+    (record,) = document["pictures"]
+    true, seen = load_scene(pictures / f"cluster-{SEED}.yaml"), load_scene(record["scene"])
+    assert np.linalg.norm(seen.target.position - true.target.position) < 0.01
+    assert len(seen.pushables) == len(true.pushables)
+    assert seen.camera is not None
+    assert all(item.covariance is not None for item in seen.pushables)
+    overlay = np.asarray(Image.open(record["overlay"]))
+    plain = np.asarray(Image.open(pictures / f"cluster-{SEED}.rgb.png"))
+    assert overlay.shape == plain.shape
+    assert (overlay != plain).any()
+    plan = json.loads(run("plan", record["scene"], "--json"))
+    assert plan["status"] == "success"
+
+
+def test_what_is_seen_is_of_the_crop_that_is_named(pictures: Path, tmp_path: Path) -> None:
+    """The preset's fruits of 30 to 40 mm are strawberries, and no tomatoes."""
+    told = {}
+    for name in ("strawberry", "tomato"):
+        document = json.loads(
+            run("see", pictures, "--crop", name, "--out", tmp_path / name, "--json")
+        )
+        (record,) = document["pictures"]
+        assert load_scene(record["scene"]).crop.name == name
+        told[name] = [words for words in record["assumed"] if "of another width" in words]
+    assert told["strawberry"] == []
+    assert "of another width than a tomato, 60 mm: " in told["tomato"][0]
+
+
+def test_files_of_one_picture_give_the_scene_of_the_folder(pictures: Path, tmp_path: Path) -> None:
+    name = pictures / f"cluster-{SEED}"
+    run("see", pictures, "--out", tmp_path)
+    picture = load_picture(
+        Path(f"{name}.rgb.png"), Path(f"{name}.depth.png"), Path(f"{name}.camera.json")
+    )
+    np.savez(tmp_path / "depth.npz", depth=picture.depth)
+    run(
+        "see", "--rgb", f"{name}.rgb.png", "--depth", tmp_path / "depth.npz", "--camera",
+        f"{name}.camera.json", "--known", f"{name}.yaml", "--out", tmp_path / "one.yaml",
+    )  # fmt: skip
+    assert (tmp_path / "one.yaml").read_text() == (tmp_path / f"{name.name}.yaml").read_text()
+
+
+def test_the_same_seed_gives_the_same_picture_and_another_seed_another(shot: Photograph) -> None:
+    again = photograph(generate("cluster", SEED), seed=SEED)
+    assert (again.picture.rgb == shot.picture.rgb).all()
+    assert (again.picture.depth == shot.picture.depth).all()
+    other = photograph(generate("cluster", SEED), seed=SEED + 1)
+    assert (other.picture.rgb != shot.picture.rgb).mean() > 0.5
+
+
+def test_masks_and_depth_are_where_the_fruits_are(shot: Photograph) -> None:
+    camera = shot.picture.camera
+    for mark in shot.marked:
+        if mark.kind in ("ripe", "unripe") and mark.share > 0.9:
+            item = shot.fruits[mark.id]
+            local = camera.pose.inverse() @ item.position
+            column, row = np.rint(camera.pixels(local)).astype(int)
+            mask = shot.mask(mark.id, mark.kind)
+            assert mask[row, column]
+            assert shot.true_depth[row, column] == pytest.approx(local[2] - item.radius, abs=0.003)
+
+
+def test_eyes_find_what_the_truth_says(shot: Photograph) -> None:
+    told = STUDY.figures([STUDY.compared(shot)])
+    assert told["recall"] == 1.0
+    assert told["false"] == 0
+    assert told["kind_right"] == 1.0
+    assert told["center_90_mm"] < 8.0
+    assert told["angle_mean_deg"] < 8.0
+
+
+def test_a_palm_camera_sees_what_is_below_the_target() -> None:
+    told = STUDY.figures([STUDY.compared(photograph(generate("cluster", SEED), "palm", SEED))])
+    assert told["visible"] >= 2
+    assert told["recall"] == 1.0
+    assert told["center_90_mm"] < 10.0
+
+
+def test_an_unseen_stem_is_upright_and_said(shot: Photograph) -> None:
+
+    sight = look_at(shot.picture, up=shot.scene.up)
+    bare = tuple(replace(item, stem=None) for item in sight.look.detections)
+    sight = replace(sight, look=replace(sight.look, detections=bare))
+    scene, assumed = seen_scene(sight, shot.scene)
+    assert any("stem not seen" in words for words in assumed)
+    for item in (*scene.pushables, scene.target):
+        assert item.stem.unseen
+        assert item.stem.vector @ scene.up > 0.7 * item.stem.length
+
+
+def test_stereo_errors_are_as_large_as_said() -> None:
+    depth = np.full((120, 160), 0.45)
+    given = StereoParameters(scale=0.0, holes=0.0)
+    measured = sensed(depth, 480.0, given, np.random.default_rng(0))
+    expected = 0.45**2 * given.subpixel / (480.0 * given.baseline)
+    assert measured.std() == pytest.approx(expected, rel=0.1)
+    depth[:, 80:] = 0.30
+    measured = sensed(depth, 480.0, given, np.random.default_rng(0))
+    hidden = round(480.0 * given.baseline * (1 / 0.30 - 1 / 0.45))
+    assert (measured[:, 80 - hidden + 3 : 77] == 0.0).mean() > 0.9
+
+
+def test_pictures_round_trip(shot: Photograph, tmp_path: Path) -> None:
+    for name, content in picture_files("a", shot.picture).items():
+        (tmp_path / name).write_bytes(content)
+    read = load_picture(*(tmp_path / f"a{end}" for end in (".rgb.png", ".depth.png",
+                                                           ".camera.json")))  # fmt: skip
+    assert (read.rgb == shot.picture.rgb).all()
+    assert np.abs(read.depth - shot.picture.depth).max() <= 0.5e-4 + 1e-12
+    assert read.camera.pose.position == pytest.approx(shot.picture.camera.pose.position)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [({"fx": 0.0}, "fx"), ({"width": "wide"}, "width"), ({"focal": 3.0}, "focal"),
+     ({"orientation": [1.0, 1.0, 0.0, 0.0]}, "orientation"), ({"depth_scale": 1000}, "depth_scale"),
+     ({"cx": float("nan")}, "cx"), ({"width": 640.5}, "width"),
+     ({"position": [30.0, -530.0, 600.0]}, "801.1 m from .* beyond 10 m: millimetres?")],
+)  # fmt: skip
+def test_a_wrong_camera_is_refused_by_its_field(change: dict[str, object], told: str) -> None:
+    right = {"width": 640, "height": 480, "fx": 480.0, "fy": 480.0, "cx": 319.5, "cy": 239.5}
+    CameraModel.from_document(right)
+    with pytest.raises(InvalidRequestError, match=told):
+        CameraModel.from_document({**right, **change})
+
+
+def test_a_picture_of_another_size_is_refused(shot: Photograph) -> None:
+    with pytest.raises(InvalidRequestError, match="columns"):
+        DepthPicture(shot.picture.rgb[:, :-1], shot.picture.depth, shot.picture.camera)
+    with pytest.raises(InvalidRequestError, match="negative"):
+        DepthPicture(shot.picture.rgb, shot.picture.depth - 1.0, shot.picture.camera)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [(["see"], "--rgb"), (["see", "nowhere"], "no such folder"), (["see", "."], "no pictures"),
+     (["see", "--rgb", "a.png"], "--depth and --camera"),
+     (["render", "--out", "o"], "--preset"), (["render", "scenario-3", "--preset", "field",
+      "--out", "o"], "one of them"),
+     (["render", "scenario-3", "--seeds", "3", "--out", "o"], "0:10")],
+)  # fmt: skip
+def test_what_is_asked_wrongly_is_said(
+    words: list[str], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 2
+    assert told in done.output
+
+
+def test_without_a_ripe_fruit_there_is_no_scene_but_an_answer(
+    shot: Photograph, tmp_path: Path
+) -> None:
+    grey = np.repeat(shot.picture.rgb.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8)
+    blind = DepthPicture(grey, shot.picture.depth, shot.picture.camera)
+    for name, content in picture_files("grey", blind).items():
+        (tmp_path / name).write_bytes(content)
+    done = CliRunner().invoke(app, ["see", str(tmp_path), "--json"])
+    assert done.exit_code == 1
+    (record,) = json.loads(done.stdout)["pictures"]
+    assert record["scene"] is None
+    assert "no ripe fruit" in record["message"]
+
+
+def test_see_tells_what_it_doubts(tmp_path: Path) -> None:
+    shown = shot_of(SEED + 1).picture
+    late = replace(shown, depth=np.roll(shown.depth, 18, 1))
+    for name, content in picture_files("late", late).items():
+        (tmp_path / name).write_bytes(content)
+    shown = [CliRunner().invoke(app, ["see", str(tmp_path), *more]) for more in (["--json"], [])]
+    (record,) = json.loads(shown[0].stdout)["pictures"]
+    assert any("not registered to the colours" in doubt for doubt in record["doubts"])
+    assert "doubt: edges of depth lie" in " ".join(shown[1].stdout.split())
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [(0.0, "the depth is 0 at every pixel: nothing was measured"),
+     (0.25, "with 4 times these, 1 ripe are seen: compare the unit of depth"),
+     (10.0, "with 0.1 times these, 1 ripe are seen: compare the unit of depth")],
+)  # fmt: skip
+def test_depths_in_other_units_are_named_where_no_fruit_is_seen(
+    factor: float, said: str, shot: Photograph, tmp_path: Path
+) -> None:
+    picture = shot.picture
+    np.savez(tmp_path / "a.npz", depth=factor * picture.depth)
+    for name, content in picture_files("a", picture).items():
+        (tmp_path / name).write_bytes(content)
+    words = ["see", "--rgb", "a.rgb.png", "--depth", "a.npz", "--camera", "a.camera.json"]
+    words = [str(tmp_path / word) if word.startswith("a.") else word for word in words]
+    done = CliRunner().invoke(app, [*words, "--json"])
+    (record,) = json.loads(done.stdout)["pictures"]
+    assert done.exit_code == 1
+    assert said in record["message"]

@@ -1,0 +1,1 @@
+"""The closed loop of looks and motions, the guard of any policy, and adapters of real arms."""

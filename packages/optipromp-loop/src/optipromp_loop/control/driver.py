@@ -1,0 +1,558 @@
+"""The arm's side of the controller: the course that runs, and the next one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from optipromp.core import judging
+from optipromp.core.arrays import FloatArray, frozen, lengths
+from optipromp.core.execution.streaming import Stretch
+from optipromp.core.planning.result import Plan
+from optipromp.core.planning.task import posed, spaced
+from optipromp.core.planning.timing import needs, stopped
+from optipromp.core.robots import ik
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.look import Look
+from optipromp.core.scenes.objects import rooted
+from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject, Stem
+from optipromp.core.trajectory import State, Trajectory
+from optipromp_loop.control.parameters import CONTROL, LoopParameters
+from optipromp_loop.control.stiffness import Stiffness
+from optipromp_loop.control.tracker import Tracked
+
+TRACKED = 2e-4  # [m] largest error of a followed tool point: a choice
+Moves = Callable[[FloatArray], FloatArray]  # Displacements (M, F, 3) of F fruits at times (M,) [s]
+
+
+@dataclass(frozen=True, eq=False)
+class Displacement:
+    """The displacement of the plant against a plan's scene."""
+
+    places: FloatArray  # (F, 3) rest positions in the plan's scene [m]
+    # displacements of the fruits from these places over time, by the controller's clock
+    moves: Moves
+    length: float = CONTROL.field  # over which the displacement of a fruit counts [m]
+
+    def at(self, points: FloatArray, times: FloatArray) -> FloatArray:
+        """Displacement (M, 3) of tool points (M, 3) at times (M,) [s]."""
+        if not len(self.places):
+            return np.zeros_like(points)
+        away = np.square(points[:, None] - self.places[None]).sum(axis=2) / self.length**2
+        share = np.exp(away.min(axis=1, keepdims=True) - away)
+        share /= share.sum(axis=1, keepdims=True)
+        return np.asarray(np.einsum("mf,mfi->mi", share, self.moves(times)))
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """A plan's trajectory with its tool poses.
+
+    Attributes:
+        plan: the plan, or None for a way back.
+        trajectory: T waypoints.
+        points, axes: (T, 3) of the tool.
+        weight: (T,) share of the plant's displacement.
+        scene: of the plan.
+        came: of a way out, the route that it leads back from, and the time in that route.
+    """
+
+    robot: Robot
+    trajectory: Trajectory
+    points: FloatArray
+    axes: FloatArray
+    weight: FloatArray
+    scene: Scene
+    plan: Plan | None = None
+    came: tuple[Route, float] | None = None
+
+    @classmethod
+    def of(cls, plan: Plan) -> Route:
+        """The route of a plan."""
+        return cls.back(plan.robot, plan.trajectory, plan.scene, plan)
+
+    @classmethod
+    def back(
+        cls, robot: Robot, trajectory: Trajectory, scene: Scene, plan: Plan | None = None
+    ) -> Route:
+        """The route of a way back that was planned in a ``scene``, or of the motion of a plan."""
+        points, axes = robot.tool_pose(trajectory.positions)
+        begin = float(trajectory.times[0 if plan is None else plan.first])
+        share = np.clip(trajectory.times / begin, 0.0, 1.0) if begin > 0.0 else 1.0
+        weight = np.broadcast_to(share * share * (3.0 - 2.0 * share), len(points))
+        return cls(robot, trajectory, points, axes, frozen(weight), scene, plan)
+
+    @property
+    def approach(self) -> float:
+        """Time in the route at which the approach begins [s]."""
+        first = 0 if self.plan is None else self.plan.first
+        return float(self.trajectory.times[first])
+
+    @property
+    def duration(self) -> float:
+        """Duration of the trajectory [s]."""
+        return self.trajectory.duration
+
+
+@dataclass(frozen=True, eq=False)
+class Course(Stretch):
+    """A stretch that follows a route."""
+
+    phase: float  # time in the route at ``begins`` [s]
+    rate: float  # time of the curve over time of the route; infinite for an arm that waits
+
+    def phase_at(self, time: float) -> float:
+        """Time in the route at a ``time`` [s]."""
+        return self.phase + max(time - self.begins, 0.0) / self.rate
+
+
+def follow(
+    route: Route, phase: float, state: State, begins: float, field: Displacement,
+    parameters: LoopParameters = CONTROL,
+) -> Course | None:  # fmt: skip
+    """The course along a route from ``phase`` on, beginning in ``state`` at the time ``begins``.
+
+    Of several times of the blend and rates, in order, the first counts with which the curve keeps
+    the robot's limits. None: with none of them, or the arm cannot reach the moved path.
+    """
+    ways = [(blend, parameters.rates[0]) for blend in parameters.blends[:3]]
+    ways += [(blend, rate) for rate in parameters.rates[1:] for blend in parameters.blends[1:]]
+    for blend, rate in ways:
+        curve = _curve(route, phase, state, begins, field, blend, rate, parameters.tail)
+        if curve is not None:
+            return Course(curve, begins, phase, rate)
+    return None
+
+
+def _curve(
+    route: Route, phase: float, state: State, begins: float, field: Displacement, blend: float,
+    rate: float, tail: float,
+) -> Trajectory | None:  # fmt: skip
+    made, robot = route.trajectory, route.robot
+    rows = np.flatnonzero((made.times - phase) * rate > blend)
+    times = (made.times[rows] - phase) * rate
+    end = max((made.duration - phase) * rate, blend)
+    near, points, axes = made.positions[rows], route.points[rows], route.axes[rows]
+    weight = route.weight[rows]
+    rest = tail * np.array([1.0, 2.0, 3.0]) / 3.0  # the plant's motion fades in the tail
+    late = end + (rest if len(rows) else np.append(0.0, rest))
+    count = len(late)
+    last = np.full(count, made.n_waypoints - 1)
+    asked = np.append(times, end + np.minimum(late - end, tail) * (1.0 - 0.5 * (late - end) / tail))
+    times = np.append(times, late)
+    near = np.concatenate([near, made.positions[last]])
+    points = np.concatenate([points, route.points[last]])
+    axes = np.concatenate([axes, route.axes[last]])
+    weight = np.append(weight, route.weight[last])
+    shift = weight[:, None] * field.at(points, begins + asked)
+    q, errors = ik.each(robot, points + shift, axes, near)
+    if errors.max() > TRACKED:
+        return None
+    curve = Trajectory.through(
+        np.vstack([state.q, q]), np.append(0.0, times), robot.joint_names, begin=state
+    )
+    inside = (curve.positions >= robot.lower) & (curve.positions <= robot.upper)
+    return curve if inside.all() and needs(robot, curve).max() <= 1.0 else None
+
+
+MOVED = 1e-4  # [m] of a predicted push, below which a fruit counts as free: a choice
+
+
+def tracked_scene(
+    base: Scene, tracked: Tracked, offset: FloatArray | None = None, stems: Stiffness | None = None
+) -> Scene:
+    """The scene to plan in: what stands still in ``base``, and the tracked fruits at rest.
+
+    ``offset``: (3,) common displacement that is left out [m]; None: none. ``stems``: what is
+    believed of their stiffness; None: as the push model assumes.
+    """
+    still = tuple(item for item in base.objects if item.role in ("static", "avoid"))
+    grown = {item.id: item.stem for item in base.objects if item.stem is not None}
+    seen = [_as_grown(item, grown.get(item.id)) for item in tracked.objects()]
+    if stems is not None:
+        seen = [stems.told(item, base.up) for item in seen]
+    if offset is not None:
+        seen = [item.shifted(-offset) for item in seen]
+    return replace(base, objects=rooted([*still, *seen]), goal=None)
+
+
+def tracked_at_most(scene: Scene, most: int) -> Scene:
+    """The scene with at most so many fruits; those farther from the target are only avoided."""
+    fruits = [item for item in scene.objects if item.role in ("target", "pushable")]
+    if len(fruits) <= most:
+        return scene
+    centre = (scene.target or fruits[0]).position
+    fruits.sort(key=lambda item: (item.role != "target", math.dist(item.position, centre)))
+    far = {item.id for item in fruits[most:]}
+    objects = (replace(o, role="avoid") if o.id in far else o for o in scene.objects)
+    return replace(scene, objects=tuple(objects))
+
+
+def first_tracks(scene: Scene, known: float) -> list[SceneObject]:
+    """The fruits of a scene, to be tracked from the first; ``known``: deviation of others [m]."""
+    assumed = known**2 * np.eye(3)
+    fruits = (item for item in scene.objects if item.role in ("target", "pushable"))
+    return [o if o.covariance is not None else replace(o, covariance=assumed) for o in fruits]
+
+
+def _as_grown(item: SceneObject, known: Stem | None) -> SceneObject:
+    """A tracked fruit on the stem that the scene states, where that is bent or grows from another.
+
+    A bent stem is shifted with its fruit.
+    """
+    if item.stem is None or known is None:
+        return item
+    points = item.stem.points
+    if len(known.points) > 2:
+        points = known.points + (item.position - known.points[0])
+    return replace(item, stem=replace(item.stem, points=points, parent=known.parent))
+
+
+def target_row(tracked: Tracked) -> int | None:
+    """The row of the confirmed target; None: there is none."""
+    for row, (role, sure) in enumerate(zip(tracked.roles, tracked.confirmed, strict=True)):
+        if role == "target" and sure:
+            return row
+    return None
+
+
+def outside(robot: Robot, q: FloatArray, tracked: Tracked) -> bool:
+    """Whether the target is outside of the tool at ``q`` (n,), as far as the looks tell."""
+    tool, row = robot.tool, target_row(tracked)
+    if tool is None or row is None:
+        return tool is not None
+    point, axis = robot.tool_pose(q)
+    away = tracked.positions[row] - point
+    along = float(away @ axis)
+    aside = float(np.linalg.norm(away - along * axis))
+    spread = float(np.sqrt(np.linalg.eigvalsh(tracked.covariance[row])[-1]))  # along any direction
+    return aside > max(tool.mouth[1], 0.01) + spread or along > tool.depth + spread
+
+
+MOUTH = np.array([0.6, 1.2, 1.8])  # heights below the rim of balls of one radius: a choice
+
+
+def mouth_balls(robot: Robot, q: FloatArray, eye: FloatArray | None) -> FloatArray:
+    """Balls (B, 4) that fill the mouth of the tool at ``q`` (n,): centres and radii [m].
+
+    They hide what is inside from an ``eye`` (3,) beside the tool; none for one that looks out of
+    the mouth, or that is not known.
+    """
+    tool, none = robot.tool, np.zeros((0, 4))
+    if tool is None or tool.mouth[0] <= 0.0 or eye is None:
+        return none
+    point, axis = robot.tool_pose(q)
+    if float(np.linalg.norm(np.cross(eye - point, axis))) < tool.mouth[0]:
+        return none
+    along = tool.depth - MOUTH * tool.mouth[0]
+    return np.column_stack([point + along[:, None] * axis, np.full(len(MOUTH), tool.mouth[0])])
+
+
+def unseen(tracked: Tracked, eye: FloatArray, since: float) -> dict[str, str | None]:
+    """The confirmed fruits that no look has shown ``since`` a time [s], and what hides each.
+
+    What hides a fruit is the track nearest to the ray to it from the ``eye`` (3,), where that track
+    covers the ray; None: nothing that is tracked.
+    """
+    radii = np.array([shape.measure.bound for shape in tracked.shapes])
+    out: dict[str, str | None] = {}
+    for row in np.flatnonzero(tracked.confirmed & (tracked.last_seen < since)).tolist():
+        way = tracked.positions[row] - eye
+        far = float(np.linalg.norm(way))
+        others = tracked.positions - eye
+        along = others @ way / far
+        aside = np.linalg.norm(others - along[:, None] * way / far, axis=1)
+        covers = (aside < radii) & (along > 0.0) & (along < far - radii[row])
+        covers[row] = False
+        nearest = int(np.argmin(np.where(covers, aside, np.inf)))
+        out[tracked.ids[row]] = tracked.ids[nearest] if covers.any() else None
+    return out
+
+
+def rests_known(tracked: Tracked, most: float) -> bool:
+    """Whether the rest of every fruit in view is known to a standard deviation ``most`` [m]."""
+    fresh = tracked.time - tracked.last_seen < 0.3  # [s] in view: a choice
+    spread = np.linalg.eigvalsh(tracked.rest_covariance[fresh & tracked.confirmed])
+    return bool(np.sqrt(spread.max(initial=0.0)) <= most)
+
+
+def displaced(planned: Scene, tracked: Tracked) -> tuple[FloatArray, FloatArray, list[int]]:
+    """The fruits of a plan's scene that are still tracked.
+
+    Returns: Rest positions (F, 3) in the plan's scene [m], displacements (F, 3) of these fruits
+    since [m], and the rows of their tracks.
+    """
+    before = {o.id: o.position for o in planned.objects if o.role in ("target", "pushable")}
+    rows = [row for row, name in enumerate(tracked.ids) if name in before]
+    places = np.array([before[tracked.ids[row]] for row in rows]).reshape(-1, 3)
+    return places, tracked.rest[rows] - places, rows
+
+
+def appeared(planned: Scene, tracked: Tracked) -> list[str]:
+    """The confirmed fruits that a plan's scene does not have."""
+    before = {item.id for item in planned.objects}
+    sure = zip(tracked.ids, tracked.confirmed, strict=True)
+    return [name for name, confirmed in sure if confirmed and name not in before]
+
+
+def changed(planned: Scene, tracked: Tracked) -> float:
+    """Largest motion of a fruit against the mean of all [m]; infinite for a new or lost fruit."""
+    before = {o.id for o in planned.objects if o.role in ("target", "pushable")}
+    now = {name for name, sure in zip(tracked.ids, tracked.confirmed, strict=True) if sure}
+    if before != now:
+        return float(np.inf)
+    _, moved, _ = displaced(planned, tracked)
+    return float(np.linalg.norm(moved - moved.mean(axis=0), axis=1).max(initial=0.0))
+
+
+def restless(tracked: Tracked, times: FloatArray) -> float:
+    """Largest predicted displacement of a fruit from its rest at ``times`` (M,) [s], in [m]."""
+    return float(
+        np.linalg.norm(tracked.moves(times)[:, tracked.confirmed], axis=2).max(initial=0.0)
+    )
+
+
+def pushed_by(route: Route, phase: float) -> dict[str, FloatArray]:
+    """Displacement (3,) of each fruit that the push of a route moves until ``phase`` [m], by id.
+
+    A way out goes on with the push of the approach before it. None is moved before the approach,
+    and while the tool surely touches nothing.
+    """
+    inward, until = route.came or (route, phase)
+    model, times = None if inward.plan is None else inward.plan.push_model, inward.trajectory.times
+    rows = np.flatnonzero((times >= inward.approach) & (times <= until))
+    if model is None or len(rows) < 2:
+        return {}
+    points, axes = inward.points[rows], inward.axes[rows]
+    if route.came is not None:
+        out = route.trajectory.times <= phase
+        points, axes = np.vstack([points, route.points[out]]), np.vstack([axes, route.axes[out]])
+    motion = spaced(points, axes)
+    if model.clear(*motion):
+        return {}
+    found = model.moved(*motion)
+    places = {item.id: item.position for item in route.scene.objects}
+    pushed = {
+        name: position - places[name]
+        for name, position in zip(found.ids, found.positions, strict=True)
+        if name in places
+    }
+    return {name: by for name, by in pushed.items() if float(np.linalg.norm(by)) > MOVED}
+
+
+def gave_way(
+    scene: Scene, look: Look, tracked: Tracked, pushed: Mapping[str, FloatArray],
+    parameters: LoopParameters,
+) -> list[tuple[SceneObject, FloatArray]]:  # fmt: skip
+    """The pushed fruits of a plan's scene that a look shows, and their displacements (3,) [m].
+
+    ``tracked``: at the time of the look. ``pushed``: predicted displacements (3,), by id [m].
+    """
+    fruits = {item.id: item for item in scene.objects if item.stem is not None}
+    found = np.array([look.camera @ item.position for item in look.detections]).reshape(-1, 3)
+    out = []
+    for row, name in enumerate(tracked.ids):
+        if name not in pushed or name not in fruits or not len(found):
+            continue
+        away = np.linalg.norm(found - tracked.positions[row], axis=1)
+        by = found[int(away.argmin())] - (tracked.positions[row] - pushed[name])
+        if away.min() <= parameters.reach and np.linalg.norm(by) >= parameters.yielded:
+            out.append((fruits[name], by))
+    return out
+
+
+AHEAD = np.array([0.1, 0.3, 0.6, 1.0])  # [s] at which the plant's motion is compared: a choice
+
+
+class Driver:
+    """Keeps the course of the arm, and moves routes with the plant.
+
+    Attributes:
+        course: that runs; None: the arm has not moved.
+        route: that the course follows, or that the arm waits for; None: there is none.
+        still: the scene of what stands still; its goal is the begin.
+        blind: whether routes are followed as they are, whatever the plant does.
+        held: (3,) displacement of the target's rest when the tool took it [m]; None: it has not.
+    """
+
+    def __init__(
+        self, scene: Scene, robot: Robot, state: State, parameters: LoopParameters
+    ) -> None:
+        self.still = without_fruits(scene, state.q)
+        self.robot, self._rest, self._parameters = robot, State(state.q), parameters
+        self.course: Course | None = None
+        self.route: Route | None = None
+        self.blind = False
+        self.held: FloatArray | None = None
+        self._shift = np.zeros((0, 3))
+        self._followed = 0.0
+
+    def stands_at(self, q: FloatArray, begins: float | None = None) -> None:
+        """Note where an arm that has not moved yet stands, ``q`` (n,).
+
+        ``begins``: also of an arm that has, which from this time on waits there in its route [s].
+        """
+        if self.course is None:
+            self._rest = State(q)
+        elif begins is not None:
+            phase = self.phase(begins)
+            self.course = Course(self._standing(q), begins, phase, math.inf)
+
+    def state(self, time: float) -> State:
+        """Commanded state at a ``time`` [s]."""
+        return self._rest if self.course is None else self.course.at(time)
+
+    def rests(self, time: float) -> bool:
+        """Whether the course has come to its end."""
+        return self.course is None or self.course.ended(time)
+
+    def phase(self, time: float) -> float:
+        """Time in the route at a ``time`` [s]."""
+        return 0.0 if self.course is None else self.course.phase_at(time)
+
+    @property
+    def waits(self) -> bool:
+        """Whether the arm comes to rest, or stands, beside its route."""
+        return self.course is not None and math.isinf(self.course.rate)
+
+    def stuck(self, now: float) -> bool:
+        """Whether the arm waits, and for long nothing has led onto its route."""
+        return self.waits and now - self._followed > self._parameters.stuck
+
+    def stand(self, begins: float) -> Stretch:
+        """The curve of an arm that stands."""
+        return Stretch(self._standing(self.state(begins).q), begins)
+
+    def _standing(self, q: FloatArray) -> Trajectory:
+        return Trajectory.still(q, (0.0, self._parameters.tail), self.robot.joint_names)
+
+    def halt(self, now: float) -> Stretch | None:
+        """Come to rest at once, and wait there for as long as this is asked; None: it does."""
+        self._followed = now
+        return None if self.waits or self.rests(now) else self.pause(now + self._parameters.lead)
+
+    def pause(self, begins: float) -> Stretch:
+        """The curve that comes to rest at once; the arm then waits where it is in its route."""
+        phase, self._followed = self.phase(begins), begins
+        self.course = replace(self.brake(begins), phase=phase)
+        return self.course
+
+    def brake(self, begins: float, state: State | None = None) -> Course:
+        """The curve that comes to rest at once; the arm then waits at the begin of its route.
+
+        ``state``: to begin in; None: that of the course.
+        """
+        curve = stopped(self.robot, state or self.state(begins))
+        self.course = Course(curve, begins, 0.0, math.inf)
+        return self.course
+
+    def set_out(self, route: Route, now: float, tracked: Tracked) -> Stretch:
+        """Begin a route; where nothing leads onto it yet, come to rest and wait."""
+        self._followed = now
+        self.route = route
+        taken = self.take(route, 0.0, now, tracked)
+        return taken or self.brake(now + self._parameters.lead)
+
+    def take(self, route: Route, phase: float, now: float, tracked: Tracked) -> Stretch | None:
+        """Follow a route from ``phase`` [s] on; None: nothing leads onto it, the course goes on."""
+        begins = now + self._parameters.lead
+        field = self._field(route, tracked)
+        return self._taken(route, phase, now, field, _ahead(route, phase, begins, field))
+
+    def hold(self, now: float, tracked: Tracked) -> None:
+        """From now on the target moves with the tool, and tells nothing of the plant.
+
+        Where the tool presses all other fruits, the common sway of the plant is followed alone.
+        """
+        route = self.route
+        assert route is not None
+        before, row = route.scene.target, target_row(tracked)
+        others = [item for item in route.scene.objects if item.role != "target"]
+        fruits = {item.id for item in others if item.role == "pushable"}
+        if fruits <= set(pushed_by(route, self.phase(now))):
+            self.held = np.zeros(3)
+            if before is not None and row is not None:
+                self.held = tracked.rest[row] - before.position
+        else:
+            scene = replace(route.scene, objects=rooted(others), goal=self.still.goal)
+            self.route = replace(route, scene=scene)
+
+    def _field(self, route: Route, tracked: Tracked) -> Displacement:
+        if self.held is None:
+            places, moved, rows = displaced(route.scene, tracked)
+            length = self._parameters.field
+            return Displacement(places, lambda times: moved + tracked.moves(times)[:, rows], length)
+        offset = self.held
+        return Displacement(
+            np.zeros((1, 3)), lambda times: offset + tracked.sway(times)[0][:, None]
+        )
+
+    def go_on(self, now: float, tracked: Tracked) -> Stretch | None:
+        """Follow the route where the plant is now; None: the course goes on as it is."""
+        route, begins = self.route, now + self._parameters.lead
+        assert route is not None
+        waits = self.course is None or math.isinf(self.course.rate)
+        if self.blind and not waits:
+            return None
+        phase = self.phase(begins)
+        field = self._field(route, tracked)
+        shift = _ahead(route, phase, begins, field)
+        follows = not waits and phase < route.duration
+        if follows and np.abs(shift - self._shift).max() < self._parameters.still:
+            return None
+        return self._taken(route, phase, now, field, shift)
+
+    def _taken(
+        self, route: Route, phase: float, now: float, field: Displacement, shift: FloatArray
+    ) -> Stretch | None:
+        """The course along a route in a ``field``; ``shift`` (4, 3): its displacements ahead."""
+        begins = now + self._parameters.lead
+        if self.blind:
+            course: Course | None = Course(route.trajectory, begins, phase, 1.0)
+        else:
+            course = follow(route, phase, self.state(begins), begins, field, self._parameters)
+        if course is None or not (self.blind or self.safe(course.curve)):
+            return None
+        self._shift = shift
+        self.course, self.route, self._followed = course, route, now
+        return course
+
+    def safe(self, curve: Trajectory) -> bool:
+        """Whether a curve keeps the limits and touches nothing that stands, by the judge."""
+        found = judging.judge(self.still, self.robot, curve, curve.at(0.0), begun=True)
+        return all(v.kind in ("goal", "start", "motion") for v in found.violations)
+
+
+def without_fruits(scene: Scene, q: FloatArray | None = None) -> Scene:
+    """The scene with robot and what stands still, and no fruits.
+
+    Args:
+        scene: with fruits, or without.
+        q: (n,) its goal; None: its start.
+    """
+    still = tuple(item for item in scene.objects if item.role in ("static", "avoid"))
+    rest = JointGoal(posed(scene)[1].q if q is None else q)
+    return replace(scene, objects=still, goal=rest, waypoints=None, place=None)
+
+
+def _ahead(route: Route, phase: float, begins: float, field: Displacement) -> FloatArray:
+    """Displacements (4, 3) of the next points of a route [m]."""
+    times = np.clip(phase + AHEAD, 0.0, route.duration)
+    row = np.searchsorted(route.trajectory.times, times).clip(max=len(route.points) - 1)
+    return field.at(route.points[row], begins + np.maximum(times - phase, 0.0))
+
+
+def path_back(robot: Robot, q: FloatArray, speed: float) -> Trajectory:
+    """The trajectory through configurations ``q`` (k, n) at a ``speed`` of the tool [m/s]."""
+    points, _ = robot.tool_pose(q)
+    gone = np.append(0.0, np.cumsum(lengths(np.diff(points, axis=0)))) + 1e-6 * np.arange(len(q))
+    count = max(math.ceil(gone[-1] / 0.01), 4)  # [m] between waypoints
+    at = np.linspace(0.0, gone[-1], count + 1)
+    even = np.stack([np.interp(at, gone, joint) for joint in q.T], axis=1)
+    widths = np.full(count, max(gone[-1], 0.01) / count / speed)
+    widths[[0, -1]] *= 2.0  # it begins and ends at rest
+    back = Trajectory.through(even, np.append(0.0, np.cumsum(widths)), robot.joint_names)
+    return back.slowed(max(float(needs(robot, back).max()), 1.0))

@@ -1,0 +1,413 @@
+"""The controller's decisions, with an arm that is where it is told and fruits that are not pushed.
+
+Picks in the physics are in ``packages/optipromp-sim/tests/simulation/test_loop.py``.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.control.benches import Picked, eye_of, in_order, pick, still, without_fruits
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.planning import plan
+from optipromp.core.planning.task import posed
+from optipromp.core.scenes.look import Look
+from optipromp.core.scenes.scene import Scene
+from optipromp.core.trajectory import State
+from optipromp_loop.control import controller as module
+from optipromp_loop.control.controller import Controller, LoopStage, views
+from optipromp_loop.control.parameters import CONTROL
+from optipromp_sim.generate import generate
+from optipromp_sim.simulation.detector import Truth
+from optipromp_sim.situations import executed
+
+LOOK, GO, RETREAT = LoopStage.LOOK, LoopStage.GO, LoopStage.RETREAT
+DONE, GAVE_UP = LoopStage.DONE, LoopStage.GAVE_UP
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return generate("cluster", 101)
+
+
+@pytest.fixture(scope="module")
+def usual(scene: Scene) -> Picked:
+    """A pick with looks that have zero-mean errors."""
+    return pick(Controller(scene), scene, eye_of(scene))
+
+
+def assert_sound(done: Picked) -> None:
+    """Its stages are in order, and its curves have no jump and keep the limits."""
+    assert in_order(done.stages)
+    assert len(done.controller.cycles) == len(done.references)
+    times = [event.time for event in done.controller.events]
+    assert times == sorted(times)
+    robot = done.controller.robot
+    found = executed(done.stretches, robot, done.references[0], done.time)
+    assert found.jumps.max() <= 1e-6
+    assert found.shares.max() <= 1.0
+    for one, other in zip(done.references, done.references[1:], strict=False):
+        assert (np.abs(other.q - one.q) <= 0.0201 * robot.velocity).all()
+
+
+def away(done: Picked, scene: Scene, moved: FloatArray | None = None) -> float:
+    """Distance of the tool from the target at the end [m]."""
+    point, _ = done.controller.robot.tool_pose(done.references[-1].q)
+    target = scene.target
+    return float(np.linalg.norm(point - target.position - (0.0 if moved is None else moved)))
+
+
+def nearest(done: Picked, scene: Scene) -> float:
+    """Least distance of the tool from the target at any time [m]."""
+    target = scene.target
+    q = np.array([state.q for state in done.references])
+    points, _ = done.controller.robot.tool_pose(q)
+    return float(np.linalg.norm(points - target.position, axis=1).min())
+
+
+def test_a_pick_looks_goes_looks_again_and_goes(usual: Picked, scene: Scene) -> None:
+    assert_sound(usual)
+    assert usual.stages == [GO, LOOK, GO, DONE]
+    assert usual.reasons[1::2] == ["at the camera point", "at the target"]
+    assert away(usual, scene) < 0.012
+    assert len(usual.controller.plans) >= 2
+    assert usual.controller.tries == usual.controller.parameters.tries
+
+
+def test_a_fruit_that_is_first_seen_on_the_way_is_planned_for(scene: Scene) -> None:
+    """One look after the arm set out shows a fruit that hid; the arm stops, and plans anew."""
+    hidden = scene.pushables[0]
+    seen = replace(scene, objects=tuple(o for o in scene.objects if o.id != hidden.id))
+
+    def filtered(looks: tuple[Look, ...]) -> Iterable[Look]:
+        for look in looks:
+            shown = [o for o in look.detections if look.time > 0.3 or o.id != hidden.id]
+            yield replace(look, detections=tuple(shown))
+
+    done = pick(Controller(seen), scene, eye_of(scene), filtered=filtered)
+    assert_sound(done)
+    assert done.stages == [GO, LOOK, GO, LOOK, GO, DONE]
+    assert done.reasons[1].startswith("seen on the way: fruit-")
+    first, second = done.controller.plans[:2]
+    assert len(second.scene.pushables) == len(first.scene.pushables) + 1
+    assert done.controller.tries == done.controller.parameters.tries
+
+
+def test_a_target_that_the_start_does_not_show_is_looked_for(scene: Scene) -> None:
+    """The tool is turned away by 50°; its camera sees 40° to each side."""
+    robot, state = posed(scene)
+    away_from = views(robot, state.q, replace(CONTROL, views=(50.0,)))
+    assert len(away_from) >= 2
+    turned = replace(scene, start=away_from[1])
+    done = pick(Controller(without_fruits(turned)), turned, eye_of(turned))
+    assert_sound(done)
+    assert done.stages[-4:] == [GO, LOOK, GO, DONE]
+    assert done.controller.events[0].time >= done.controller.parameters.first_look
+    assert done.reasons[0] == "the target is not seen: to another view"
+    assert "at another view" in done.reasons
+    assert away(done, scene) < 0.012
+
+
+def test_a_plan_whose_way_out_harms_is_none() -> None:
+    """Its way in harms nothing; with the target in the tool, a fruit jams on the way out.
+
+    A controller that does not leave comes to the target.
+    """
+    scene = generate("side-clusters", 76_015)
+    given = replace(CONTROL, tries=0)
+    left = pick(Controller(scene, parameters=given, leave=True), scene, eye_of(scene))
+    assert left.stages[-2:] == [LOOK, GAVE_UP]
+    assert left.reasons[-1].startswith("no plan: retreat: harm is predicted")
+    stays = pick(Controller(scene, parameters=given), scene, eye_of(scene))
+    assert stays.stages[-1] == DONE
+
+
+def test_the_same_seed_decides_the_same_to_the_bit(usual: Picked, scene: Scene) -> None:
+    again = pick(Controller(scene), scene, eye_of(scene))
+    assert again.controller.events == usual.controller.events
+    assert len(again.references) == len(usual.references)
+    for one, other in zip(again.references, usual.references, strict=True):
+        assert np.array_equal(one.q, other.q)
+        assert np.array_equal(one.acceleration, other.acceleration)
+
+
+def test_a_share_of_the_clock_decides_nothing_else(scene: Scene) -> None:
+    done = pick(Controller(scene, real_time=True), scene, eye_of(scene))
+    assert_sound(done)
+    assert done.stages == [GO, LOOK, GO, DONE]
+
+
+AWAY = np.array([0.035, 0.0, 0.0])  # [m]
+
+
+@pytest.mark.parametrize("servo", [True, False])
+def test_the_tool_comes_to_where_the_plant_is_now(scene: Scene, servo: bool) -> None:
+    """35 mm within 0.4 s, as the tool leaves the camera point; blind the tool misses it."""
+
+    def moves(time: float) -> FloatArray:
+        return AWAY * np.clip((time - 2.9) / 0.4, 0.0, 1.0)
+
+    done = pick(Controller(scene, servo=servo), scene, eye_of(scene), moves)
+    assert_sound(done)
+    last = done.controller.events[3]
+    if servo:
+        assert last.stage is DONE
+        assert away(done, scene, AWAY) < 0.006
+    elif last.stage is DONE:  # it does not see that it missed, or sees it
+        assert away(done, scene, AWAY) > 0.03
+    else:
+        assert (last.stage, last.why) == (RETREAT, "the target is not inside")
+        assert done.stages[-1] is DONE  # in the end it looks again and comes
+        assert away(done, scene, AWAY) < 0.015
+
+
+# --- looks --------------------------------------------------------------------------------------
+
+
+def lost(looks: tuple[Look, ...]) -> Iterable[Look]:
+    """Looks that do not show the target."""
+    return [
+        replace(one, detections=tuple(x for x in one.detections if x.role != "target"))
+        for one in looks
+    ]
+
+
+def blank(looks: tuple[Look, ...]) -> Iterable[Look]:
+    return [replace(one, detections=()) for one in looks]
+
+
+@pytest.mark.parametrize(("filtered", "known"), [(lost, True), (blank, False)])
+def test_without_a_target_it_gives_up_away_from_the_fruits(
+    scene: Scene, filtered: Any, known: bool
+) -> None:
+    first = scene if known else without_fruits(scene)
+    done = pick(Controller(first), scene, eye_of(scene), still, 20.0, filtered)
+    assert_sound(done)
+    if known:
+        assert done.stages == [GO, LOOK, GAVE_UP]
+    else:  # it has looked from other views
+        turns = (len(done.stages) - 1) // 2
+        assert done.stages == [GO, LOOK] * turns + [GAVE_UP]
+        assert turns >= 4
+    assert done.reasons[-1] == "the target is not seen"
+    assert done.time < (8.0 if known else 18.0)
+    assert nearest(done, scene) > 0.05
+    assert not done.references[-1].moving
+
+
+def test_a_target_that_is_gone_when_the_tool_is_there_is_not_picked(scene: Scene) -> None:
+    """It is lost from sight on the way: the tool retreats, and gives up where it looks."""
+
+    def later(looks: tuple[Look, ...]) -> Iterable[Look]:
+        return [look if look.time < 4.0 else next(iter(lost((look,)))) for look in looks]
+
+    done = pick(Controller(scene), scene, eye_of(scene), still, 40.0, later)
+    assert_sound(done)
+    assert RETREAT in done.stages
+    assert done.stages[-1] is GAVE_UP
+    assert away(done, scene) > 0.04
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_without_a_look_nothing_moves_and_the_fault_says_why(scene: Scene, known: bool) -> None:
+    first = scene if known else without_fruits(scene)
+    done = pick(Controller(first), scene, eye_of(scene), still, 5.0, lambda _: ())
+    assert done.stages == []
+    assert all(not np.ptp(one.curve.positions, axis=0).any() for one in done.stretches)
+    assert done.controller.fault == "no look has come for 1 s"
+    (said,) = done.controller.noticed
+    assert (said.why, said.time) == (done.controller.fault, pytest.approx(1.02))
+
+
+def rests(done: Picked, begin: float, end: float) -> bool:
+    """Whether the arm stands from a time to another [s]."""
+    period = done.controller.parameters.period
+    states = done.references[round(begin / period) : round(end / period)]
+    return not any(state.moving for state in states)
+
+
+@pytest.mark.parametrize(("servo", "gone"), [(True, 1.0), (True, 3.5), (False, 3.5)])
+def test_while_no_look_comes_the_arm_stands_and_then_it_goes_on(
+    scene: Scene, servo: bool, gone: float
+) -> None:
+    """None for 4 s, on the way to the camera point or in the push."""
+
+    def silent(looks: tuple[Look, ...]) -> Iterable[Look]:
+        return [look for look in looks if not gone < look.time < gone + 4.0]
+
+    done = pick(Controller(scene, servo=servo), scene, eye_of(scene), filtered=silent)
+    assert_sound(done)
+    fault = gone + CONTROL.look_age + 0.15  # the last look came 0.06 s after its time, or less
+    assert not rests(done, gone, fault)
+    assert rests(done, fault + 0.2, gone + 4.0)
+    assert [one.why for one in done.controller.noticed] == ["no look has come for 1 s"]
+    assert done.controller.fault == ""
+    assert done.stages[-1] is DONE
+    assert away(done, scene) < 0.012
+
+
+def test_an_arm_that_does_not_follow_is_stopped_where_it_is(scene: Scene) -> None:
+    controller, eye = Controller(scene), eye_of(scene)
+    stuck, running, coming = posed(scene)[1], None, list[Any]()
+    fruits = [o for o in scene.objects if o.role != "static"]
+    truth = Truth(
+        tuple(o.id for o in fruits), np.array([o.position for o in fruits]),
+        np.array([o.rotation for o in fruits]), tuple(np.zeros((0, 3)) for _ in fruits),
+    )  # fmt: skip
+    fault = None
+    for now in np.arange(0.0, 4.0, 0.02):
+        while coming and coming[0].begins <= now + 1e-9:
+            running = coming.pop(0)
+        reference = stuck if running is None else running.at(now)
+        eye.see(now, stuck.q, truth)
+        for look in eye.delivered(now):
+            controller.see(look)
+        made = controller(now, stuck, reference)
+        far = float(np.abs(reference.q - stuck.q).max())
+        if fault is None and controller.fault:
+            fault = now
+            assert CONTROL.off_curve < far < CONTROL.off_curve + 0.02
+            assert made.at(made.begins).near(State(stuck.q), 1e-9)
+            assert not made.curve.at(made.curve.duration).moving
+        assert fault is None or now < fault + 0.2 or far < 1e-9
+        coming += [] if made is None else [made]
+    assert fault is not None
+    assert controller.lost
+    assert not controller.ended
+    assert "from the curve (at most 0.1)" in controller.fault
+    assert controller.noticed[-1].why == controller.fault
+
+
+def test_a_cycle_without_a_state_comes_to_rest_and_the_next_goes_on(scene: Scene) -> None:
+    """Of an arm in motion and of one that stands; time goes on."""
+    controller = Controller(scene)
+    assert controller.hold(0.0, "no state") is None  # it stands
+
+    class Blinded:
+        """The controller, whose arm tells no state from 1.5 to 3 s."""
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(controller, name)
+
+        def __call__(self, now: float, measured: State, reference: State) -> Any:
+            if 1.5 <= now < 3.0:
+                return controller.hold(now, "no state")
+            return controller(now, measured, reference)
+
+    done = pick(Blinded(), scene, eye_of(scene))
+    period = CONTROL.period
+    assert done.references[round(1.5 / period)].moving
+    assert not any(r.moving for r in done.references[round(1.7 / period) : round(3.0 / period)])
+    assert [one.why for one in controller.noticed] == ["no state", "no state"]
+    assert controller.stage is DONE
+    assert away(done, scene) < 0.012
+
+
+class Shuffled:
+    """Delivers looks late and out of order: of two, the second first."""
+
+    def __init__(self) -> None:
+        self.held: list[Look] = []
+        self.given: list[float] = []
+
+    def __call__(self, looks: tuple[Look, ...]) -> Iterable[Look]:
+        self.held += looks
+        if len(self.held) < 2:
+            return ()
+        out, self.held = self.held[::-1], []
+        self.given += [look.time for look in out]
+        return out
+
+
+def test_looks_that_are_late_and_out_of_order_do_no_harm(scene: Scene) -> None:
+    eye, order = eye_of(scene), Shuffled()
+    eye.detector.parameters = replace(eye.detector.parameters, latency=0.1)
+    done = pick(Controller(scene), scene, eye, lambda t: AWAY * 0.3 * np.sin(5.0 * t), 40.0, order)
+    assert_sound(done)
+    assert done.stages[-1] is DONE
+    assert (np.diff(order.given) < 0.0).sum() > 20
+    assert done.controller.tracker.statistics.dropped == 0
+    assert away(done, scene, AWAY * 0.3 * np.sin(5.0 * done.time)) < 0.015
+
+
+def test_looks_from_a_clock_that_is_ahead_do_no_harm(scene: Scene) -> None:
+    def ahead(looks: tuple[Look, ...]) -> Iterable[Look]:
+        return [replace(look, time=look.time + 0.6) for look in looks]
+
+    done = pick(Controller(scene), scene, eye_of(scene), still, 40.0, ahead)
+    assert_sound(done)
+    assert done.stages[-1] is DONE
+
+
+# --- plans that fail ----------------------------------------------------------------------------
+
+
+def failing(monkeypatch: pytest.MonkeyPatch, when: Callable[..., bool], error: Exception) -> None:
+    """Let plans fail ``when`` the count of plans so far and the arguments say so."""
+    count = [0]
+
+    def made(scene: Scene, **more: Any) -> Any:
+        count[0] += 1
+        if when(count[0], more):
+            raise error
+        return plan(scene, **more)
+
+    monkeypatch.setattr(module, "plan", made)
+
+
+def test_a_plan_that_is_refused_is_a_failed_try(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refused = InvalidRequestError("nothing leads there")
+    failing(monkeypatch, lambda count, _: count == 1, refused)
+    done = pick(Controller(scene), scene, eye_of(scene))
+    assert_sound(done)
+    assert done.stages == [LOOK, GO, LOOK, GO, DONE]
+    assert done.reasons[0] == "no plan: nothing leads there"
+    assert done.controller.tries == done.controller.parameters.tries - 1
+
+
+def test_after_the_last_try_it_gives_up_where_it_stands(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failing(monkeypatch, lambda *_: True, InvalidRequestError("nothing leads there"))
+    done = pick(Controller(scene), scene, eye_of(scene))
+    assert_sound(done)
+    assert done.stages == [LOOK, LOOK, LOOK, GAVE_UP]
+    start = posed(scene)[1]
+    assert all(state.near(State(start.q), 1e-9) for state in done.references)
+
+
+def test_an_error_of_the_program_is_not_hidden(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failing(monkeypatch, lambda *_: True, ZeroDivisionError("a defect"))
+    with pytest.raises(ZeroDivisionError, match="a defect"):
+        pick(Controller(scene), scene, eye_of(scene))
+
+
+@pytest.mark.parametrize("always", [False, True])
+def test_where_a_push_has_become_hopeless_the_tool_retreats_and_looks_again(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch, always: bool
+) -> None:
+    seen = list[int]()
+
+    def under_way(count: int, more: Any) -> bool:
+        if "unpushed" in more and (always or not seen):
+            seen.append(count)
+            return True
+        return False
+
+    failing(monkeypatch, under_way, InvalidRequestError("hopeless"))
+    eager = replace(CONTROL, changed=0.0)  # it predicts the push all the time
+    done = pick(Controller(scene, parameters=eager), scene, eye_of(scene), still, 60.0)
+    assert_sound(done)
+    assert len(seen) == (done.stages.count(RETREAT))
+    assert len(seen) > 1 if always else len(seen) == 1
+    assert done.reasons[done.stages.index(RETREAT)] == "hopeless"
+    assert done.stages[-1] in ((DONE, GAVE_UP) if always else (DONE,))
+    assert done.controller.tries == done.controller.parameters.tries - min(len(seen), 3)

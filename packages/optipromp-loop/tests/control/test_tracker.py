@@ -1,0 +1,129 @@
+"""The tracker on plants that it does not model: errors, consistency."""
+
+import numpy as np
+import pytest
+from tests.control.plants import (
+    FIELD,
+    Eye,
+    empty,
+    look,
+    looks,
+    nearest,
+    still,
+    swaying,
+)  # fmt: skip
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.scenes.objects import SceneObject
+from optipromp_loop.control import Innovations, Look, Tracker, TrackerParameters
+
+STILL = TrackerParameters(sway=0.0, swing=0.0, drift=0.0, steady=0.0)
+LATENCY = 0.06
+
+
+def errors(seed: int, frequencies: FloatArray) -> FloatArray:
+    """Errors of predicted positions from 2 to 6 s, with the latency [m]."""
+    rng = np.random.default_rng(seed)
+    plant = swaying(rng, 8, 0.020, frequencies)
+    tracker, found = Tracker(empty()), []
+    for each in looks(plant, rng, FIELD, 6.0):
+        tracker.add(each)
+        if each.time >= 2.0:
+            now = each.time + LATENCY
+            found.append(nearest(tracker.at(now), plant.at(now))[1])
+    return np.concatenate(found)
+
+
+@pytest.mark.parametrize(
+    ("frequencies", "median", "most"),
+    [([0.5], 0.0038, 0.007), ([1.6], 0.0045, 0.008), ([0.41, 0.61, 1.34], 0.004, 0.007)],
+)
+def test_where_a_swaying_fruit_is_now(frequencies: list[float], median: float, most: float) -> None:
+    away = np.concatenate([errors(seed, np.array(frequencies)) for seed in (1, 2)])
+    assert np.median(away) < median
+    assert np.quantile(away, 0.9) < most
+
+
+def test_a_sway_seen_for_long_is_foreseen() -> None:
+    """0.4 s ahead after 8 s: amplitudes that follow what is seen find the one frequency."""
+
+    def ahead(learning: float) -> float:
+        rng = np.random.default_rng(3)
+        plant = swaying(rng, 8, 0.020, np.array([0.5]))
+        tracker, found = Tracker(empty(), TrackerParameters(learning=learning)), []
+        for each in looks(plant, rng, Eye(), 10.0):
+            tracker.add(each)
+            if each.time >= 8.0:
+                then = each.time + 0.4
+                found.append(nearest(tracker.at(then), plant.at(then))[1])
+        return float(np.median(np.concatenate(found)))
+
+    learnt = ahead(TrackerParameters().learning)
+    assert learnt < 0.005  # a sway of fruits that do not swing on their stems
+    assert ahead(0.0) > 2.0 * learnt
+
+
+def test_innovations_and_rests_are_consistent_on_a_still_plant() -> None:
+    """Noise as stated, nothing moves: mean NIS and mean NEES are in their 95 % bands."""
+    rng, plant, squares, every = np.random.default_rng(1), still(6), [], []
+    for _ in range(40):
+        tracker = Tracker(empty(), STILL)
+        for each in looks(plant, rng, Eye(), 0.75):
+            tracker.add(each)
+        tracked = tracker.at(0.75)
+        rows, _ = nearest(tracked, plant.rest)
+        off = tracked.rest[rows] - plant.rest
+        solved = np.linalg.solve(tracked.rest_covariance[rows], off[..., None])[..., 0]
+        squares.append((off * solved).sum(axis=1))
+        every.append(tracker.statistics)
+    whole = Innovations(
+        np.concatenate([one.times for one in every]),
+        tuple(name for one in every for name in one.ids),
+        np.concatenate([one.squares for one in every]),
+    )
+    mean, low, high, fits = whole.consistent()
+    assert fits, (mean, low, high)
+    assert high - low < 0.25
+    assert len(whole.squares) > 0.99 * 40 * 6 * 14
+    deviation = np.sqrt(2 * 3 / (6 * 40))
+    assert abs(np.mean(squares) - 3.0) < 1.96 * deviation
+
+
+def test_a_steady_share_of_the_error_stays_in_the_covariance() -> None:
+    """A bias of 30 % of the variance: NIS fits, and the reported covariance covers the bias."""
+    rng, plant, squares = np.random.default_rng(8), still(6), []
+    given = TrackerParameters(sway=0.0, swing=0.0, drift=0.0)
+    white = Eye(noise=0.005 * np.sqrt(0.7))
+    for _ in range(12):
+        tracker = Tracker(empty(), given)
+        bias = 0.005 * np.sqrt(0.3) * rng.standard_normal((6, 3))
+        for k in range(30):
+            each = look(0.05 * k, plant.rest + bias, rng, white)
+            stated = tuple(
+                SceneObject(d.id, d.role, d.shape, d.position, d.orientation, d.stem, sigma=0.005)
+                for d in each.detections
+            )
+            tracker.add(Look(each.time, each.camera, stated))
+        assert tracker.statistics.consistent(0.999)[3]
+        tracked = tracker.at(1.5)
+        rows, _ = nearest(tracked, plant.rest)
+        off = tracked.rest[rows] - plant.rest
+        solved = np.linalg.solve(tracked.rest_covariance[rows], off[..., None])[..., 0]
+        squares.append((off * solved).sum(axis=1))
+    assert abs(np.mean(squares) - 3.0) < 1.96 * np.sqrt(2 * 3 / 72)
+
+
+def test_covariances_of_a_moving_plant_cover_the_errors() -> None:
+    rng = np.random.default_rng(9)
+    plant = swaying(rng, 8, 0.020, np.array([0.4, 0.9, 1.5]))
+    tracker, squares = Tracker(empty()), []
+    for each in looks(plant, rng, FIELD, 5.0):
+        tracker.add(each)
+        if each.time > 2.0:
+            tracked = tracker.at(each.time + LATENCY)
+            truth = plant.at(each.time + LATENCY)
+            rows, _ = nearest(tracked, truth)
+            off = tracked.positions[rows] - truth
+            solved = np.linalg.solve(tracked.covariance[rows], off[..., None])[..., 0]
+            squares.append((off * solved).sum(axis=1))
+    assert 0.3 < np.mean(squares) < 3.5

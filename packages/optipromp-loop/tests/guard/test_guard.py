@@ -1,0 +1,337 @@
+"""Any policy may move the arm: the judge's word on what was executed, and the guard's reasons."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.geometry.shapes import Box, Sphere
+from optipromp.core.judging import RATES, extremes, judge
+from optipromp.core.planning import plan
+from optipromp.core.planning.task import posed, tool_motion
+from optipromp.core.pushing import Hanging
+from optipromp.core.robots.library import load_robot
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.goals import JointGoal
+from optipromp.core.scenes.look import Look
+from optipromp.core.scenes.objects import SceneObject
+from optipromp.core.scenes.pose import Pose
+from optipromp.core.scenes.scene import Scene
+from optipromp.core.trajectory import State, Trajectory
+from optipromp_loop.guard import Guard, GuardParameters, Safe, joints_for
+from optipromp_loop.guard.motion import Change, fastest, later, nearest, stopping
+from optipromp_sim.generate import generate
+
+PERIOD = GuardParameters.period
+Policy = Callable[[int, State], FloatArray]
+
+
+def driven(guard: Guard, start: State, policy: Policy, steps: int) -> tuple[Trajectory, list[Safe]]:
+    """What an arm executes that follows the guard exactly, and stops at the end."""
+    states, told, state = [start], [], start
+    for k in range(steps):
+        safe = guard(policy(k, state), state)
+        told.append(safe)
+        state = safe.reference
+        states.append(state)
+    last = told[-1].curve
+    rest = [last.at(time) for time in last.times[2:]]
+    times = np.append(PERIOD * np.arange(steps + 1), PERIOD * (steps - 1) + last.times[2:])
+    rows = [np.array([getattr(s, name) for s in [*states, *rest]])
+            for name in ("q", "velocity", "acceleration")]  # fmt: skip
+    return Trajectory(times, *rows, guard.robot.joint_names), told
+
+
+def assert_within(scene: Scene, robot: Robot, motion: Trajectory, start: State) -> None:
+    """The judge finds no limit exceeded, and nothing touched that stands or is avoided."""
+    most = extremes(motion)
+    assert (most.lowest >= robot.lower - 1e-6).all()
+    assert (most.highest <= robot.upper + 1e-6).all()
+    limits = np.array([getattr(robot, name) for name in RATES])
+    assert (most.largest <= limits * (1.0 + 1e-6)).all()
+    judged = judge(scene, robot, motion, start)
+    assert not [v for v in judged.violations if v.kind in ("contact", "unchecked")]
+    assert motion.velocities[-1] == pytest.approx(0.0)
+
+
+def wild_policy(seed: int, robot: Robot, strength: float) -> Policy:
+    """Random velocities, up to twice the limits, that last between 1 and 40 periods."""
+    rng = np.random.default_rng(seed)
+    wish, until = np.zeros(robot.n_joints), 0
+
+    def act(k: int, state: State) -> FloatArray:
+        nonlocal wish, until
+        if k >= until:
+            speed = np.minimum(robot.velocity, 3.0) * strength
+            wish, until = rng.uniform(-1.0, 1.0, robot.n_joints) * speed, k + rng.integers(1, 40)
+        return wish
+
+    return act
+
+
+def walled(seed: int) -> Scene:
+    """The arm among boxes that stand and boxes to avoid, none of which it touches at first."""
+    rng = np.random.default_rng(seed)
+    robot, start = posed(
+        Scene(name="free", robot="panda", objects=(), goal=JointGoal(np.array(HOME)))
+    )
+    spheres, radius = robot.sphere_centers(start.q), robot.spheres.radius
+    items: list[SceneObject] = []
+    while len(items) < 8:
+        place, size = rng.uniform((-0.6, -0.7, 0.0), (0.8, 0.7, 1.1)), rng.uniform(0.05, 0.3, 3)
+        if (np.linalg.norm(spheres - place, axis=1) > radius + np.linalg.norm(size)).all():
+            role = "static" if len(items) % 2 else "avoid"
+            items.append(SceneObject(f"box{len(items)}", role, Box(tuple(size)), place))
+    return Scene(name="walled", robot="panda", goal=JointGoal(np.array(HOME)), objects=tuple(items))
+
+
+HOME = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
+
+
+@given(seed=st.integers(0, 10_000), strength=st.sampled_from([0.1, 0.5, 1.0, 2.0]))
+@example(seed=111, strength=2.0)  # along what is to be avoided
+@settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+def test_no_policy_breaks_a_limit_or_touches_what_stands(seed: int, strength: float) -> None:
+    scene = walled(seed)
+    robot, start = posed(scene)
+    motion, _ = driven(Guard(scene), start, wild_policy(seed, robot, strength), 150)
+    assert_within(scene, robot, motion, start)
+    assert np.ptp(motion.positions, axis=0).max() > 0.01  # it moves
+
+
+@given(seed=st.integers(0, 10_000), jerk=st.sampled_from([0.003, 0.03, np.inf]))
+@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+def test_limits_hold_for_arms_of_little_and_of_any_jerk(seed: int, jerk: float) -> None:
+    scene = Scene(name="free", robot="panda", objects=(), goal=JointGoal(np.array(HOME)))
+    robot, start = posed(scene)
+    robot = replace(robot, jerk=robot.jerk * jerk)
+    motion, _ = driven(Guard(scene, robot), start, wild_policy(seed, robot, 1.0), 120)
+    assert_within(scene, robot, motion, start)
+
+
+def test_a_wish_that_harms_nothing_is_executed_to_the_bit() -> None:
+    scene = Scene(name="free", robot="panda", objects=(), goal=JointGoal(np.array(HOME)))
+    _, start = posed(scene)
+    wish = np.array([0.05, -0.02, 0.0, 0.03, 0.0, 0.1, -0.1])
+    _, told = driven(Guard(scene), start, lambda k, state: wish, 10)
+    assert not any(safe.acted for safe in told)
+    assert (told[-1].velocity == wish).all()
+
+
+def test_the_arm_slides_along_a_wall_that_a_policy_pushes_it_into() -> None:
+    free = Scene(name="free", robot="panda", objects=(), goal=JointGoal(np.array(HOME)))
+    robot, start = posed(free)
+    point, _ = robot.tool_pose(start.q)
+    away = float((robot.sphere_centers(start.q)[:, 0] + robot.spheres.radius).max()) + 0.05
+    wall = SceneObject("wall", "static", Box((0.02, 4.0, 4.0)), np.array([away, 0.0, 0.0]))
+    scene = replace(free, objects=(wall,))
+
+    def into(k: int, state: State) -> FloatArray:
+        return joints_for(robot, state.q, np.array([0.2, 0.1, 0.0]))
+
+    motion, told = driven(Guard(scene), start, into, 100)
+    assert_within(scene, robot, motion, start)
+    end, _ = robot.tool_pose(motion.positions[-1])
+    assert end[1] - point[1] > 0.1  # it slid
+    assert any("wall" in safe.reason or "what stands" in safe.reason for safe in told)
+
+
+def test_an_arm_that_touches_something_at_first_may_leave_it() -> None:
+    free = Scene(name="free", robot="panda", objects=(), goal=JointGoal(np.array(HOME)))
+    robot, start = posed(free)
+    edge = float((robot.sphere_centers(start.q)[:, 0] + robot.spheres.radius).max())
+    wall = SceneObject("wall", "static", Box((0.02, 4.0, 4.0)), np.array([edge, 0.0, 0.0]))
+    scene = replace(free, objects=(wall,))
+    guard = Guard(scene)
+    safe = guard(joints_for(robot, start.q, np.array([0.1, 0.0, 0.0])), start)
+    assert safe.acted  # not deeper
+    motion, _ = driven(
+        guard, safe.reference, lambda k, s: joints_for(robot, s.q, np.array([-0.2, 0.0, 0.0])), 50
+    )
+    spheres = robot.sphere_centers(motion.positions[-1])[:, 0] + robot.spheres.radius
+    assert spheres.max() < edge - 0.02
+
+
+def test_a_policy_that_gives_no_number_stops_the_arm() -> None:
+    scene = Scene(name="free", robot="panda", objects=(), goal=JointGoal(np.array(HOME)))
+    _, start = posed(scene)
+    motion, told = driven(
+        Guard(scene), start, lambda k, s: np.full(7, 0.3 if k < 20 else np.nan), 60
+    )
+    assert told[-1].reason == "the action is not finite"
+    assert (motion.velocities[-5:] == 0.0).all()
+    with pytest.raises(InvalidRequestError, match=r"action has shape \(3,\): must be \(7,\)"):
+        Guard(scene)(np.zeros(3), start)
+    with pytest.raises(InvalidRequestError, match="state has 3 joints; panda has 7"):
+        Guard(scene)(np.zeros(7), State(np.zeros(3)))
+
+
+def test_a_change_of_velocity_is_as_short_as_the_limits_allow() -> None:
+    robot = load_robot("panda")
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        begin = State(robot.home, 0.9 * robot.velocity * rng.uniform(-1, 1, 7),
+                      0.9 * robot.acceleration * rng.uniform(-1, 1, 7))  # fmt: skip
+        step = Change.of(robot, begin, robot.velocity * rng.uniform(-1, 1, 7), PERIOD)
+        curve = stopping(robot, step, PERIOD)
+        most = extremes(curve)
+        assert (most.largest[1] <= robot.acceleration * (1 + 1e-6)).all()
+        assert (most.largest[2] <= robot.jerk * (1 + 1e-6)).all()
+        rest = later(curve, PERIOD)  # the same curve, from a period later on
+        times = np.linspace(0.0, rest.duration, 50)
+        for one, other in zip(rest.sample(times), curve.sample(times + PERIOD), strict=True):
+            np.testing.assert_allclose(one, other, rtol=0, atol=1e-8)
+
+
+def test_the_nearest_velocities_are_those_of_a_quadratic_program() -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(40):
+        slopes, least = rng.normal(size=(6, 4)), rng.normal(size=6) - 1.0
+        wanted = rng.normal(size=4)
+        best = nearest(wanted, slopes, least)
+        assert best is not None
+        assert (slopes @ best >= least - 1e-9).all()
+        for other in best + 0.1 * rng.normal(size=(200, 4)):  # none that is allowed is nearer
+            if (slopes @ other >= least).all():
+                assert np.linalg.norm(other - wanted) >= np.linalg.norm(best - wanted) - 1e-9
+    assert nearest(np.zeros(1), np.array([[1.0], [-1.0]]), np.array([1.0, 1.0])) is None
+
+
+def test_a_joint_stops_within_the_room_for_which_it_is_fast() -> None:
+    room = np.array([0.001, 0.1, 1.0, np.inf])
+    for acceleration, jerk in ((5.0, 1000.0), (5.0, 5.0), (np.inf, 50.0)):
+        speed = fastest(room, np.full(4, acceleration), np.full(4, jerk))
+        lasting = np.maximum(1.5 * speed / acceleration, np.sqrt(6.0 * speed / jerk))
+        assert (0.5 * speed * lasting <= room * (1.0 + 1e-9)).all()
+
+
+# -- fruits
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Scene:
+    return generate("cluster", 7)
+
+
+def test_a_plan_of_ours_passes_and_the_same_path_through_a_fruit_does_not(cluster: Scene) -> None:
+    made = plan(cluster, seed=1)
+    assert made.success
+    robot, curve = made.robot, made.trajectory
+
+    def follow(k: int, state: State) -> FloatArray:
+        (q,), (velocity,), _ = curve.sample(min((k + 1) * PERIOD, curve.duration))
+        return np.asarray(velocity + 2.0 * (q - state.q - PERIOD * state.velocity))
+
+    steps = int(curve.duration / PERIOD) + 50
+    motion, told = driven(Guard(cluster), made.task.state, follow, steps)
+    assert np.mean([safe.acted for safe in told]) < 0.05
+    assert cluster.target is not None
+    end, _ = robot.tool_pose(motion.positions[-1])
+    assert np.linalg.norm(end - cluster.target.position) < 0.01
+
+
+def test_a_sweep_across_a_stem_harms_less_than_it_would(cluster: Scene) -> None:
+    made = plan(cluster, seed=1)
+    robot, (fruit,) = made.robot, cluster.pushables
+    beyond = fruit.position + np.array([0.0, 0.3, 0.03])
+
+    def across(k: int, state: State) -> FloatArray:
+        point, axis = robot.tool_pose(state.q)
+        by = beyond - np.array([0.0, 0.3 * (k < 200), 0.0]) - point
+        return joints_for(robot, state.q, 0.09 * by / max(float(np.linalg.norm(by)), 0.05), axis)
+
+    model = made.task.push_model(made.task.start)
+    assert isinstance(model, Hanging)
+
+    def harm(motion: Trajectory) -> float:
+        way = tool_motion(robot, motion.positions)
+        return model.leaving(len(way[0]) - 1).harm(*way, GuardParameters.states)
+
+    start, states = made.task.state, [made.task.state.q]
+    for k in range(500):
+        states.append(states[-1] + PERIOD * across(k, State(states[-1])))
+    unguarded = Trajectory.through(np.array(states), PERIOD, robot.joint_names)
+    motion, told = driven(Guard(cluster), start, across, 500)
+    most = model.calibration.allowed(GuardParameters.risk)
+    assert harm(unguarded) > 2.0 * most
+    assert harm(motion) <= most
+    assert any("harm" in safe.reason for safe in told)
+    assert any(safe.probability > 0.0 for safe in told)
+
+
+def test_the_tool_is_slow_among_fruits(cluster: Scene) -> None:
+    made = plan(cluster, seed=1)
+    robot, fast = made.robot, made.trajectory.slowed(0.4)
+
+    def follow(k: int, state: State) -> FloatArray:
+        (q,), (velocity,), _ = fast.sample(min((k + 1) * PERIOD, fast.duration))
+        return np.asarray(velocity + 2.0 * (q - state.q - PERIOD * state.velocity))
+
+    motion, told = driven(Guard(cluster), made.task.state, follow, int(fast.duration / PERIOD))
+    judged = judge(cluster, robot, motion, made.task.state)
+    assert not [v for v in judged.violations if v.kind == "speed"]
+    assert any("m/s among fruits" in safe.reason for safe in told)
+
+
+def test_a_fruit_that_no_model_knows_is_not_touched(cluster: Scene) -> None:
+    robot, start = posed(cluster)
+    point, _ = robot.tool_pose(start.q)
+    ball = SceneObject("stray", "pushable", Sphere(0.02), point + np.array([0.0, -0.4, 0.0]))
+    assert cluster.target is not None
+    assert np.linalg.norm(ball.position - cluster.target.position) > 0.4
+    scene = replace(cluster, objects=(*cluster.objects, ball))
+
+    def towards(k: int, state: State) -> FloatArray:
+        return joints_for(robot, state.q, np.array([0.0, -0.15, 0.0]))
+
+    _, told = driven(Guard(scene), start, towards, 150)
+    assert any("stray" in safe.reason or "what stands" in safe.reason for safe in told)
+
+
+def test_nothing_comes_near_the_root_of_a_stem(cluster: Scene) -> None:
+    scene = cluster.each(lambda item: item.shifted(np.array([0.2, 0.2, -0.3])))
+    robot, start = posed(scene)
+    assert scene.target is not None
+    assert scene.target.stem is not None
+    root = scene.target.stem.points[-1]
+    beside = root - 0.2 * root * [1.0, 1.0, 0.0] / np.linalg.norm(root[:2])  # where no fruit hangs
+
+    def to_the_root(k: int, state: State) -> FloatArray:
+        off = (beside if k < 100 else root) - robot.tool_pose(state.q)[0]
+        return joints_for(robot, state.q, 3.0 * off)
+
+    motion, told = driven(Guard(scene), start, to_the_root, 200)
+    spheres = robot.sphere_centers(motion.positions)
+    away = np.linalg.norm(spheres - root, axis=-1) - robot.spheres.radius
+    assert 0.005 <= away.min() < 0.02
+    assert "tool would touch ripe/root" in {one.reason for one in told}
+
+
+def test_looks_move_the_fruits_that_the_guard_knows(cluster: Scene) -> None:
+    _, start = posed(cluster)
+    guard, by = Guard(cluster), np.array([0.0, 0.02, 0.0])
+    seen = tuple(
+        replace(item, position=item.position + by, covariance=1e-6 * np.eye(3), stem=None)
+        for item in cluster.objects
+    )
+    eye = Pose(np.array([0.5, 0.0, -0.2]), np.eye(3))
+    turned = tuple(replace(item, position=eye.rotation.T @ (item.position - eye.position))
+                   for item in seen)  # fmt: skip
+    for k in range(30):
+        guard(np.zeros(7), start, [Look(0.1 * k, eye, turned, view=3.0)])
+    assert guard.scene.target is not None
+    assert cluster.target is not None
+    assert guard.scene.target.position - cluster.target.position == pytest.approx(by, abs=0.005)
+
+
+def test_the_same_actions_give_the_same_motion(cluster: Scene) -> None:
+    robot, start = posed(cluster)
+    one, other = (
+        driven(Guard(cluster), start, wild_policy(3, robot, 0.5), 80)[0] for _ in range(2)
+    )
+    assert (one.positions == other.positions).all()

@@ -1,0 +1,3 @@
+"""The fixtures of the tests of commands."""
+
+from tests.cli.fixtures import reach as reach

@@ -1,0 +1,500 @@
+"""What the node ``optipromp ros-node`` does, without ROS: plans on request, and the closed loop.
+
+:class:`PickLoop` takes states and detections in and gives curves that replace others.
+"""
+
+import bisect
+import math
+from collections import deque
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
+from optipromp.core.execution.streaming import Line, Stretch
+from optipromp.core.planning import Plan, PlanOptions, plan
+from optipromp.core.planning.planners import factory
+from optipromp.core.promp.model import ProMP
+from optipromp.core.robots.library import load_arm
+from optipromp.core.scenes.hand import flange_of, tool_frame
+from optipromp.core.scenes.pose import Pose
+from optipromp.core.scenes.scene import Scene
+from optipromp.core.trajectory import State
+from optipromp_eyes.watcher import Watcher
+from optipromp_loop.control.controller import Controller, LoopStage
+from optipromp_loop.control.driver import without_fruits
+from optipromp_ros import live, trajectories
+from optipromp_ros.images import PICTURES, Pictures
+from optipromp_ros.scenes import read_quaternion, vector
+from optipromp_ros.types import Message, constants, message
+
+HELD = 200_000_000  # [ns] before its first and after its last time, a frame is as then: a choice
+
+
+class Frames:
+    """Frames by name: each one's parent, and its pose there over time."""
+
+    def __init__(self) -> None:
+        self.still: dict[str, tuple[str, Pose]] = {}  # of frames that do not move
+        self._moving: dict[str, tuple[str, list[int], list[Pose]]] = {}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All frames that were told, and their parents."""
+        still = [name for child, (up, _) in self.still.items() for name in (child, up)]
+        moving = [name for child, (up, *_) in self._moving.items() for name in (child, up)]
+        return tuple(dict.fromkeys(still + moving))
+
+    def heard(self, item: Message, still: bool) -> None:
+        """Take a ``TFMessage`` in; ``still``: of frames that do not move (``/tf_static``)."""
+        for one in item.transforms:
+            name, up = one.child_frame_id.lstrip("/"), one.header.frame_id.lstrip("/")
+            to = one.transform
+            pose = Pose(vector(to.translation), read_quaternion(to.rotation))
+            if still:
+                self.still[name] = (up, pose)
+                continue
+            stamp = trajectories.nanoseconds(one.header.stamp)
+            _, times, poses = self._moving.setdefault(name, (up, [], []))
+            k = bisect.bisect_right(times, stamp)
+            times.insert(k, stamp)
+            poses.insert(k, pose)
+
+    def find(self, name: str, known: Mapping[str, Pose], stamp: int = 0) -> Pose | None:
+        """The pose of a frame in the base at a ``stamp`` [ns].
+
+        ``known``: poses of frames in the base, the surest first. None: no known frame is in the
+        same tree, or its pose at that time was not told.
+        """
+        mine = dict(self._chain(name, stamp))
+        for other, pose in known.items():
+            for common, there in self._chain(other, stamp):
+                if common in mine:
+                    return pose @ there.inverse() @ mine[common]
+        return None
+
+    def _chain(self, name: str, stamp: int) -> Iterator[tuple[str, Pose]]:
+        """The frame and its parents, each with the pose of the frame in it; a loop ends it."""
+        met, pose, name = set[str](), Pose(), name.lstrip("/")
+        while name not in met:
+            met.add(name)
+            yield name, pose
+            step = self._step(name, stamp)
+            if step is None:
+                return
+            name, pose = step[0], step[1] @ pose
+
+    def _step(self, name: str, stamp: int) -> tuple[str, Pose] | None:
+        """Parent and pose in it, between two times on the way that turns evenly."""
+        if name not in self._moving:
+            return self.still.get(name)
+        up, times, poses = self._moving[name]
+        if not times[0] - HELD <= stamp <= times[-1] + HELD:
+            return None
+        k = bisect.bisect_right(times, stamp)
+        if k in (0, len(times)):
+            return up, poses[min(k, len(times) - 1)]
+        share = (stamp - times[k - 1]) / (times[k] - times[k - 1])
+        a, b = poses[k - 1], poses[k]
+        turn = Rotation.from_matrix(a.rotation.T @ b.rotation).as_rotvec() * share
+        place = a.position + share * (b.position - a.position)
+        return up, Pose(place, a.rotation @ Rotation.from_rotvec(turn).as_matrix())
+
+
+KEPT = 2.0  # [s] of joint states, to tell where a camera on the hand was: a choice
+OK, WARN, ERROR = 0, 1, 2  # levels of a diagnostic_msgs/DiagnosticStatus
+
+
+class PickLoop:
+    """A pick in closed loop by messages.
+
+    All times are those of the messages' stamps and of :meth:`tick`, which must share a clock. Where
+    that clock is set, the arm comes to rest on the running curve, the states so far are dropped,
+    and the next curve begins where the arm is measured then.
+
+    Args:
+        scene: robot, tool, approach, and what stands still. Its fruits are left out: the camera
+            tells of them.
+        parameters: of the detections.
+        controller: of the pick; None: one for ``scene``.
+        rate: of the points of a trajectory [Hz]; None: the rows of the curves.
+        prefix: of joint and link names in ROS.
+        watcher: of pictures, where looks are made here of a camera's topics; None: pictures are
+            refused, and detections tell of the fruits.
+
+    Attributes:
+        controller: with its stage and its decisions.
+        frames: poses of frames in the robot's base frame, by name.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        parameters: live.DetectionParameters | None = None,
+        controller: Controller | None = None,
+        rate: float | None = None,
+        prefix: str = "",
+        watcher: Watcher | None = None,
+    ) -> None:
+        self.watcher, self._pictures = watcher, Pictures()
+        self.controller = controller or Controller(without_fruits(scene), real_time=True)
+        self.parameters = parameters or live.DetectionParameters()
+        robot = self.controller.robot
+        self.frames = live.frames_of(robot, prefix, scene.base)
+        self._flange = prefix + [name for name in robot.link_names if name != live.TOOL][-1]
+        self._rate, self._prefix = rate, prefix
+        self._mounts = Frames()
+        self._states = deque[tuple[float, State]]()
+        self._origin: int | None = None  # the stamp of the loop's time 0, as the clock is set now
+        self._ticked: tuple[int, int] | None = None  # the last cycle by both clocks [ns]
+        self._line: Line | None = None
+        self._trouble, self._set = "no joint states", ""  # why nothing goes on; that of the clock
+
+    @property
+    def ended(self) -> bool:
+        """Whether the pick is done, or given up."""
+        return self.controller.ended
+
+    def heard(self, item: Message, topic: str = "") -> None:
+        """Take a message in.
+
+        Read are ``sensor_msgs/JointState``, ``vision_msgs/Detection3DArray``, and
+        ``tf2_msgs/TFMessage`` of frames that stand still on the base, on the robot's last link (its
+        flange) or on ``tool`` (at the tool point, z along its axis), themselves or through others.
+        With a watcher also the messages of pictures that :func:`optipromp_ros.bag_pictures` reads.
+
+        Args:
+            item: the message.
+            topic: of a picture: one with ``rect`` in its name has no distortion.
+
+        Raises:
+            InvalidRequestError: joints that are not the robot's; an unknown frame; detections or
+                pictures from before the first joint states, or from long after the newest; another
+                type of message.
+            InvalidSceneError: a wrong value.
+        """
+        match item.__msgtype__:
+            case "sensor_msgs/msg/JointState":
+                state = trajectories.joint_motion(
+                    item, self.controller.robot.joint_names, "joint_states"
+                )
+                time = self._time(trajectories.nanoseconds(item.header.stamp))
+                if not self._states or time > self._states[-1][0]:
+                    self._states.append((time, state))
+                while self._states[0][0] < time - KEPT:
+                    self._states.popleft()
+            case "tf2_msgs/msg/TFMessage":
+                self._mounts.heard(item, still=True)
+            case _ if item.__msgtype__ == live.DETECTIONS:
+                time = self._time(trajectories.nanoseconds(item.header.stamp))
+                frames = self._frames(self._at(time))
+                look = live.read_detections(item, frames, self.parameters, time=time)
+                self.controller.see(look)
+            case kind if kind in PICTURES and self.watcher is not None:
+                taken = self._pictures.heard(topic or kind, item)
+                if taken is not None:
+                    time = self._time(taken.stamp)
+                    frames = self._frames(self._at(time))
+                    self.watcher.watch(taken.picture(live.in_base(taken.header, frames)), time)
+            case _:
+                raise InvalidRequestError(
+                    f"a {item.__msgtype__} is of no use here: must be a JointState, a "
+                    "Detection3DArray or a TFMessage"
+                )
+
+    def tick(self, now: int, steady: int | None = None) -> Message | None:
+        """One cycle of the controller, to be called every ``controller.parameters.period``.
+
+        Args:
+            now: by the clock of the stamps [ns].
+            steady: by a clock that nobody sets, such as ``time.monotonic_ns()``, by which the clock
+                of the stamps is judged; None: by the period of the cycles and by the joint states.
+
+        Returns:
+            The ``trajectory_msgs/JointTrajectory`` that takes over at its time stamp,
+            ``controller.parameters.lead`` from now. None: what runs goes on or the arm stands.
+            Where joint states are missing, older than ``controller.parameters.state_age`` or ahead,
+            or the clock was set, that trajectory comes to rest.
+        """
+        p, by = self.controller.parameters, self._set_by(now, steady)
+        time = self._time(now)
+        if by:
+            self._states.clear()
+            self._set = f"the clock was set {'back' if by < 0.0 else 'forward'} by {abs(by):.3f} s"
+        age = time - self._states[-1][0] if self._states else math.inf
+        fresh = abs(age) <= p.state_age
+        if self._set and fresh and (self._line is None or self._line.ended(time)):
+            self.controller.begin_anew(time, self._states[-1][1])
+            self._line, self._set = None, ""
+        self._trouble = self._set
+        if not (fresh or self._trouble):
+            self._trouble = "joint states are old" if self._states else "no joint states"
+            if age < 0.0:
+                self._trouble = "joint states are ahead of the clock"
+                self._states.clear()
+        if self._trouble:
+            return self._sent(self.controller.hold(time, self._trouble), time)
+        for look in () if self.watcher is None else self.watcher.looks():
+            self.controller.see(look)
+        at, measured = self._states[-1]
+        reference = State(measured.q) if self._line is None else self._line.at(at)
+        return self._sent(self.controller(time, measured, reference), time)
+
+    def _set_by(self, now: int, steady: int | None) -> float:
+        """By how much the clock of the stamps was set since the last cycle [s]; 0: it was not.
+
+        The loop's own time goes on as if it had not been.
+        """
+        before, self._ticked = self._ticked, (now, now if steady is None else steady)
+        if before is None or self._origin is None:
+            return 0.0
+        gone = (now - before[0]) / trajectories.NANO
+        true = gone if steady is None else (steady - before[1]) / trajectories.NANO
+        p = self.controller.parameters
+        if steady is None and (gone < 0.0 or self._jumped(before[0], gone)):
+            true = p.period
+        self._origin += round((gone - true) * trajectories.NANO)
+        return gone - true if abs(gone - true) > p.clock_step else 0.0
+
+    def _jumped(self, before: int, gone: float) -> bool:
+        """Whether the arm is where it was to be a period, and not ``gone`` [s], after a cycle."""
+        p, then = self.controller.parameters, self._time(before)
+        if gone - p.period <= p.clock_step or not self._states:
+            return False
+        at, state = self._states[-1]
+        if abs(then + gone - at) > p.state_age:
+            return False  # nothing was heard: it may have waited
+        if self._line is None:
+            return True
+        one, other = (self._line.at(then + after).q - state.q for after in (p.period, gone))
+        return bool(np.abs(one).max() <= np.abs(other).max())
+
+    def _sent(self, stretch: Stretch | None, time: float) -> Message | None:
+        """The message of a stretch; None where it changes nothing for an arm that stands."""
+        if stretch is None:
+            return None
+        since = min(time, self._states[-1][0]) if self._states else time
+        running = None if self._line is None else self._line.until(stretch.begins, since)
+        if not np.ptp(stretch.curve.positions, axis=0).any() and (
+            running is None or running.at(stretch.begins).near(stretch.at(stretch.begins), 1e-9)
+        ):
+            return None  # a controller of the arm holds it where it stands
+        if running is None:
+            self._line = Line.of(stretch.curve, stretch.begins)
+        else:
+            self._line = running.then(stretch, stretch.begins)
+        assert self._origin is not None
+        return trajectories.stretch_trajectory(stretch, self._origin, self._rate, self._prefix)
+
+    def status(self) -> Message:
+        """A ``diagnostic_msgs/DiagnosticStatus``: the last decision, the stage and the fruits."""
+        loop = self.controller
+        trouble = self._trouble or loop.fault
+        failed = loop.lost or loop.stage is LoopStage.GAVE_UP
+        level = ERROR if failed else WARN if trouble else OK
+        tracked = None if self._origin is None else loop.tracker.at(max(loop.tracker.time, 0.0))
+        count = 0 if tracked is None else int(tracked.confirmed.sum())
+        told = {
+            "stage": str(loop.stage),
+            "fruits": str(count),
+            "tries left": str(loop.tries),
+            "camera": loop.noticed[-1].why if loop.noticed else "",
+            "last cycle [ms]": f"{1e3 * loop.cycles[-1]:.1f}" if loop.cycles else "",
+        }
+        kind = "diagnostic_msgs/msg/KeyValue"
+        values = [message(kind, key=key, value=value) for key, value in told.items()]
+        return message(
+            "diagnostic_msgs/msg/DiagnosticStatus",
+            level=level,
+            name="optipromp/loop",
+            message=trouble or (loop.events[-1].why if loop.events else "looking"),
+            hardware_id=loop.robot.name,
+            values=values,
+        )
+
+    def _time(self, stamp: int) -> float:
+        """Seconds since the first stamp: few, so that they are exact to the nanosecond."""
+        if self._origin is None:
+            self._origin = stamp
+        return (stamp - self._origin) / trajectories.NANO
+
+    def _at(self, time: float) -> FloatArray:
+        """(n,) where the arm was, linear between joint states."""
+        most = self.controller.parameters.state_age
+        if not self._states or time < self._states[0][0] - most:
+            raise InvalidRequestError("where the arm was is unknown: joint states must come first")
+        ahead = time - self._states[-1][0]
+        if ahead > most:
+            raise InvalidRequestError(
+                f"header.stamp is {ahead:.3f} s after the newest joint states: must be {most:g} s "
+                "at most, by the same clock"
+            )
+        times = [at for at, _ in self._states]
+        q = np.array([state.q for _, state in self._states])
+        return np.array([np.interp(time, times, column) for column in q.T])
+
+    def _frames(self, q: FloatArray) -> dict[str, Pose]:
+        """The known frames with the arm at ``q`` (n,)."""
+        robot = self.controller.robot
+        known = self.frames | {self._flange: flange_of(robot, q), live.TOOL: tool_frame(robot, q)}
+        found = {name: self._mounts.find(name, known) for name in self._mounts.names}
+        return {**{name: pose for name, pose in found.items() if pose is not None}, **known}
+
+
+RESPONSE = "moveit_msgs/msg/MotionPlanResponse"
+ERROR_CODES = "moveit_msgs/msg/MoveItErrorCodes"
+MOVEIT: dict[Code, str] = {  # MoveIt's name of each code; any other code is a FAILURE
+    Code.SUCCESS: "SUCCESS",
+    Code.INVALID_ROBOT: "INVALID_ROBOT_STATE",
+    Code.INVALID_SCENE: "INVALID_OBJECT_NAME",
+    Code.INVALID_REQUEST: "INVALID_GOAL_CONSTRAINTS",
+    Code.START_INVALID: "START_STATE_INVALID",
+    Code.START_IN_COLLISION: "START_STATE_IN_COLLISION",
+    Code.GOAL_IN_COLLISION: "GOAL_IN_COLLISION",
+    Code.GOAL_UNREACHABLE: "NO_IK_SOLUTION",
+    Code.NO_PLAN: "PLANNING_FAILED",
+    Code.INVALID_PLAN: "INVALID_MOTION_PLAN",
+    Code.HARM_PREDICTED: "INVALID_MOTION_PLAN",
+    Code.TIMEOUT: "TIMED_OUT",
+    Code.EXECUTION_FAILED: "CONTROL_FAILED",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class PlanAnswer:
+    """The answer to a request.
+
+    Attributes:
+        response: ``moveit_msgs/MotionPlanResponse``, with a trajectory only of a success.
+        trajectory: ``trajectory_msgs/JointTrajectory`` for a controller; None: no success.
+        display: ``moveit_msgs/DisplayTrajectory``, also of a plan that failed; None: the request
+            was refused.
+        plan: None: the request was refused.
+    """
+
+    response: Message
+    trajectory: Message | None = None
+    display: Message | None = None
+    plan: Plan | None = None
+
+
+def answer(
+    world: live.LiveScene,
+    request: Message,
+    options: PlanOptions | None = None,
+    *,
+    demonstrations: ProMP | str | Path | None = None,
+    rate: float | None = None,
+    prefix: str = "",
+) -> PlanAnswer:
+    """Plan the motion of a ``moveit_msgs/MotionPlanRequest``.
+
+    Read are ``start_state`` (where it names joints; with velocities the plan begins in motion),
+    ``goal_constraints`` (none: the target of the world), ``planner_id`` (empty: opti-promp),
+    ``allowed_planning_time``, and the scaling factors (0: those of ``options``). A
+    ``group_name`` must be one of this arm, where an SRDF states its groups. Workspace, number of
+    attempts and pipeline are ignored. Path and trajectory constraints, reference trajectories and a
+    Cartesian speed are refused.
+
+    Args:
+        world: the scene so far.
+        request: the message.
+        options: of the plan; the request's planning time replaces its timeout.
+        demonstrations: as for :func:`optipromp.plan`.
+        rate: of the points of the answer [Hz]; None: the rows of the plan.
+        prefix: of joint and link names in ROS.
+
+    Returns:
+        The answer; to a request that cannot be used, the code and the message of the error.
+    """
+    try:
+        _refuse_unread(request)
+        _refuse_another_arm(request.group_name, world)
+        joints, state = request.start_state.joint_state, None
+        if joints.name:
+            state = trajectories.joint_motion(joints, world.joints, "start_state.joint_state")
+        options = replace(options or PlanOptions(), **_scalings(request))
+        if request.allowed_planning_time > 0.0:
+            options = replace(options, timeout=float(request.allowed_planning_time))
+        if state is not None:
+            world = world.at(state.q)
+        scene = world.scene(live.read_goal(request.goal_constraints, world, prefix))
+        planner = request.planner_id or "opti-promp"
+        factory(planner, "planner_id")  # refuses an unknown name
+        made = plan(
+            scene,
+            planner=planner,
+            demonstrations=demonstrations,
+            options=options,
+            start_state=state if state is not None and state.moving else None,
+        )
+    except OptiPrompError as error:
+        return PlanAnswer(_response(request, error.code, error.message))
+    motion = made.trajectory
+    start = trajectories.robot_state(motion.at(0.0), motion.joint_names, prefix)
+    done = {"trajectory_start": start, "planning_time": made.time["total"]}
+    if made.success:
+        done["trajectory"] = trajectories.robot_trajectory(motion, rate, prefix)
+    return PlanAnswer(
+        response=_response(request, made.status, made.message, **done),
+        trajectory=trajectories.joint_trajectory(motion, rate, prefix) if made.success else None,
+        display=trajectories.display_trajectory([motion], made.robot.name, rate, prefix),
+        plan=made,
+    )
+
+
+def _refuse_another_arm(group: str, world: live.LiveScene) -> None:
+    """Refuse a group whose joints are not the arm's, or that the arm's SRDF does not have."""
+    scene = world.scene()
+    _, arm = load_arm(scene.robot, scene.base_dir, scene.choice)
+    if not group or not arm.groups or set(arm.groups.get(group, ())) == set(arm.joints):
+        return
+    mine = [name for name, joints in arm.groups.items() if set(joints) == set(arm.joints)]
+    raise InvalidRequestError(
+        f"group_name is {group!r}: this node plans for {', '.join(mine) or arm.why} "
+        f"({arm.joints[0]} to {arm.joints[-1]}); leave it empty, or ask the node of that arm"
+    )
+
+
+def _response(request: Message, code: Code, words: str, **fields: Message) -> Message:
+    values = constants(ERROR_CODES)
+    error = message(
+        ERROR_CODES,
+        val=values[MOVEIT.get(code, "FAILURE")],
+        message=f"{code}: {words}" if words else str(code),
+        source="optipromp",
+    )
+    return message(RESPONSE, group_name=request.group_name, error_code=error, **fields)
+
+
+def _scalings(request: Message) -> dict[str, Any]:
+    """The scaling factors that a request states, as options of the plan."""
+    factors = {}
+    for name in ("velocity_scaling", "acceleration_scaling"):
+        value = float(getattr(request, f"max_{name}_factor"))
+        if not 0.0 <= value <= 1.0:
+            told = f"max_{name}_factor is {value:g}"
+            raise InvalidRequestError(f"{told}: must be above 0 and at most 1, or 0")
+        if value:
+            factors[name] = value
+    return factors
+
+
+def _refuse_unread(request: Message) -> None:
+    """Refuse constraints that the planner does not keep."""
+    path = request.path_constraints
+    kinds = (f"{k}_constraints" for k in ("joint", "position", "orientation", "visibility"))
+    stated = {f"path_constraints.{kind}": getattr(path, kind) for kind in kinds} | {
+        "trajectory_constraints": request.trajectory_constraints.constraints,
+        "reference_trajectories": request.reference_trajectories,
+        "max_cartesian_speed": request.max_cartesian_speed > 0.0,
+        "start_state.attached_collision_objects": request.start_state.attached_collision_objects,
+    }
+    if asked := [name for name, value in stated.items() if value]:
+        raise InvalidRequestError(f"{', '.join(asked)}: must be empty; the planner keeps none")

@@ -1,0 +1,258 @@
+"""Demonstrations from a bag: joint states, cut into motions where the arm is still."""
+
+import os
+import warnings
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import find_objects, label
+from scipy.signal import savgol_filter
+
+from optipromp.core.arrays import BoolArray, FloatArray
+from optipromp.core.errors import InvalidDemonstrationError, InvalidRequestError
+from optipromp.core.parameters import Checked, parameter
+from optipromp.core.promp.demonstrations import (
+    Demonstration,
+    Demonstrations,
+    parts_in_time,
+    unwrapped,
+)
+from optipromp.core.trajectory import joint_columns
+from optipromp_ros.trajectories import joint_positions, nanoseconds
+from optipromp_ros.types import Recorded, read_bag
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+USUAL_TOPIC = "/joint_states"
+
+
+@dataclass(frozen=True)
+class CutParameters(Checked):
+    """The definitions of a still phase and of a demonstration."""
+
+    # noise of 1e-3 rad at 100 Hz gives the slope over ``window`` a deviation of 0.004 rad/s
+    speed: float = parameter(0.03, "rad/s or m/s", "choice", "below it, every joint is still")
+    window: float = parameter(0.2, "s", "choice", "of the slope of positions, by least squares")
+    still: float = parameter(0.4, "s", "choice", "shortest still phase; a reversal is shorter")
+    # moves the tool of an arm that reaches 1 m by 50 mm
+    motion: float = parameter(0.05, "rad or m", "choice", "least range of a demonstration's joint")
+    margin: float = parameter(0.1, "s", "choice", "of still phases at a demonstration's ends")
+    gap: float = parameter(0.5, "s", "choice", "longest time without a message within it")
+    rate: float = parameter(100.0, "Hz", "choice", "of the samples of a demonstration, at most")
+
+
+@dataclass(frozen=True)
+class Cut:
+    """One motion of a recording.
+
+    Attributes:
+        start: [s] since the recording's first message.
+        end: [s].
+        motion: largest range of a joint [rad or m].
+        demonstration: whether it is a demonstration; False: it is too small.
+        whole: whether the arm was still before it and after it.
+    """
+
+    start: float
+    end: float
+    motion: float
+    demonstration: bool
+    whole: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """The demonstrations of a bag, and the cuts between them.
+
+    Attributes:
+        demonstrations: in the order of the bag; times start at 0 [s], evenly spaced.
+        cuts: all motions, also those that are too small.
+        topic: that was read.
+        messages: number of joint states that were read.
+    """
+
+    demonstrations: Demonstrations
+    cuts: tuple[Cut, ...]
+    topic: str
+    messages: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Topic, number of messages and cuts as plain values."""
+        cuts = [vars(cut) for cut in self.cuts]
+        return {"topic": self.topic, "messages": self.messages, "cuts": cuts}
+
+
+def load_recording(
+    path: str | os.PathLike[str],
+    joints: Sequence[str] | None = None,
+    *,
+    topic: str | None = None,
+    parameters: CutParameters | None = None,
+) -> Recording:
+    """Demonstrations from the ``sensor_msgs/JointState`` messages of a bag.
+
+    Joints are matched by name; messages without these joints (a gripper's) are left out. The joints
+    of an arm may be in two messages or more. Times are those of the messages' headers, or of the
+    bag where a header has none; where they run back, the recording is cut.
+
+    Args:
+        path: as for :func:`optipromp_ros.read_bag`.
+        joints: of the robot, in its order (a common prefix in the messages is ignored); None:
+            those of most messages, in the order of the first such message.
+        topic: to read; None: the only one with joint states, or ``/joint_states``.
+        parameters: definitions of a still phase and of a demonstration.
+
+    Raises:
+        InvalidRequestError: no bag, no such topic, missing joints.
+        InvalidDemonstrationError: no joint states, or no motion among them.
+    """
+    limits = parameters or CutParameters()
+    by_topic: dict[str, list[Recorded]] = {}
+    for item in read_bag(path, topics=None if topic is None else (topic,), types=(JOINT_STATE,)):
+        by_topic.setdefault(item.topic, []).append(item)
+    name = _topic(Path(path), tuple(by_topic))
+    names, parts = _series(f"{path}, {name}", by_topic[name], joints, limits.gap)
+    items, cuts = [], []
+    for one, q in (piece for part in parts for piece in _pieces(*part, limits)):
+        for start, end, whole in _motions(one, q, limits):
+            part = slice(start, end)
+            motion = float(np.ptp(q[part], axis=0).max())
+            large = motion >= limits.motion
+            cuts.append(Cut(float(one[start]), float(one[end - 1]), motion, large, whole))
+            if large:
+                items.append(Demonstration(one[part] - one[start], q[part]))
+    if not items:
+        largest = max((cut.motion for cut in cuts), default=0.0)
+        length = sum(float(times[-1] - times[0]) for times, _ in parts if len(times))
+        raise InvalidDemonstrationError(
+            f"{path}, {name}: no demonstration in {len(by_topic[name])} joint states over "
+            f"{length:.1f} s: the largest motion is {largest:.3g} rad (or m), must be "
+            f"{limits.motion:g} at least, faster than {limits.speed:g} rad/s"
+        )
+    found = Demonstrations(tuple(items), names)
+    return Recording(found, tuple(cuts), name, len(by_topic[name]))
+
+
+def _topic(path: Path, topics: Sequence[str]) -> str:
+    if not topics:
+        raise InvalidDemonstrationError(f"{path} has no messages of type {JOINT_STATE}")
+    if len(topics) > 1 and USUAL_TOPIC not in topics:
+        raise InvalidRequestError(
+            f"{path} has joint states on {', '.join(sorted(topics))}: one topic must be named"
+        )
+    return topics[0] if len(topics) == 1 else USUAL_TOPIC
+
+
+Series = tuple[FloatArray, FloatArray]
+"""Times (m,) [s], increasing, and positions (m, n)."""
+
+
+def _series(
+    what: str, items: Sequence[Recorded], joints: Sequence[str] | None, gap: float
+) -> tuple[tuple[str, ...], list[Series]]:
+    """Names (n), and the parts of the recording between which a clock was set."""
+    sets, named = Counter(tuple(item.message.name) for item in items), joints is not None
+    if joints is None:
+        most = Counter(frozenset(item.message.name) for item in items).most_common(1)[0][0]
+        joints = next(names for names in sets if frozenset(names) == most)
+    groups = _split_arm(what, list(sets), joints)
+    rows = [list[tuple[int, FloatArray]]() for _ in groups]
+    refusal, left_out = None, 0
+    for item in items:
+        names, stamp = item.message.name, nanoseconds(item.message.header.stamp) or item.stamp
+        mine = [k for k, group in enumerate(groups) if set(group) <= set(names)] or [0]
+        try:
+            for k in mine:
+                rows[k].append((stamp, joint_positions(item.message, groups[k], what)))
+        except InvalidRequestError as error:
+            refusal, left_out = refusal or error, left_out + 1
+    if not all(rows):
+        assert refusal is not None
+        raise refusal
+    if refusal is not None:
+        warnings.warn(
+            f"{left_out} of {len(items)} messages are left out: {refusal.message}"
+            + ("" if named else "; with the robot, joints of one arm in several messages join"),
+            stacklevel=3,
+        )
+    first, parts = min(each[0][0] for each in rows), []
+    for each in rows:
+        times = np.array([(stamp - first) * 1e-9 for stamp, _ in each])
+        apart = parts_in_time(what, times, np.array([q for _, q in each]))
+        parts.append([(at, unwrapped(q)) for at, q in apart])
+    if len({len(each) for each in parts}) > 1:
+        raise InvalidRequestError(f"{what}: the joints of the arm are in messages of two clocks")
+    return tuple(joints), [_joined(each, gap) for each in zip(*parts, strict=True)]
+
+
+def _split_arm(
+    what: str, sets: Sequence[Sequence[str]], joints: Sequence[str]
+) -> list[tuple[str, ...]]:
+    """The joints in the order of the arm, by the messages that hold them: mostly in one."""
+    for names in sets:
+        with suppress(InvalidRequestError):
+            joint_columns(names, joints, what)
+            return [tuple(joints)]
+    owner = {name: k for k, names in enumerate(sets) for name in names}
+    there = list(owner)
+    try:
+        columns = joint_columns(there, joints, what)
+    except InvalidRequestError:
+        return [tuple(joints)]  # which names what is missing, at the first message
+    return [tuple(group) for _, group in groupby([there[c] for c in columns], owner.__getitem__)]
+
+
+def _joined(parts: Sequence[Series], gap: float) -> Series:
+    """One series of the joints of several, at the times of the first, where all were heard."""
+    times, columns = parts[0][0], [parts[0][1]]
+    near = np.ones(len(times), dtype=bool)
+    for at, q in parts[1:]:
+        after = np.clip(np.searchsorted(at, times), 1, max(len(at) - 1, 1))
+        near &= (times >= at[0]) & (times <= at[-1])
+        near &= at[np.minimum(after, len(at) - 1)] - at[after - 1] <= gap
+        columns.append(np.stack([np.interp(times, at, column) for column in q.T], axis=1))
+    return times[near], np.concatenate(columns, axis=1)[near]
+
+
+def _pieces(
+    times: FloatArray, positions: FloatArray, limits: CutParameters
+) -> Iterable[tuple[FloatArray, FloatArray]]:
+    """The stretches without a gap, evenly sampled: times (k,) [s] and positions (k, n)."""
+    if not len(times):
+        return
+    gaps = np.flatnonzero(np.diff(times) > limits.gap) + 1
+    for rows in np.split(np.arange(len(times)), gaps):
+        length = times[rows[-1]] - times[rows[0]]
+        if length < limits.window:
+            continue
+        step = max(1.0 / limits.rate, float(np.median(np.diff(times[rows]))))
+        even = np.linspace(times[rows[0]], times[rows[-1]], max(3, round(length / step) + 1))
+        columns = [np.interp(even, times[rows], column) for column in positions[rows].T]
+        yield even, np.stack(columns, axis=1)
+
+
+def _motions(
+    times: FloatArray, positions: FloatArray, limits: CutParameters
+) -> Iterable[tuple[int, int, bool]]:
+    """First row and last row + 1 of each motion, and whether the arm is still before and after."""
+    step = float(times[1] - times[0])
+    count = min(2 * max(1, round(0.5 * limits.window / step)) + 1, len(times) - 1 | 1)
+    slope = savgol_filter(positions, count, 1, deriv=1, delta=step, axis=0)
+    moving = np.abs(slope).max(axis=1) >= limits.speed
+    least, margin = limits.still / step, round(limits.margin / step)
+    for start, end in _runs(~moving):
+        if end - start < least and start > 0 and end < len(times):
+            moving[start:end] = True
+    for start, end in _runs(moving):
+        whole = start > 0 and end < len(times)
+        yield max(0, start - margin), min(len(times), end + margin), whole
+
+
+def _runs(flags: BoolArray) -> Iterable[tuple[int, int]]:
+    """First row and last row + 1 of each run of true flags."""
+    return [(run.start, run.stop) for (run,) in find_objects(label(flags)[0])]

@@ -1,0 +1,311 @@
+"""The node of ROS 2 where there is no ROS 2.
+
+The shell runs here against a stand-in for ROS's client library, on every Python; with rclpy itself
+it runs in ``tests/ros/real``. What the shell calls is tested in ``tests/ros/test_service.py``.
+"""
+
+import sys
+import time
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.perception.shots import shot_of
+from tests.ros.camera_messages import FRAME, compressed, frames, image, info
+from typer.testing import CliRunner
+
+from optipromp.cli.main import app
+from optipromp.core.planning.task import posed
+from optipromp.core.scenes import load_scene
+from optipromp_ros import (
+    from_bytes,
+    message,
+    planning_scene,
+    read_trajectories,
+    to_bytes,
+    typestore,
+)
+from optipromp_ros.trajectories import nanoseconds, time_message
+from optipromp_ros.types import constants
+
+SCENE = load_scene("scenario-3")
+RESPONSE = "moveit_msgs/msg/MotionPlanResponse"
+runner = CliRunner()
+
+
+def test_without_rclpy_it_says_what_is_missing() -> None:
+    result = runner.invoke(app, ["ros-node", "scenario-3"])
+    assert result.exit_code == 2
+    assert "error INVALID_REQUEST: ros-node needs ROS 2 and finds no rclpy" in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+
+
+class Node:
+    """What a node of rclpy is asked for, and what it sends."""
+
+    def __init__(self) -> None:
+        self.heard: dict[str, Any] = {}
+        self.services: dict[str, Any] = {}
+        self.sent: list[tuple[str, Any]] = []
+        self.warnings: list[str] = []
+        self.now = 1_790_000_000_000_000_000  # [ns]
+        self.session: Any = session
+
+    def create_subscription(
+        self, kind: Any, topic: str, callback: Any, qos: Any, *, raw: bool
+    ) -> None:
+        assert raw, "rclpy's serialize_message gives other bytes than those that came"
+        self.heard[topic] = (kind, callback)
+
+    def create_publisher(self, kind: Any, topic: str, qos: int) -> Any:
+        def publish(data: bytes) -> None:
+            self.sent.append((topic, from_bytes(data, kind.__msgtype__)))
+
+        return SimpleNamespace(publish=publish)
+
+    def create_service(self, kind: Any, name: str, callback: Any) -> None:
+        self.services[name] = callback
+
+    def create_timer(self, period: float, callback: Any) -> None:
+        self.timer = period, callback
+
+    def get_clock(self) -> Any:
+        now = SimpleNamespace(nanoseconds=self.now)
+        return SimpleNamespace(now=lambda: now, ros_time_is_active=True)
+
+    def get_logger(self) -> Any:
+        return SimpleNamespace(warning=lambda text, **_: self.warnings.append(text))
+
+    def hear(self, topic: str, item: Any) -> None:
+        kind, callback = self.heard[topic]
+        assert isinstance(item, kind)
+        data = to_bytes(item)
+        callback(data + bytes(-len(data) % 4))  # as they come: whole words
+
+
+class ExternalShutdownError(Exception):
+    """How rclpy ends a node."""
+
+
+@pytest.fixture
+def node(monkeypatch: pytest.MonkeyPatch) -> Node:
+    """A node; ROS's modules are there while the test runs."""
+    made = Node()
+    kinds = typestore().types
+
+    def module(name: str, **members: Any) -> None:
+        item = ModuleType(name)
+        vars(item).update(members)
+        monkeypatch.setitem(sys.modules, name, item)
+
+    def action_client(of: Node, kind: Any, name: str) -> Any:
+        return SimpleNamespace(send_goal_async=lambda goal: of.sent.append((name, goal.trajectory)))
+
+    module(
+        "rclpy",
+        init=lambda: None,
+        create_node=lambda name: made,
+        spin=lambda node: node.session(node),
+    )
+    module("rclpy.action", ActionClient=action_client)
+    module("rclpy.executors", ExternalShutdownException=ExternalShutdownError)
+    module(
+        "rclpy.serialization",
+        deserialize_message=lambda data, kind: from_bytes(data, kind.__msgtype__),
+    )
+    durable = SimpleNamespace(TRANSIENT_LOCAL=1)
+    module("rclpy.qos", QoSProfile=dict, DurabilityPolicy=durable, qos_profile_sensor_data=5)
+    module("control_msgs", action=None)
+    module("control_msgs.action", FollowJointTrajectory=SimpleNamespace(Goal=SimpleNamespace))
+    module("moveit_msgs", msg=None)
+    module("moveit_msgs.srv", GetMotionPlan=object)
+    for package, names in (
+        ("moveit_msgs", ("CollisionObject", "DisplayTrajectory", "PlanningScene")),
+        ("sensor_msgs", ("CameraInfo", "CompressedImage", "Image", "JointState", "PointCloud2")),
+        ("trajectory_msgs", ("JointTrajectory",)),
+        ("vision_msgs", ("Detection3DArray",)),
+        ("diagnostic_msgs", ("DiagnosticStatus",)),
+        ("std_msgs", ("Float64MultiArray",)),
+        ("tf2_msgs", ("TFMessage",)),
+    ):
+        module(package)
+        module(f"{package}.msg", **{name: kinds[f"{package}/msg/{name}"] for name in names})
+    return made
+
+
+def foreign(item: Any) -> Any:
+    """A message with the fields of another library's: no type's name, and bytes for a byte."""
+    if isinstance(item, list):
+        return [foreign(one) for one in item]
+    if not hasattr(item, "__msgtype__"):
+        return item
+    known = dict(typestore().fielddefs[item.__msgtype__][1])
+    made = {key: foreign(getattr(item, key)) for key in known}
+    octets = [key for key, (_, what) in known.items() if what[0] == "octet"]
+    return SimpleNamespace(**made | {key: bytes([made[key]]) for key in octets})
+
+
+def session(node: Node) -> None:
+    """A scene, the arm, a gripper of its own, and two requests."""
+    start = SCENE.start + 0.01
+    names = [f"fr3_joint{k}" for k in range(1, 8)]
+    node.hear("planning_scene", planning_scene(SCENE, "fr3_"))
+    node.hear("joint_states", message("sensor_msgs/msg/JointState", name=names, position=start))
+    node.hear("joint_states", message("sensor_msgs/msg/JointState", name=["f"], position=[0.0]))
+    for fields in ({"group_name": "arm"}, {"planner_id": "RRT"}):
+        asked = foreign(message("moveit_msgs/msg/MotionPlanRequest", **fields))
+        response = node.services["~/plan"](
+            SimpleNamespace(motion_plan_request=asked),
+            SimpleNamespace(motion_plan_response=message(RESPONSE)),
+        )
+        node.sent.append(("response", response.motion_plan_response))
+    raise ExternalShutdownError
+
+
+def test_the_shell_carries_messages_both_ways(node: Node) -> None:
+    action = "/arm_controller/follow_joint_trajectory"
+    call = ["ros-node", "scenario-4", "--prefix", "fr3_", "--rate", "50", "--execute", action]
+    result = runner.invoke(app, call)
+    assert result.exit_code == 0, result.stderr
+    topics = [topic for topic, _ in node.sent]
+    assert topics == [
+        "display_planned_path", "~/joint_trajectory", action, "response", "response",
+    ]  # fmt: skip
+    display, motion, executed, response, refusal = (item for _, item in node.sent)
+    codes = constants("moveit_msgs/msg/MoveItErrorCodes")
+    assert response.error_code.val == codes["SUCCESS"]
+    assert response.group_name == "arm"
+    assert to_bytes(executed) == to_bytes(motion)
+    (trajectory,) = read_trajectories(motion)
+    np.testing.assert_allclose(trajectory.positions[0], SCENE.start + 0.01, atol=1e-9)
+    np.testing.assert_allclose(np.diff(trajectory.times)[:-1], 0.02, atol=1e-9)
+    assert trajectory.joint_names[0] == "fr3_joint1"
+    assert len(display.trajectory) == 1
+    assert "planner_id is 'RRT'" in refusal.error_code.message
+    assert len(node.warnings) == 1
+    assert node.warnings[0].startswith("joint_states: joint_state: joint joint1")
+
+
+def looking(node: Node) -> None:
+    """A camera at the base that sees one ripe fruit, for two seconds."""
+    header = message("std_msgs/msg/Header", frame_id="fr3_link0")
+    place = message("geometry_msgs/msg/Point", x=0.55, y=0.0, z=0.6)
+    pose = message("geometry_msgs/msg/Pose", position=place)
+    result = message(
+        "vision_msgs/msg/ObjectHypothesisWithPose",
+        hypothesis=message("vision_msgs/msg/ObjectHypothesis", class_id="red", score=1.0),
+    )
+    size = message("geometry_msgs/msg/Vector3", x=0.03, y=0.03, z=0.03)
+    box = message("vision_msgs/msg/BoundingBox3D", center=pose, size=size)
+    fruit = message("vision_msgs/msg/Detection3D", results=[result], bbox=box)
+    names = [f"fr3_joint{k}" for k in range(1, 8)]
+    period, tick = node.timer
+    node.hear("/tf_static", message("tf2_msgs/msg/TFMessage"))
+    for _ in range(round(2.0 / period)):
+        header.stamp = time_message(node.now)
+        fields = {"header": header, "name": names, "position": SCENE.start}
+        node.hear("joint_states", message("sensor_msgs/msg/JointState", **fields))
+        seen = message("vision_msgs/msg/Detection3DArray", header=header, detections=[fruit])
+        node.hear("/camera/fruits", seen)
+        tick()
+        node.now += round(period * 1e9)
+    node.hear("joint_states", message("sensor_msgs/msg/JointState", name=["f"], position=[0.0]))
+    raise ExternalShutdownError
+
+
+def test_the_shell_of_the_loop_carries_messages_both_ways(node: Node) -> None:
+    node.session, begun = looking, node.now
+    call = ["ros-node", "scenario-4", "--prefix", "fr3_", "--loop", "--role", "red=target:stem"]
+    call += ["--execute", "/arm/joint_trajectory", "--detections", "/camera/fruits"]
+    result = runner.invoke(app, call)
+    assert result.exit_code == 0, result.stderr
+    curves = [item for topic, item in node.sent if topic == "/arm/joint_trajectory"]
+    states = [item for topic, item in node.sent if topic == "~/status"]
+    assert len(curves) > 1
+    assert curves[0].joint_names[0] == "fr3_joint1"
+    assert begun < nanoseconds(curves[0].header.stamp) <= node.now
+    assert states[0].message == "looking"
+    assert states[-1].values[0].value == "go"
+    assert len(node.warnings) == 1
+
+
+def commanding(node: Node) -> None:
+    """Somebody's policy: upwards at 0.5 m/s for a while, then too few values, then nothing."""
+    command = "std_msgs/msg/Float64MultiArray"
+    names = [f"fr3_joint{k}" for k in range(1, 8)]
+    period, tick = node.timer
+    tick()  # no state of the arm is known: nothing is sent
+    assert not node.sent
+    for k in range(60):
+        state = message("sensor_msgs/msg/JointState", name=names, position=SCENE.start)
+        node.hear("joint_states", state)
+        if k < 20:
+            node.hear("/policy", message(command, data=[0.0, 0.0, 0.5]))
+        tick()
+        node.now += round(period * 1e9)
+    node.hear("/policy", message(command, data=[0.0, 0.0]))
+    raise ExternalShutdownError
+
+
+def test_the_guard_filters_the_commands_of_a_topic(node: Node) -> None:
+    node.session = commanding
+    call = ["ros-node", "scenario-4", "--prefix", "fr3_", "--guard", "/policy"]
+    result = runner.invoke(app, [*call, "--execute", "/velocity/commands"])
+    assert result.exit_code == 0, result.stderr
+    sent = np.array([item.data for topic, item in node.sent if topic == "/velocity/commands"])
+    assert sent.shape == (60, 7)
+    robot = posed(SCENE)[0]
+    assert (np.abs(sent) <= robot.velocity).all()
+    assert np.abs(sent[:20]).max() > 0.05
+    assert sent[-1] == pytest.approx(0.0, abs=1e-9)  # nothing was heard for long
+    assert node.warnings == [
+        "/policy: a command has 2 values: must be 7 velocities of joints, or 3 of the tool point"
+    ]
+
+
+def photographing(node: Node) -> None:
+    """A camera at the base whose picture comes until the fruit in it is tracked."""
+    shot = shot_of()
+    names = [f"fr3_joint{k}" for k in range(1, 8)]
+    _, tick = node.timer
+    mount = frames(0, ("fr3_link0", FRAME, shot.picture.camera.pose))
+    node.hear("/tf_static", mount)
+    about = info(shot.picture.camera)
+    colour = compressed(shot.picture.rgb, 0, "png")
+    depth = image(shot.picture.depth.astype(np.float32), "32FC1", 0)
+    first, begun = node.now, time.monotonic()
+    while not node.sent or int(node.sent[-1][1].values[1].value) < 3:
+        gone = time.monotonic() - begun
+        assert gone < 90.0  # [s] on a machine that is busy
+        node.now = first + round(1e9 * gone)
+        state = message("sensor_msgs/msg/JointState", name=names, position=SCENE.start)
+        state.header.stamp = time_message(node.now)
+        node.hear("joint_states", state)
+        node.hear("/cam/camera_info", about)
+        colour.header.stamp = depth.header.stamp = state.header.stamp
+        node.hear("/cam/color/compressed", colour)
+        node.hear("/cam/depth", depth)
+        tick()
+    raise ExternalShutdownError
+
+
+def test_the_loop_sees_by_the_topics_of_a_camera(node: Node) -> None:
+    node.session = photographing
+    topics = "/cam/color/compressed, /cam/depth,/cam/camera_info"
+    call = ["ros-node", "scenario-4", "--prefix", "fr3_", "--loop", "--pictures", topics]
+    result = runner.invoke(app, call)
+    assert result.exit_code == 0, result.stderr
+    assert node.sent[-1][1].values[1].key == "fruits"
+    assert node.warnings == []
+    assert {"/cam/color/compressed", "/cam/depth"} <= set(node.heard)
+    assert "~/detections" not in node.heard
+    wrong = runner.invoke(app, ["ros-node", "scenario-4", "--loop", "--pictures", "/a,/b"])
+    assert "must be the topics of colour, depth and camera_info" in wrong.stderr
+
+
+def test_a_role_that_is_none_is_refused(node: Node) -> None:
+    for text, told in (("red", "--role is 'red'"), ("red=static", "role of class 'red'")):
+        result = runner.invoke(app, ["ros-node", "scenario-4", "--loop", "--role", text])
+        assert result.exit_code == 2
+        assert told in result.stderr

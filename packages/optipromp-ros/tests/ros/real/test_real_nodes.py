@@ -1,0 +1,276 @@
+"""The node among real nodes of ROS 2: rclpy, Fast DDS and processes of their own.
+
+They run where ``.ci/real-ros`` has made an environment for them, on Python 3.11.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip("rclpy", reason="no rclpy: .ci/real-ros brings it")
+for package in ("moveit_msgs", "control_msgs", "tf2_msgs", "vision_msgs"):
+    pytest.importorskip(package, reason=f"no {package}: tests/ros/real/build_messages.py makes it")
+
+from control_msgs.action import FollowJointTrajectory  # noqa: E402
+from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
+from moveit_msgs.msg import CollisionObject, DisplayTrajectory, PlanningScene  # noqa: E402
+from moveit_msgs.srv import GetMotionPlan  # noqa: E402
+from rclpy.action import ActionServer  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
+from rclpy.serialization import deserialize_message  # noqa: E402
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState  # noqa: E402
+from tests.perception.shots import shot_of  # noqa: E402
+from tests.ros.camera_messages import FRAME, compressed, frames, image, info  # noqa: E402
+from tf2_msgs.msg import TFMessage  # noqa: E402
+from trajectory_msgs.msg import JointTrajectory  # noqa: E402
+
+from optipromp.core.scenes import load_scene  # noqa: E402
+from optipromp.core.scenes.io import save_scene  # noqa: E402
+from optipromp_ros import planning_scene, to_bytes  # noqa: E402
+from optipromp_ros.trajectories import time_message  # noqa: E402
+from optipromp_sim.generate import generate  # noqa: E402
+
+pytestmark = pytest.mark.filterwarnings("default")  # ROS's own modules warn
+SCENE = load_scene("scenario-3")
+NAMES = [f"fr3_joint{k}" for k in range(1, 8)]
+ROOT = Path(__file__).parents[5]
+DURABLE = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+LONGEST = 150.0  # [s] of a wait, on a machine that is busy and compiles
+CAMERA = ["--role", "ripe=target:stem", "--role", "unripe=pushable:stem"]
+CAMERA += ["--detections", "/camera/fruits", "--ros-args", "-p", "use_sim_time:=true"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def ros() -> Iterator[None]:
+    """ROS 2 on this machine alone, apart from other runs."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        patch.setenv("ROS_DOMAIN_ID", os.environ.get("ROS_DOMAIN_ID", str(os.getpid() % 100)))
+        rclpy.init()
+        yield
+        rclpy.shutdown()
+
+
+@pytest.fixture
+def node() -> Iterator[Any]:
+    made = rclpy.create_node("tests")
+    yield made
+    made.destroy_node()
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Starts processes, and ends them with the test."""
+    running = list[tuple[subprocess.Popen[str], Any]]()
+
+    def begin(*call: str) -> subprocess.Popen[str]:
+        path = os.pathsep.join([str(ROOT), str(ROOT / "src")])
+        log = (tmp_path / f"{len(running)}.log").open("w")
+        process = subprocess.Popen(
+            [sys.executable, *call], stdout=log, stderr=log, text=True, cwd=tmp_path,
+            env=os.environ | {"PYTHONPATH": path},
+        )  # fmt: skip
+        running.append((process, log))
+        return process
+
+    yield begin
+    for process, log in running:
+        process.kill()
+        process.wait()
+        log.close()
+    for log in sorted(tmp_path.glob("*.log")):
+        print(log.name, log.read_text())
+
+
+def until(node: Any, done: Callable[[], Any], longest: float = LONGEST, each: Any = None) -> None:
+    """Let a node work until something is so; ``each``: that is called every 20 ms."""
+    end = time.monotonic() + longest
+    while not done():
+        assert time.monotonic() < end, "it did not come"
+        if each is not None:
+            each()
+        rclpy.spin_once(node, timeout_sec=0.02)
+
+
+def real(item: Any, kind: Any) -> Any:
+    """A message as an object of ROS's own class."""
+    return deserialize_message(to_bytes(item), kind)
+
+
+def state(node: Any, q: Any = SCENE.start) -> JointState:
+    """As most drivers send it: without efforts."""
+    made = JointState(name=NAMES, position=list(map(float, q)), velocity=[0.0] * 7)
+    made.header.stamp = node.get_clock().now().to_msg()
+    return made
+
+
+def test_the_planning_service_with_the_messages_of_moveit(node: Any, start: Any) -> None:
+    """A planning scene, an object and the arm in; a plan out, which an action server executes."""
+    begin, executed, shown = SCENE.start + 0.01, [], []
+
+    def execute(goal: Any) -> Any:
+        executed.append(goal.request.trajectory)
+        goal.succeed()
+        return FollowJointTrajectory.Result()
+
+    server = ActionServer(node, FollowJointTrajectory, "/arm/follow_joint_trajectory", execute)
+    node.create_subscription(DisplayTrajectory, "display_planned_path", shown.append, 10)
+    scenes = node.create_publisher(PlanningScene, "planning_scene", 10)
+    objects = node.create_publisher(CollisionObject, "collision_object", 10)
+    states = node.create_publisher(JointState, "joint_states", 10)
+    client = node.create_client(GetMotionPlan, "/optipromp/plan")
+    call = ["-m", "optipromp", "ros-node", "scenario-4", "--prefix", "fr3_"]
+    start(*call, "--execute", "/arm/follow_joint_trajectory")
+    whole = planning_scene(SCENE, "fr3_")
+    scene = real(whole, PlanningScene)
+    apart = scene.world.collision_objects.pop()  # comes by itself
+    until(node, client.service_is_ready)
+    until(node, lambda: min(p.get_subscription_count() for p in (scenes, objects, states)) > 0)
+    scenes.publish(scene)
+    end = time.monotonic() + 1.0
+    until(node, lambda: time.monotonic() > end)
+    objects.publish(apart)
+    end = time.monotonic() + 1.0
+    until(node, lambda: time.monotonic() > end, each=lambda: states.publish(state(node, begin)))
+    asked = GetMotionPlan.Request()
+    asked.motion_plan_request.group_name = "arm"
+    answer = client.call_async(asked)
+    until(node, lambda: answer.done() and executed and shown)
+    found = answer.result().motion_plan_response
+    assert found.error_code.val == 1, found.error_code.message
+    assert found.group_name == "arm"
+    (motion,) = executed
+    assert list(motion.joint_names) == NAMES
+    np.testing.assert_allclose(motion.points[0].positions, begin, atol=1e-9)
+    assert motion == found.trajectory.joint_trajectory
+    assert len(shown[0].trajectory) == 1
+    asked.motion_plan_request.planner_id = "RRT"
+    answer = client.call_async(asked)
+    until(node, answer.done)
+    assert "planner_id is 'RRT'" in answer.result().motion_plan_response.error_code.message
+    server.destroy()
+
+
+class Heard:
+    """What the node in closed loop says and commands."""
+
+    def __init__(self, node: Any) -> None:
+        self.said: list[DiagnosticStatus] = []
+        self.curves: list[JointTrajectory] = []
+        node.create_subscription(DiagnosticStatus, "/optipromp/status", self.hear, 10)
+        node.create_subscription(JointTrajectory, "/arm/joint_trajectory", self.curves.append, 10)
+
+    def hear(self, item: DiagnosticStatus) -> None:
+        if not self.said or self.said[-1].message != item.message:
+            print(f"{time.time():.2f}", item.level[0], item.message, len(self.curves))
+        self.said.append(item)
+
+    def value(self, key: str) -> str:
+        """Of the last status."""
+        last = self.said[-1].values if self.said else []
+        return next((one.value for one in last if one.key == key), "")
+
+    def levels(self) -> set[int]:
+        return {one.level[0] for one in self.said}
+
+
+LOOP = ["--prefix", "fr3_", "--loop", "--execute", "/arm/joint_trajectory"]
+
+
+@pytest.fixture
+def scene_file(tmp_path: Path) -> Path:
+    save_scene(generate("cluster", 3), tmp_path / "scene.yaml")
+    return tmp_path / "scene.yaml"
+
+
+def ended(plant: subprocess.Popen[str], tmp_path: Path) -> str:
+    """The outcome in the simulation."""
+    plant.send_signal(signal.SIGTERM)
+    plant.wait(60.0)
+    text = "".join(log.read_text() for log in tmp_path.glob("*.log"))
+    return next(line for line in text.splitlines() if line.startswith("outcome"))
+
+
+def test_a_pick_between_processes(node: Any, start: Any, scene_file: Path) -> None:
+    """The arm and the camera are other nodes; states and looks come late and out of order."""
+    heard = Heard(node)
+    plant = start(str(Path(__file__).parent / "plant.py"), str(scene_file))
+    loop = start("-m", "optipromp", "ros-node", str(scene_file), *LOOP, *CAMERA)
+    until(node, lambda: loop.poll() is not None)
+    assert loop.returncode == 0
+    assert heard.value("stage") == "done", heard.said[-1].message
+    assert len(heard.curves) > 20
+    assert ended(plant, scene_file.parent) == "outcome True None"
+
+
+def test_a_node_that_is_killed_is_started_again_and_picks(
+    node: Any, start: Any, scene_file: Path
+) -> None:
+    """The curve that runs when it is killed ends at rest; the next node begins from there."""
+    heard = Heard(node)
+    plant = start(str(Path(__file__).parent / "plant.py"), str(scene_file))
+    call = ["-m", "optipromp", "ros-node", str(scene_file), *LOOP, *CAMERA]
+    first = start(*call)
+    until(node, lambda: len(heard.curves) > 5)
+    first.kill()
+    first.wait()
+    before = len(heard.curves)
+    second = start(*call)
+    until(node, lambda: second.poll() is not None)
+    assert second.returncode == 0
+    assert len(heard.curves) > before
+    assert heard.value("stage") == "done", heard.said[-1].message
+    assert ended(plant, scene_file.parent) == "outcome True None"
+
+
+def test_without_a_camera_nothing_is_commanded(node: Any, start: Any) -> None:
+    heard = Heard(node)
+    states = node.create_publisher(JointState, "joint_states", 10)
+    start("-m", "optipromp", "ros-node", "scenario-3", *LOOP)
+    until(node, lambda: "no look has come" in (heard.said or [DiagnosticStatus()])[-1].message,
+          each=lambda: states.publish(state(node)))  # fmt: skip
+    end = time.monotonic() + 5.0
+    until(node, lambda: time.monotonic() > end, each=lambda: states.publish(state(node)))
+    assert heard.curves == []
+    assert heard.said[-1].level == DiagnosticStatus.WARN
+    until(node, lambda: heard.said[-1].message == "joint states are old", 5.0)
+
+
+def test_the_loop_sees_by_the_topics_of_a_camera(node: Any, start: Any) -> None:
+    """Pictures of a camera at the base until three fruits in them are tracked."""
+    shot, heard = shot_of(), Heard(node)
+    states = node.create_publisher(JointState, "joint_states", 10)
+    where = node.create_publisher(TFMessage, "/tf_static", DURABLE)
+    topics = "/c/color/compressed", "/c/depth", "/c/camera_info"
+    kinds = zip(topics, (CompressedImage, Image, CameraInfo), strict=True)
+    senders = [node.create_publisher(kind, topic, 10) for topic, kind in kinds]
+    where.publish(to_bytes(frames(0, ("fr3_link0", FRAME, shot.picture.camera.pose))))
+    items = [
+        compressed(shot.picture.rgb, 0, "png"),
+        image(shot.picture.depth.astype(np.float32), "32FC1", 0), info(shot.picture.camera),
+    ]  # fmt: skip
+    start("-m", "optipromp", "ros-node", "scenario-4", *LOOP,
+          "--pictures", ",".join(topics))  # fmt: skip
+    sent = [0.0]
+
+    def photograph() -> None:
+        states.publish(state(node))
+        if time.monotonic() < sent[0] + 0.1:
+            return
+        sent[0] = time.monotonic()
+        now = time_message(node.get_clock().now().nanoseconds)
+        for item, sender in zip(items, senders, strict=True):
+            item.header = replace(item.header, stamp=now)
+            sender.publish(to_bytes(item))
+
+    until(node, lambda: int(heard.value("fruits") or 0) >= 3, each=photograph)
+    assert heard.levels() <= {0, 1}

@@ -1,0 +1,298 @@
+"""A pick in closed loop with messages only, against the simulation; and what messages are read."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.ros.camera_messages import frames, header, sent
+from tests.ros.looks import EPOCH, SIGMA, array, array_of, seen
+
+from optipromp.core.arrays import frame_along
+from optipromp.core.errors import InvalidRequestError, InvalidSceneError
+from optipromp.core.execution.streaming import Stretch
+from optipromp.core.geometry.shapes import Ellipsoid, Sphere
+from optipromp.core.planning.task import posed
+from optipromp.core.scenes import load_scene
+from optipromp.core.scenes.hand import flange_of, tool_frame
+from optipromp.core.scenes.pose import Pose
+from optipromp.core.trajectory import State, Trajectory
+from optipromp_loop.control import Controller, LoopStage, without_fruits
+from optipromp_ros import (
+    DetectionParameters,
+    PickLoop,
+    message,
+    read_detections,
+    read_trajectories,
+    stretch_trajectory,
+)
+from optipromp_ros.trajectories import nanoseconds
+from optipromp_sim.generate import generate
+
+SCENE = load_scene("scenario-3")
+ROBOT, START = posed(SCENE)
+NAMES = [f"fr3_{name}" for name in ROBOT.joint_names]
+CLASSES = DetectionParameters(
+    roles={"ripe": "target", "unripe": "pushable", "unripe-bare": "pushable"},
+    stems=("ripe", "unripe"),
+)
+
+
+def joints(state, stamp):
+    return message(
+        "sensor_msgs/msg/JointState", header=header(stamp, ""), name=NAMES, position=state.q,
+        velocity=state.velocity,
+    )  # fmt: skip
+
+
+@dataclass
+class Told:
+    """A pick by messages: the loop, the outcome, and the jumps of the reference [rad]."""
+
+    loop: PickLoop
+    outcome: Any
+    begun: float = 0.0  # when the first curve took over [s]
+    joins: list[float] = field(default_factory=list)
+    away: list[float] = field(default_factory=list)  # begins of curves from the measured arm [rad]
+    said: list[tuple[float, int, str]] = field(default_factory=list)  # time [s], level, message
+    speeds: list[tuple[float, float]] = field(default_factory=list)  # of the reference [rad/s]
+
+
+def by_messages(
+    shift: float = 0.0, steady: bool = False, silent: Callable[[float], bool] = lambda _: False
+) -> Told:
+    """A pick by messages alone, against the simulation.
+
+    ``shift``: by which the clock of all stamps is set, 1 s after the arm began to move [s];
+    ``steady``: whether the loop has another clock; ``silent``: whether no state comes, so long
+    after the arm began to move [s].
+    """
+    simulation_of = pytest.importorskip("optipromp_sim.simulation")
+    scene = generate("cluster", 3)
+    robot, start = posed(scene)
+    try:
+        simulation = simulation_of.Simulation(scene)
+    except InvalidRequestError as error:
+        pytest.skip(error.message)
+    from optipromp_sim.simulation.detector import Truth
+
+    eye = simulation_of.Eye(
+        simulation_of.Detector(scene, robot, simulation_of.DETECTORS["zero-mean"], 0)
+    )
+    parameters = replace(CLASSES, view=eye.detector.view, stem_length=0.2)
+    controller = Controller(without_fruits(scene))  # not in real time: the same on any machine
+    loop = PickLoop(scene, parameters=parameters, controller=controller, prefix="fr3_")
+    camera = eye.detector.camera(start.q)
+    tool = tool_frame(robot, start.q)
+    loop.heard(sent(frames(0, ("tool", "camera", tool.inverse() @ camera))))
+    state, runs, begins, was = simulation.state(), None, 0.0, EPOCH
+    coming, done = [], Told(loop, None)
+    for _ in range(1500):
+        now = simulation.time
+        ticks = EPOCH + round(now * 1e9)
+        since = now - done.begun if done.begun else 0.0
+        was = EPOCH + (round(shift * 1e9) if since > 1.0 else 0)  # the stamp of time 0
+        if not silent(since):
+            loop.heard(sent(joints(state, was + round(now * 1e9))))
+        f = simulation.fruits()
+        eye.see(now, state.q, Truth(f.ids, f.positions, f.rotations, f.stem_ends))
+        for look in eye.delivered(now):
+            with suppress(InvalidRequestError):  # where the arm was is unknown
+                loop.heard(sent(array_of(look, was + round(look.time * 1e9))))
+        curve = loop.tick(was + round(now * 1e9), ticks if steady else None)
+        status = loop.status()
+        done.said.append((now, int(status.level), status.message))
+        if curve is not None:
+            assert curve.joint_names == NAMES
+            (motion,) = read_trajectories(sent(curve), robot.joint_names)
+            coming.append((motion, (nanoseconds(curve.header.stamp) - was) / 1e9))
+            done.away.append(np.abs(motion.positions[0] - state.q).max())
+        if loop.ended and runs is not None and now > begins + runs.duration:
+            break
+        for _ in range(round(0.02 / simulation.tick)):
+            at = simulation.time
+            if coming and coming[0][1] <= at + 1e-9:
+                before = None if runs is None else runs.at(coming[0][1] - begins)
+                runs, begins = coming.pop(0)
+                if before is not None:
+                    done.joins.append(np.abs(runs.at(0.0).q - before.q).max())
+                done.begun = done.begun or at
+            reference = State(start.q) if runs is None else runs.at(at - begins)
+            simulation.step(reference)
+            state = simulation.state()
+        done.speeds.append((now, float(np.abs(reference.velocity).max())))
+    done.outcome = simulation.outcome()
+    return done
+
+
+def test_a_pick_by_messages_alone() -> None:
+    done = by_messages()
+    status = sent(done.loop.status())
+    assert done.loop.controller.stage is LoopStage.DONE, done.loop.controller.events
+    assert done.outcome.success, done.outcome.message
+    assert len(done.joins) > 20
+    assert max(done.joins) < 1e-6
+    assert {level for _, level, _ in done.said} == {0}
+    assert (status.name, status.message) == ("optipromp/loop", "at the target")
+    assert {one.key: one.value for one in status.values}["stage"] == "done"
+
+
+@pytest.mark.parametrize(
+    ("shift", "steady"), [(-1.0, False), (1.0, False), (-0.3, True), (1.0, True)]
+)
+def test_a_clock_that_is_set_stops_the_arm_and_the_pick_goes_on(shift: float, steady: bool) -> None:
+    done = by_messages(shift, steady)
+    way = "back" if shift < 0.0 else "forward"
+    words = f"the clock was set {way} by {abs(shift):.3f} s"
+    begin, end = (ends(now for now, _, why in done.said if why == words) for ends in (min, max))
+    assert begin == pytest.approx(done.begun + 1.0, abs=0.05)
+    assert end - begin < 0.3
+    assert all((level == 1) == (why == words) for _, level, why in done.said)
+    speed = dict(done.speeds)
+    assert speed[begin] > 0.01
+    assert min(one for now, one in done.speeds if begin < now < begin + 0.2) == 0.0
+    assert max(done.joins) < 0.005  # where the next begins from what is measured
+    assert max(done.away) < 0.05
+    assert done.loop.controller.stage is LoopStage.DONE
+    assert done.outcome.success, done.outcome.message
+
+
+def test_where_no_state_comes_the_arm_stops_on_its_curve() -> None:
+    done = by_messages(silent=lambda since: 1.0 < since < 2.0)
+    begin, end = (
+        ends(now for now, _, why in done.said if why == "joint states are old") - done.begun
+        for ends in (min, max)
+    )
+    assert 1.08 < begin < 1.16  # the last state and 0.1 s
+    assert end == pytest.approx(2.0, abs=0.05)
+    assert all((level == 1) == (why == "joint states are old") for _, level, why in done.said)
+    later = [one for now, one in done.speeds if begin + 0.2 < now - done.begun < end]
+    assert max(later) == 0.0
+    assert max(done.joins) < 1e-6
+    assert done.outcome.success, done.outcome.message
+
+
+def test_clocks_that_are_set_while_the_arm_stands_leave_no_old_state() -> None:
+    """The next cycle has the newest state, whatever its stamp, and not one that lies ahead."""
+    used = []
+
+    class Spy:
+        """Notes which states the controller gets."""
+
+        def __init__(self, real: Controller) -> None:
+            self.real = real
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self.real, name)
+
+        def __call__(self, time: float, measured: State, reference: State) -> Stretch | None:
+            used.append((time, measured.q[0] - START.q[0]))
+            return self.real(time, measured, reference)
+
+    loop = PickLoop(SCENE, prefix="fr3_")
+    loop.controller = Spy(loop.controller)
+    for k in range(200):
+        stamp = EPOCH + k * 20_000_000 - (3_000_000_000 if k >= 20 else 0)
+        loop.heard(joints(State(START.q + 0.001 * k * np.eye(7)[0]), stamp))
+        if k == 20:  # one from before comes late, and looks as if it were ahead
+            loop.heard(joints(START, EPOCH + k * 20_000_000))
+        loop.tick(stamp + 1_000_000)
+    times, places = np.array(used).T
+    assert len(used) >= 197
+    np.testing.assert_allclose(places, 0.05 * (times - 0.001), atol=1e-9)
+    loop.heard(joints(START, EPOCH + 60_000_000_000))
+    assert loop.tick(stamp + 21_000_000) is None
+    assert (loop.status().level, loop.status().message) == (
+        1,
+        "joint states are ahead of the clock",
+    )
+
+
+def test_detections_become_a_look() -> None:
+    camera = Pose([0.3, 0.1, 0.5], frame_along(np.array([0.0, 0.6, 0.8])))
+    slim = seen("unripe", [0.1, 0.0, 0.4], size=(0.02, 0.02, 0.04), up=(0.6, 0.0, 0.8))
+    ripe = seen("ripe", [0.0, 0.05, 0.3], id="a")
+    bare = seen("unripe-bare", [0.0, 0.1, 0.3], spread=np.zeros((3, 3)))
+    item = sent(array(ripe, slim, bare, seen("leaf", [0.0, 0.0, 0.2]), stamp=EPOCH))
+    look = read_detections(item, {"camera": camera}, CLASSES, time=2.5)
+    assert (look.time, look.camera) == (2.5, camera)
+    first, second, third = look.detections
+    assert [(o.id, o.role) for o in look.detections] == [
+        ("a", "target"), ("detection1", "pushable"), ("detection2", "pushable"),
+    ]  # fmt: skip
+    assert first.shape == Sphere(0.015)
+    np.testing.assert_allclose(first.position, [0.0, 0.05, 0.3])
+    np.testing.assert_allclose(first.covariance, SIGMA)
+    assert second.shape == Ellipsoid((0.01, 0.01, 0.02))
+    np.testing.assert_allclose(second.stem.points, [[0.1, 0.0, 0.4], [0.19, 0.0, 0.52]], atol=1e-12)
+    assert third.stem is None
+    np.testing.assert_allclose(third.covariance, 0.005**2 * np.eye(3))
+    assert read_detections(item, {"camera": camera}).time == pytest.approx(EPOCH / 1e9)
+    assert not read_detections(
+        item, {"camera": camera}, replace(CLASSES, least_score=0.95)
+    ).detections
+
+
+def test_wrong_detections_are_named() -> None:
+    known = {"camera": Pose()}
+    with pytest.raises(InvalidRequestError, match="frame_id is 'eye': must be 'camera'"):
+        read_detections(array(frame="eye"), known)
+    with pytest.raises(InvalidRequestError, match=r"detections\[0\].header.frame_id is 'eye'"):
+        read_detections(array(seen("ripe", [0, 0, 1], header=header(EPOCH, "eye"))), known)
+    with pytest.raises(InvalidRequestError, match=r"detections\[0\].bbox.size"):
+        read_detections(array(seen("ripe", [0, 0, 1], size=(0.0, 0.1, 0.1))), known)
+    with pytest.raises(InvalidSceneError, match="finite"):
+        read_detections(array(seen("ripe", [0, np.nan, 1])), known)
+    with pytest.raises(InvalidRequestError, match="is no look"):
+        read_detections(joints(START, EPOCH), known)
+    with pytest.raises(InvalidRequestError, match="role of class 'ripe' is 'static'"):
+        DetectionParameters(roles={"ripe": "static"})
+    with pytest.raises(InvalidRequestError, match="class 'red' has stems and no role"):
+        DetectionParameters(stems=("red",))
+
+
+def test_a_stretch_carries_the_time_at_which_it_takes_over() -> None:
+    curve = Trajectory.through(START.q + np.zeros((3, 1)), 0.1, ROBOT.joint_names)
+    item = sent(stretch_trajectory(Stretch(curve, 12.02), EPOCH, prefix="fr3_"))
+    assert nanoseconds(item.header.stamp) == EPOCH + 12_020_000_000
+    assert nanoseconds(item.points[0].time_from_start) == 0
+    assert item.joint_names == NAMES
+
+
+def test_a_camera_on_the_hand_is_where_the_arm_was_at_the_exposure() -> None:
+    loop, held = PickLoop(SCENE, prefix="fr3_"), Pose([0.0, 0.05, -0.02])
+    loop.heard(frames(0, ("fr3_flange", "bracket", held)))
+    loop.heard(frames(0, ("bracket", "camera", Pose([0.0, 0.0, 0.01]))))
+    taken = []
+    loop.controller.see = taken.append
+    with pytest.raises(InvalidRequestError, match="joint states must come first"):
+        loop.heard(array(stamp=EPOCH))
+    later = START.q + 0.1
+    loop.heard(joints(START, EPOCH))
+    loop.heard(joints(State(later), EPOCH + 100_000_000))
+    loop.heard(array(stamp=EPOCH + 50_000_000))
+    flange = flange_of(ROBOT, START.q + 0.05)
+    np.testing.assert_allclose(
+        taken[0].camera.position, flange @ np.array([0.0, 0.05, -0.01]), atol=1e-9
+    )
+    with pytest.raises(InvalidRequestError, match="frame_id is 'eye'"):
+        loop.heard(array(frame="eye", stamp=EPOCH))
+    with pytest.raises(InvalidRequestError, match=r"0.400 s after the newest joint states"):
+        loop.heard(array(stamp=EPOCH + 500_000_000))
+    assert len(taken) == 1
+    with pytest.raises(InvalidRequestError, match="is of no use here"):
+        loop.heard(message("std_msgs/msg/String"))
+
+
+def test_without_joint_states_nothing_is_commanded_and_the_status_says_so() -> None:
+    loop = PickLoop(SCENE)
+    assert loop.tick(EPOCH) is None
+    assert (loop.status().level, loop.status().message) == (1, "no joint states")
+    loop.heard(joints(START, EPOCH))
+    assert loop.tick(EPOCH + 20_000_000) is None
+    assert (loop.status().level, loop.status().message) == (0, "looking")
+    assert loop.tick(EPOCH + 500_000_000) is None
+    assert loop.status().message == "joint states are old"
+    assert len(loop.controller.cycles) == 1

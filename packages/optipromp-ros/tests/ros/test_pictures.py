@@ -1,0 +1,320 @@
+"""Pictures of bags: decoded, joined, placed; and seen as those of files are."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from tests.perception.shots import SEED, shot_of
+from tests.ros.camera_messages import FRAME, cloud, compressed, frames, header, image, info, sent
+from typer.testing import CliRunner
+
+from optipromp import load_scene
+from optipromp.cli.main import app
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.planning.task import posed
+from optipromp.core.scenes import save_scene
+from optipromp.core.scenes.hand import flange_of, tool_frame
+from optipromp.core.scenes.pose import Pose
+from optipromp_eyes import CameraModel, DepthPicture, Watcher, look_at
+from optipromp_ros import Message, PickLoop, Recorded, bag_pictures, message, write_bag
+from optipromp_ros.images import Pictures
+from optipromp_ros.loop import Frames
+from optipromp_sim.generate import generate
+from optipromp_sim.simulation.photograph import Photograph
+
+SECOND = 10**9
+EPOCH = 1_790_000_000 * SECOND
+SCENE = load_scene("scenario-3")
+RNG = np.random.default_rng(61300)
+CAMERA = CameraModel(20, 12, 22.0, 23.0, 9.0, 6.0)
+RGB = RNG.integers(0, 256, (12, 20, 3), dtype=np.uint8)
+DEPTH = np.where(RNG.random((12, 20)) < 0.9, RNG.uniform(0.3, 0.9, (12, 20)), 0.0)
+DEPTH = DEPTH.astype(np.float32)
+COLOUR, FAR, CLOUD = "/cam/color/image_raw", "/cam/depth/image_raw", "/cam/points"
+
+
+def joined(colour: Message, far: Message, about: Message | None = None) -> DepthPicture:
+    made = Pictures()
+    made.heard("/cam/color/camera_info", about or info(CAMERA))
+    assert made.heard(COLOUR, colour) is None
+    taken = made.heard(FAR, far)
+    return taken.picture()
+
+
+COLOURS = {
+    "rgb8": image(RGB, "rgb8", EPOCH, spare=4),
+    "bgr8": image(RGB[:, :, ::-1], "bgr8", EPOCH),
+    "rgba8": image(np.dstack([RGB, RGB[:, :, :1]]), "rgba8", EPOCH),
+    "png": compressed(RGB, EPOCH, "png"),
+}
+MILLI = np.rint(1e3 * DEPTH).astype(np.uint16)
+DEPTHS = {
+    "32FC1": (image(np.where(DEPTH > 0, DEPTH, np.nan), "32FC1", EPOCH + 10**6), 1e-9),
+    "16UC1": (image(MILLI, "16UC1", EPOCH, spare=6), 0.51e-3),
+    "big endian": (image(MILLI, "16UC1", EPOCH, big=True), 0.51e-3),
+    "compressed 16UC1": (compressed(MILLI, EPOCH, "16UC1"), 0.51e-3),
+    "compressed 32FC1": (compressed(DEPTH, EPOCH, "32FC1"), 5e-3),
+}
+
+
+@pytest.mark.parametrize("colour", COLOURS)
+def test_colours_of_every_encoding_are_the_same(colour: str) -> None:
+    assert (joined(COLOURS[colour], DEPTHS["32FC1"][0]).rgb == RGB).all()
+
+
+@pytest.mark.parametrize("far", DEPTHS)
+def test_depths_of_every_encoding_are_metres(far: str) -> None:
+    item, most = DEPTHS[far]
+    found = joined(COLOURS["rgb8"], item)
+    assert np.abs(found.depth - DEPTH).max() <= most
+    assert ((found.depth == 0) == (DEPTH == 0)).all()
+    assert (found.camera.fx, found.camera.fy) == (22.0, 23.0)
+    assert (found.camera.cx, found.camera.cy) == (9.0, 6.0)
+
+
+def test_a_cloud_is_a_picture_whose_camera_fits_its_points() -> None:
+    picture = DepthPicture(RGB, DEPTH.astype(np.float64), CAMERA)
+    taken = Pictures().heard(CLOUD, cloud(picture, EPOCH))
+    found = taken.picture()
+    assert (found.rgb == RGB).all()
+    assert np.abs(found.depth - DEPTH).max() < 1e-6
+    assert found.camera.fx == pytest.approx(22.0, abs=1e-4)
+    assert found.camera.cy == pytest.approx(6.0, abs=1e-4)
+    turned = cloud(picture, EPOCH)
+    for field, name in zip(turned.fields, "zxy", strict=False):  # z forward is x forward now
+        field.name = name
+    taken = Pictures().heard(CLOUD, turned)
+    with pytest.raises(InvalidRequestError, match="optical frame"):
+        taken.picture()
+    flat = message("sensor_msgs/msg/PointCloud2", height=1, width=9)
+    taken = Pictures().heard(CLOUD, flat)
+    with pytest.raises(InvalidRequestError, match="take the organised one"):
+        taken.picture()
+
+
+def test_the_distortion_of_a_lens_is_taken_out() -> None:
+    """A ring that the lens bends outwards is back where a pinhole sees it."""
+    lens = CameraModel(200, 160, 150.0, 150.0, 99.5, 79.5)
+    bent = (-0.2, 0.03, 0.0, 0.0, 0.0)
+    rays = lens.rays[:, :, :2]
+    for _ in range(30):  # the ray of each bent pixel
+        square = (rays**2).sum(axis=2, keepdims=True)
+        rays = lens.rays[:, :, :2] / (1.0 + bent[0] * square + bent[1] * square**2)
+    ring = np.abs(np.linalg.norm(rays, axis=2) - 0.35) < 0.03
+    rgb = np.repeat(np.where(ring, 250, 5).astype(np.uint8)[:, :, None], 3, axis=2)
+    colour, far = image(rgb, "rgb8", EPOCH), image(np.full((160, 200), 500, np.uint16), "16UC1", 0)
+    far.header.stamp = colour.header.stamp
+    straight = np.abs(np.linalg.norm(lens.rays[:, :, :2], axis=2) - 0.35) < 0.03
+
+    def wrong(found: DepthPicture) -> float:
+        return float(((found.rgb[:, :, 0] > 128) != straight).mean())
+
+    assert wrong(joined(colour, far, info(lens, bent=bent))) < 0.01
+    assert wrong(joined(colour, far, info(lens))) > 0.02
+    fish = info(lens, bent=bent)
+    fish.distortion_model = "equidistant"
+    with pytest.raises(InvalidRequestError, match="'equidistant' is not read"):
+        joined(colour, far, fish)
+
+
+def test_what_is_no_picture_is_said() -> None:
+    made = Pictures()
+    made.heard("/cam/color/camera_info", info(CAMERA))
+    assert made.heard("/cam/infra", image(RGB[:, :, 0], "mono8", EPOCH)) is None
+    assert made.seen["/cam/infra"] == "mono8"
+    assert made.heard(COLOUR, COLOURS["rgb8"]) is None
+    late = image(MILLI, "16UC1", EPOCH + SECOND // 10)
+    assert made.heard(FAR, late) is None  # another moment
+    with pytest.raises(InvalidRequestError, match="both have depth: name the topics"):
+        made.heard("/cam/aligned", late)
+    with pytest.raises(InvalidRequestError, match="registered to the colour"):
+        joined(COLOURS["rgb8"], image(MILLI[:6], "16UC1", EPOCH))
+    short = image(MILLI, "16UC1", EPOCH)
+    short.data = short.data[:-9]
+    with pytest.raises(InvalidRequestError, match="too few"):
+        joined(COLOURS["rgb8"], short)
+
+
+def test_frames_that_move_are_between_their_times() -> None:
+    tree, turn = Frames(), Rotation.from_rotvec([0.0, 0.0, 1.0]).as_matrix()
+    tree.heard(frames(0, ("link7", "camera", Pose([0.0, 0.1, 0.0]))), still=True)
+    tree.heard(frames(0, ("world", "base", Pose([1.0, 0.0, 0.0]))), still=True)
+    tree.heard(frames(SECOND, ("world", "link7", Pose([3.0, 0.0, 0.0], turn))), still=False)
+    tree.heard(frames(0, ("world", "link7", Pose([2.0, 0.0, 0.0]))), still=False)
+    half = tree.find("camera", {"base": Pose()}, SECOND // 2)
+    assert half.position == pytest.approx(
+        [1.5 - 0.1 * math.sin(0.5), 0.1 * math.cos(0.5), 0.0], abs=1e-12
+    )
+    assert tree.find("camera", {"base": Pose()}, 2 * SECOND) is None
+    assert tree.find("elsewhere", {"base": Pose()}) is None
+    tree.heard(frames(0, ("b", "a", Pose()), ("a", "b", Pose())), still=True)  # a loop
+    assert tree.find("a", {"base": Pose()}) is None
+
+
+@pytest.fixture(scope="module")
+def shot() -> Photograph:
+    return shot_of()
+
+
+def recorded(shot: Photograph, stamp: int) -> list[Recorded]:
+    """Colour, depth and camera as a bag has them."""
+    picture = shot.picture
+    return [
+        Recorded("/cam/color/camera_info", info(picture.camera, stamp), stamp),
+        Recorded(COLOUR, image(picture.rgb, "rgb8", stamp), stamp),
+        Recorded(FAR, image(picture.depth.astype(np.float32), "32FC1", stamp), stamp),
+    ]
+
+
+def see(*words: object) -> Any:
+    return CliRunner().invoke(app, ["see", *map(str, words)])
+
+
+@pytest.mark.parametrize("kind", ["row.mcap", "row"])
+def test_a_bag_gives_the_scene_of_its_pictures(kind: str, shot: Photograph, tmp_path: Path) -> None:
+    known = tmp_path / "known.yaml"
+    save_scene(shot.scene, known)
+    pose = shot.picture.camera.pose
+    still = frames(EPOCH, ("world", "fr3_panda_link0", Pose([0.3, 0.0, 0.0])),
+                   ("world", FRAME, Pose([0.3, 0.0, 0.0]) @ pose))  # fmt: skip
+    items = [Recorded("/tf_static", still, EPOCH)]
+    for k in range(5):
+        items += recorded(shot, EPOCH + k * SECOND // 2)
+    write_bag(tmp_path / kind, items)
+    done = see("--bag", tmp_path / kind, "--known", known, "--out", tmp_path / "seen", "--json")
+    assert done.exit_code == 0, done.output
+    records = json.loads(done.stdout)["pictures"]
+    assert [record["name"] for record in records] == [
+        "row-000, 0.00 s", "row-001, 1.00 s", "row-002, 2.00 s"
+    ]  # fmt: skip
+    seen, true = load_scene(records[1]["scene"]), shot.scene
+    assert np.linalg.norm(seen.target.position - true.target.position) < 0.01
+    assert len(seen.pushables) == len(true.pushables)
+    assert Path(records[1]["overlay"]).is_file()
+
+
+def test_a_cloud_in_a_bag_and_a_camera_by_its_file(shot: Photograph, tmp_path: Path) -> None:
+    picture = shot.picture
+    write_bag(tmp_path / "c.mcap", [Recorded(CLOUD, cloud(picture, EPOCH), EPOCH)])
+    told = see("--bag", tmp_path / "c.mcap", "--out", tmp_path / "seen")
+    assert told.exit_code == 2
+    assert f"no frames lead from the camera, '{FRAME}'" in told.stderr
+    assert "give --camera" in told.stderr
+    (tmp_path / "camera.json").write_text(json.dumps(picture.camera.document()))
+    words = ("--bag", tmp_path / "c.mcap", "--camera", tmp_path / "camera.json", "--json")
+    record = json.loads(see(*words, "--out", tmp_path / "seen").stdout)["pictures"][0]
+    seen = load_scene(record["scene"])
+    assert np.linalg.norm(seen.target.position - shot.scene.target.position) < 0.01
+
+
+def test_joint_states_tell_where_a_camera_on_the_hand_was(tmp_path: Path) -> None:
+    robot, state = posed(SCENE)
+    names = [f"fr3_{name}" for name in robot.joint_names]
+    mounted = Pose([0.05, 0.0, 0.02], Rotation.from_rotvec([0.1, 0.2, 0.3]).as_matrix())
+    picture = DepthPicture(RGB, DEPTH.astype(np.float64), CAMERA)
+    items = [Recorded(CLOUD, cloud(picture, EPOCH), EPOCH)]
+    for step in (-1, 1):
+        stamp = EPOCH + step * SECOND // 100
+        asleep = message("sensor_msgs/msg/JointState", name=["finger"], position=[0.0])
+        item = message("sensor_msgs/msg/JointState", name=names, position=state.q + 0.01 * step)
+        item.header = frames(stamp, ("", "", Pose())).transforms[0].header
+        items += [Recorded("/joint_states", one, stamp) for one in (item, asleep)]
+    still = frames(EPOCH, (robot.link_names[-2], FRAME, mounted))
+    write_bag(tmp_path / "tf.mcap", [*items, Recorded("/tf_static", still, EPOCH)])
+    write_bag(tmp_path / "file.mcap", items)
+    want = flange_of(robot, state.q) @ mounted
+    camera = CameraModel(20, 12, 22.0, 23.0, 9.0, 6.0, mounted, "hand")
+    for found in (
+        *bag_pictures(tmp_path / "tf.mcap", SCENE),
+        *bag_pictures(tmp_path / "file.mcap", SCENE, camera=camera),
+    ):
+        pose = found.picture.camera.pose
+        assert pose.position == pytest.approx(want.position, abs=1e-9)
+        assert pose.rotation == pytest.approx(want.rotation, abs=1e-9)
+    write_bag(tmp_path / "bare.mcap", items[:1])
+    with pytest.raises(InvalidRequestError, match="neither joint states nor frames"):
+        list(bag_pictures(tmp_path / "bare.mcap", SCENE, camera=camera))
+
+
+def test_depth_of_another_imager_or_moment_is_refused_by_name(
+    shot: Photograph, tmp_path: Path
+) -> None:
+    (tmp_path / "camera.json").write_text(json.dumps(shot.picture.camera.document()))
+    about, colour, far = recorded(shot, EPOCH)
+    far.message.header.frame_id = "camera_depth_optical_frame"
+    aligned = far._replace(topic="/cam/aligned_depth_to_color/image_raw")
+    late = recorded(shot, EPOCH + SECOND // 10)[2]
+    said = {}
+    for name, depth in (("raw", far), ("aligned", aligned), ("late", late)):
+        write_bag(tmp_path / f"{name}.mcap", [about, colour, depth])
+        said[name] = see("--bag", tmp_path / f"{name}.mcap", "--camera", tmp_path / "camera.json",
+                         "--out", tmp_path / name)  # fmt: skip
+    assert "depth is of the imager 'camera_depth_optical_frame'" in said["raw"].stderr
+    assert "aligned_depth_to_color" in said["raw"].stderr
+    assert said["aligned"].exit_code == 0
+    assert "0.1 s apart at least, must be 0.02 at most" in said["late"].stderr
+
+
+def test_a_bag_without_pictures_says_what_it_has(shot: Photograph, tmp_path: Path) -> None:
+    items = recorded(shot, EPOCH)
+    write_bag(tmp_path / "no-depth.mcap", items[:2])
+    said = see("--bag", tmp_path / "no-depth.mcap", "--out", tmp_path / "seen").stderr
+    assert "no picture with depth" in said
+    assert f"{COLOUR} (colour)" in said
+    chosen = see("--bag", tmp_path / "no-depth.mcap", "--topics", "/else", "--out", tmp_path)
+    assert "has no topic '/else': it has" in chosen.stderr
+    assert "--topics goes with --bag" in see(tmp_path, "--topics", COLOUR).stderr
+    assert "without a folder" in see(tmp_path, "--bag", tmp_path / "no-depth.mcap").stderr
+
+
+def states(names: list[str], q: np.ndarray, stamp: int) -> Message:
+    return message("sensor_msgs/msg/JointState", header=header(stamp, ""), name=names, position=q)
+
+
+def test_pictures_of_a_camera_on_the_hand_become_tracked_fruits() -> None:
+    scene = generate("cluster", SEED)
+    shot = shot_of()
+    robot, start = posed(scene)
+    names = [f"fr3_{name}" for name in robot.joint_names]
+    tool = tool_frame(robot, start.q)
+    loop = PickLoop(scene, prefix="fr3_", watcher=Watcher(up=scene.up))
+    loop.heard(sent(frames(0, ("tool", FRAME, tool.inverse() @ shot.picture.camera.pose))))
+    depth = shot.picture.depth.astype(np.float32)
+    for k in range(6):
+        stamp = EPOCH + k * 50_000_000
+        loop.heard(sent(states(names, start.q, stamp)))
+        for item in (
+            info(shot.picture.camera, stamp), image(shot.picture.rgb, "rgb8", stamp),
+            image(depth, "32FC1", stamp),
+        ):  # fmt: skip
+            loop.heard(sent(item), "/cam")
+        loop.tick(stamp + 1_000_000)
+    tracked = loop.controller.tracker.at(0.25)
+    picture = DepthPicture(shot.picture.rgb, depth.astype(np.float64), shot.picture.camera)
+    want = look_at(picture, up=scene.up).look.in_base()
+    assert len(want) >= 3
+    assert int(tracked.confirmed.sum()) == len(want)
+    for one in want:
+        assert np.linalg.norm(tracked.positions - one.position, axis=1).min() < 0.003
+
+
+def test_pictures_without_a_watcher_or_a_frame_are_refused() -> None:
+    scene = generate("cluster", SEED)
+    robot, start = posed(scene)
+    rng = np.random.default_rng(61303)
+    picture = shot_of().picture
+    with pytest.raises(InvalidRequestError, match="is of no use here"):
+        PickLoop(scene).heard(cloud(picture, EPOCH))
+    loop = PickLoop(scene, watcher=Watcher())
+    with pytest.raises(InvalidRequestError, match="joint states must come first"):
+        loop.heard(cloud(picture, EPOCH))
+    loop.heard(states(list(robot.joint_names), start.q, EPOCH))
+    with pytest.raises(InvalidRequestError, match=f"frame_id is '{FRAME}': must be"):
+        loop.heard(cloud(picture, EPOCH))
+    turn = Rotation.from_rotvec(rng.normal(0.0, 1.0, 3)).as_matrix()
+    loop.heard(frames(0, (robot.link_names[0], FRAME, Pose([0.1, 0.2, 0.3], turn))))
+    loop.heard(cloud(picture, EPOCH))

@@ -1,0 +1,189 @@
+"""Demonstrations from a bag: the cuts, the joints, the times, the refusals."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.ros.recorded import JOINTS, MOVE, STILL, guided, joint_states
+
+from optipromp.core.errors import InvalidDemonstrationError, InvalidRequestError
+from optipromp_ros import CutParameters, Recorded, load_recording, message, write_bag
+
+
+def bag(tmp_path: Path, items: list[Recorded], name: str = "demos.mcap") -> Path:
+    write_bag(tmp_path / name, items)
+    return tmp_path / name
+
+
+@pytest.mark.parametrize("name", ["demos.mcap", "demos"])
+@pytest.mark.parametrize("stamped", [True, False])
+def test_five_demonstrations_are_found_where_they_are(
+    tmp_path: Path, name: str, stamped: bool
+) -> None:
+    times, q = guided()
+    path = bag(tmp_path, joint_states(times, q, stamped=stamped), name)
+    found = load_recording(path, JOINTS)
+    assert len(found.demonstrations) == 5
+    assert found.demonstrations.joint_names == JOINTS
+    assert (found.topic, found.messages) == ("/joint_states", len(times))
+    for k, (cut, item) in enumerate(zip(found.cuts, found.demonstrations, strict=True)):
+        begin = STILL + k * (MOVE + STILL)
+        # the first 0.2 s of a minimum-jerk motion of 2 s are slower than the threshold
+        assert abs(cut.start - begin) < 0.3
+        assert abs(cut.end - begin - MOVE) < 0.3
+        assert cut.whole
+        assert item.times[0] == 0.0
+        np.testing.assert_allclose(np.diff(item.times), np.diff(item.times)[0], rtol=1e-6)
+        for end, row in ((begin, 0), (begin + MOVE, -1)):
+            # at rest: within 2 % of the motion, and the noise
+            there = q[np.argmin(np.abs(times - end))]
+            assert np.abs(item.positions[row] - there).max() < 0.02 * cut.motion + 3e-3
+        middle = item.positions[len(item.times) // 2]
+        there = q[np.argmin(np.abs(times - 0.5 * (cut.start + cut.end)))]
+        assert np.abs(middle - there).max() < 0.03
+
+
+@pytest.mark.parametrize(
+    ("noise", "rate", "seed"), [(0.0, 500.0, 0), (1e-3, 30.0, 1), (1e-3, 500.0, 2)]
+)
+def test_the_count_does_not_depend_on_noise_and_rate(
+    tmp_path: Path, noise: float, rate: float, seed: int
+) -> None:
+    path = bag(tmp_path, joint_states(*guided(noise=noise, rate=rate, seed=seed)))
+    found = load_recording(path, JOINTS)
+    assert len(found.demonstrations) == 5
+    assert len(found.cuts) == 5
+
+
+def test_positions_are_those_of_their_names(tmp_path: Path) -> None:
+    """Without noise every sample is on the line between the two messages around it."""
+    times, q = guided(noise=0.0)
+    path = bag(tmp_path, joint_states(times, q, names=[f"fr3_{joint}" for joint in JOINTS]))
+    found = load_recording(path, JOINTS)
+    for cut, item in zip(found.cuts, found.demonstrations, strict=True):
+        at = cut.start + item.times
+        wanted = np.stack([np.interp(at, times, column) for column in q.T], axis=1)
+        np.testing.assert_allclose(item.positions, wanted, atol=1e-7)
+
+
+def test_without_joints_all_of_the_message_are_learnt(tmp_path: Path) -> None:
+    found = load_recording(bag(tmp_path, joint_states(*guided(2))))
+    assert set(found.demonstrations.joint_names) == {*JOINTS, "finger"}
+
+
+def test_messages_of_a_gripper_are_left_out(tmp_path: Path) -> None:
+    states = joint_states(*guided(2))
+    grip = message("sensor_msgs/msg/JointState", name=["finger"], position=[0.0])
+    items = [x for s in states for x in (s, Recorded("/joint_states", grip, s.stamp + 1))]
+    path = bag(tmp_path, items)
+    with pytest.warns(UserWarning, match=f"{len(states)} of {len(items)} messages are left out"):
+        found = load_recording(path, JOINTS)
+    assert len(found.demonstrations) == 2
+
+
+def test_a_gap_cuts_and_the_parts_are_said_to_be_parts(tmp_path: Path) -> None:
+    times, q = guided(2, noise=0.0)
+    kept = (times < STILL + 0.4 * MOVE) | (times > STILL + 0.8 * MOVE)
+    found = load_recording(bag(tmp_path, joint_states(times[kept], q[kept])), JOINTS)
+    assert [cut.whole for cut in found.cuts] == [False, False, True]
+    assert found.cuts[0].end < found.cuts[1].start
+
+
+def test_a_small_motion_is_no_demonstration(tmp_path: Path) -> None:
+    times, q = guided(2, noise=0.0)
+    q[times > STILL + MOVE + 0.5 * STILL] = q[times <= STILL + MOVE + 0.5 * STILL][-1]
+    nudge = np.clip((times - 5.0) / 0.5, 0.0, 1.0)
+    q[:, 0] += 0.03 * nudge
+    path = bag(tmp_path, joint_states(times, q))
+    found = load_recording(path, JOINTS)
+    assert [cut.demonstration for cut in found.cuts] == [True, False]
+    assert len(found.demonstrations) == 1
+    every = load_recording(path, JOINTS, parameters=CutParameters(motion=0.01))
+    assert len(every.demonstrations) == 2
+
+
+def test_messages_twice_and_out_of_order_are_put_right(tmp_path: Path) -> None:
+    times, q = guided(2, noise=0.0)
+    items = joint_states(times, q)
+    mixed = [*items[::2], *items[1::2], *items[:50]]
+    one = load_recording(bag(tmp_path, items, "a.mcap"), JOINTS)
+    with pytest.warns(UserWarning, match=f"50 of {len(mixed)} rows have the time of another"):
+        other = load_recording(bag(tmp_path, mixed, "b.mcap"), JOINTS)
+    for a, b in zip(one.demonstrations, other.demonstrations, strict=True):
+        assert np.array_equal(a.positions, b.positions)
+
+
+@pytest.mark.parametrize("name", ["back.mcap", "back"])
+@pytest.mark.parametrize("logged", [True, False], ids=["both clocks", "the header's clock"])
+def test_a_clock_that_is_set_back_cuts_and_both_parts_stay(
+    tmp_path: Path, name: str, logged: bool
+) -> None:
+    """Sorted by time, the parts were mixed to motions of 3 rad/s that never were."""
+    times, q = guided(3, noise=0.0)
+    middle = STILL + 1.5 * MOVE + STILL  # of the second motion
+    items = joint_states(times, q)
+    for k, item in enumerate(items):
+        if times[k] > middle:
+            item.message.header.stamp.sec -= 3
+            items[k] = item._replace(stamp=item.stamp - 3 * 10**9) if logged else item
+    with pytest.warns(UserWarning, match=r"the time runs back by 2\.9.* at row \d+: cut there"):
+        found = load_recording(bag(tmp_path, items, name), JOINTS)
+    assert [cut.whole for cut in found.cuts] == [True, False, False, True]
+    true = np.abs(np.diff(q, axis=0) / np.diff(times)[:, None]).max()
+    for item in found.demonstrations:
+        speeds = np.diff(item.positions, axis=0) / np.diff(item.times)[:, None]
+        assert np.abs(speeds).max() < 1.05 * true
+
+
+def test_rows_of_one_time_are_left_out_with_a_word(tmp_path: Path) -> None:
+    items = joint_states(*guided(2, noise=0.0))
+    with pytest.warns(UserWarning, match=rf"{len(items)} of {2 * len(items)} rows have the time"):
+        found = load_recording(bag(tmp_path, [*items, *items]), JOINTS)
+    assert len(found.demonstrations) == 2
+
+
+def test_the_joints_of_an_arm_may_be_in_two_messages(tmp_path: Path) -> None:
+    times, q = guided(2, noise=0.0)
+    names = [f"left_{joint}" for joint in JOINTS]
+    items = []
+    for k, (whole, later) in enumerate(
+        zip(joint_states(times, q), joint_states(times + 0.003, q), strict=True)
+    ):
+        for part, item in ((slice(4), whole), (slice(4, 7), later)):
+            one = message(
+                "sensor_msgs/msg/JointState", header=item.message.header, name=names[part],
+                position=q[k][part],
+            )  # fmt: skip
+            items.append(Recorded("/joint_states", one, item.stamp))
+    found = load_recording(bag(tmp_path, items), JOINTS)
+    whole_arm = load_recording(bag(tmp_path, joint_states(times, q), "whole.mcap"), JOINTS)
+    assert found.demonstrations.joint_names == JOINTS
+    for a, b in zip(found.demonstrations, whole_arm.demonstrations, strict=True):
+        assert abs(a.times[-1] - b.times[-1]) < 0.03
+        at = np.linspace(0.0, 1.0, 20)
+        for one, other in zip(a.positions.T, b.positions.T, strict=True):
+            assert (
+                np.abs(np.interp(at, a.phases, one) - np.interp(at, b.phases, other)).max() < 0.02
+            )
+
+
+def test_what_holds_no_demonstration_is_refused(tmp_path: Path) -> None:
+    times, q = guided(1)
+    still = bag(tmp_path, joint_states(times[:80], q[:80]), "still.mcap")
+    with pytest.raises(InvalidDemonstrationError, match=r"no demonstration in 80 joint states"):
+        load_recording(still, JOINTS)
+    other = bag(tmp_path, [Recorded("/x", message("std_msgs/msg/String"))], "other.mcap")
+    with pytest.raises(InvalidDemonstrationError, match="has no messages of type sensor_msgs"):
+        load_recording(other, JOINTS)
+    with pytest.raises(InvalidRequestError, match="joint shoulder is missing; it names"):
+        load_recording(still, ["shoulder"])
+
+
+def test_of_two_topics_one_must_be_named(tmp_path: Path) -> None:
+    items = [x for t in ("/left", "/right") for x in joint_states(*guided(1), topic=t)]
+    path = bag(tmp_path, items)
+    with pytest.raises(InvalidRequestError, match="joint states on /left, /right"):
+        load_recording(path, JOINTS)
+    assert load_recording(path, JOINTS, topic="/left").topic == "/left"
+    with pytest.raises(InvalidRequestError, match="has no topic '/top': it has /left, /right"):
+        load_recording(path, JOINTS, topic="/top")

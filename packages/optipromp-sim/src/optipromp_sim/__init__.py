@@ -1,0 +1,1 @@
+"""The simulation, random scenes, photographs and films."""

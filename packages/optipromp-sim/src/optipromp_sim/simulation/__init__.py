@@ -1,0 +1,30 @@
+"""The simulation: a scene as a MuJoCo world, the execution of a plan in it, and its outcome."""
+
+from optipromp_sim.simulation.detector import DETECTORS as DETECTORS
+from optipromp_sim.simulation.detector import Detector as Detector
+from optipromp_sim.simulation.detector import DetectorParameters as DetectorParameters
+from optipromp_sim.simulation.detector import Eye as Eye
+from optipromp_sim.simulation.execute import Loop as Loop
+from optipromp_sim.simulation.execute import Run as Run
+from optipromp_sim.simulation.execute import closed_loop as closed_loop
+from optipromp_sim.simulation.execute import simulate as simulate
+from optipromp_sim.simulation.export import stem_mjcf as stem_mjcf
+from optipromp_sim.simulation.outcome import Cause as Cause
+from optipromp_sim.simulation.outcome import Contact as Contact
+from optipromp_sim.simulation.outcome import Outcome as Outcome
+from optipromp_sim.simulation.parameters import ControlParameters as ControlParameters
+from optipromp_sim.simulation.parameters import DisturbanceParameters as DisturbanceParameters
+from optipromp_sim.simulation.parameters import EngineParameters as EngineParameters
+from optipromp_sim.simulation.parameters import FruitParameters as FruitParameters
+from optipromp_sim.simulation.parameters import RobotParameters as RobotParameters
+from optipromp_sim.simulation.parameters import SimulationParameters as SimulationParameters
+from optipromp_sim.simulation.parameters import StemParameters as StemParameters
+from optipromp_sim.simulation.parameters import ThingParameters as ThingParameters
+from optipromp_sim.simulation.parameters import Thresholds as Thresholds
+from optipromp_sim.simulation.parameters import catalogue as catalogue
+from optipromp_sim.simulation.photograph import LiveCamera as LiveCamera
+from optipromp_sim.simulation.rollout import Rollout as Rollout
+from optipromp_sim.simulation.simulation import FruitStates as FruitStates
+from optipromp_sim.simulation.simulation import SimulatedArm as SimulatedArm
+from optipromp_sim.simulation.simulation import Simulation as Simulation
+from optipromp_sim.simulation.simulation import Touch as Touch

@@ -1,0 +1,133 @@
+"""What suction cups touch, and what scissors cut."""
+
+import itertools
+from typing import Any
+
+import numpy as np
+
+from optipromp.core.arrays import BoolArray, FloatArray
+from optipromp.core.geometry import distances, pack
+from optipromp.core.robots.grippers import Scissor, Suction
+from optipromp.core.robots.mounted import unmounted
+from optipromp.core.scenes.rotations import from_quaternion
+from optipromp.core.scenes.scene import JointGoal
+from optipromp_sim.simulation.rollout import Rollout
+from optipromp_sim.simulation.world import Fruit, World
+
+LIP = 0.003  # [m] chosen: height of the contacts of a lip below its plane, and beyond its radius
+ALONG_STEM = 0.001  # [m] chosen: between the points of a stem that may be between the blades
+PLACES = 7  # chosen: points between the blades, a side, at which a fruit may be
+DEEP = 0.002  # [m] chosen: a fruit this deep between the blades is closed on
+
+
+def suction_of(world: World) -> Suction | None:
+    """The suction cup of a world's robot, if its tool is one."""
+    tool = unmounted(world.robot.tool)
+    return tool if isinstance(tool, Suction) else None
+
+
+def scissor_of(world: World) -> Scissor | None:
+    """The scissor of a world's robot, if its tool is one."""
+    tool = unmounted(world.robot.tool)
+    return tool if isinstance(tool, Scissor) else None
+
+
+def on_lip(world: World, rollout: Rollout, fruit: Fruit) -> BoolArray:
+    """Whether a fruit touches the lip of a suction cup (R,), within its radius and angle."""
+    cup, tool = suction_of(world), world.robot.tool
+    assert cup is not None
+    assert tool is not None
+    touched = np.zeros(len(rollout.times), dtype=np.bool_)
+    rows, first, second = (rollout.contacts[:, k].astype(np.int64) for k in range(3))
+    mine = np.array([entity.kind == "tool" for entity in world.entities])
+    on = (mine[first] & (second == fruit.entity)) | (mine[second] & (first == fruit.entity))
+    rows, points, forces = rows[on], rollout.contacts[on, 3:6], rollout.contacts[on, 6:9]
+    if not len(rows):
+        return touched
+    axis = rollout.tool_axis[rows]
+    away = points - rollout.tool_point[rows]
+    height = np.einsum("ci,ci->c", away, axis)
+    aside = np.linalg.norm(away - height[:, None] * axis, axis=1)
+    strength = np.linalg.norm(forces, axis=1)
+    along = np.abs(np.einsum("ci,ci->c", forces, axis)) / np.maximum(strength, 1e-12)
+    held = (
+        (np.abs(height - tool.depth) < LIP)
+        & (aside < cup.radius + LIP)
+        & (along >= np.cos(np.radians(cup.angle)))
+    )
+    touched[rows[held]] = True
+    return touched
+
+
+def wanted(world: World) -> str | None:
+    """The fruit whose stem is to be cut: the target, else the one whose stem is nearest the goal.
+
+    None where no fruit has a stem.
+    """
+    scene = world.scene
+    if scene.target is not None:
+        return scene.target.id
+    goal = scene.goals[0]
+    if isinstance(goal, JointGoal):
+        place = world.robot.tool_pose(goal.joints)[0]
+    else:
+        place = goal.position
+    near = {
+        item.id: float(np.linalg.norm(_along(item.stem.points) - place, axis=1).min())
+        for item in scene.objects
+        if item.stem is not None
+    }
+    return min(near, key=lambda name: near[name], default=None)
+
+
+def between_blades(world: World, data: Any) -> tuple[list[int], list[str]]:
+    """Bodies of the pieces of stem that closing blades cut, and the fruits that are between them.
+
+    The blades cut from ``depth`` behind the tool point to their tips, in all of their width.
+    """
+    blades, tool = scissor_of(world), world.robot.tool
+    assert blades is not None
+    assert tool is not None
+    body = world.model.body("tool").id
+    turn = data.xmat[body].reshape(3, 3) @ tool.rotation
+    point = data.xpos[body] + data.xmat[body].reshape(3, 3) @ tool.point
+    half = np.array([0.5 * blades.blade_width, 0.5 * blades.opening, blades.depth])
+    pieces, fruits = [], []
+    for fruit in world.fruits:
+        joints = fruit.stem(data)
+        for k in range(len(joints) - 1):
+            local = (_along(joints[k : k + 2]) - point) @ turn
+            if (np.abs(local) <= half).all(axis=1).any():
+                pieces.append(fruit.last + 2 - len(joints) + k)
+    grid = np.stack(
+        np.meshgrid(*(np.linspace(-1.0, 1.0, PLACES),) * 3, indexing="ij"), axis=-1
+    ).reshape(-1, 3)
+    places = point + (grid * half) @ turn.T
+    shapes = {item.id: item.shape for item in world.scene.objects}
+    for fruit in world.shown:
+        at = data.qpos[fruit.position : fruit.position + 7]
+        solid = pack([(shapes[fruit.id], at[:3], from_quaternion(at[3:]))])
+        if float(distances(solid, places)[0].min()) < -DEEP:
+            fruits.append(fruit.id)
+    return pieces, fruits
+
+
+def carried_by(world: World, pieces: list[int]) -> BoolArray:
+    """Which of the world's fruits hang beyond a piece of stem, by the pieces' bodies (F,)."""
+    parents = world.model.body_parentid
+    out = np.zeros(len(world.fruits), dtype=np.bool_)
+    for row, fruit in enumerate(world.fruits):
+        body = fruit.last
+        while body > 0 and not out[row]:
+            out[row] = body in pieces
+            body = int(parents[body])
+    return out
+
+
+def _along(points: FloatArray) -> FloatArray:
+    """Points (K, 3), at most :data:`ALONG_STEM` apart, on a line through ``points`` (N, 3)."""
+    parts = []
+    for a, b in itertools.pairwise(points):
+        count = max(2, int(np.ceil(np.linalg.norm(b - a) / ALONG_STEM)) + 1)
+        parts.append(a + np.linspace(0.0, 1.0, count)[:, None] * (b - a))
+    return np.concatenate(parts)

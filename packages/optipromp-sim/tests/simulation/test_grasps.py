@@ -1,0 +1,212 @@
+"""Suction cups, scissors, grippers of meshes and turned mounts, planned and simulated."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from tests.robots.builders import prism, write_obj
+
+from optipromp.core.planning import plan
+from optipromp.core.robots import FingerGripper, MeshTool, Scissor, ik, load_robot, with_tool
+from optipromp.core.robots.ik import level
+from optipromp.core.robots.mounted import Mounted
+from optipromp.core.robots.tools import make_tool
+from optipromp.core.scenes import (
+    JointGoal,
+    PoseGoal,
+    ToolSpec,
+    load_scene,
+    save_scene,
+    scene_to_dict,
+)
+from optipromp.core.trajectory import Trajectory
+from optipromp_sim.generate import generate
+from optipromp_sim.simulation import Cause, simulate
+
+QUARTER = float(np.cos(np.pi / 4.0))  # of a quaternion of a quarter turn
+TALL = {  # a fruit fits between its blades
+    "opening": 0.06, "blade_length": 0.09, "blade_width": 0.016, "depth": 0.008,
+}  # fmt: skip
+SHEAR = ToolSpec("scissor", TALL)
+
+
+def above(scene, height):
+    """The scene, approached to the point ``height`` [m] over the target's centre on its stem."""
+    target = scene.target
+    line = target.stem.vector / np.linalg.norm(target.stem.vector)
+    approach = replace(scene.approach, shift=height * line, cone=0.0, aside=0.0)
+    return replace(scene, approach=approach)
+
+
+def alone(scene, *others):
+    kept = [item for item in scene.objects if item.role == "target" or item.id in others]
+    return replace(scene, objects=tuple(kept))
+
+
+def test_a_scissor_cuts_the_stem_of_the_target() -> None:
+    scene = replace(alone(generate("limp", 3)), tool=SHEAR)
+    made = plan(scene)
+    assert made.success, made.message
+    run = simulate(made)
+    assert run.outcome.cut.stems == ("ripe",)
+    assert run.success, run.outcome.message
+    assert run.outcome.picked
+    assert run.outcome.message.startswith("the stem of ripe alone is cut")
+    assert not run.outcome.torn
+    assert list(run.outcome.to_dict()["cut"]["stems"]) == ["ripe"]
+    assert run.rollout.attached[0, 0]
+    assert not run.rollout.attached[-1, 0]
+    height = run.rollout.fruit_positions[:, 0] @ scene.up
+    assert height[-1] < height[0] - 0.01  # it falls
+
+
+def test_a_scissor_that_ends_at_the_fruit_cuts_nothing() -> None:
+    scene = above(replace(alone(generate("limp", 3)), tool=SHEAR), 0.001)
+    run = simulate(plan(scene))
+    assert run.outcome.picked is False
+    assert not run.success
+    assert run.outcome.cause is Cause.CUT_OTHER
+    assert run.outcome.cut.stems == ()
+    assert run.outcome.cut.fruits == ("ripe",)
+    assert "the blades closed on ripe" in run.outcome.message
+    assert "the stem of ripe is not cut" in run.outcome.message
+    assert run.rollout.attached.all()
+
+
+def test_a_stem_between_the_blades_that_is_not_the_targets_is_told() -> None:
+    scene = above(replace(alone(generate("limp", 3)), tool=SHEAR), 0.032)
+    ripe = scene.target
+    aside = np.array([0.0, 0.022, 0.05])
+    stem = replace(ripe.stem, points=ripe.stem.points + aside)
+    other = replace(ripe, id="n1", role="pushable", position=ripe.position + aside, stem=stem)
+    low = replace(other, position=other.position, stem=replace(stem, radius=0.001))
+    made = plan(scene)
+    run = simulate(made.trajectory, replace(scene, objects=(ripe, low)), robot=made.robot)
+    assert Cause.CUT_OTHER in run.outcome.causes
+    assert not run.success
+
+
+def test_blades_from_the_side_cut_the_stem_nearest_the_goal() -> None:
+    """A scene with a goal in place of a target; the arm moves straight to it."""
+    scene = alone(generate("limp", 3))
+    ripe, way = scene.target, np.array([1.0, 0.0, 0.0])
+    at = ripe.position + 0.05 * ripe.stem.vector / np.linalg.norm(ripe.stem.vector)
+    robot = with_tool(load_robot("panda"), Scissor(0.05))
+    begin = level(robot, ik.solve(robot, at - 0.12 * way, way).joints, scene.up)[:1]
+    line = at + np.linspace(-0.12, 0.0, 25)[:, None] * way
+    q, errors = ik.track(robot, line, np.tile(way, (25, 1)), begin[0])
+    assert errors.max() < 1e-4
+    motion = Trajectory.through(level(robot, q, scene.up, path=True), 4.0, robot.joint_names)
+    for goal in (PoseGoal(at, way), JointGoal(motion.positions[-1])):
+        fruit = replace(ripe, role="pushable")
+        run = simulate(motion, replace(scene, objects=(fruit,), goal=goal), robot=robot)
+        assert run.success, run.outcome.message
+        assert run.outcome.picked
+        assert run.outcome.cut.stems == ("ripe",)
+        assert run.outcome.target is None
+
+
+def test_a_suction_cup_picks_what_its_lip_touches(tmp_path) -> None:
+    scene = replace(generate("cluster", 3), tool=ToolSpec("suction", {"radius": 0.012}))
+    save_scene(scene, tmp_path / "scene.yaml")
+    made = plan(load_scene(tmp_path / "scene.yaml"))
+    assert made.success, made.message
+    run = simulate(made)
+    assert run.success, run.outcome.message
+    assert run.outcome.picked
+    assert "at the lip" in run.outcome.message
+    short = replace(scene, tool=ToolSpec("suction", {"radius": 0.012, "fruit": 0.03}))
+    away = simulate(plan(short))  # the lip ends 10 mm below the fruit
+    assert away.outcome.picked is False
+    assert away.outcome.cause is Cause.NOT_PICKED
+
+
+def test_a_suction_cup_at_a_wrong_angle_takes_hold_of_nothing() -> None:
+    scene = replace(alone(generate("cluster", 3)), tool=ToolSpec("suction", {"radius": 0.012}))
+    made = plan(scene)
+    narrow = make_tool("suction", {**vars(made.robot.tool), "angle": 0.01})
+    run = simulate(made, robot=with_tool(load_robot("panda"), narrow))
+    assert run.outcome.picked is False
+
+
+def gripper_files(folder: Path) -> dict[str, object]:
+    """A palm and two fingers, 50 mm apart along x."""
+    pad = np.array([[-0.005, -0.01], [0.005, -0.01], [0.005, 0.01], [-0.005, 0.01]])
+    write_obj(folder / "palm.obj", *prism(8.0 * pad * [1.0, 0.3], 0.0, 0.08))
+    for name, aside in (("left", 0.03), ("right", -0.03)):
+        write_obj(folder / f"{name}.obj", *prism(pad + [aside, 0.0], 0.08, 0.13))
+    return {"kind": "mesh", "file": "palm.obj", "fingers": ["left.obj", "right.obj"],
+            "tool_point": [0.0, 0.0, 0.12]}  # fmt: skip
+
+
+def test_a_gripper_of_meshes_is_the_gripper_of_boxes(tmp_path) -> None:
+    stated = gripper_files(tmp_path)
+    document = scene_to_dict(generate("cluster", 3)) | {"tool": stated}
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(document))
+    scene = load_scene(tmp_path / "scene.yaml")
+    assert scene_to_dict(scene, base_dir=tmp_path)["tool"] == stated
+    tool = make_tool(scene.tool.kind, scene.tool.parameters)
+    boxes = FingerGripper(0.05, finger_length=0.05, palm_length=0.08, palm_width=0.08,
+                          palm_thickness=0.048, turn=np.pi / 2.0)  # fmt: skip
+    assert isinstance(tool, MeshTool)
+    assert tool.fingers
+    for name in ("front", "tip", "reach", "gripper_radius"):
+        assert getattr(tool, name) == pytest.approx(getattr(boxes, name)), name
+    assert tool.mouth == pytest.approx(boxes.mouth)
+    assert abs(tool.rotation[:, 1] @ boxes.rotation[:, 1]) == pytest.approx(1.0)
+    points = np.random.default_rng(0).uniform(-0.05, 0.05, (2000, 3))
+    assert (tool.holds(points) == boxes.holds(points)).all()
+    run = simulate(plan(scene))
+    assert run.success, run.outcome.message
+    assert "between the fingers" in run.outcome.message
+
+
+def test_a_mount_undoes_a_turned_flange() -> None:
+    """The tool stands where it would on a plain flange: spheres, judge and simulation agree."""
+    panda, angle = load_robot("panda"), -1.2
+    turn = np.array([[np.cos(angle), 0.0, np.sin(angle)], [0.0, 1.0, 0.0],
+                     [-np.sin(angle), 0.0, np.cos(angle)]])  # fmt: skip
+    aside = np.array([0.01, -0.02, 0.03])
+    turned = replace(
+        panda,
+        flange_rotation=panda.flange_rotation @ turn.T,
+        flange_translation=panda.flange_translation - panda.flange_rotation @ turn.T @ aside,
+    )
+    cup = make_tool("cup", {"radius": 0.025})
+    half = 0.5 * angle
+    mounted = Mounted(cup, tuple(aside), (np.cos(half), 0.0, np.sin(half), 0.0))
+    plain, same = with_tool(panda, cup), with_tool(turned, mounted)
+    assert np.allclose(plain.tool_point, same.tool_point)
+    assert np.allclose(plain.tool_axis, same.tool_axis)
+    assert np.allclose(plain.spheres.center, same.spheres.center)
+    for one, other in zip(cup.outline(), mounted.outline(), strict=True):
+        assert np.allclose(one, other)
+    made = plan(generate("cluster", 3), robot=same)
+    assert made.success, made.message
+    run = simulate(made)
+    assert run.success, run.outcome.message
+
+
+def test_a_tool_across_the_flange_picks(tmp_path) -> None:
+    """A cup that stands across the flange, by a scene file; the wrist comes from the side."""
+    scene = generate("cluster", 3)
+    mount = (0.0, 0.0, 0.02), (QUARTER, 0.0, QUARTER, 0.0)
+    tool = ToolSpec("cup", {**scene.tool.parameters, "length": 0.2, "mount": mount})
+    save_scene(replace(scene, tool=tool, start=None), tmp_path / "scene.yaml")
+    again = load_scene(tmp_path / "scene.yaml")
+    assert scene_to_dict(again)["tool"]["mount"]["position"] == [0.0, 0.0, 0.02]
+    made = plan(again)
+    assert made.robot.tool_axis @ made.robot.flange_rotation[:, 2] == pytest.approx(0.0, abs=1e-9)
+    assert made.success, made.message
+    assert simulate(made).success
+
+
+def test_a_mounted_scissor_is_a_scissor() -> None:
+    scene = above(replace(alone(generate("limp", 3)), tool=SHEAR), 0.032)
+    mount = (0.0, 0.0, 0.01), (QUARTER, 0.0, 0.0, QUARTER)
+    run = simulate(plan(replace(scene, tool=ToolSpec("scissor", {**TALL, "mount": mount}))))
+    assert run.outcome.picked
+    assert isinstance(run.robot.tool, Mounted)
+    assert isinstance(run.robot.tool.tool, Scissor)

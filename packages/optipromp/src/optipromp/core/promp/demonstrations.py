@@ -1,0 +1,492 @@
+"""Demonstrations, and their files: NPZ, CSV and folders of CSV."""
+
+import os
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optipromp.core.arrays import FloatArray, IntArray, read_only
+from optipromp.core.documents import read_document, read_table
+from optipromp.core.errors import InvalidDemonstrationError, OptiPrompError, installed_by
+from optipromp.core.files import is_folder, is_there, npz, read_npz, texts, write_atomically
+from optipromp.core.promp import checks
+
+BEYOND_LIMITS = 0.05
+"""[rad or m] Excess of a demonstration over a joint's limits that is accepted: an arm that is led
+by hand leans into its stops."""
+_LARGEST = 4.0 * np.pi  # [rad or m] larger positions look like degrees or millimetres
+_BLUNDER = 1.0  # [rad or m] farther beyond a limit no arm leans, and degrees are
+_STILL, _IDLE = 0.01, 0.25  # of a joint's range: no motion; of the time without motion: too much
+TURN = 2.0 * np.pi  # [rad]
+_WRAP = 0.5  # [rad] a step between two samples that is this near a whole turn is no motion
+_JITTER = 5.0  # usual steps by which the time may run back: messages that overtake each other
+_SAME = 0.05  # [rad or m] parts of a recording that differ by less at all times are one
+_BACK = 0.5  # of the distance to the others' ends: the other way round a demonstration is near them
+_LARGEST_JOINT = 1e6  # [rad or m] larger positions overflow in learning
+_FORMS = "Q, time, lengths; or positions (N, T, n) with an optional time (T,) or (N, T)"
+
+
+@dataclass(frozen=True, eq=False)
+class Demonstration:
+    """One recorded movement, complete or partial.
+
+    Args:
+        times: (m,), m >= 2, strictly increasing [s or any unit].
+        positions: (m, n) joint positions [rad or m].
+        span: start and end time of the whole movement, for a partial recording (see
+            :func:`fit_em`). By default the recording is complete.
+
+    Raises:
+        InvalidDemonstrationError: an invalid value; the message names index and value.
+    """
+
+    times: FloatArray
+    positions: FloatArray
+    span: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        error = InvalidDemonstrationError
+        times = checks.finite_array(self.times, "times", 1, error)
+        positions = checks.finite_array(self.positions, "positions", 2, error)
+        if positions.size and np.abs(positions).max() > _LARGEST_JOINT:
+            raise error(
+                f"positions reach {np.abs(positions).max():g}: must be at most {_LARGEST_JOINT:g}"
+            )
+        if positions.shape[0] != times.size or positions.shape[1] == 0:
+            raise error(
+                f"positions: expected shape ({times.size}, n), one row per time, "
+                f"got {positions.shape}"
+            )
+        if times.size < 2:
+            raise error(f"a demonstration needs at least 2 samples, got {times.size}")
+        steps = np.diff(times)
+        if (steps <= 0.0).any():
+            i = int(np.argmax(steps <= 0.0)) + 1
+            raise error(f"times must increase: times[{i}] = {times[i]} after {times[i - 1]}")
+        span = self.span
+        if span is not None:
+            bounds = checks.finite_array(span, "span", 1, error)
+            if bounds.size != 2:
+                raise error(f"span: expected a start and an end time, got {bounds.tolist()}")
+            start, end = float(bounds[0]), float(bounds[1])
+            slack = checks.PHASE_TOLERANCE * (end - start)
+            if not (start < end and start - slack <= times[0] and times[-1] <= end + slack):
+                raise error(
+                    f"span ({start}, {end}) must enclose the times {times[0]} to {times[-1]}"
+                )
+            span = (start, end)
+        object.__setattr__(self, "times", read_only(times))
+        object.__setattr__(self, "positions", read_only(positions))
+        object.__setattr__(self, "span", span)
+
+    @property
+    def phases(self) -> FloatArray:
+        """Phases (m,): 0 at the start of the movement, 1 at its end."""
+        start, end = self.span or (float(self.times[0]), float(self.times[-1]))
+        return (self.times - start) / (end - start)
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints n."""
+        return int(self.positions.shape[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Demonstrations(Sequence[Demonstration]):
+    """Demonstrations of one movement on the same joints; a sequence of :class:`Demonstration`.
+
+    Raises:
+        InvalidDemonstrationError: no demonstration, or different numbers of joints.
+    """
+
+    items: tuple[Demonstration, ...]
+    joint_names: tuple[str, ...] = ()
+    named: bool = field(init=False)  # whether names were stated
+
+    def __post_init__(self) -> None:
+        items = tuple(self.items)
+        object.__setattr__(self, "named", len(self.joint_names) > 0)
+        if not items:
+            raise InvalidDemonstrationError("no demonstrations: at least one is needed")
+        n = items[0].n_joints
+        for i, item in enumerate(items):
+            if item.n_joints != n:
+                raise InvalidDemonstrationError(
+                    f"demonstration {i} has {item.n_joints} joints, the first has {n}"
+                )
+        object.__setattr__(self, "items", items)
+        object.__setattr__(self, "joint_names", checks.names_for(self.joint_names, n))
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    @overload
+    def __getitem__(self, index: int) -> Demonstration: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Demonstration, ...]: ...
+
+    def __getitem__(self, index: int | slice) -> Demonstration | tuple[Demonstration, ...]:
+        return self.items[index]
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints n."""
+        return self.items[0].n_joints
+
+    def for_joints(self, joints: Sequence[str], what: str) -> "Demonstrations":
+        """The same demonstrations with the columns in the order of ``joints``.
+
+        Raises:
+            InvalidDemonstrationError: other joint names; the message begins with ``what``.
+        """
+        order = checks.matching_columns(self.joint_names, joints, what)
+        items = (Demonstration(d.times, d.positions[:, order], d.span) for d in self)
+        return Demonstrations(tuple(items), tuple(joints))
+
+    def for_robot(
+        self, joints: Sequence[str], lower: FloatArray, upper: FloatArray, what: str
+    ) -> "Demonstrations":
+        """As :meth:`for_joints`, within the limits (n,) of a robot.
+
+        A joint without limits begins at most half a turn from where it begins in the first
+        demonstration.
+
+        Raises:
+            InvalidDemonstrationError: as :meth:`for_joints` and :func:`check_limits`.
+        """
+        ordered = self.for_joints(joints, what)
+        free, first = np.isinf(lower) & np.isinf(upper), ordered[0].positions[0]
+        items = []
+        for i, item in enumerate(ordered):
+            turns = np.where(free, np.round((item.positions[0] - first) / TURN), 0.0)
+            items.append(replace(item, positions=item.positions - TURN * turns))
+            check_limits(items[i].positions, joints, lower, upper, f"{what}: demonstration {i}")
+        return Demonstrations(tuple(items), tuple(joints))
+
+
+def check_limits(
+    positions: FloatArray, names: Sequence[str], lower: FloatArray, upper: FloatArray, what: str,
+    slack: FloatArray | float = BEYOND_LIMITS,
+    error: type[OptiPrompError] = InvalidDemonstrationError,
+) -> None:  # fmt: skip
+    """Refuse positions (T, n) more than ``slack`` (n,) beyond the limits (n,) of the joints."""
+    slack = np.broadcast_to(slack, lower.shape)
+    beyond = np.maximum(lower - positions, positions - upper) - slack
+    sample, joint = divmod(int(beyond.argmax()), beyond.shape[1])
+    if beyond[sample, joint] <= 0.0:
+        return
+    value = positions[sample, joint]
+    units = " (degrees or millimetres? radians and metres are needed)"
+    raise error(
+        f"{what}: {names[joint]} is {value:.4g} at sample {sample}: must be within its limits "
+        f"[{lower[joint]:.4f}, {upper[joint]:.4f}], or at most {slack[joint]:.4g} beyond"
+        f"{units if beyond[sample, joint] > _BLUNDER else ''}"
+    )
+
+
+def load_demonstrations(path: str | os.PathLike[str]) -> Demonstrations:
+    """Read demonstrations from a file or folder.
+
+    - ``.npz``: ``Q`` (M, n), ``time`` (M,), ``lengths`` (N,), all demonstrations one after
+      another; or ``positions`` (N, T, n) with an optional ``time`` (T,) or (N, T), evenly spaced
+      if absent. ``joint_names`` (n,) is optional in both.
+    - ``.csv``: a header ``time,<joint>,<joint>,...`` and one row per sample; columns
+      ``<joint>_velocity`` and ``<joint>_acceleration`` are ignored; an optional column ``demo``
+      labels the demonstrations.
+    - a folder: every ``.csv`` in it, by name, all with the same joints in the same order.
+    - a LeRobot dataset: ``observation.state`` of each episode, without columns of a gripper.
+
+    Warns:
+        UnitsWarning: a position is beyond 4π, as degrees or millimetres are.
+
+    Raises:
+        InvalidDemonstrationError: the message names the file, and the row or index if any.
+    """
+    path = Path(path)
+    if is_there(path / "meta" / "info.json"):
+        result = _read_lerobot(path)
+    elif is_folder(path):
+        result = _read_folder(path)
+    elif not is_there(path):
+        raise InvalidDemonstrationError(f"{path} does not exist")
+    elif path.suffix.lower() == ".npz":
+        result = _read_npz(path)
+    elif path.suffix.lower() == ".csv":
+        result = _read_csv(path)
+    else:
+        raise InvalidDemonstrationError(f"{path}: expected .npz, .csv or a folder of .csv files")
+    largest = [float(np.abs(item.positions).max()) for item in result]
+    if max(largest) > _LARGEST:
+        warnings.warn(
+            f"{path}: demonstration {int(np.argmax(largest))} reaches {max(largest):.4g}; "
+            "positions are read as radians or metres",
+            checks.UnitsWarning,
+            stacklevel=2,
+        )
+    for words in _odd(result):
+        warnings.warn(f"{path}: {words}", stacklevel=2)
+    return result
+
+
+def _odd(found: Demonstrations) -> list[str]:
+    """Demonstrations that run the other way, or stand still for long, in words."""
+    told = []
+    starts = np.array([d.positions[0] for d in found])
+    away = starts - np.median(starts, axis=0)
+    turns = np.round(away / TURN)
+    apart = (turns != 0.0) & (np.abs(away - TURN * turns) < _WRAP)
+    if apart.any() and np.abs(starts).max() <= _LARGEST:
+        i, joint = (int(k) for k in np.argwhere(apart)[0])
+        told.append(
+            f"demonstration {i} begins a turn apart from others in {found.joint_names[joint]}: "
+            "'learn --robot ROBOT' puts joints without limits onto one turn"
+        )
+    ends = np.array([d.positions[[0, -1]] for d in found])  # (N, 2, n)
+    usual = np.median(ends, axis=0)
+    away, back = (np.linalg.norm(ends - e, axis=2).sum(axis=1) for e in (usual, usual[::-1]))
+    for i, item in enumerate(found):
+        if len(found) > 2 and back[i] < _BACK * away[i]:
+            told.append(f"demonstration {i} runs from where the others end to where they begin")
+        room = np.ptp(item.positions, axis=0).max()
+        for which, order in (("first", 1), ("last", -1)):
+            q, share = item.positions[::order], item.phases[::order]
+            moves = np.abs(q - q[0]).max(axis=1) > _STILL * room
+            idle = abs(float(share[max(int(np.argmax(moves)) - 1, 0)] - share[0]))
+            if idle > _IDLE:
+                words = f"for the {which} {100 * idle:.0f} % of its time, which is learnt too"
+                told.append(f"demonstration {i} stands still {words}: cut that off")
+    return told
+
+
+def parts_in_time(
+    what: str, times: FloatArray, positions: FloatArray
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Times (k,), increasing, and positions (k, n) of each part of a recording.
+
+    Where the time runs back a clock was set, and a part ends: unless messages overtook each other,
+    or the parts say the same of the times that they share. Of rows at one time the first stays.
+
+    Args:
+        what: the recording; begins the warnings of what was cut or left out.
+        times: (m,) as recorded, in any unit.
+        positions: (m, n) [rad or m].
+    """
+
+    def in_order(rows: IntArray) -> IntArray:
+        return rows[np.unique(times[rows], return_index=True)[1]]
+
+    steps = np.diff(times)
+    jitter = _JITTER * np.quantile(np.abs(steps), 0.75) if len(steps) else 0.0
+    back = np.flatnonzero(steps < -jitter) + 1
+    parts: list[IntArray] = []
+    for rows in np.split(np.arange(len(times)), back):
+        for k, part in enumerate(parts):
+            if _agree(times, positions, part, in_order(rows)):
+                parts[k] = in_order(np.concatenate([part, rows]))
+                break
+        else:
+            if parts:
+                warnings.warn(
+                    f"{what}: the time runs back by {-steps[rows[0] - 1]:.6g} at row {rows[0]}: "
+                    "cut there, and both parts are read",
+                    stacklevel=4,
+                )
+            parts.append(in_order(rows))
+    if dropped := len(times) - sum(map(len, parts)):
+        words = f"{dropped} of {len(times)} rows have the time of another: left out"
+        warnings.warn(f"{what}: {words}", stacklevel=4)
+    return [(times[part], positions[part]) for part in parts]
+
+
+def _agree(times: FloatArray, positions: FloatArray, a: IntArray, b: IntArray) -> bool:
+    """Whether two parts share a stretch of time, and have the same positions then."""
+    shared = b[(times[b] >= times[a[0]]) & (times[b] <= times[a[-1]])]
+    if not len(shared):
+        return False
+    there = [np.interp(times[shared], times[a], column) for column in positions[a].T]
+    return bool(np.abs(np.stack(there, axis=1) - positions[shared]).max() < _SAME)
+
+
+def unwrapped(positions: FloatArray) -> FloatArray:
+    """Positions (T, n) without the steps of a whole turn that an encoder makes at its end.
+
+    Only of joints that are reported within one turn: larger values are no angles of an encoder.
+    """
+    steps = np.diff(positions, axis=0)
+    turns = np.round(steps / TURN)
+    wraps = (np.abs(steps - TURN * turns) < _WRAP) & (np.ptp(positions, axis=0) < TURN + _SAME)
+    gone = np.cumsum(np.where(wraps, turns, 0.0), axis=0)
+    return np.concatenate([positions[:1], positions[1:] - TURN * gone])
+
+
+def save_demonstrations(demonstrations: Demonstrations, path: str | os.PathLike[str]) -> None:
+    """Write demonstrations to an NPZ file that :func:`load_demonstrations` reads; atomic.
+
+    Raises:
+        InvalidDemonstrationError: a demonstration is partial; the format has no span.
+        InvalidRequestError: the file cannot be written.
+    """
+    for i, item in enumerate(demonstrations):
+        if item.span is not None and item.span != (item.times[0], item.times[-1]):
+            raise InvalidDemonstrationError(f"demonstration {i} is partial; NPZ keeps whole ones")
+    arrays = {
+        "Q": np.concatenate([item.positions for item in demonstrations]),
+        "time": np.concatenate([item.times for item in demonstrations]),
+        "lengths": np.array([item.times.size for item in demonstrations]),
+        "joint_names": np.array(demonstrations.joint_names, dtype=np.str_),
+    }
+    write_atomically(Path(path), npz(arrays))
+
+
+def _build(
+    path: Path, parts: Sequence[tuple[str, ArrayLike, ArrayLike]], names: Sequence[str]
+) -> Demonstrations:
+    """Demonstrations from (label, times, positions); errors name the file and the label."""
+    items = []
+    for label, times, positions in parts:
+        try:
+            item = Demonstration(np.asarray(times), np.asarray(positions))
+        except InvalidDemonstrationError as cause:
+            raise InvalidDemonstrationError(f"{path}: {label}: {cause.message}") from None
+        items.append(replace(item, positions=unwrapped(item.positions)))
+    try:
+        return Demonstrations(tuple(items), tuple(names))
+    except Exception as cause:
+        raise InvalidDemonstrationError(f"{path}: {cause}") from None
+
+
+def _numbers(data: dict[str, NDArray[np.generic]], key: str, path: Path) -> FloatArray:
+    array = data[key]
+    if array.dtype.kind not in "fiu":
+        raise InvalidDemonstrationError(f"{path}: {key} holds {array.dtype}, expected numbers")
+    return array.astype(np.float64)
+
+
+def _read_npz(path: Path) -> Demonstrations:
+    data = read_npz(path, InvalidDemonstrationError)
+    names = texts(data["joint_names"]) if "joint_names" in data else ()
+    if {"Q", "time", "lengths"} <= data.keys():
+        q, time = _numbers(data, "Q", path), _numbers(data, "time", path)
+        lengths = _numbers(data, "lengths", path)
+        if q.ndim != 2 or time.shape != q.shape[:1] or lengths.ndim != 1:
+            raise InvalidDemonstrationError(
+                f"{path}: expected Q (M, n), time (M,), lengths (N,); got {q.shape}, "
+                f"{time.shape}, {lengths.shape}"
+            )
+        if (lengths % 1.0).any() or (lengths < 0).any() or lengths.sum() != time.size:
+            raise InvalidDemonstrationError(
+                f"{path}: lengths must be whole and sum to {time.size}, the sum is {lengths.sum()}"
+            )
+        cuts = np.cumsum(lengths).astype(int)[:-1]
+        parts = zip(np.split(time, cuts), np.split(q, cuts), strict=True)
+    elif "positions" in data:
+        positions = _numbers(data, "positions", path)
+        if positions.ndim != 3:
+            raise InvalidDemonstrationError(
+                f"{path}: positions: expected shape (N, T, n), got {positions.shape}"
+            )
+        shape = positions.shape[:2]
+        time = _numbers(data, "time", path) if "time" in data else np.linspace(0, 1, shape[1])
+        if time.shape not in (shape, shape[1:]):
+            raise InvalidDemonstrationError(
+                f"{path}: time: expected shape {shape[1:]} or {shape}, got {time.shape}"
+            )
+        parts = zip(np.broadcast_to(time, shape), positions, strict=True)
+    else:
+        raise InvalidDemonstrationError(
+            f"{path} holds {', '.join(sorted(data)) or 'nothing'}; expected {_FORMS}"
+        )
+    return _build(path, [(f"demonstration {i}", t, p) for i, (t, p) in enumerate(parts)], names)
+
+
+def _read_csv(path: Path) -> Demonstrations:
+    table = read_table(path, InvalidDemonstrationError, "time,<joint>,...")
+    header = table.header
+    rates = {name + kind for name in header for kind in ("_velocity", "_acceleration")}
+    joints = [i for i, name in enumerate(header) if name not in {"time", "demo", *rates}]
+    if header.count("time") != 1 or header.count("demo") > 1 or not joints or "" in header:
+        raise InvalidDemonstrationError(
+            f"{path}, line {table.first}: expected a header time,<joint>,... with an optional "
+            f"column demo, comma-separated; got {','.join(header)!r}"
+        )
+    values = table.numbers([header.index("time"), *joints])
+    demo = header.index("demo") if "demo" in header else None
+    labels = ["" if demo is None else row[demo].strip() for row in table.rows]
+    parts: list[tuple[str, ArrayLike, ArrayLike]] = []
+    for label in dict.fromkeys(labels):
+        block = values[[other == label for other in labels]]
+        name = f"demo {label}" if label else "rows"
+        pieces = parts_in_time(f"{path}: {name}", block[:, 0], block[:, 1:])
+        parts += [(name, *piece) for piece in pieces]
+    return _build(path, parts, [header[i] for i in joints])
+
+
+def _read_folder(path: Path) -> Demonstrations:
+    try:
+        files = sorted(file for file in path.iterdir() if file.suffix.lower() == ".csv")
+    except OSError as error:
+        raise InvalidDemonstrationError(f"{path}: cannot be read: {error.strerror}") from None
+    if is_there(path / "data" / "metadata.json"):
+        raise InvalidDemonstrationError(
+            f"{path} is a Minari dataset, whose observations do not tell which of them are joints: "
+            f"write these as NPZ: {_FORMS}, with joint_names"
+        )
+    if not files:
+        raise InvalidDemonstrationError(f"{path} holds no .csv file")
+    items: list[Demonstration] = []
+    names: tuple[str, ...] = ()
+    for file in files:
+        part = _read_csv(file)
+        names = names or part.joint_names
+        if part.joint_names != names:
+            raise InvalidDemonstrationError(
+                f"{file}: joints {', '.join(part.joint_names)}; {files[0].name} has "
+                f"{', '.join(names)}"
+            )
+        items.extend(part)
+    return Demonstrations(tuple(items), names)
+
+
+STATE = "observation.state"
+
+
+def _read_lerobot(path: Path) -> Demonstrations:
+    """The episodes of a LeRobot dataset, of versions 2 (a file each) and 3 (files of several)."""
+    try:
+        from pyarrow import ArrowException
+        from pyarrow.parquet import read_table as read_parquet
+    except ImportError:
+        raise InvalidDemonstrationError(
+            f"{path} is a LeRobot dataset: reading it needs pyarrow: "
+            f"{installed_by('optipromp[episodes]')}"
+        ) from None
+    about = read_document(path / "meta" / "info.json", InvalidDemonstrationError, "a mapping")
+    columns = [STATE, "timestamp", "episode_index"]
+    try:
+        stated = about["features"][STATE]["names"]
+        table = read_parquet(path / "data", columns=columns)
+        rows = np.array(table[STATE].to_pylist(), dtype=np.float64)
+        times, episode = (table[name].to_numpy().astype(np.float64) for name in columns[1:])
+    except (ArrowException, OSError, KeyError, TypeError, ValueError) as error:
+        words = " ".join(str(error).split())[:120]
+        raise InvalidDemonstrationError(
+            f"{path}: no LeRobot dataset with {', '.join(columns)} ({words})"
+        ) from None
+    if isinstance(stated, dict):
+        stated = next(iter(stated.values()), None)
+    if rows.ndim != 2 or (stated is not None and len(stated) != rows.shape[1]):
+        raise InvalidDemonstrationError(f"{path}: {STATE} has other columns than its names")
+    names = [str(name).removesuffix(".pos") for name in stated or ()]
+    gone = [k for k, name in enumerate(names) if "gripper" in name.lower()]
+    if gone:
+        listed = ", ".join(names[k] for k in gone)
+        warnings.warn(f"{path}: {listed}: left out, as no joint of an arm", stacklevel=3)
+    rows, order = np.delete(rows, gone, axis=1), np.unique(episode)
+    parts = [(f"episode {e:.0f}", times[episode == e], rows[episode == e]) for e in order]
+    return _build(path, parts, [name for k, name in enumerate(names) if k not in gone])

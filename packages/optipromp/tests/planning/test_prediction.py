@@ -1,0 +1,259 @@
+"""What the push of a plan is predicted to do, whoever planned it; and which path that chooses."""
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from optipromp import judge, load_plan, write_plan
+from optipromp.core import judging
+from optipromp.core.errors import Code
+from optipromp.core.planning import Plan, PlanOptions, plan
+from optipromp.core.planning.task import Task, resolve, tool_motion
+from optipromp.core.pushing.model import PushModel
+from optipromp.core.pushing.packs.standing import Standing
+from optipromp.core.pushing.path import STEP, through
+from optipromp.core.pushing.rules import rule_paths
+from optipromp.core.pushing.stems.hanging import Hanging
+from optipromp.core.scenes import Scene, ToolSpec, load_scene
+from optipromp_sim.generate import generate
+
+HARMFUL = (1, 9)  # clusters in which the rule's path does harm
+RULE = PlanOptions(prediction=False)
+
+
+def model_of(task: Task) -> PushModel:
+    found = task.push_model(plan(task.scene).trajectory.positions[-1])
+    assert found is not None
+    return found
+
+
+def approach(result: Plan) -> np.ndarray:
+    """Configurations from the camera point on."""
+    tools = result.robot.tool_pose(result.trajectory.positions)[0]
+    camera = resolve(result.scene).camera
+    return result.trajectory.positions[int(np.argmin(np.linalg.norm(tools - camera, axis=1))) :]
+
+
+def same(one: Plan, other: Plan) -> bool:
+    first, second = one.trajectory, other.trajectory
+    return np.array_equal(first.times, second.times) and np.array_equal(
+        first.positions, second.positions
+    )
+
+
+# --- no success that is not one ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("planner", "harmed"),
+    [("promp", "n1 and n2 are swallowed"), ("i-promp", "n1 and n2 are swallowed")],
+)
+def test_a_plan_that_is_predicted_to_do_harm_is_no_success(
+    planner: str, harmed: str, planned: Callable[..., Plan]
+) -> None:
+    """The judge finds nothing wrong with scenario 3; the model of the push names the fruit."""
+    result = planned("scenario-3", planner)
+    assert result.status is Code.HARM_PREDICTED
+    assert not result.success
+    verdict = judging.judge(result.scene, result.robot, result.trajectory, stem_side=False)
+    assert verdict.violations == ()
+    prediction = result.prediction
+    assert prediction is not None
+    assert prediction.harm > prediction.threshold
+    assert f"{prediction.object} {prediction.cause}".startswith(harmed)
+    assert result.message.startswith(f"harm is predicted: {harmed}")
+
+
+def test_a_success_tells_its_harm_too(planned: Callable[..., Plan]) -> None:
+    result = planned("scenario-3")
+    assert result.success
+    assert result.prediction is not None
+    assert 0.0 <= result.prediction.harm <= result.prediction.threshold
+    assert (result.prediction.object, result.prediction.cause) == ("", "nothing is harmed")
+    assert "predicted" not in result.message
+
+
+def test_where_no_model_knows_the_push_nothing_is_predicted(three: Scene) -> None:
+    objects = (replace(o, stem=None) for o in three.objects if o.role != "pushable")
+    result = plan(replace(three, objects=tuple(objects)))
+    assert result.success
+    assert result.prediction is None
+    assert result.to_dict()["predicted_harm"] is None
+
+
+def test_the_prediction_is_of_the_trajectory_that_is_returned() -> None:
+    """From the first waypoint on the path, led upright: as the model has it."""
+    result = plan(generate("cluster", 3))
+    task = resolve(result.scene)
+    model = model_of(task)
+    points, axes = tool_motion(task.robot, approach(result))
+    apart = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    assert apart.min() > 0.9 * STEP  # less where the way bends
+    assert apart.max() < 1.001 * STEP
+    np.testing.assert_allclose(np.linalg.norm(axes, axis=1), 1.0)
+    assert result.prediction is not None
+    assert model.predict(points, axes).harm == pytest.approx(result.prediction.harm, abs=0.05)
+
+
+def test_the_judge_predicts_the_push_that_the_plan_does() -> None:
+    """Not that of the whole motion, which may come near a fruit before the path begins."""
+    apart = []
+    for seed in range(20120, 20144):
+        made = plan(generate("table-top", seed), seed=seed)
+        task = resolve(made.scene)
+        whole = tool_motion(task.robot, made.trajectory.positions)
+        model, told = model_of(task), judge(made.scene, made.trajectory)
+        assert told.status == made.status
+        assert made.prediction is not None
+        assert told.prediction is not None
+        assert told.prediction.harm == made.prediction.harm
+        apart.append(abs(model.harm(*whole, model.states) - made.prediction.harm))
+    assert max(apart) > 0.05
+
+
+@pytest.mark.parametrize("scene", ["scenario-3", "shelf"])
+def test_a_prediction_outlives_its_file(scene: str, tmp_path: Path) -> None:
+    result = plan("scenario-3", planner="promp") if scene != "shelf" else plan(generate("shelf", 5))
+    assert result.prediction is not None
+    write_plan(result, tmp_path)
+    again = load_plan(tmp_path)
+    assert again.prediction == result.prediction
+    assert again.status is result.status
+    np.testing.assert_array_equal(again.followed.positions, result.followed.positions)
+    np.testing.assert_array_equal(again.initial.positions, result.initial.positions)
+    assert np.array_equal(again.followed.times, result.followed.times)
+    document = json.loads((tmp_path / "plan.json").read_text(encoding="utf-8"))
+    assert document["predicted_harm"] == {
+        "harm": result.prediction.harm,
+        "threshold": result.prediction.threshold,
+        "probability": result.prediction.probability,
+        "object": result.prediction.object,
+        "cause": result.prediction.cause,
+        "forces": result.prediction.forces,
+    }
+
+
+# --- which model -------------------------------------------------------------------------------
+
+
+def test_a_cup_meets_fruits_that_hang_and_a_hand_packs_that_stand(three: Scene) -> None:
+    assert isinstance(model_of(resolve(three)), Hanging)
+    assert isinstance(model_of(resolve(generate("shelf", 1))), Standing)
+
+    def known(scene: Scene) -> PushModel | None:
+        task = resolve(scene)
+        return task.push_model(task.start)
+
+    def stemless(role: str) -> Scene:
+        objects = [replace(t, stem=None) if t.role == role else t for t in three.objects]
+        return replace(three, objects=tuple(objects))
+
+    assert known(stemless("target")) is None
+    assert isinstance(known(stemless("pushable")), Hanging)  # it knows the target, which hangs
+    assert isinstance(known(replace(three, tool=ToolSpec("franka_hand", {}))), Hanging)
+    alone = tuple(o for o in three.objects if o.role != "pushable")
+    assert isinstance(known(replace(three, objects=alone)), Hanging)
+
+
+def test_where_no_model_applies_a_stems_side_is_a_fault(three: Scene) -> None:
+    """And where one does, it is a remark."""
+    result = plan(three)
+    assert "note: the tool passes n2 on the side of its stem" in result.message
+    strict = judging.judge(three, result.robot, result.trajectory)
+    assert any("n2 on the side of its stem" in str(found) for found in strict.violations)
+    target = replace(three.target, stem=None)  # type: ignore[type-var]
+    others = tuple(o for o in three.objects if o.role != "target")
+    unknown = plan(replace(three, objects=(target, *others)))
+    assert unknown.prediction is None
+    assert unknown.success
+    assert "side of its stem" not in unknown.message
+
+
+# --- which path --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", HARMFUL)
+def test_where_the_rules_path_harms_another_is_found(seed: int) -> None:
+    scene = generate("cluster", seed)
+    rule, own = plan(scene, options=RULE), plan(scene)
+    assert own.success, own.message
+    assert not same(own, rule)
+    assert rule.prediction is not None
+    assert own.prediction is not None
+    assert rule.prediction.harmful
+    assert own.prediction.harm < 0.5 * rule.prediction.harm
+
+
+@pytest.mark.parametrize("seed", [10, HARMFUL[0]])
+def test_without_prediction_the_tool_goes_the_rules_way(seed: int) -> None:
+    """All the way to the target, in all three axes."""
+    scene = generate("cluster", seed)
+    task = resolve(scene)
+    share = np.linspace(0.0, 1.0, 10_000)
+    ways = [
+        through(corners, 0.1).at(share)
+        for corners in rule_paths(scene, task.neighbours, task.robot, task.camera)
+    ]
+    tools = task.robot.tool_pose(approach(plan(scene, options=RULE)))[0]
+    off = [np.linalg.norm(tools[:, None] - way[None], axis=2).min(axis=1).max() for way in ways]
+    assert min(off) < 2.0 * PlanOptions().corridor
+
+
+@pytest.mark.parametrize("seed", HARMFUL)
+def test_the_arm_goes_the_way_that_was_chosen(seed: int) -> None:
+    """In the corridor, as wide along each of three axes: as predicted, so done."""
+    result = plan(generate("cluster", seed))
+    low = len(result.trajectory.positions) - len(approach(result))
+    chosen = result.robot.tool_pose(result.followed.positions[low - 1 :])[0]
+    share = np.linspace(0.0, 1.0, 10_000)
+    at = np.linspace(0.0, 1.0, len(chosen))
+    fine = np.stack([np.interp(share, at, column) for column in chosen.T], axis=1)
+    tools = result.robot.tool_pose(approach(result))[0]
+    off = np.linalg.norm(tools[:, None] - fine[None], axis=2).min(axis=1).max()
+    assert off < np.sqrt(3.0) * PlanOptions().corridor
+
+
+@pytest.mark.parametrize("which", [("cluster", HARMFUL[1]), ("table-top", 2), ("shelf", 7)])
+def test_the_same_scene_gives_the_same_plan(which: Any) -> None:
+    one, other = (plan(generate(*which)) for _ in range(2))
+    assert same(one, other)
+    assert one.message == other.message
+    assert one.metrics == other.metrics
+    assert one.prediction == other.prediction
+
+
+@pytest.mark.parametrize("budget", [0.05, 0.3])
+def test_the_timeout_holds_on_a_shelf(budget: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the process's own time: what else the machine does counts for nothing."""
+    monkeypatch.setattr(time, "perf_counter", time.process_time)
+    scene = generate("shelf", 7)
+    plan(scene)  # makes the robot; loads the kernels
+    first = plan(scene, options=PlanOptions(timeout=1e-6))
+    assert first.time["total"] < 0.5 + 1e-6
+    began = time.perf_counter()
+    result = plan(scene, options=PlanOptions(timeout=budget))
+    assert time.perf_counter() - began < budget + 0.5
+    assert result.success or result.status in (
+        Code.TIMEOUT, Code.INVALID_PLAN, Code.HARM_PREDICTED,
+    )  # fmt: skip
+    assert result.trajectory.n_waypoints > 3
+
+
+def test_detected_fruits_are_searched_for_a_safer_path() -> None:
+    """What may hang otherwise than it was seen is judged on more states."""
+    scene = load_scene("scenario-3")
+    seen = replace(
+        scene,
+        objects=tuple(
+            o if o.stem is None else replace(o, covariance=0.005**2 * np.eye(3))
+            for o in scene.objects
+        ),
+    )
+    known, guessed = model_of(resolve(scene)), model_of(resolve(seen))
+    assert guessed.states > known.states

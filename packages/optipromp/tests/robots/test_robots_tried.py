@@ -1,0 +1,42 @@
+"""The arms of stock robot files (package example-robot-data, extra `models`).
+
+Each file is read without its meshes; scripts/robots_tried.py loads them whole, for a table of
+docs/robots-tried.md.
+"""
+
+from importlib.metadata import PackageNotFoundError, files
+from pathlib import Path
+
+import pytest
+from scripts.robots_tried import EXPECTED, Expected, verdict
+
+from optipromp.readers.arm import choose_arm, read_srdf, srdf_beside
+from optipromp.readers.urdf import read_urdf
+
+
+@pytest.fixture(scope="module")
+def robots() -> Path:
+    try:
+        listed = files("example-robot-data") or []
+    except PackageNotFoundError:
+        pytest.skip("example-robot-data is not installed: pip install '.[models]'")
+    found = [p for p in listed if str(p).endswith("robots/panda_description/urdf/panda.urdf")]
+    return Path(str(found[0].locate())).resolve().parents[2]
+
+
+@pytest.mark.parametrize("expected", EXPECTED, ids=lambda expected: Path(expected.path).stem)
+@pytest.mark.parametrize("groups", [True, False], ids=["SRDF", "rule"])
+def test_stock_files(robots: Path, expected: Expected, groups: bool) -> None:
+    def choose() -> object:
+        model = read_urdf(robots / expected.path)
+        srdf = srdf_beside(model) if groups else None
+        return choose_arm(model, srdf=None if srdf is None else read_srdf(srdf))
+
+    said, told = verdict(expected, choose)
+    assert said == ("asks" if expected.arms > 1 else "right"), told
+
+
+def test_the_page_is_of_these_files() -> None:
+    page = (Path(__file__).parents[4] / "docs/robots-tried.md").read_text("utf-8")
+    assert all(f"| {Path(expected.path).name} |" in page for expected in EXPECTED)
+    assert f"of {len(EXPECTED)}<" in page

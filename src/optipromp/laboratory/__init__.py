@@ -1,1 +1,0 @@
-"""The laboratory: simulation, random scenes, studies, and the planners of comparisons."""
