@@ -29,7 +29,8 @@ examples:
   python -m benchmarks --update-baseline          accept this run's ratios as the baseline
   python -m benchmarks --from results.json --markdown tables.md    no measuring
 
-peers:   pip install -c constraints.txt 'torch==2.13.0' -e '.[bench]'   (torch: a CPU build)
+peers:   pip install -c constraints.txt 'torch==2.13.0' -e packages/optipromp-bench'[peers]'
+         (torch: a CPU build)
 exit:    0 done; 1 the gate found a regression; 2 wrong arguments
 """
 

@@ -80,4 +80,4 @@ if __name__ == "__main__":
             for row in run_study(study, Path(folder), workers=1):
                 print(row.preset, row.seed, row.planner, row.plan_status, row.success)
     except ImportError:
-        print("for the simulation: pip install -e '.[sim]' in the clone")
+        print("for the simulation: install packages/optipromp-sim")

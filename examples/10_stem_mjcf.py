@@ -1,4 +1,4 @@
-"""A fruit on an elastic stem in a MuJoCo model of your own (extra ``sim``).
+"""A fruit on an elastic stem in a MuJoCo model of your own (package ``optipromp-sim``).
 
 ``stem_mjcf`` gives one fruit on its stem as MJCF. Here it is attached to a world with a floor; it
 is pushed with 0.2 N, let go, and swings.
@@ -35,4 +35,4 @@ try:
             x = data.body("1/fruit:berry").xpos[0]
             print(f"{time:.1f} s: {1e3 * x:5.1f} mm aside")
 except ImportError:
-    print("for MuJoCo: pip install -e '.[sim]' in the clone")
+    print("for MuJoCo: install packages/optipromp-sim")

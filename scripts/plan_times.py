@@ -74,7 +74,8 @@ def environment(commit: str, folder: Path) -> str:
     shutil.unpack_archive(archive, source)
     subprocess.run([sys.executable, "-m", "venv", folder / "before"], check=True)
     python = folder / "before/bin/python"
-    install = [python, "-m", "pip", "install", "-q", "-c", "constraints.txt", "."]
+    parts = sorted(source.glob("packages/*/")) or [source]  # the layout until 0.3.0
+    install = [python, "-m", "pip", "install", "-q", "-c", "constraints.txt", *parts]
     subprocess.run(install, cwd=source, check=True)
     return str(python)
 

@@ -39,7 +39,7 @@ OWN = {
 }  # fmt: skip
 """Folders of a ring's tests, where they are not its name alone."""
 SHARED = r"constraints.*\.txt|pyproject\.toml|\.ci/(?!landed$).*|scripts/reach\.py"
-SHARED += r"|tests/(?!test_)\w+\.py"
+SHARED += r"|conftest\.py|tests/(?!test_)\w+\.py"
 """Files outside of the units that reach everything."""
 STEPS = {
     "real-ros": {"ros"}, "real-franka": {"core", "franka"}, "real-lerobot": {"lerobot", "loop"},
@@ -174,7 +174,7 @@ def reach(root: Path, files: Iterable[str] | None, why: str = "") -> Reach:
         else:
             full.add(HOME)
             steps |= {"examples"} if file.startswith("examples/") else set()
-            if file.startswith(("scripts/", "benchmarks/", "examples/")):
+            if file.startswith(("scripts/", "benchmarks/", "examples/", "tests/")):
                 full |= naming(root, Path(file).stem, units.all_tests)
     full |= {folder for unit in changed for folder in units.tests.get(unit, ())}
     reached = units.dependents(changed)

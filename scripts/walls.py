@@ -222,7 +222,11 @@ def known(folder: Path) -> set[str]:
 def missing(folders: Collection[Path]) -> list[str]:
     """Files that ``docs/reading.md`` names and that do not exist."""
     named = dict.fromkeys(re.findall(r"`(\w[\w-]*/[\w/-]+\.py)`", READING.read_text("utf-8")))
-    tops = [ROOT, *folders, *(path for folder in folders for path in folder.glob("src/*/"))]
+    tops = [
+        ROOT,
+        *folders,
+        *(path for folder in folders for path in (folder / "src", *folder.glob("src/*/"))),
+    ]
     gone = [file for file in named if not any((top / file).is_file() for top in tops)]
     return [f"{READING.name} names {file}, which does not exist" for file in gone]
 
@@ -233,7 +237,7 @@ def allowed_imports() -> dict[str, str]:
     above: list[str] = []
     out = {}
     for layer in reversed(contracts[0]["layers"] if contracts else []):
-        names = re.findall(r"optipromp[._]([\w.]+)", layer)
+        names = re.findall(r"optipromp[\w.]*", layer)
         for k, name in enumerate(names):
             but = " but " + ", ".join(f"`{each}`" for each in names[:k]) if k else ""
             out[name.replace(".", "/")] = f"all rings above{but}" if above else "no other ring"

@@ -12,7 +12,11 @@ from packaging.requirements import Requirement
 from scripts.licences import in_doubt, licence
 
 ROOT = Path(__file__).resolve().parents[1]
-PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+PROJECTS: dict[str, Any] = {
+    file.parent.name: tomllib.loads(file.read_text("utf-8"))["project"]
+    for file in sorted(ROOT.glob("packages/*/pyproject.toml"))
+}
+PROJECT: dict[str, Any] = PROJECTS["optipromp"]
 
 
 def text(path: str) -> str:
@@ -21,8 +25,25 @@ def text(path: str) -> str:
 
 def test_the_version_is_one() -> None:
     version = PROJECT["version"]
+    assert len(PROJECTS) == 8
+    assert {project["version"] for project in PROJECTS.values()} == {version}
     assert yaml.safe_load(text("CITATION.cff"))["version"] == version
     assert re.findall(r'set version = "(.+)"', text("conda/meta.yaml")) == [version]
+
+
+@pytest.mark.parametrize("name", PROJECTS)
+def test_a_package_is_whole(name: str) -> None:
+    """Name, licence, classifiers, and this version of those of ours that it needs."""
+    project, home = PROJECTS[name], f"packages/{name}"
+    assert project["name"] == name
+    assert text(f"{home}/LICENSE") == text("LICENSE")
+    assert project["classifiers"] == PROJECT["classifiers"]
+    ours = [each for each in project["dependencies"] if each.startswith("optipromp")]
+    assert all(each.endswith(f"=={PROJECT['version']}") for each in ours)
+    said = text(f"{home}/README.md").partition("It may import")[2].partition(".")[0]
+    told = re.findall(r"`(optipromp[\w-]*)`", said)
+    assert {each.partition("==")[0] for each in ours} == {*told} - {name}
+    assert text(f"{home}/README.md").count("\n") <= 30
 
 
 def test_the_recipe_needs_what_the_package_needs() -> None:
@@ -33,28 +54,10 @@ def test_the_recipe_needs_what_the_package_needs() -> None:
     assert wanted == {*PROJECT["dependencies"], f"python{PROJECT['requires-python']}"}
 
 
-def test_all_is_every_extra_of_a_user_without_an_arm() -> None:
-    """Drivers of arms, files for learners and clusters are further extras, each for a few."""
-    extras = PROJECT["optional-dependencies"]
-    inside = re.fullmatch(r"optipromp\[(.+)\]", extras["all"][0])
-    assert inside is not None
-    own = {
-        "all",
-        "bench",
-        "dev",
-        "docs",
-        "models",
-        "test",
-        "train",
-    }  # of those who work on the package
-    assert {*inside[1].split(",")} == {*extras} - own - {"franky", "panda-py", "episodes", "ray"}
-    assert extras["test"][0] == "optipromp[all]"
-
-
 def installed() -> dict[str, str]:
     """The licence of each package that is installed here for the package and its extras."""
     found: dict[str, str] = {}
-    left = [Requirement(each) for each in metadata.requires("optipromp") or []]
+    left = [Requirement(each) for name in PROJECTS for each in metadata.requires(name) or []]
     while left:
         wanted = left.pop()
         try:
@@ -116,7 +119,9 @@ def test_the_forms_and_workflows_are_yaml(path: Path) -> None:
 @pytest.mark.parametrize("page", ["CONTRIBUTING.md", "SECURITY.md", "README.md"])
 def test_the_files_that_a_page_names_are_there(page: str) -> None:
     links = re.findall(r"\]\((?!http)([^)#]+)[^)]*\)", text(page))
-    named = re.findall(r"`((?:\w+/)+\w+\.py|tests/\w+|(?:core|looks)/\w+)`", text(page))
-    places = ROOT, ROOT / "packages/optipromp/src/optipromp"
+    named = re.findall(
+        r"`((?:[\w-]+/)+\w+\.py|packages/[\w/-]+|tests/\w+|(?:core|looks)/\w+)`", text(page)
+    )
+    places = ROOT, ROOT / "packages/optipromp/src/optipromp", *ROOT.glob("packages/*/src")
     assert not [x for x in links + named if not any((top / x).exists() for top in places)]
     assert links

@@ -6,7 +6,7 @@
 # A cluster of your own: where the fruits hang, how large they are, what they bear. The scene is
 # planned, executed in the simulation, and planned again as a detector with errors would see it.
 #
-# The same as a script: `python examples/notebooks/my_crop.py` (needs the extra `sim`).
+# The same as a script: `python examples/notebooks/my_crop.py` (needs the package `optipromp-sim`).
 
 # %%
 import tempfile

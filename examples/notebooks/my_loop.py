@@ -6,7 +6,7 @@
 # Look, plan, look again, and keep reaching while the plant sways. The true scene is known to the
 # simulation alone: put your arm and your camera in its place.
 #
-# The same as a script: `python examples/notebooks/my_loop.py` (needs the extra `sim`).
+# The same as a script: `python examples/notebooks/my_loop.py` (needs the package `optipromp-sim`).
 
 # %%
 from optipromp_loop.control import Controller

@@ -19,6 +19,6 @@ def stock(name: str) -> Path:
     try:
         listed = files("example-robot-data") or []
     except PackageNotFoundError:
-        pytest.skip("example-robot-data is not installed: pip install '.[models]'")
+        pytest.skip("example-robot-data is not installed: pip install 'packages/optipromp[models]'")
     found = [p for p in listed if str(p).endswith(STOCK[name][0])]
     return Path(str(found[0].locate())).resolve()

@@ -1,8 +1,8 @@
 """The types of the messages, messages without ROS, and bags: files of recorded messages.
 
-Types are those of ROS 2 Jazzy. The package ``rosbags`` (extra ``ros``) brings the common ones;
-``definitions.txt`` holds the fields of ``moveit_msgs``, of ``vision_msgs`` 4 and of what they need.
-A bag is a rosbag2 folder (SQLite) or an MCAP file.
+Types are those of ROS 2 Jazzy. The package ``rosbags`` (package ``optipromp-ros``) brings the
+common ones; ``definitions.txt`` holds the fields of ``moveit_msgs``, of ``vision_msgs`` 4 and of
+what they need. A bag is a rosbag2 folder (SQLite) or an MCAP file.
 """
 
 from __future__ import annotations

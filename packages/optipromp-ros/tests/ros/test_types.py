@@ -130,5 +130,5 @@ def test_without_rosbags_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> 
     for name in [name for name in sys.modules if name.startswith("rosbags")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(InvalidRequestError, match=r"pip install -e '\.\[ros\]'"):
+    with pytest.raises(InvalidRequestError, match=r"pip install -e 'packages/optipromp-ros'"):
         types.typestore.__wrapped__()

@@ -154,7 +154,7 @@ def test_wrong_requests_are_refused(bench, plans):
 
 def test_without_mujoco_the_error_says_what_to_install(bench, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(InvalidRequestError, match=r"pip install -e '\.\[sim\]'"):
+    with pytest.raises(InvalidRequestError, match=r"pip install -e 'packages/optipromp-sim'"):
         simulate(bench.still(), bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5))))
 
 

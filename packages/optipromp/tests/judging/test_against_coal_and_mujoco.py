@@ -11,7 +11,9 @@ import pytest
 try:
     files("example-robot-data")
 except PackageNotFoundError:
-    pytest.skip("no example-robot-data: pip install '.[models]'", allow_module_level=True)
+    pytest.skip(
+        "no example-robot-data: pip install 'packages/optipromp[models]'", allow_module_level=True
+    )
 
 oracles = pytest.importorskip("scripts.judged.__main__", reason="coal or mujoco not installed")
 

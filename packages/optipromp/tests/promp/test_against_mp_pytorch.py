@@ -1,4 +1,4 @@
-"""The independent library `mp_pytorch` (extra `bench`), which has no conditioning."""
+"""The independent library `mp_pytorch` (extra `peers`), which has no conditioning."""
 
 import numpy as np
 import pytest

@@ -137,7 +137,7 @@ def test_xacro_without_the_extra(write: Writer, monkeypatch: pytest.MonkeyPatch)
         load_robot(write(XACRO, "robot.urdf.xacro"))
     for word in (
         "robot.urdf.xacro",
-        "pip install -e '.[xacro]'",
+        "pip install -e 'packages/optipromp[xacro]'",
         "xacro robot.urdf.xacro > robot.urdf",
     ):
         assert word in caught.value.message

@@ -27,7 +27,7 @@ def meshes() -> Path:
     try:
         listed = files("example-robot-data") or []
     except PackageNotFoundError:
-        pytest.skip("example-robot-data is not installed: pip install '.[models]'")
+        pytest.skip("example-robot-data is not installed: pip install 'packages/optipromp[models]'")
     found = [p for p in listed if str(p).endswith("panda_description/meshes/collision/hand.stl")]
     return Path(str(found[0].locate())).resolve().parent.parent
 

@@ -19,7 +19,7 @@ def robots() -> Path:
     try:
         listed = files("example-robot-data") or []
     except PackageNotFoundError:
-        pytest.skip("example-robot-data is not installed: pip install '.[models]'")
+        pytest.skip("example-robot-data is not installed: pip install 'packages/optipromp[models]'")
     found = [p for p in listed if str(p).endswith("robots/panda_description/urdf/panda.urdf")]
     return Path(str(found[0].locate())).resolve().parents[2]
 

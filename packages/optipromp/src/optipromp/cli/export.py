@@ -121,7 +121,7 @@ def report(item: Path, /, out: Path | None = None) -> Report:
     the command; with outcome and film where 'simulate' left them there. Of a
     run: scene, outcome, film. Of a study: rates with intervals, causes, and
     the worst cases with pictures.
-    3-D needs the extra 'view', pictures of worst cases the extra 'sim'.
+    3-D needs the extra 'view', pictures of worst cases the package 'optipromp-sim'.
 
     Examples:
         optipromp plan scenario-4 --out pick
