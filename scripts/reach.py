@@ -10,15 +10,15 @@ Run it from the repository, or with ``--repository``. Each line of the answer ha
     changed UNIT     a file of it changed
     reached UNIT     it imports, by way of others too, what changed
     full FOLDER      tests of what changed: all of them
-    quick FOLDER     tests of what is reached, or that import it: ``-m quick``
+    quick PLACE      tests of what is reached, and files that import that: ``-m quick``
     step NAME        a further step of .ci/run
     all WHY          everything is reached: every folder is full, and every step is there
 
 Units are the packages of ``packages/``, which import what their source names, and need what their
-``pyproject.toml`` says. Without that folder they are the rings of
-``packages/optipromp/src/optipromp``. What a ring's tests are, OWN tells. Tests at the top of
-``tests`` are of the repository: they run in full where something outside of the units changed. A
-file of scripts, benchmarks or examples reaches in full the folders whose tests name it.
+``pyproject.toml`` says. A package that takes a part of a changed one (``optipromp.parts``) is
+reached, but not what imports the taker. Tests at the top of ``tests`` are of the repository: they
+run in full where something outside of the units changed. A file of scripts, benchmarks or examples
+reaches in full the folders whose tests name it.
 """
 
 import argparse
@@ -32,17 +32,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
-OWN = {
-    "core": "geometry robots scenes promp pushing optimization planning judging execution fuzzing",
-    "readers": "robots", "looks": "looks viewer page reports", "bench": "bench benchmarks",
-    "laboratory": "simulation experiments", "lerobot": "lerobot",
-}  # fmt: skip
-"""Folders of a ring's tests, where they are not its name alone."""
 SHARED = r"constraints.*\.txt|pyproject\.toml|\.ci/(?!landed$).*|scripts/reach\.py"
 SHARED += r"|conftest\.py|tests/(?!test_)\w+\.py"
 """Files outside of the units that reach everything."""
 STEPS = {
-    "real-ros": {"ros"}, "real-franka": {"core", "franka"}, "real-lerobot": {"lerobot", "loop"},
+    "real-ros": {"ros"}, "real-franka": {"optipromp", "loop"}, "real-lerobot": {"loop"},
 }  # fmt: skip
 """Steps of real counterparts, and the last words of the units whose changes need them."""
 FURTHER = *STEPS, "examples", "packages", "pythons", "extras"
@@ -53,13 +47,16 @@ class Units(NamedTuple):
     """The parts of a source.
 
     ``folders``: of each unit, where its files are. ``tests``: its test folders. ``imports``: the
-    units that it imports. ``all_tests``: all test folders, with the units that their files import.
+    units that it imports. ``takes``: those of which it takes parts. ``all_tests``: all folders of
+    tests. ``by_file``: the units that each test file imports.
     """
 
     folders: dict[str, list[str]]
     tests: dict[str, list[str]]
     imports: dict[str, set[str]]
-    all_tests: dict[str, set[str]]
+    takes: dict[str, set[str]]
+    all_tests: set[str]
+    by_file: dict[str, set[str]]
 
     def of(self, file: str) -> str | None:
         """The unit of a file of its source; None: of none."""
@@ -91,9 +88,15 @@ def modules_in(place: Path) -> set[str]:
     return out
 
 
+def taken(folder: Path) -> set[str]:
+    """The names of the parts that the files of a folder take."""
+    texts = (file.read_text(encoding="utf-8") for file in folder.rglob("*.py"))
+    return {name for text in texts for name in re.findall(r'\b(?:part|added)\("(\w+)"', text)}
+
+
 def of_packages(root: Path) -> Units:
     """The packages of ``packages/``."""
-    folders, tests, imports, tops = {}, {}, {}, {}
+    folders, tests, imports, tops, givers = {}, {}, {}, {}, {}
     for folder in sorted(path.parent for path in root.glob("packages/*/pyproject.toml")):
         name = folder.name
         folders[name] = [f"packages/{name}"]
@@ -102,40 +105,24 @@ def of_packages(root: Path) -> Units:
     for name in folders:
         project = tomllib.loads((root / "packages" / name / "pyproject.toml").read_text("utf-8"))
         needs = project.get("project", {}).get("dependencies", [])
+        parts = project.get("project", {}).get("entry-points", {}).get("optipromp.parts", {})
+        givers |= dict.fromkeys(parts, name)
         known = {re.split(r"[^\w-]", each)[0] for each in needs} & folders.keys()
         modules = modules_in(root / "packages" / name / "src")
         named = {module.partition(".")[0] for module in modules}
         imports[name] = (known | {tops[top] for top in named & tops.keys()}) - {name}
-    of_tests = {
-        folder: {tops[m.partition(".")[0]] for m in modules_in(root / folder)
-                 if m.partition(".")[0] in tops}
-        for folders_ in tests.values() for folder in folders_
+    takes = {
+        name: {givers[part] for part in taken(root / "packages" / name / "src") if part in givers}
+        for name in folders
+    }
+    all_tests = {folder for its in tests.values() for folder in its}
+    by_file = {
+        file.relative_to(root).as_posix(): {
+            tops[top] for module in modules_in(file) if (top := module.partition(".")[0]) in tops
+        }
+        for folder in all_tests for file in (root / folder).rglob("test_*.py")
     }  # fmt: skip
-    return Units(folders, tests, imports, of_tests | {HOME: set()})
-
-
-def of_rings(root: Path) -> Units:
-    """The rings of ``packages/optipromp/src/optipromp``, whose other modules count as the core."""
-    source, home = root / "src" / "optipromp", root / HOME
-    rings = sorted(path.name for path in source.glob("*/") if any(path.rglob("*.py")))
-    folders = {ring: [f"packages/optipromp/src/optipromp/{ring}"] for ring in rings}
-    folders["lerobot"] = ["packages/optipromp-loop/src/optipromp_loop/lerobot.py"]
-    folders["core"].append("packages/optipromp/src/optipromp")
-
-    def units(modules: Iterable[str]) -> set[str]:
-        found = {module.split(".")[1] for module in modules if module.startswith("optipromp.")}
-        return {ring for ring in found if ring in folders}
-
-    tests, imports = {}, {}
-    for ring in folders:
-        names = OWN.get(ring, ring).split()
-        tests[ring] = [f"{HOME}/{name}" for name in names if (home / name).is_dir()]
-        imports[ring] = units(modules_in(root / folders[ring][0])) - {ring}
-    of_tests = {
-        path.relative_to(root).as_posix(): units(modules_in(path))
-        for path in sorted(home.glob("*/")) if any(path.glob("*.py"))
-    }  # fmt: skip
-    return Units(folders, tests, imports, of_tests | {HOME: set()})
+    return Units(folders, tests, imports, takes, all_tests | {HOME}, by_file)
 
 
 class Reach(NamedTuple):
@@ -158,7 +145,7 @@ class Reach(NamedTuple):
 
 def reach(root: Path, files: Iterable[str] | None, why: str = "") -> Reach:
     """What changed files reach; None: everything, for the reason ``why``."""
-    units = of_packages(root) if any(root.glob("packages/*/pyproject.toml")) else of_rings(root)
+    units = of_packages(root)
     shared = [file for file in files or () if re.fullmatch(SHARED, file)]
     if files is None or shared:
         tests = apart(root, {*units.all_tests})
@@ -178,16 +165,18 @@ def reach(root: Path, files: Iterable[str] | None, why: str = "") -> Reach:
                 full |= naming(root, Path(file).stem, units.all_tests)
     full |= {folder for unit in changed for folder in units.tests.get(unit, ())}
     reached = units.dependents(changed)
-    quick = {
-        folder
-        for folder, names in units.all_tests.items()
-        if names & reached
-        or any(folder in units.tests.get(unit, ()) for unit in reached)
-        or (folder == HOME and changed)
+    reached |= {unit for unit, names in units.takes.items() if names & changed}
+    quick = {folder for unit in reached for folder in units.tests.get(unit, ())}
+    quick |= {HOME} if changed else set()
+    folders = tuple(f"{folder}/" for folder in full | quick)
+    quick |= {
+        file
+        for file, names in units.by_file.items()
+        if names & reached and not file.startswith(folders)
     }
     last = {unit.rpartition("-")[2] for unit in changed} | {Path(folder).name for folder in full}
     steps |= {name for name, needs in STEPS.items() if needs & last}
-    steps |= {"examples"} if changed & {"core", "optipromp"} else set()
+    steps |= {"examples"} if "optipromp" in changed else set()
     return Reach(changed, reached - changed, apart(root, full), apart(root, quick - full), steps)
 
 

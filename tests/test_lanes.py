@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from scripts import walls
-from scripts.reach import ROOT, reach
+from scripts.reach import reach
 
 
 def written(root: Path, files: dict[str, str]) -> None:
@@ -39,7 +39,18 @@ def test_a_change_reaches_what_imports_it_and_the_tests_that_use_that(estate: Pa
     told = reach(estate, ["packages/eyes/src/eyes/__init__.py"])
     assert (told.changed, told.reached) == ({"eyes"}, {"page"})
     assert told.full == {"packages/eyes/tests"}
-    assert told.quick == {"packages/core/tests", "packages/page/tests", "tests/test_all.py"}
+    assert told.quick == {
+        "packages/core/tests/test_core.py", "packages/page/tests", "tests/test_all.py"
+    }  # fmt: skip
+
+
+def test_a_package_that_takes_a_part_of_what_changed_is_reached_alone(estate: Path) -> None:
+    gives = '[project]\nname = "page"\n[project.entry-points."optipromp.parts"]\nfilm = "page:f"\n'
+    takes = 'from optipromp.parts import part\nf = part("film")\n'
+    written(estate, {"packages/page/pyproject.toml": gives})
+    written(estate, {"packages/core/src/core/__init__.py": takes})
+    told = reach(estate, ["packages/page/src/page/__init__.py"])
+    assert (told.changed, told.reached) == ({"page"}, {"core"})
 
 
 def test_a_test_reaches_its_folder_and_what_is_shared_reaches_everything(estate: Path) -> None:
@@ -51,20 +62,6 @@ def test_a_test_reaches_its_folder_and_what_is_shared_reaches_everything(estate:
         assert not told.quick
         assert {"extras", "pythons", "real-ros"} <= told.steps
     assert reach(estate, [".ci/landed", "README.md"]).full == {"tests/test_all.py"}
-
-
-def test_without_packages_the_rings_are_the_units() -> None:
-    if (ROOT / "packages").is_dir():
-        pytest.skip("the packages are there")
-    told = reach(ROOT, ["packages/optipromp-ros/src/optipromp_ros/types.py"])
-    assert (told.changed, told.full, told.steps) == (
-        {"ros"},
-        {"packages/optipromp-ros/tests/ros"},
-        {"real-ros"},
-    )
-    core = reach(ROOT, ["packages/optipromp/src/optipromp/core/judging/clearance.py"])
-    assert "tests/planning" in core.full
-    assert "packages/optipromp-ros/tests/ros" in core.quick
 
 
 def test_a_number_above_its_wall_is_red_and_one_below_is_told(

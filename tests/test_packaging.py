@@ -122,6 +122,7 @@ def test_the_files_that_a_page_names_are_there(page: str) -> None:
     named = re.findall(
         r"`((?:[\w-]+/)+\w+\.py|packages/[\w/-]+|tests/\w+|(?:core|looks)/\w+)`", text(page)
     )
-    places = ROOT, ROOT / "packages/optipromp/src/optipromp", *ROOT.glob("packages/*/src")
+    core = ROOT / "packages/optipromp"
+    places = ROOT, core / "src/optipromp", core / "tests", core.parent, *ROOT.glob("packages/*/src")
     assert not [x for x in links + named if not any((top / x).exists() for top in places)]
     assert links
