@@ -16,9 +16,9 @@ Run it from the repository, or with ``--repository``. Each line of the answer ha
 
 Units are the packages of ``packages/``, which import what their source names, and need what their
 ``pyproject.toml`` says. A package that takes a part of a changed one (``optipromp.parts``) is
-reached, but not what imports the taker. Tests at the top of ``tests`` are of the repository: they run in full where
-something outside of the packages changed. A test file, and one of ``tests``, scripts, benchmarks or
-examples, reaches in full the folders whose files import or name it.
+reached, but not what imports the taker. Tests at the top of ``tests`` are of the repository: they
+run in full where something outside of the packages changed. A test file, and one of ``tests``,
+scripts, benchmarks or examples, reaches in full the folders whose files import or name it.
 """
 
 import argparse
@@ -158,15 +158,16 @@ def reach(root: Path, files: Iterable[str] | None, why: str = "") -> Reach:
             full |= naming(root, Path(file), units.tests)
     full |= units.tests_of(changed)
     reached = units.dependents(changed)
-    reached |= {unit for unit, names in units.takes.items() if names & changed}
-    quick = units.tests_of(reached) | ({HOME} if changed else set())
+    takers = {unit for unit, names in units.takes.items() if names & changed} - reached
+    quick = units.tests_of(reached | takers) | ({HOME} if changed else set())
     folders = tuple(f"{folder}/" for folder in full | quick)
     quick |= {
         file
         for file, names in units.by_file.items()
         if names & reached and not file.startswith(folders)
     }
-    return Reach(changed, reached - changed, apart(root, full), apart(root, quick - full), steps)
+    quick = apart(root, quick - full)
+    return Reach(changed, (reached | takers) - changed, apart(root, full), quick, steps)
 
 
 def apart(root: Path, folders: set[str]) -> set[str]:
