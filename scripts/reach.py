@@ -17,8 +17,8 @@ Run it from the repository, or with ``--repository``. Each line of the answer ha
 Units are the packages of ``packages/``, which import what their source names, and need what their
 ``pyproject.toml`` says. A package that takes a part of a changed one (``optipromp.parts``) is
 reached, but not what imports the taker. Tests at the top of ``tests`` are of the repository: they
-run in full where something outside of the units changed. A file of scripts, benchmarks or examples
-reaches in full the folders whose tests name it.
+run in full where something outside of the packages changed. A test file, and one of ``tests``,
+scripts, benchmarks or examples, reaches in full the folders whose files import or name it.
 """
 
 import argparse
@@ -36,36 +36,36 @@ SHARED = r"constraints.*\.txt|pyproject\.toml|\.ci/(?!landed$).*|scripts/reach\.
 SHARED += r"|conftest\.py|tests/(?!test_)\w+\.py"
 """Files outside of the units that reach everything."""
 STEPS = {
-    "real-ros": {"ros"}, "real-franka": {"optipromp", "loop"}, "real-lerobot": {"loop"},
-}  # fmt: skip
-"""Steps of real counterparts, and the last words of the units whose changes need them."""
-FURTHER = *STEPS, "examples", "packages", "pythons", "extras"
+    "real-ros": ("packages/optipromp-ros/",),
+    "real-franka": ("packages/optipromp-loop/", "packages/optipromp/src/optipromp/core/execution/"),
+    "real-lerobot": ("packages/optipromp-loop/",),
+    "examples": ("packages/optipromp/src/", "examples/"),
+}
+"""Steps, and the places whose changes need them."""
+FURTHER = *STEPS, "packages", "pythons", "extras"
 HOME = "tests"  # whose own files are of the repository
 
 
 class Units(NamedTuple):
-    """The parts of a source.
+    """The packages.
 
-    ``folders``: of each unit, where its files are. ``tests``: its test folders. ``imports``: the
-    units that it imports. ``takes``: those of which it takes parts. ``all_tests``: all folders of
-    tests. ``by_file``: the units that each test file imports.
+    ``imports``: of each unit, the units that it imports or needs. ``takes``: those of which it
+    takes parts. ``tests``: all folders of tests. ``by_file``: the units that a test file imports.
     """
 
-    folders: dict[str, list[str]]
-    tests: dict[str, list[str]]
     imports: dict[str, set[str]]
     takes: dict[str, set[str]]
-    all_tests: set[str]
+    tests: set[str]
     by_file: dict[str, set[str]]
 
     def of(self, file: str) -> str | None:
-        """The unit of a file of its source; None: of none."""
-        inside = [
-            (len(folder), unit)
-            for unit, folders in self.folders.items() for folder in folders
-            if file.startswith(f"{folder}/") or file == folder
-        ]  # fmt: skip
-        return max(inside)[1] if inside else None
+        """The unit of a file; None: of none."""
+        folder, name, *_ = [*file.split("/"), ""]
+        return name if folder == "packages" and name in self.imports else None
+
+    def tests_of(self, units: set[str]) -> set[str]:
+        """The test folders of some units."""
+        return {folder for folder in self.tests if self.of(folder) in units}
 
     def dependents(self, changed: set[str]) -> set[str]:
         """The units that import these, by way of others too, and these."""
@@ -88,41 +88,36 @@ def modules_in(place: Path) -> set[str]:
     return out
 
 
+def units_in(root: Path) -> Units:
+    """The packages of ``packages/``."""
+    folders = {path.parent.name: path.parent for path in root.glob("packages/*/pyproject.toml")}
+    tops = {top.name: name for name, at in folders.items() for top in (at / "src").glob("*/")}
+
+    def imported(place: Path) -> set[str]:
+        return {tops[top] for top in {m.partition(".")[0] for m in modules_in(place)} & {*tops}}
+
+    imports, givers, tests = {}, {}, {HOME}
+    for name, folder in folders.items():
+        project = tomllib.loads((folder / "pyproject.toml").read_text("utf-8"))["project"]
+        needs = {re.split(r"[^\w-]", each)[0] for each in project.get("dependencies", ())}
+        imports[name] = (needs & folders.keys() | imported(folder / "src")) - {name}
+        givers |= dict.fromkeys(project.get("entry-points", {}).get("optipromp.parts", ()), name)
+        tests |= {f"packages/{name}/tests"} if (folder / "tests").is_dir() else set()
+    takes = {
+        name: {givers[part] for part in taken(folder / "src") & givers.keys()}
+        for name, folder in folders.items()
+    }
+    by_file = {
+        file.relative_to(root).as_posix(): imported(file)
+        for folder in tests - {HOME} for file in (root / folder).rglob("test_*.py")
+    }  # fmt: skip
+    return Units(imports, takes, tests, by_file)
+
+
 def taken(folder: Path) -> set[str]:
     """The names of the parts that the files of a folder take."""
     texts = (file.read_text(encoding="utf-8") for file in folder.rglob("*.py"))
     return {name for text in texts for name in re.findall(r'\b(?:part|added)\("(\w+)"', text)}
-
-
-def of_packages(root: Path) -> Units:
-    """The packages of ``packages/``."""
-    folders, tests, imports, tops, givers = {}, {}, {}, {}, {}
-    for folder in sorted(path.parent for path in root.glob("packages/*/pyproject.toml")):
-        name = folder.name
-        folders[name] = [f"packages/{name}"]
-        tests[name] = [f"packages/{name}/tests"] if (folder / "tests").is_dir() else []
-        tops |= {path.name: name for path in (folder / "src").glob("*/")}
-    for name in folders:
-        project = tomllib.loads((root / "packages" / name / "pyproject.toml").read_text("utf-8"))
-        needs = project.get("project", {}).get("dependencies", [])
-        parts = project.get("project", {}).get("entry-points", {}).get("optipromp.parts", {})
-        givers |= dict.fromkeys(parts, name)
-        known = {re.split(r"[^\w-]", each)[0] for each in needs} & folders.keys()
-        modules = modules_in(root / "packages" / name / "src")
-        named = {module.partition(".")[0] for module in modules}
-        imports[name] = (known | {tops[top] for top in named & tops.keys()}) - {name}
-    takes = {
-        name: {givers[part] for part in taken(root / "packages" / name / "src") if part in givers}
-        for name in folders
-    }
-    all_tests = {folder for its in tests.values() for folder in its}
-    by_file = {
-        file.relative_to(root).as_posix(): {
-            tops[top] for module in modules_in(file) if (top := module.partition(".")[0]) in tops
-        }
-        for folder in all_tests for file in (root / folder).rglob("test_*.py")
-    }  # fmt: skip
-    return Units(folders, tests, imports, takes, all_tests | {HOME}, by_file)
 
 
 class Reach(NamedTuple):
@@ -145,39 +140,34 @@ class Reach(NamedTuple):
 
 def reach(root: Path, files: Iterable[str] | None, why: str = "") -> Reach:
     """What changed files reach; None: everything, for the reason ``why``."""
-    units = of_packages(root)
+    units = units_in(root)
     shared = [file for file in files or () if re.fullmatch(SHARED, file)]
     if files is None or shared:
-        tests = apart(root, {*units.all_tests})
-        return Reach({*units.folders}, set(), tests, set(), {*FURTHER}, why or shared[0])
-    changed, full, steps = set[str](), set[str](), set[str]()
+        tests = apart(root, units.tests)
+        return Reach({*units.imports}, set(), tests, set(), {*FURTHER}, why or shared[0])
+    changed, full = set[str](), set[str]()
+    steps = {k for k, places in STEPS.items() for file in files if file.startswith(places)}
     for file in {*files} - {".ci/landed"}:
+        folder = max((f for f in units.tests if file.startswith(f"{f}/")), key=len, default="")
         unit = units.of(file)
-        folder = max((f for f in units.all_tests if file.startswith(f"{f}/")), key=len, default="")
-        if folder:
-            full |= {folder} | naming(root, Path(file).stem, units.all_tests)
-        elif unit is not None:
+        if unit is not None and not folder:
             changed.add(unit)
         else:
-            full.add(HOME)
-            steps |= {"examples"} if file.startswith("examples/") else set()
-            if file.startswith(("scripts/", "benchmarks/", "examples/", "tests/")):
-                full |= naming(root, Path(file).stem, units.all_tests)
-    full |= {folder for unit in changed for folder in units.tests.get(unit, ())}
+            full.add(folder or HOME)
+        if folder or file.startswith(("scripts/", "benchmarks/", "examples/")):
+            full |= naming(root, Path(file), units.tests)
+    full |= units.tests_of(changed)
     reached = units.dependents(changed)
-    reached |= {unit for unit, names in units.takes.items() if names & changed}
-    quick = {folder for unit in reached for folder in units.tests.get(unit, ())}
-    quick |= {HOME} if changed else set()
+    takers = {unit for unit, names in units.takes.items() if names & changed} - reached
+    quick = units.tests_of(reached | takers) | ({HOME} if changed else set())
     folders = tuple(f"{folder}/" for folder in full | quick)
     quick |= {
         file
         for file, names in units.by_file.items()
         if names & reached and not file.startswith(folders)
     }
-    last = {unit.rpartition("-")[2] for unit in changed} | {Path(folder).name for folder in full}
-    steps |= {name for name, needs in STEPS.items() if needs & last}
-    steps |= {"examples"} if "optipromp" in changed else set()
-    return Reach(changed, reached - changed, apart(root, full), apart(root, quick - full), steps)
+    quick = apart(root, quick - full)
+    return Reach(changed, (reached | takers) - changed, apart(root, full), quick, steps)
 
 
 def apart(root: Path, folders: set[str]) -> set[str]:
@@ -186,15 +176,15 @@ def apart(root: Path, folders: set[str]) -> set[str]:
     return folders - {HOME} | (files if HOME in folders else set())
 
 
-def naming(root: Path, stem: str, folders: Iterable[str]) -> set[str]:
-    """The test folders whose files name a file."""
-    word = re.compile(rf"\b{re.escape(stem)}\b")
+def naming(root: Path, file: Path, folders: Iterable[str]) -> set[str]:
+    """The test folders whose files import a file, or name it with its folder."""
+    word = re.compile(rf"\b{file.parent.name}\W+(import [\w, ]*)?\b{re.escape(file.stem)}\b")
     return {
         folder
         for folder in folders
-        for file in (root / folder).glob("*.py" if folder == HOME else "**/*.py")
-        if word.search(file.read_text(encoding="utf-8"))
-    }  # fmt: skip
+        for each in (root / folder).glob("*.py" if folder == HOME else "**/*.py")
+        if word.search(each.read_text(encoding="utf-8"))
+    }
 
 
 def changes(repository: Path, base: str) -> list[str] | None:

@@ -7,8 +7,7 @@
 Walls that may only fall:
 
 - ``lines`` of a package: the Python of its src, tests, scripts and benchmarks. Packages are the
-  folders of ``packages/``, and ``workspace`` is what stands beside them; without that folder, the
-  repository is one package.
+  folders of ``packages/``, and ``workspace`` is what stands beside them.
 - ``closure`` of a function: lines and files of the definitions that it needs. From its own
   definition, each name in a body, a default or an annotation leads to the definition of that name,
   in this module or in the one that it is imported from. A class counts whole. Modules' docstrings
@@ -47,9 +46,9 @@ Definition = ast.FunctionDef | ast.ClassDef | ast.Assign | ast.AnnAssign
 
 
 def packages() -> dict[str, Path]:
-    """Folders of the packages by name; of one package, the repository."""
+    """Folders of the packages by name, and the repository that they stand in."""
     found = {file.parent.name: file.parent for file in ROOT.glob("packages/*/pyproject.toml")}
-    return {**dict(sorted(found.items())), "workspace": ROOT} if found else {"optipromp": ROOT}
+    return {**dict(sorted(found.items())), "workspace": ROOT}
 
 
 def settings(folder: Path) -> dict[str, Any]:

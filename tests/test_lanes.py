@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from scripts import walls
-from scripts.reach import reach
+from scripts.reach import ROOT, reach
 
 
 def written(root: Path, files: dict[str, str]) -> None:
@@ -62,6 +62,15 @@ def test_a_test_reaches_its_folder_and_what_is_shared_reaches_everything(estate:
         assert not told.quick
         assert {"extras", "pythons", "real-ros"} <= told.steps
     assert reach(estate, [".ci/landed", "README.md"]).full == {"tests/test_all.py"}
+
+
+def test_a_helper_reaches_the_tests_that_import_it() -> None:
+    told = reach(ROOT, ["tests/ros/recorded.py", "scripts/walls.toml"])
+    assert "packages/optipromp-ros/tests" in told.full
+    assert "packages/optipromp-loop/tests" not in told.full
+    loop = reach(ROOT, ["packages/optipromp-loop/src/optipromp_loop/lerobot.py"])
+    assert loop.steps == {"real-franka", "real-lerobot"}
+    assert "packages/optipromp-bench/tests" in loop.quick
 
 
 def test_a_number_above_its_wall_is_red_and_one_below_is_told(

@@ -44,14 +44,13 @@ class Arm:
 
     def __init__(self, n: int = 7, link: float = 0.2) -> None:
         self.n, self.link = n, link
-        axes = [np.eye(3)[2] if j % 2 == 0 else np.eye(3)[1] for j in range(n)]
+        axes = (np.eye(3)[2 - j % 2] for j in range(n))
         self.turns = [(a, np.cross(a, np.eye(3)).T) for a in axes]  # k @ v = axis × v
 
     def __call__(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         m = len(q)
         rotation = np.tile(np.eye(3), (m, 1, 1))
-        origin = np.zeros((m, 3))
-        origins, axes = [], []
+        origin, origins, axes = np.zeros((m, 3)), [], []
         for j, (axis, k) in enumerate(self.turns):
             origins.append(origin)
             axes.append(rotation @ axis)

@@ -93,13 +93,12 @@ def test_the_flange_is_where_the_last_link_is(tool: Cup | FrankaHand) -> None:
 
     def tops(at: np.ndarray) -> np.ndarray:
         """Where the ray along the axis from ``at`` (2,) leaves each sphere; nan: it misses it."""
-        left = size**2 - ((across - at) ** 2).sum(axis=1)
-        return along + np.sqrt(np.where(left > 0.0, left, np.nan))
+        off = np.minimum(np.linalg.norm(across - at, axis=1) / size, 1.0)
+        return np.where(off < 1.0, along + size * np.sqrt(1.0 - off**2), np.nan)
 
     for angle in np.linspace(0.0, 2.0 * np.pi, 50):
         toward = np.array([np.cos(angle), np.sin(angle)])
-        within = [np.isfinite(tops(s * toward)).any() for s in steps]
-        reach.append(steps[np.flatnonzero(within)[-1]])
+        reach.append(max(s for s in steps if np.isfinite(tops(s * toward)).any()))
         height.append(np.nanmax(tops(0.7 * radius * toward)))
     assert radius == pytest.approx(np.median(reach), abs=1.5e-3)
     assert top == pytest.approx(np.median(height), abs=1.5e-3)
