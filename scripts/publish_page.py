@@ -22,8 +22,8 @@ real plant. Intervals are Wilson's, 95 %: the line through a dot of a picture.
 - **Alone**: so many scenes ended so for one of two and not for the other; p is McNemar's, exact.
 
 Names like `cluster` are kinds of random scenes ([presets](glossary.md)). A *frozen* result has
-answered its question, and stays of its version. `python scripts/publish.py` tells which others are
-stale: what they depend on behaves otherwise since.
+answered its question, and stays of its version; its commands are of that commit. `python
+scripts/publish.py` tells which others are stale: what they depend on behaves otherwise since.
 """
 
 

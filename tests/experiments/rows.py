@@ -2,7 +2,7 @@
 
 from optipromp_bench.experiments.rows import Row
 
-ROW = Row.of(
+ROW = Row(
     preset="cluster", seed=0, planner="straight", noise_position=0.0, noise_angle=0.0, pushables=2,
     redraws=5, plan_status="success", success=False, cause="crushed", message='n1, "hard"',
     picked=True, swallowed="", unripe_force=12.5, target_force=0.1, static_force=0.0, torn="",

@@ -316,8 +316,8 @@ def verify(
         if now is None and row.result in ("refused", "error"):
             unconfirmed.append(row)
             continue
-        now = now or row.having(result="error", cause="not executed")
-        told = row.having(cause=now.cause) if row.result == now.result == "error" else row
+        now = now or replace(row, result="error", cause="not executed")
+        told = replace(row, cause=now.cause) if row.result == now.result == "error" else row
         if now.judged() != told.judged():
             changed.append((row, now))
     by: Means = "motions" if entry is None else "entry"
@@ -341,7 +341,7 @@ def asked_again(task: Exercise, content: bytes, where: str) -> list[Row]:
     ):
         return rows
     # a digest that no row has, so that all of them differ
-    return [row.having(digest="", cause=f"another motion: {row.cause}") for row in rows]
+    return [replace(row, digest="", cause=f"another motion: {row.cause}") for row in rows]
 
 
 def recorded(path: Path, sha256: str, run: BenchRun) -> Means:

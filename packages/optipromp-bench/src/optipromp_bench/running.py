@@ -107,7 +107,7 @@ def executed_rows(task: Exercise, setting: Situation, digest: str, motions: Deed
     for engine, motion in motions.items():
         row = _row(task, digest, engine, "refused", thought=motion.thought)
         if motion.refused:
-            rows.append(row.having(cause=tracks.words(motion.why)))
+            rows.append(replace(row, cause=tracks.words(motion.why)))
         elif motion.actions is not None:
             episode = _episode(task, setting, engine)
             tracks.replayed(motion, episode)
@@ -160,7 +160,7 @@ def _flown(
             curves = [(each.times, each.positions) for each in fine]
             word = execute(scene_to_dict(truth), curves[0], seed, curves[1])
     except (OptiPrompError, RuntimeError, ValueError) as error:
-        return row.having(result="error", cause=tracks.words(str(error)))
+        return replace(row, result="error", cause=tracks.words(str(error)))
     return _judged(row, word, reach.duration + back.duration)
 
 
@@ -185,8 +185,8 @@ def _judged(row: Row, outcome: Outcome | Word, duration: float) -> Row:
         cause, force = "; ".join(harm), outcome.force
     else:
         cause, force = " ".join(outcome.causes), outcome.unripe_peak_force
-    return row.having(
-        result=outcome.result, picked=bool(outcome.picked), cause=tracks.words(cause),
+    return replace(
+        row, result=outcome.result, picked=bool(outcome.picked), cause=tracks.words(cause),
         force=round(float(force), 3), duration=round(duration, 4),
     )  # fmt: skip
 
@@ -195,8 +195,10 @@ def _row(
     task: Exercise, digest: str, engine: str, result: str, thought: float = 0.0, cause: str = ""
 ) -> Row:
     """What became of one scene in one engine, with nothing executed yet."""
-    row = Row(task.preset, task.seed, engine=engine, result=result, cause=cause, picked=False)
-    return row.having(digest=digest, thought=thought)
+    return Row(
+        task.preset, task.seed, engine=engine, result=result, cause=cause, picked=False,
+        digest=digest, thought=thought,
+    )  # fmt: skip
 
 
 def _errors(task: Exercise, digest: str, error: tracks.EntryError) -> list[Row]:

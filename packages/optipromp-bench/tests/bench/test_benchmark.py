@@ -136,7 +136,7 @@ def test_an_entry_leaves_as_it_says_or_as_it_came() -> None:
     assert motion.back is not None
     situation, digest = situated(ours)
     (again,) = executed_rows(ours, situation, digest, {"arm": motion})
-    assert again.having(thought=row.thought) == row
+    assert replace(again, thought=row.thought) == row
     came = {"arm": replace(motion, back=None)}
     (torn,) = executed_rows(ours, situation, digest, came)
     assert (torn.result, torn.cause) == ("harmed", "torn")

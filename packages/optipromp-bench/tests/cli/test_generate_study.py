@@ -61,7 +61,9 @@ def test_generate_leaves_the_scenes_as_a_detector_sees_them(tmp_path: Path) -> N
 @pytest.fixture
 def quick(monkeypatch):
     def run_trials(_, preset, seed, condition, planners, version):
-        row = ROW.having(preset=preset, seed=seed, cause="stem_caught", causes="", version=version)
+        row = replace(
+            ROW, preset=preset, seed=seed, cause="stem_caught", causes="", version=version
+        )
         return [replace(row, planner=planner, success=planner == "chomp") for planner in planners]
 
     monkeypatch.setattr(study, "run_trials", run_trials)

@@ -33,7 +33,7 @@ from optipromp_sim.situations import (
     seen_at_once,
 )
 
-ROW = Row.of(
+ROW = Row(
     preset="cluster", seed=0, planner="opti-promp", noise_position=0.0, noise_angle=0.0,
     pushables=2, redraws=0, plan_status="success", success=True, picked=True, duration=8.0,
     unripe_force=1.0, loop="closed", condition="sway", result="clean", retreats=1, looks=100,
@@ -267,7 +267,7 @@ def test_cells_count_results_and_pool_the_presets() -> None:
         ROW,
         replace(ROW, seed=1, result="harmed", success=False, causes="crushed not_picked"),
         replace(ROW, preset="mixed", result="gave_up", success=False, cause="not_picked"),
-        ROW.having(preset="mixed", seed=1, result="refused", success=False, cause="no_plan",
+        replace(ROW, preset="mixed", seed=1, result="refused", success=False, cause="no_plan",
                    duration=None, nis=None, cycle_p99=0.03),
         replace(ROW, preset="mixed", loop="open", result="missed", success=False,
                 cause="not_picked"),

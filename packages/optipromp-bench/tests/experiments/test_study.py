@@ -70,16 +70,17 @@ def test_wilson_against_published_values() -> None:
 
 def test_summary_counts() -> None:
     rows = [
-        ROW.having(seed=0, success=True, cause="", success_before=None),
-        ROW.having(
+        replace(ROW, seed=0, success=True, cause="", success_before=None),
+        replace(
+            ROW,
             seed=1,
             static_force=3.0,
             cause="static_contact",
             unripe_force=2.5,
             causes="static_contact crushed not_picked",
         ),
-        ROW.having(seed=2, cause="no_plan", plan_status="INVALID_PLAN", unripe_force=None),
-        ROW.having(seed=3, torn="n1 n2"),
+        replace(ROW, seed=2, cause="no_plan", plan_status="INVALID_PLAN", unripe_force=None),
+        replace(ROW, seed=3, torn="n1 n2"),
     ]
     (cell,) = summary(rows)
     assert (cell.runs, cell.successes, cell.plans, cell.kept, cell.broken) == (4, 1, 3, 1, 2)
@@ -89,7 +90,7 @@ def test_summary_counts() -> None:
     assert cell.unripe_force == 12.5
     assert cell.low < cell.rate == 0.25 < cell.high
     assert cell.kept_before == 1  # rows of 0.3.0 have success alone
-    (cell,) = summary([rows[0].having(success_before=before) for before in (True, False, False)])
+    (cell,) = summary([replace(rows[0], success_before=before) for before in (True, False, False)])
     assert (cell.kept, cell.kept_before) == (3, 1)
 
 
@@ -100,7 +101,8 @@ def test_summary_counts() -> None:
     "row",
     [
         ROW,
-        ROW.having(
+        replace(
+            ROW,
             picked=None,
             unripe_force=None,
             duration=None,
@@ -172,7 +174,7 @@ def test_the_version_of_rows_follows_the_code_of_the_core(tmp_path: Path, monkey
     for name in ("core", "laboratory", "cli", "looks"):
         (package / name).mkdir(parents=True)
         (package / name / "code.py").write_text("")
-    monkeypatch.setattr(optipromp, "__file__", str(package / "__init__.py"))
+    monkeypatch.setattr(optipromp.__spec__, "origin", str(package / "__init__.py"))
     whole = source_version.__wrapped__()
     for name, same in (("cli", True), ("looks", True), ("laboratory", False), ("core", False)):
         (package / name / "code.py").write_text("changed")
@@ -267,7 +269,7 @@ def test_results_are_written(quick, tmp_path: Path) -> None:
 
 
 def test_the_bars_are_promised_and_picked_and_the_dots_are_executed() -> None:
-    refused = ROW.having(success=True, plan_status="HARM_PREDICTED")
+    refused = replace(ROW, success=True, plan_status="HARM_PREDICTED")
     rows = [replace(ROW, success=True), *(replace(refused, seed=k) for k in (1, 2)),
             replace(ROW, seed=3)]  # fmt: skip
     rates, _ = study_figure(summary(rows)).axes
@@ -317,7 +319,7 @@ def test_a_real_run_is_the_same_in_another_process(tmp_path: Path) -> None:
     assert len(alone) == len(together) == 2
     for one, other in zip(alone, together, strict=True):
         times = {"plan_time": 0.0, "simulation_time": 0.0}
-        assert one.having(**times) == other.having(**times)
+        assert replace(one, **times) == replace(other, **times)
         assert one.plan_status in ("success", "INVALID_PLAN", "HARM_PREDICTED")
         assert one.unripe_force is not None
     assert not multiprocessing.active_children()
@@ -396,15 +398,15 @@ def test_without_pairs_there_is_no_auc() -> None:
 def test_runs_are_counted_in_the_bin_of_their_probability() -> None:
     outcomes = [(0.0, True), (0.004, True), (0.01, False), (0.3, True), (0.1, False), (1.0, False)]
     rows = [
-        ROW.having(
-            predicted_failure=told, success=ok,
+        replace(
+            ROW, predicted_failure=told, success=ok,
             plan_status="HARM_PREDICTED" if told > 0.5 else "success",
         )
         for told, ok in outcomes
     ]  # fmt: skip
     rows += [
-        ROW.having(predicted_failure=None),  # no model
-        ROW.having(predicted_failure=0.1, picked=None),  # not executed
+        replace(ROW, predicted_failure=None),  # no model
+        replace(ROW, predicted_failure=0.1, picked=None),  # not executed
     ]
     found = calibration(rows)
     counted = [(b.low, b.high, b.runs, b.failures) for b in found.bins]
@@ -421,4 +423,4 @@ def test_runs_are_counted_in_the_bin_of_their_probability() -> None:
 
 
 def test_without_predictions_there_is_no_calibration() -> None:
-    assert calibration([ROW.having(predicted_failure=None)]) is None
+    assert calibration([replace(ROW, predicted_failure=None)]) is None

@@ -20,7 +20,7 @@ def rows_in(folder: Path, rows: list[Row]) -> None:
 
 def test_plans_are_told_by_part_and_by_preset(tmp_path: Path) -> None:
     rows = [
-        Row.of(
+        Row(
             preset, seed, planner="opti-promp", plan_status="success", success=seed > 0,
             cause="" if seed else "torn", picked=True, unripe_force=1.0, plan_time=0.03,
             predicted_failure=0.015, noise_position=0.0, noise_angle=0.0, pushables=2, redraws=0,
@@ -40,7 +40,7 @@ def test_loops_are_told_by_condition_by_preset_and_in_pairs(tmp_path: Path) -> N
     ends = {"open": ("clean", "harmed", "missed"), "closed": ("clean", "clean", "gave_up")}
     for part, results in ends.items():
         rows = [
-            Row.of(
+            Row(
                 preset, seed, planner="opti-promp", loop=part, condition=condition, result=result,
                 success=result == "clean", plan_status="success", duration=5.0,
                 noise_position=0.0, noise_angle=0.0, pushables=2, redraws=0,

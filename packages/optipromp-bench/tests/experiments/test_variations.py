@@ -98,7 +98,7 @@ def test_one_plan_is_executed_under_every_variation_and_as_assumed_as_ever(tmp_p
 
 def test_the_figure_shows_planners_beside_one_another_under_every_variation() -> None:
     rows = [
-        Row.of(
+        Row(
             "cluster", seed, planner=planner, variation=name, causes="crushed not_picked",
             plan_status="INVALID_PLAN" if seed == 3 else "success", redraws=0,
             success=planner == "drift" or seed > 1,

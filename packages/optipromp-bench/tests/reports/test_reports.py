@@ -183,14 +183,14 @@ def test_the_report_of_a_rollout_alone(folder: Path, tmp_path: Path) -> None:
 
 
 def test_worst_cases_take_causes_in_turn_and_broken_promises_first() -> None:
-    row = Row.of("cluster", 1, planner="opti-promp", plan_status="success")
+    row = Row("cluster", 1, planner="opti-promp", plan_status="success")
     rows = [
         replace(row, seed=1, success=True),
-        row.having(seed=2, cause="crushed", unripe_force=11.0, plan_status="HARM_PREDICTED"),
-        row.having(seed=3, cause="crushed", unripe_force=12.0),
-        row.having(seed=4, cause="crushed", unripe_force=20.0),
-        row.having(seed=5, cause="torn", unripe_force=1.0),
-        row.having(seed=6, cause="no_plan"),
+        replace(row, seed=2, cause="crushed", unripe_force=11.0, plan_status="HARM_PREDICTED"),
+        replace(row, seed=3, cause="crushed", unripe_force=12.0),
+        replace(row, seed=4, cause="crushed", unripe_force=20.0),
+        replace(row, seed=5, cause="torn", unripe_force=1.0),
+        replace(row, seed=6, cause="no_plan"),
     ]
     assert [found.seed for found in worst_of(rows, 10)] == [4, 5, 3, 2]
     assert [found.seed for found in worst_of(rows, 2)] == [4, 5]

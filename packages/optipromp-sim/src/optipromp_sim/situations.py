@@ -14,7 +14,7 @@ zero-mean errors unless a condition has others. Errors and rates are sourced in
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 
@@ -44,8 +44,7 @@ LEAP = 0.010  # [m] of fruits during the motion: a choice
 JUMP_AT, LEAP_AT = 3.0, 2.0  # [s] of that leap in a closed loop, and in a blind motion: choices
 SETTLE = 4.0  # [s] of sway before the first look, in which swings build up: a choice
 SWAY: Mapping[str, Any] = {"sway": 0.010, "sway_frequency": 0.5, "sway_fastest": 1.6}
-"""[m] [Hz] [Hz] of roots: fruits in wind sway by 10-30 mm, from a gutter's to their own frequency.
-"""
+"""[m] [Hz] [Hz] of roots: fruits in wind sway by 10-30 mm, at a gutter's frequency to their own."""
 LIGHT_WIND = 0.020  # [m] of the sway of a variation: a choice
 CAMERA_OFF: Mapping[str, Any] = {
     "camera_offset": 0.005 / 3**0.5, "camera_turn": 1.0 / 3**0.5,
@@ -63,6 +62,18 @@ BREAKS = 0.12  # [m] of the tool point from a target whose stem breaks: a choice
 LARGER, STIFF = 1.15, 5.0  # radius of fruits, stiffness of stems: choices beyond what is assumed
 NEAREST = 3  # pushables of which one is missed: a choice
 MISSED: Mapping[str, Any] = {"missed": 0.05, "hidden": 0.5}  # as the detector's
+
+
+class LoopFigures(TypedDict):
+    """Figures of a pick; columns of rows have these names, and tell what they are."""
+
+    retreats: int
+    looks: int
+    cycle_median: float
+    cycle_p99: float
+    nis: float | None
+    worst_jump: float
+    worst_limit: float
 
 
 class Situation(NamedTuple):
@@ -106,8 +117,7 @@ class Change:
         seen = noisy(scene, seed, NOISES[self.noise]) if self.noise else scene
         if self.settled:  # before the fruits are shifted, and as stems are believed to be
             p = replace(p, engine=replace(p.engine, settle=SETTLE))
-            known = ("sway", "gust")
-            sway = {name: v for name, v in self.disturbance.items() if name.startswith(known)}
+            sway = {k: v for k, v in self.disturbance.items() if k.startswith(("sway", "gust"))}
             seen = seen_at_once(seen, scene, seed, _disturbed(p, sway))
         truth, p = _changed(scene, p, **drawn)
         if self.shift is not None:
@@ -134,24 +144,19 @@ def _changed(
     ``stiffness``: of every stem, also where it follows from the stem's lean. ``size``: radius of
     hanging balls.
     """
+    of = p.stem
     stem = replace(
-        p.stem,
-        youngs_modulus=stiffness * p.stem.youngs_modulus,
-        grown_turn=p.stem.grown_turn / stiffness,
-        damping_time=damping * p.stem.damping_time,
-        swing_damping=damping * p.stem.swing_damping,
-        damping_ratio=damping * p.stem.damping_ratio,
-        calyx=calyx or p.stem.calyx,
-        stretch=stretch or p.stem.stretch,
-    )
+        of, youngs_modulus=stiffness * of.youngs_modulus, grown_turn=of.grown_turn / stiffness,
+        damping_time=damping * of.damping_time, swing_damping=damping * of.swing_damping,
+        damping_ratio=damping * of.damping_ratio, calyx=calyx or of.calyx,
+        stretch=stretch or of.stretch,
+    )  # fmt: skip
     p = replace(p, stem=stem, fruit=replace(p.fruit, density=density * p.fruit.density))
     if friction is not None:
         p = replace(
-            p,
-            fruit=replace(p.fruit, friction=friction),
-            stem=replace(p.stem, friction=friction),
+            p, fruit=replace(p.fruit, friction=friction), stem=replace(p.stem, friction=friction),
             robot=replace(p.robot, tool_friction=friction),
-        )
+        )  # fmt: skip
 
     def sized(item: SceneObject) -> SceneObject:
         of = item.shape
@@ -316,25 +321,20 @@ camera point, looks, and executes the plan made there blind; ``closed``: the con
 LOOP_PLANNER = "opti-promp"
 
 
-def loop_figures(done: Loop) -> dict[str, Any]:
-    """Retreats, looks, times of cycles, innovations and smoothness of a pick; see
-    ``STUDY`` of the rows."""
+def loop_figures(done: Loop) -> LoopFigures:
+    """Retreats, looks, times of cycles, innovations and smoothness of a pick."""
     controller = done.controller
     cycles = np.array(controller.cycles)
     start = State(posed(controller.scene, controller.robot)[1].q)
-    curve = executed(
-        done.trace.stretches, controller.robot, start, float(done.run.outcome.duration)
-    )
+    until = float(done.run.outcome.duration)
+    curve = executed(done.trace.stretches, controller.robot, start, until)
     nis = controller.tracker.statistics.consistent()[0]
     return {
         "retreats": sum(event.stage == "retreat" for event in controller.events),
-        "looks": len(done.trace.looks),
-        "cycle_median": float(np.median(cycles)),
-        "cycle_p99": float(np.quantile(cycles, 0.99)),
-        "nis": nis if np.isfinite(nis) else None,
-        "worst_jump": float(curve.jumps.max()),
-        "worst_limit": float(curve.shares.max()),
-    }
+        "looks": len(done.trace.looks), "nis": nis if np.isfinite(nis) else None,
+        "cycle_median": float(np.median(cycles)), "cycle_p99": float(np.quantile(cycles, 0.99)),
+        "worst_jump": float(curve.jumps.max()), "worst_limit": float(curve.shares.max()),
+    }  # fmt: skip
 
 
 def picked(setting: Situation, seed: int, servo: bool = True) -> Loop:

@@ -2,12 +2,11 @@
 
 import re
 from importlib.resources import files
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from tests.loaded import script
+from scripts.joints import robot_file
 from tests.scenes.six_joints import six
 
 from optipromp.core.errors import Code, InvalidRequestError
@@ -175,7 +174,7 @@ def test_places_that_almost_fit_are_varied(tmp_path) -> None:
 @pytest.mark.parametrize("seed", [110_001, 110_004])
 def test_joints_keep_the_distance_from_their_limits_that_a_plan_keeps(tmp_path, seed) -> None:
     """An arm that hangs its hand on a slide: the best places are where the slide ends."""
-    robot = _of_the_study(tmp_path, "3 yys")
+    robot = robot_file("3 yys", tmp_path)
     scene = fitted(generate("cluster", seed), load_robot(robot), str(robot), NOTHING, turned=False)
     assert plan(scene).success
     task = resolve(scene)
@@ -185,7 +184,7 @@ def test_joints_keep_the_distance_from_their_limits_that_a_plan_keeps(tmp_path, 
 
 @pytest.mark.filterwarnings("ignore:no built-in demonstrations")
 def test_a_neck_is_as_long_as_asked_for(tmp_path) -> None:
-    robot = _of_the_study(tmp_path, "5 ypprp")
+    robot = robot_file("5 ypprp", tmp_path)
     arm, scene = load_robot(robot), generate("cluster", 110_001)
     short, long = (
         fitted(scene, arm, str(robot), NOTHING, turned=False, neck=neck) for neck in (0.0, 0.3)
@@ -193,11 +192,6 @@ def test_a_neck_is_as_long_as_asked_for(tmp_path) -> None:
     assert short.tool.parameters["length"] == pytest.approx(0.1)
     assert long.tool.parameters["length"] == pytest.approx(0.3)
     assert plan(long).success
-
-
-def _of_the_study(folder: Path, name: str) -> Path:
-    """An arm of the study of joints as a file."""
-    return Path(script("joints_study").arms(folder)[name])
 
 
 def test_a_plan_tells_of_a_path_of_less_harm_that_its_arm_cannot_follow() -> None:

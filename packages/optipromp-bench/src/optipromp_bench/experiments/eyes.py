@@ -13,9 +13,9 @@ straight.
 import functools
 import math
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 
@@ -109,10 +109,20 @@ NOT_SEEN = "not_seen"
 """Cause of a run in which no ripe fruit was seen."""
 
 
+class Pictures(TypedDict, total=False):
+    """What pictures show before a plan; columns of rows have these names."""
+
+    pictures: int
+    visible: int
+    found: int
+    false: int
+    see_time: float
+
+
 class _Sight(NamedTuple):
     sight: Sighting
     ripe: frozenset[str]  # ids of the fruits in the picture that truly are ripe
-    told: dict[str, Any]  # figures of rows
+    told: Mapping[str, Any]  # of Pictures
 
 
 def situation(
@@ -198,10 +208,8 @@ def _looked(
             seen = seen_scene([each.sight for each in taken], scene)[0]
         except InvalidRequestError:  # no ripe fruit is seen
             seen = None
-    told = {
-        **{name: sum(each.told[name] for each in taken) for name in taken[-1].told},
-        "pictures": len(taken),
-    }
+    sums = {name: sum(each.told[name] for each in taken) for name in taken[-1].told}
+    told = {**sums, "pictures": len(taken)}
     further, truth = None, scene
     if seen is not None and seen.target is not None:
         truth = aimed_at(scene, taken[-1].ripe, seen.target.position)
@@ -220,7 +228,7 @@ def _by_picture(scene: Scene, seed: int, finder: Finder) -> _Sight:
     seconds = time.process_time() - began
     fruits, wrong = paired(shot, sight)
     visible = [fruit for fruit in fruits if fruit.visible]
-    told = {
+    told: Pictures = {
         "visible": len(visible), "found": sum(fruit.detection is not None for fruit in visible),
         "false": len(wrong), "see_time": seconds,
     }  # fmt: skip

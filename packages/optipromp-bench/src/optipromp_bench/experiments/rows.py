@@ -9,13 +9,14 @@ import hashlib
 import io
 import os
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import KW_ONLY, dataclass, fields
 from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Literal, Self
+from types import NoneType
+from typing import Any, Literal, get_args, get_type_hints
 
 from pydantic import BaseModel, create_model
 
@@ -35,105 +36,69 @@ PACKAGES = (
 """The packages whose source decides what a row says."""
 
 Key = tuple[str, int, str, str, str, str, str]
-Columns = Mapping[str, tuple[Any, Any]]
-"""Type and default by name, in the order of a file; a default of ... is none."""
-_MEASURED = float | None, None
-_COUNTED = int | None, None
-
-STUDY: Columns = {
-    "preset": (str, ...), "seed": (int, ...), "planner": (str, ...),
-    "noise_position": (float, ...),  # standard deviation of detected positions [m]
-    "noise_angle": (float, ...),  # the same of stem directions [degrees]
-    "pushables": (int, ...),  # in the scene
-    "redraws": (int, ...),  # impossible scenes sampled before this one
-    "plan_status": (str, ...),  # code of the plan; of a loop, success: it said that it was done
-    "success": (bool, False), "cause": (str, ""), "message": (str, ""),
-    "picked": (bool | None, None),
-    # success by the definition of 0.3.0: a stem bears 2 N; None: as ``success``
-    "success_before": (bool | None, None),
-    "swallowed": (str, ""),  # ids of other objects in the tool at the end, separated by spaces
-    "unripe_force": _MEASURED,  # largest on any object but the target [N]; None: not executed
-    "target_force": _MEASURED,  # largest on the target [N]
-    "static_force": _MEASURED,  # largest of arm or tool on static objects [N]
-    "torn": (str, ""),  # ids of fruits that came off, separated by spaces
-    "stem_force": _MEASURED,  # largest of arm or tool on a stem [N]
-    "duration": _MEASURED,  # of the executed motion [s]
-    "predicted_harm": _MEASURED,  # of the plan's push; None where no push model applies
-    "predicted_failure": _MEASURED,  # probability that the pick is not clean; None likewise
-    "tilt": (float, 0.0),  # angle between the planner's approach and the scene's [degrees]
-    "plan_time": (float, 0.0),  # wall time of planning [s]
-    "simulation_time": (float, 0.0),  # wall time of the execution [s]
-    "version": (str, ""),  # of the library, with a digest of its source
-    "variation": (str, ""),
-    "noise": (str, ""),  # name in NOISES; empty: none
-    "causes": (str, ""), "loop": (str, ""), "condition": (str, ""), "result": (str, ""),
-    "retreats": _COUNTED,
-    "looks": _COUNTED,  # that reached the controller
-    "cycle_median": _MEASURED, "cycle_p99": _MEASURED,  # wall time of the controller's cycles [s]
-    "nis": _MEASURED,  # mean normalised innovation squared; 3 where covariances are true
-    "worst_jump": _MEASURED,  # of a joint at a takeover: position, velocity, acceleration [SI]
-    "worst_limit": _MEASURED,  # largest share of a limit of velocity, acceleration or jerk
-    "finder": (str, ""),  # of eyes; empty without eyes, as all below
-    "views": _COUNTED,  # least number of pictures before a plan
-    "pictures": _COUNTED,  # before a plan
-    "visible": _COUNTED,  # fruits of which enough showed on these; counted in each
-    "found": _COUNTED,  # of the visible fruits
-    "false": _COUNTED,  # detections that no fruit matches
-    "see_time": _MEASURED,  # processor time of seeing these pictures [s]
-}  # fmt: skip
-BENCH: Columns = {
-    "preset": (str, ...), "seed": (int, ...),
-    "digest": (str, ...),  # of the scene
-    "engine": (str, ...),
-    "result": (Literal["clean", "harmed", "missed", "refused", "error"], ...),
-    "picked": (bool, ...), "cause": (str, ...),
-    "force": (float | None, ...),  # largest on any fruit but the target [N]; None: not executed
-    "duration": (float | None, ...),  # of the motion [s]; None: not executed
-    "thought": (float, ...),  # wall time of the entry [s]; of a policy, the median of a call
-}  # fmt: skip
+Columns = Sequence[str]
+"""Names in the order of a file."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One trial: which one, how it ended, and what was measured.
-
-    Figures are read as attributes, too; one that was not measured is None.
-    """
+    """One trial: which one, how it ended, and what was measured; None: it was not measured."""
 
     preset: str  # of the scene, as the seed; a scene file's name stands for a preset
     seed: int
+    _: KW_ONLY
     planner: str = ""  # see trials.study_planners; empty in the benchmark: rows are of one entry
+    noise_position: float = 0.0  # standard deviation of detected positions [m]
+    noise_angle: float = 0.0  # the same of stem directions [degrees]
+    pushables: int = 0  # in the scene
+    redraws: int = 0  # impossible scenes sampled before this one
+    plan_status: str = ""  # code of the plan; of a loop, success: it said that it was done
+    success: bool = False  # whether the target alone was picked and nothing was harmed
+    cause: str = ""  # the first cause of a failure
+    message: str = ""  # the outcome in words
+    picked: bool | None = None  # whether the target was in the tool at the end; None: not executed
+    # success by the definition of 0.3.0: a stem bears 2 N; None: as ``success``
+    success_before: bool | None = None
+    swallowed: str = ""  # ids of other objects in the tool at the end, separated by spaces
+    unripe_force: float | None = None  # largest on any object but the target [N]
+    target_force: float | None = None  # largest on the target [N]
+    static_force: float | None = None  # largest of arm or tool on static objects [N]
+    torn: str = ""  # ids of fruits that came off, separated by spaces
+    stem_force: float | None = None  # largest of arm or tool on a stem [N]
+    duration: float | None = None  # of the executed motion [s]
+    predicted_harm: float | None = None  # of the plan's push; None where no push model applies
+    predicted_failure: float | None = None  # probability that the pick is not clean; likewise
+    tilt: float = 0.0  # angle between the planner's approach and the scene's [degrees]
+    plan_time: float = 0.0  # wall time of planning [s]
+    simulation_time: float = 0.0  # wall time of the execution [s]
+    version: str = ""  # of the library, with a digest of its source
     variation: str = ""  # see situations
+    noise: str = ""  # name in NOISES; empty: none
+    causes: str = ""  # all causes, separated by spaces
     loop: str = ""  # one of loops.LOOPS; empty without a loop
     condition: str = ""  # see situations; may be one of eyes.WAYS
-    engine: str = ""  # of the benchmark, that executed the motion
     # clean, harmed, missed (nothing was harmed, nothing picked), gave_up, refused (not executed)
     # or error; empty where planners are compared
     result: str = ""
-    success: bool = False  # whether the target alone was picked and nothing was harmed
-    picked: bool | None = None  # whether the target was in the tool at the end; None: not executed
-    cause: str = ""  # the first cause of a failure
-    causes: str = ""  # all causes, separated by spaces
-    message: str = ""  # the outcome in words
-    figures: Mapping[str, Any] = field(default_factory=dict)  # by name; see STUDY and BENCH
-
-    @classmethod
-    def of(cls, preset: str, seed: int, **values: Any) -> Self:
-        """A row from its core values and its figures, all by name."""
-        return cls(preset, seed).having(**values)
-
-    def having(self, **values: Any) -> Self:
-        """The row with other values or further figures."""
-        for name in values.keys() - STUDY.keys() - BENCH.keys():
-            raise TypeError(f"rows have no {name}")
-        core = {name: values.pop(name) for name in _CORE & values.keys()}
-        figures = {**self.figures, **values}.items()
-        return replace(self, **core, figures={k: v for k, v in figures if v != _default(k)})
-
-    def __getattr__(self, name: str) -> Any:
-        if name not in STUDY and name not in BENCH:
-            raise AttributeError(name)
-        return self.figures.get(name, _default(name))
+    retreats: int | None = None
+    looks: int | None = None  # that reached the controller
+    cycle_median: float | None = None  # wall time of the controller's cycles [s]
+    cycle_p99: float | None = None
+    nis: float | None = None  # mean normalised innovation squared; 3 where covariances are true
+    worst_jump: float | None = None  # of a joint at a takeover: position, velocity, ... [SI]
+    worst_limit: float | None = None  # largest share of a limit of velocity, acceleration or jerk
+    finder: str = ""  # of eyes; empty without eyes, as all below
+    views: int | None = None  # least number of pictures before a plan
+    pictures: int | None = None  # before a plan
+    visible: int | None = None  # fruits of which enough showed on these; counted in each
+    found: int | None = None  # of the visible fruits
+    false: int | None = None  # detections that no fruit matches
+    see_time: float | None = None  # processor time of seeing these pictures [s]
+    # of the benchmark alone:
+    digest: str = ""  # of the scene
+    engine: str = ""  # that executed the motion
+    force: float | None = None  # largest on any fruit but the target [N]
+    thought: float = 0.0  # wall time of the entry [s]; of a policy, the median of a call
 
     @property
     def key(self) -> Key:
@@ -148,32 +113,39 @@ class Row:
         return {name: getattr(self, name) for name in BENCH if name != "thought"}
 
 
-def _default(name: str) -> Any:
-    """Of a figure that was not measured."""
-    _, default = STUDY.get(name, (None, None))
-    return None if default is ... else default
-
-
-_CORE = {each.name for each in fields(Row)} - {"figures"}
+BENCH: Columns = (
+    "preset", "seed", "digest", "engine", "result", "picked", "cause", "force", "duration",
+    "thought",
+)  # fmt: skip
+STUDY: Columns = tuple(
+    each.name for each in fields(Row) if each.name not in ("digest", "engine", "force", "thought")
+)
+NEEDED: Columns = STUDY[: STUDY.index("success")]
+"""Columns that even the oldest rows of a study have."""
+_KINDS = get_type_hints(Row)
+_OF_BENCH = {"result": Literal["clean", "harmed", "missed", "refused", "error"], "picked": bool}
 
 
 @functools.cache
 def _line(bench: bool) -> type[BaseModel]:
-    columns: dict[str, Any] = dict(BENCH if bench else STUDY)
+    """What reads the cells of one line."""
+    columns: dict[str, Any] = {
+        each.name: (_KINDS[each.name], ... if each.name in NEEDED else each.default)
+        for each in fields(Row)
+        if each.name in STUDY
+    }
+    if bench:
+        columns = {name: (_OF_BENCH.get(name, _KINDS[name]), ...) for name in BENCH}
     return create_model("Row", **columns)
 
 
 def row_of(texts: Mapping[str, str], columns: Columns = STUDY) -> Row:
     """A row from its CSV cells; older rows have fewer columns."""
     values: dict[str, Any] = {name: texts[name] for name in columns if name in texts}
-    for name in values.keys() & _MAY_BE_NONE:
-        values[name] = values[name] or None
-    return Row.of(**_line(columns is BENCH).model_validate(values).model_dump())
-
-
-_MAY_BE_NONE = {
-    name for table in (STUDY, BENCH) for name, (kind, _) in table.items() if "None" in str(kind)
-}
+    for name in values:
+        if NoneType in get_args(_KINDS[name]):
+            values[name] = values[name] or None
+    return Row(**_line(columns is BENCH).model_validate(values).model_dump())
 
 
 def rows_in(content: bytes, where: object, columns: Columns = STUDY) -> list[Row]:
@@ -201,7 +173,7 @@ def rows_of(folder: Path, columns: Columns = STUDY, most: int = LARGEST_ARRAYS) 
 def lines_of(rows: Iterable[Row], columns: Columns = STUDY, header: bool = False) -> bytes:
     """Rows as lines of a file, each text on one line."""
     text = io.StringIO()
-    table = csv.DictWriter(text, list(columns), lineterminator="\n")
+    table = csv.DictWriter(text, columns, lineterminator="\n")
     if header:
         table.writeheader()
     for row in rows:

@@ -126,7 +126,7 @@ def study_figures(rows: Sequence[Row]) -> dict[str, Any]:
     runs, promised = len(rows), [row for row in rows if row.plan_status == Code.SUCCESS]
     plans, kept = len(promised), sum(row.success for row in promised)
     executed = [row for row in rows if row.unripe_force is not None]
-    forces = sorted(row.unripe_force for row in executed)
+    forces = sorted(row.unripe_force or 0.0 for row in executed)
     low, high = wilson(kept, runs)
     broken_low, broken_high = wilson(plans - kept, plans)
     return {

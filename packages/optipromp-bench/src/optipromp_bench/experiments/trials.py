@@ -27,7 +27,7 @@ from optipromp.core.scenes.crops import Crop, crop_in_scene
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.trajectory import Trajectory
-from optipromp_bench.experiments.eyes import NOT_SEEN, check_eyes, situation
+from optipromp_bench.experiments.eyes import NOT_SEEN, Pictures, check_eyes, situation
 from optipromp_bench.experiments.rows import ERROR, NO_PLAN, Key, Row, source_version
 from optipromp_sim import situations
 from optipromp_sim.generate import (
@@ -121,10 +121,6 @@ Source = Preset | Path
 OWN = ""
 """In place of a robot's name: the robot that a scene file names."""
 FOLDER = "folder"  # setting of a study: of the scene files; another one makes no other study
-_BLIND = {
-    "plan_status": str(Code.NO_PLAN), "cause": NOT_SEEN, "message": "no ripe fruit is seen",
-    "result": "gave_up",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -324,7 +320,7 @@ def run_trials(
     source = study.source(preset)
     scene, redraws = drawn(source, seed, study.robot, study.choice, study.crop)
     looping = bool(study.loops)
-    first = Row.of(
+    first = Row(
         preset, seed, planner=LOOP_PLANNER, noise_position=study.errors.position,
         noise_angle=study.errors.angle, noise=study.noise, pushables=len(scene.pushables),
         redraws=redraws, version=version, condition=condition,
@@ -338,19 +334,20 @@ def run_trials(
     planned = functools.cache(lambda planner: _planned(begin(), planner, seed, study))
     rows = []
     for contender in contenders:
-        mine = first.having(**{"loop" if looping else "planner": contender})
+        mine = replace(first, loop=contender) if looping else replace(first, planner=contender)
         for variation in study.variations:
+            row = replace(mine, variation=variation)
             try:
                 if looping and contender != "open":
-                    values = _looped(_borne(begin(), preset), contender, seed)
+                    row = _looped(_borne(begin(), preset), row)
                 else:
-                    made, setting = planned(mine.planner)
-                    values = _opened(made, setting, mine.having(variation=variation), study)
+                    made, setting = planned(row.planner)
+                    row = _opened(made, setting, row, study)
             except OptiPrompError as error:
-                values = _broken(str(error.code), error.message, looping)
+                row = _broken(row, str(error.code), error.message)
             except Exception as error:  # the row tells of it, and the study goes on
-                values = _broken(ERROR, f"{type(error).__name__}: {error}", looping)
-            rows.append(mine.having(variation=variation, **values))
+                row = _broken(row, ERROR, f"{type(error).__name__}: {error}")
+            rows.append(row)
     return rows
 
 
@@ -420,31 +417,28 @@ def _executable(made: Answer | None, study: Study) -> bool:
     return made.status == Code.SUCCESS or not (study.only_valid or study.loops)
 
 
-def _opened(
-    made: Answer | None, setting: situations.Situation, row: Row, study: Study
-) -> dict[str, Any]:
-    """The values of ``row`` for a plan that is executed blind in the true scene."""
+def _opened(made: Answer | None, setting: situations.Situation, row: Row, study: Study) -> Row:
+    """The row of a plan that is executed blind in the true scene."""
+    row = replace(row, **cast(Pictures, setting.figures))
     if made is None:
-        return {**setting.figures, **_BLIND}
-    values: dict[str, Any] = {
-        **setting.figures,
-        "plan_status": str(made.status),
-        "plan_time": made.seconds,
-        "predicted_harm": made.harm,
-        "predicted_failure": made.failure,
-        "tilt": made.tilt,
-    }
+        return replace(
+            row, plan_status=str(Code.NO_PLAN), cause=NOT_SEEN, message="no ripe fruit is seen",
+            result="gave_up",
+        )  # fmt: skip
+    row = replace(
+        row, plan_status=str(made.status), plan_time=made.seconds, predicted_harm=made.harm,
+        predicted_failure=made.failure, tilt=made.tilt,
+    )  # fmt: skip
     if not _executable(made, study):
         result = "refused" if study.loops else ""
-        return {**values, "cause": NO_PLAN, "message": made.message, "result": result}
+        return replace(row, cause=NO_PLAN, message=made.message, result=result)
     began = time.perf_counter()
     outcome = _executed(made, setting, row).outcome
-    return {
-        **values,
-        **outcome_values(outcome, setting.scene.target),
-        "result": outcome.result if study.loops else "",
-        "simulation_time": time.perf_counter() - began,
-    }
+    return replace(
+        _told(row, outcome, setting.scene.target),
+        result=outcome.result if study.loops else "",
+        simulation_time=time.perf_counter() - began,
+    )
 
 
 def _borne(setting: situations.Situation, preset: str) -> situations.Situation:
@@ -462,42 +456,43 @@ def _executed(made: Answer, setting: situations.Situation, row: Row) -> Run:
     return simulate(motion, setting.scene, parameters=p, seed=row.seed, failed_leg=True)
 
 
-def _looped(setting: situations.Situation, loop: str, seed: int) -> dict[str, Any]:
-    """The values of a row for a pick that looks again; ``seed``: of physics and looks."""
+def _looped(setting: situations.Situation, row: Row) -> Row:
+    """The row of a pick that looks again; its seed is that of physics and looks."""
     began = time.perf_counter()
-    done = picked(setting, seed, servo=loop == "closed")
+    done = picked(setting, row.seed, servo=row.loop == "closed")
     outcome = done.run.outcome
     said = done.stage == "done" or outcome.success
-    return {
-        **setting.figures,
-        **outcome_values(outcome, setting.scene.target),
-        "plan_status": str(Code.SUCCESS if said else Code.NO_PLAN),
-        "result": done.result,
+    row = replace(_told(row, outcome, setting.scene.target), **cast(Pictures, setting.figures))
+    return replace(
+        row,
+        plan_status=str(Code.SUCCESS if said else Code.NO_PLAN),
+        result=done.result,
         **loop_figures(done),
-        "simulation_time": time.perf_counter() - began,
-    }
+        simulation_time=time.perf_counter() - began,
+    )
 
 
-def _broken(status: str, message: str, looping: bool) -> dict[str, Any]:
-    result = ERROR if looping else ""
-    return {"plan_status": status, "cause": ERROR, "message": message, "result": result}
+def _broken(row: Row, status: str, message: str) -> Row:
+    result = ERROR if row.loop else ""
+    return replace(row, plan_status=status, cause=ERROR, message=message, result=result)
 
 
-def outcome_values(outcome: Outcome, target: SceneObject | None) -> dict[str, Any]:
-    """The values of a row for the outcome of a run in a scene with that ``target``."""
+def _told(row: Row, outcome: Outcome, target: SceneObject | None) -> Row:
+    """The row with the outcome of a run in a scene with that ``target``."""
     static = (contact.peak_force for contact in outcome.static_contacts)
-    return {
-        "success": outcome.success,
-        "cause": "" if outcome.cause is None else str(outcome.cause),
-        "causes": " ".join(outcome.causes),
-        "message": outcome.message,
-        "picked": outcome.picked,
-        "success_before": outcome.success_before,
-        "swallowed": " ".join(outcome.swallowed_others),
-        "unripe_force": outcome.unripe_peak_force,
-        "target_force": None if target is None else outcome.peak_force.get(target.id),
-        "static_force": max(static, default=0.0),
-        "torn": " ".join(outcome.torn),
-        "stem_force": max(outcome.stem_force.values(), default=0.0),
-        "duration": outcome.duration,
-    }
+    return replace(
+        row,
+        success=outcome.success,
+        cause="" if outcome.cause is None else str(outcome.cause),
+        causes=" ".join(outcome.causes),
+        message=outcome.message,
+        picked=outcome.picked,
+        success_before=outcome.success_before,
+        swallowed=" ".join(outcome.swallowed_others),
+        unripe_force=outcome.unripe_peak_force,
+        target_force=None if target is None else outcome.peak_force.get(target.id),
+        static_force=max(static, default=0.0),
+        torn=" ".join(outcome.torn),
+        stem_force=max(outcome.stem_force.values(), default=0.0),
+        duration=outcome.duration,
+    )
