@@ -21,7 +21,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.scenes.scene import SceneObject
 from optipromp_bench.experiments.eyes import LEAST_PIXELS, LEAST_SHARE, Paired, paired
-from optipromp_bench.experiments.statistics import percent, wilson
+from optipromp_bench.experiments.statistics import share, tabled
 from optipromp_eyes.detector import finder_named
 from optipromp_eyes.eyes import Detection, Sighting, look_at
 from optipromp_eyes.finder import Finder
@@ -237,32 +237,30 @@ def main() -> None:
             row = {"preset": preset, "mount": mount, "looks": looks, "finder": name, **told}
             print(json.dumps(row), flush=True)
             rows.append(row)
-    print(f"### Pictures with {given.looks} looks", "", table(rows), sep="\n")
+    print(tabled(f"Pictures with {given.looks} looks", COLUMNS, map(cells, rows)))
 
 
-def table(rows: Sequence[dict[str, Any]]) -> str:
-    """The figures as a table."""
-    lines = [
-        ["pictures", "finder", "n", "visible fruits", "recall % (95 %)", "false (share %)",
-         "centre: median, 90 % [mm]", "normalised: mean (beyond %)", "ripe right %",
-         "stems found of visible", "angle: mean, 90 % [°] (over deviation)", "ms"],
-        ["---"] * 12,
+COLUMNS = (
+    "pictures", "finder", "n", "visible fruits", "recall % (95 %)", "false (share %)",
+    "centre: median, 90 % [mm]", "normalised: mean (beyond %)", "ripe right %",
+    "stems found of visible", "angle: mean, 90 % [°] (over deviation)", "ms",
+)  # fmt: skip
+
+
+def cells(f: Mapping[str, Any]) -> list[str]:
+    """The figures of a preset, a mount and a finder as cells of the table."""
+    looks = "" if f["looks"] == "plain" else f", {f['looks']}"
+    told = [
+        f"`{f['preset']}`, {f['mount']}{looks}", f["finder"], f"{f['pictures']}",
+        f"{f['visible']}", share(round(f["recall"] * f["visible"]), f["visible"], 1),
+        f"{f['false']} ({100 * f['false_share']:.1f})",
+        f"{f['center_median_mm']:.1f}, {f['center_90_mm']:.1f}",
+        f"{f['normalised_mean']:.1f} ({100 * f['normalised_beyond_99']:.1f})",
+        f"{100 * f['ripe_right']:.0f}", f"{f['stems_found']} of {f['stems_visible']}",
+        f"{f['angle_mean_deg']:.1f}, {f['angle_90_deg']:.1f} ({f['angle_over_deviation']:.1f})",
+        f"{f['ms']:.0f}",
     ]  # fmt: skip
-    for f in rows:
-        looks = "" if f["looks"] == "plain" else f", {f['looks']}"
-        interval = percent(*wilson(round(f["recall"] * f["visible"]), f["visible"]))
-        cells = [
-            f"`{f['preset']}`, {f['mount']}{looks}", f["finder"], f"{f['pictures']}",
-            f"{f['visible']}", f"{100 * f['recall']:.1f} ({interval})",
-            f"{f['false']} ({100 * f['false_share']:.1f})",
-            f"{f['center_median_mm']:.1f}, {f['center_90_mm']:.1f}",
-            f"{f['normalised_mean']:.1f} ({100 * f['normalised_beyond_99']:.1f})",
-            f"{100 * f['ripe_right']:.0f}", f"{f['stems_found']} of {f['stems_visible']}",
-            f"{f['angle_mean_deg']:.1f}, {f['angle_90_deg']:.1f} ({f['angle_over_deviation']:.1f})",
-            f"{f['ms']:.0f}",
-        ]  # fmt: skip
-        lines.append([cell.replace("nan", "–") for cell in cells])  # nothing tells it
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+    return [cell.replace("nan", "–") for cell in told]  # nothing tells it
 
 
 if __name__ == "__main__":

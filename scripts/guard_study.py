@@ -39,7 +39,7 @@ from optipromp_bench.entries import ENTRIES
 from optipromp_bench.env import guarded
 from optipromp_bench.episode import LONGEST, Episode, FlightWorld, Observation
 from optipromp_bench.experiments.rows import source_version
-from optipromp_bench.experiments.statistics import percent, wilson
+from optipromp_bench.experiments.statistics import share, tabled
 from optipromp_bench.running import ENGINES, STEADY
 from optipromp_loop.guard import Guard, GuardParameters, Safe
 from optipromp_sim.generate import PRESETS, generate
@@ -183,7 +183,7 @@ def driven(asked: Asked, parameters: GuardParameters) -> tuple[dict[str, Any], R
     return row, Run(*shown, simulation.rollout(end), outcome, 0.0)  # type: ignore[arg-type]
 
 
-def table(rows: Iterable[dict[str, Any]]) -> str:
+def table(title: str, rows: Iterable[dict[str, Any]]) -> str:
     """A line for each entry, preset, engine and noise: alone beside guarded; and one of all."""
     groups: dict[tuple[str, ...], dict[bool, list[dict[str, Any]]]] = {}
     for row in rows:
@@ -196,17 +196,15 @@ def table(rows: Iterable[dict[str, Any]]) -> str:
         for key in keys:
             groups.setdefault(key, {False: [], True: []})[asked.guarded].append(row)
     heads = [f"{who}: {end} % (95 %)" for who in ("alone", "guarded") for end in RESULTS[:2]]
-    lines = [["entry", "preset", "engine", "n", *heads, "acted", "a step: median, 95 %"]]
-    lines.append(["---"] * len(lines[0]))
+    columns = ["entry", "preset", "engine", "n", *heads, "acted", "a step: median, 95 %"]
+    lines = []
     for key in sorted(groups):
         cells = [*key[2:], str(len(groups[key][True]))]
         for own in (groups[key][False], groups[key][True]):
             for end in RESULTS[:2]:
-                count = sum(row["result"] == end for row in own)
-                share = 100.0 * count / max(len(own), 1)
-                cells.append(f"{share:.0f} ({percent(*wilson(count, len(own)))})")
+                cells.append(share(sum(row["result"] == end for row in own), len(own)))
         lines.append([*cells, *steps_of([row for row in groups[key][True] if row.get("steps")])])
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+    return tabled(title, columns, lines)
 
 
 def steps_of(rows: Sequence[dict[str, Any]]) -> tuple[str, str]:
@@ -335,7 +333,7 @@ def main() -> None:
                 print(f"    {row['asked']['preset']} {row['asked']['seed']}: {row['causes']}")
         sys.stdout.flush()
     told = "Random motions" if given.entries == ["random"] else f"Condition `{given.noise}`"
-    print(f"### {told}", "", table(done[each] for each in asks), sep="\n")
+    print(table(told, (done[each] for each in asks)))
     if len(versions := {done[each]["version"] for each in asks}) > 1:
         print(f"the runs are of {len(versions)} versions of the library: {', '.join(versions)}")
 

@@ -12,13 +12,14 @@ import tempfile
 import time
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from robots_tried import models
 
 from optipromp.core.planning import plan, warm_up
 from optipromp.core.robots.library import NOTHING, Choice
-from optipromp_bench.experiments.statistics import percent, wilson
+from optipromp_bench.experiments.statistics import share, tabled
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation import simulate
 
@@ -41,7 +42,13 @@ ARMS = {
 }
 
 
-def pick(name: str, path: str | Path, choice: Choice, seeds: range) -> str:
+COLUMNS = (
+    "arm", "joints", "spheres", "neck of the cup", "valid plans", "picked", "picked, % (95 %)",
+    "median time", "p95",
+)  # fmt: skip
+
+
+def pick(name: str, path: str | Path, choice: Choice, seeds: range) -> tuple[Any, ...]:
     """A row of the table: what became of the scenes of these seeds."""
     valid, picked, own, panda, causes = 0, 0, [], [], []
     generate("cluster", seeds[0], path, choice)
@@ -60,10 +67,9 @@ def pick(name: str, path: str | Path, choice: Choice, seeds: range) -> str:
     joints, spheres = made.robot.n_joints, len(made.robot.spheres.radius)
     neck = made.scene.tool.parameters["length"] if made.scene.tool else 0.0
     return (
-        f"| {name} | {joints} | {spheres} | {1e3 * neck:.0f} mm | {valid} | {picked} | "
-        f"{100.0 * picked / len(seeds):.0f} ({percent(*wilson(picked, len(seeds)))}) | "
-        f"{ratio:.1f} | {late:.1f} |"
-    )
+        name, joints, spheres, f"{1e3 * neck:.0f} mm", valid, picked, share(picked, len(seeds)),
+        f"{ratio:.1f}", f"{late:.1f}",
+    )  # fmt: skip
 
 
 def main() -> None:
@@ -90,11 +96,7 @@ def main() -> None:
                 own.write_text(TIAGO.format(urdf=path))
                 path = own
             rows.append(pick(name, path, NOTHING, seeds))
-    print(
-        "### Arms\n\n| arm | joints | spheres | neck of the cup | valid plans | picked | "
-        "picked, % (95 %) | median time | p95 |\n|---|---|---|---|---|---|---|---|---|"
-    )
-    print("\n".join(rows))
+    print(tabled("Arms", COLUMNS, rows))
 
 
 if __name__ == "__main__":

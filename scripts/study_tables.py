@@ -9,7 +9,7 @@ its heading. A column whose head ends with ``(95 %)`` has shares in % with Wilso
 """
 
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,28 +23,14 @@ from optipromp_bench.experiments.statistics import (
     Cell,
     calibration,
     loop_summary,
-    percent,
+    share,
     summary,
-    wilson,
+    tabled,
 )
 from optipromp_bench.results import submission, zip_of
 
 DETECTED = "detected"  # the part of plans whose fruits are detected with errors
 PREDICTED = "hanging", DETECTED, "shelf"  # parts for which predicted harm is told
-
-
-def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A table under its heading."""
-    lines = [columns, ["---"] * len(columns), *rows]
-    return "\n".join(
-        [f"### {title}", "", *(f"| {' | '.join(map(str, line))} |" for line in lines), ""]
-    )
-
-
-def rate(count: int, of: int, digits: int = 0) -> str:
-    """A share in percent with its interval."""
-    share = 100.0 * count / max(of, 1)
-    return f"{share:.{digits}f} ({percent(*wilson(count, of))})"
 
 
 # plans that are executed blind: in a folder for each part, the rows of a study
@@ -73,29 +59,29 @@ def plans_told(found: Mapping[str, Mapping[str, Any]]) -> str:
     for part, study in found.items():
         whole, predicted = study["all"], study["reliability"]
         overview.append([
-            part, whole.runs, rate(whole.kept, whole.runs, 1), rate(whole.broken, whole.plans, 1),
+            part, whole.runs, share(whole.kept, whole.runs, 1), share(whole.broken, whole.plans, 1),
             f"{study['tilted']} of {whole.runs}", f"{predicted['auc']:.2f}" if predicted else "–",
             " / ".join(f"{1e3 * t:.0f} ms" if t < 1 else f"{t:.1f} s" for t in study["seconds"]),
         ])  # fmt: skip
         presets += [
             [f"`{c.preset}`", "as detected" if part == DETECTED else "exactly",
-             f"{c.kept} of {c.runs}", rate(c.kept, c.runs, 1), f"{c.broken} of {c.plans}",
-             rate(c.broken, c.plans, 1), c.successes,
+             f"{c.kept} of {c.runs}", share(c.kept, c.runs, 1), f"{c.broken} of {c.plans}",
+             share(c.broken, c.plans, 1), c.successes,
              f"{c.unripe_force:.1f} / {c.unripe_force_90:.1f}", c.failed_by]
             for c in study["cells"]
         ]  # fmt: skip
         bins += [
             [part, f"{100 * b['low']:g} to {100 * b['high']:g} %", b["runs"],
-             f"{100 * b['predicted']:.1f}", rate(b["failures"], b["runs"], 1)]
+             f"{100 * b['predicted']:.1f}", share(b["failures"], b["runs"], 1)]
             for b in (predicted["bins"] if predicted and part in PREDICTED else ())
         ]  # fmt: skip
     kept, broken = "promised and picked, % (95 %)", "broken promises, % (95 %)"
     heads = "scenes", "runs", kept, broken, "at an angle", "AUC", "time to plan, median / 95 %"
     more = "executed although refused", "force on unripe, median / 90 % [N]", "failed by"
     return "\n".join([
-        table("All", heads, overview),
-        table("By preset", ["preset", "known", "picked", kept, "broken", broken, *more], presets),
-        table(
+        tabled("All", heads, overview),
+        tabled("By preset", ["preset", "known", "picked", kept, "broken", broken, *more], presets),
+        tabled(
             "Does predicted harm tell what happens?",
             ["scenes", "not clean, predicted", "runs", "mean", "failed, % (95 %)"], bins,
         ),
@@ -143,25 +129,16 @@ def loops_told(cells: Sequence[tuple[str, Cell]], paired: list[list[Any]]) -> st
             n, clean, harmed, *lost = (
                 sum(getattr(c, of) for c in own[name, part]) for of in counts
             )
-            shares = [rate(k, n) if once else f"{100 * k / n:.1f}" for k in (clean, harmed)]
+            shares = [share(k, n) if once else f"{100 * k / n:.1f}" for k in (clean, harmed)]
             rows.append(
                 [name, part, n, *shares, *lost, *(c.failed_by for c in own[name, part][:once])]
             )
-        share = "% (95 %)" if once else "%"
-        heads = [
-            by,
-            "loop",
-            "n",
-            f"clean {share}",
-            f"harmed {share}",
-            "gave up",
-            "missed",
-            "refused",
-        ]
-        tables.append(table(f"By {by}", [*heads, causes][: len(rows[0])], rows))
+        unit = "% (95 %)" if once else "%"
+        heads = [by, "loop", "n", f"clean {unit}", f"harmed {unit}", "gave up", "missed", "refused"]
+        tables.append(tabled(f"By {by}", [*heads, causes][: len(rows[0])], rows))
     if paired:
         heads = ["condition", "end", "met by both", "first alone", "second alone", "p"]
-        tables.append(table("Open (first) and closed (second), in pairs", heads, paired))
+        tables.append(tabled("Open (first) and closed (second), in pairs", heads, paired))
     return "\n".join(tables)
 
 
@@ -174,7 +151,9 @@ def board(folder: Path, entries: Sequence[str]) -> str:
     heads = ["entry", *(f"{engine}: torn" for engine in lost[entries[0]])]
     rows = [[f"`{entry}`", *counts.values()] for entry, counts in lost.items()]
     told = board_told(board_of.leaderboard(folder / entry for entry in entries))
-    return told + table(f"Torn or pulled too hard: `{entries[0]}` and those beside it", heads, rows)
+    return told + tabled(
+        f"Torn or pulled too hard: `{entries[0]}` and those beside it", heads, rows
+    )
 
 
 def board_told(found: board_of.Leaderboard) -> str:

@@ -34,6 +34,17 @@ def percent(low: float, high: float) -> str:
     return f"{100 * low:.0f}–{100 * high:.0f}"
 
 
+def share(count: int, of: int, digits: int = 0) -> str:
+    """A share in percent with its interval."""
+    return f"{100.0 * count / max(of, 1):.{digits}f} ({percent(*wilson(count, of))})"
+
+
+def tabled(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """A table of Markdown under its heading, as ``scripts/publish.py`` reads it."""
+    lines = (" | ".join(map(str, each)) for each in (columns, ["---"] * len(columns), *rows))
+    return "\n".join([f"### {title}", "", *(f"| {line} |" for line in lines), ""])
+
+
 @dataclass(frozen=True)
 class Cell:
     """The rows of one group in figures by name, which are read as attributes, too.
