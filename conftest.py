@@ -29,7 +29,6 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 LONG = {
     "bench": "apart benchmark entries env episodes learnt rounds",
-    "benchmarks": "suite",
     "control": "controller driver many_detections servo tracker tracks",
     "cli": (
         "commands crops folder generate_study markup plan process refused ros_node scenarios "
@@ -62,7 +61,7 @@ LONG = {
         "coco covers crops disturbances export grasps hand live_camera loop loop_film physics "
         "pictures rich runs second_engine tools trusses"
     ),
-    ".": "kernel_cache new_user plan_folders",
+    ".": "benchmarks_suite kernel_cache new_user plan_folders",
     "viewer": "figures",
 }
 """Test files that take more than 3 s, by folder; ``pytest -m quick`` leaves them out."""

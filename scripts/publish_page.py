@@ -12,8 +12,9 @@ ENDS = "(95 %)"  # how the head of a column of shares ends
 HEAD = """<!-- Made by scripts/publish.py --page of docs/results/: change those. -->
 # Figures
 
-All that was measured, each result with its version and its commands; in simulations, nothing on a
-real plant. Intervals are Wilson's, 95 %: the line through a dot of a picture.
+All that was measured, each result with its version and its commands, which run in its commit; in
+simulations, nothing on a real plant. Intervals are Wilson's, 95 %: the line through a dot of a
+picture.
 
 - **Promised and picked**: the plan was a `success`, and its execution left the ripe fruit alone in
   the cup, with nothing harmed. **Broken promise**: a `success` whose execution did not.
@@ -22,8 +23,8 @@ real plant. Intervals are Wilson's, 95 %: the line through a dot of a picture.
 - **Alone**: so many scenes ended so for one of two and not for the other; p is McNemar's, exact.
 
 Names like `cluster` are kinds of random scenes ([presets](glossary.md)). A *frozen* result has
-answered its question, and stays of its version; its commands are of that commit. `python
-scripts/publish.py` tells which others are stale: what they depend on behaves otherwise since.
+answered its question, and stays of its version. `python scripts/publish.py` tells which others are
+stale: what they depend on behaves otherwise since.
 """
 
 

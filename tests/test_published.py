@@ -44,7 +44,10 @@ def test_each_result_has_a_row_and_seeds_that_no_number_was_set_on() -> None:
     for row in BOOK["result"]:
         if "frozen" not in row:
             assert set(row["kinds"]) <= plan_hashes.KINDS.keys()
-            for first in re.findall(r"--(?:seeds|first|seed) (\d+)", " ".join(row["commands"])):
+            words = " ".join(row["commands"])
+            files = re.findall(r"scripts/studies/\S+", words)
+            words += "".join((ROOT / file).read_text("utf-8") for file in files)
+            for first in re.findall(r"(?:--(?:seeds|first|seed) |seeds = \[)(\d+)", words):
                 assert 600_000 <= int(first) < 620_000, row["name"]
 
 

@@ -11,7 +11,7 @@ import pytest
 import scipy.stats
 from hypothesis import given
 from hypothesis import strategies as st
-from scripts import publish, study_tables
+from scripts import board_tables, publish
 from tests.bench.entrants import Broken, Follower, Hasty, Ours, Seer, entry
 from typer.testing import CliRunner
 
@@ -156,7 +156,7 @@ def test_a_table_orders_entries(ours: Path, tmp_path: Path) -> None:
 
 
 def test_the_published_board_is_that_of_bench_table(ours: Path, tmp_path: Path) -> None:
-    (tmp_path / "1.out").write_text(study_tables.board(ours.parent, [ours.name]))
+    (tmp_path / "1.out").write_text(board_tables.board(ours.parent, [ours.name]))
     board, presets, torn = publish.tables_in(tmp_path).values()
     text = markdown(leaderboard([ours]))
     for each in (board, presets):

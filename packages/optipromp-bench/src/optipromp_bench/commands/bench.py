@@ -209,6 +209,35 @@ def publish(results: list[Path], /, out: Path, unverified: bool = False) -> Repo
     return Report(made, [*lines, f"wrote {out / DIGESTS}, of commit {made['commit'] or 'none'}"])
 
 
+@bench.command("study")
+@command()
+def study(file: Path, /, out: Path, workers: Workers = None) -> Report:
+    """Run the studies of a file, and print their tables: shares with 95 % intervals.
+
+    Each study keeps its rows in DIR/NAME; the same command goes on from there.
+
+    Example:
+        optipromp bench study scripts/studies/loops.toml --out loops
+
+    Args:
+        file (FILE.toml): Of 'table', plans or loops, and a row [[study]] for each,
+            with name, presets, planners, seeds, noise, loops, conditions, eyes.
+        out (DIR): Of the rows.
+    """
+    from rich.text import Text
+
+    from optipromp_bench.experiments.study import run_study
+    from optipromp_bench.experiments.tables import TABLES, studies_in
+
+    kind, studies = studies_in(file)
+    say_if_compiling()
+    for name, each in studies.items():
+        with progress_bar(20) as say:
+            run_study(each, out / name, workers=workers, progress=_told(say))
+    told = TABLES[kind](out, list(studies))
+    return Report({"tables": told}, [Text(told, no_wrap=True)])
+
+
 @bench.command("list")
 @command()
 def entries() -> Report:

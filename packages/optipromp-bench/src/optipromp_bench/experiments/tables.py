@@ -1,22 +1,22 @@
-"""The tables of studies and of submissions, of what they left in folders.
+"""Studies as rows of one TOML file, and the tables of what they came to.
 
-    python scripts/study_tables.py plans FOLDER PART ...     plans executed blind: studies
-    python scripts/study_tables.py loops FOLDER PART PART    picks by two loops: studies
-    python scripts/study_tables.py board FOLDER ENTRY ...    the benchmark: submissions of one set
-
-Each part of ``FOLDER`` has the rows of one study; each entry one submission. A table stands under
-its heading. A column whose head ends with ``(95 %)`` has shares in % with Wilson's intervals.
+``table`` of the file is ``plans``, for plans that are executed blind, or ``loops``, for picks by
+two loops. Each ``[[study]]`` has a ``name``, of its folder and in the table, and fields of
+:class:`optipromp_bench.experiments.trials.Study`.
 """
 
-import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+import functools
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_type_hints
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 
-from optipromp_bench import table as board_of
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.files import read_bytes
 from optipromp_bench.experiments.rows import Row, rows_of
 from optipromp_bench.experiments.statistics import (
     ALL,
@@ -27,13 +27,48 @@ from optipromp_bench.experiments.statistics import (
     summary,
     tabled,
 )
-from optipromp_bench.results import submission, zip_of
+from optipromp_bench.experiments.trials import Study
+from optipromp_bench.table import paired, told_p
 
+LEFT_OUT = "choice", "files", "crop"  # fields of a study that are no words or numbers
 DETECTED = "detected"  # the part of plans whose fruits are detected with errors
 PREDICTED = "hanging", DETECTED, "shelf"  # parts for which predicted harm is told
 
 
-# plans that are executed blind: in a folder for each part, the rows of a study
+@functools.cache
+def _model() -> type[BaseModel]:
+    """What reads a file."""
+    strict, kinds = ConfigDict(extra="forbid"), get_type_hints(Study)
+    row: dict[str, Any] = {
+        each.name: (kinds[each.name], each.default)
+        for each in fields(Study)
+        if each.name not in LEFT_OUT
+    }
+    row["name"] = (str, Field(pattern=r"^[a-z0-9-]+$"))
+    studies: Any = list[create_model("Line", __config__=strict, **row)]  # type: ignore[misc]
+    table: Any = Literal["plans", "loops"]
+    return create_model("Studies", __config__=strict, table=(table, ...), study=(studies, ...))
+
+
+def studies_in(file: Path) -> tuple[str, dict[str, Study]]:
+    """The kind of tables of a file, and its studies by name; refuses what is none."""
+    try:
+        told = tomllib.loads(read_bytes(file, InvalidRequestError).decode("utf-8"))
+        rows = _model().model_validate(told).model_dump()
+    except ValidationError as error:
+        wrong = error.errors()[0]
+        where = ".".join(map(str, wrong["loc"]))
+        raise InvalidRequestError(f"{file}: {where}: {wrong['msg']}") from None
+    except ValueError as error:
+        raise InvalidRequestError(f"{file} is no TOML: {error}") from None
+    studies = {row.pop("name"): Study(**row) for row in rows["study"]}
+    if len(studies) < len(rows["study"]):
+        raise InvalidRequestError(f"{file}: two studies have one name; each must have its own")
+    if rows["table"] == "loops" and [len(each.loops) for each in studies.values()] != [1, 1]:
+        raise InvalidRequestError(f"{file}: a table of loops is of two studies, of one loop each")
+    if rows["table"] == "plans" and any(each.loops for each in studies.values()):
+        raise InvalidRequestError(f"{file}: a table of plans is of studies without loops")
+    return rows["table"], studies
 
 
 def plans(folder: Path, parts: Sequence[str]) -> str:
@@ -88,9 +123,6 @@ def plans_told(found: Mapping[str, Mapping[str, Any]]) -> str:
     ])  # fmt: skip
 
 
-# picks by loops: in a folder for each way to pick, the rows of one study
-
-
 def loops(folder: Path, parts: Sequence[str]) -> str:
     """Of a study of each of two loops."""
     rows = {part: rows_of(folder / part) for part in parts}
@@ -109,7 +141,7 @@ def pairs(first: tuple[str, Sequence[Row]], second: tuple[str, Sequence[Row]]) -
         for end in ("clean", "harmed"):
             met = [(ends[0][key] == end, ends[1][key] == end) for key in keys]
             alone = (sum(a and not b for a, b in met), sum(b and not a for a, b in met))
-            p = board_of.told_p(board_of.paired(met))
+            p = told_p(paired(met))
             out.append([f"`{condition}`", end, len(met), *alone, p])
     return out
 
@@ -142,48 +174,4 @@ def loops_told(cells: Sequence[tuple[str, Cell]], paired: list[list[Any]]) -> st
     return "\n".join(tables)
 
 
-# the benchmark
-
-
-def board(folder: Path, entries: Sequence[str]) -> str:
-    """Of the submission of each entry."""
-    lost = {entry: torn(folder / entry) for entry in entries}
-    heads = ["entry", *(f"{engine}: torn" for engine in lost[entries[0]])]
-    rows = [[f"`{entry}`", *counts.values()] for entry, counts in lost.items()]
-    told = board_told(board_of.leaderboard(folder / entry for entry in entries))
-    return told + tabled(
-        f"Torn or pulled too hard: `{entries[0]}` and those beside it", heads, rows
-    )
-
-
-def board_told(found: board_of.Leaderboard) -> str:
-    """The tables of ``optipromp bench table`` under headings."""
-    run = found.run
-    where = f"Track `{run.track}`, condition `{run.condition}`"
-    _, whole, _, presets = board_of.markdown(found).strip().split("\n\n")
-    first = f"### {where}: {run.scenes.count} scenes of each preset\n\n{whole}\n"
-    return f"{first}\n### {where}: clean, harmed by preset, %\n\n{presets}\n\n"
-
-
-def torn(folder: Path) -> dict[str, int]:
-    """How many runs of an entry tore a fruit or pulled it too hard, by engine."""
-    run, rows, *_ = submission(zip_of(folder))
-    causes = [(r.engine, r.cause) for r in rows if r.result == "harmed"]
-    return {
-        engine: sum(of == engine and ("torn" in why or "pulled" in why) for of, why in causes)
-        for engine in run.engines
-    }
-
-
-def main() -> None:
-    """See the module."""
-    kinds = {"plans": plans, "loops": loops, "board": board}
-    match sys.argv[1:]:
-        case [kind, folder, *parts] if kind in kinds and parts:
-            print(kinds[kind](Path(folder), parts))
-        case _:
-            sys.exit(str(__doc__))
-
-
-if __name__ == "__main__":
-    main()
+TABLES: Mapping[str, Callable[[Path, Sequence[str]], str]] = {"plans": plans, "loops": loops}

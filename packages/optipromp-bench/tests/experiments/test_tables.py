@@ -1,0 +1,118 @@
+"""Studies as rows of one file, and their tables."""
+
+from pathlib import Path
+
+import pytest
+from scripts import publish
+from typer.testing import CliRunner
+
+from optipromp.cli.main import app
+from optipromp_bench.experiments import tables
+from optipromp_bench.experiments.rows import STUDY, Row, lines_of
+
+
+def found(folder: Path, text: str) -> list[list[list[str]]]:
+    """The rows of the tables, as they are published."""
+    (folder / "1.out").write_text(text)
+    return [table["rows"] for table in publish.tables_in(folder).values()]
+
+
+def rows_in(folder: Path, rows: list[Row]) -> None:
+    folder.mkdir(parents=True)
+    (folder / "rows.csv").write_bytes(lines_of(rows, STUDY, header=True))
+
+
+def test_plans_are_told_by_part_and_by_preset(tmp_path: Path) -> None:
+    rows = [
+        Row(
+            preset, seed, planner="opti-promp", plan_status="success", success=seed > 0,
+            cause="" if seed else "torn", picked=True, unripe_force=1.0, plan_time=0.03,
+            predicted_failure=0.015, noise_position=0.0, noise_angle=0.0, pushables=2, redraws=0,
+        )
+        for preset, count in (("cluster", 10), ("mixed", 5))
+        for seed in range(count)
+    ]  # fmt: skip
+    rows_in(tmp_path / "hanging", rows)
+    (line,), presets, bins = found(tmp_path, tables.plans(tmp_path, ["hanging"]))
+    assert line[1:4] == ["15", "86.7 (62–96)", "13.3 (4–38)"]
+    assert line[-1] == "30 ms / 30 ms"
+    assert presets[0][:5] == ["`cluster`", "exactly", "9 of 10", "90.0 (60–98)", "1 of 10"]
+    assert bins == [["hanging", "1 to 2 %", "15", "1.5", "13.3 (4–38)"]]
+
+
+def test_loops_are_told_by_condition_by_preset_and_in_pairs(tmp_path: Path) -> None:
+    ends = {"open": ("clean", "harmed", "missed"), "closed": ("clean", "clean", "gave_up")}
+    for part, results in ends.items():
+        rows = [
+            Row(
+                preset, seed, planner="opti-promp", loop=part, condition=condition, result=result,
+                success=result == "clean", plan_status="success", duration=5.0,
+                noise_position=0.0, noise_angle=0.0, pushables=2, redraws=0,
+            )
+            for condition in ("none", "sway")
+            for preset in ("cluster", "mixed")
+            for seed, result in enumerate(results if condition == "none" else results[:2])
+        ]  # fmt: skip
+        rows_in(tmp_path / part, rows)
+    by, presets, pairs = found(tmp_path, tables.loops(tmp_path, ["open", "closed"]))
+    assert by[1][:8] == ["`none`", "closed", "6", "67 (30–90)", "0 (0–39)", "2", "0", "0"]
+    assert presets[0] == ["`cluster`", "open", "5", "40.0", "40.0", "0", "1", "0"]
+    assert pairs[0] == ["`none`", "clean", "6", "0", "2", "0.500"]
+
+
+FILE = """
+table = "plans"
+[[study]]
+name = "near"
+presets = ["cluster"]
+planners = ["straight"]
+seeds = [0, 1]
+[[study]]
+name = "noisy"
+presets = ["cluster", "mixed"]
+planners = ["straight"]
+noise = "zero-mean"
+seeds = [3, 4]
+"""
+
+
+def ran(tmp_path: Path, text: str) -> tuple[int, str]:
+    (tmp_path / "my.toml").write_text(text)
+    words = ["bench", "study", str(tmp_path / "my.toml"), "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(app, [*words, "--workers", "1"])
+    return done.exit_code, done.stdout if done.exit_code == 0 else done.stderr
+
+
+def test_the_studies_of_a_file_run_and_go_on_and_are_told(tmp_path: Path) -> None:
+    code, told = ran(tmp_path, FILE)
+    assert code == 0
+    overview, presets, _ = found(tmp_path, told)
+    assert [line[:2] for line in overview] == [["near", "1"], ["noisy", "2"]]
+    assert [line[0] for line in presets] == ["`cluster`", "`cluster`", "`mixed`"]
+    rows = {part: (tmp_path / "out" / part / "rows.csv").read_bytes() for part in ("near", "noisy")}
+    assert ran(tmp_path, FILE) == (0, told)
+    assert rows == {part: (tmp_path / "out" / part / "rows.csv").read_bytes() for part in rows}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('"plans"', '"both"', "table: Input should be 'plans' or 'loops'"),
+        ("noise =", "nose =", "study.1.nose: Extra inputs are not permitted"),
+        ("[0, 1]", "[0]", "study.0.seeds.1: Field required"),
+        ('"near"', '"../x"', "study.0.name: String should match pattern"),
+        ('"near"', '"noisy"', "two studies have one name"),
+        ('"plans"', '"loops"', "of two studies, of one loop each"),
+        ('"mixed"', '"mixd"', "preset is 'mixd'"),
+        ("[[study]]", "[[study]", "is no TOML"),
+    ],
+)
+def test_a_file_that_is_none_is_refused(tmp_path: Path, old: str, new: str, words: str) -> None:
+    code, told = ran(tmp_path, FILE.replace(old, new, 1))
+    assert code == 2
+    assert words in " ".join(told.split())
+
+
+def test_published_studies_can_be_read() -> None:
+    files = sorted((Path(__file__).parents[4] / "scripts/studies").glob("*.toml"))
+    assert [tables.studies_in(file)[0] for file in files] == ["loops", "loops", "plans"]
