@@ -83,12 +83,17 @@ def compared(shot: Photograph, finder: Finder | None = None) -> SeenPicture:
 def matched(shot: Photograph, sight: Sighting, seconds: float) -> SeenPicture:
     """A sight of a photograph, made in ``seconds``, against the truth; see :func:`paired`."""
     fruits, wrong = paired(shot, sight)
-    return SeenPicture(tuple(_fruit(shot, each) for each in fruits), tuple(wrong), seconds)
+    turn, seen = shot.picture.camera.pose.rotation.T, []
+    for each in fruits:
+        stem = each.item.stem
+        shows = stem is not None and int(shot.mask(each.item.id, "stem").sum()) >= LEAST_STEM
+        seen.append(_fruit(each, None if stem is None else turn @ stem.vector, shows))
+    return SeenPicture(tuple(seen), tuple(wrong), seconds)
 
 
-def _fruit(shot: Photograph, each: Paired) -> SeenFruit:
+def _fruit(each: Paired, way: FloatArray | None, shows: bool) -> SeenFruit:
+    """What is seen of a fruit, whose stem leads ``way`` (3,) in the frame of the camera."""
     item, center, match, share, visible = each
-    shows = item.stem is not None and int(shot.mask(item.id, "stem").sum()) >= LEAST_STEM
     error = normalised = angle = tilts = math.nan
     right = False
     if match is not None:
@@ -97,8 +102,7 @@ def _fruit(shot: Photograph, each: Paired) -> SeenFruit:
         error = float(np.linalg.norm(off))
         normalised = float(off @ np.linalg.solve(match.item.covariance, off))
         right = (match.region.kind == "ripe") == (item.role == "target")
-        if item.stem is not None and match.stem is not None:
-            way = shot.picture.camera.pose.rotation.T @ item.stem.vector
+        if way is not None and match.stem is not None:
             cosine = float(way @ match.stem.direction) / float(np.linalg.norm(way))
             turned = math.acos(min(max(cosine, -1.0), 1.0))
             angle, tilts = math.degrees(turned), turned / match.stem.deviation
@@ -136,29 +140,13 @@ def seen_in(held: Mapping[str, np.ndarray], finder: Finder | None = None) -> See
             match = free.pop(int(np.argmin(away)))
         visible = each["share"] >= LEAST_SHARE and each["pixels"] >= LEAST_PIXELS
         visible = visible and center[2] >= NEAREST
-        error = normalised = angle = tilts = math.nan
-        right = False
-        if match is not None:
-            off = match.item.position - center
-            error = float(np.linalg.norm(off))
-            normalised = float(off @ np.linalg.solve(match.item.covariance, off))
-            right = match.region.kind == each["kind"]
-            if match.stem is not None:
-                along = np.linalg.norm(line - line[0], axis=1)
-                far = line[int(np.argmin(np.abs(along - REACH)))] - center
-                cosine = float(far @ match.stem.direction) / float(np.linalg.norm(far))
-                turned = math.acos(min(max(cosine, -1.0), 1.0))
-                angle, tilts = math.degrees(turned), turned / match.stem.deviation
+        along = np.linalg.norm(line - line[0], axis=1)
+        way = line[int(np.argmin(np.abs(along - REACH)))] - center
         role = "target" if each["kind"] == "ripe" else "pushable"
         item = SceneObject("fruit", role, Sphere(each["radius"]), center)
         wide = 2.0 * each["thick"] * (focal / center[2]) ** 2  # [pixel] of a metre of stem
         shows = each["stem_pixels"] >= max(LEAST_LENGTH * wide, 0.5 * LEAST_STEM)
-        fruits.append(
-            SeenFruit(
-                each["share"], visible, error, normalised, right, shows, angle, tilts, item, center,
-                match,
-            )
-        )  # fmt: skip
+        fruits.append(_fruit(Paired(item, center, match, each["share"], visible), way, shows))
     return SeenPicture(tuple(fruits), tuple(free), seconds)
 
 
