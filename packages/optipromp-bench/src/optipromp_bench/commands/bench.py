@@ -220,8 +220,8 @@ def study(file: Path, /, out: Path, workers: Workers = None) -> Report:
         optipromp bench study scripts/studies/loops.toml --out loops
 
     Args:
-        file (FILE.toml): Of 'table', plans or loops, and a row [[study]] for each,
-            with name, presets, planners, seeds, noise, loops, conditions, eyes.
+        file (FILE.toml): Of 'table', plans or loops, and a row of 'study' for each:
+            name, presets, planners, seeds, noise, loops, conditions, eyes.
         out (DIR): Of the rows.
     """
     from rich.text import Text
