@@ -78,8 +78,6 @@ FLAGS = (
 IMPORTED = re.compile(
     r"^ *(?:from|import) (optipromp_\w+|tests\.[\w.]+)(?:\.\w+)*(?: import (\w+))?", re.M
 )
-left_out: dict[Path, frozenset[str]] = {}
-"""Test files that need packages of the project that are not installed."""
 
 
 @functools.cache
@@ -97,10 +95,11 @@ def lacking(file: Path) -> frozenset[str]:
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """What was left out, and what to install."""
-    if left_out:
-        needed = " ".join(sorted(frozenset().union(*left_out.values())))
-        terminalreporter.write_line(f"LEFT OUT: {len(left_out)} test files, which need {needed}")
+    """Which packages of the project are absent."""
+    names = (path.name for path in (Path(__file__).parent / "packages").iterdir())
+    if absent := sorted(name for name in names if find_spec(name.replace("-", "_")) is None):
+        told = f"LEFT OUT: test files that need {', '.join(absent)}, which are not installed"
+        terminalreporter.write_line(told)
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -126,7 +125,6 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     if config.option.markexpr == "quick" and is_long(collection_path):
         return True
     if re.fullmatch(r"test_\w+\.py", collection_path.name) and lacking(collection_path):
-        left_out[collection_path] = lacking(collection_path)
         return True
     return None
 
