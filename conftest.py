@@ -6,11 +6,14 @@ it renders when it is first imported, by whichever test: off screen. A backgroun
 Ctrl-C, and so would the programs that tests start and interrupt.
 """
 
+import functools
 import os
+import re
 import shutil
 import signal
 import sys
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +74,33 @@ FLAGS = (
 )  # fmt: skip
 
 
+IMPORTED = re.compile(
+    r"^ *(?:from|import) (optipromp_\w+|tests\.[\w.]+)(?:\.\w+)*(?: import (\w+))?", re.M
+)
+
+
+@functools.cache
+def lacking(file: Path) -> frozenset[str]:
+    """Absent packages of the project that a file needs, by modules of ``tests`` too."""
+    out = set[str]()
+    for name, member in IMPORTED.findall(file.read_text("utf-8")):
+        if name.startswith("tests."):
+            path = Path(__file__).parent / name.replace(".", "/")
+            shared = (path.with_suffix(".py"), path / f"{member}.py")
+            out |= {one for each in shared if each.is_file() for one in lacking(each)}
+        elif find_spec(name) is None:
+            out.add(name.replace("_", "-"))
+    return frozenset(out)
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Which packages of the project are absent."""
+    names = (path.name for path in (Path(__file__).parent / "packages").iterdir())
+    if absent := sorted(name for name in names if find_spec(name.replace("-", "_")) is None):
+        told = f"LEFT OUT: test files that need {', '.join(absent)}, which are not installed"
+        terminalreporter.write_line(told)
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """With ``-n``, a file's tests run in one worker, which makes what they share once."""
@@ -87,8 +117,15 @@ def is_long(file: Path) -> bool:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """With ``-m quick`` the long files are not even imported."""
-    return True if config.option.markexpr == "quick" and is_long(collection_path) else None
+    """With ``-m quick`` the long files are not even imported.
+
+    A package can be tested alone: files that need another one, which is absent, are left out.
+    """
+    if config.option.markexpr == "quick" and is_long(collection_path):
+        return True
+    if re.fullmatch(r"test_\w+\.py", collection_path.name) and lacking(collection_path):
+        return True
+    return None
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

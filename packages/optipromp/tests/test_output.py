@@ -19,6 +19,8 @@ MADE = ("scenario-3", "opti-promp"), ("scenario-2", "i-promp"), ("scenario-4", "
 @pytest.fixture(scope="module", params=MADE)
 def result(request: pytest.FixtureRequest) -> Plan:
     scene, planner = request.param
+    if planner == "paper":
+        pytest.importorskip("optipromp_paper")
     return plan(scene, planner=planner, seed=3)
 
 

@@ -128,7 +128,7 @@ def test_pictures_come_in() -> None:
 
 def test_an_entry_leaves_as_it_says_or_as_it_came() -> None:
     """The same reach: by its own way out it is clean, back the way it came it tears a fruit."""
-    setting = {"preset": "cluster", "seed": 173102, "word": "development"}
+    setting = {"preset": "cluster", "seed": 173109, "word": "development"}
     ours = Exercise("opti-promp", "plan", engines=("arm",), **setting)
     (row,), deeds = attempted(ours)
     assert row.result == "clean", row

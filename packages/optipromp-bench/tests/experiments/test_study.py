@@ -7,6 +7,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,9 +16,8 @@ from hypothesis import strategies as st
 from scipy.stats import mannwhitneyu
 from tests.experiments.rows import ROW
 
-import optipromp
 from optipromp.core.errors import InvalidRequestError
-from optipromp_bench.experiments import study, trials
+from optipromp_bench.experiments import rows, study, trials
 from optipromp_bench.experiments.rows import STUDY, Row, row_of, rows_of, source_version
 from optipromp_bench.experiments.statistics import auc, calibration, summary, wilson
 from optipromp_bench.experiments.study import (
@@ -168,18 +168,27 @@ def test_rows_of_another_study_are_not_mixed(change, named, tmp_path: Path) -> N
             row_file(asked, tmp_path / str(k))
 
 
-def test_the_version_of_rows_follows_the_code_of_the_core(tmp_path: Path, monkeypatch) -> None:
-    """The digest is of the whole library but what only shows: the command line and the looks."""
-    package = tmp_path / "optipromp"
-    for name in ("core", "laboratory", "cli", "looks"):
-        (package / name).mkdir(parents=True)
-        (package / name / "code.py").write_text("")
-    monkeypatch.setattr(optipromp.__spec__, "origin", str(package / "__init__.py"))
+def test_the_version_of_rows_follows_the_code_of_all_packages(tmp_path: Path, monkeypatch) -> None:
+    """But of what only shows: commands and looks."""
+    homes = {"optipromp": ("core", "cli", "looks"), "optipromp_sim": ("simulation", "commands")}
+    for package, names in homes.items():
+        for name in names:
+            (tmp_path / package / name).mkdir(parents=True)
+            (tmp_path / package / name / "code.py").write_text("")
+
+    def found(package: str) -> SimpleNamespace | None:
+        file = tmp_path / package / "__init__.py"
+        return SimpleNamespace(origin=str(file)) if package in homes else None
+
+    monkeypatch.setattr(rows, "find_spec", found)
     whole = source_version.__wrapped__()
-    for name, same in (("cli", True), ("looks", True), ("laboratory", False), ("core", False)):
-        (package / name / "code.py").write_text("changed")
-        assert (source_version.__wrapped__() == whole) is same
-        (package / name / "code.py").write_text("")
+    shown = {"cli", "looks", "commands"}
+    for package, names in homes.items():
+        for name in names:
+            file = tmp_path / package / name / "code.py"
+            file.write_text("changed")
+            assert (source_version.__wrapped__() == whole) is (name in shown)
+            file.write_text("")
 
 
 def test_rows_of_other_code_are_not_mixed(tmp_path: Path, monkeypatch) -> None:

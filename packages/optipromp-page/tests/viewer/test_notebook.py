@@ -27,7 +27,7 @@ def promp() -> ProMP:
 
 def test_a_value_prints_one_short_line(made: Plan, promp: ProMP) -> None:
     for value, words in (
-        (made, ("scenario-4", "opti-promp joint", "success")),
+        (made, ("scenario-4", "opti-promp", "success")),
         (made.scene, ("scenario-4", "panda", "2 pushable")),
         (made.robot, ("panda", "7 joints", "Cup")),
         (made.trajectory, ("7 joints", f"{made.trajectory.duration:.2f} s")),

@@ -38,5 +38,4 @@ def test_stock_files(robots: Path, expected: Expected, groups: bool) -> None:
 
 def test_the_page_is_of_these_files() -> None:
     page = (Path(__file__).parents[4] / "docs/robots-tried.md").read_text("utf-8")
-    assert all(f"| {Path(expected.path).name} |" in page for expected in EXPECTED)
-    assert f"of {len(EXPECTED)}<" in page
+    assert f"All {len(EXPECTED)} are right or asked about" in page
