@@ -31,7 +31,7 @@ from optipromp_loop.control.driver import without_fruits
 from optipromp_ros import live, trajectories
 from optipromp_ros.images import PICTURES, Pictures
 from optipromp_ros.scenes import read_quaternion, vector
-from optipromp_ros.types import Message, constants, message
+from optipromp_ros.types import ERROR, OK, WARN, Message, constants, diagnostic, message
 
 HELD = 200_000_000  # [ns] before its first and after its last time, a frame is as then: a choice
 
@@ -107,7 +107,6 @@ class Frames:
 
 
 KEPT = 2.0  # [s] of joint states, to tell where a camera on the hand was: a choice
-OK, WARN, ERROR = 0, 1, 2  # levels of a diagnostic_msgs/DiagnosticStatus
 
 
 class PickLoop:
@@ -307,16 +306,8 @@ class PickLoop:
             "camera": loop.noticed[-1].why if loop.noticed else "",
             "last cycle [ms]": f"{1e3 * loop.cycles[-1]:.1f}" if loop.cycles else "",
         }
-        kind = "diagnostic_msgs/msg/KeyValue"
-        values = [message(kind, key=key, value=value) for key, value in told.items()]
-        return message(
-            "diagnostic_msgs/msg/DiagnosticStatus",
-            level=level,
-            name="optipromp/loop",
-            message=trouble or (loop.events[-1].why if loop.events else "looking"),
-            hardware_id=loop.robot.name,
-            values=values,
-        )
+        words = trouble or (loop.events[-1].why if loop.events else "looking")
+        return diagnostic(level, "loop", words, loop.robot.name, told)
 
     def _time(self, stamp: int) -> float:
         """Seconds since the first stamp: few, so that they are exact to the nanosecond."""

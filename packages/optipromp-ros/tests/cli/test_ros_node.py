@@ -235,8 +235,7 @@ def commanding(node: Node) -> None:
     command = "std_msgs/msg/Float64MultiArray"
     names = [f"fr3_joint{k}" for k in range(1, 8)]
     period, tick = node.timer
-    tick()  # no state of the arm is known: nothing is sent
-    assert not node.sent
+    tick()  # no state of the arm is known
     for k in range(60):
         state = message("sensor_msgs/msg/JointState", name=names, position=SCENE.start)
         node.hear("joint_states", state)
@@ -254,10 +253,13 @@ def test_the_guard_filters_the_commands_of_a_topic(node: Node) -> None:
     result = runner.invoke(app, [*call, "--execute", "/velocity/commands"])
     assert result.exit_code == 0, result.stderr
     sent = np.array([item.data for topic, item in node.sent if topic == "/velocity/commands"])
-    assert sent.shape == (60, 7)
+    assert sent.shape == (61, 7)
+    assert not sent[0].any()
     robot = posed(SCENE)[0]
     assert (np.abs(sent) <= robot.velocity).all()
-    assert np.abs(sent[:20]).max() > 0.05
+    assert np.abs(sent[:21]).max() > 0.05
+    told = [item.message for topic, item in node.sent if topic == "~/status"]
+    assert told[:2] == ["no joint states", "as asked"]
     assert sent[-1] == pytest.approx(0.0, abs=1e-9)  # nothing was heard for long
     assert node.warnings == [
         "/policy: a command has 2 values: must be 7 velocities of joints, or 3 of the tool point"

@@ -150,20 +150,19 @@ def _filter(filtered: "GuardFilter", asked: str, moved: str, detections: str) ->
 
     from optipromp_ros.guard import COMMAND
     from optipromp_ros.live import DETECTIONS
+    from optipromp_ros.types import STATUS
 
     def heard(item: "Message", _: str) -> None:
         filtered.heard(item, node.get_clock().now().nanoseconds)
 
     def tick() -> None:
-        made = filtered.tick(node.get_clock().now().nanoseconds)
-        if made is not None:
-            send(made)
-        if filtered.safe is not None and filtered.safe.reason:
-            node.get_logger().warning(filtered.safe.reason, throttle_duration_sec=1.0)
+        send(filtered.tick(node.get_clock().now().nanoseconds))
+        status(filtered.status())
 
     rclpy.init()
     node = rclpy.create_node("optipromp")
     send = _publisher(node, moved, COMMAND)
+    status = _publisher(node, "~/status", STATUS)
     _listen(node, asked, COMMAND, heard, 1)  # the newest
     _listen(node, "joint_states", "sensor_msgs/msg/JointState", heard, 1)
     _listen(node, detections, DETECTIONS, heard)
@@ -256,6 +255,7 @@ def _pick(loop: "PickLoop", seen: dict[str, str], moved: str) -> None:
 
     from optipromp_ros.images import PICTURES
     from optipromp_ros.trajectories import JOINT_TRAJECTORY
+    from optipromp_ros.types import STATUS
 
     def tick() -> None:
         clock = node.get_clock()
@@ -270,7 +270,7 @@ def _pick(loop: "PickLoop", seen: dict[str, str], moved: str) -> None:
     rclpy.init()
     node = rclpy.create_node("optipromp")
     curve = _publisher(node, moved, JOINT_TRAJECTORY)
-    status = _publisher(node, "~/status", "diagnostic_msgs/msg/DiagnosticStatus")
+    status = _publisher(node, "~/status", STATUS)
     kept = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # as tf2 sends it
     _listen(node, "/tf_static", "tf2_msgs/msg/TFMessage", loop.heard, kept)
     _listen(node, "joint_states", "sensor_msgs/msg/JointState", loop.heard, 1)  # the newest
