@@ -60,8 +60,8 @@ def typestore() -> Typestore:
 def message(name: str, /, **fields: Any) -> Message:
     """A message of a type, for instance ``geometry_msgs/msg/Pose``.
 
-    Fields that are not given are zero, empty or false. Sequences of numbers become arrays of their
-    type.
+    Fields that are not given are zero, empty or false, but the ``w`` of a quaternion is 1, as in
+    ROS 2. Sequences of numbers become arrays of their type.
 
     Raises:
         InvalidRequestError: an unknown type, or a field that the type lacks.
@@ -73,6 +73,8 @@ def message(name: str, /, **fields: Any) -> Message:
     for key in fields:
         if key not in known:
             raise InvalidRequestError(f"{name} has no field {key!r}: it has {', '.join(known)}")
+    if name == "geometry_msgs/msg/Quaternion":
+        fields = {"w": 1.0, **fields}
     values = {key: _value(kind, fields.get(key)) for key, kind in known.items()}
     made: Message = store.types[name](**values)
     return made

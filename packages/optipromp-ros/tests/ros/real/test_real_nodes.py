@@ -115,7 +115,7 @@ def state(node: Any, q: Any = SCENE.start) -> JointState:
 
 def test_the_planning_service_with_the_messages_of_moveit(node: Any, start: Any) -> None:
     """A planning scene, an object and the arm in; a plan out, which an action server executes."""
-    begin, executed, shown = SCENE.start + 0.01, [], []
+    begin, executed, shown, said = SCENE.start + 0.01, [], [], []
 
     def execute(goal: Any) -> Any:
         executed.append(goal.request.trajectory)
@@ -124,6 +124,7 @@ def test_the_planning_service_with_the_messages_of_moveit(node: Any, start: Any)
 
     server = ActionServer(node, FollowJointTrajectory, "/arm/follow_joint_trajectory", execute)
     node.create_subscription(DisplayTrajectory, "display_planned_path", shown.append, 10)
+    node.create_subscription(DiagnosticStatus, "/optipromp/status", said.append, 10)
     scenes = node.create_publisher(PlanningScene, "planning_scene", 10)
     objects = node.create_publisher(CollisionObject, "collision_object", 10)
     states = node.create_publisher(JointState, "joint_states", 10)
@@ -139,14 +140,22 @@ def test_the_planning_service_with_the_messages_of_moveit(node: Any, start: Any)
     end = time.monotonic() + 1.0
     until(node, lambda: time.monotonic() > end)
     objects.publish(apart)
-    end = time.monotonic() + 1.0
-    until(node, lambda: time.monotonic() > end, each=lambda: states.publish(state(node, begin)))
     asked = GetMotionPlan.Request()
     asked.motion_plan_request.group_name = "arm"
     answer = client.call_async(asked)
-    until(node, lambda: answer.done() and executed and shown)
+    until(node, answer.done)
+    refused = answer.result().motion_plan_response.error_code
+    assert "no joint states were heard" in refused.message
+    standing = {"each": lambda: states.publish(state(node, begin))}
+    end = time.monotonic() + 1.0
+    until(node, lambda: time.monotonic() > end, **standing)
+    answer = client.call_async(asked)
+    until(node, lambda: answer.done() and executed and shown, **standing)
     found = answer.result().motion_plan_response
     assert found.error_code.val == 1, found.error_code.message
+    assert found.error_code.message.endswith("; /arm/follow_joint_trajectory executed it")
+    until(node, lambda: said and said[-1].message == found.error_code.message)
+    assert "/arm/follow_joint_trajectory accepted the plan" in {item.message for item in said}
     assert found.group_name == "arm"
     (motion,) = executed
     assert list(motion.joint_names) == NAMES
