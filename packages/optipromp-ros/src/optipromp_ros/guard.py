@@ -1,5 +1,7 @@
 """A guard between two topics: somebody's velocities in, harmless velocities out."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
@@ -13,6 +15,8 @@ from optipromp_ros.types import ERROR, OK, WARN, Message, diagnostic, message
 
 COMMAND = "std_msgs/msg/Float64MultiArray"
 SILENT = 0.1  # [s] after which a command counts no more, and a state of the arm is old: five cycles
+
+REST = 1e-6  # [rad/s or m/s] of the end of a braking curve: rounding
 
 
 class GuardFilter:
@@ -84,6 +88,14 @@ class GuardFilter:
             self.safe = self.guard.blind(self._trouble)
         still = np.zeros(self.guard.robot.n_joints)
         return message(COMMAND, data=still if self.safe is None else self.safe.velocity)
+
+    def ending(self) -> Iterator[Message]:
+        """The commands, one a period, of a guard that ends: along the braking curve, to zeros."""
+        safe = self.guard.blind("the guard ends")
+        while safe is not None and np.abs(safe.velocity).max() > REST:
+            yield message(COMMAND, data=safe.velocity)
+            safe = self.guard.blind("the guard ends")
+        yield message(COMMAND, data=np.zeros(self.guard.robot.n_joints))
 
     def status(self) -> Message:
         """A ``diagnostic_msgs/DiagnosticStatus``: why the last command is not what was asked."""

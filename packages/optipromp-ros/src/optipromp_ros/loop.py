@@ -15,7 +15,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError, StartInvalidError
+from optipromp.core.errors import (
+    Code,
+    ExecutionError,
+    InvalidRequestError,
+    OptiPrompError,
+    StartInvalidError,
+)
 from optipromp.core.execution.streaming import Line, Stretch
 from optipromp.core.planning import Plan, PlanOptions, plan
 from optipromp.core.planning.planners import factory
@@ -458,8 +464,9 @@ def _measured(world: live.LiveScene, now: int | None) -> State:
 
 def not_executed(request: Message, found: PlanAnswer, error: OptiPrompError) -> PlanAnswer:
     """The answer where a plan was not executed, or not to its end."""
-    told = _response(request, error.code, f"not executed: {error.message}")
-    return replace(found, response=told, trajectory=None)
+    told = "" if isinstance(error, ExecutionError) else "not executed: "
+    response = _response(request, error.code, told + error.message)
+    return replace(found, response=response, trajectory=None)
 
 
 def _refuse_another_arm(group: str, world: live.LiveScene) -> None:

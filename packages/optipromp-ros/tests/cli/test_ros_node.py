@@ -142,11 +142,12 @@ def node(monkeypatch: pytest.MonkeyPatch) -> Node:
 
     module(
         "rclpy",
-        init=lambda: None,
+        init=lambda **_: None,
         create_node=lambda name: made,
         spin=lambda node, _=None: node.session(node),
         ok=lambda: True,
     )
+    module("rclpy.signals", SignalHandlerOptions=SimpleNamespace(NO=0))
     module("rclpy.callback_groups", MutuallyExclusiveCallbackGroup=object)
     module("rclpy.action", ActionClient=action_client)
     module(
@@ -438,7 +439,7 @@ def test_the_guard_filters_the_commands_of_a_topic(node: Node) -> None:
     result = runner.invoke(app, [*call, "--execute", "/velocity/commands"])
     assert result.exit_code == 0, result.stderr
     sent = np.array([item.data for topic, item in node.sent if topic == "/velocity/commands"])
-    assert sent.shape == (61, 7)
+    assert sent.shape == (62, 7)  # one as it ends
     assert not sent[0].any()
     robot = posed(SCENE)[0]
     assert (np.abs(sent) <= robot.velocity).all()
@@ -449,6 +450,30 @@ def test_the_guard_filters_the_commands_of_a_topic(node: Node) -> None:
     assert node.warnings == [
         "/policy: a command has 2 values: must be 7 velocities of joints, or 3 of the tool point"
     ]
+
+
+@pytest.mark.parametrize("end", [ExternalShutdownError, SystemExit, ArithmeticError])
+def test_a_guard_that_ends_brakes_first(node: Node, end: type[BaseException]) -> None:
+    """By a signal, as the command line has it, or by an error."""
+
+    def run(node: Node) -> None:
+        period, tick = node.timer
+        for _ in range(4):
+            node.hear("joint_states", state())
+            node.hear("/policy", message("std_msgs/msg/Float64MultiArray", data=[1.0] + [0.0] * 6))
+            tick()
+            node.now += round(period * 1e9)
+        raise end
+
+    node.session = run
+    call = ["ros-node", "scenario-4", "--prefix", "fr3_", "--guard", "/policy"]
+    runner.invoke(app, [*call, "--execute", "/velocity/commands"])
+    sent = np.array([item.data for topic, item in node.sent if topic == "/velocity/commands"])
+    assert sent[3][0] > 0.5
+    most = 0.02 * posed(SCENE)[0].acceleration * (1 + 1e-6)
+    assert (np.abs(np.diff(sent[3:], axis=0)) <= most).all()
+    assert len(sent) > 5
+    assert not sent[-1].any()
 
 
 def photographing(node: Node) -> None:

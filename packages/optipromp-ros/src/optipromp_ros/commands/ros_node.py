@@ -233,9 +233,13 @@ def _controller(
 
 
 def _filter(filtered: "GuardFilter", asked: str, moved: str, detections: str) -> None:
-    """Carry commands between ROS and the guard until the node is shut down."""
+    """Carry commands between ROS and the guard until the node is shut down; then the arm brakes.
+
+    So it does where an error ends the node. ROS's handlers of signals would end the topics first.
+    """
     import rclpy
     from rclpy.executors import ExternalShutdownException
+    from rclpy.signals import SignalHandlerOptions
 
     from optipromp_ros.guard import COMMAND
     from optipromp_ros.live import DETECTIONS
@@ -248,16 +252,22 @@ def _filter(filtered: "GuardFilter", asked: str, moved: str, detections: str) ->
         send(filtered.tick(node.get_clock().now().nanoseconds))
         status(filtered.status())
 
-    rclpy.init()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node("optipromp")
     send = _publisher(node, moved, COMMAND)
     status = _publisher(node, "~/status", STATUS)
     _listen(node, asked, COMMAND, heard, 1)  # the newest
     _listen(node, "joint_states", "sensor_msgs/msg/JointState", heard, 1)
     _listen(node, detections, DETECTIONS, heard)
-    node.create_timer(filtered.guard.parameters.period, tick)
+    period = filtered.guard.parameters.period
+    node.create_timer(period, tick)
     with suppress(ExternalShutdownException):
-        rclpy.spin(node)
+        try:
+            rclpy.spin(node)
+        finally:
+            for made in filtered.ending() if rclpy.ok() else ():
+                send(made)
+                sleep(period)
 
 
 def _kind(name: str) -> Any:
