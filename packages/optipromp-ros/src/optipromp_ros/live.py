@@ -169,10 +169,10 @@ class LiveScene:
 
     def at(self, start: FloatArray) -> "LiveScene":
         """The world with the robot at ``start`` (n,)."""
-        known = self._marked(_START, "")
+        known = self.marked(_START, "")
         return replace(known, stated={**self.stated, "start": start})
 
-    def _marked(self, what: str, why: str) -> "LiveScene":
+    def marked(self, what: str, why: str) -> "LiveScene":
         """The world where ``what`` was not understood; empty ``why``: it was, or is gone."""
         unknown = {name: old for name, old in self.unknown.items() if name != what}
         return replace(self, unknown={**unknown, what: why} if why else unknown)
@@ -180,7 +180,7 @@ class LiveScene:
     def _heard_scene(self, item: Message) -> "LiveScene":
         world = self if item.is_diff else replace(self, held={}, unknown={})
         for what, why in _unread(item):
-            world = world._marked(what, why)
+            world = world.marked(what, why)
         for part in item.world.collision_objects:
             world = world._heard_object(part)
         state = item.robot_state.joint_state
@@ -188,7 +188,7 @@ class LiveScene:
             try:
                 world = world.at(joint_positions(state, self.joints, _START))
             except InvalidRequestError as error:
-                world = world._marked(_START, error.message)
+                world = world.marked(_START, error.message)
         if item.name:
             world = replace(world, stated={**world.stated, "name": item.name})
         return world
@@ -201,7 +201,7 @@ class LiveScene:
                 other = {k: why for k, why in self.unknown.items() if k.startswith(_NO_OBJECTS)}
                 return replace(self, held={}, unknown=other)
             held.pop(item.id, None)
-            return replace(self._marked(item.id, ""), held=held)
+            return replace(self.marked(item.id, ""), held=held)
         moved, stated = item.operation == kinds["MOVE"], dict(self.stated)
         try:
             if moved and item.id not in held:
@@ -224,12 +224,12 @@ class LiveScene:
                 return self
             told = f"collision object {item.id!r}: "
             why = told + error.message.removeprefix(told)
-            return replace(self._marked(item.id, why), held=held)
-        return replace(self._marked(item.id, ""), held=held, stated=stated)
+            return replace(self.marked(item.id, why), held=held)
+        return replace(self.marked(item.id, ""), held=held, stated=stated)
 
 
 _START = "robot_state.joint_state"
-_NO_OBJECTS = "robot_state.", "world.octomap", "link_"  # begins of what else may be unknown
+_NO_OBJECTS = "robot_state.", "world.octomap", "link_", "message "  # begins of what else may be
 
 
 def in_base(header: Message, frames: Mapping[str, Pose]) -> Pose:

@@ -373,6 +373,24 @@ def test_obstacles_that_are_not_understood_are_told_once_each(node: Node) -> Non
     ]  # fmt: skip
 
 
+def test_a_message_that_cannot_be_decoded_leaves_the_world_unknown(node: Node) -> None:
+    """Until a whole scene comes: nobody knows what it told."""
+
+    def script() -> None:
+        node.hear("joint_states", state())
+        _, callback = node.heard["collision_object"]
+        callback(to_bytes(crate("crate", ""))[:40])
+        node.hear("collision_object", crate("bag", ""))
+        told = ask(node)
+        assert "INVALID_SCENE: not understood: a message of collision_object: 40 bytes" in (
+            told.message
+        )
+        node.hear("planning_scene", planning_scene(SCENE, "fr3_"))
+        assert ask(node).val == 1
+
+    serve(node, script)
+
+
 def looking(node: Node) -> None:
     """A camera at the base that sees one ripe fruit, for two seconds."""
     header = message("std_msgs/msg/Header", frame_id="fr3_link0")

@@ -138,6 +138,10 @@ def _serve(world: "LiveScene", settings: dict[str, Any], execute: str | None) ->
                 node.get_logger().warning(f"{topic}: {why}")
                 tell(WARN, f"not understood: {why}")
 
+    def lost(topic: str, why: str) -> None:
+        nonlocal world
+        world = world.marked(f"message of {topic}", f"a message of {topic}: {why}")
+
     def plan(request: Any, response: Any) -> Any:
         asked = copied(request.motion_plan_request, "moveit_msgs/msg/MotionPlanRequest")
         found = answer(world, asked, now=now(), **settings)
@@ -150,8 +154,9 @@ def _serve(world: "LiveScene", settings: dict[str, Any], execute: str | None) ->
                 found = not_executed(asked, found, error)
         told = found.response.error_code
         tell(OK if told.val == 1 else ERROR, told.message)
-        kind = type(response.motion_plan_response)
-        response.motion_plan_response = deserialize_message(to_bytes(found.response), kind)
+        response.motion_plan_response = deserialize_message(
+            to_bytes(found.response), type(response.motion_plan_response)
+        )
         return response
 
     def follow(found: PlanAnswer) -> None:
@@ -176,11 +181,12 @@ def _serve(world: "LiveScene", settings: dict[str, Any], execute: str | None) ->
     display = _publisher(node, "display_planned_path", "moveit_msgs/msg/DisplayTrajectory")
     status = _publisher(node, "~/status", STATUS)
     controller = _controller(node, execute, lambda words: tell(OK, words)) if execute else None
-    _listen(node, "planning_scene", "moveit_msgs/msg/PlanningScene", heard)
-    _listen(node, "collision_object", "moveit_msgs/msg/CollisionObject", heard)
+    _listen(node, "planning_scene", "moveit_msgs/msg/PlanningScene", heard, lost=lost)
+    _listen(node, "collision_object", "moveit_msgs/msg/CollisionObject", heard, lost=lost)
     _listen(node, "joint_states", "sensor_msgs/msg/JointState", heard)
-    alone = MutuallyExclusiveCallbackGroup()  # beside that of what is heard
-    node.create_service(GetMotionPlan, "~/plan", plan, callback_group=alone)
+    node.create_service(
+        GetMotionPlan, "~/plan", plan, callback_group=MutuallyExclusiveCallbackGroup()
+    )  # beside that of what is heard
     with suppress(ExternalShutdownException):
         rclpy.spin(node, MultiThreadedExecutor(2))
 
@@ -285,17 +291,32 @@ def _publisher(node: Any, topic: str, name: str) -> Callable[["Message"], None]:
 
 
 def _listen(
-    node: Any, topic: str, name: str, take: Callable[["Message", str], None], qos: Any = 10
+    node: Any,
+    topic: str,
+    name: str,
+    take: Callable[["Message", str], None],
+    qos: Any = 10,
+    lost: Callable[[str, str], None] | None = None,
 ) -> None:
     """Let ``take`` have the messages of a topic, as they came: rclpy's ``serialize_message`` puts
-    bytes of no meaning behind them."""
+    bytes of no meaning behind them.
+
+    ``lost``: it hears of each message that cannot be decoded, as another release's.
+    """
     from optipromp_ros import from_bytes
 
     warn = _warner(node)
 
     def heard(data: bytes) -> None:
         try:
-            take(from_bytes(data, name), topic)
+            item = from_bytes(data, name)
+        except OptiPrompError as error:
+            warn(f"{topic}: {error}")
+            if lost is not None:
+                lost(topic, error.message)
+            return
+        try:
+            take(item, topic)
         except OptiPrompError as error:
             warn(f"{topic}: {error}")
 
