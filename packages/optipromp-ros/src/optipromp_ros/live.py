@@ -46,8 +46,8 @@ def read_planning_scene(item: Message, like: Scene | None = None, prefix: str = 
         prefix: of joint and link names in ROS.
 
     Raises:
-        InvalidSceneError: a wrong value; the message names object, field and valid values.
-        InvalidRequestError: joints that are not the robot's.
+        InvalidSceneError: a wrong value; the message names object, field and valid values. Or
+            joints that are not the robot's.
         InvalidRobotError: the robot cannot be loaded.
     """
     if like is not None:
@@ -184,7 +184,7 @@ class LiveScene:
         for part in item.world.collision_objects:
             world = world._heard_object(part)
         state = item.robot_state.joint_state
-        if state.name:
+        if state.name or len(state.position):
             try:
                 world = world.at(joint_positions(state, self.joints, _START))
             except InvalidRequestError as error:
